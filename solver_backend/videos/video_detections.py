@@ -1,4 +1,4 @@
-"""Detections of one video, and their file format."""
+"""Hold the detections of one video, and read and write their files."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ _STORED = (
 
 @dataclass(frozen=True)
 class VideoDetections(TimedPictures):
-    """All people in each picture of one video: F pictures, up to P people, K keypoints."""
+    """All people in each image of one video: F images, up to P people, K keypoints."""
 
     video: Path
     video_hash: str
     detector: str
     joint_set: JointSet
-    size: tuple[int, int]  # Width and height of the upright pictures in pixels.
+    size: tuple[int, int]  # Width and height of the upright images in pixels.
     # pyrefly: ignore[bad-override] - the base class says what both have
-    times_s: np.ndarray  # (F,) times of the pictures on the video's clock.
-    xy: np.ndarray  # (F, P, K, 2) px, NaN where missing.
-    confidence: np.ndarray  # (F, P, K) in 0..1, 0 where missing.
-    track: np.ndarray  # (F, P) number of the person over time, -1 for none.
-    camera: str = ""  # Name of the camera if it differs from the video's.
-    hands: np.ndarray | None = None  # (F, P, 2, 21, 3) x, y and confidence, left hand first, NaN where unseen.
+    times_s: np.ndarray  # (F,) image times on the video's clock, seconds.
+    xy: np.ndarray  # (F, P, K, 2) keypoints in px, NaN where missing.
+    confidence: np.ndarray  # (F, P, K) confidences in 0..1, 0 where missing.
+    track: np.ndarray  # (F, P) number of the person's track, -1 for none.
+    camera: str = ""  # Name of the camera if it differs from the video.
+    hands: np.ndarray | None = None  # (F, P, 2, 21, 3) x, y and confidence, left hand first, NaN where undetected.
 
     def __post_init__(self) -> None:
-        """Check the times, and treat implausible points as missing."""
+        """Check the times, and mark implausible points as missing."""
         times = self.times_s
         if not len(times) or not np.isfinite(times).all() or (np.diff(times) < 0).any():
             raise CaptureInvalid("The picture times do not increase.", where=self.name, hint="Detect the video again.")
@@ -69,7 +69,7 @@ class VideoDetections(TimedPictures):
         return xy, confidence
 
     def main_track(self) -> int:
-        """Return the person with the largest sum of confidences times size, -1 for no person."""
+        """Return the track with the largest sum of confidence times size, -1 if there is no person."""
         size = np.nan_to_num(extent(self.xy))
         weight = self.confidence.mean(axis=-1) * size
         totals = {int(n): float(weight[self.track == n].sum()) for n in np.unique(self.track) if n >= 0}
@@ -77,7 +77,7 @@ class VideoDetections(TimedPictures):
 
 
 def write_detections(path: Path, found: VideoDetections) -> None:
-    """Write the detections of a video over earlier ones."""
+    """Write the detections of a video, replacing earlier ones."""
     facts = {"format": FORMAT, "version": VERSION, "video": found.video.name, "video_hash": found.video_hash}
     facts |= {"detector": found.detector, "joint_set": found.joint_set.value, "size": found.size}
     arrays = {key: np.array(value) for key, value in facts.items()}

@@ -1,4 +1,4 @@
-"""Combine the detections of several videos into a capture with one clock, and steady a turning camera."""
+"""Combine the detections of several videos into a capture with one clock, and compensate the rotation of a camera."""
 
 from __future__ import annotations
 
@@ -39,21 +39,21 @@ from solver_backend.videos.files.video import probe, read_pictures
 from solver_backend.videos.sync.clocks import Clocks, at_times, common_times
 from solver_backend.videos.video_detections import VideoDetections
 
-CROPPED_SHARE = 0.02  # Largest change of size by a crop, as a share. Coders cut pictures to whole blocks.
-SHORT_SHARE = 0.5  # Least common time of the videos without a warning, as a share of the longest.
+CROPPED_SHARE = 0.02  # Largest relative size change by cropping. Encoders crop images to whole blocks.
+SHORT_SHARE = 0.5  # Smallest overlap of all videos without a warning, relative to the longest video.
 
 
 @dataclass(frozen=True)
 class KnownOfOne:
-    """Facts about a single camera and its person, see ``Capture``."""
+    """Known facts about a single camera and its person, see ``Capture``."""
 
-    stature_m: float = 0.0  # Stature of the person, 0 if unknown.
+    stature_m: float = 0.0  # Stature of the person in metres, 0 if unknown.
     floor_from_person: bool = False
-    focal_sigma: float = 0.0  # Standard deviation of its focal length, as a share.
+    focal_sigma: float = 0.0  # Relative standard deviation of the focal length.
 
 
 def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detections, float]:
-    """Return the detections of all people at common moments, and the moments per second."""
+    """Return the detections of all people at common times, and the rate of these times per second."""
     sets = {item.joint_set for item in found}
     if len(sets) > 1:
         message = f"The detections use different joint sets: {', '.join(sorted(sets))}."
@@ -94,10 +94,7 @@ def assembled(
     world: WorldSettings = WorldSettings(),
     one: KnownOfOne = KnownOfOne(),
 ) -> Capture:
-    """Return the capture of a take.
-
-    With cameras it shows the person with the most agreeing views. Otherwise it shows the most visible person per view.
-    """
+    """Build the capture of the person with the most agreeing views, or without cameras the most visible per view."""
     detections, fps = everybody(found, clocks)
     footage = tuple(Path(item.video).absolute() for item in found)
     made_of: dict[str, Any] = {"footage": footage, "detector": found[0].detector}
@@ -130,7 +127,7 @@ def assembled(
 def _by_track(item: VideoDetections, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return xy (F, P, K, 2), confidence (F, P, K) and hands (F, P, 2, 21, 3) with one slot per person.
 
-    Interpolation joins the same slot of neighbouring frames, so a person keeps it.
+    A person keeps the slot in all frames, because interpolation joins the same slot of neighbouring frames.
     """
     frames = len(item.track)
     xy = np.full((frames, most, *item.xy.shape[2:]), np.nan)
@@ -155,7 +152,7 @@ def _by_track(item: VideoDetections, most: int) -> tuple[np.ndarray, np.ndarray,
 
 @dataclass(frozen=True)
 class FilmedSize:
-    """Picture size of a filming camera."""
+    """Image size of a camera that records video."""
 
     video: Path
     size: tuple[int, int]  # Width and height in pixels.
@@ -164,7 +161,7 @@ class FilmedSize:
 def in_video_pixels(
     calibration: Calibration, found: Sequence[VideoDetections | FilmedSize]
 ) -> tuple[Cameras, tuple[Diagnostic, ...]]:
-    """Return the cameras in the pixels of the videos, and notes on scaling."""
+    """Scale the cameras to the pixels of the videos. Return notes on the scaling."""
     cameras, notes = calibration.cameras, list[Diagnostic]()
     for c, item in enumerate(found):
         size = tuple(int(n) for n in cameras.image_size[c])
@@ -189,7 +186,7 @@ def in_video_pixels(
 
 
 def _stored_size(item: VideoDetections | FilmedSize) -> tuple[int, int]:
-    """Return the size in stored pixels, which calibrations by other programs have if pixels are not square."""
+    """Return the size in stored pixels. Other programs calibrate in these pixels if they are not square."""
     return probe(item.video).stored if item.video.exists() else item.size
 
 
@@ -214,38 +211,38 @@ def _timing(
     return tuple(notes), tuple(problems)
 
 
-WIDTH_PX = 640  # Width of the processed pictures. A feature is located to a twentieth of such a pixel.
+WIDTH_PX = 640  # Width of the processed images in pixels. A feature is located to 1/20 of such a pixel.
 FEATURES, FEWEST = 400, 40  # Most and fewest tracked features. New ones are detected below half of the first.
-FEWEST_STILL = 8  # Features that suffice to see that a camera is still, where a plain wall shows no more.
-MARGIN = 0.25  # Margin of people's boxes as a share of their size, because hair, clothes and shadows move with them.
-STILL_DEG = 0.25  # Largest turn of a still camera in degrees. The noise of the pictures reaches as much over a take.
+FEWEST_STILL = 8  # Features that suffice to detect a still camera if a plain wall shows no more.
+MARGIN = 0.25  # Margin of people's boxes relative to their size, because hair, clothes and shadows move with them.
+STILL_DEG = 0.25  # Largest rotation of a still camera in degrees. Image noise reaches as much over a take.
 LEFT_SHARE, LEFT_PX = 0.15, 1.0  # Movement that turns may leave: a share of it, or pixels of 640.
-SCALES_PX = (30.0, 10.0, 3.0, 1.0, 1.0)  # Scales of Geman and McClure's weights, from least squares to robust.
+SCALES_PX = (30.0, 10.0, 3.0, 1.0, 1.0)  # Scales of the Geman-McClure weights in pixels, from least squares to robust.
 
 
 @dataclass(frozen=True)
 class CameraTurns:
-    """Turns of a camera in F pictures."""
+    """Rotations of a camera in F images."""
 
-    rotations: np.ndarray  # (F, 3) rotation vectors since the first picture in radians, camera axes.
-    moved_px: float  # Largest movement of the background, the median of its features, in pixels at a width of 640.
-    left_px: float  # Largest movement that the turns do not explain, in the same pixels.
+    rotations: np.ndarray  # (F, 3) rotation vectors from the first image in radians, camera axes.
+    moved_px: float  # Largest background movement (median of the features) in pixels at a width of 640.
+    left_px: float  # Largest movement that rotation does not explain, in the same pixels.
 
     @property
     def largest_deg(self) -> float:
-        """Largest turn from the first picture."""
+        """Largest rotation from the first image in degrees."""
         return float(np.rad2deg(np.linalg.norm(self.rotations, axis=1)).max(initial=0.0))
 
     @property
     def explain(self) -> bool:
-        """True if the camera was only turned, and not moved or zoomed."""
+        """True if the camera only rotated, without moving or zooming."""
         return self.left_px <= max(LEFT_PX, LEFT_SHARE * self.moved_px)
 
 
 def steadied(
     found: tuple[VideoDetections, ...], calibration: Calibration, progress: Progress = silent
 ) -> tuple[tuple[VideoDetections, ...], list[Diagnostic]]:
-    """Return the detections of a single video for a still camera. Several videos are not changed."""
+    """Return a single video's detections as seen by a still camera. Several videos are not changed."""
     if len(found) != 1:
         return found, []
     only, (cameras, _) = found[0], in_video_pixels(calibration, found)
@@ -261,7 +258,7 @@ def steadied(
 def as_if_still(
     found: VideoDetections, camera: Cameras, pictures: Iterable[np.ndarray], progress: Progress = silent
 ) -> tuple[VideoDetections, list[Diagnostic]]:
-    """Return the detections of one video as if its camera had stayed as in the first of the (H, W, 3) pictures."""
+    """Return the detections of one video as if the camera had not rotated since the first of the (H, W, 3) images."""
     turns = camera_turns(found, camera, pictures, progress)
     if turns is None:
         return found, [diagnostic("camera_turns", severity=Severity.WARNING, turn="unknown", cameras=[found.name])]
@@ -286,11 +283,11 @@ def as_if_still(
 def camera_turns(
     found: VideoDetections, camera: Cameras, pictures: Iterable[np.ndarray], progress: Progress = silent
 ) -> CameraTurns | None:
-    """Estimate how the camera was turned. Return None if too little background is visible.
+    """Estimate the rotations of the camera. Return None if too little background is visible.
 
-    Features are tracked from picture to picture (Lucas and Kanade 1981) until few remain. The turn since their first
-    picture is ``min_ω Σ ρ(|d_i - exp(ω) d_i0|)`` over their rays d, and turns are chained.
-    A plain wall with few features shows a still camera, and no motion.
+    Features are tracked from image to image (Lucas and Kanade 1981) until few remain. The rotation since their first
+    image is ``min_ω Σ ρ(|d_i - exp(ω) d_i0|)`` over their rays d. Rotations are chained. A plain wall with few features
+    can show that a camera is still, but no rotation.
     """
     cv2 = opencv()
     scale = min(1.0, WIDTH_PX / found.size[0])
@@ -336,7 +333,7 @@ def camera_turns(
 
 
 def followed(cv2: Any, before: np.ndarray, now: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the tracked points, and the mask of points found forwards and backwards."""
+    """Track points between two images. Return them with a mask of the points that track forwards and backwards."""
     window = {"winSize": (15, 15), "maxLevel": 3}
     onward, there, _ = cv2.calcOpticalFlowPyrLK(before, now, points[:, None], None, **window)
     back, again, _ = cv2.calcOpticalFlowPyrLK(now, before, onward, None, **window)
@@ -345,14 +342,14 @@ def followed(cv2: Any, before: np.ndarray, now: np.ndarray, points: np.ndarray) 
 
 
 def _rays(camera: Cameras, px: np.ndarray) -> np.ndarray:
-    """Return (N, 3) unit directions of (N, 2) pixels."""
+    """Return (N, 3) unit view directions of (N, 2) pixels."""
     return unit(homogeneous(np.asarray(undistort(camera, px[None].astype(float)))[0]))
 
 
 def _turn(before: np.ndarray, now: np.ndarray, focal: float) -> tuple[np.ndarray, float]:
-    """Return the robust rotation between rays, and the median distance in px that it leaves.
+    """Return the robust rotation between rays, and the median residual in px.
 
-    Each pass is Kabsch's (1976) solution with Geman and McClure's weights of the last pass.
+    Each pass is Kabsch's (1976) solution with Geman-McClure weights from the previous pass.
     """
     R, weight, off = np.eye(3), np.ones(len(now)), np.zeros(len(now))
     for scale in SCALES_PX:

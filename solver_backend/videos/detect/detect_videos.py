@@ -1,4 +1,4 @@
-"""Detect people in videos, several videos at a time, and follow each person from picture to picture."""
+"""Detect people in videos, several videos at a time, and track each person from image to image."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from solver_backend.videos.video_detections import VERSION, VideoDetections, rea
 
 
 def least_cost_assignment(cost: np.ndarray) -> list[tuple[int, int]]:
-    """Return ``min(N, M)`` pairs (row, column) of the (N, M) costs with the least sum, by shortest augmenting paths.
+    """Return ``min(N, M)`` pairs (row, column) with the smallest sum of (N, M) costs, by shortest augmenting paths.
 
     Reference: Kuhn 1955, Jonker and Volgenant 1987.
     """
@@ -66,19 +66,19 @@ def least_cost_assignment(cost: np.ndarray) -> list[tuple[int, int]]:
     return sorted((int(row_of[j]) - 1, j - 1) for j in range(1, columns + 1) if row_of[j])
 
 
-SPREAD = 0.1  # Standard deviation of a keypoint between two pictures, as a share of the person's size.
-WIDENING = 5.0  # Growth of the spread per second, as a factor.
-LEAST_SIMILARITY = 0.05  # Least similarity of a detection to its track.
-LOST_S = 1.0  # A track ends after this time without a detection, in seconds.
-MOST_PEOPLE = 12  # Most tracked people per picture, the most confident ones. Chosen by hand.
+SPREAD = 0.1  # Standard deviation of a keypoint between two images, relative to the person's size.
+WIDENING = 5.0  # Growth factor of the spread per second.
+LEAST_SIMILARITY = 0.05  # Smallest similarity between a detection and its track.
+LOST_S = 1.0  # Seconds without a detection after which a track ends.
+MOST_PEOPLE = 12  # Most tracked people per image, chosen by confidence. Chosen by hand.
 
 
 def tracked(frames: list[np.ndarray], times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Track people with (N, K, 3) detections in F pictures. Return the (F, P) detections and tracks, -1 for none.
+    """Track people with (N, K, 3) detections in F images. Return the (F, P) detection and track indices, -1 for none.
 
-    The similarity of a detection and a track is ``mean_k exp(-d_k² / (2 s² κ²))`` over common keypoints, with the
-    distance d to the last position moved on by its velocity, the person's size s, and ``SPREAD`` κ widened over time.
-    The assignment with the best sum is used.
+    The similarity of a detection and a track is ``mean_k exp(-d_k² / (2 s² κ²))`` over common keypoints. Here d is the
+    distance to the position extrapolated by the velocity, s the person's size, and κ is ``SPREAD``, which grows with
+    time. The assignment with the largest sum is used.
 
     Reference: Lin et al. 2014 (object keypoint similarity), Kuhn 1955 (the assignment).
     """
@@ -97,7 +97,7 @@ def tracked(frames: list[np.ndarray], times_s: np.ndarray) -> tuple[np.ndarray, 
 @dataclass(frozen=True)
 class _Sight:
     time_s: float
-    person: np.ndarray  # (K, 3).
+    person: np.ndarray  # (K, 3) x, y and confidence.
     velocity: np.ndarray  # (2,) px per second.
 
     @classmethod
@@ -111,7 +111,7 @@ class _Sight:
         return cls(time_s, person, velocity)
 
     def similarity(self, person: np.ndarray, time_s: float) -> float:
-        """Return the similarity of a person to the expected position of this one, 0 to 1."""
+        """Return the similarity of a person to the extrapolated position of this one, 0 to 1."""
         both = (person[:, 2] > 0) & (self.person[:, 2] > 0)
         if both.sum() < 3:
             return 0.0
@@ -123,7 +123,7 @@ class _Sight:
 
 
 def _numbers(people: np.ndarray, last: dict[int, _Sight], time_s: float, new: Iterator[int]) -> list[int]:
-    """Return each person's track number, the next new one without a track."""
+    """Return each person's track number. A person without a track gets the next new number."""
     known = list(last)
     similarity = [last[n].similarity(person, time_s) for person in people for n in known]
     similarity = np.reshape(similarity, (len(people), len(known)))
@@ -137,10 +137,10 @@ _POLL_S, _GLANCE_S = 0.2, 2.0  # Times between looks at the detectors and at the
 
 @dataclass(frozen=True)
 class Glance:
-    """The newest picture of a video and its people, for a preview."""
+    """The newest image of a video and its people, for a preview."""
 
     video: Path
-    rgb: np.ndarray  # (H, W, 3) uint8.
+    rgb: np.ndarray  # (H, W, 3) uint8 image.
     people: np.ndarray  # (P, K, 3) x and y in pixels, and confidence.
     joint_set: JointSet
 
@@ -157,15 +157,15 @@ def detect_videos(
     pictures_fps: float = PICTURES_FPS,
     show: Callable[[Sequence[Glance]], object] = len,
 ) -> list[VideoDetections]:
-    """Return the detections of each video. Videos that this detector has done before are skipped.
+    """Return the detections of each video. Videos that this detector has already processed are skipped.
 
-    Each video has its own detector process. Its detections are stored in ``folder`` at once, under a name made of the
-    video's name, the hash of its bytes and the detector.
+    Each video has a separate detector process. Its detections are stored in ``folder`` as soon as they are complete.
+    The file name consists of the video's name, the hash of its bytes and the detector.
 
     Args:
-        jobs: number of processes at a time, 0 for one per core. Fewer videos than cores share the cores.
+        jobs: number of simultaneous processes, 0 for one per core. Fewer videos than cores share the cores.
         cameras: names of the cameras, by default the names of the videos.
-        show: receives the newest pictures now and then.
+        show: receives the newest images from time to time.
 
     Raises:
         SameVideoTwice: two videos have the same bytes.
@@ -197,9 +197,9 @@ def detect_videos(
 
 
 def _kept_at(folder: Path, video: Path, digest: str, choice: DetectorChoice) -> Path:
-    """Return the path of a video's detections. Models and a user's own workers are identified by their bytes.
+    """Return the path of a video's detections. Models and user-written workers are identified by their bytes.
 
-    Detections that an earlier program made differently have another ``VERSION``.
+    ``VERSION`` distinguishes detections that earlier versions of the program computed differently.
     """
     options = dict(choice.options)
     if "model" in options:
@@ -287,7 +287,7 @@ def _detected(
 
 
 def _placed(people: list[np.ndarray], place: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Arrange the people of each picture as (F, P, ...), NaN for none."""
+    """Arrange the people of each image as (F, P, ...), NaN for none."""
     out = np.full((*place.shape, *shape), np.nan)
     for frame, listed in enumerate(people):
         used = place[frame] >= 0

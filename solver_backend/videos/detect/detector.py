@@ -1,4 +1,4 @@
-"""Choose a detector, run it in its own process and check what it answers."""
+"""Choose a detector, run it in a separate process and check its answers."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class DetectorMissing(MocapError):
 
 
 class DetectorOutputsUnknown(MocapError):
-    """The inputs and outputs of a model fit no known kind of detector."""
+    """The inputs and outputs of a model match no known kind of detector."""
 
 
 class DetectorFailed(MocapError):
@@ -42,10 +42,10 @@ class DetectorFailed(MocapError):
 
 _LARGEST_HEAD, _LARGEST_ANSWER, _MOST_ARRAYS = 1 << 20, 1 << 24, 32  # Bytes of a line and array, arrays of an answer.
 READY_S, ANSWER_S = 300.0, 60.0  # Time limits to start and to detect. Large models on slow machines take 10 s.
-_LOG_BYTES = 1 << 16  # Number of bytes read at the end of a detector's log.
+_LOG_BYTES = 1 << 16  # Number of bytes to read at the end of a detector's log.
 _POSE: dict[str, Shape] = {"keypoints": (None, None, 3)}
 _HAND: dict[str, Shape] = {"points": (NUM_HAND_POINTS, 2), "presence": (1,), "right": (1,)}
-"""Arrays of an answer about a body or a hand with their shapes. None is any length."""
+"""Arrays of an answer about a body or a hand, with their shapes. None allows any length."""
 
 
 class AnswerInvalid(ValueError):
@@ -53,7 +53,7 @@ class AnswerInvalid(ValueError):
 
 
 def read_head(stream: IO[bytes]) -> dict[str, Any]:
-    """Return the JSON object of the next line. Raise ``EOFError`` if the line is cut off."""
+    """Return the JSON object on the next line. Raise ``EOFError`` if the line is truncated."""
     line = stream.readline(_LARGEST_HEAD)
     if not line.endswith(b"\n"):
         raise AnswerInvalid("a line is too long") if len(line) == _LARGEST_HEAD else EOFError("a line is cut off")
@@ -67,7 +67,7 @@ def read_head(stream: IO[bytes]) -> dict[str, Any]:
 
 
 def read_arrays(head: dict[str, Any], stream: IO[bytes]) -> dict[str, np.ndarray]:
-    """Return the little-endian float32 arrays that a line announces. Raise ``EOFError`` if they are cut off."""
+    """Return the little-endian float32 arrays that a line announces. Raise ``EOFError`` if they are truncated."""
     shapes = head.get("arrays")
     if not isinstance(shapes, dict) or len(shapes) > _MOST_ARRAYS:
         raise AnswerInvalid("a line announces no arrays")
@@ -86,17 +86,17 @@ def _array(shape: Any, stream: IO[bytes]) -> np.ndarray:
         return np.frombuffer(data, "<f4").reshape(shape).astype(np.float64)
 
 
-PYTHON_VARIABLE = "MANIFOLD_MOCAP_DETECTOR_PYTHON"  # Environment variable, the path of the Python with MediaPipe.
-WORKER = ".py"  # Suffix of a user's own detector.
+PYTHON_VARIABLE = "MANIFOLD_MOCAP_DETECTOR_PYTHON"  # Environment variable with the path of MediaPipe's Python.
+WORKER = ".py"  # Suffix of a user-written detector.
 _ROOT = Path(__file__).resolve().parents[3]
 _MADE = _ROOT / ".venv-mediapipe" / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-"""Python that ``dev.py detectors`` makes next to the project's own environment."""
-PACKAGES_VARIABLE = "MANIFOLD_MOCAP_PACKAGES"  # Environment variable, the folder of the wheels of the extension.
-INCLUDED = _ROOT / "detector"  # Models of an extension that includes a detector.
+"""Python that ``dev.py detectors`` creates next to the project's environment."""
+PACKAGES_VARIABLE = "MANIFOLD_MOCAP_PACKAGES"  # Environment variable with the folder of the extension's wheels.
+INCLUDED = _ROOT / "detector"  # Folder of models in an extension that includes a detector.
 POSE_MODEL, HAND_MODEL = "pose_landmark_full.tflite", "hand_landmark_full.tflite"
-_MODULES = {".onnx": "onnx_pose", ".tflite": "litert_pose"}  # Worker of a model by its suffix.
+_MODULES = {".onnx": "onnx_pose", ".tflite": "litert_pose"}  # Worker module by the suffix of a model.
 DESCRIPTION, _DESCRIBED = ".json", "described_pose"  # Suffix of the description of a model, and its worker.
-_MEDIAPIPE_POINTS = 39  # Points of MediaPipe's landmark model, 33 of the body and 6 that it uses itself.
+_MEDIAPIPE_POINTS = 39  # Number of points in MediaPipe's landmark model: 33 of the body and 6 for internal use.
 HINT = (
     "In Blender, use Set Up Detector in the panel From Videos, or install the extension that includes a detector. "
     "Elsewhere name a Python that has MediaPipe 0.10.21: --python."
@@ -107,7 +107,7 @@ def check_answer(found: dict[str, np.ndarray], about: dict[str, Any] | None) -> 
     """Check the kinds and shapes of a detector's arrays, and mark impossible points as missing (NaN, confidence 0).
 
     Args:
-        about: the detector's description. None for a hand detector.
+        about: description of the detector. None for a hand detector.
     """
     expected = dict(_HAND if about is None else _POSE)
     if "hands" in found and about is not None:
@@ -128,7 +128,7 @@ def check_answer(found: dict[str, np.ndarray], about: dict[str, Any] | None) -> 
 
 
 def joint_set_of(about: dict[str, Any]) -> JointSet:
-    """Return the joint set of a detector's description."""
+    """Return the joint set in a detector's description."""
     if about.get("joint_set") in list(JointSet):
         return JointSet(about["joint_set"])
     count = about.get("num_keypoints", 0)
@@ -141,7 +141,7 @@ def joint_set_of(about: dict[str, Any]) -> JointSet:
 
 
 def included_model(name: str) -> Path | None:
-    """Return a model that the extension includes, None without it or if our own Python has no LiteRT."""
+    """Return a model that the extension includes. None if it has none or our own Python lacks LiteRT."""
     path = INCLUDED / name
     return path if path.is_file() and find_spec("ai_edge_litert") is not None else None
 
@@ -150,14 +150,14 @@ def included_model(name: str) -> Path | None:
 class DetectorChoice:
     """A detector that can be started."""
 
-    module: str  # Module of ``pose_workers``, or the path of a user's own worker, which ends in ``.py``.
+    module: str  # Module in ``pose_workers``, or the path of a user-written worker, which ends in ``.py``.
     python: Path
     options: dict[str, Any]
-    one_hand: bool = False  # It finds the points of one hand in a crop instead of people.
+    one_hand: bool = False  # True if it detects the points of one hand in a crop instead of people.
 
     @property
     def program(self) -> list[str]:
-        """Arguments of the Python interpreter before the options."""
+        """Arguments of the Python interpreter that precede the options."""
         return [self.module] if self.module.endswith(WORKER) else ["-m", f"pose_workers.{self.module}"]
 
 
@@ -174,11 +174,11 @@ def chosen_detector(
 
     Args:
         name: one of ``DETECTORS``, or the path of a model: RTMPose, RTMO, YOLO-pose or MoveNet in ONNX, MediaPipe in
-            LiteRT, or the description of any other.
-        python: interpreter to run it in. By default MediaPipe's environment if there is one, or our own for a model
-            and for the MediaPipe that the extension includes.
-        hands: also find hands if the detector can. The included one finds bodies alone.
-        worker: a user's own program that replaces the detector (see ``pose_workers.serve``).
+            LiteRT, or the description of any other model.
+        python: interpreter to use. The default is MediaPipe's environment if there is one, and our own for a model
+            and for the MediaPipe in the extension.
+        hands: also detect hands if the detector can. The included one only detects bodies.
+        worker: a user-written program that replaces the detector (see ``pose_workers.serve``).
     """
     own_python = _interpreter(python)
     if people < 1:
@@ -205,7 +205,7 @@ def chosen_detector(
 
 
 def chosen_hand_detector(model: Path, *, python: Path | None = None) -> DetectorChoice:
-    """Choose MediaPipe's hand model run by LiteRT.
+    """Choose MediaPipe's hand model, run by LiteRT.
 
     Args:
         model: ``hand_landmark_full.tflite`` from the npm package @mediapipe/hands.
@@ -257,7 +257,7 @@ def _mediapipe_python(environment: Mapping[str, str]) -> Path:
 
 
 def _is_set_up(environment: Mapping[str, str]) -> bool:
-    """Return whether MediaPipe has a Python of its own."""
+    """Return whether MediaPipe has a separate Python."""
     return bool(environment.get(PYTHON_VARIABLE)) or _MADE.is_file()
 
 
@@ -266,17 +266,17 @@ _ERRORS: dict[str, type[MocapError]] = {kind.code: kind for kind in (DetectorMis
 
 
 class DetectorProcess:
-    """A detector in a process of its own, as a context manager.
+    """A detector in a separate process, as a context manager.
 
-    A detector that does not answer in time is restarted once per picture.
+    A detector that does not answer in time is restarted once per image.
 
     Args:
-        threads: threads of its model.
+        threads: number of threads of its model.
 
     Raises:
         DetectorMissing: its Python does not start, or lacks the detector.
         DetectorOutputsUnknown: the model has an unknown format.
-        DetectorFailed: it broke, did not answer, or its answers cannot be used.
+        DetectorFailed: it crashed, did not answer, or its answers are unusable.
     """
 
     def __init__(self, choice: DetectorChoice, threads: int = 1) -> None:
@@ -315,7 +315,7 @@ class DetectorProcess:
         self._close()
 
     def end(self) -> None:
-        """Kill the process. May be called from another thread and several times."""
+        """Kill the process. Can be called from another thread and several times."""
         self._ended = True
         self._kill()
 
@@ -352,7 +352,7 @@ class DetectorProcess:
         self._kill()
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return the arrays of a (H, W, 3) uint8 picture, see ``check_answer``."""
+        """Return the arrays for an (H, W, 3) uint8 image, see ``check_answer``."""
         for again in (True, False):
             try:
                 with self._within(ANSWER_S):

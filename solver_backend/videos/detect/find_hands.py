@@ -1,4 +1,4 @@
-"""Find hands in the footage of a capture, at the ends of the arms and at the positions from other views."""
+"""Detect hands in the footage of a capture, at the ends of the arms and at positions from other views."""
 
 from __future__ import annotations
 
@@ -30,24 +30,24 @@ from solver_backend.videos.detect.child.pose_workers.crops import SquareCrop, di
 from solver_backend.videos.detect.detector import DetectorChoice, DetectorProcess
 from solver_backend.videos.files.video import Picture, VideoInfo, probe, read_pictures
 
-SIDE = 224  # Size of a crop in pixels.
-HAND_M = 0.19  # Length from the wrist to the middle finger's tip, in metres.
-MARGIN = 1.3  # Length of a crop in hand lengths. Chosen by hand detections, see docs/research-log/hands.md.
-AHEAD = 0.45  # Distance of the crop's middle from the wrist along the forearm, in hand lengths.
-SECOND_MARGIN = 1.9  # Size of the second crop in extents of the first points.
+SIDE = 224  # Side of a crop in pixels.
+HAND_M = 0.19  # Length from the wrist to the tip of the middle finger in metres.
+MARGIN = 1.3  # Side of a crop in hand lengths. Chosen by hand detections, see docs/research-log/hands.md.
+AHEAD = 0.45  # Distance from the wrist to the crop's centre along the forearm, in hand lengths.
+SECOND_MARGIN = 1.9  # Side of the second crop relative to the extent of the first points.
 _WRIST, _KNUCKLE = 0, 9
 
 
 def first_crop(wrist_px: np.ndarray, elbow_px: np.ndarray, hand_px: float, side: int) -> SquareCrop:
     """Return the crop of a hand at the end of a forearm from (2,) px. Side 0 is left, and 1 is right."""
     up, length = direction(elbow_px, wrist_px, 1.0)
-    # A forearm that points at the camera shows its hand near the wrist, so the crop is centred there.
+    # A forearm that points at the camera has its hand near the wrist in the image, so the crop is centred there.
     forearm = min(1.0, length / (1.3 * hand_px))
     return _crop(wrist_px + AHEAD * forearm * hand_px * up, up, MARGIN * hand_px, side)
 
 
 def second_crop(points: np.ndarray, side: int) -> SquareCrop:
-    """Return a closer crop of (21, 2) points, with the middle finger's knuckle above the wrist."""
+    """Return a closer crop around (21, 2) points, with the knuckle of the middle finger above the wrist."""
     up, _ = direction(points[_WRIST], points[_KNUCKLE], 1.0)
     across = np.array([-up[1], up[0]])
     own = np.stack([points @ across, points @ up], axis=-1)
@@ -58,20 +58,20 @@ def second_crop(points: np.ndarray, side: int) -> SquareCrop:
 
 
 def _crop(middle: np.ndarray, up: np.ndarray, length: float, side: int) -> SquareCrop:
-    """Return the crop of a hand. Left hands are mirrored to look like right ones."""
+    """Return the crop of a hand. Left hands are mirrored, so that they look like right hands."""
     return SquareCrop.around(middle, up, length, SIDE, 0.5 * (SIDE - 1), mirrored=side == 0)
 
 
-PRESENCE = 0.5  # Least presence of a visible hand, as in MediaPipe.
-PLACED = 0.05  # Least presence of a first crop for a second one. The model was trained on better placed crops.
-AWAY_M = 0.1  # Largest distance of a hand's wrist from the arm's, in all views or in its own. Chosen on two takes.
-ALIKE = 0.1  # Arms that are closer than this, in hand lengths, need only one crop.
-NEAREST_M = 0.1  # Least distance of a hand from a camera, in metres.
-SURE = 0.3  # Least confidence of a view's own wrist and elbow. Chosen on two takes.
-SIGMA = 0.06  # Standard deviation of a point for the agreement of views, as a share of the hand's length.
+PRESENCE = 0.5  # Smallest presence of a visible hand, as in MediaPipe.
+PLACED = 0.05  # Smallest presence in a first crop that leads to a second one. The model was trained on better crops.
+AWAY_M = 0.1  # Largest distance between the wrists of hand and arm, in all views or in one. Chosen on two takes.
+ALIKE = 0.1  # Arms closer than this, in hand lengths, need only one crop.
+NEAREST_M = 0.1  # Smallest distance between hand and camera in metres.
+SURE = 0.3  # Smallest confidence of a view's wrist and elbow. Chosen on two takes.
+SIGMA = 0.06  # Standard deviation of a point for the agreement of views, relative to the hand length.
 RIGHT, LEAST_TRUST = 0.5, 0.1
-"""A hand that looks less like a right one gets a proportionally lower confidence, down to the second value, because a
-back mistaken for a palm gives the points of other fingers. Chosen by crossing fingers, see docs/research-log/hands.md.
+"""A hand that looks less like a right hand than the first value gets a proportionally lower confidence, down to the
+second. A back mistaken for a palm exchanges the fingers. Chosen by crossing fingers, see docs/research-log/hands.md.
 """
 
 
@@ -79,26 +79,26 @@ back mistaken for a palm gives the points of other fingers. Chosen by crossing f
 class HandInCrop:
     """Result of the hand network in a crop."""
 
-    points: np.ndarray  # (21, 2) px of the crop, or of the picture.
-    presence: float  # Likelihood of a hand, 0 to 1.
-    right: float = 1.0  # Likelihood of a right hand, as which every crop shows its hand, 0 to 1.
+    points: np.ndarray  # (21, 2) points in px of the crop or of the image.
+    presence: float  # Probability of a hand, 0 to 1.
+    right: float = 1.0  # Probability of a right hand, 0 to 1. Every crop shows its hand as a right one.
 
     def counted(self) -> np.ndarray:
-        """Return the points with their confidence, (21, 3)."""
+        """Return the (21, 3) points with their confidence."""
         trust = self.presence * min(1.0, max(LEAST_TRUST, self.right / RIGHT))
         return np.column_stack([self.points, np.full(len(self.points), trust)])
 
 
-Look = Callable[[np.ndarray], HandInCrop]  # Finds a hand in a (224, 224, 3) crop.
-Each = Callable[[Callable[[int], object], Iterable[int]], Iterable[object]]  # ``map`` over views, perhaps in threads.
+Look = Callable[[np.ndarray], HandInCrop]  # Detects a hand in a (224, 224, 3) crop.
+Each = Callable[[Callable[[int], object], Iterable[int]], Iterable[object]]  # ``map`` over views, possibly in threads.
 
 
 @dataclass(frozen=True)
 class Arms:
-    """Elbows and wrists over F frames, or of one frame without that axis. The left side is first."""
+    """Elbows and wrists in F frames, or in one frame without that axis. The left side is first."""
 
-    places: np.ndarray  # (F, 2, 2, 3) metres of elbow and wrist of each side, NaN where no views agree.
-    detected: np.ndarray  # (C, F, 2, 2, 3) px and confidence of the same in each view.
+    places: np.ndarray  # (F, 2, 2, 3) elbow and wrist of each side in metres, NaN if no views agree.
+    detected: np.ndarray  # (C, F, 2, 2, 3) px and confidence of the same points in each view.
 
     def at(self, frame: int) -> Arms:
         """Return the arms of one frame."""
@@ -118,13 +118,13 @@ def search_hands(
     due: np.ndarray | None = None,
     each: Each = map,
 ) -> np.ndarray:
-    """Return (C, 2, 21, 3) x, y and confidence of both hands in each view, unseen where there is none.
+    """Return (C, 2, 21, 3) x, y and confidence of both hands in each view, NaN if undetected.
 
     Args:
-        pictures: (H, W, 3) uint8 by view.
-        before: (C, 2, 21, 3) hands of the last frame. A hand that is still there is searched once.
+        pictures: (H, W, 3) uint8 images by view.
+        before: (C, 2, 21, 3) hands in the previous frame. A hand that is still there is searched once.
         due: (C, 2) mask of views that search each hand. None for all.
-        each: calls ``look`` of several views at a time if it runs threads.
+        each: calls ``look`` for several views at a time if it uses threads.
     """
     due = np.ones((len(cameras), len(SIDES)), bool) if due is None else due
     found = _unseen(len(cameras), 2)
@@ -149,7 +149,7 @@ def search_hands(
 
 @dataclass(frozen=True)
 class _HandSearch:
-    """The search of one hand in one picture."""
+    """Search for one hand in one image."""
 
     rgb: np.ndarray
     side: int
@@ -171,7 +171,7 @@ class _HandSearch:
         return second.counted() if second.presence >= PRESENCE else None
 
     def at_arm(self, arm: np.ndarray, own: np.ndarray, hand_px: float, before: np.ndarray | None) -> np.ndarray:
-        """Return the (21, 3) hand where it was before, or at the (2, 2) px of the arm in all views or in this one."""
+        """Return the (21, 3) hand at its previous position, or at the arm's (2, 2) px from all views or this one."""
         there = np.where(own[:, 2:] >= SURE, own[:, :2], arm)
         alike = float(np.linalg.norm(there - arm, axis=-1).max()) < ALIKE * hand_px
         places = [place for place in ([arm] if alike else [arm, there]) if self.shows(place[1])]
@@ -191,7 +191,7 @@ class _HandSearch:
 
 
 def _where_others_see_it(searches: Mapping[int, _HandSearch], cameras: Cameras, found: np.ndarray) -> None:
-    """Search a hand in views that miss it, where two others agree on its points. Update (C, 21, 3) in place."""
+    """Search a hand in views that miss it if two others agree on its points. Update ``found`` (C, 21, 3) in place."""
     seen = found[:, 0, 2] > 0
     missing = [view for view in searches if not seen[view]]
     if seen.sum() < 2 or not missing:
@@ -210,9 +210,9 @@ def _where_others_see_it(searches: Mapping[int, _HandSearch], cameras: Cameras, 
 
 
 def footage_scale(cameras: Cameras, videos: Sequence[VideoInfo | None]) -> Float[np.ndarray, "views 2"]:
-    """Return the (C, 2) scale of width and height from the calibrated pictures to the footage, 1 for another shape.
+    """Return (C, 2) scale factors of width and height from calibrated images to the footage, 1 for another aspect.
 
-    Calibrations have the shape of the shown or of the stored pictures, which differ if pixels are not square.
+    Calibrations have the aspect of the displayed or of the stored images, which differ if pixels are not square.
     """
     scale = np.ones((len(cameras), 2))
     for view, video in enumerate(videos):
@@ -226,7 +226,7 @@ def footage_scale(cameras: Cameras, videos: Sequence[VideoInfo | None]) -> Float
 
 
 def in_footage(cameras: Cameras, arms: Arms, scale: np.ndarray) -> tuple[Cameras, Arms]:
-    """Return cameras and arms in the pixels of footage with a (C, 2) scale."""
+    """Convert cameras and arms to the pixels of footage with a (C, 2) scale."""
     for view in np.flatnonzero((scale != 1.0).any(axis=1)):
         wide, high = np.round(cameras.image_size[view] * scale[view]).astype(int).tolist()
         cameras = resized(cameras, int(view), (wide, high))
@@ -241,21 +241,21 @@ def _scaled(points: np.ndarray, scale: np.ndarray) -> np.ndarray:
     return np.concatenate([moved, points[..., 2:]], axis=-1)
 
 
-REACH = 5  # Largest detected shift of the footage in frames. With a larger one, crops miss the hands.
-LEAST_FRAMES = 20  # Fewest frames that show a hand and its wrist. Chosen by hand.
+REACH = 5  # Largest detectable shift of the footage in frames. Beyond it, crops miss the hands.
+LEAST_FRAMES = 20  # Fewest frames with a hand and its wrist. Chosen by hand.
 MOVES, AGREE = 0.5, 0.75
-"""Largest error at the best shift, as a share of that at the worst one, and least share of hands that are nearer to
-their wrists with the shift. Chosen by ``python -m tests.benchmarks.hands.late_footage`` (docs/research-log/hands.md).
+"""Largest error at the best shift relative to the worst shift, and smallest fraction of hands that are closer to their
+wrists after the shift. Chosen by ``python -m tests.benchmarks.hands.late_footage`` (docs/research-log/hands.md).
 """
 
 
 def footage_shift(
     hands: Float[np.ndarray, "views frames 2 21 3"], wrists: Float[np.ndarray, "views frames 2 3"]
 ) -> int:
-    """Return the delay of the footage against the detections in frames, 0 if hands do not show it.
+    """Return the delay of the footage relative to the detections in frames, 0 if hands do not show it.
 
     The sum ``Σ |h_f - w_(f - d) - median|² / s²`` over the hands of all views, with their size s, is minimal at the
-    shift d, which a parabola interpolates. The median is the constant difference of the detectors.
+    shift d, refined by a parabola. The median is the constant difference between the detectors.
     """
     each = [_errors(hands[view, :, side], wrists[view, :, side]) for view in range(len(hands)) for side in (0, 1)]
     errors = np.array([found for found in each if found is not None])
@@ -272,7 +272,7 @@ def footage_shift(
 
 
 def in_time(hands: Float[np.ndarray, "views frames 2 21 3"], shift: int) -> Float[np.ndarray, "views frames 2 21 3"]:
-    """Shift (C, F, 2, 21, 3) hands to the frames of the detections. They are unseen in frames without a picture."""
+    """Shift (C, F, 2, 21, 3) hands to the frames of the detections. They are missing in frames without an image."""
     moved = _unseen(*hands.shape[:3])
     count = hands.shape[1] - abs(shift)
     moved[:, max(-shift, 0) :][:, :count] = hands[:, max(shift, 0) :][:, :count]
@@ -280,7 +280,7 @@ def in_time(hands: Float[np.ndarray, "views frames 2 21 3"], shift: int) -> Floa
 
 
 def _errors(hand: np.ndarray, wrist: np.ndarray) -> np.ndarray | None:
-    """Return the error of a hand (F, 21, 3) at its wrist (F, 3) for each shift. None if too few frames show both."""
+    """Return the error of a hand (F, 21, 3) at its wrist (F, 3) for each shift. None if too few frames have both."""
     frames = np.flatnonzero(hand[:, 0, 2] > 0)
     frames = frames[(frames >= REACH) & (frames < len(hand) - REACH)]
     if len(frames) < LEAST_FRAMES:
@@ -302,15 +302,15 @@ def _errors(hand: np.ndarray, wrist: np.ndarray) -> np.ndarray | None:
 
 _STEP = 25  # Number of frames between progress reports. Chosen by hand.
 AGAIN_S, ENOUGH = 0.05, 2
-"""Time between searches for a hidden hand in seconds, because each costs up to six crops, and number of views with a
-hand that make the others search it in turn (docs/research-log/hands.md)."""
+"""Seconds between searches for a hidden hand, because each costs up to six crops, and number of views with a hand that
+makes the others search in turn (docs/research-log/hands.md)."""
 
 
 def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = silent) -> Capture:
-    """Return the capture with the hands that its footage shows.
+    """Detect the hands in the footage of a capture.
 
-    Wrists and elbows are triangulated, or lifted if only one view shows the person. They place the crops of every view.
-    Views that miss a hand search it where two others agree. Footage that is early or late is moved in time.
+    Wrists and elbows are triangulated, or lifted if only one view shows the person. They determine the crops in every
+    view. Views that miss a hand search it where two others agree. Early or late footage is shifted in time.
     """
     cameras, keypoints = capture.require_views()
     cameras = replace(cameras, path=None)  # Crops need places in front of the camera, not in the world.
@@ -358,7 +358,7 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
 def is_due(before: np.ndarray | None, frame: int, every: int) -> np.ndarray | None:
     """Return the (C, 2) mask of views that search each hand: all that had it before, and the others in turn.
 
-    ``before`` are the (C, 2, 21, 3) hands of the last frame. Without them all views search, and None is returned.
+    ``before`` are the (C, 2, 21, 3) hands of the previous frame. Without them the result is None and all views search.
     """
     if before is None or every <= 1:
         return None
@@ -368,7 +368,7 @@ def is_due(before: np.ndarray | None, frame: int, every: int) -> np.ndarray | No
 
 
 def seen_by(capture: Capture, least: int) -> dict[str, float]:
-    """Return the percentage of frames with a hand in at least this many views, by side."""
+    """Return the percentage of frames in which at least ``least`` views show a hand, by side."""
     assert capture.keypoints is not None and capture.keypoints.hands is not None
     views = (capture.keypoints.hands[..., 2] > 0).any(axis=-1).sum(axis=0)
     return {side: round(100.0 * float((views[:, s] >= least).mean()), 1) for s, side in enumerate(SIDES)}
@@ -398,7 +398,7 @@ def arms_of(capture: Capture) -> tuple[Arms, list[Diagnostic]]:
 
 
 def _lifted(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
-    """Return the (F, K, 3) keypoints of an average person in front of the only camera in metres."""
+    """Return the (F, K, 3) keypoints, in metres, of an average person in front of the only camera."""
     view = int(np.flatnonzero((keypoints.confidence > 0).any(axis=(1, 2)))[0])
     camera, body = cameras.subset([view]), load_body()
     prior, landmarks = prior_on_body(load_sposer(), body.layout), keypoint_landmarks(body, keypoints.joint_set)
@@ -411,7 +411,7 @@ def _not_found(reason: str, side: int, severity: Severity) -> Diagnostic:
 
 
 def pictures_of(capture: Capture, each: Each = map) -> Iterator[tuple[int, dict[int, np.ndarray]]]:
-    """Yield the frames of the take with the pictures of its views."""
+    """Yield the frames of the take with the images of its views."""
     firsts, waiting = capture.footage_first or (0,) * len(capture.footage), dict[int, Picture]()
     streams = {view: read_pictures(probe(path)) for view, path in enumerate(capture.footage) if path is not None}
     for frame in range(capture.num_frames):

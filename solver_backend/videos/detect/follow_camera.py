@@ -1,4 +1,4 @@
-"""Follow the background of one video, and write the path of its carried camera."""
+"""Track the background of one video, and write the path of its moving camera."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from solver_backend.videos.detect.assemble import (
 from solver_backend.videos.files.video import probe, read_pictures
 from solver_backend.videos.video_detections import VideoDetections
 
-APART_PX = 7  # Least distance of a new feature from the tracked ones.
-REFILLED = 0.7  # Share of ``FEATURES`` below which new ones are detected.
-SHORTEST = 8  # Pictures of a track at least. Shorter ones show no place.
+APART_PX = 7  # Smallest distance from a new feature to the tracked ones, in pixels.
+REFILLED = 0.7  # Fraction of ``FEATURES`` below which new ones are detected.
+SHORTEST = 8  # Shortest track in images. Shorter ones determine no position.
 
 
 def track_background(found: VideoDetections, pictures: Iterable[np.ndarray], progress: Progress = silent) -> np.ndarray:
-    """Return tracks (F, P, 2) of the background around people in px, NaN where a point is not tracked.
+    """Return (F, P, 2) tracks of background points around people in px, NaN where a point is not tracked.
 
     Reference: Shi and Tomasi 1994, "Good features to track"; Lucas and Kanade 1981.
     """
@@ -75,11 +75,11 @@ def track_background(found: VideoDetections, pictures: Iterable[np.ndarray], pro
 def follow_camera(
     found: VideoDetections, camera: Cameras, pictures: Iterable[np.ndarray], out: Path, progress: Progress = silent
 ) -> Path | None:
-    """Write the path of a camera as a TUM trajectory, or return None if the background does not show it.
+    """Write the path of a camera as a TUM trajectory. Return None if the background does not determine it.
 
     Args:
         camera: one camera, for its lens.
-        pictures: (H, W, 3) of the video.
+        pictures: (H, W, 3) images of the video.
     """
     path = estimate_path(camera, track_background(found, pictures, progress), progress)
     if path is None:
@@ -99,9 +99,9 @@ def without_camera_motion(
     out: Path,
     progress: Progress = silent,
 ) -> tuple[tuple[VideoDetections, ...], WorldSettings, list[Diagnostic]]:
-    """Return the detections as of a camera that does not turn, or with the path of one that is carried.
+    """Return the detections of a camera without rotation, or with the path of a moving one.
 
-    A given path describes all motion of the camera. Otherwise a path is estimated where turns alone do not explain the
+    A given path describes all camera motion. Otherwise a path is estimated if rotations alone do not explain the
     background.
 
     Args:

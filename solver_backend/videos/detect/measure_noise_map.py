@@ -1,4 +1,4 @@
-"""Measure a detector's spread by its confidence, on captures with known cameras."""
+"""Measure a detector's standard deviation by confidence, on captures with known cameras."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from solver_backend.cameras.robust_triangulation import predict_views, triangula
 from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.types import Capture
 
-BINS = 8  # Number of confidence steps with equally many detections.
+BINS = 8  # Number of confidence bins with equally many detections.
 LEAST_VIEWS, LEAST_MM = 3, 0.01  # Fewest views of a capture, and least spread of a detector in mm. Chosen by hand.
-_MEDIAN_OF_SQUARE = 2.0 * np.log(2.0)  # Median of the squared length of a plane vector with unit variance per axis.
+_MEDIAN_OF_SQUARE = 2.0 * np.log(2.0)  # Median of the squared length of a 2D vector with unit variance per axis.
 
 
 def measure_noise_map(captures: Sequence[Capture], detector: str) -> NoiseMap:
-    """Measure the noise map of a detector on captures of calibrated cameras.
+    """Measure the noise map of a detector on captures with calibrated cameras.
 
-    Every detection is compared with the prediction of the other views (``predict_views``), after the cameras were
-    refined by the person. The variance of the prediction is subtracted. Each step's variance is the median of the
-    squared distances over 2 ln 2, pooled until it falls with the confidence.
+    Each detection is compared with the prediction from the other views (``predict_views``), after the person has
+    refined the cameras. The variance of the prediction is subtracted. Each bin's variance is the median squared
+    distance over 2 ln 2, pooled so that it decreases with the confidence.
 
     Reference: Barlow et al. 1972 (pooling of adjacent violators).
     """
@@ -64,7 +64,7 @@ def _errors(capture: Capture) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _pooled(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the falling values nearest to these: each is the least, over starts, of the largest mean from there."""
+    """Return the closest decreasing values: each is the minimum over starts of the largest mean from there."""
     total, weight = (np.concatenate([[0.0], np.cumsum(part)]) for part in (values * weights, weights))
     first, last = np.triu_indices(len(values))
     mean = np.full((len(values), len(values)), -np.inf)

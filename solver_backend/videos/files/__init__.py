@@ -1,1 +1,1 @@
-"""Read the pictures, times and sound of videos, and write previews."""
+"""Read the images, times and sound of videos, and write previews."""

@@ -1,4 +1,4 @@
-"""Read and write video files with PyAV, which is imported here only: picture times, pictures, sound and hashes."""
+"""Read and write video files with PyAV, which only this module imports: time stamps, images, sound and hashes."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ AGAIN = "Copy the file from the camera again, or leave this camera out."
 
 @contextmanager
 def opened(path: Path) -> Iterator[InputContainer]:
-    """Open the container of a video. Raise ``VideoUnreadable`` if it is missing, empty, broken or not a video."""
+    """Open the container of a video. Raise ``VideoUnreadable`` if it is missing, empty, damaged or not a video."""
     av = library()
     if not path.is_file():
         raise VideoUnreadable("There is no such video.", where=str(path), hint="Check the path.")
@@ -73,47 +73,47 @@ def library() -> Any:
     return av
 
 
-OFF_SHARE = 0.2  # Intervals that differ from the median by a larger share do not count for the rate.
+OFF_SHARE = 0.2  # Intervals that differ relatively more from the median do not count for the frame rate.
 
 
 class TimedPictures:
-    """Pictures with presentation times."""
+    """Images with presentation times."""
 
     times_s: np.ndarray
 
     @property
     def num_frames(self) -> int:
-        """Number of pictures."""
+        """Number of images."""
         return len(self.times_s)
 
     @property
     def fps(self) -> float:
-        """Pictures per second, see ``rate_of``."""
+        """Images per second, see ``rate_of``."""
         return rate_of(self.times_s)
 
 
 @dataclass(frozen=True)
 class VideoInfo(TimedPictures):
-    """A video of F pictures."""
+    """A video of F images."""
 
-    path: Path  # The file, the first of several chapters, or a folder of pictures.
-    size: tuple[int, int]  # Width and height in pixels after the rotation, as a player shows it.
+    path: Path  # File, first of several chapters, or folder of images.
+    size: tuple[int, int]  # Width and height in pixels after rotation, as displayed.
     # pyrefly: ignore[bad-override] - the base class says what both have
-    times_s: np.ndarray  # (F,) increasing presentation times on the file's clock.
-    parts: tuple[Path, ...] = ()  # Its files in order, see ``parts_of``. Empty for a single file.
-    timed: bool = True  # Each decoded picture has its time. Otherwise the pictures have these times in turn.
-    stored: tuple[int, int] = (0, 0)  # Size in stored pixels after the rotation. It differs if pixels are not square.
+    times_s: np.ndarray  # (F,) increasing presentation times on the file's clock, seconds.
+    parts: tuple[Path, ...] = ()  # Files in order, see ``parts_of``. Empty for a single file.
+    timed: bool = True  # True if each decoded image has a time. Otherwise images take these times in order.
+    stored: tuple[int, int] = (0, 0)  # Stored size in pixels after rotation. It differs if pixels are not square.
 
 
-UNTIMED_SHARE = 0.5  # Largest share of distinct times in a file without picture times.
+UNTIMED_SHARE = 0.5  # Largest fraction of distinct times in a file without image times.
 LONGEST_GAP_S, RARE_GAP = 60.0, 100.0  # Longest time without a picture, s, and in median intervals. By hand.
-PICTURES_FPS = 30.0  # Assumed rate of a folder of pictures, per second.
+PICTURES_FPS = 30.0  # Assumed frame rate of an image folder, per second.
 
 
 def probe(path: Path | str, pictures_fps: float = PICTURES_FPS) -> VideoInfo:
-    """Return the properties of a video, of chapters of one recording, or of a folder of pictures.
+    """Return the properties of a video, of the chapters of a recording, or of an image folder.
 
-    This counts the packets and decodes the first picture.
+    This counts the packets and decodes the first image.
     """
     path = Path(path)
     parts = parts_of(path)
@@ -169,7 +169,7 @@ def _probe_file(path: Path) -> VideoInfo:
 
 
 def rate_of(times_s: np.ndarray) -> float:
-    """Return the pictures per second of increasing times: one over the mean usual interval, 0 for fewer than two."""
+    """Return the frame rate of increasing times, the inverse of the mean usual interval. 0 for fewer than two times."""
     if len(times_s) < 2:
         return 0.0
     gaps = np.diff(times_s)
@@ -178,39 +178,39 @@ def rate_of(times_s: np.ndarray) -> float:
 
 
 SQUARE, LARGEST_ASPECT = 0.02, 4.0
-"""Pixels count as square within this share, because coders cut pictures to whole blocks. A larger aspect, or a smaller
-one than its inverse, is damage. By hand."""
+"""Relative tolerance of square pixels, because encoders crop images to whole blocks, and the largest pixel aspect.
+Beyond it or its inverse the file is damaged. Chosen by hand."""
 
 
 def pixel_aspect(stream: Any) -> Fraction:
-    """Return the width of a stored pixel divided by its height, as the container or the coded pictures state it."""
+    """Return the width to height ratio of a stored pixel, as stated in the container or in the coded images."""
     aspect = stream.sample_aspect_ratio or Fraction(1)
     plausible = abs(aspect - 1) > SQUARE and 1 / LARGEST_ASPECT <= aspect <= LARGEST_ASPECT
     return aspect if plausible else Fraction(1)
 
 
 def quarter_turn(degrees: float) -> int:
-    """Return the nearest of 0, 90, 180 and 270 degrees."""
+    """Return the nearest multiple of 90 degrees: 0, 90, 180 or 270."""
     return round(degrees / 90.0) * 90 % 360
 
 
-LOST_SHARE = 0.02  # Largest share of broken pictures in a usable video.
+LOST_SHARE = 0.02  # Largest fraction of damaged images in a usable video.
 
 
 @dataclass(frozen=True)
 class Picture:
-    """One picture of a video."""
+    """One image of a video."""
 
     number: int  # Index in presentation order.
     time_s: float  # Presentation time on the file's clock.
-    rgb: np.ndarray  # (H, W, 3) uint8 after the rotation.
+    rgb: np.ndarray  # (H, W, 3) uint8 image after rotation.
 
 
 def read_pictures(info: VideoInfo) -> Iterator[Picture]:
-    """Yield the pictures of a video. Broken pictures are skipped, and the next ones keep their times.
+    """Yield the images of a video. Damaged images are skipped, and later ones keep their times.
 
     Raises:
-        VideoUnreadable: more than ``LOST_SHARE`` of the pictures are broken or missing, or the size changes.
+        VideoUnreadable: more than ``LOST_SHARE`` of the images are damaged or missing, or the size changes.
     """
     number = 0
     for time_s, rgb in _timed_pictures(info):
@@ -221,7 +221,7 @@ def read_pictures(info: VideoInfo) -> Iterator[Picture]:
             raise VideoUnreadable(message, where=str(info.path), hint=hint)
         yield Picture(number, time_s, rgb)
         number += 1
-    # The last picture of a recording that was cut off may be broken.
+    # The last image of a truncated recording may be damaged.
     if number < 1 or number + 1 < (1.0 - LOST_SHARE) * info.num_frames:
         message = f"Only {number} of the video's {info.num_frames} pictures can be decoded."
         raise VideoUnreadable(message, where=str(info.path), hint=AGAIN)
@@ -248,19 +248,19 @@ def _timed_pictures(info: VideoInfo) -> Iterator[tuple[float, np.ndarray]]:
             count += 1
 
 
-Decoded = tuple[float, Callable[[], np.ndarray]]  # Time of a picture in s, and a function that returns its pixels.
+Decoded = tuple[float, Callable[[], np.ndarray]]  # Time of an image in s, and a function that returns its pixels.
 
 
 def decoded_pictures(path: Path) -> Iterator[Decoded]:
-    """Yield the time (s) of each picture of a file, and a function that returns it as (H, W, 3) uint8.
+    """Yield the time (s) of each image in a file, and a function that returns it as (H, W, 3) uint8.
 
-    Pictures are turned and have square pixels, as a player shows them. Broken ones are skipped.
+    Images are rotated and have square pixels, as displayed. Damaged ones are skipped.
     """
     return (decoded for decoded in _decoded(path) if decoded is not None)
 
 
 def _decoded(path: Path) -> Iterator[Decoded | None]:
-    """Yield what ``decoded_pictures`` yields, with None for broken pictures."""
+    """Yield the results of ``decoded_pictures``, and None for damaged images."""
     av = library()
     with opened(path) as container:
         stream = video_stream(container)
@@ -315,15 +315,15 @@ def require_different(hashes: Mapping[Path, str]) -> None:
 
 
 RATE_HZ = 16_000  # Sample rate of sound, per second.
-SILENCE = 1e-5  # Largest root mean square of silence at full scale 1. Chosen by hand.
+SILENCE = 1e-5  # Largest RMS of silence at full scale 1. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class Sound:
-    """Sound of one channel."""
+    """Single-channel sound."""
 
-    samples: np.ndarray  # (N,) float32 at full scale 1.
-    start_s: float  # Time of the first sample on the clock of the pictures.
+    samples: np.ndarray  # (N,) float32 samples at full scale 1.
+    start_s: float  # Time of the first sample on the clock of the images, seconds.
     rate_hz: int = RATE_HZ
 
 
@@ -347,7 +347,7 @@ def read_sound(path: Path | str) -> Sound:
 
 
 def write_video(path: Path | str, pictures: Iterable[np.ndarray], fps: float, *, overwrite: bool = False) -> int:
-    """Write (H, W, 3) uint8 pictures as H.264 in MP4 and return their number. Odd sizes lose a row or column."""
+    """Write (H, W, 3) uint8 images as H.264 in MP4 and return their number. Odd sizes lose a row or column."""
     av, count = library(), 0
     with atomic_output(path, overwrite=overwrite) as temporary, av.open(str(temporary), "w", format="mp4") as container:
         stream = None

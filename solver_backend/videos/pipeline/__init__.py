@@ -1,1 +1,1 @@
-"""Solve motions from a folder of videos, and keep earlier results."""
+"""Solve motions from a folder of videos, and reuse earlier results."""

@@ -30,7 +30,7 @@ from solver_backend.videos.sync.signals import BY_SPEEDS
 from solver_backend.videos.video_detections import VideoDetections
 
 ONE_CAMERA = "one camera"  # Method of a calibration of a single camera.
-_PLACES = ("extrinsics", "both")  # Kinds of footage of a board that several cameras saw.
+_PLACES = ("extrinsics", "both")  # Kinds of board footage that several cameras recorded together.
 _BOARD_FILES = ("board.toml", "charuco.toml")
 
 
@@ -40,33 +40,32 @@ class CalibrationRequest:
 
     found: FoundFolder
     take: FoundTake
-    detections: tuple[VideoDetections, ...]  # Detections in its videos, for a calibration by the person.
+    detections: tuple[VideoDetections, ...]  # Detections in its videos, for a calibration from the person.
     clocks: Clocks
     out: Path  # Calibration file to write.
-    coverage: Path | None = None  # Picture of the board's places in each view, if a board is used.
+    coverage: Path | None = None  # Image of the board positions in each view, if a board is used.
 
 
 @dataclass(frozen=True)
 class KnownOfCameras:
     """Facts from the user about cameras and footage."""
 
-    board: str | None = None  # The board, see ``board_named``. None looks for a ``board.toml`` next to its footage.
+    board: str | None = None  # Board name, see ``board_named``. None looks for ``board.toml`` next to its footage.
     lenses: Path | None = None
-    stature_m: float | None = None  # Stature of the person, which sets the scale without a board.
+    stature_m: float | None = None  # Stature of the person in metres, which sets the scale without a board.
     source: str = "auto"
-    """Source of the calibration: "auto" for the best available one, or the filmed "board" or the "person" even if there
-    is a calibration."""
-    focal: str = ""  # Focal length of cameras with unknown lenses, see ``find_focal_length``.
+    """Source of the calibration: "auto" for the best available one. "board" and "person" ignore existing ones."""
+    focal: str = ""  # Focal length for cameras with unknown lenses, see ``find_focal_length``.
 
     def focal_of(self, video: VideoDetections) -> FocalLength:
-        """Return the focal length of a camera with an unknown lens. Raises what ``find_focal_length`` raises."""
+        """Return the focal length of a camera with an unknown lens. Errors are as in ``find_focal_length``."""
         return find_focal_length(self.focal, video.video, video.size)
 
 
 def calibration_source(found: FoundFolder, known: KnownOfCameras) -> str:
-    """Return the source of cameras without a calibration: "board", "lenses" (of a board) and the person, or "person".
+    """Return the source for uncalibrated cameras: "board", "lenses" (board for lenses, person for poses) or "person".
 
-    The first two find boards in footage, which needs OpenCV.
+    The first two detect boards in footage, which needs OpenCV.
     """
     kinds = {footage.kind for footage in found.footage}
     if kinds.intersection(_PLACES) and known.source != "person":
@@ -80,8 +79,8 @@ def calibrate_take(
 ) -> tuple[str, tuple[Diagnostic, ...]]:
     """Calibrate the cameras of a take and write them. Return the method (board, person or ``ONE_CAMERA``) and findings.
 
-    Footage of a board seen by several cameras is enough. With footage for lenses only, or known lenses, the person
-    determines the poses. Otherwise lenses are guessed from the pictures' size and refined with the poses.
+    Board footage from several cameras is sufficient. If only lenses are known or have footage, the person determines
+    the poses. Otherwise lenses are guessed from the image size and refined with the poses.
     """
     lens, places = _footage(request, ("intrinsics",)), _footage(request, _PLACES)
     names = request.take.cameras
@@ -149,7 +148,7 @@ def _by_one_camera(
 
 
 def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, Path]:
-    """Return the board footage of these kinds by the take's camera names, or nothing."""
+    """Return the board footage of these kinds by the camera names of the take, or nothing."""
     names = request.take.cameras
     for footage in request.found.footage:
         if footage.kind in kinds:

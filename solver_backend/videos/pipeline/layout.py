@@ -15,16 +15,16 @@ from solver_backend.io.calibration.search import find_calibration, is_calibratio
 from solver_backend.io.footage import chapter_of, is_picture, is_video
 
 _CAMERA_FOLDER = re.compile(r"(.*[_\-. ])?(cam(era)?|view|gopro|miqus|port|int_cam|c)?[_\-. ]*\d+", re.IGNORECASE)
-"""Names of camera folders, which may hold several videos: cam_01, Camera 2, view3, 04."""
+"""Names of camera folders, which may contain several videos: cam_01, Camera 2, view3, 04."""
 _SOURCE_FOLDER = "inputmedia"  # OpenCap's subfolder with a camera's footage.
 _SYNCHRONISED = re.compile(r"[_\-. ]sync(ed|d|hronised|hronized)?$", re.IGNORECASE)
-_MOST_PICTURE_NAMES = 64  # Most file names that are checked for pictures.
+_MOST_PICTURE_NAMES = 64  # Most file names to check for images.
 
 
 def _takes_by_folder(folders: Sequence[Path]) -> dict[str, dict[str, Path]]:
     """Return the footage of camera folders by take and camera. A single take has the name "".
 
-    Folders are cameras if each has one recording. Folders with camera names may have several, named like the takes.
+    Folders with one recording each are cameras. Folders with camera names may have several recordings, named by take.
     """
     held = {folder.name: found for folder in folders if (found := _footage_in(folder))}
     if len(held) < 2:
@@ -41,7 +41,7 @@ def _takes_by_folder(folders: Sequence[Path]) -> dict[str, dict[str, Path]]:
 
 
 def _footage_in(folder: Path) -> dict[str, Path]:
-    """Return the recordings of a camera's folder by take, also of OpenCap's subfolder with a folder per take."""
+    """Return the recordings in a camera's folder by take. OpenCap's subfolder has a folder per take."""
     for place in _folders(folder):
         if place.name.lower() == _SOURCE_FOLDER:
             found = dict(recordings_beside(place))
@@ -64,8 +64,8 @@ VIDEO_FOLDERS = (
     *("videos-sync", "videos_sync", "synchronized_videos", "synced_videos", "videos", "video"),
     *("recordings", "raw_videos", "videos_raw", "videosraw", "footage"),
 )
-"""Folders of a take with its videos. Synchronised ones come first (Pose2Sim, FreeMoCap, caliscope, anipose)."""
-_PICTURE_FOLDERS = ("images", "frames")  # Folders of a take with a folder of pictures per camera (EasyMocap).
+"""Folders of a take that contain its videos, synchronised ones first (Pose2Sim, FreeMoCap, caliscope, anipose)."""
+_PICTURE_FOLDERS = ("images", "frames")  # Folders of a take that contain an image folder per camera (EasyMocap).
 _LEVELS = 4  # Depth of the search for takes. Chosen by hand.
 _INTRINSIC = re.compile(r"int(rinsics?)?([_\-\s].*)?|.*intrinsics?", re.IGNORECASE)
 _EXTRINSIC = re.compile(r"ext(rinsics?)?([_\-\s].*)?|.*extrinsics?", re.IGNORECASE)
@@ -78,15 +78,15 @@ class FoundTake:
 
     name: str
     folder: Path
-    videos: tuple[Path, ...]  # One per camera: a file, the first chapter of a recording, or a folder of pictures.
-    cameras: tuple[str, ...]  # Camera names: names of the videos or of their folders.
+    videos: tuple[Path, ...]  # One per camera: a file, the first chapter of a recording, or an image folder.
+    cameras: tuple[str, ...]  # Camera names, from the videos or their folders.
 
     def calibration(self, session: Path) -> Calibration | None:
         """Return the calibration of this take's cameras from its folders or the session, or None.
 
         Raises:
-            CalibrationInvalid, FileDamaged: the nearest one is invalid.
-            CalibrationMismatch: all calibrations have other cameras.
+            CalibrationInvalid, FileDamaged: the nearest calibration is invalid.
+            CalibrationMismatch: all calibrations are for other cameras.
         """
         other: CalibrationMismatch | None = None
         names = [self.cameras]
@@ -106,9 +106,9 @@ class FoundTake:
 
 @dataclass(frozen=True)
 class CalibrationFootage:
-    """Videos or pictures of a board."""
+    """Videos or images of a calibration board."""
 
-    kind: str  # 'intrinsics', 'extrinsics', or 'both' if the folder name does not tell.
+    kind: str  # 'intrinsics', 'extrinsics', or 'both' if the folder name is unclear.
     folder: Path
     cameras: dict[str, Path]
 
@@ -123,10 +123,10 @@ class FoundFolder:
 
 
 def look_through(root: Path) -> FoundFolder:
-    """Return the takes and the calibration footage of a folder.
+    """Return the takes and the calibration footage in a folder.
 
-    A video is a take of one camera, and so is the only video of a folder. If there are takes of several cameras, those
-    of one camera are skipped.
+    A video, or the only video in a folder, is a take of one camera. If there are takes of several cameras, takes of one
+    camera are skipped.
     """
     if is_video(root) and root.is_file():
         takes, root = (FoundTake(root.stem, root.parent, (root,), (root.stem,)),), root.parent
@@ -162,7 +162,7 @@ def _takes(folder: Path, levels: int) -> Iterator[FoundTake]:
 
 
 def _lone_take(root: Path) -> tuple[FoundTake, ...]:
-    """Return the only video of a folder, or of its folder of videos, as a take. Return nothing for several."""
+    """Return the only video of a folder, or of its video folder, as a take. Return nothing for several."""
     if _is_other(root):
         return ()
     below = {path.name.lower(): path for path in _folders(root)}

@@ -1,4 +1,4 @@
-"""Draw the picture of each step, and videos with their detections."""
+"""Draw the image of each step, and videos with their detections."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ COLOURS = (
     *((236, 112, 70), (82, 178, 255), (122, 204, 92), (214, 120, 230)),
     *((240, 204, 80), (120, 220, 220), (250, 140, 170), (170, 150, 250)),
 )
-"""RGB of the cameras in turn."""
+"""RGB colour of each camera. The colours repeat."""
 
 
 def mosaic(pictures: Sequence[np.ndarray], titles: Sequence[str]) -> Canvas:
-    """Return pictures side by side, each below its title."""
+    """Return images side by side, each below its title."""
     canvas, columns = Canvas(), max(1, int(np.ceil(np.sqrt(len(pictures)))))
     width, height = SIDE / columns, SIDE / max(1, int(np.ceil(len(pictures) / columns)))
     for i, (rgb, title) in enumerate(zip(pictures, titles, strict=True)):
@@ -38,11 +38,11 @@ def mosaic(pictures: Sequence[np.ndarray], titles: Sequence[str]) -> Canvas:
     return canvas
 
 
-PREVIEW_HEIGHT = 720  # Shorter side of a preview in pixels at most.
+PREVIEW_HEIGHT = 720  # Largest short side of a preview in pixels.
 PEOPLE_COLOURS = np.array(
     [[60, 220, 90], [255, 140, 40], [70, 160, 255], [240, 80, 220], [250, 230, 60], [120, 240, 240]]
 )
-"""RGB of people by their track."""
+"""RGB colour of each person by track."""
 _SIDE_CHAINS = (
     *(("shoulder", "hip"), ("shoulder", "elbow"), ("elbow", "wrist")),
     *(("hip", "knee"), ("knee", "ankle"), ("ankle", "big_toe")),
@@ -56,7 +56,7 @@ _CHAINS = (
 def write_previews(
     found: Sequence[VideoDetections], folder: Path, progress: Progress = silent, *, overwrite: bool = False
 ) -> list[Path]:
-    """Write a preview of each video into a folder and return their paths."""
+    """Write a preview of each video to a folder and return the paths."""
     written, total, done = [], sum(item.num_frames for item in found), 0
     for item in found:
         path = folder / f"{item.name}_detections.mp4"
@@ -78,7 +78,7 @@ def _drawn(item: VideoDetections) -> Iterator[np.ndarray]:
 
 
 def draw_people(rgb: np.ndarray, item: VideoDetections, frame: int, step: int = 1) -> np.ndarray:
-    """Draw the people of a frame into a picture with every ``step``-th pixel of the video."""
+    """Draw the people of a frame on an image with every ``step``-th pixel of the video."""
     for slot in np.flatnonzero(item.track[frame] >= 0):
         colour = PEOPLE_COLOURS[item.track[frame, slot] % len(PEOPLE_COLOURS)]
         _person(rgb, item.joint_set, item.xy[frame, slot] / step, item.confidence[frame, slot], colour)
@@ -103,15 +103,15 @@ def _dots(rgb: np.ndarray, points: np.ndarray, colour: np.ndarray, radius: int) 
     rgb[y[inside], x[inside]] = colour
 
 
-LOOKED_AT = 240  # One of this many first pictures is shown, so that a long video is not read to its middle.
-SHOWN_S = 12.0  # Length of the clocks' curves in seconds.
+LOOKED_AT = 240  # Number of first images from which one is shown, so that a long video is not read up to its middle.
+SHOWN_S = 12.0  # Length of the clock curves in seconds.
 _LEFT, _TOP, _RIGHT = 40, 30, 190  # Margins of the clocks' curves in px. The right one has the names of the cameras.
 _TICKS_S, _MOST_TICKS = (0.1, 0.2, 0.5, 1.0, 2.0), 13
-_WEDGE = 90.0  # Length of a camera's field of view in the plan in pixels.
+_WEDGE = 90.0  # Length of a camera's field of view in the plan, in pixels.
 
 
 def detections_picture(found: Sequence[VideoDetections], path: Path) -> Path:
-    """Draw a picture of each video with its people, and return the path."""
+    """Draw an image of each video with its people, and return the path."""
     drawn, titles = [], []
     for item in found:
         sure = item.confidence[:LOOKED_AT].mean(-1).max(-1) if item.confidence.size else np.zeros(1)
@@ -125,7 +125,7 @@ def detections_picture(found: Sequence[VideoDetections], path: Path) -> Path:
 
 
 def glances_picture(glances: Sequence[Glance], path: Path, names: Mapping[Path, str]) -> Path:
-    """Draw the newest pictures of a detection with their people under the videos' names, and return the path."""
+    """Draw the newest images of a detection with their people below the video names, and return the path."""
     drawn = []
     for glance in glances:
         step = max(1, min(glance.rgb.shape[:2]) // 540)
@@ -138,13 +138,13 @@ def glances_picture(glances: Sequence[Glance], path: Path, names: Mapping[Path, 
 
 
 def draw_boards(folder: Path, names: Sequence[str], path: Path) -> Path:
-    """Draw the board's places in each view side by side, from ``NAME.png`` in a folder, and return the path."""
+    """Draw the board positions in all views side by side, from ``NAME.png`` in a folder, and return the path."""
     there = [name for name in names if (folder / f"{name}.png").is_file()]
     return mosaic([read_png(folder / f"{name}.png") for name in there], there).save(path)
 
 
 def clocks_picture(found: Sequence[VideoDetections], clocks: Clocks, path: Path) -> Path:
-    """Draw the speed of the person's limbs in each view, as filmed and on one clock, and return the path."""
+    """Draw the limb speeds of the person in each view, as recorded and on one clock, and return the path."""
     curves = []
     for c, item in enumerate(found):
         if item.num_frames < 2:
@@ -188,7 +188,7 @@ def cameras_picture(cameras: Cameras, walked: np.ndarray, path: Path) -> Path:
     """Draw the cameras (metres, Z up) and the person's path from above, with Y up, and return the path.
 
     Args:
-        walked: (F, 3) places of the person in metres, NaN where unknown.
+        walked: (F, 3) positions of the person in metres, NaN where unknown.
     """
     centres = cameras.centres[:, :2]
     way = walked[np.isfinite(walked).all(-1), :2]
@@ -226,7 +226,7 @@ def cameras_picture(cameras: Cameras, walked: np.ndarray, path: Path) -> Path:
 
 
 def check_picture(names: Sequence[str], check: CalibrationCheck, path: Path) -> Path:
-    """Draw each camera's error by part of the picture, and its epipolar error over the take, and return the path."""
+    """Draw each camera's error over the image, and its epipolar error over the take, and return the path."""
     canvas, rows = Canvas(), len(names)
     height = min(150.0, (SIDE - 60) / rows)
     most = max(2.0 * check.all_px, 1.0)

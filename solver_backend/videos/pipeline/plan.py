@@ -23,9 +23,9 @@ from solver_backend.videos.files.video import PICTURES_FPS
 from solver_backend.videos.pipeline.calibrate import KnownOfCameras, calibration_source
 from solver_backend.videos.pipeline.layout import FoundFolder, FoundTake
 
-STEPS = ("detect", "sync", "calibrate", "capture", "solve")  # Steps from videos to a motion, in their order.
+STEPS = ("detect", "sync", "calibrate", "capture", "solve")  # Steps from videos to a motion, in order.
 OUTPUTS = {"sync": "sync.json", "calibrate": "calibration.toml", "capture": "capture.npz", "solve": "motion.npz"}
-"""File of each step but the first, which writes a folder. Calibrations are written if there is no other."""
+"""File of each step except the first, which writes a folder. A calibration is only written if there is no other."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class TakePlan:
 
     take: FoundTake
     folder: Path
-    calibration: Calibration | None  # The existing calibration. None to calibrate the cameras.
+    calibration: Calibration | None  # Existing calibration. None means that the cameras are calibrated.
     problem: str = ""
 
     def output(self, step: str) -> Path:
@@ -43,7 +43,7 @@ class TakePlan:
 
 
 def planned(found: FoundFolder, out: Path) -> list[TakePlan]:
-    """Return the plan of every take. Several takes have folders of their own."""
+    """Return the plan of every take. Several takes get separate folders."""
     plans, several = [], len(found.takes) > 1
     for take in found.takes:
         folder, calibration, problem = out / take.name if several else out, None, ""
@@ -103,15 +103,15 @@ class PipelineSettings:
 
     detector: DetectorChoice  # Detector of keypoints.
     sync: str = "auto"  # Method for the clocks, see ``synchronise``.
-    until: str = "solve"  # The last step.
-    jobs: int = 0  # Number of detectors at a time, 0 for one per core.
-    pictures_fps: float = PICTURES_FPS  # Rate of folders of pictures, per second.
+    until: str = "solve"  # Last step to run.
+    jobs: int = 0  # Number of simultaneous detectors, 0 for one per core.
+    pictures_fps: float = PICTURES_FPS  # Frame rate of image folders.
     redo: tuple[str, ...] = ()  # Steps to repeat even if nothing has changed.
     overwrite: bool = False  # Replace files of other programs.
     solve: SolveSettings = field(default_factory=SolveSettings)  # Settings of the solve.
     world: WorldSettings = field(default_factory=WorldSettings)  # Scale and level of the world.
     cameras: KnownOfCameras = field(default_factory=KnownOfCameras)  # Facts about cameras without a calibration.
-    hands: DetectorChoice | None = None  # Detector of hands at the wrists. None uses the hands of ``detector``, if any.
+    hands: DetectorChoice | None = None  # Hand detector at the wrists. None uses the hands of ``detector``, if any.
 
 
 NAME = "steps.json"
@@ -119,7 +119,7 @@ _BEGUN = ""  # Key of an unfinished output.
 
 
 class Records:
-    """Inputs of one take's results, stored in the same folder."""
+    """Inputs of a take's results, stored in the same folder."""
 
     def __init__(self, folder: Path) -> None:
         self._path, kept = folder / NAME, None
@@ -129,18 +129,18 @@ class Records:
         self._keys = {str(k): str(v) for k, v in kept.items()} if isinstance(kept, dict) else {}
 
     def is_made(self, output: Path, made_of: Any) -> bool:
-        """Return whether an output of these JSON values exists."""
+        """Return whether an output exists that was made from these JSON values."""
         return output.is_file() and self._keys.get(output.name) == key_of(made_of)
 
     def is_ours(self, output: Path) -> bool:
-        """Return whether this pipeline made an output, which it may then replace."""
+        """Return whether this pipeline wrote an output and may therefore replace it."""
         return output.name in self._keys
 
     @contextmanager
     def making(self, output: Path, made_of: Any = None) -> Iterator[None]:
         """Mark an output as ours before it is written, so that the next run may replace an incomplete one.
 
-        Record its inputs, if any, afterwards.
+        Afterwards, record its inputs if any.
         """
         self._keys[output.name] = _BEGUN
         self._write()
@@ -181,7 +181,7 @@ class Steps:
         self._rows: dict[str, dict[str, object]] = {}
 
     def report(self, step: str, state: str, found: Iterable[Diagnostic], pictures: Iterable[Path] = ()) -> None:
-        """Add the report of a step, with the pictures that exist."""
+        """Add the report of a step, with existing images."""
         self._found[step] = tuple(found)
         listed = [item.as_dict() for item in self._found[step]]
         drawn = [path.relative_to(self._folder).as_posix() for path in pictures if path.is_file()]
@@ -190,11 +190,11 @@ class Steps:
         write_text(self._folder / ROAD_FILE, json.dumps(values, indent=1, ensure_ascii=False) + "\n", overwrite=True)
 
     def diagnostics(self) -> tuple[Diagnostic, ...]:
-        """Return all diagnostics, each once."""
+        """Return all diagnostics without repetition."""
         return merge(item for step in STEPS for item in self._found.get(step, ()))
 
     def as_list(self) -> list[dict[str, object]]:
-        """Return the steps in their order as JSON values."""
+        """Return the steps in order as JSON values."""
         return [self._rows[step] for step in STEPS if step in self._rows]
 
     def lines(self) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Run the steps from videos to a motion, and keep results with the same inputs."""
+"""Run the steps from videos to a motion, and reuse results with the same inputs."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ from solver_backend.videos.sync.synchronise import synchronise
 from solver_backend.videos.video_detections import VERSION
 
 T = TypeVar("T")
-FOUND_SHARE = 0.5  # Least share of a video's pictures that show a person without a warning. Chosen by hand.
+FOUND_SHARE = 0.5  # Smallest fraction of a video's images with a person that causes no warning. Chosen by hand.
 
 
 def hands_found(capture: Capture, detector: DetectorChoice | None) -> list[Diagnostic]:
-    """Report the share of frames with each hand in two views, or in the only one."""
+    """Report the fraction of frames in which each hand is found in two views, or in the only view."""
     if detector is None or capture.keypoints is None or capture.keypoints.hands is None:
         return []
     shares, views = seen_by(capture, capture.least_views), "one" if capture.least_views == 1 else "two"
@@ -58,13 +58,13 @@ def hands_found(capture: Capture, detector: DetectorChoice | None) -> list[Diagn
 
 
 def made_of_hands(detector: DetectorChoice | None) -> list[str]:
-    """Return the inputs of a capture that the hand model adds."""
+    """Return the inputs that the hand model adds to a capture."""
     model = None if detector is None else Path(str(detector.options["model"]))
     return [] if model is None else [f"hands by {model.name}, {model.stat().st_size} bytes"]
 
 
 def run_take(found: FoundFolder, plan: TakePlan, settings: PipelineSettings, progress: Progress = silent) -> Steps:
-    """Run the steps of one take, write ``road.json`` and pictures after each one, and return the reports."""
+    """Run the steps of one take and return the reports. Write ``road.json`` and images after each step."""
     check_output(plan.output("capture"), overwrite=True)
     run = _TakeRun(found, plan, settings, progress)
     for step in STEPS[: STEPS.index(settings.until) + 1]:
@@ -73,7 +73,7 @@ def run_take(found: FoundFolder, plan: TakePlan, settings: PipelineSettings, pro
 
 
 class _TakeRun:
-    """State of one take. One method per step, in the order of ``STEPS``."""
+    """State of one take, with one method per step in the order of ``STEPS``."""
 
     def __init__(self, found: FoundFolder, plan: TakePlan, settings: PipelineSettings, progress: Progress) -> None:
         self._found, self._plan, self._settings, self._progress = found, plan, settings, progress
@@ -108,7 +108,7 @@ class _TakeRun:
         self.steps.report("detect", "kept" if kept else "made", found, [drawn])
 
     def _show(self, glances: Sequence[Glance], path: Path) -> None:
-        """Draw the newest pictures. A preview that cannot be written ends no detection."""
+        """Draw the newest images. If a preview cannot be written, the detection continues."""
         with suppress(MocapError):
             self._records.made(path, "unfinished")
             names = dict(zip(self._plan.take.videos, self._plan.take.cameras, strict=True))
@@ -250,7 +250,7 @@ class _TakeRun:
     def _result(
         self, step: str, made_of: Any, read: Callable[[Path], T], make: Callable[[], T], write: Callable[..., Any]
     ) -> tuple[T, str]:
-        """Read the result of a step if its inputs have not changed, or else make and write it. Return its state too."""
+        """Read the result of a step if its inputs have not changed, else make and write it. Also return its state."""
         path = self._plan.output(step)
         if step not in self._settings.redo and self._records.is_made(path, made_of):
             return read(path), "kept"

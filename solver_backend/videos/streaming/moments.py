@@ -1,4 +1,4 @@
-"""Read running cameras, or videos in their place, and join their newest detections into moments."""
+"""Read running cameras, or videos instead, and join their newest detections by time."""
 
 from __future__ import annotations
 
@@ -26,30 +26,30 @@ from solver_backend.videos.files.video import VideoUnreadable, decoded_pictures,
 
 @dataclass(frozen=True)
 class LivePicture:
-    """A picture of one camera, decoded on demand."""
+    """An image from one camera, decoded on demand."""
 
-    number: int  # Index of the picture.
-    time_s: float  # Seconds on the clock that all cameras share.
-    arrived: float  # ``time.perf_counter()`` when it arrived, or when a replay is due.
-    rgb: Callable[[], np.ndarray]  # Returns (H, W, 3) uint8.
+    number: int  # Index of the image.
+    time_s: float  # Seconds on the clock of all cameras.
+    arrived: float  # ``time.perf_counter()`` on arrival, or at the due time of a replay.
+    rgb: Callable[[], np.ndarray]  # Returns the (H, W, 3) uint8 image.
 
 
 class PictureSource(Protocol):
     """A camera, or a video that replaces one."""
 
     name: str
-    size: tuple[int, int]  # Width and height in pixels, known once it is open.
-    fps: float  # Pictures per second, known once it is open.
+    size: tuple[int, int]  # Width and height in pixels, known after opening.
+    fps: float  # Images per second, known after opening.
 
     def open(self) -> None:
         """Connect. Raise ``MocapError`` if it is missing."""
 
     def pictures(self, start: float) -> Iterator[LivePicture]:
-        """Yield pictures as they come until the end. The shared clock is 0 at ``start`` (``time.perf_counter()``)."""
+        """Yield images as they arrive until the end. The shared clock is 0 at ``start`` (``time.perf_counter()``)."""
         ...
 
     def close(self) -> None:
-        """Stop. May be called several times, and from another thread."""
+        """Stop. Can be called several times, and from another thread."""
 
 
 SIZE, FPS = (1280, 720), 30.0  # Requested size and rate of a webcam, which may differ.
@@ -58,7 +58,7 @@ _FORMATS = {"linux": ("v4l2", "/dev/video{}"), "darwin": ("avfoundation", "{}"),
 
 
 class Webcam:
-    """A camera by its number. Pictures have their times of arrival."""
+    """A camera with a number. Images are stamped with their time of arrival."""
 
     def __init__(self, name: str, index: int) -> None:
         self.name, self.index = name, index
@@ -113,7 +113,7 @@ class Webcam:
         self._next, self._close = read, container.close
 
     def pictures(self, start: float) -> Iterator[LivePicture]:
-        """Yield pictures as they come, until the camera is unplugged."""
+        """Yield images as they arrive, until the camera is unplugged."""
         number = 0
         while self._next is not None and (rgb := self._next()) is not None:
             arrived = time.perf_counter()
@@ -146,7 +146,7 @@ class ReplayedVideo:
         self._length_s = float(info.times_s[-1] - info.times_s[0]) + 1.0 / max(info.fps, 1.0)
 
     def pictures(self, start: float) -> Iterator[LivePicture]:
-        """Yield each picture when it is due, or late if it is decoded late."""
+        """Yield each image when it is due, or later if decoding is late."""
         number, late_s = 0, 0.0
         while not self._closed.is_set():
             for time_s, picture in decoded_pictures(self.path):
@@ -165,12 +165,12 @@ class ReplayedVideo:
         self._closed.set()
 
 
-KEPT = 4  # Number of recent pictures per camera, so that all cameras have one of the same moment. Chosen by hand.
+KEPT = 4  # Number of recent images per camera, so that all cameras have a simultaneous one. Chosen by hand.
 MakeDetector = Callable[[], AbstractContextManager[PoseDetector]]  # Creates the detector of one camera.
 
 
 class LiveView:
-    """A camera and its detector. Hold the condition to read it."""
+    """A camera and its detector. Acquire the condition before reading its fields."""
 
     def __init__(self, source: PictureSource, make: MakeDetector, changed: threading.Condition) -> None:
         self.source, self._make, self.changed = source, make, changed
@@ -188,11 +188,11 @@ class LiveView:
         threading.Thread(target=self._detect, name=f"detect {self.source.name}", daemon=True).start()
 
     def begin(self, start: float) -> None:
-        """Read pictures on a clock that is 0 at ``start``."""
+        """Read images on a clock that is 0 at ``start``."""
         threading.Thread(target=self._read, args=(start,), name=f"film {self.source.name}", daemon=True).start()
 
     def ask(self, moment: int, picture: LivePicture) -> None:
-        """Request the detection of a picture. The caller owns the condition."""
+        """Request the detection of an image. The caller holds the condition."""
         self.busy, self.used = True, moment
         self._asked.put((moment, picture))
 
@@ -247,20 +247,20 @@ class LiveView:
             self.changed.notify_all()
 
 
-FEWEST = 2  # Fewest views of a triangulation.
-_NEW = 0.2  # Weight of a new moment in the running mean of the time.
-_EASY = 0.8  # A view is added if the moment then takes less than this share of the interval.
+FEWEST = 2  # Fewest views for triangulation.
+_NEW = 0.2  # Weight of a new duration in the running mean.
+_EASY = 0.8  # A view is added if this fraction of the interval then suffices.
 
 
 class ViewBudget:
-    """Number of views that are detected at a time. It starts with all of them."""
+    """Number of views to detect at a time. It starts with all views."""
 
     def __init__(self, views: int, interval_s: float) -> None:
         self.most, self.interval_s, self.count = views, interval_s, views
         self._usual_s: float | None = None
 
     def took(self, count: int, seconds: float) -> None:
-        """Update the mean time of a moment with this many views. Ignore moments of another number."""
+        """Update the mean duration of a detection with this many views. Other numbers of views are ignored."""
         if count != self.count:
             return
         before = self._usual_s
@@ -276,26 +276,26 @@ class ViewBudget:
         self.count = count
 
 
-RATE_HZ = 30.0  # Most moments per second, also of faster cameras.
-SAME_SHARE = 0.6  # Largest time difference of pictures of one moment, as a share of the picture interval.
-STALL_S = 0.15  # Longest wait for a camera or its detector while two other views are there, in seconds.
-BEHIND_S = 2.0  # A camera is reported once if its newest picture is older, in seconds.
-READY_S = 120.0  # Time limit for starting the detectors, in seconds.
-AHEAD_S = 0.05  # Time from readiness to the start of the shared clock, in seconds.
-_LOOK_S = 0.05  # Longest uninterrupted wait, in seconds.
+RATE_HZ = 30.0  # Largest rate of detected times, also with faster cameras.
+SAME_SHARE = 0.6  # Largest time difference of simultaneous images, relative to the image interval.
+STALL_S = 0.15  # Longest wait in seconds for a camera or its detector while two other views are ready.
+BEHIND_S = 2.0  # A camera is reported once if its newest image is older than this, seconds.
+READY_S = 120.0  # Time limit in seconds for starting the detectors.
+AHEAD_S = 0.05  # Seconds from readiness to the start of the shared clock.
+_LOOK_S = 0.05  # Longest uninterrupted wait in seconds.
 
 
 @dataclass
 class MomentCounts:
-    """Counts of moments and views."""
+    """Counts of detected times and views."""
 
     moments: int = 0
-    dropped: int = 0  # Number of filmed moments without detection.
-    views_left_out: int = 0  # Number of views that were skipped at a detected moment.
+    dropped: int = 0  # Number of recorded times without detection.
+    views_left_out: int = 0  # Number of views that were skipped at a detected time.
 
 
 class LiveMoments:
-    """Running cameras and detectors. A context manager that ends them."""
+    """Running cameras and detectors, as a context manager that stops them."""
 
     def __init__(self, sources: Sequence[PictureSource], make: MakeDetector, rate_hz: float = RATE_HZ) -> None:
         self._changed = threading.Condition()
@@ -345,9 +345,9 @@ class LiveMoments:
                 self._changed.wait(_LOOK_S)
 
     def moments(self) -> Iterator[ViewMoment | EventLine]:
-        """Yield moments, and events about cameras, until fewer than two remain.
+        """Yield moments, and events about cameras, until fewer than two cameras remain.
 
-        While a moment is fitted, the next one is detected.
+        While a moment is solved, the next one is detected.
         """
         start = time.perf_counter() + AHEAD_S
         for view in self.views:
@@ -366,7 +366,7 @@ class LiveMoments:
                 yield found
 
     def _ask(self, *, wait: bool) -> tuple[dict[int, LivePicture], float] | None:
-        """Request the detection of the next moment. Return its pictures by view, and the time.
+        """Request the detection of the next moment. Return its images by view, and the time.
 
         Return None if there is no moment yet, or if a camera must be reported first.
         """
@@ -390,7 +390,7 @@ class LiveMoments:
             return chosen, time.perf_counter()
 
     def _chosen(self, now: float) -> dict[int, LivePicture]:
-        """Return the pictures of the next moment by view, or nothing. The idle views that waited longest come first."""
+        """Return the images of the next moment by view, or nothing. The idle views that waited longest come first."""
         there = [c for c, view in enumerate(self.views) if view.newest and not view.ended]
         prompt = [c for c in there if now - self.views[c].newest[-1].arrived < STALL_S + self._interval_s]
         idle = sorted((c for c in prompt if not self.views[c].busy), key=lambda c: self.views[c].used)

@@ -22,19 +22,19 @@ from solver_backend.types import NUM_BETAS, Cameras, Capture, JointSet, Keypoint
 from solver_backend.videos.sync.clocks import at_times
 
 _FORMAT, _VERSION = "manifold_mocap_live_views", 2
-_TURNS = 3 * (1 + NUM_BODY_JOINTS)  # Numbers of a pose: axis-angles of the root and the body's joints.
+_TURNS = 3 * (1 + NUM_BODY_JOINTS)  # Numbers per pose: rotation vectors of the root and the body joints.
 
 
 @dataclass(frozen=True)
 class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]]):
-    """Moments of live cameras, from the first on. Becomes ``TAKE.npz`` and, if there was a pose, ``TAKE_live.npz``.
+    """Moments of live cameras from the first one. They become ``TAKE.npz`` and, if there is a pose, ``TAKE_live.npz``.
 
-    The first file is a capture of the keypoints at one rate. The second has the live poses at the same frames, for a
-    solve to start from. Every row has the cameras' poses at that time, because the world may become known late.
+    The first file is a capture of the keypoints at a constant rate. The second has the live poses of the same frames
+    for the start of a solve. Every row contains the camera poses at that time, because the world may become known late.
     """
 
     pieces: ClassVar[str] = "moments"
-    session: ViewsSession | None = None  # The session that is recorded. None to finish what another run left.
+    session: ViewsSession | None = None  # Session to record. None to finish the recording of an earlier run.
     source: str = ""
 
     def head(self) -> bytes:
@@ -47,7 +47,7 @@ class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]])
         return recordings.pack_head(_FORMAT, _VERSION, body=body, source=self.source, joint_set=joint_set, **described)
 
     def encode(self, moment: ViewMoment, line: FrameLine | None) -> bytes:
-        """Return the row of a moment and its line, which may be None."""
+        """Return the row of a moment and of its line, which may be None."""
         session = self.session
         assert session is not None
         cameras, count = session.cameras, session.joint_set.num_keypoints
@@ -60,7 +60,7 @@ class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]])
         return recordings.pack_row([moment.time], moment.times, cameras.R, cameras.t, pose, who, *seen)
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
-        """Write the capture and the live motion, see ``RecordingFormat``. Nothing where no person was ever seen."""
+        """Write the capture and the live motion, see ``RecordingFormat``. Write nothing if no person was detected."""
         head, rows = recordings.read_rows(recording, _FORMAT, _VERSION, lambda head: sum(_widths(head)))
         rows = recordings.ascending_rows(rows, recording) if len(rows) else rows
         parts = np.split(rows, np.cumsum(_widths(head))[:-1], axis=1) if len(rows) else [np.zeros((0, 1))] * 8
@@ -116,7 +116,7 @@ def _cameras(head: dict[str, Any], R: np.ndarray, t: np.ndarray) -> Cameras:
 def _view(
     seen_s: np.ndarray, xy: np.ndarray, confidence: np.ndarray, frames: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return one view's (F, K, 2) px and (F, K) confidence at even times. Missing where it was skipped for long."""
+    """Return one view's (F, K, 2) px and (F, K) confidence at regular times. Long interruptions are missing."""
     there = np.flatnonzero(np.isfinite(seen_s))
     there = there[np.concatenate([[True], np.diff(seen_s[there]) > 1e-4])] if len(there) else there
     placed = partial(at_times, times_s=seen_s[there], wanted_s=frames)

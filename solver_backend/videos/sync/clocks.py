@@ -15,44 +15,44 @@ from solver_backend.exchange.errors import FileDamaged, MocapError
 from solver_backend.exchange.plausible import LATEST_S
 from solver_backend.io.files import read_json
 
-LEAST_CORRELATION = 0.25  # Least correlation of pieces and wholes.
-LEAST_OVERLAP = 0.3  # Least overlap of a lag, as a share of the shorter signal.
-RATE_SIGMA = 25e-6  # Prior deviation of a camera's rate: quartz keeps within 50 ppm.
-ROUNDS = 5  # Rounds of reweighting, chosen by hand.
-HUBER_SIGMAS = 2.0  # Scale of the Huber weights, in spreads, chosen by hand.
+LEAST_CORRELATION = 0.25  # Smallest correlation of pieces and whole signals.
+LEAST_OVERLAP = 0.3  # Smallest overlap at a lag, relative to the shorter signal.
+RATE_SIGMA = 25e-6  # Prior standard deviation of a camera's rate. Quartz clocks stay within 50 ppm.
+ROUNDS = 5  # Reweighting iterations, chosen by hand.
+HUBER_SIGMAS = 2.0  # Scale of the Huber weights in standard deviations, chosen by hand.
 
 
 @dataclass(frozen=True)
 class Signal:
-    """N samples of D channels."""
+    """A signal with N samples of D channels."""
 
-    values: np.ndarray  # (N, D), finite, zero mean.
+    values: np.ndarray  # (N, D) finite values with zero mean.
     rate_hz: float  # Samples per second.
-    start_s: float = 0.0  # When the first sample was taken.
+    start_s: float = 0.0  # Time of the first sample.
 
 
 @dataclass(frozen=True)
 class PairLag:
-    """Lead of a second signal's clock over a first one's: ``lag + rate (t - middle)`` seconds."""
+    """Lead of the second signal's clock over the first one's: ``lag + rate (t - middle)`` seconds."""
 
-    lag_s: float  # At ``middle_s``.
+    lag_s: float  # Lag at ``middle_s``.
     rate: float  # Seconds per second.
-    covariance: np.ndarray  # (2, 2) of both.
-    middle_s: float  # On the first one's clock.
-    correlation: float  # Of the wholes at the lag, -1 to 1.
+    covariance: np.ndarray  # (2, 2) covariance of lag and rate.
+    middle_s: float  # Time on the first clock.
+    correlation: float  # Correlation of the whole signals at the lag, -1 to 1.
 
 
 def pair_lag(first: Signal, second: Signal, *, reach_s: float, piece_s: float, floor_s: float) -> PairLag | None:
-    """Return the lag of two signals of the same rate. None where they do not agree.
+    """Return the lag of two signals with the same sample rate. None if they do not agree.
 
-    Time t on the first clock is ``t + lag`` on the second. The wholes are correlated by FFT, normalised by the
-    overlapping energies, then every piece near that lag, with its peak by a parabola. A robust line through the pieces,
-    with the crystal's prior on its slope, gives lag and rate.
+    Time t on the first clock is ``t + lag`` on the second. The whole signals are correlated by FFT and normalised by
+    the overlapping energies. Then every piece is correlated near that lag, with parabolic peak interpolation. A robust
+    line through the pieces, with the quartz prior on its slope, gives lag and rate.
 
     Args:
-        first: with (N, D) values.
-        second: with (M, D) values.
-        floor_s: least standard deviation, such as the delay of sound or a picture's interval.
+        first: signal with (N, D) values.
+        second: signal with (M, D) values.
+        floor_s: smallest standard deviation in seconds, such as the delay of sound or an image interval.
 
     Reference: Knapp and Carter 1976 (delay by correlation); Huber 1964 (the robust line).
     """
@@ -86,11 +86,11 @@ def pair_lag(first: Signal, second: Signal, *, reach_s: float, piece_s: float, f
 def line_fit(
     at_s: np.ndarray, lag_s: np.ndarray, weight: np.ndarray, middle_s: float, floor_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return lag at the middle and rate, (2,), and their (2, 2) covariance, of the robust line through pieces' lags.
+    """Fit a robust line through the lags of pieces. Return lag at the middle and rate (2,) with covariance (2, 2).
 
     Args:
         weight: (N,) correlations.
-        middle_s: time of the stated lag.
+        middle_s: time of the returned lag.
         floor_s: standard deviation common to all pieces.
     """
     basis = np.stack([np.ones_like(at_s), at_s - middle_s], axis=1)
@@ -113,7 +113,7 @@ def line_fit(
 def _correlation(
     a: np.ndarray, b: np.ndarray, shift_s: float, reach_s: float | None, rate_hz: float
 ) -> tuple[float, float] | None:
-    """Return the lag of b behind a in seconds and its normalised correlation. None where nothing overlaps enough."""
+    """Return the lag of b behind a in seconds and its normalised correlation. None if the overlap is too small."""
     size = 1 << int(np.ceil(np.log2(len(a) + len(b))))
     product = np.fft.irfft(np.fft.rfft(b, size, axis=0) * np.conj(np.fft.rfft(a, size, axis=0)), size, axis=0).sum(-1)
     lags = np.arange(-(len(a) - 1), len(b))
@@ -128,7 +128,7 @@ def _correlation(
     lags, low, high = lags[usable], low[usable], high[usable]
     energy = (energy_a[high] - energy_a[low]) * (energy_b[high + lags] - energy_b[low + lags])
     score = product[lags % size] / np.sqrt(np.maximum(energy, 1e-30))
-    # Long overlaps are surer than short ones that agree by chance.
+    # Long overlaps are more reliable than short ones that agree by chance.
     sure = score * np.sqrt((high - low) / (high - low).max())
     best = int(np.argmax(sure))
     fraction = _vertex(score[best - 1 : best + 2]) if 0 < best < len(score) - 1 else 0.0
@@ -142,11 +142,11 @@ def _vertex(three: np.ndarray) -> float:
 
 
 def convolved(values: np.ndarray, kernel: np.ndarray, axis: int = 0) -> np.ndarray:
-    """Return values convolved along an axis with an odd symmetric kernel. Their number stays. Zeros follow the ends.
+    """Convolve values along an axis with an odd symmetric kernel and zero padding. The length does not change.
 
     Args:
-        values: any shape, however short.
-        kernel: (2 n + 1,).
+        values: array of any shape, however short.
+        kernel: (2 n + 1,) weights.
     """
     reach = len(kernel) // 2
 
@@ -157,7 +157,7 @@ def convolved(values: np.ndarray, kernel: np.ndarray, axis: int = 0) -> np.ndarr
 
 
 def smoothed(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Return (N, ...) values after a Gaussian over the known ones, NaN where less than half of it is known.
+    """Smooth (N, ...) values with a Gaussian over the known ones. NaN where less than half of the weight is known.
 
     Args:
         values: NaN where unknown.
@@ -173,43 +173,43 @@ class SyncUnknown(MocapError):
     """The recording does not show how the clocks of the cameras differ."""
 
 
-IN_SYNC_SIGMAS = 2.0  # Standard deviations up to which a clock's difference is none: 95 %.
+IN_SYNC_SIGMAS = 2.0  # A clock difference within this many standard deviations counts as zero (95 %).
 LARGEST_SIGMA_S = 1e-3
-"""A clock with a larger deviation is not called in sync. A wrist at 3 m/s moves 3 mm in this time."""
+"""Largest standard deviation of a clock in sync. A wrist at 3 m/s moves 3 mm in this time."""
 
 
 @dataclass(frozen=True)
 class Clocks:
-    """Clocks of C cameras: time t is in camera c's video at ``t + offset_c + rate_c (t - t0)``.
+    """Clocks of C cameras. Time t is ``t + offset_c + rate_c (t - t0)`` in camera c's video.
 
-    Videos' clocks begin with their first picture. All use the first camera's clock: its offset and rate are 0.
+    Each video's clock starts at its first image. The reference is the first camera's clock, with offset and rate 0.
     """
 
     names: tuple[str, ...]  # Names of the cameras.
     offset_s: np.ndarray  # (C,) seconds at ``middle_s``.
-    rate: np.ndarray  # (C,) seconds per second; 1e-6 is one part in a million.
-    covariance: np.ndarray  # (C, 2, 2) of offset and rate. NaN where unknown.
+    rate: np.ndarray  # (C,) seconds per second. 1e-6 is one part in a million.
+    covariance: np.ndarray  # (C, 2, 2) covariance of offset and rate, NaN where unknown.
     middle_s: float  # t0, seconds.
     method: str = "as filmed"  # Method of the estimate.
     findings: tuple[Diagnostic, ...] = ()  # Warnings for the user.
 
     @classmethod
     def alike(cls, names: tuple[str, ...]) -> Clocks:
-        """Return clocks that agree: cameras that were started together by wire or software."""
+        """Return equal clocks, for cameras that were started together by wire or software."""
         count = len(names)
         return cls(names, np.zeros(count), np.zeros(count), np.zeros((count, 2, 2)), 0.0)
 
     def in_video(self, camera: int, times_s: np.ndarray) -> np.ndarray:
-        """Return these times on a camera's clock."""
+        """Convert times to a camera's clock."""
         return times_s + self.offset_s[camera] + self.rate[camera] * (times_s - self.middle_s)
 
     def from_video(self, camera: int, times_s: np.ndarray) -> np.ndarray:
-        """Return the times of a camera's clock on the common clock, the inverse of ``in_video``."""
+        """Convert times of a camera's clock to the common clock, the inverse of ``in_video``."""
         late = times_s - self.offset_s[camera] - self.middle_s
         return self.middle_s + late / (1.0 + self.rate[camera])
 
     def notes(self) -> tuple[Diagnostic, ...]:
-        """Return notes on each camera's clock, none if the cameras are used as filmed."""
+        """Return notes on each camera's clock, none if the cameras are used as recorded."""
         if self.method == "as filmed":
             return ()
         sigma = np.sqrt(self.covariance[:, (0, 1), (0, 1)])
@@ -224,7 +224,7 @@ class Clocks:
         return tuple(found)
 
     def _in_sync(self, camera: int) -> bool:
-        """Return whether a clock equals the first one within a small uncertainty."""
+        """Return whether a clock equals the first one with a small uncertainty."""
         found = np.array([self.offset_s[camera], self.rate[camera]])
         sigma = np.sqrt(np.diag(self.covariance[camera]))
         sure = sigma[0] <= LARGEST_SIGMA_S and (np.abs(found) <= IN_SYNC_SIGMAS * sigma).all()
@@ -240,7 +240,7 @@ class Clocks:
 
 
 def read_clocks(path: Path) -> Clocks:
-    """Read the clocks that ``as_dict`` has written.
+    """Read clocks that ``as_dict`` wrote.
 
     Raises:
         FileMissing, FileDamaged: there is no such file, or it has no clocks.
@@ -264,17 +264,17 @@ def read_clocks(path: Path) -> Clocks:
         ) from error
 
 
-CONTRADICTION_S = 0.05  # Least deviation of a wrong pair's lag from the others.
+CONTRADICTION_S = 0.05  # Smallest deviation of a wrong pair's lag from the others, seconds.
 
 
 def clocks_of_pairs(names: tuple[str, ...], pairs: Mapping[tuple[int, int], PairLag], method: str) -> Clocks:
-    """Return the clocks that fit the lags of pairs (i, j) best.
+    """Return the clocks that best fit the lags of pairs (i, j).
 
-    Pairs enter by their information. The pair that contradicts the rest most is excluded until none does. Every camera
-    must be connected with the first.
+    Pairs are weighted by their information. The most contradictory pair is excluded until none contradicts the others.
+    Every camera must be connected to the first.
 
     Raises:
-        SyncUnknown: a camera is connected by no pair.
+        SyncUnknown: no pair connects a camera.
     """
     kept, findings = dict(pairs), list[Diagnostic]()
     middle_s = float(np.median([p.middle_s for p in pairs.values()])) if pairs else 0.0
@@ -297,14 +297,14 @@ def clocks_of_signals(
     names: tuple[str, ...], signals: Sequence[Signal], method: str, *, reach_s: float, piece_s: float, floor_s: float,
     least: float = 0.0,
 ) -> Clocks:  # fmt: skip
-    """Return the clocks of cameras by signals of the same rate, see ``pair_lag``.
+    """Estimate camera clocks from signals with the same sample rate, see ``pair_lag``.
 
     Args:
-        floor_s: least standard deviation of a lag.
+        floor_s: smallest standard deviation of a lag in seconds.
         least: correlation that a pair must exceed.
 
     Raises:
-        SyncUnknown: a camera agrees with no other one.
+        SyncUnknown: a camera agrees with no other camera.
     """
     pairs = dict[tuple[int, int], PairLag]()
     for i, j in combinations(range(len(names)), 2):
@@ -319,7 +319,7 @@ def _at(pair: PairLag, middle_s: float) -> float:
 
 
 def _solved(count: int, pairs: Mapping[tuple[int, int], PairLag], middle_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return offsets and rates (C, 2) and covariances (C, 2, 2), the first camera's zero."""
+    """Return offsets and rates (C, 2) and covariances (C, 2, 2). The first camera's are zero."""
     normal, right = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
     for (i, j), pair in pairs.items():
         moved = np.array([[1.0, middle_s - pair.middle_s], [0.0, 1.0]])
@@ -337,7 +337,7 @@ def _solved(count: int, pairs: Mapping[tuple[int, int], PairLag], middle_s: floa
 
 
 def _connected(count: int, pairs: Mapping[tuple[int, int], PairLag]) -> set[int]:
-    """Return all cameras if they are connected, else nothing."""
+    """Return all cameras if they are connected, otherwise none."""
     reached = {0}
     for _ in range(count):
         reached |= {b for pair in pairs for a, b in (pair, pair[::-1]) if a in reached}
@@ -356,17 +356,17 @@ def _require_connected(names: tuple[str, ...], pairs: Mapping[tuple[int, int], P
     )
 
 
-EXACT_SHARE = 0.01  # A moment this near a picture, as a share of the interval, is that picture.
-LONGEST_GAP_S = 0.1  # Largest interval of pictures that are interpolated.
+EXACT_SHARE = 0.01  # A time this close to an image, relative to the interval, uses that image.
+LONGEST_GAP_S = 0.1  # Largest interval between images that are interpolated.
 
 
 def common_times(first_to_last: Sequence[tuple[float, float]], clocks: Clocks, fps: float) -> np.ndarray:
-    """Return (F,) moments of all videos, 1/fps apart. Empty without any.
+    """Return (F,) times that all videos cover, 1/fps apart. Empty if there are none.
 
-    They begin with a picture of the video that starts last, so that detections of cameras in step do not change.
+    They begin with an image of the video that starts last, so that detections of synchronous cameras do not change.
 
     Args:
-        first_to_last: each video's first and last time on its own clock, which begins with its first picture.
+        first_to_last: first and last time of each video on its clock, which starts at its first image.
     """
     spans = [clocks.from_video(c, np.array(span)) for c, span in enumerate(first_to_last)]
     start, stop = max(span[0] for span in spans), min(span[1] for span in spans)
@@ -374,12 +374,12 @@ def common_times(first_to_last: Sequence[tuple[float, float]], clocks: Clocks, f
 
 
 def at_times(values: np.ndarray, times_s: np.ndarray, wanted_s: np.ndarray) -> np.ndarray:
-    """Return (N, ...) values at moments, linear between neighbouring pictures. NaN where one is missing.
+    """Interpolate values linearly between neighbouring images, (N, ...). NaN if one of them is missing.
 
     Args:
-        values: (F, ...), NaN where missing.
-        times_s: (F,) ascending, uneven if the rate is.
-        wanted_s: (N,). Times beyond the first and last picture give NaN.
+        values: (F, ...) values, NaN where missing.
+        times_s: (F,) ascending times, irregular if the frame rate varies.
+        wanted_s: (N,) times. Those beyond the first and last image give NaN.
     """
     if len(times_s) < 2:
         return np.full((len(wanted_s), *values.shape[1:]), np.nan)

@@ -1,4 +1,4 @@
-"""Compute signals that show differences of camera clocks: speeds of keypoints, and sound."""
+"""Compute signals that reveal differences of camera clocks: keypoint speeds and sound."""
 
 from __future__ import annotations
 
@@ -9,32 +9,32 @@ from solver_backend.types import JointSet
 from solver_backend.videos.files.video import Sound
 from solver_backend.videos.sync.clocks import Clocks, Signal, at_times, clocks_of_signals, smoothed
 
-BY_SPEEDS = "keypoint speeds"  # Method of clocks that need no calibration.
-SPEED_RATE_HZ = 120.0  # Speeds are compared at so many moments per second.
+BY_SPEEDS = "keypoint speeds"  # Method for clocks that needs no calibration.
+SPEED_RATE_HZ = 120.0  # Rate at which speeds are compared.
 PIECE_S = 6.0  # Length of a compared piece.
-SPEED_FLOOR_S = 0.002  # Shift of a speed's peak by perspective.
-SPEED_CLIP = 4.0  # Spreads at which a speed is clipped: with 3, clocks of mostly still takes are 30 % worse.
+SPEED_FLOOR_S = 0.002  # Shift of a speed peak by perspective.
+SPEED_CLIP = 4.0  # Clipping limit in standard deviations. With 3, clocks of mostly still takes are 30 % worse.
 SPEED_SMOOTHING_S = 0.04  # Standard deviation of the smoothing, the same for all cameras.
 
 
 def clocks_by_speeds(
     names: tuple[str, ...], tracks: list[np.ndarray], times_s: list[np.ndarray], joint_set: JointSet, reach_s: float
 ) -> Clocks:
-    """Return the clocks of cameras that film one person, by upward speeds.
+    """Estimate the clocks of cameras that record one person, from upward speeds.
 
     Args:
-        tracks: (F_c, K, 2) px of the person in each view, NaN where missing.
-        times_s: (F_c,) of each view, from its first picture.
+        tracks: (F_c, K, 2) keypoints of the person in each view in px, NaN where missing.
+        times_s: (F_c,) times of each view from its first image.
 
     Raises:
-        SyncUnknown: two views do not agree at any lag.
+        SyncUnknown: two views agree at no lag.
     """
     signals = [speeds(track, when, joint_set) for track, when in zip(tracks, times_s, strict=True)]
     return clocks_of_signals(names, signals, BY_SPEEDS, reach_s=reach_s, piece_s=PIECE_S, floor_s=SPEED_FLOOR_S)
 
 
 def speeds(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signal:
-    """Return the upward speed of each limb's keypoint in pixels per second. 0 where unknown."""
+    """Return the upward speed of each limb's keypoint in pixels per second, 0 where unknown."""
     columns = limb_keypoints(joint_set)
     wanted = times_s[0] + np.arange(int((times_s[-1] - times_s[0]) * SPEED_RATE_HZ) + 1) / SPEED_RATE_HZ
     if len(wanted) < 2:
@@ -47,14 +47,14 @@ def speeds(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signa
     return Signal(clipped - clipped.mean(axis=0), SPEED_RATE_HZ, float(times_s[0]))
 
 
-SOUND_RATE_HZ = 2000  # Samples per second of the onsets: half a millisecond, and peaks are found between samples.
+SOUND_RATE_HZ = 2000  # Samples of the onsets per second. Peaks are located between samples.
 BANDS_HZ = ((100.0, 400.0), (400.0, 1600.0), (1600.0, 6400.0))
-SOUND_FLOOR_S = 0.005  # Sound needs 3 ms for a metre, and microphones stand some metres apart.
-SOUND_SMOOTHING_S = 0.002  # Standard deviation of the smoothing of loudness, seconds, chosen by hand.
+SOUND_FLOOR_S = 0.005  # Sound needs 3 ms per metre, and microphones are some metres apart.
+SOUND_SMOOTHING_S = 0.002  # Standard deviation of the loudness smoothing in seconds, chosen by hand.
 
 
 def onsets(sound: Sound) -> Signal:
-    """Return how fast the logarithm of the loudness rises in three bands, independent of a microphone's gain.
+    """Return the rate of increase of log-loudness in three bands. It does not depend on a microphone's gain.
 
     ``max(0, d/dt log(e + e₀))`` with e the envelope of a band and e₀ its median.
 

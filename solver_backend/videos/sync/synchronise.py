@@ -19,22 +19,22 @@ from solver_backend.videos.sync.clocks import RATE_SIGMA, Clocks, SyncUnknown, a
 from solver_backend.videos.sync.signals import PIECE_S, SOUND_FLOOR_S, clocks_by_speeds, onsets
 from solver_backend.videos.video_detections import VideoDetections
 
-MOST_FRAMES = 4000  # Frames that delays are refined on.
+MOST_FRAMES = 4000  # Most frames for refining delays.
 
 
 @dataclass(frozen=True)
 class FilmedTracks:
-    """One person in C views on their own clocks."""
+    """One person in C views with separate clocks."""
 
     cameras: Cameras  # C calibrated cameras.
-    tracks: list[np.ndarray]  # (F_c, K, 2) px, NaN where missing.
-    times_s: list[np.ndarray]  # (F_c,) from each video's first picture.
-    joint_set: JointSet  # Names of the K keypoints.
-    fps: float  # Pictures per second that all are compared at.
+    tracks: list[np.ndarray]  # (F_c, K, 2) keypoints in px, NaN where missing.
+    times_s: list[np.ndarray]  # (F_c,) times from each video's first image, seconds.
+    joint_set: JointSet  # Joint set of the K keypoints.
+    fps: float  # Common frame rate for comparison.
 
 
 def clocks_by_geometry(filmed: FilmedTracks, reach_s: float) -> Clocks:
-    """Return the clocks of calibrated cameras, see ``estimate_delays``.
+    """Estimate the clocks of calibrated cameras, see ``estimate_delays``.
 
     Raises:
         SyncUnknown: too little moves, or the views agree at no offset.
@@ -66,25 +66,25 @@ def clocks_by_geometry(filmed: FilmedTracks, reach_s: float) -> Clocks:
 
 
 WAYS = ("auto", "keypoints", "sound", "none")
-"""Methods. ``auto`` uses keypoints, or sound if those show nothing."""
-REACH_S = 6.5  # Largest offset.
+"""Methods. ``auto`` uses keypoints, or sound if keypoints are not sufficient."""
+REACH_S = 6.5  # Largest offset in seconds.
 IN_STEP_FRAMES = 1.0
-"""Largest offset of cameras in step, beside ``SIGMAS`` deviations. Hands never start four cameras within a frame. The
-solve corrects the rest."""
+"""Largest offset of synchronous cameras in frames, in addition to ``SIGMAS`` standard deviations. Four cameras started
+by hand are never within a frame. The solve corrects the rest."""
 ROLLING_SHUTTER = diagnostic("rolling_shutter")
 
 
 def synchronise(
     found: Sequence[VideoDetections], cameras: Cameras | None, way: str = "auto", progress: Progress = silent
 ) -> Clocks:
-    """Return the clocks of the cameras of a take.
+    """Estimate the clocks of the cameras of a take.
 
     Args:
-        cameras: calibrated cameras in the same order. None where there is no calibration yet.
+        cameras: calibrated cameras in the same order. None without a calibration.
 
     Raises:
-        SyncUnknown: nothing shows the clocks by it.
-        VideoWithoutSound: by sound, and a video has none.
+        SyncUnknown: the method cannot determine the clocks.
+        VideoWithoutSound: the method is sound, and a video has none.
     """
     names = tuple(item.name for item in found)
     if way not in WAYS:
@@ -101,7 +101,7 @@ def synchronise(
 
 
 def _by_what_tells(found: Sequence[VideoDetections], cameras: Cameras | None) -> Clocks:
-    """Return the clocks by keypoints, else by sound, else as filmed with a warning."""
+    """Return the clocks from keypoints, otherwise from sound, otherwise as recorded with a warning."""
     try:
         return by_keypoints(found, cameras)
     except SyncUnknown as why:
@@ -113,7 +113,7 @@ def _by_what_tells(found: Sequence[VideoDetections], cameras: Cameras | None) ->
 
 
 def by_keypoints(found: Sequence[VideoDetections], cameras: Cameras | None) -> Clocks:
-    """Return the clocks by the main person: by rays of calibrated cameras, else by speeds.
+    """Estimate the clocks from the main person: by geometry for calibrated cameras, otherwise by speeds.
 
     Raises:
         SyncUnknown: no person moves enough, or the views do not agree.
@@ -131,11 +131,11 @@ def by_keypoints(found: Sequence[VideoDetections], cameras: Cameras | None) -> C
 
 
 def by_sound(found: Sequence[VideoDetections]) -> Clocks:
-    """Return the clocks by sound.
+    """Estimate the clocks from sound.
 
     Raises:
         VideoWithoutSound: a video has no sound.
-        SyncUnknown: they heard nothing in common.
+        SyncUnknown: the recordings have no common sound.
     """
     signals = []
     for item in found:
@@ -146,13 +146,13 @@ def by_sound(found: Sequence[VideoDetections]) -> Clocks:
 
 
 def in_step(clocks: Clocks, fps: float) -> Clocks:
-    """Return the clocks, or equal ones if their differences are no more than their uncertainty.
+    """Return the clocks, or equal clocks if their differences do not exceed their uncertainty.
 
-    Detections of cameras in step are then not resampled at all.
+    Detections of synchronous cameras are then not resampled.
     """
     sigma = np.sqrt(clocks.covariance[:, 0, 0])
     allowed = np.minimum(np.maximum(SIGMAS * sigma, IN_STEP_FRAMES / fps), 2.0 * IN_STEP_FRAMES / fps)
-    # A rate that cannot be distinguished from none within the take counts as none.
+    # A rate that cannot be distinguished from zero within the take counts as zero.
     sure = np.abs(clocks.rate) > SIGMAS * np.sqrt(clocks.covariance[:, 1, 1])
     if (np.abs(clocks.offset_s) <= allowed).all() and not sure.any():
         method = f"{clocks.method}, in step" if clocks.method != "as filmed" else clocks.method

@@ -1,1 +1,1 @@
-"""The folder that a detector's process finds its package in. See ``pose_workers``."""
+"""Folder where a detector's process finds its package. See ``pose_workers``."""

@@ -1,4 +1,4 @@
-"""Square crops of pictures, and the overlap of boxes, for detectors and the search of hands."""
+"""Cut square crops from images, and measure the overlap of boxes, for detectors and the hand search."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class SquareCrop:
-    """Similarity ``x_picture = A x_crop + b`` in pixels."""
+    """Similarity transform ``x_picture = A x_crop + b`` in pixels."""
 
     A: np.ndarray
     b: np.ndarray
@@ -18,21 +18,21 @@ class SquareCrop:
     def around(
         cls, middle: np.ndarray, up: np.ndarray, length: float, side: int, centre: float, *, mirrored: bool = False
     ) -> SquareCrop:
-        """Return a crop of a middle, up direction and length in px of the picture.
+        """Return a crop with a given centre, up direction and side length in px of the image.
 
         Args:
-            side: length in pixels of the crop.
-            centre: coordinate of the middle in the crop.
+            side: side length in pixels of the crop.
+            centre: coordinate of the centre in the crop.
         """
         right = np.array([up[1], -up[0]] if mirrored else [-up[1], up[0]])
         A = np.stack([right, -up], axis=1) * (length / side)
         return cls(A, middle - A @ np.full(2, centre))
 
     def cut(self, rgb: np.ndarray, side: int, black_from: float | None) -> np.ndarray:
-        """Return the (side, side, 3) float32 crop, 0 to 255, bilinear.
+        """Return the (side, side, 3) float32 crop, 0 to 255, with bilinear interpolation.
 
         Args:
-            black_from: distance in px from the last pixels of the picture where black begins. None repeats the edge.
+            black_from: distance in px beyond the image edge where black begins. None repeats the edge.
         """
         high, wide = rgb.shape[:2]
         step = np.arange(side, dtype=np.float32)
@@ -61,12 +61,12 @@ class SquareCrop:
         return cut.reshape(side, side, 3)
 
     def in_picture(self, points: np.ndarray) -> np.ndarray:
-        """Return (K, 2) px of the picture from (K, 2) of the crop."""
+        """Convert (K, 2) crop pixels to image pixels."""
         return points @ self.A.T + self.b
 
 
 def direction(start: np.ndarray, end: np.ndarray, least: float) -> tuple[np.ndarray, float]:
-    """Return the unit direction and the distance between two (2,) px. The direction is up below the least distance."""
+    """Return unit direction and distance between two (2,) pixels. Below the distance ``least`` the direction is up."""
     length = float(np.hypot(*(end - start)))
     return (end - start) / length if length > least else np.array([0.0, -1.0]), length
 

@@ -1,6 +1,6 @@
-"""Run a pose model that its user describes: an ONNX or LiteRT file with heat maps, SimCC rows or coordinates.
+"""Run a user-described pose model: an ONNX or LiteRT file with heat maps, SimCC rows or coordinates.
 
-It looks at one person at a time, in the box of the last picture. See ``DEFAULTS`` for the description.
+It processes one person at a time, in the box from the previous image. See ``DEFAULTS`` for the description.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from .litert_pose import open_interpreter
 from .onnx_pose import Outputs, Run, TopDown, open_model, simcc
 from .serve import Refused, serve
 
-REQUIRED = ("model", "joint_set", "size", "decoding")  # Size is width and height of the input in pixels.
+REQUIRED = ("model", "joint_set", "size", "decoding")  # Size is the input width and height in pixels.
 DEFAULTS: dict[str, Any] = {
     "outputs": [],  # Names of the outputs to decode, by default the first ones.
     "channels": "RGB",
@@ -34,13 +34,13 @@ _CHOICES = {
     "score": ("share", "logit"),
     "udp": (False, True),
 }
-_SIZES = range(16, 4097)  # Sides of an input in pixels.
-_LARGEST = 1e6  # Bound of a number in a description. By hand.
+_SIZES = range(16, 4097)  # Allowed side lengths of an input in pixels.
+_LARGEST = 1e6  # Largest number in a description. Chosen by hand.
 HINT = "See the page on detectors that you add, which has a complete example."
 
 
 def read_description(given: dict[str, Any]) -> dict[str, Any]:
-    """Return a description with all its fields. Raise ``Refused`` and name the field that is wrong."""
+    """Return a description with all fields. Raise ``Refused`` and name an invalid field."""
     unknown = sorted(set(given) - {*REQUIRED, *DEFAULTS})
     missing = [name for name in REQUIRED if name not in given]
     if unknown or missing:
@@ -75,9 +75,9 @@ def _refused(message: str) -> Refused:
 
 
 def heat_peaks(heat: np.ndarray, size: tuple[int, int], *, udp: bool) -> np.ndarray:
-    """Return (K, 3) of heat maps (K, h, w) over a picture of a size (width, height).
+    """Return (K, 3) x, y and score from heat maps (K, h, w) over an image of ``size`` (width, height).
 
-    A peak is moved to the top of the parabola through the logarithms of it and its neighbours, which is exact for a
+    The peak is the vertex of the parabola through the logarithms of the maximum and its neighbours. This is exact for a
     Gaussian.
 
     Reference: Zhang et al. 2020 (DARK).
@@ -101,7 +101,7 @@ def heat_peaks(heat: np.ndarray, size: tuple[int, int], *, udp: bool) -> np.ndar
 
 
 class DescribedPose(TopDown):
-    """Find people with a described model."""
+    """Detects people with a described model."""
 
     def __init__(self, options: dict[str, Any]) -> None:
         described, path = read_description(options["description"]), Path(options["model"])
@@ -125,7 +125,7 @@ class DescribedPose(TopDown):
         self.about = {"name": f"described {path.stem}", "joint_set": described["joint_set"], "people": people}
 
     def points(self, picture: np.ndarray) -> np.ndarray:
-        """Return (K, 3) x, y and confidence in a picture (h, w, 3) of the model's size, 0 to 255."""
+        """Return (K, 3) x, y and confidence in an image (h, w, 3) of the model's size, 0 to 255."""
         told = self.described
         levels = picture[..., ::-1] if told["channels"] == "BGR" else picture
         found = self.run(self.tensor((levels - np.array(told["mean"])) / np.array(told["std"])))
@@ -157,7 +157,7 @@ class DescribedPose(TopDown):
         return {"keypoints": self.people(rgb)}
 
 
-Opened = tuple[list[Any], str, Outputs, Run]  # Shape and type of the input, names and shapes of the outputs, model.
+Opened = tuple[list[Any], str, Outputs, Run]  # Input shape and type, output names and shapes, and the model.
 
 
 def _onnx(path: Path) -> Opened:

@@ -9,12 +9,12 @@ import numpy as np
 
 from .serve import Refused, serve
 
-GREY = 127  # Level of painted boxes, half of the range.
-MARGIN = 0.15  # Margin of a person's painted box, to find further people, as a share of its size.
+GREY = 127  # Grey level of painted boxes, half of the range.
+MARGIN = 0.15  # Margin of a person's painted box relative to its size. Painting allows finding further people.
 
 
 class MediaPipePose:
-    """Detect with ``mediapipe.solutions``, without its smoothing, which would delay fast movement."""
+    """Detects with ``mediapipe.solutions``, without its smoothing, which would delay fast movements."""
 
     def __init__(self, options: dict[str, Any]) -> None:
         try:
@@ -59,7 +59,7 @@ class MediaPipePose:
 
 
 def _pixels(landmarks: Any | None, shape: Any, count: int) -> np.ndarray:
-    """Return (K, 3). Points outside the picture, which the model invents, have confidence 0."""
+    """Return (K, 3) keypoints. Points outside the image, which the model extrapolates, have confidence 0."""
     if landmarks is None:
         return np.full((count, 3), np.nan)
     points = np.array([(p.x, p.y, p.visibility if p.HasField("visibility") else 1.0) for p in landmarks.landmark])

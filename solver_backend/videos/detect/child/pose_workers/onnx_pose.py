@@ -12,13 +12,13 @@ import numpy as np
 from .crops import overlap
 from .serve import THREADS, Refused, serve
 
-PADDING = 114.0  # Grey value outside a picture, 0 to 255.
+PADDING = 114.0  # Grey value outside an image, 0 to 255.
 
 
 def crop(rgb: np.ndarray, low: np.ndarray, high: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Return (h, w, 3) float32 of the box from ``low`` to ``high`` (x, y), bilinear, and black outside.
+    """Return (h, w, 3) float32 of the box from ``low`` to ``high`` (x, y), bilinear, black outside the image.
 
-    Column j is ``x = low + (high - low) j / w``, because models are trained with a box's corner at the first pixel.
+    Column j is ``x = low + (high - low) j / w``, because models are trained with a box corner at the first pixel.
     """
     width, height = size
     x = low[0] + (high[0] - low[0]) * np.arange(width) / width
@@ -27,9 +27,9 @@ def crop(rgb: np.ndarray, low: np.ndarray, high: np.ndarray, size: tuple[int, in
 
 
 def letterbox(rgb: np.ndarray, size: tuple[int, int], *, corner: bool) -> tuple[np.ndarray, float]:
-    """Return the whole picture scaled into (h, w, 3) on grey, in the upper left corner or centred, and the scale.
+    """Scale the whole image into (h, w, 3) on grey, in the upper left corner or centred. Return it with the scale.
 
-    Pixel centres keep their place: ``x' + 1/2 = s (x + 1/2)``.
+    Pixel centres keep their position: ``x' + 1/2 = s (x + 1/2)``.
     """
     width, height = size
     scale = min(width / rgb.shape[1], height / rgb.shape[0])
@@ -41,7 +41,7 @@ def letterbox(rgb: np.ndarray, size: tuple[int, int], *, corner: bool) -> tuple[
 
 
 def sampled(rgb: np.ndarray, x: np.ndarray, y: np.ndarray, outside: float) -> np.ndarray:
-    """Return (len(y), len(x), 3) float32, bilinear at columns x and rows y, and ``outside`` beyond the picture."""
+    """Return (len(y), len(x), 3) float32, bilinear at columns x and rows y, and ``outside`` beyond the image."""
     rows, row_share, row_out = _neighbours(y, rgb.shape[0])
     columns, column_share, column_out = _neighbours(x, rgb.shape[1])
     by_row = rgb[rows].astype(np.float32)
@@ -61,14 +61,14 @@ def _neighbours(at: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.
 
 Outputs = list[tuple[str, list[Any]]]
 Run = Callable[[np.ndarray], list[np.ndarray]]
-LEAST_SCORE = 0.3  # Least confidence of a person.
+LEAST_SCORE = 0.3  # Smallest confidence of a person.
 LARGEST_OVERLAP = 0.65  # Largest overlap (intersection over union) of two people's boxes.
 _MEAN, _STD = np.array([123.675, 116.28, 103.53]), np.array([58.395, 57.12, 57.375])
-"""Mean and deviation of ImageNet's pictures (RGB, 0 to 255), the training data of RTMPose."""
+"""Mean and standard deviation of ImageNet's images (RGB, 0 to 255), on which RTMPose is trained."""
 
 
 class _PoseModel:
-    """A kind of model. ``people`` returns (P, K, 3) x, y, confidence."""
+    """A kind of model. ``people`` returns (P, K, 3) x, y and confidence."""
 
     label = ""
 
@@ -88,24 +88,24 @@ class _PoseModel:
         raise NotImplementedError
 
     def tensor(self, picture: np.ndarray) -> np.ndarray:
-        """Return a picture (H, W, 3) in the model's type and order of channels."""
+        """Convert an image (H, W, 3) to the model's type and channel order."""
         value = picture[None] if self.given[-1] == 3 else picture.transpose(2, 0, 1)[None]
         kind = {"tensor(int32)": np.int32, "tensor(uint8)": np.uint8, "tensor(float16)": np.float16}
         return np.ascontiguousarray(value.astype(kind.get(self.type, np.float32)))
 
 
 class TopDown(_PoseModel):
-    """A model that looks at the box of one person: at the boxes of the people of the last picture."""
+    """A model that processes the box of one person, taken from the previous image."""
 
-    size: tuple[int, int] = (0, 0)  # Width and height of its input in pixels.
+    size: tuple[int, int] = (0, 0)  # Width and height of the input in pixels.
     padding = 1.25  # Growth of a person's box.
 
     def points(self, picture: np.ndarray) -> np.ndarray:
-        """Return (K, 3) x, y and confidence in a picture (h, w, 3) of the model's size, 0 to 255."""
+        """Return (K, 3) x, y and confidence in an image (h, w, 3) of the model's size, 0 to 255."""
         raise NotImplementedError
 
     def people(self, rgb: np.ndarray) -> np.ndarray:
-        """Return the people in the last boxes, or in the whole picture without people."""
+        """Return the people in the previous boxes, or in the whole image if there are none."""
         sure = self._sure(rgb, self.boxes)
         if not sure:  # the whole picture, and then the person found in it
             first = self._sure(rgb, [np.array([0.0, 0.0, rgb.shape[1], rgb.shape[0]])])
@@ -132,7 +132,7 @@ class TopDown(_PoseModel):
 
 
 def simcc(x: np.ndarray, y: np.ndarray, width: int) -> np.ndarray:
-    """Return (K, 3) of rows of scores (K, width r) and (K, height r) over the columns and rows of a picture.
+    """Return (K, 3) x, y and score from rows of scores (K, width r) and (K, height r) over image columns and rows.
 
     Reference: Li et al. 2022 (SimCC).
     """
@@ -156,7 +156,7 @@ class _RtmPose(TopDown):
 
     @classmethod
     def fits(cls, given: list[Any], outputs: Outputs) -> bool:
-        """Two outputs (N, K, W ratio) and (N, K, H ratio) of a picture (N, 3, H, W)."""
+        """Return whether there are two outputs (N, K, W ratio) and (N, K, H ratio) for an image (N, 3, H, W)."""
         if len(outputs) != 2 or len(given) != 4 or given[1] != 3 or not _numbers(given[2:]):
             return False
         (_, x), (_, y) = outputs
@@ -172,7 +172,7 @@ class _RtmPose(TopDown):
 
 
 class _Rtmo(_PoseModel):
-    """One-stage (Lu et al. 2024): boxes (N, P, 5) and keypoints (N, P, K, 3) in the letterboxed picture, BGR."""
+    """One-stage model (Lu et al. 2024): boxes (N, P, 5) and keypoints (N, P, K, 3) in the letterboxed image, BGR."""
 
     label = "RTMO"
 
@@ -195,11 +195,11 @@ class _Rtmo(_PoseModel):
 
 
 class _YoloPose(_PoseModel):
-    """One row per candidate: (N, 5 + 3K, candidates) with box by centre and size, score and K keypoints.
+    """One row per candidate: (N, 5 + 3K, candidates) with box centre and size, score and K keypoints.
 
-    With suppression in the model, (N, candidates, 6 + 3K) with corners, score and class.
+    Models that include suppression have (N, candidates, 6 + 3K) with box corners, score and class.
 
-    Reference: Maji et al. 2022, Ultralytics (the layout of outputs).
+    Reference: Maji et al. 2022, Ultralytics (output layout).
     """
 
     label = "YOLO-pose"
@@ -232,7 +232,7 @@ class _YoloPose(_PoseModel):
 
 
 class _MoveNet(_PoseModel):
-    """Keypoints y, x, score in shares of the letterboxed picture: (1, 1, 17, 3), or (1, 6, 56) for several people."""
+    """Keypoints y, x, score as fractions of the letterboxed image: (1, 1, 17, 3), or (1, 6, 56) for several people."""
 
     label = "MoveNet"
 
@@ -259,11 +259,11 @@ class _MoveNet(_PoseModel):
         return _chosen(corners, score, points, offset, scale, self.most)
 
 
-KINDS = (_MoveNet, _RtmPose, _Rtmo, _YoloPose)  # Kinds in the order of trial.
+KINDS = (_MoveNet, _RtmPose, _Rtmo, _YoloPose)  # Kinds in the order in which they are tried.
 
 
 def suppressed(corners: np.ndarray, score: np.ndarray, most: int) -> list[int]:
-    """Return the indices of boxes (N, 4) that do not overlap a box with a higher score, the highest score first."""
+    """Return the indices of boxes (N, 4) that overlap no box with a higher score, the highest score first."""
     kept: list[int] = []
     for i in np.argsort(-score, kind="stable"):
         if len(kept) >= most:
@@ -276,17 +276,17 @@ def suppressed(corners: np.ndarray, score: np.ndarray, most: int) -> list[int]:
 def _chosen(
     corners: np.ndarray, score: np.ndarray, points: np.ndarray, offset: Any, scale: float, most: int
 ) -> np.ndarray:
-    """Return the keypoints (P, K, 3) of the remaining people in the pixels of the original picture."""
+    """Return the keypoints (P, K, 3) of the remaining people in pixels of the original image."""
     sure = np.flatnonzero(score >= LEAST_SCORE)
     kept = sure[suppressed(corners[sure], score[sure], most)]
     people = points[kept].astype(np.float64)
-    # The middle of the first pixel is (0, 0) in both pictures.
+    # The centre of the first pixel is (0, 0) in both images.
     people[..., :2] = (people[..., :2] + 0.5 - np.asarray(offset)) / scale - 0.5
     return people
 
 
 def _box(person: np.ndarray) -> np.ndarray:
-    """Return the box around the sure keypoints of a person, or around all if few are sure."""
+    """Return the box around the confident keypoints of a person, or around all if few are confident."""
     points = person[person[:, 2] >= LEAST_SCORE, :2]
     points = points if len(points) >= 4 else person[:, :2]
     return np.concatenate([points.min(axis=0), points.max(axis=0)])
@@ -319,7 +319,7 @@ def open_model(path: str) -> Any:
 
 
 class OnnxPose:
-    """Run a model with onnxruntime."""
+    """Runs a model with onnxruntime."""
 
     def __init__(self, options: dict[str, Any]) -> None:
         path = options["model"]

@@ -1,8 +1,8 @@
 """Exchange messages with a detector's process: a line of JSON, then the bytes of its arrays.
 
 The process writes ``{"ready": {...}}`` with its description, or ``{"error": {"code", "message", "hint"}}``. For every
-picture it receives ``{"shape": [h, w, 3], "time_s": t}`` and h·w·3 bytes. It answers ``{"arrays": {name: shape}}`` and
-the arrays as float32 in that order. It ends at the end of its input.
+image it receives ``{"shape": [h, w, 3], "time_s": t}`` and h·w·3 bytes. It answers ``{"arrays": {name: shape}}`` and
+the arrays as float32 in that order. It exits when its input ends.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 
-THREADS = int(os.environ.get("POSE_WORKER_THREADS", "1"))  # Threads of a model, see ``DetectorProcess``.
+THREADS = int(os.environ.get("POSE_WORKER_THREADS", "1"))  # Number of threads of a model, see ``DetectorProcess``.
 
 
 class Refused(Exception):
-    """The detector cannot work: a code, the reason, and a hint."""
+    """The detector cannot run. The error has a code, the reason and a hint."""
 
     def __init__(self, code: str, message: str, hint: str = "") -> None:
         super().__init__(message)
@@ -33,15 +33,15 @@ class PoseDetector(Protocol):
     """``name`` with its version, ``joint_set`` or ``num_keypoints``, and the largest number of ``people``."""
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return ``keypoints`` (P, K, 3): x and y in pixels from the centre of the first one, and confidence 0 to 1.
+        """Return ``keypoints`` (P, K, 3): x and y in pixels from the centre of the first pixel, and confidence 0 to 1.
 
-        Some return ``hands`` (P, 2, 21, 3) too, left hand first, NaN for unseen hands.
+        Some detectors also return ``hands`` (P, 2, 21, 3), left hand first, NaN for undetected hands.
         """
         ...
 
 
 def serve(make: Callable[[dict[str, Any]], PoseDetector]) -> int:
-    """Answer until the input ends. Libraries print to standard error."""
+    """Answer requests until the input ends. Output of libraries goes to standard error."""
     pictures, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     try:
