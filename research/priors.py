@@ -1,4 +1,4 @@
-"""Priors that the solver's own are compared with, and every prior by its name."""
+"""Priors for comparison with the solver's priors, and a table of all priors by name."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ SVAE_DIM = 32  # Numbers of the code, as SPoser's.
 
 
 class SphericalVAE(PoseAutoencoder):
-    """Poses as unit vectors in R^32: von Mises-Fisher about each pose's direction, uniform over all of them."""
+    """Poses as unit vectors in R^32 with a von Mises-Fisher posterior per pose and a uniform prior."""
 
     name = "svae"
 
     def posterior(self, rotations: Poses) -> tuple[Codes, Energies]:
-        """Return the mean directions (N, 32) and the concentrations κ (N,) of (N, 21, 3, 3) poses.
+        """Return the (N, 32) mean directions and the (N,) concentrations κ of (N, 21, 3, 3) poses.
 
         Raises:
-            PoseInvalid: NaN, matrices off SO(3) or another number of joints.
+            PoseInvalid: poses contain NaN, matrices off SO(3) or another number of joints.
         """
         out = self._encoded_rotvecs(rotations)
         xp, raw = array_namespace(out), out[:, SVAE_DIM]
@@ -51,23 +51,23 @@ class SphericalVAE(PoseAutoencoder):
         return unit(out[:, :SVAE_DIM]), kappa
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the mean directions (N, 32)."""
+        """Return the (N, 32) mean directions."""
         return self.posterior(rotations)[0]
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return the mean squared rotation to the reconstruction by ``residual_sigma``: (N,).
+        """Return the (N,) mean squared rotations to the reconstruction, relative to ``residual_sigma``.
 
-        Codes do not count: all are equally likely.
+        Codes have no effect, because all are equally likely.
         """
         return self._distance_to_reconstruction(rotations)
 
     def sample(self, count: int, seed: int) -> Poses:
-        """Return ``count`` poses of directions drawn uniformly."""
+        """Return ``count`` poses of uniformly drawn directions."""
         return self.decode(unit(np.random.default_rng(seed).standard_normal((count, SVAE_DIM))))
 
 
 def unit(z: Array) -> Array:
-    """Return (N, d) vectors at unit length."""
+    """Return (N, d) vectors scaled to unit length."""
     xp = array_namespace(z)
     return z / xp.sqrt(xp.sum(z * z, axis=-1, keepdims=True))
 
@@ -76,7 +76,7 @@ def load_svae(path: Path | str = WEIGHTS / "svae.npz") -> SphericalVAE:
     """Load SVAE's weights.
 
     Raises:
-        FileMissing: there is no such file.
+        FileMissing: the file does not exist.
         WeightsInvalid: wrong prior, body, version or shapes, or a damaged file.
     """
     weights = read_weights(Path(path), "svae")
@@ -91,15 +91,15 @@ LIE_DIM = 9 * FACTORS  # Numbers of the code: rotation matrices.
 
 
 class LieVAE(PoseAutoencoder):
-    """Poses as ten rotations; the code is their matrices' 90 entries, and the prior uniform on the group."""
+    """Poses as ten rotations. The code has the 90 entries of their matrices, and the prior is uniform on the group."""
 
     name = "lie_vae"
 
     def posterior(self, rotations: Array) -> tuple[Array, Array]:
-        """Return mean rotations (N, 10, 3, 3) and the spread (N, 10, 3) rad in their own axes, of (N, 21, 3, 3) poses.
+        """Return the (N, 10, 3, 3) mean rotations and (N, 10, 3) spreads in radians of (N, 21, 3, 3) poses.
 
         Raises:
-            PoseInvalid: NaN, matrices off SO(3) or another number of joints.
+            PoseInvalid: poses contain NaN, matrices off SO(3) or another number of joints.
         """
         out = self._encoded_rotvecs(rotations)
         xp, count = array_namespace(out), out.shape[0]
@@ -107,19 +107,19 @@ class LieVAE(PoseAutoencoder):
         return mean, xp.exp(0.5 * xp.reshape(out[:, 6 * FACTORS :], (count, FACTORS, 3)))
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the mean rotations' entries (N, 90)."""
+        """Return the (N, 90) entries of the mean rotations."""
         mean = self.posterior(rotations)[0]
         return array_namespace(mean).reshape(mean, (mean.shape[0], LIE_DIM))
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return the mean squared rotation to the reconstruction by ``residual_sigma``: (N,).
+        """Return the (N,) mean squared rotations to the reconstruction, relative to ``residual_sigma``.
 
-        Codes do not count: all are equally likely.
+        Codes have no effect, because all are equally likely.
         """
         return self._distance_to_reconstruction(rotations)
 
     def sample(self, count: int, seed: int) -> Poses:
-        """Return ``count`` poses of rotations drawn uniformly."""
+        """Return ``count`` poses of uniformly drawn rotations."""
         quats = np.random.default_rng(seed).standard_normal((count, FACTORS, 4))
         quats /= np.linalg.norm(quats, axis=-1, keepdims=True)
         return self.decode(matrix_from_quat(quats).reshape(count, LIE_DIM))
@@ -129,7 +129,7 @@ def load_lie_vae(path: Path | str = WEIGHTS / "lie_vae.npz") -> LieVAE:
     """Load LieVAE's weights.
 
     Raises:
-        FileMissing: there is no such file.
+        FileMissing: the file does not exist.
         WeightsInvalid: wrong prior, body, version or shapes, or a damaged file.
     """
     weights = read_weights(Path(path), "lie_vae")
@@ -143,13 +143,13 @@ GMM_DIM = 3 * NUM_BODY_JOINTS  # Numbers of a pose as rotation vectors.
 
 
 class GaussianMixture(PosePrior):
-    """Rotation vectors of the 21 body joints as draws of K Gaussians; the code is the rotation vectors themselves.
+    """Mixture of K Gaussians of the 21 body joints' rotation vectors, which are also the code.
 
-    Reference: Bogo et al. 2016, "Keep It SMPL", eq. 4, with the whole mixture for its largest component.
+    Reference: Bogo et al. 2016, "Keep It SMPL", eq. 4, with the whole mixture instead of its largest component.
     """
 
     def __init__(self, weights: np.ndarray, means: np.ndarray, factors: np.ndarray, metadata: dict[str, Any]) -> None:
-        """Take K weights, (K, 63) means and (K, 63, 63) lower Cholesky factors of the covariances."""
+        """Store K weights, (K, 63) means and (K, 63, 63) lower Cholesky factors of the covariances."""
         self._weights, self._means, self._factors = weights, means, factors
         self._whitening = np.linalg.inv(factors)
         diagonal = np.diagonal(factors, axis1=-2, axis2=-1)
@@ -161,25 +161,25 @@ class GaussianMixture(PosePrior):
 
     @property
     def mean(self) -> np.ndarray:
-        """(63,) mean rotation vectors, rad."""
+        """(63,) mean rotation vectors in radians."""
         return (self._weights[:, None] * self._means).sum(axis=0)
 
     @property
     def latent_dim(self) -> int:
-        """63."""
+        """Length of a code, 63."""
         return GMM_DIM
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the rotation vectors (N, 63), rad.
+        """Return the (N, 63) rotation vectors in radians.
 
         Raises:
-            PoseInvalid: NaN, matrices off SO(3) or another number of joints.
+            PoseInvalid: poses contain NaN, matrices off SO(3) or another number of joints.
         """
         check_rotations(rotations)
         return array_namespace(rotations).reshape(log_so3(rotations), (rotations.shape[0], GMM_DIM))
 
     def decode(self, z: Codes) -> Poses:
-        """Return (N, 21, 3, 3) rotations of (N, 63) rotation vectors."""
+        """Convert (N, 63) rotation vectors to (N, 21, 3, 3) rotations."""
         check_codes(z, GMM_DIM)
         return exp_so3(array_namespace(z).reshape(z, (z.shape[0], NUM_BODY_JOINTS, 3)))
 
@@ -189,9 +189,9 @@ class GaussianMixture(PosePrior):
         return self.decode(z), in_own_columns(left_jacobian_so3(vectors))
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return the negative log density, zero where every component would be at its peak: (N,).
+        """Return the (N,) negative log densities, which would be zero with every component at its peak.
 
-        ``-log Σ_k s_k exp(-½ |L_k⁻¹ (x - μ_k)|²)``, ``s_k`` the components' shares of the sum of peaks.
+        ``-log Σ_k s_k exp(-½ |L_k⁻¹ (x - μ_k)|²)``, with ``s_k`` the components' shares of the sum of peaks.
         """
         x = self.encode(rotations)
         xp = array_namespace(x)
@@ -203,9 +203,10 @@ class GaussianMixture(PosePrior):
         return -(top + xp.log(xp.sum(xp.exp(exponents - top[:, None]), axis=-1)))
 
     def posterior_mean(self, rotations: np.ndarray, sigma: float) -> np.ndarray:
-        """Return (N, 21, 3, 3) poses freed of normal noise of ``sigma`` rad in every rotation vector.
+        """Denoise (N, 21, 3, 3) poses with normal noise of ``sigma`` rad in every rotation vector.
 
-        ``E[x | y] = Σ_k r_k(y) (μ_k + Σ_k (Σ_k + σ² I)⁻¹ (y - μ_k))``, ``r_k`` each component's share of y's density.
+        ``E[x | y] = Σ_k r_k(y) (μ_k + Σ_k (Σ_k + σ² I)⁻¹ (y - μ_k))``, with ``r_k`` the components' shares of y's
+        density.
         """
         y = self.encode(rotations)
         logs, means = [], []
@@ -227,7 +228,7 @@ class GaussianMixture(PosePrior):
 
 
 def load_gmm(path: Path | str = ASSETS / "gmm.npz") -> GaussianMixture:
-    """Load the mixture's weights; see ``read_mixture`` for its errors."""
+    """Load the mixture's weights. Errors are as in ``read_mixture``."""
     return GaussianMixture(*read_mixture(Path(path)))
 
 
@@ -239,11 +240,11 @@ LOADERS: dict[str, Callable[[Path], PosePrior]] = {
     "gmm": load_gmm,
     "pose_ndf": load_pose_ndf,
 }
-"""What loads the weights of each prior."""
+"""Function that loads the weights of each prior."""
 
 
 def load_prior(name: str, path: Path | None = None) -> PosePrior:
-    """Load the weights of a prior, by default the stored ones.
+    """Load the weights of a prior, by default the stored weights.
 
     Raises:
         WeightsInvalid: the name is unknown, or the file belongs to another prior.

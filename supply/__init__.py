@@ -1,1 +1,1 @@
-"""Tools around the product: what it is made of, its generated pages, its checks and its tests."""
+"""Tools around the product: its components, generated pages, checks and tests."""

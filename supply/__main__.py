@@ -10,7 +10,7 @@ from supply.lock import write_lock
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a verb and return 0 if all went well."""
+    """Run a verb and return 0 on success."""
     parser = argparse.ArgumentParser(prog="python -m supply", description=__doc__)
     parser.add_argument("verb", choices=("licences", "lock"))
     if parser.parse_args(arguments).verb == "licences":

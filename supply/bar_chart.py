@@ -1,4 +1,4 @@
-"""Grouped horizontal bars as a plain SVG file: readable in light and dark pages, the same bytes every time."""
+"""Draw grouped horizontal bars as a plain SVG file with deterministic bytes, readable on light and dark pages."""
 
 from __future__ import annotations
 
@@ -6,30 +6,30 @@ from dataclasses import dataclass
 from html import escape
 
 WIDTH, LABEL, VALUE, BAR, GAP = 720, 190, 70, 18, 14
-"""Widths of picture, labels and values; heights of a bar and of the gap between groups; pixels."""
+"""Widths of picture, labels and values, and heights of a bar and of the gap between groups, in pixels."""
 _STYLE = "<style>text{font:13px system-ui,sans-serif;fill:#24323a}</style>"
 _PAPER = '<rect width="100%" height="100%" fill="#fff"/>'
 COLOURS = ("#1f6f8b", "#99a8b2", "#d08770", "#b9a44c")
-"""Ours first, then the others: distinguished by lightness too."""
+"""Colours of the series, ours first. They also differ in lightness."""
 
 
 @dataclass(frozen=True)
 class BarGroup:
-    """Bars that are compared with one another."""
+    """Bars that are compared with each other."""
 
     label: str
     values: tuple[float, ...]
-    """One for each series of the chart."""
+    """One value per series of the chart."""
 
 
 def draw_bars(title: str, unit: str, series: tuple[str, ...], groups: tuple[BarGroup, ...]) -> str:
     """Return an SVG of horizontal bars that begin at zero.
 
     Args:
-        title: for readers who cannot see it.
-        unit: of all values.
+        title: title for readers who cannot see the chart.
+        unit: unit of all values.
         series: names of the bars within each group.
-        groups: from top to bottom.
+        groups: groups from top to bottom.
     """
     largest = max(max(group.values) for group in groups)
     scale = (WIDTH - LABEL - VALUE) / largest

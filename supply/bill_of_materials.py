@@ -1,4 +1,4 @@
-"""What the built extension holds, in the form of CycloneDX; needs nothing but Python."""
+"""List the contents of the built extension in CycloneDX form, using only Python's standard library."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 def bill_of_materials(extension: Path) -> dict[str, object]:
-    """Return what a built extension holds, as CycloneDX 1.5: the extension, its wheels and its assets with hashes."""
+    """Return a built extension's contents as CycloneDX 1.5: the extension, its wheels and its assets with hashes."""
     manifest_name = "blender_manifest.toml"
     with zipfile.ZipFile(extension) as archive:
         manifest = tomllib.loads(archive.read(manifest_name).decode())

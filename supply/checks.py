@@ -1,4 +1,4 @@
-"""``python -m supply.checks test`` runs every check and the tests, ``lint`` the checks alone; ``dev.py`` calls it."""
+"""``python -m supply.checks test`` runs all checks and tests, ``lint`` only the checks. ``dev.py`` calls it."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ ROOT = Path(__file__).resolve().parents[1]
 VENV = Path(sys.prefix)
 COMPILED = VENV / "compiled"
 COMPILED_BEFORE = COMPILED.exists()
-"""Whether tests ran before here: if not, one worker imports everything before the other, which finds it compiled."""
+"""True if tests ran here before. If not, one worker first imports and compiles everything for the other."""
 LINTERS_PYTHON = (3, 11)  # Whose environment the linters look into; under another Python the tests run alone.
 WORKERS = 2  # Processes that run tests: as many as the machine has cores that this was made for.
 
 
 def main(argv: list[str]) -> int:
-    """Run one verb, print the names of the steps that failed, and return the exit code."""
+    """Run one verb, print the names of the failed steps, and return the exit code."""
     verb, *rest = argv
     pytest = [sys.executable, "-m", "pytest", "-q", "-n", str(WORKERS), "--dist", "worksteal", *rest]
     linters = lint_steps(fix="--fix" in rest) if sys.version_info[:2] == LINTERS_PYTHON else []
@@ -36,7 +36,7 @@ def main(argv: list[str]) -> int:
 
 
 def lint_steps(fix: bool) -> list[list[str]]:
-    """Return the commands of the linters, the longest last, and write the stubs that the type checker needs."""
+    """Return the linter commands, the longest last, and write the stubs that the type checker needs."""
     write_stubs()
     python = [sys.executable, "-m"]
     check = [*python, "ruff", "check", *(["--fix"] if fix else []), "."]
@@ -46,7 +46,7 @@ def lint_steps(fix: bool) -> list[list[str]]:
 
 
 def run_beside(linters: list[list[str]], tests: list[list[str]]) -> list[str]:
-    """Run the linters while the tests run, print what they found afterwards, and return the names of what failed."""
+    """Run the linters in parallel with the tests, then print their output. Return the names of the failed steps."""
     failed: list[str] = []
     with tempfile.TemporaryFile("w+", encoding="utf-8") as shown:
         # A daemon: whoever cancels the tests does not wait for the linters.
@@ -61,7 +61,7 @@ def run_beside(linters: list[list[str]], tests: list[list[str]]) -> list[str]:
 
 
 def run_steps(steps: list[list[str]], out: IO[str] | None = None) -> list[str]:
-    """Run every step, printing to ``out`` where it is given, and return the names of those that failed."""
+    """Run every step, printing to ``out`` if given, and return the names of the failed steps."""
     failed = []
     for step in steps:
         name = " ".join(part for part in step[1:] if part not in ("-m", "--quiet")) or "lint-imports"
@@ -78,9 +78,9 @@ def call(command: list[str], out: IO[str] | None) -> int:
 
 
 def compile_once() -> dict[str, str]:
-    """Return an environment in which Python keeps compiled modules, inside the virtual environment.
+    """Return an environment that makes Python keep compiled modules inside the virtual environment.
 
-    Compiling is more than half of what collecting the tests takes, and every program that they start imports anew.
+    Compiling takes more than half of the test collection time, and every program that the tests start imports again.
     """
     env = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     in_turn = {} if COMPILED_BEFORE else {"MOCAP_COLLECT_IN_TURN": "1"}

@@ -1,4 +1,4 @@
-"""The pages docs/reference/command-line*.md: every verb and option, made from the two programs' tables of verbs."""
+"""Generate docs/reference/command-line*.md: all verbs and options from the two programs' verb tables."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ retarget or import also need Blender's Python module `bpy`.
 
 
 def command_line_page() -> str:
-    """Return the page with the groups, the verbs outside them, common options and exit codes."""
+    """Return the page with the groups, the verbs outside groups, common options and exit codes."""
     shared = _shared(PROGRAM)
     rows = [f"| [`manifold {group}`](command-line-{group}.md) | {text} |" for group, text in GROUPS.items()]
     parts = [_MADE + _HEAD, "", "| group | purpose |", "|---|---|", *rows, ""]
@@ -62,7 +62,7 @@ def _shown(verb: Verb, program: Program) -> list[Setting]:
 
 
 def _shared(program: Program) -> list[Setting]:
-    """Return the options that several verbs take in the same way."""
+    """Return the options that several verbs share."""
     counts = Counter(row for verb in program.shown for row in _shown(verb, program) if not row.required)
     most = {row.options[-1]: row for row, _ in reversed(counts.most_common()) if not row.positional}
     return [row for row, count in counts.items() if count >= SHARED and most.get(row.options[-1]) is row]
@@ -105,7 +105,7 @@ def _row(row: Setting) -> str:
 
 
 def _sentences(row: Setting) -> str:
-    """Return what an argument does, its choices, range and default, as sentences."""
+    """Return a description of an argument with its choices, range and default, as sentences."""
     parts = [f"{row.description}."]
     if row.kind == "choice" and _lists_choices(row):
         parts += [f"`{c.value}`: {in_sentence(c.description)}." for c in row.choices if c.description]
@@ -127,5 +127,5 @@ def _values(row: Setting) -> str:
 
 
 def _lists_choices(row: Setting) -> bool:
-    """Return whether the values stand beside the option. Otherwise the text lists them."""
+    """Return whether the values are listed next to the option. Otherwise the text lists them."""
     return bool(row.choices) and (not row.metavar or not row.of_class) and row.metavar != "CODE"

@@ -1,7 +1,7 @@
-"""Wheels and models of the detector that an extension can include, in the versions of ``detector_wheels.json``.
+"""Get wheels and models of the detector that an extension can include, in the versions of ``detector_wheels.json``.
 
-Wheels come from the registry that pip is set up for, or from a folder. The models are in MediaPipe's wheel for Linux.
-The SHA-256 of every file is checked.
+Wheels come from pip's registry or from a folder. The models are in MediaPipe's wheel for Linux. The SHA-256 of every
+file is checked.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ class WheelsMissing(Exception):
 def fetch(
     platform: str, python: str, folder: Path, source: Path | None = None, *, boards: bool = False
 ) -> tuple[list[Path], Path]:
-    """Return the wheels for a platform and a Python, and the wheel with the models, from a folder that keeps them.
+    """Return the wheels for a platform and a Python, and the wheel with the models, using ``folder`` as a cache.
 
     Args:
-        folder: keeps the wheels.
-        source: folder of wheels to take instead of the registry's.
-        boards: also take OpenCV, which finds calibration boards.
+        folder: folder that keeps the wheels.
+        source: folder of wheels to use instead of the registry.
+        boards: also get OpenCV, which finds calibration boards.
 
     Raises:
-        WheelsMissing: pip fails, or a wheel has another SHA-256 than in the table.
+        WheelsMissing: pip fails, or a wheel's SHA-256 differs from the table.
     """
     wanted = TABLE["packages"] | (TABLE["boards"] if boards else {})
     packages = [f"{name}=={version}" for name, version in wanted.items()]
@@ -53,7 +53,7 @@ def fetch(
 
 
 def read_models(wheel: Path) -> dict[str, bytes]:
-    """Return the models in MediaPipe's wheel, and their licence, by the names that the detector expects."""
+    """Return the models and the licence in MediaPipe's wheel, by the names that the detector expects."""
     with zipfile.ZipFile(wheel) as archive:
         return {name: archive.read(member) for name, member in TABLE["models"]["files"].items()}
 

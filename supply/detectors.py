@@ -1,9 +1,9 @@
-"""``python -m supply.detectors`` makes the environment that MediaPipe runs in, beside the project's own.
+"""``python -m supply.detectors`` creates MediaPipe's environment next to the project's environment.
 
-MediaPipe's wheel 0.10.21 carries a pose model that runs offline (Apache-2.0). It asks for an OpenCV that is not the
-headless one and for packages that its pose model does not use, so it is installed without what it asks for, and with
-what its pose model imports; pip's warning of that is switched off. Packages come from the registry that pip is set up
-for; nothing else is downloaded.
+MediaPipe's wheel 0.10.21 includes a pose model that runs offline (Apache-2.0). It requires an OpenCV that is not
+headless and packages that its pose model does not use. So it is installed without its requirements, but with the
+packages that its pose model imports, and pip's warning about this is disabled. Packages come from pip's registry, and
+nothing else is downloaded.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ IMPORTED = (
     "numpy>=1.26,<2", "opencv-contrib-python-headless>=4.10,<4.12", "absl-py>=2,<3", "attrs>=23", "matplotlib>=3.8,<4",
     "flatbuffers>=23.5,<26", "protobuf>=4.25.3,<5", "sounddevice>=0.4.4,<1",
 )  # fmt: skip
-"""What its pose and holistic models import."""
+"""Packages that MediaPipe's pose and holistic models import."""
 PROBE = "import mediapipe; mediapipe.solutions.pose.Pose(); mediapipe.solutions.holistic"
 OLDEST, NEWEST = (3, 9), (3, 12)
-"""Pythons its wheel is for."""
+"""Oldest and newest Python with MediaPipe wheels."""
 
 
 def main(folder: Path = FOLDER) -> int:
-    """Make the environment unless it works already, and return 0 if it does."""
+    """Make the environment unless it already works, and return 0 if it does."""
     python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
     if works(python):
         sys.stdout.write(f"MediaPipe is ready: {python}\n")
@@ -50,7 +50,7 @@ def main(folder: Path = FOLDER) -> int:
 
 
 def works(python: Path) -> bool:
-    """Return whether a Python starts MediaPipe's pose model."""
+    """Return whether a Python can start MediaPipe's pose model."""
     return python.is_file() and subprocess.run([str(python), "-c", PROBE], capture_output=True).returncode == 0
 
 

@@ -1,4 +1,4 @@
-"""The verbs of ``dev.py`` and their options."""
+"""Verbs of ``dev.py`` and their options."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pages docs/reference/diagnostics*.md and errors.md, made from the table of diagnostics and the errors."""
+"""Generate docs/reference/diagnostics*.md and errors.md from the table of diagnostics and the errors."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ these codes, which `manifold explain CODE` explains. Findings that do not end a 
 _INTRO = """*Slanted* words are values from your recording."""
 
 GROUPS = {entry.group.lower().replace(" ", "-"): entry.group for entry in load_table().values()}
-"""Groups of diagnostics by the end of their page's name."""
+"""Groups of diagnostics by the ending of their page's name."""
 
 
 def diagnostics_page() -> str:
@@ -82,7 +82,7 @@ def errors_page() -> str:
 
 
 def _forms(entry: DiagnosticEntry) -> list[str]:
-    """Return the message, and its end for each other value of a parameter, from this parameter on."""
+    """Return the message and, for each other value of a parameter, the message from this parameter on."""
     values = {name: [*words.values()] for name, words in entry.words.items()}
     usual = {name: words[0] for name, words in values.items() if len(words) > 1}
     forms = [_filled(entry.text, usual)]

@@ -1,7 +1,7 @@
-"""Write the type stubs that stand in for the modules of ``blender_addon._exchange``.
+"""Write type stubs for the modules of ``blender_addon._exchange``.
 
-That package takes its modules from ``solver_backend/exchange`` at run time, which no type checker follows. Git ignores
-the stubs. Run ``python -m supply.exchange_stubs`` before calling pyrefly or an editor yourself.
+That package takes its modules from ``solver_backend/exchange`` at run time, which type checkers cannot follow. Git
+ignores the stubs. Run ``python -m supply.exchange_stubs`` before calling pyrefly or an editor directly.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def write_stubs(root: Path = ROOT) -> None:
-    """Write one stub per module of the exchange library and delete those of modules that are gone."""
+    """Write one stub per module of the exchange library, and delete stubs of removed modules."""
     library, package = root / "solver_backend" / "exchange", root / "blender_addon" / "_exchange"
     wanted = {path.relative_to(library).with_suffix(".pyi") for path in library.rglob("*.py")}
     for stub in package.rglob("*.pyi"):

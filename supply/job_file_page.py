@@ -1,4 +1,4 @@
-"""The page of docs/reference about the job file, made from the classes that declare its keys."""
+"""Generate the reference page about the job file from the classes that declare its keys."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def job_file_page() -> str:
 
 
 def _fields(declared: ast.ClassDef, lines: list[str]) -> list[tuple[str, str, str, str]]:
-    """Return name, type, default and description of each field of a data class; the description is a comment."""
+    """Return the name, type, default and description of each field of a data class. The description is a comment."""
     found = []
     for node in declared.body:
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):

@@ -1,4 +1,4 @@
-"""The page docs/reference/joint-sets.md: the keypoints of every joint set, in the order of their columns."""
+"""Generate docs/reference/joint-sets.md: the keypoints of every joint set, in the order of their columns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The licences of every package the project needs, and the terms of the data behind the files that ship."""
+"""List the licences of all packages that the project needs, and the terms of the data behind shipped files."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ DATA = (
     ("Pose2Sim's demo recording (perfanalytics, 2022)", "BSD-3-Clause", "picture of the README"),
     ("ANSUR II (US Army, 2012)", "public survey; summary statistics only", "body"),
 )
-"""What the files that ship were made from: what, under which terms, and which of them; see the model cards."""
+"""Data sources of shipped files, with terms and files. See the model cards."""
 
 
 def installed(extras: tuple[str, ...]) -> list[Distribution]:
-    """Return every installed package that the project with these extras needs, directly or not, by name."""
+    """Return the installed packages that the project needs with these extras, directly or indirectly, by name."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     wanted = [*project["dependencies"], *(line for extra in extras for line in project["optional-dependencies"][extra])]
     found: dict[str, Distribution] = {}
@@ -55,7 +55,7 @@ def licence_table() -> str:
 
 
 def licence_of(package: Distribution) -> str:
-    """Return a package's licence as it states it: SPDX expression, classifiers, or first line of its text or file."""
+    """Return the licence that a package states: SPDX expression, classifiers, or first line of its text or file."""
     metadata = cast(Message, package.metadata)
     stated = metadata.get("License-Expression")
     classifiers = [c.split(" :: ")[-1] for c in metadata.get_all("Classifier") or () if c[:7] == "License"]
@@ -66,7 +66,7 @@ def licence_of(package: Distribution) -> str:
 
 
 def _is_empty(package: Distribution) -> bool:
-    """Return whether a package is a list of others alone, as CUDA's is: it holds nothing that a licence covers."""
+    """Return whether a package only lists other packages, as CUDA's does, so that no licence applies to it."""
     files = package.files
     return files is not None and all(file.parts[0].endswith(".dist-info") for file in files)
 

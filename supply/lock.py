@@ -1,4 +1,4 @@
-"""Exact versions of what CI installs, with the hashes of their archives and no address of an index."""
+"""Lock the exact versions that CI installs, with the hashes of their archives and no index address."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from supply.licences import CI_EXTRAS, ROOT, installed
 
 LOCK = ROOT / "requirements-ci.lock"
 _OF_THE_MACHINE = "torch"
-"""Comes from an index for the machine's own processor or GPU, under other hashes everywhere."""
+"""Package from an index for the machine's processor or GPU, with different hashes."""
 _HEAD = """\
 # Written by python -m supply lock, for Python 3.11. To install: pip install --require-hashes -r requirements-ci.lock
 # torch is not among them: its archives differ by processor and GPU.
@@ -23,7 +23,7 @@ def write_lock(path: Path = LOCK) -> Path:
     """Write the lock of the versions that are installed here.
 
     Raises:
-        CalledProcessError: uv cannot resolve them; it reports why.
+        CalledProcessError: uv cannot resolve them, and reports the reason.
     """
     pins = [f"{p.metadata['Name']}=={p.version}" for p in installed(CI_EXTRAS) if p.metadata["Name"] != _OF_THE_MACHINE]
     with tempfile.TemporaryDirectory() as name:

@@ -1,4 +1,4 @@
-"""The diagrams of docs/explanation/method.md, drawn with the solver's own functions where they show a curve."""
+"""Draw the diagrams of docs/explanation/method.md, using the solver's functions for curves."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _LIMBS = (
 
 
 def pipeline() -> str:
-    """Return the way from input to animated body."""
+    """Return the diagram of the steps from input to animated body."""
     given = [("Videos", "detector"), ("Detections", "OpenPose, …"), ("Markers", "C3D, TRC, CSV"), ("Sensors", "depth")]
     parts = [box(16, 20 + 58 * row, 112, 46, words) for row, words in enumerate(given)]
     parts += [arrow((128, 43 + 58 * row), (150, 43 + 58 * row), (150, 130), (166, 130)) for row in range(4)]
@@ -53,7 +53,7 @@ def pipeline() -> str:
 
 
 def prior() -> str:
-    """Return keys on the sphere of codes, the curve between them, and the poses that the decoder makes of it."""
+    """Return keys on the sphere of codes, the curve between them, and the poses that the decoder gives."""
     keys, times = np.array([[-0.75, -0.25, 0.61], [0.1, 0.55, 0.83], [0.72, -0.2, 0.66]]), np.linspace(0, 1, 41)
     keys /= np.linalg.norm(keys, axis=1, keepdims=True)
     curve = np.asarray(sider_n(np.broadcast_to(keys, (41, 3, 3)), times))
@@ -91,7 +91,7 @@ def prior() -> str:
 
 
 def bundle() -> str:
-    """Return keys over time, the parabolas of the windows, and the matrix that they make."""
+    """Return keys over time, the parabolas of the windows, and the resulting matrix."""
     layout = KeyframeLayout(np.array([0, 14, 24, 31, 38, 48, 62]))
     frames = np.arange(63)
     course = lambda t: 96 - 46 * np.sin((t - 4) / 8.6) * np.exp(-(((t - 33) / 22) ** 2))  # noqa: E731 - a drawing's curve
@@ -130,7 +130,7 @@ def bundle() -> str:
 
 
 def noise() -> str:
-    """Return how views become one information matrix, and how the robust weight falls."""
+    """Return the diagram of views combined in one information matrix, and of the robust weight."""
     point, parts = (190.0, 118.0), [text(20, 24, "three views of one keypoint", "s")]
     for (x, y), sigma, name in (((40, 56), 9.0, "sharp"), ((60, 206), 16.0, "usual"), ((338, 60), 30.0, "noisy")):
         along = np.array(point) - (x, y)
@@ -163,7 +163,7 @@ def noise() -> str:
 
 
 def markers() -> str:
-    """Return the way of optical markers."""
+    """Return the diagram of the steps for optical markers."""
     steps = [
         ("Points", "with labels, some", "or none"),
         ("Label", "network, distances,", "votes of stretches"),
@@ -214,4 +214,4 @@ def _joints(rotations: np.ndarray, body: object) -> np.ndarray:
 
 
 DIAGRAMS = {"pipeline": pipeline, "prior": prior, "bundle": bundle, "noise": noise, "markers": markers}
-"""What draws each, by its name in docs/images (``method_NAME.svg``)."""
+"""Function that draws each diagram, by its name in docs/images (``method_NAME.svg``)."""

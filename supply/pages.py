@@ -1,4 +1,4 @@
-"""Pages that are made from the program's own tables and the baseline: ``python3 dev.py docs`` writes them."""
+"""Write the pages that are generated from the program's tables and the baseline: ``python3 dev.py docs``."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ PAGES: dict[str, Callable[[], str]] = {
     **{f"images/results_{chart.name}.svg": partial(draw_chart, chart) for chart in CHARTS},
     **{f"images/method_{name}.svg": draw for name, draw in DIAGRAMS.items()},
 }
-"""What makes each page, by its path below docs."""
+"""Function that makes each page, by its path below docs."""
 
 
 def main() -> int:
@@ -47,7 +47,7 @@ def main() -> int:
 
 
 def write_page(name: str, folder: Path = FOLDER) -> Path:
-    """Write one page, by its path below a folder, and return where it is."""
+    """Write one page, given its path below a folder, and return the path of the file."""
     return write_text(folder / name, PAGES[name](), overwrite=True)
 
 

@@ -1,4 +1,4 @@
-"""docs/explanation/published-tables.md: every table of the papers with our own measurements."""
+"""Generate docs/explanation/published-tables.md: every table of the papers with our own measurements."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ NETWORKS = (
     ("landmark_clouds", "the network that ships", "fixed_", "`fixed`"),
     ("landmark_clouds", "the network that ships", "thesis_", "`thesis`"),
 )
-"""Benchmark, name, beginning of the keys, and corruption of every network with absolute figures."""
+"""Benchmark, name, start of the keys, and corruption of every network with absolute figures."""
 _NETWORKS = """The thesis' rows are medians over three trainings. Each error is a mean over 1,000 ordinary poses,
 646 rare poses (*tail*) or 171 poses on the floor. A dash marks a missing figure.
 
@@ -73,7 +73,7 @@ shows our ratio, with our two figures in brackets. The conditions of each table 
 
 @dataclass(frozen=True)
 class PublishedRow:
-    """One comparison of a published table, and ours."""
+    """One comparison from a published table, and our result."""
 
     source: str
     table: str
@@ -115,7 +115,7 @@ class PublishedRow:
 
 @dataclass(frozen=True)
 class Figures:
-    """The committed figures that rows name."""
+    """Committed figures that the rows refer to."""
 
     baseline: Mapping[str, Any]
     takes: Mapping[str, Any]  # Contents of ``TAKE_FILES``.
@@ -125,7 +125,7 @@ class Figures:
         """Return a row of the data file with its figures.
 
         Raises:
-            KeyError: a figure that it names is missing.
+            KeyError: a figure that it refers to is missing.
         """
         shared = {key: value[key] for key in ("source", "table", "what", "log") if key in value}
         if "not_applicable" in value:
@@ -215,7 +215,7 @@ def take_table(results: Mapping[str, Any]) -> list[str]:
 
 
 def noise_table(results: Mapping[str, Any]) -> list[str]:
-    """Return a table of the fits of markers alone on every take: chapter 5."""
+    """Return a table of the marker-only fits on every take (chapter 5)."""
     lines = [
         "Fits of markers under three kinds of noise: each cell is the RMSE of joints in mm, as the median over seeds."
     ]
@@ -241,7 +241,7 @@ def _cells(runs: Mapping[str, Any], names: Sequence[str], column: str) -> list[s
 
 
 def network_table(baseline: Mapping[str, Any]) -> list[str]:
-    """Return the absolute errors of landmark networks: two of the rows of chapter 4, and the network that ships."""
+    """Return the absolute errors of landmark networks: two rows of chapter 4, and the shipped network."""
     lines = ["## Landmark networks in absolute figures", "", _NETWORKS, ""]
     lines += ["| network | clouds, poses | RMSE mm | MPJPE mm | PCK1 % | PCK3 % | PCK7 % |", "|---" * 7 + "|"]
     for bench, name, prefix, clouds in NETWORKS:
@@ -257,7 +257,7 @@ def network_table(baseline: Mapping[str, Any]) -> list[str]:
 
 
 def _amount(measured: Sequence[PublishedRow]) -> str:
-    """Return how many takes and noise seeds the rows of a table have."""
+    """Return a sentence with the numbers of takes and noise seeds of a table's rows."""
     least, most = min(row.num_takes for row in measured), max(row.num_takes for row in measured)
     return f"{least if least == most else f'{least} to {most}'} takes, {_seeds(measured)}."
 

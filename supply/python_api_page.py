@@ -1,4 +1,4 @@
-"""The page docs/reference/python-api.md: the public names of ``solver_backend``; the site adds their docstrings."""
+"""Generate docs/reference/python-api.md: the public names of ``solver_backend``. The site adds their docstrings."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Markers need only `Capture(name="take", markers=MarkerCloud(positions=points, fp
 
 
 def python_api_page() -> str:
-    """Return the page that names everything public."""
+    """Return the page that lists all public names."""
     objects = [getattr(solver_backend, name) for name in solver_backend.__all__]
     paths = sorted(f"{found.__module__}.{found.__qualname__}" for found in objects)
     table = [f"| `{name}` | {_first_line(getattr(solver_backend, name))} |" for name in sorted(solver_backend.__all__)]

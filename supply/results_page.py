@@ -1,4 +1,4 @@
-"""docs/results.md and its charts, made from the committed baseline of the benchmarks: no figure is typed by hand."""
+"""Generate docs/results.md and its charts from the committed benchmark baseline, so that no figure is typed by hand."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PRIORS = ("pose_ndf", "vposer", "rvposer", "rest")
 
 @dataclass(frozen=True)
 class ChartOfBars:
-    """A chart of the page: what it shows, and which figures of which benchmark."""
+    """A chart of the page: its texts, and the figures of a benchmark that it shows."""
 
     name: str
     title: str
@@ -177,7 +177,7 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ("Additional CPU time of a solve inside Blender", "solve_in_blender", "added_cpu_s", "s"),
     ),
 }
-"""Section, then rows: what, benchmark, figure, unit."""
+"""Sections and their rows: description, benchmark, figure, unit."""
 REAL = {
     "cmu_41_mean_share", "running_53_mean_share", "plug-in_gait_39_mean_share", "failed_takes",
     "hand26_flexion_rms_deg", "hand10_flexion_rms_deg", "two_hands_ms", "right_found_percent", "four_px",
@@ -185,9 +185,9 @@ REAL = {
     "pictures_per_s_per_camera", "take_s", "detected_px", "detected_percent", "missing_percent",
     "detected_swaps_percent", "solved_swaps_percent", "cpu_ms",
 }  # fmt: skip
-"""Figures of real recordings. The others are simulated, or measure speed alone."""
+"""Figures of real recordings. The others are simulated, or only measure speed."""
 SPEED = {"marker_speed", "bake", "body", "register", "retarget", "solve_in_blender"}
-"""Benchmarks whose data do not matter."""
+"""Benchmarks that only measure speed, on any data."""
 
 _HEAD = """<!-- Made by python3 dev.py docs from tests/benchmarks/baseline.json (dev.py bench --update records it). -->
 
@@ -244,7 +244,7 @@ _BY_JOINT = {
 
 
 def _by_joint() -> list[str]:
-    """Return the table of the included detector's figures of each joint."""
+    """Return the table of the included detector's figures for each joint."""
     keys = _baseline()["detector"]["figures"]
     lines = [
         "This table shows the included detector for each joint, on real videos (`dev.py bench detector`). Distances"

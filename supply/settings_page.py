@@ -1,4 +1,4 @@
-"""The page of docs/reference that lists every setting of a solve, made from the rows that declare them."""
+"""Generate the reference page with every setting of a solve from the rows that declare them."""
 
 from __future__ import annotations
 

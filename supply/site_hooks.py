@@ -1,4 +1,4 @@
-"""Hook of the documents' site: links to files that the site does not hold become plain text."""
+"""Hook of the documentation site: links to files that the site lacks become plain text."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ OUTSIDE = (
     "explanation/complaints.md",
     "explanation/threat-model.md",
 )
-"""What the site leaves out: the repository beside ``docs``, and records for developers (see mkdocs.yml)."""
+"""Paths that the site omits: the repository outside ``docs``, and records for developers (see mkdocs.yml)."""
 _LINK = re.compile(r"\[([^\]]+)\]\((?![a-z]+:|#)([^)#\s]+)(#[^)]*)?\)")
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Return a page's text with its links to files outside of the site as text alone.
+    """Return a page's text with links to files outside of the site replaced by their text.
 
     Args:
-        markdown: the text.
-        page: the page, whose ``file.src_uri`` is its path below ``docs``.
+        markdown: text of the page.
+        page: the page, with ``file.src_uri`` as its path below ``docs``.
     """
     folder = os.path.dirname(page.file.src_uri)
 

@@ -1,4 +1,4 @@
-"""Parts of hand-drawn SVG files: boxes, arrows, curves and text on white paper, the same bytes every time."""
+"""Parts of hand-drawn SVG files with deterministic bytes: boxes, arrows, curves and text on white paper."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from html import escape
 
 WIDTH = 720  # Of every picture, pixels: what a page shows without scaling.
 INK, ACCENT, QUIET, WARM = "#24323a", "#1f6f8b", "#99a8b2", "#d08770"
-"""Text and outlines; what is ours or solved; what is given; what is measured. All are legible on the paper."""
+"""Colours of text and outlines, of our or solved items, of inputs, and of measured items. All are legible on paper."""
 _PAPER = '<rect width="100%" height="100%" rx="6" fill="#fff"/>'
 _STYLE = (
     f"<style>text{{font:13px system-ui,sans-serif;fill:{INK}}}.s{{font-size:11px}}.b{{font-weight:600}}"
@@ -18,18 +18,18 @@ _HEAD = (
     f'<path d="M0 0L8 4L0 8z" fill="{INK}"/></marker></defs>'
 )
 _LINE_PX, _RISE_PX = 16, 4
-"""Height of a line of text, and from a line's middle to its baseline."""
+"""Height of a line of text, and distance from a line's middle to its baseline, in pixels."""
 
 
 def picture(title: str, height: int, parts: Iterable[str]) -> str:
-    """Return a whole SVG file; ``title`` is what readers get who cannot see it."""
+    """Return a whole SVG file. ``title`` describes it for readers who cannot see it."""
     size = f'viewBox="0 0 {WIDTH} {height}" width="{WIDTH}" height="{height}"'
     head = f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img">'
     return "\n".join([head, f"<title>{escape(title)}</title>", _STYLE, _HEAD, _PAPER, *parts, "</svg>", ""])
 
 
 def text(x: float, y: float, words: str, classes: str = "") -> str:
-    """Return a line of text; classes are m (middle), s (small), b (bold) and i (italic)."""
+    """Return a line of text with classes m (middle), s (small), b (bold) and i (italic)."""
     return f'<text x="{x:.1f}" y="{y:.1f}" class="{classes}">{escape(words)}</text>'
 
 
@@ -47,7 +47,7 @@ def box(x: float, y: float, width: float, height: float, lines: Sequence[str], c
 
 
 def arrow(*points: tuple[float, float], dashed: bool = False) -> str:
-    """Return a line through points with a head at its end."""
+    """Return a line through points with an arrowhead at its end."""
     return polyline(points, INK, 1.5, dashed=dashed).replace("/>", ' marker-end="url(#a)"/>')
 
 
@@ -67,7 +67,7 @@ def dot(middle: Iterable[float], radius: float, colour: str, *, hollow: bool = F
 
 
 def ellipse(x: float, y: float, radii: tuple[float, float], degrees: float, colour: str) -> str:
-    """Return a half-transparent ellipse, turned clockwise."""
+    """Return a half-transparent ellipse, rotated clockwise."""
     turned = f'transform="rotate({degrees:.1f} {x:.1f} {y:.1f})"'
     return (
         f'<ellipse cx="{x:.1f}" cy="{y:.1f}" rx="{radii[0]:.1f}" ry="{radii[1]:.1f}" {turned} fill="{colour}" '

@@ -1,8 +1,7 @@
-"""Every text that a user meets, in one list to be read as a whole: ``python -m supply.texts [WORD]``.
+"""List all texts that users see, for proofreading: ``python -m supply.texts [WORD]``.
 
-Messages, labels, tooltips, reports, errors and help are the strings of the program that hold a blank and are no
-docstrings, and the texts of the tables of diagnostics and verbs; labels of one word are in
-``blender_addon/ui/german.txt``.
+Messages, labels, tooltips, reports, errors and help are the program's strings with a space that are not docstrings, and
+the texts in the tables of diagnostics and verbs. Labels of one word are in ``blender_addon/ui/german.txt``.
 """
 
 from __future__ import annotations
@@ -18,16 +17,16 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("solver_backend", "blender_addon", "dev.py")
 TABLES = (Path("solver_backend/exchange/diagnostics.json"), Path("solver_backend/exchange/verbs.json"))
-"""Tables with texts; values stand in braces."""
+"""Tables with texts. Values are in braces."""
 VALUE = "{…}"  # Where a message holds a value.
 _SENTENCE = re.compile(r"[A-Za-z]{2,}\W+[A-Za-z]{2,}")
-"""Two words beside each other: what holds none is a key, a path or a format."""
+"""Two adjacent words. A string without any is a key, a path or a format."""
 _JSON_TEXT = re.compile(r'[:,] "((?:[^"\\]|\\.)*)"')  # A value in a line of a table.
 
 
 @cache
 def shown_strings(path: Path) -> tuple[tuple[int, str], ...]:
-    """Return line and text of the strings of a file that hold a blank and are no docstrings; values as ``{…}``."""
+    """Return line and text of a file's strings that contain a space and are not docstrings, with values as ``{…}``."""
     nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
     statements = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
     whole = [node for node in nodes if isinstance(node, ast.JoinedStr)]
@@ -47,7 +46,7 @@ def _text(node: ast.Constant | ast.JoinedStr) -> str:
 
 
 def texts() -> Iterator[tuple[Path, int, str]]:
-    """Yield file, line and text of all that may be shown, each text once."""
+    """Yield the file, line and text of everything that may be shown, without duplicates."""
     known = set[str]()
     for package in PACKAGES:
         for path in sorted((ROOT / package).rglob("*.py")) or [ROOT / package]:
@@ -66,7 +65,7 @@ def texts() -> Iterator[tuple[Path, int, str]]:
 
 
 def main() -> int:
-    """Print the list, or the lines that hold a word, and return the exit code."""
+    """Print the list, or the lines that contain a word, and return the exit code."""
     wanted = " ".join(sys.argv[1:]).lower()
     for path, line, text in texts():
         if wanted in text.lower():

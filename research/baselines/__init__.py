@@ -1,4 +1,4 @@
-"""Published and common methods under one interface, to compare a solve with in one run."""
+"""Published and common methods with a common interface, for comparison with a solve in one run."""
 
 from research.baselines.base import Baseline, BaselineResult
 from research.baselines.bundlemocap import BundleMoCap, BundleMoCapPlusPlus

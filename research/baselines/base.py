@@ -13,7 +13,7 @@ from solver_backend.types import Capture, Motion
 
 @dataclass(frozen=True)
 class BaselineResult:
-    """The input of a baseline, F frames."""
+    """Result of a baseline for F frames."""
 
     keypoints3d: np.ndarray  # (F, K, 3) world metres in the capture's joint set; NaN for a point it never found.
     motion: Motion | None = None  # The animated body, of methods that have one.

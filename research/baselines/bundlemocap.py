@@ -1,4 +1,4 @@
-"""BundleMoCap (Albanis et al. 2023) and BundleMoCap++ (Albanis 2026, thesis 6.2) as they were published.
+"""BundleMoCap (Albanis et al. 2023) and BundleMoCap++ (Albanis 2026, thesis 6.2) as published.
 
 The solver's method ``bundlemocap++`` has the same windows. Here start, curve and minimiser vary for the comparison, and
 both methods get the shape of the common start (``person.py``).
@@ -34,14 +34,14 @@ Start = Literal["previous", "points"]
 
 @dataclass(frozen=True)
 class BundleMoCapPlusPlus(BodyBaseline):
-    """SPoser, SIDER-2, windows of 20 frames, two free keys in each, the data term alone."""
+    """SPoser and SIDER-2 with windows of 20 frames, two free keys each, and only the data term."""
 
     window: int = 20  # Frames a window.
     optimiser: Optimiser = "gradient"
-    """Algorithm 1, or limited-memory BFGS on the same manifold: a kinder reading of the thesis."""
+    """Algorithm 1, or limited-memory BFGS on the same manifold, which favours the thesis' method."""
     start: Start = "points"
-    """Keys start from fits to their frames' triangulated points, which is kinder, or as copies of the key before, as
-    the thesis seems to mean. On training motions the latter doubles the error."""
+    """Keys start from fits to their frames' triangulated points, which favours the method, or as copies of the previous
+    key, as the thesis seems to mean. On training motions the copies double the error."""
     scale: float = 4.0 * ROBUST_SCALE  # Of Geman-McClure's penalty, chosen by ``tune_baselines``.
     root: Root = "sider"  # How the root moves between keys.
     interpolation: int = 2
@@ -53,7 +53,7 @@ class BundleMoCapPlusPlus(BodyBaseline):
         """Slide SIDER-n windows over the take.
 
         Raises:
-            JobInvalid: there is no such n, or it does not go with SLERP from key to key, which needs n = 2.
+            JobInvalid: n is not supported, or SLERP from key to key is combined with n other than 2.
         """
         if not 1 <= self.interpolation <= MOST_KEYS or (self.root == "slerp" and self.interpolation != 2):
             raise JobInvalid(
@@ -69,7 +69,7 @@ class BundleMoCapPlusPlus(BodyBaseline):
 
 @dataclass(frozen=True)
 class BundleMoCap(BodyBaseline):
-    """VPoser, SLERP between two keys, windows of 10 frames, one free key in each."""
+    """VPoser and SLERP between two keys, with windows of 10 frames and one free key each."""
 
     window: int = 10  # Frames a window.
     optimiser: Optimiser = "lbfgs"  # Algorithm 1 came with the successor.
@@ -97,7 +97,7 @@ class _Slider:
     root: Root
 
     def slide(self, name: str, length: int, start: Start) -> BaselineResult:
-        """Solve window after window."""
+        """Solve one window after another."""
         problem = self.prepared.problem
         layout = KeyframeLayout.even(problem.num_frames, length, free=self.free)
         guesses = self._keys_at(layout.key_times if start == "points" else layout.key_times[:1])
@@ -125,7 +125,7 @@ class _Slider:
         return self.prepared.result(name, slid.frames, layout.key_times, counts)
 
     def _keys_at(self, times: np.ndarray) -> KeyState:
-        """Return keys fitted to the points of seen frames near these times, for Gaussian codes to the views too."""
+        """Return keys fitted to the points of visible frames near these times, for Gaussian codes also to the views."""
         problem, subject, seen = self.prepared.problem, self.prepared.subject, self.prepared.seen
         if self.keys is KEYS:
             return keys_near(problem, subject, times, seen)

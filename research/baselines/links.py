@@ -1,4 +1,4 @@
-"""Link the frames of a sequence: slow joints, slow codes, joints on low frequencies."""
+"""Terms that link the frames of a sequence: slow joints, slow codes, low-frequency joints."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class SlowJoints:
 
 @dataclass(frozen=True)
 class SlowCodes:
-    """``E = 1/2 Σ_t |(z_{t+1} - z_t) fps / u|² + |(turn, way of the root) fps / v|²``.
+    """``E = 1/2 Σ_t |(z_{t+1} - z_t) fps / u|² + |(rotation, translation of the root) fps / v|²``.
 
-    The derivative of ``log(R_{t+1} R_tᵀ)`` is taken as ±I, which neighbouring frames are near enough for.
+    The derivative of ``log(R_{t+1} R_tᵀ)`` is approximated by ±I, because neighbouring frames are similar.
     """
 
     fps: float
@@ -56,7 +56,7 @@ class SlowCodes:
 
 @dataclass(frozen=True)
 class JointTargets:
-    """``E = 1/2 Σ_t |J_t - M_t|² / σ²``: joints drawn to given places, each frame on its own."""
+    """``E = 1/2 Σ_t |J_t - M_t|² / σ²``, which pulls the joints of each frame to given positions."""
 
     subject: Subject
     targets: np.ndarray  # (F, 72) M, metres.

@@ -1,4 +1,4 @@
-"""Fits of a body to markers, which the noise-aware method is compared with (thesis 5.3.1)."""
+"""Body fits to markers, for comparison with the noise-aware method (thesis 5.3.1)."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ _SIMPLIFIED = "Markers stay where their layout has them, codes of RVPoser, no ha
 
 @dataclass(frozen=True)
 class AdaptiveLoss:
-    """Barron's general loss ``|α - 2|/α ((r²/c² / |α - 2| + 1)^(α/2) - 1)`` of a fixed shape α.
+    """Barron's general loss ``|α - 2|/α ((r²/c² / |α - 2| + 1)^(α/2) - 1)`` with a fixed shape α.
 
-    α = 2 is least squares, 0 Cauchy's loss, -2 Geman-McClure's. Lower values count outliers less (Barron 2019, "A
-    general and adaptive robust loss function", eqs. 1, 8 and 9).
+    α = 2 is least squares, 0 Cauchy's loss, -2 Geman-McClure's. Lower values reduce the weight of outliers (Barron
+    2019, "A general and adaptive robust loss function", eqs. 1, 8 and 9).
     """
 
     alpha: float
@@ -55,19 +55,19 @@ class AdaptiveLoss:
 
 
 class MarkerBaseline(Baseline):
-    """The two stages of the noise-aware method with another loss in the second."""
+    """The two stages of the noise-aware method with another loss in the second stage."""
 
     @property
     @abstractmethod
     def loss(self) -> LandmarkLoss:
-        """Of the second stage."""
+        """Loss of the second stage."""
 
     def solve(self, capture: Capture) -> BaselineResult:
         """Fit the known markers of a capture.
 
         Raises:
-            MarkersUnknown: there are no markers, or too few that a layout knows.
-            NoDetections: in no frame enough markers are there to place a body.
+            MarkersUnknown: there are no markers, or too few markers of a known layout.
+            NoDetections: no frame has enough markers to locate a body.
         """
         if capture.markers is None:
             raise MarkersUnknown(
@@ -80,7 +80,7 @@ class MarkerBaseline(Baseline):
         return BaselineResult(motion.markers, motion)
 
     def motion_of(self, problem: Problem) -> Motion:
-        """Fit landmarks that are measured already."""
+        """Fit measured landmarks."""
         subject = Subject.average(problem.body, problem.measurements.landmarks, np.zeros(1))
         settings = SolveSettings(method="noise-aware")
         solved, _ = solve_noise_aware(problem, subject, settings, silent, loss=self.loss)
@@ -91,20 +91,20 @@ class MarkerBaseline(Baseline):
 
 @dataclass(frozen=True)
 class MoSh(MarkerBaseline):
-    """MoSh++ (Mahmood et al. 2019) as thesis 5.3.1 has it: unweighted least squares, also in the second stage."""
+    """MoSh++ (Mahmood et al. 2019) as in thesis 5.3.1: unweighted least squares, also in the second stage."""
 
     name: str = "MoSh++"
     simplified: str = f"{_SIMPLIFIED}."
 
     @property
     def loss(self) -> LandmarkLoss:
-        """Every landmark counts alike."""
+        """Loss with equal weights for all landmarks."""
         return FixedVariances()
 
 
 @dataclass(frozen=True)
 class AdaptiveRobust(MarkerBaseline):
-    """Barron's adaptive loss (2019) with a shape α that a grid search chose, as thesis 5.3.1 has it."""
+    """Barron's adaptive loss (2019) with a shape α from a grid search, as in thesis 5.3.1."""
 
     alpha: float = -1.0  # Shape; of the thesis's search the best is -4.5.
     name: str = "Barron's loss"
@@ -112,5 +112,5 @@ class AdaptiveRobust(MarkerBaseline):
 
     @property
     def loss(self) -> LandmarkLoss:
-        """Far landmarks count less."""
+        """Loss with lower weights for distant landmarks."""
         return AdaptiveLoss(self.alpha)

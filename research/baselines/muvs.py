@@ -1,4 +1,4 @@
-"""MuVS (Huang et al. 2017) as the thesis uses it (6.3.5): frames on their own in stages, VPoser, and its DCT stage."""
+"""MuVS (Huang et al. 2017) as the thesis uses it (6.3.5): separate frames in stages, VPoser, and its DCT stage."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _START = "start and shape from triangulated points in place of HMR"
 
 @dataclass(frozen=True)
 class MuVS(BodyBaseline):
-    """Every frame on its own: robust data and VPoser's density, both narrowed in three stages."""
+    """Separate fits of each frame with a robust data term and VPoser's density, both narrowed in three stages."""
 
     latent_weight: float = 3.0  # Of ``|z|²/2`` in the last stage, chosen by ``tune_baselines``.
     iterations: int = 10  # Linearisations at most, per stage.
@@ -37,7 +37,7 @@ class MuVS(BodyBaseline):
 
 @dataclass(frozen=True)
 class DCT(BodyBaseline):
-    """MuVS, then joints drawn to the slowest cosines of half a second."""
+    """MuVS, followed by a fit to the slowest cosines of the joints over half a second."""
 
     latent_weight: float = 3.0  # As in MuVS, chosen by ``tune_baselines``.
     sigma_m: float = 0.003  # How far joints may be from low frequencies, chosen by ``tune_baselines``.
@@ -59,7 +59,7 @@ class DCT(BodyBaseline):
 
 
 def by_frame(prepared: Prepared, latent_weight: float, iterations: int) -> tuple[Sequence, States]:
-    """Return all frames with the seen ones fitted on their own, through the stages."""
+    """Return all frames, with visible frames fitted separately through the stages."""
     prior = pose_prior()
     sequence = Sequence(prepared.subject, prior, prepared.problem.objective, latent_weight)
     states = initial_states(prepared, prior)

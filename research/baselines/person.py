@@ -1,7 +1,7 @@
 """Prepare the common start of all body baselines: triangulated points, noise and a fixed shape.
 
 The thesis starts shape and first frame with an HMR regressor (6.3.2). Here both come from fits to triangulated points
-of frames spread over the take, which is the kinder start.
+of frames distributed over the take, which favours the baselines.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ ROBUST_SCALE = 3.0  # Final Geman-McClure scale of every method, in standard dev
 
 @dataclass(frozen=True)
 class Prepared:
-    """A capture made ready, and the person with a fixed shape."""
+    """A prepared capture, and the person with a fixed shape."""
 
     problem: Problem
     subject: Subject
 
     @property
     def seen(self) -> np.ndarray:
-        """Return the frames with enough points to place a body."""
+        """Return the frames with enough points to locate a body."""
         return np.flatnonzero(self.problem.measurements.seen)
 
     def result(

@@ -1,8 +1,7 @@
 """Common gap filling: a missing marker moves with a rigid cluster of its neighbours.
 
-A marker's neighbours are the markers with the most constant distances to it over the take. From both ends of a gap the
-cluster's
-rigid motion (Kabsch 1976) carries the marker into it, and the two ways are blended across the gap.
+A marker's neighbours are the markers with the most constant distances to it over the take. From both ends of a gap, the
+cluster's rigid motion (Kabsch 1976) extrapolates the marker, and both results are blended across the gap.
 """
 
 from __future__ import annotations
@@ -15,10 +14,10 @@ NEIGHBOURS = 4  # Markers of a cluster at most.
 
 
 def fill_rigidly(measured: np.ndarray) -> np.ndarray:
-    """Return (F, M, 3) markers with filled gaps. With fewer than three visible neighbours, the filling is linear.
+    """Return (F, M, 3) markers with filled gaps. With fewer than three visible neighbours, gaps are filled linearly.
 
     Args:
-        measured: (F, M, 3) metres, NaN where missing.
+        measured: (F, M, 3) positions in metres, NaN where missing.
     """
     found, seen = measured.copy(), np.isfinite(measured).all(-1)
     spread = _distance_spread(measured)
@@ -34,7 +33,7 @@ def fill_rigidly(measured: np.ndarray) -> np.ndarray:
 
 
 def _distance_spread(measured: np.ndarray) -> np.ndarray:
-    """Return (M, M) standard deviations of the distances between markers, infinite on the diagonal or if never seen."""
+    """Return (M, M) standard deviations of marker distances, infinite on the diagonal or if never seen."""
     count = measured.shape[1]
     spread = np.full((count, count), np.inf)
     for m in range(count):
@@ -49,7 +48,7 @@ def _distance_spread(measured: np.ndarray) -> np.ndarray:
 def _carried(
     measured: np.ndarray, seen: np.ndarray, spread: np.ndarray, marker: int, end: int, gap: np.ndarray
 ) -> np.ndarray:
-    """Return (n, 3): the marker at the end of a gap, carried into it by its neighbours."""
+    """Return (n, 3) positions of a gap's marker, moved from one end of the gap with its neighbours."""
     whole = seen[end] & seen[gap].all(axis=0) & np.isfinite(spread)
     cluster = np.flatnonzero(whole)[np.argsort(spread[whole], kind="stable")][:NEIGHBOURS]
     if len(cluster) < 3:

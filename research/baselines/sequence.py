@@ -1,6 +1,6 @@
 """Equations of frames with Gaussian codes as poses, for single frames and for linked frames.
 
-The unknowns of a frame are ``(z (32,), R (3, 3), t (3,))`` with 38 tangents: code 32, turn of the root 3 (world),
+The unknowns of a frame are ``(z (32,), R (3, 3), t (3,))`` with 38 tangents: code 32, rotation of the root 3 (world),
 translation 3. The cost is the robust data term and ``w/2 |z|²``, the code's negative log density (Bogo et al. 2016;
 Pavlakos et al. 2019), plus the terms that link frames.
 """
@@ -49,12 +49,12 @@ class States(Rows):
     transl: np.ndarray  # (F, 3) metres.
 
     def retract(self, step: np.ndarray) -> States:
-        """Move by (F, 38) tangent steps."""
+        """Move the states by (F, 38) tangent steps."""
         root = exp_so3(step[:, STATE[ROOT]]) @ self.root
         return States(self.z + step[:, STATE[CODE]], root, self.transl + step[:, STATE[TRANSL]])
 
     def replaced(self, frames: np.ndarray, new: States) -> States:
-        """Return the states with new ones for some frames."""
+        """Return the states with new states for some frames."""
         parts = {name: getattr(self, name).copy() for name in ("z", "root", "transl")}
         for name, values in parts.items():
             values[frames] = getattr(new, name)
@@ -63,7 +63,7 @@ class States(Rows):
 
 @dataclass(frozen=True)
 class Equations:
-    """Gauss-Newton model of F frames. ``upper`` couples neighbours."""
+    """Gauss-Newton model of F frames. ``upper`` couples neighbouring frames."""
 
     cost: np.ndarray  # (F,).
     H: np.ndarray  # (F, 38, 38).
@@ -76,11 +76,11 @@ class Equations:
 
 
 Link = Callable[[States, PosedFrames, np.ndarray], Equations]
-"""(states, poses, (F, 69, 38) derivative of the pose tangents) -> what links the frames."""
+"""Function of states, poses and (F, 69, 38) derivatives of the pose tangents that returns the linking terms."""
 
 
 def pose_prior() -> GaussianVAE:
-    """Return VPoser as its public code has it, as the methods were published (Pavlakos et al. 2019)."""
+    """Return VPoser as in its public code, which the published methods used (Pavlakos et al. 2019)."""
     return load_vae("vposer")
 
 
@@ -94,7 +94,7 @@ class Sequence:
     latent_weight: float  # w.
 
     def poses(self, states: States) -> PosedFrames:
-        """Return the poses the states decode to."""
+        """Return the poses that the states decode to."""
         return PosedFrames(states.root, decoded(self.prior, states.z), states.transl)
 
     def d_pose_d_state(self, states: States) -> np.ndarray:
@@ -115,7 +115,7 @@ class Sequence:
         return own if link is None else own + link(states, poses, C)
 
     def solve(self, states: States, scale: float, iterations: int, link: Link | None = None) -> States:
-        """Minimise from these states: every frame on its own, or, where the link joins neighbours, all at once."""
+        """Minimise from these states: each frame separately, or all frames together if the link couples them."""
 
         def linearise(s: States) -> tuple[np.ndarray, DenseBlocks | BlockTridiagonal]:
             found = self.equations(s, scale, link)
@@ -146,14 +146,14 @@ def initial_states(prepared: Prepared, prior: PosePrior) -> States:
 
 @dataclass(frozen=True)
 class PosedJoints:
-    """Joints of the posed body, and how they move with the states."""
+    """Joints of the posed body, and their derivatives by the states."""
 
     joints: np.ndarray  # (F, 72) metres.
     by_states: np.ndarray  # (F, 72, 38).
 
     @classmethod
     def of(cls, subject: Subject, poses: PosedFrames, by_states: np.ndarray) -> PosedJoints:
-        """Differentiate the 24 joints."""
+        """Compute and differentiate the 24 joints."""
         landmarks = keypoint_landmarks(subject.body, JointSet.SMPL_24)
         found = pose_landmarks(
             subject.body, landmarks, subject.betas, poses.root, poses.local, poses.transl, jacobian=True

@@ -1,4 +1,4 @@
-"""Robust triangulation and a Butterworth low-pass: what most open pipelines do."""
+"""Robust triangulation and a Butterworth low-pass filter, as in most open pipelines."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ _START = "start and shape from triangulated points in place of HMR"
 
 @dataclass(frozen=True)
 class ETC(BodyBaseline):
-    """Exploiting temporal context (Arnab et al. 2019), for several views: slow joints over the whole take."""
+    """Exploiting temporal context (Arnab et al. 2019) for several views, with slow joints over the whole take."""
 
     latent_weight: float = 0.3  # Of ``|z|²/2``, chosen by ``tune_baselines``.
     speed_m_s: float = 1.0  # Standard deviation of a joint's speed per axis, chosen by ``tune_baselines``.
@@ -27,7 +27,7 @@ class ETC(BodyBaseline):
     )
 
     def fit(self, prepared: Prepared) -> BaselineResult:
-        """Fit each frame, then all at once."""
+        """Fit each frame, then all frames together."""
         sequence, states = by_frame(prepared, self.latent_weight, self.iterations)
         link = SlowJoints(prepared.subject, prepared.problem.fps, self.speed_m_s)
         states = sequence.solve(states, ROBUST_SCALE, self.iterations, link)
@@ -36,7 +36,7 @@ class ETC(BodyBaseline):
 
 @dataclass(frozen=True)
 class DMMR(BodyBaseline):
-    """Dynamic multi-person mesh recovery (Huang et al. 2021): latents that move slowly, in four stages."""
+    """Dynamic multi-person mesh recovery (Huang et al. 2021) with slow latent codes, in four stages."""
 
     latent_weight: float = 12.0  # Of ``|z|²/2``, chosen by ``tune_baselines``.
     codes_per_s: float = 1.25  # Standard deviation of a code's speed, chosen by ``tune_baselines``.
@@ -49,7 +49,7 @@ class DMMR(BodyBaseline):
     )
 
     def fit(self, prepared: Prepared) -> BaselineResult:
-        """Fit all frames at once, through four stages."""
+        """Fit all frames together in four stages."""
         prior = pose_prior()
         sequence = Sequence(prepared.subject, prior, prepared.problem.objective, self.latent_weight)
         states = initial_states(prepared, prior)

@@ -1,4 +1,4 @@
-"""Windows that the published method is compared with: SLERP between Gaussian codes, and other curves of the root.
+"""Windows for comparison with the published method: SLERP between Gaussian codes, and other curves of the root.
 
 The cost is the published data term and, for Gaussian codes, the density of the codes.
 """
@@ -18,7 +18,7 @@ from solver_backend.solver.manifolds import SO3, Euclidean, Product
 
 GAUSSIAN = Product((Euclidean(), SO3(), Euclidean()))  # Where the free keys of a window with Gaussian codes live.
 Root = Literal["sider", "slerp", "se3"]
-"""Rotation and translation apart as SIDER-n or SLERP has it, or together on SE(3)."""
+"""Separate rotation and translation as in SIDER-n or SLERP, or both together on SE(3)."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class OtherWindow(Window):
     gaussian: bool = False  # Codes are those of a Gaussian prior, between which lengths go over too.
     latent_weight: float = 0.0  # Of ``|z|²/2`` in every frame.
     root: Root = "sider"
-    """How the root moves between three keys: turning on a spherical parabola, from key to key, or on a screw."""
+    """Root motion between three keys: rotation on a spherical parabola, from key to key, or a screw motion."""
 
     def codes_cost(self, z: np.ndarray) -> tuple[float, np.ndarray]:
         """Return ``w |z|²/2`` over the frames and its gradient."""
@@ -48,7 +48,7 @@ class OtherWindow(Window):
 
 @dataclass(frozen=True)
 class KeyToKeySlerp:
-    """SLERP from the first of three keys to the second, and on to the third."""
+    """SLERP from the first of three keys to the second, then to the third."""
 
     early: KeyWeights
     late: KeyWeights
@@ -56,24 +56,24 @@ class KeyToKeySlerp:
 
     @classmethod
     def between(cls, keys: np.ndarray, time: np.ndarray) -> KeyToKeySlerp:
-        """Take (W, 1, 3, d) keys and (W, n) times in 0..1."""
+        """Interpolate (W, 1, 3, d) keys at (W, n) times in 0..1."""
         early, late = (sider_weights(keys[..., i : i + 2, :], 2 * time - i) for i in (0, 1))
         return cls(early, late, (time > 0.5)[..., None])
 
     @property
     def value(self) -> np.ndarray:
-        """(W, n, d)."""
+        """(W, n, d) interpolated points."""
         return np.where(self.is_late, self.late.value, self.early.value)
 
     def vjp(self, cotangent: np.ndarray) -> np.ndarray:
-        """Return (W, n, 3, d) by each key."""
+        """Return the (W, n, 3, d) vector-Jacobian products by each key."""
         early = self.early.vjp(np.where(self.is_late, 0.0, cotangent))
         late = self.late.vjp(np.where(self.is_late, cotangent, 0.0))
         middle = early[..., 1:, :] + late[..., :1, :]
         return np.concatenate([early[..., :1, :], middle, late[..., 1:, :]], axis=-2)
 
     def jacobian(self, key: int) -> np.ndarray:
-        """Return (W, n, d, d), the derivative of the points by one of the keys."""
+        """Return the (W, n, d, d) derivatives of the points by one of the keys."""
         return _jacobian(self, key)
 
 
@@ -81,7 +81,7 @@ class KeyToKeySlerp:
 class StretchedSlerp:
     """``sin((1-t)ψ)/sinψ z_0 + sin(tψ)/sinψ z_1`` of two vectors of any length.
 
-    The weights depend on the directions u alone: ``dw_i = Σ_jk M[j, i, k] u_k · du_j``, ``du = (I - uuᵀ) dz / |z|``.
+    The weights depend only on the directions u: ``dw_i = Σ_jk M[j, i, k] u_k · du_j``, ``du = (I - uuᵀ) dz / |z|``.
     """
 
     keys: np.ndarray  # (W, 1, 2, d), not zero.
@@ -90,29 +90,29 @@ class StretchedSlerp:
 
     @classmethod
     def between(cls, keys: np.ndarray, time: np.ndarray) -> StretchedSlerp:
-        """Take (W, 1, 2, d) keys and (W, n) times in 0..1."""
+        """Interpolate (W, 1, 2, d) keys at (W, n) times in 0..1."""
         length = np.maximum(np.linalg.norm(keys, axis=-1, keepdims=True), 1e-9)
         return cls(keys, length, sider_weights(keys / length, time))
 
     @property
     def value(self) -> np.ndarray:
-        """(W, n, d)."""
+        """(W, n, d) interpolated points."""
         return self.unit.weights @ self.keys[:, 0]
 
     def vjp(self, cotangent: np.ndarray) -> np.ndarray:
-        """Return (W, n, 2, d) by each key."""
+        """Return the (W, n, 2, d) vector-Jacobian products by each key."""
         along, u = cotangent @ self.keys[:, 0].swapaxes(-1, -2), self.unit.keys
         by_unit = np.einsum("wfi,wfjik->wfjk", along, self.unit.mixing) @ u
         by_unit = by_unit - (by_unit * u).sum(-1, keepdims=True) * u
         return self.unit.weights[..., :, None] * cotangent[..., None, :] + by_unit / self.length
 
     def jacobian(self, key: int) -> np.ndarray:
-        """Return (W, n, d, d), the derivative of the points by one of the keys."""
+        """Return the (W, n, d, d) derivatives of the points by one of the keys."""
         return _jacobian(self, key)
 
 
 def _jacobian(points: Interpolant, key: int) -> np.ndarray:
-    """Return (W, n, d, d) of any points between keys: row i is the vector-Jacobian product of the i-th unit vector."""
+    """Return (W, n, d, d) Jacobians of points between keys. Row i is the vector-Jacobian product of unit vector i."""
     value = points.value
     rows = [points.vjp(np.broadcast_to(unit, value.shape))[..., key, :] for unit in np.eye(value.shape[-1])]
     return np.stack(rows, axis=-2)

@@ -1,1 +1,1 @@
-"""Descent on manifolds (thesis 6.2.4), which published methods of whole windows minimise with."""
+"""Descent on manifolds (thesis 6.2.4), the minimiser of published methods for whole windows."""

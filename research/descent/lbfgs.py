@@ -1,4 +1,4 @@
-"""Limited-memory BFGS on manifolds, a kinder minimiser for the published methods than Algorithm 1."""
+"""Limited-memory BFGS on manifolds, a stronger minimiser for the published methods than Algorithm 1."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ def lbfgs(
     """Minimise by limited-memory BFGS with its pairs projected on the tangent space of the iterate.
 
     Args:
-        manifold: where the state lives.
-        objective: state -> cost, gradient.
-        state: start, on the manifold.
-        settings: when to stop.
+        manifold: manifold of the state.
+        objective: function from a state to cost and gradient.
+        state: initial state on the manifold.
+        settings: stopping criteria.
 
     References: Ring and Wirth 2012, "Optimization methods on Riemannian manifolds and their application to shape
     space". Absil, Mahony and Sepulchre 2008, section 8.1.3 (projection). Nocedal and Wright 2006, algorithm 7.4.
@@ -71,7 +71,7 @@ class _LimitedMemory:
         return q
 
     def learn(self, manifold: Manifold, y: State, step: State, old: State, new: State) -> None:
-        """Project all pairs on the tangent space at ``y`` and add the last one if its curvature is positive."""
+        """Project all pairs on the tangent space at ``y``, and add the last pair if its curvature is positive."""
         carried = [(manifold.project(y, s), manifold.project(y, d), p) for s, d, p in self.pairs]
         s = manifold.project(y, step)
         change = manifold.combine(1.0, new, -1.0, manifold.project(y, old))

@@ -1,1 +1,1 @@
-"""Benchmark captures: recorded motion, simulated cameras and detectors with errors, and faults of recordings."""
+"""Benchmark captures: recorded motion, simulated cameras and detectors with errors, and recording faults."""

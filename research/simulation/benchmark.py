@@ -21,22 +21,22 @@ JOINT_SET = JointSet.BODY_25
 
 @dataclass(frozen=True)
 class BenchmarkSettings:
-    """How a take is filmed."""
+    """Settings for filming a take."""
 
     num_views: int = 4  # Cameras.
     seed: int = 0  # Of shape, bias and noise.
     sync_offset_frames: float = 0.0  # Largest delay of a camera; each but the first draws its own, uniformly in ±.
     largest_delay_frames: float = 0.0
-    """Largest delay of a camera. Each one but the first draws its own, uniformly from 0, in addition to the one
-    above."""
+    """Largest delay of a camera in frames. Each camera but the first draws its delay uniformly from 0, in addition to
+    the value above."""
     anatomy_mm: float = 8.0
-    """Standard deviation per axis between the detector's and the body's definition of a joint. A solve of the
-    recording assigns its landmarks 9.6 mm. A part of it is common to all people and is in the landmarks'
-    definition."""
+    """Standard deviation in millimetres per axis between the detector's and the body's definition of a joint. A solve
+    of the recording gives its landmarks 9.6 mm. Part of it is common to all people and is in the landmarks' definition.
+    """
     calibration_mm: float = 8.0
-    """Standard deviation per axis of how far the calibration misplaces the person in a view. The recording shows 22 mm
-    (its views disagree by 27 mm as calibrated and by 10 mm with refined cameras), which is a poor calibration. The
-    chosen value is one that users accept (Pagnon et al. 2021 ask for less than 10 mm)."""
+    """Standard deviation in millimetres per axis of the calibration's error at the person in a view. The recording has
+    22 mm (its views disagree by 27 mm as calibrated and by 10 mm with refined cameras), which is a poor calibration.
+    The chosen value is acceptable to users (Pagnon et al. 2021 ask for less than 10 mm)."""
     detector: DetectorFaults = MEASURED_DETECTOR  # The detector.
     touches_floor: bool = False  # The lowest point of the skin is on the floor in every frame. Recorded feet may float.
 
@@ -46,18 +46,17 @@ def benchmark_capture(
 ) -> Capture:
     """Film a take and add its truth.
 
-    Truth: SMPL parameters, joints, keypoints3d, and ``meant3d``, the points by the detector's definition.
-    ``swapped`` and ``outlier`` (C, F, K), ``swaps`` (N, 4: view, limb, first frame, one past the last),
-    ``delay_frames`` (C,), and
-    the true cameras, ``R`` and ``t``.
+    The truth has SMPL parameters, joints, keypoints3d, and ``meant3d``, the points by the detector's definition. It
+    also has ``swapped`` and ``outlier`` (C, F, K), ``swaps`` (N, 4: view, limb, first frame, one past the last),
+    ``delay_frames`` (C,), and the true cameras, ``R`` and ``t``.
 
     Args:
         take: recorded motion.
-        settings: how it is filmed.
-        body: body with the shape space for the person, by default the included one.
+        settings: settings for filming.
+        body: body with the shape space for the person, by default the bundled body.
 
     Raises:
-        TakeTooShort: fewer than four frames.
+        TakeTooShort: there are fewer than four frames.
     """
     if len(take.rotations) < 4:
         raise TakeTooShort(f"A benchmark take needs 4 frames, this one has {len(take.rotations)}.", where=take.name)

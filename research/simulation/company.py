@@ -1,4 +1,4 @@
-"""Two people who cross in front of cameras: each hides the other, and a detector lists them in any order."""
+"""Two people who cross in front of cameras. They occlude each other, and a detector lists them in any order."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from solver_backend.synthesis.simulation.keypoint_detector import DetectorOutput
 from solver_backend.types import Cameras, Keypoints2D
 
 PASSING_M = (0.5, 0.7)
-"""How near the two come to each other, between their pelvises: less and their shoulders would touch."""
+"""Range of the smallest distance in metres between both pelvises. At less, their shoulders would touch."""
 CROSSING_RAD = (np.pi / 3, np.pi)  # Angle between their ways.
 HIDDEN_SHARE = 0.6  # A detector misses a person where another hides more than this share of the keypoints.
 
 
 @dataclass(frozen=True)
 class Crossing:
-    """Two people filmed together, and each of them alone by the same cameras with the same noise."""
+    """Two people filmed together, and each person filmed alone by the same cameras with the same noise."""
 
     cameras: Cameras  # C cameras as calibrated.
     detections: Detections  # Both, in any order in each view and frame.
@@ -37,11 +37,11 @@ def crossing(takes: tuple[Take, Take], settings: BenchmarkSettings = BenchmarkSe
     """Film two people who walk past each other in the middle of the shorter take.
 
     Args:
-        takes: their motions. The longer one is cut.
+        takes: motions of the two people. The longer one is cut.
         settings: cameras, detector and its errors. The seed draws people, paths, noise and the order of detections.
 
     Raises:
-        TakeTooShort: fewer than four frames.
+        TakeTooShort: there are fewer than four frames.
     """
     frames = min(len(take.rotations) for take in takes)
     if frames < 4:
@@ -70,7 +70,7 @@ def crossing(takes: tuple[Take, Take], settings: BenchmarkSettings = BenchmarkSe
 
 
 def _past_each_other(people: list[Person], rng: np.random.Generator) -> list[Person]:
-    """Return both people, turned and moved so that they meet in the middle of the take."""
+    """Return both people, rotated and moved so that they meet in the middle of the take."""
     middle = len(people[0].transl) // 2
     angle = (0.0, rng.uniform(*CROSSING_RAD))
     gap = rng.uniform(*PASSING_M)
@@ -92,7 +92,7 @@ def _past_each_other(people: list[Person], rng: np.random.Generator) -> list[Per
 def _listed(
     cameras: Cameras, found: list[DetectorOutput], hidden: np.ndarray, rng: np.random.Generator
 ) -> tuple[Detections, np.ndarray]:
-    """Return the contents of files: people in random order without hidden ones. Also return their identities."""
+    """Return the contents of files with visible people in random order, and the people's identities."""
     xy = np.stack([output.xy for output in found], axis=2)
     confidence = np.stack([output.confidence for output in found], axis=2)
     there = (hidden.mean(axis=-1) <= HIDDEN_SHARE) & (confidence > 0).any(axis=-1)

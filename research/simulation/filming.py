@@ -1,4 +1,4 @@
-"""A person in front of cameras: tripods, a calibration with errors, and what a detector makes of the pictures."""
+"""Film a person with simulated cameras: tripods, a calibration with errors, and a detector."""
 
 from __future__ import annotations
 
@@ -46,17 +46,16 @@ class FilmSettings:
     fps: float  # Frames per second.
     detector: DetectorFaults  # The detector.
     offsets: np.ndarray | None = None
-    """(K, 3) metres in the rest frames, from the body's definition of a keypoint to the detector's definition, None
-    for none."""
+    """(K, 3) offsets in metres in the rest frames, from the body's to the detector's keypoint definition, or None."""
     delays: np.ndarray | None = None  # (C,) frames by which views lag; None for none.
     hidden: np.ndarray | None = None  # (C, F, K) bool, what others hide; None for nothing.
 
 
 def film(person: Person, cameras: Cameras, settings: FilmSettings, rng: np.random.Generator) -> DetectorOutput:
-    """Return what a detector finds of a person.
+    """Return the detector's output for a person.
 
     Args:
-        person: F frames.
+        person: person over F frames.
         cameras: C cameras with their true poses.
         settings: the detector and its errors.
         rng: seeded source of randomness.
@@ -79,7 +78,7 @@ def film(person: Person, cameras: Cameras, settings: FilmSettings, rng: np.rando
 
 
 def _out_of_sight(person: Person, cameras: Cameras, points: np.ndarray, settings: FilmSettings) -> np.ndarray:
-    """Return (C, F, K) bool: hidden by the person's own body or by others, tested ``OCCLUSION_HZ`` times per second."""
+    """Return a (C, F, K) mask of points occluded by the own body or others, tested at ``OCCLUSION_HZ``."""
     step = max(1, round(settings.fps / OCCLUSION_HZ))
     frames, keypoints = np.arange(0, len(points), step), settings.joint_set.keypoints
     hidden = [
@@ -91,7 +90,7 @@ def _out_of_sight(person: Person, cameras: Cameras, points: np.ndarray, settings
 
 
 def hidden_by(other: Person, cameras: Cameras, points: np.ndarray, fps: float) -> np.ndarray:
-    """Return (C, F, K) bool: another person hides the points (F, K, 3), tested ``OCCLUSION_HZ`` times per second."""
+    """Return a (C, F, K) mask of (F, K, 3) points that another person occludes, tested at ``OCCLUSION_HZ``."""
     step = max(1, round(fps / OCCLUSION_HZ))
     frames = np.arange(0, len(points), step)
     hidden = [

@@ -11,15 +11,15 @@ import numpy as np
 class DataNoise:
     """Corruption of F frames of n labelled points, drawn for every frame (thesis 4.22-4.27).
 
-    The thesis gives the forms without numbers. Ours are chosen so that least squares is off about as much as in
-    its table 5.1.
+    The thesis gives the distributions without numbers. Our numbers are chosen so that least squares has about the same
+    error as in its table 5.1.
     """
 
     least_hidden: int = 0  # m of 4.23.
     most_hidden: int = 10  # n' of 4.23.
     ghosts: int = 2  # n_ghost of 4.25.
     reach_m: float = 0.3
-    """Largest distance of a ghost that gets the label of the nearest hidden point. Other ghosts have no label."""
+    """Largest distance in metres from a hidden point for a ghost to get its label. Other ghosts have no label."""
     displaced_share: float = 0.4  # N of the measurement noise, as a share of the n points.
     displacement_m: float = 0.1  # M_noise of 4.26.
 
@@ -35,12 +35,12 @@ class DataNoise:
         return noisy
 
     def cloud(self, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return (F, n + ghosts, 3) points without names: the same, the ghosts as points of their own."""
+        """Return (F, n + ghosts, 3) corrupted points without labels, with ghosts as separate points."""
         noisy, ghosts, _ = self._spoiled(points, rng)
         return np.concatenate([noisy, ghosts], axis=1)
 
     def _spoiled(self, points: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (F, n, 3) points, (F, ghosts, 3) ghosts, and (F, n) which points are hidden."""
+        """Return (F, n, 3) points, (F, ghosts, 3) ghosts, and an (F, n) mask of hidden points."""
         hidden = self._chosen(points, rng.integers(self.least_hidden, self.most_hidden + 1, len(points)), rng)
         visible = np.where(hidden[..., None], np.nan, points)
         noisy = visible + self._displacements(points, rng)
@@ -48,7 +48,7 @@ class DataNoise:
 
     @staticmethod
     def _chosen(points: np.ndarray, count: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return (F, n) bool: so many points of each frame, without replacement (4.24)."""
+        """Return an (F, n) mask of ``count`` points in each frame, drawn without replacement (4.24)."""
         ranks = rng.random(points.shape[:2]).argsort(axis=1).argsort(axis=1)
         return ranks < count[:, None]
 

@@ -20,19 +20,19 @@ Q95 = 2.795  # 95 % quantile of the length of a vector of three standard normal 
 
 
 def exact_capture(take: Take, seed: int) -> Capture:
-    """Return a take done by a strange body, filmed by exact cameras and a detector without errors."""
+    """Return a take performed by an unfamiliar body, filmed by exact cameras and an exact detector."""
     settings = BenchmarkSettings(seed=seed, calibration_mm=0.0, detector=EXACT)
     return benchmark_capture(take, settings, strange_body(seed))
 
 
 def measure_model_error(captures: Iterable[Capture]) -> dict[str, float]:
-    """Return the deviation of solves from the intended points in mm per axis, by keypoint without its side.
+    """Return the deviation in mm per axis between solves and intended points, by keypoint without its side.
 
-    ``m = q95(|y - x|) / 2.795`` over all frames, takes and both sides, the deviation of a Gaussian with that quantile:
-    what the body, its offsets and the prior leave of exact detections.
+    ``m = q95(|y - x|) / 2.795`` over all frames, takes and both sides, the standard deviation of a Gaussian with that
+    quantile. It is the error that body, offsets and prior cause with exact detections.
 
     Args:
-        captures: of strange bodies, see ``exact_capture``.
+        captures: captures of unfamiliar bodies, see ``exact_capture``.
     """
     distances: dict[str, list[np.ndarray]] = {}
     for capture in captures:

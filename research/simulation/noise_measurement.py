@@ -1,9 +1,9 @@
-"""Measure a real detector's errors on a recording, against the take's own smooth 3D points.
+"""Measure a real detector's errors on a recording, relative to the take's own smooth 3D points.
 
-The reference is robust triangulation of all views, low-passed. An error that is equal in all views is invisible.
-With C views the residuals hold ``sqrt((2C - 3) / 2C)`` of a constant error. Errors that a small turn of the cameras
-explains belong to the calibration. So the cameras are refined first.
-Lengths are in millimetres at the person's distance (``px · depth / focal``): figures of different lenses compare.
+The reference is a robust triangulation of all views, low-pass filtered. An error that is equal in all views is
+invisible. With C views the residuals contain ``sqrt((2C - 3) / 2C)`` of a constant error. Errors that a small rotation
+of the cameras explains belong to the calibration, so the cameras are refined first. Lengths are in millimetres at the
+person's distance (``px · depth / focal``), so that figures of different lenses are comparable.
 """
 
 from __future__ import annotations
@@ -32,8 +32,7 @@ class NoiseFigures:
     keypoints: tuple[str, ...]  # Names of the K keypoints.
     as_calibrated_mm: np.ndarray  # (K,) what ``bias_mm`` is with the cameras as they were given.
     bias_mm: np.ndarray
-    """(K,) root mean square over the views of the length of each view's median error, which is constant over the
-    take."""
+    """(K,) root mean square over views of each view's median error in millimetres, constant over the take."""
     jitter_mm: np.ndarray  # (K,) robust standard deviation per axis around that.
     error_mm: float  # Root mean square error per axis, each at most ``CLIP_MM``.
     constant_share: float  # Share of the error's variance that stays over a second.
@@ -51,7 +50,7 @@ class NoiseFigures:
     error_by_confidence_mm: np.ndarray  # (5,) median error within each fifth of the detections, least confident first.
 
     def lines(self) -> list[str]:
-        """Return the figures as rows for a person."""
+        """Return the figures as rows of text."""
         rows = [f"{'keypoint':<16} {'as given mm':>12} {'bias mm':>8} {'jitter mm':>10} {'missing %':>10}"]
         columns = (self.keypoints, self.as_calibrated_mm, self.bias_mm, self.jitter_mm, 100 * self.missing)
         rows += [f"{k:<16} {g:12.1f} {b:8.1f} {j:10.1f} {m:10.1f}" for k, g, b, j, m in zip(*columns, strict=True)]
@@ -112,7 +111,7 @@ def measure_noise(capture: Capture) -> NoiseFigures:
 
 
 def _errors(cameras: Cameras, keypoints: Keypoints2D) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the reference points (F, K, 3), their pixels, and the detections' errors (C, F, K, 2) in millimetres."""
+    """Return the (F, K, 3) reference points, their pixels, and the (C, F, K, 2) detection errors in millimetres."""
     points = triangulate_and_filter(cameras, keypoints, REFERENCE_CUTOFF_HZ)
     px = project(cameras, points)
     return points, px, (keypoints.xy - px) * millimetres_per_px(cameras, points)[..., None]
@@ -128,13 +127,13 @@ def _bias(inlier: np.ndarray) -> np.ndarray:
 
 
 def millimetres_per_px(cameras: Cameras, points: np.ndarray) -> np.ndarray:
-    """Return (C, F, K) millimetres that a pixel spans at the distance of (F, K, 3) points."""
+    """Return the (C, F, K) millimetres that a pixel spans at the distance of (F, K, 3) points."""
     depth = np.einsum("cj,fkj->cfk", cameras.R[:, 2], points) + cameras.t[:, 2, None, None]
     return 1000.0 * depth / cameras.K[:, 0, 0, None, None]
 
 
 def _shares(error: np.ndarray, fps: float) -> tuple[float, float, float]:
-    """Return (constant share, drifting share, seconds) of ``ρ(l) = c + a exp(-l / τ)``: least squares, τ by a grid."""
+    """Fit ``ρ(l) = c + a exp(-l / τ)`` and return the constant share c, the drifting share a, and τ in seconds."""
     lags = np.arange(1, max(3, min(round(LONGEST_LAG_S * fps), error.shape[1] - 1)))
     measured = np.array([_correlation(error, int(lag)) for lag in lags])
     fits = []
@@ -147,7 +146,7 @@ def _shares(error: np.ndarray, fps: float) -> tuple[float, float, float]:
 
 
 def _correlation(values: np.ndarray, lag: int) -> float:
-    """Return the pooled correlation, about zero, of (C, F, K, 2) with itself some frames later."""
+    """Return the pooled correlation about zero of (C, F, K, 2) values with themselves ``lag`` frames later."""
     before, after = values[:, :-lag], values[:, lag:]
     both = np.isfinite(before) & np.isfinite(after)
     power = 0.5 * (before[both] ** 2 + after[both] ** 2).sum()
@@ -155,7 +154,7 @@ def _correlation(values: np.ndarray, lag: int) -> float:
 
 
 def _delays(jitter: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Return (C,) the least-squares d of ``error = -d · velocity``, all in millimetres."""
+    """Return the (C,) delays d in frames from least squares of ``error = -d · velocity`` in millimetres."""
     velocity = np.gradient(place, axis=1)
     product = np.nansum(jitter * velocity, axis=(1, 2, 3))
     power = np.nansum(np.where(np.isfinite(jitter), velocity, 0.0) ** 2, axis=(1, 2, 3))

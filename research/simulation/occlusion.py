@@ -1,4 +1,4 @@
-"""Find the keypoints that a body hides from a camera itself, by sight lines cast at the posed mesh."""
+"""Find the keypoints that the own body occludes from a camera, by sight lines cast at the posed mesh."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from solver_backend.types import Cameras
 def self_occluded(
     cameras: Cameras, body: Body, vertices: np.ndarray, points: np.ndarray, keypoints: tuple[str, ...]
 ) -> np.ndarray:
-    """Return (C, F, K) bool: the skin of another body part hides the keypoint.
+    """Return a (C, F, K) mask of keypoints that the skin of another body part occludes.
 
     Args:
         cameras: C cameras.
-        body: the body model, for its faces and parts.
-        vertices: (F, V, 3) the posed skin, metres.
-        points: (F, K, 3) the keypoints' true places.
+        body: body model, for its faces and parts.
+        vertices: (F, V, 3) vertices of the posed skin in metres.
+        points: (F, K, 3) true keypoint positions in metres.
         keypoints: names of the K keypoints.
     """
     own = own_faces(body, keypoints)
@@ -32,7 +32,7 @@ def self_occluded(
 
 
 def occluded_by(cameras: Cameras, body: Body, vertices: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return (C, F, K) bool: the skin of another person hides the point.
+    """Return a (C, F, K) mask of points that the skin of another person occludes.
 
     Args: as in ``self_occluded``, with the body and the skin of the other person.
     """
