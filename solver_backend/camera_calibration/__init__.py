@@ -1,1 +1,1 @@
-"""Calibrate cameras with boards, people or points, and write and check calibrations. Solves do not import it."""
+"""Calibrate cameras with boards, people or points. Write and check calibrations. Solves do not import this package."""

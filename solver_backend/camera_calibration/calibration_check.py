@@ -1,4 +1,4 @@
-"""Check a calibration against a take: by camera, picture region and time, and by scale and up axis."""
+"""Check a calibration against a take: by camera, image region and time, and by scale and up axis."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class CalibrationCheck(CameraFits):
 
     @property
     def worst_regions(self) -> list[tuple[str, float]]:
-        """Name and error of each camera's worst part of the picture."""
+        """Name and error of each camera's worst image region."""
         found = []
         for grid in self.region_px:
             row, column = np.unravel_index(int(np.argmax(np.nan_to_num(grid, nan=-1.0))), grid.shape)
@@ -105,7 +105,7 @@ def check_calibration(cameras: Cameras, keypoints: Keypoints2D, progress: Progre
 
 
 def _by_region(cameras: Cameras, xy: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Return the (C, 3, 3) median error in each ninth of the picture, NaN with fewer than 30 points."""
+    """Return the (C, 3, 3) median error in each ninth of the image, NaN with fewer than 30 points."""
     grid = np.full((len(cameras), 3, 3), np.nan)
     for c, size in enumerate(cameras.image_size):
         good = np.isfinite(error[c])
@@ -118,7 +118,7 @@ def _by_region(cameras: Cameras, xy: np.ndarray, error: np.ndarray) -> np.ndarra
 
 
 def _epipolar(cameras: Cameras, xy: np.ndarray, progress: Progress) -> np.ndarray:
-    """Return the (C, windows) median distance to the epipolar lines of the other cameras."""
+    """Return the (C, windows) median distance from the epipolar lines of the other cameras."""
     n = undistort(cameras, xy)
     windows = np.array_split(np.arange(xy.shape[1]), min(WINDOWS, xy.shape[1]))
     values = {(c, w): [np.array([])] for c in range(len(cameras)) for w in range(len(windows))}

@@ -47,7 +47,7 @@ def caliscope_toml(cameras: Cameras, rmse_px: float | None = None) -> str:
 
 
 def board_toml(board: Board) -> str:
-    """Return the board as the text of a TOML file, which ``board_named`` reads."""
+    """Return the board as TOML text for ``board_named``."""
     values: dict[str, Any] = {"kind": board.kind, "columns": board.columns, "rows": board.rows}
     values["square_mm"] = float(f"{board.square_m * 1000:.6g}")
     if board.kind == "charuco":
@@ -77,7 +77,7 @@ def _lens_values(cameras: Cameras, c: int) -> dict[str, Any]:
 
 
 def coefficients(cameras: Cameras, index: int) -> np.ndarray:
-    """Return as many coefficients as the lens needs: 4 for a fisheye, otherwise 5, or 8 if the last are not zero."""
+    """Return the coefficients that the lens needs: 4 for a fisheye, otherwise 5, or 8 if the last are not zero."""
     return LENS_MODELS[cameras.models[index]].listed(cameras.distortion[index])
 
 
@@ -85,13 +85,13 @@ def _model(name: str) -> dict[str, Any]:
     return {} if name in ("opencv", "fisheye") else {"distortion_model": name}
 
 
-LEAST_TERMS = 4  # Fewest terms of a written COLMAP model. Simpler ones have one focal length, or no tangential terms.
+LEAST_TERMS = 4  # Fewest terms of a written COLMAP model. Simpler models have one focal length or no tangential terms.
 
 
 def colmap_texts(cameras: Cameras) -> dict[str, str]:
     """Return the texts of COLMAP's three files by name, in metres, with one image per camera and no points.
 
-    COLMAP's pixel (0.5, 0.5) is the centre of the first pixel, so its principal point is half a pixel further. Lenses
+    COLMAP's pixel (0.5, 0.5) is the centre of the first pixel, so its principal point differs by half a pixel. Lenses
     are OPENCV (k1 k2 p1 p2), FULL_OPENCV (k1 k2 p1 p2 k3 k4 k5 k6) or OPENCV_FISHEYE.
 
     Reference: COLMAP, "Output Format" (text).
@@ -112,7 +112,7 @@ def colmap_texts(cameras: Cameras) -> dict[str, str]:
 
 
 def _lens(model: str, terms: np.ndarray, camera: str) -> tuple[str, np.ndarray]:
-    """Return COLMAP's name of a lens with two focal lengths and its terms."""
+    """Return COLMAP's name of a lens with two focal lengths, and its coefficients."""
     for name, focals, places in LENS_MODELS[model].colmap:
         if focals == 2 and len(places) >= LEAST_TERMS and not np.delete(terms, places).any():
             return name, terms[list(places)]
@@ -184,7 +184,7 @@ def qualisys_xml(cameras: Cameras, rmse_px: float | None = None) -> str:
 
 
 TOOL = "Manifold MoCap"
-# Formats of one text file.
+# Formats that consist of one text file.
 _TEXTS: dict[str, Callable[[Cameras, float | None], str]] = {
     "pose2sim": lambda cameras, rmse: pose2sim_toml(cameras, rmse, tool=TOOL),
     "anipose": lambda cameras, rmse: pose2sim_toml(cameras, rmse),
@@ -197,7 +197,7 @@ FORMATS = (*_TEXTS, "colmap")  # Lengths are in metres, except for FreeMoCap and
 
 
 def format_of(path: Path) -> str:
-    """Return the format of a file name: TOML is Pose2Sim's, no suffix is a COLMAP folder."""
+    """Return the format for a file name: Pose2Sim for TOML, a COLMAP folder without suffix."""
     name = path.name.lower()
     if name.endswith((".qca.txt", ".qca")):
         return "qualisys"
@@ -214,7 +214,7 @@ def write_calibration(
     """Write cameras (metres, Z up) to a file, or a folder for COLMAP, and return the format's name.
 
     Args:
-        kind: one of ``FORMATS``, by default from the file name.
+        kind: one of ``FORMATS``, by default chosen from the file name.
     """
     kind = kind or format_of(path)
     if kind not in FORMATS:

@@ -1,4 +1,4 @@
-"""Draw pictures with NumPy: lines, dots, boxes, text and other pictures. OpenCV is for boards."""
+"""Draw images with NumPy: lines, dots, boxes, text and other images. Only boards need OpenCV."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from solver_backend.io.png import png_bytes
 
 
 def opencv() -> Any:
-    """Import ``cv2``. Raise ``BackendMissing`` if that fails. It belongs to the extra ``capture``."""
+    """Import ``cv2`` from the extra ``capture``. Raise ``BackendMissing`` if that fails."""
     try:
         return import_module("cv2")
     except ImportError as error:
@@ -25,7 +25,7 @@ def opencv() -> Any:
         raise BackendMissing(message, hint=hint) from error
 
 
-SIDE = 768  # Longer side of a drawn picture in pixels.
+SIDE = 768  # Longer side of a drawn image in pixels.
 PAPER, INK = (30, 32, 36), (225, 225, 225)
 Colour = tuple[int, int, int]  # RGB.
 _STROKES = (
@@ -42,18 +42,18 @@ _STROKES = (
     "+2226 0444|%0640 0101 4545|(30212536|)10212516|_0747|/0640|'2021|?011030414224 2626|=0343 0545|<420446|>024406|"
     "*2226 0345 0543|[30202636|]10202616"
 )
-"""Strokes of each letter through points of a grid, x from 0 to 4 and y from 0 to 8. The base line is at 6."""
+"""Strokes of each letter as points of a grid, x from 0 to 4 and y from 0 to 8. The base line is at 6."""
 _LETTERS = {
     entry[0]: [
         np.array([[int(n) for n in pair] for pair in zip(s[::2], s[1::2], strict=True)]) for s in entry[1:].split()
     ]
     for entry in _STROKES.split("|")
 }
-_CELL_PX, _ADVANCE = 3.2, 5.6  # Pixels of a cell of the grid at size 1, and cells from letter to letter.
+_CELL_PX, _ADVANCE = 3.2, 5.6  # Pixels per grid cell at size 1, and cells from letter to letter.
 
 
 class Canvas:
-    """An RGB picture to draw on, with pixels from the top left."""
+    """RGB image to draw on, with pixels from the top left."""
 
     def __init__(self, width: int = SIDE, height: int = SIDE) -> None:
         self.rgb = np.full((height, width, 3), PAPER, dtype=np.uint8)
@@ -78,7 +78,7 @@ class Canvas:
         self.rgb[top : max(round(y + height), 0), left : max(round(x + width), 0)] = colour
 
     def text(self, x: float, y: float, words: str, colour: Colour = INK, size: float = 0.5) -> None:
-        """Write text with its base line starting at (x, y). Letters beyond ASCII become '?'."""
+        """Write text with its base line starting at (x, y). Characters beyond ASCII become '?'."""
         cell = _CELL_PX * size
         for place, letter in enumerate(words):
             for stroke in [] if letter == " " else _LETTERS.get(letter, _LETTERS["?"]):
@@ -90,7 +90,7 @@ class Canvas:
         return _ADVANCE * _CELL_PX * size * len(words)
 
     def picture(self, x: float, y: float, width: float, height: float, rgb: np.ndarray) -> None:
-        """Fit a picture into a rectangle, with its proportions."""
+        """Fit an image into a rectangle, with its aspect ratio."""
         scale = min(width / rgb.shape[1], height / rgb.shape[0])
         size = max(1, int(rgb.shape[1] * scale)), max(1, int(rgb.shape[0] * scale))
         small = np.round(_resized(_resized(rgb.astype(np.float32), size[1], 0), size[0], 1)).astype(np.uint8)
@@ -98,13 +98,13 @@ class Canvas:
         self.rgb[top : top + size[1], left : left + size[0]] = small
 
     def save(self, path: Path) -> Path:
-        """Write a PNG over an earlier one and return its path."""
+        """Write a PNG, replacing an existing file, and return its path."""
         with atomic_output(path, overwrite=True) as place:
             place.write_bytes(png_bytes(self.rgb))
         return path
 
     def _stroke(self, a: np.ndarray, b: np.ndarray, colour: Colour, radius: float) -> None:
-        """Draw a segment with round ends. A pixel is covered by ``radius + 1/2`` less its distance from the segment."""
+        """Draw a segment with round ends. A pixel's coverage is ``radius + 1/2`` minus its distance to it."""
         last = np.array(self.rgb.shape[1::-1]) - 1
         low = np.clip(np.floor(np.minimum(a, b) - radius - 1), 0, last + 1).astype(int)
         high = np.clip(np.ceil(np.maximum(a, b) + radius + 1), -1, last).astype(int) + 1
@@ -120,7 +120,7 @@ class Canvas:
 
 
 def _resized(picture: np.ndarray, size: int, axis: int) -> np.ndarray:
-    """Return the means of a picture over equal parts of an axis, by its running sum between pixels."""
+    """Return the means of an image over equal parts of an axis, from its running sum."""
     count = picture.shape[axis]
     total = np.insert(np.cumsum(picture, axis=axis), 0, 0.0, axis=axis)
     at = np.linspace(0.0, count, size + 1)

@@ -9,9 +9,9 @@ from solver_backend.types.shapes import Float
 
 
 def nearest_rotation(M: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3 3"]:
-    """Return the (..., 3, 3) rotations that maximise ``tr(Rᵀ M)``: ``U diag(1, 1, det U Vᵀ) Vᵀ`` of ``M = U S Vᵀ``.
+    """Return the (..., 3, 3) rotations that maximise ``tr(Rᵀ M)``: ``U diag(1, 1, det U Vᵀ) Vᵀ`` for ``M = U S Vᵀ``.
 
-    Reference: Kabsch 1976, Wahba 1965 (the same problem).
+    References: Kabsch 1976, Wahba 1965 (the same problem).
     """
     return _rotation_and_strength(M)[0]
 
@@ -22,11 +22,11 @@ def umeyama(
     weights: Float[Array, "*#batch points"] | None = None,
     with_scale: bool = False,
 ) -> tuple[Float[Array, " *batch"], Float[Array, "*batch 3 3"], Float[Array, "*batch 3"]]:
-    """Return the s, R, t that minimise ``Σ w |s R source + t - target|²``.
+    """Return the scale s, rotation R and translation t that minimise ``Σ w |s R source + t - target|²``.
 
-    Shapes are (...), (..., 3, 3) and (..., 3). Without ``with_scale``, s is 1.
-    ``weights`` (..., N) are non-negative or None for equal ones. Points of weight 0 may be NaN. If all weights are
-    zero, the result is NaN. With fewer than three points in general position, one of the best rotations is returned.
+    Shapes are (...), (..., 3, 3) and (..., 3). Without ``with_scale``, s is 1. ``weights`` (..., N) are non-negative,
+    or None for equal weights. Points of weight 0 may be NaN. If all weights are zero, the result is NaN. With fewer
+    than three points in general position, one of the best rotations is returned.
 
     Reference: Umeyama 1991, "Least-squares estimation of transformation parameters", eq. 39-42.
     """
@@ -52,9 +52,10 @@ def umeyama(
 
 
 def look_at(centres: Float[np.ndarray, "n 3"], target: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "n 3 3"]:
-    """Return the (n, 3, 3) rotations from world (Z up) to cameras at ``centres`` that look at a target, upright.
+    """Return (n, 3, 3) rotations from world (Z up) to upright cameras at ``centres`` that look at a target.
 
-    Rows are right, down and forward. A camera that looks straight up or down has its picture's top towards -y or y.
+    Rows are right, down and forward. The image top of a camera that looks straight up or down points towards -y or
+    y.
     """
     forward = target - centres
     forward = forward / np.linalg.norm(forward, axis=1, keepdims=True)

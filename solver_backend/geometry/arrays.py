@@ -1,4 +1,4 @@
-"""Create arrays of the caller's kind (NumPy or torch) and device. No other module handles namespaces."""
+"""Create arrays of the caller's kind (NumPy or torch) and device. No other module handles array namespaces."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from solver_backend.types.shapes import Array as Array
 
 
 def is_torch(value: Any) -> bool:
-    """Return whether a value is a tensor of torch."""
+    """Return whether a value is a torch tensor."""
     return type(value).__module__.partition(".")[0] == "torch"
 
 
 def array_namespace(*values: Any) -> Any:
-    """Return the namespace of arrays and numbers: NumPy's, or torch's if a value is a tensor.
+    """Return the namespace of arrays and numbers: torch's if a value is a tensor, otherwise NumPy's.
 
     Raises:
         BackendMissing: a value is a tensor, and array-api-compat is not installed.
@@ -31,7 +31,7 @@ def array_namespace(*values: Any) -> Any:
 
 
 def torch_namespace() -> Any:
-    """Return torch under the names of the array API standard.
+    """Return torch with the names of the array API standard.
 
     Raises:
         BackendMissing: array-api-compat is not installed.
@@ -53,12 +53,12 @@ def device_of(like: Array) -> Any:
 
 
 def constant(value: Any, like: Array) -> Array:
-    """Return ``value`` as an array of the same kind, type and device as ``like``."""
+    """Return ``value`` as an array of the kind, type and device of ``like``."""
     return array_namespace(like).asarray(value, dtype=like.dtype, device=device_of(like))
 
 
 def astype(values: Array, precision: Any) -> Array:
-    """Return the values in a precision of their own kind, unchanged if they have it."""
+    """Return the values in the given precision, unchanged if they already have it."""
     return array_namespace(values).astype(values, precision, copy=False)
 
 
@@ -72,7 +72,7 @@ def solved(A: Array, B: Array) -> Array:
 
 
 def index(values: np.ndarray, like: Array) -> Array:
-    """Return whole numbers that pick entries of arrays on the device of ``like``."""
+    """Return integer indices for arrays on the device of ``like``."""
     return array_namespace(like).asarray(values, device=device_of(like))
 
 
@@ -82,7 +82,7 @@ def zeros(shape: int | tuple[int, ...], like: Array, dtype: Any = None) -> Array
 
 
 def empty(shape: int | tuple[int, ...], like: Array, dtype: Any = None) -> Array:
-    """Return an array to be filled, of the kind, type (unless given) and device of ``like``."""
+    """Return an uninitialised array of the kind, type (unless given) and device of ``like``."""
     return array_namespace(like).empty(shape, dtype=dtype or like.dtype, device=device_of(like))
 
 
@@ -92,9 +92,9 @@ def identity(size: int, like: Array, dtype: Any = None) -> Array:
 
 
 def unset(shape: tuple[int, ...], like: Array) -> Array:
-    """Return a large array to be filled, of the kind, type and device of ``like``.
+    """Return a large uninitialised array of the kind, type and device of ``like``.
 
-    On the CPU NumPy allocates it, in huge pages. To write to torch's small pages first takes five times as long.
+    On the CPU, NumPy allocates it in huge pages. The first write to torch's small pages takes five times as long.
     """
     if device_of(like) is not None:
         return empty(shape, like)
@@ -102,7 +102,7 @@ def unset(shape: tuple[int, ...], like: Array) -> Array:
 
 
 def replaced(values: Array, where: Array, by: float) -> Array:
-    """Return a copy of the values with a number where the mask is True."""
+    """Return a copy of the values with a number where the mask is true."""
     copy = array_namespace(values).asarray(values, copy=True)
     copy[where] = by
     return copy
@@ -114,7 +114,7 @@ def to_numpy(value: Any) -> np.ndarray:
 
 
 def true_runs(mask: np.ndarray) -> list[tuple[int, int]]:
-    """Return the first and the last index of each run of true values of a mask (F,), in their order."""
+    """Return the first and the last index of each run of true values in a mask (F,), in order."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], np.asarray(mask, dtype=bool), [False]]).astype(np.int8)))
     return [(int(first), int(stop) - 1) for first, stop in edges.reshape(-1, 2)]
 
@@ -128,10 +128,11 @@ def quantile(
     axis: int | tuple[int, ...],
     method: Literal["linear", "lower", "nearest"] = "linear",
 ) -> np.ndarray:
-    """Return the quantile of the finite values along one or several axes, NaN without any (and no warning).
+    """Return the quantile of the finite values along axes, NaN if there are none (without a warning).
 
-    Equal to ``numpy.nanquantile`` of the finite values: the value at position ``(n - 1) share`` of n sorted ones.
-    Between two values it is interpolated (Hyndman and Fan 1996, definition 7), or ``method`` takes a neighbour.
+    The result is that of ``numpy.nanquantile`` for the finite values: the value at position ``(n - 1) share`` among n
+    sorted values. Between two values it is interpolated (Hyndman and Fan 1996, definition 7), or ``method`` selects one
+    of them.
     """
     axes = (axis,) if isinstance(axis, int) else axis
     moved = np.moveaxis(values, axes, range(-len(axes), 0))
@@ -153,10 +154,10 @@ _FAST = ("openblas", "mkl", "accelerate", "blis", "armpl")  # BLAS libraries tha
 
 
 def times_transposed(x: Array, weight: Array) -> Array:
-    """Return the (N, m) ``x Wᵀ`` of (N, k) and (m, k).
+    """Return the (N, m) product ``x Wᵀ`` of (N, k) and (m, k) arrays.
 
-    Blender in Linux distributions has the reference BLAS, and its own builds none: both reach 2.5 GFLOP/s in single
-    precision. NumPy's ``einsum``, with its inner product along contiguous k, reaches 11.
+    Blender in Linux distributions has the reference BLAS, and official builds have none. Both reach 2.5 GFLOP/s in
+    single precision. NumPy's ``einsum``, with its inner product along contiguous k, reaches 11.
     """
     if isinstance(x, np.ndarray) and not has_fast_blas():
         return np.einsum("nk,mk->nm", x, weight)
@@ -165,7 +166,7 @@ def times_transposed(x: Array, weight: Array) -> Array:
 
 @cache
 def has_fast_blas() -> bool:
-    """Return whether NumPy was built with a fast library for products of matrices."""
+    """Return whether NumPy was built with a fast BLAS library."""
     show: Any = np.show_config
     built = show(mode="dicts")
     name = str(built.get("Build Dependencies", {}).get("blas", {}).get("name", "")).lower()
@@ -177,26 +178,26 @@ R = TypeVar("R", bound="Rows")
 
 @dataclass(frozen=True)
 class Rows:
-    """Arrays with one row per frame or key. Fields that are None stay None."""
+    """Arrays with one row per frame or key. Fields that are None remain None."""
 
     @property
     def arrays(self) -> tuple[Array | None, ...]:
-        """The fields, in their order."""
+        """Fields in their order."""
         return tuple(getattr(self, field.name) for field in fields(self))
 
     def _replaced_by(self: R, values: Iterable[Array | None]) -> R:
         return replace(self, **dict(zip((field.name for field in fields(self)), values, strict=True)))
 
     def select(self: R, frames: Any) -> R:
-        """Return the rows at these indices, of this slice or where this mask is true."""
+        """Return the rows selected by indices, a slice or a mask."""
         return self._replaced_by(None if part is None else part[frames] for part in self.arrays)
 
     def astype(self: R, precision: Any) -> R:
-        """Return the rows in a precision."""
+        """Return the rows in the given precision."""
         return self._replaced_by(None if part is None else astype(part, precision) for part in self.arrays)
 
     def where(self: R, mask: Array, other: R) -> R:
-        """Return these rows where the mask is true, else the other's."""
+        """Return these rows where the mask is true, otherwise the other's."""
         xp = array_namespace(mask)
 
         def pick(own: Array | None, others: Array | None) -> Array | None:
@@ -208,7 +209,7 @@ class Rows:
 
     @classmethod
     def concatenate(cls, parts: Sequence[R]) -> R:
-        """Return the rows of all parts, one part after the other."""
+        """Concatenate the rows of all parts."""
         columns = list(zip(*(part.arrays for part in parts), strict=True))
         xp = array_namespace(columns[0][0])
         return parts[0]._replaced_by(None if column[0] is None else xp.concat(column) for column in columns)

@@ -1,7 +1,7 @@
 """Interpolate unit vectors of any dimension along geodesics: SLERP, SIDER2, SIDER-n, with Jacobians.
 
-Every point of these curves is a combination of its keys, with weights that depend on the keys' inner products only. So
-the derivative by key j is ``w_j I + Σ_ik p_i M_j[i, k] p_kᵀ``, a few numbers (``KeyWeights``). Jacobians are
+Every point on these curves is a combination of its keys. Its weights depend only on the inner products of the keys, so
+the derivative by key j is ``w_j I + Σ_ik p_i M_j[i, k] p_kᵀ``, which needs few numbers (``KeyWeights``). Jacobians are
 (..., d, d) in the ambient space, for changes of a key tangent to the sphere.
 """
 
@@ -18,17 +18,17 @@ from solver_backend.geometry.small_matrices import sum_of_rows
 from solver_backend.types.shapes import Float
 
 Vectors = Float[Array, "*#batch d"]
-"""Vectors of R^d with batches that broadcast."""
+"""Vectors of R^d with batch dimensions that broadcast."""
 
 _SERIES_BELOW = 0.01  # Bound on ``(1 + t²) sin²(ψ/2)`` below which the geodesic's weights come from their series.
 _SERIES_TERMS = 9
-_NO_ANGLE = 1e-24  # Bound on ``sin²(ψ/2)`` below which nothing is divided by the angle.
+_NO_ANGLE = 1e-24  # Bound on ``sin²(ψ/2)`` below which there is no division by the angle.
 
 
 def spherical_normalisation(v: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
-    """Return ``(v - mean(v)) / |v - mean(v)|``, the nearest unit vector of zero mean. Not all entries may be equal.
+    """Return ``(v - mean(v)) / |v - mean(v)|``, the nearest unit vector of zero mean. Entries must not all be equal.
 
-    Reference: thesis 6.2.2 (eq. 6.2), Zhao et al. 2019, "Latent Variables on Spheres".
+    References: thesis 6.2.2 (eq. 6.2), Zhao et al. 2019, "Latent Variables on Spheres".
     """
     xp = array_namespace(v)
     centred = v - xp.mean(v, axis=-1, keepdims=True)
@@ -36,12 +36,12 @@ def spherical_normalisation(v: Float[Array, "*batch d"]) -> Float[Array, "*batch
 
 
 def geodesic_weights(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
-    """Return ``sin(tψ)/sinψ`` and its derivative by ``cosψ``, with ``y = sin²(ψ/2)`` and ``z = cos²(ψ/2)``.
+    """Return ``sin(tψ)/sinψ`` and its derivative by ``cosψ``, for ``y = sin²(ψ/2)`` and ``z = cos²(ψ/2)``.
 
-    The hypergeometric series ``t ₂F₁(1-t, 1+t; 3/2; y)`` near ``ψ = 0`` needs no small denominator. All are (...) and t
-    is any real number. Antipodal points, ``z = 0``, have large but finite weights.
+    Near ``ψ = 0`` the hypergeometric series ``t ₂F₁(1-t, 1+t; 3/2; y)`` avoids a small denominator. All arrays are
+    (...), and t is any real number. Antipodal points with ``z = 0`` have large but finite weights.
 
-    Reference: Shoemake 1985. The series is Chebyshev's U of real order (Abramowitz and Stegun 15.1.16).
+    References: Shoemake 1985. The series is Chebyshev's U of real order (Abramowitz and Stegun 15.1.16).
     """
     xp = array_namespace(y, z, t)
     small = (1.0 + t * t) * y < _SERIES_BELOW
@@ -76,12 +76,12 @@ def _weights_by_angle(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
 
 
 def is_antipodal(z: Array) -> Array:
-    """Return where ``z = cos²(ψ/2) = |a + b|²/4`` shows that two points have no unique geodesic, (...) bool."""
+    """Return a (...) mask of point pairs without a unique geodesic, from ``z = cos²(ψ/2) = |a + b|²/4``."""
     return z < 100.0 * array_namespace(z).finfo(z.dtype).eps
 
 
 def orthogonal_axis(a: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
-    """Return the unit vector orthogonal to ``a`` nearest to the axis of its smallest entry, (..., d), d >= 2."""
+    """Return the (..., d) unit vector orthogonal to ``a`` that is nearest to the axis of its smallest entry, d >= 2."""
     xp = array_namespace(a)
     smallest = xp.argmin(xp.abs(a), axis=-1)
     axis = xp.stack([xp.astype(smallest == i, a.dtype) for i in range(a.shape[-1])], axis=-1)
@@ -91,21 +91,21 @@ def orthogonal_axis(a: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
 
 @dataclass(frozen=True)
 class ZeroMeanSphere:
-    """Unit vectors (..., d) with entries that sum to zero, where spherical normalisation leads to (thesis eq. 6.2)."""
+    """Unit vectors (..., d) with entries that sum to zero, the image of spherical normalisation (thesis eq. 6.2)."""
 
     def dimension(self, width: int) -> int:
         """Return the dimension of the sphere in R^width."""
         return width - 2
 
     def tangent_basis(self, x: Array) -> Array:
-        """Return the sphere's basis within the hyperplane of zero mean, (..., d, d - 2)."""
+        """Return the (..., d, d - 2) basis of the sphere's tangent space within the hyperplane of zero mean."""
         xp = array_namespace(x)
         plane = constant(_helmert(x.shape[-1]), x)
         return xp.matmul(plane, householder_basis(xp.matmul(x, plane)))
 
 
 def householder_basis(x: Array) -> Array:
-    """Return the columns 2..d of the Householder reflection that maps the first axis to ±x, (..., d, d - 1)."""
+    """Return columns 2 to d of the Householder reflection that maps the first axis to ±x, (..., d, d - 1)."""
     xp = array_namespace(x)
     first = x[..., :1]
     w = xp.concat((first + xp.where(first < 0, -xp.ones_like(first), xp.ones_like(first)), x[..., 1:]), axis=-1)
@@ -114,7 +114,7 @@ def householder_basis(x: Array) -> Array:
 
 
 def identities(x: Array, size: int) -> Array:
-    """Return the identity once for every point of ``x`` (..., a)."""
+    """Return one identity matrix for every point of ``x`` (..., a)."""
     identity = constant([[float(i == k) for k in range(size)] for i in range(size)], x)
     return identity + array_namespace(x).zeros_like(x[..., :1])[..., None]
 
@@ -127,67 +127,67 @@ def _helmert(size: int) -> list[list[float]]:
 
 
 Keys = Float[Array, "*#batch n d"]
-"""Several vectors each."""
+"""Several vectors per batch entry."""
 Times = Float[Array, "*#batch"] | float
 """Position on a curve."""
 
 
 @dataclass(frozen=True)
 class KeyWeights:
-    """A point that depends on n unit keys ``p_i``, to first order."""
+    """Point that depends on n unit keys ``p_i``, to first order."""
 
     keys: Float[Array, "*#batch n d"]
-    """(..., n, d) ``p_i``."""
+    """(..., n, d) keys ``p_i``."""
     value: Float[Array, "*#batch d"]
-    """(..., d) the point, unit."""
+    """(..., d) the point, a unit vector."""
     weights: Float[Array, "*#batch n"]
-    """(..., n): ``value = Σ w_i p_i`` (but for antipodal neighbours)."""
+    """(..., n) weights: ``value = Σ w_i p_i`` (except for antipodal neighbours)."""
     mixing: Float[Array, "*#batch n n n"]
-    """(..., n, n, n): ``d value / d p_j = w_j I + Σ_ik p_i mixing[j, i, k] p_kᵀ``."""
+    """(..., n, n, n) coefficients: ``d value / d p_j = w_j I + Σ_ik p_i mixing[j, i, k] p_kᵀ``."""
 
     def vjp(self, cotangent: Float[Array, "*#batch d"]) -> Float[Array, "... n d"]:
-        """Return (..., n, d), the cotangent (..., d) of the value carried to each key."""
+        """Return the (..., n, d) derivatives by each key, from the (..., d) derivative by the value."""
         xp = array_namespace(cotangent)
         along = xp.matmul(self.keys, cotangent[..., None])[..., 0]
         mixed = sum_of_rows(self.mixing * along[..., None, :, None])
         return self.weights[..., :, None] * cotangent[..., None, :] + xp.matmul(mixed, self.keys)
 
     def jacobian(self, key: int) -> Float[Array, "... d d"]:
-        """Return (..., d, d), the derivative of the value by one of the keys."""
+        """Return the (..., d, d) derivative of the value by one of the keys."""
         xp = array_namespace(self.keys)
         mixed = xp.matmul(xp.matrix_transpose(self.keys), xp.matmul(self.mixing[..., key, :, :], self.keys))
         return self.weights[..., key, None, None] * identity(self.keys.shape[-1], self.keys) + mixed
 
 
 def slerp(a: Vectors, b: Vectors, t: Times) -> Vectors:
-    """Return the point (..., d) at ``t`` of the geodesic from ``a`` (t = 0) to ``b`` (t = 1), for any real ``t``.
+    """Return the point (..., d) at any real ``t`` on the geodesic from ``a`` (t = 0) to ``b`` (t = 1).
 
-    ``sin((1-t)ψ)/sinψ a + sin(tψ)/sinψ b``, a series at ``ψ = 0``, through a fixed direction to ``-a``.
+    ``sin((1-t)ψ)/sinψ a + sin(tψ)/sinψ b``, with a series at ``ψ = 0``, and through a fixed direction to ``-a``.
 
-    Reference: Shoemake 1985, thesis eq. 4.9 and 6.2.3.
+    References: Shoemake 1985, thesis eq. 4.9 and 6.2.3.
     """
     value, _, _ = _geodesic(a, b, constant(t, a))
     return value
 
 
 def sider2(a: Vectors, b: Vectors, c: Vectors, t: Times) -> Vectors:
-    """Return the point at any real ``t`` of the spherical parabola through ``a`` (t = 0), ``b`` (½) and ``c`` (1).
+    """Return the point at any real ``t`` on the spherical parabola through ``a`` (t = 0), ``b`` (½) and ``c`` (1).
 
-    ``SLERP(SLERP(a, SLERP(c, b, 2), t), SLERP(SLERP(a, b, 2), c, t), t)``. It passes through ``b`` and is smooth in
-    ``t`` as long as the way from ``a`` to ``b`` to ``c`` is shorter than half a circle.
+    ``SLERP(SLERP(a, SLERP(c, b, 2), t), SLERP(SLERP(a, b, 2), c, t), t)``. The curve passes through ``b``. It is smooth
+    in ``t`` if the path from ``a`` to ``b`` to ``c`` is shorter than half a circle.
 
-    Reference: Fong and Leung 2023, thesis 6.2.3.
+    References: Fong and Leung 2023, thesis 6.2.3.
     """
     return aitken_neville([a, b, c], constant(t, a), slerp, _reflect)
 
 
 def sider_n(keys: Keys, t: Times) -> Vectors:
-    """Return the point (..., d) at any real ``t`` of the curve through (..., n + 1, d) keys at ``t = 0, 1/n, ..., 1``.
+    """Return the point (..., d) at any real ``t`` on the curve through (..., n + 1, d) keys at ``t = 0, 1/n, ..., 1``.
 
     Two keys give SLERP, three SIDER2, more the Aitken-Neville recursion on geodesics. In the flat limit the curve is
     the polynomial of degree n through its keys.
 
-    Reference: thesis 6.2.3 for n = 2, Neville 1934 for the recursion.
+    References: thesis 6.2.3 for n = 2, Neville 1934 for the recursion.
     """
     points = [keys[..., i, :] for i in range(keys.shape[-2])]
     return aitken_neville(points, constant(t, keys), slerp, _reflect)
@@ -197,7 +197,7 @@ def sider_weights(keys: Keys, t: Times) -> KeyWeights:
     """Return ``sider_n(keys, t)`` with its derivative in factored form. ``t`` is broadcast against the batch."""
     xp = array_namespace(keys)
     t, count = constant(t, keys), keys.shape[-2]
-    # Broadcast as late as possible: what does not depend on the time is computed once for all times.
+    # Broadcast as late as possible, so that quantities independent of time are computed once.
     gram = xp.matmul(keys, xp.matrix_transpose(keys))
     own = identity(count, keys) + xp.zeros_like(gram)
     zero = xp.zeros_like(gram)[..., None, :, :] * xp.ones_like(gram)[..., :, :, None]
@@ -210,10 +210,10 @@ def sider_weights(keys: Keys, t: Times) -> KeyWeights:
 
 
 def aitken_neville(points: list[Any], t: Array, join: Callable[..., Any], reflect: Callable[..., Any]) -> Any:
-    """Return the point at ``t`` of the curve through points at 0, 1/n, ..., 1, for any kind of geodesic.
+    """Return the point at ``t`` on the curve through points at 0, 1/n, ..., 1, for any kind of geodesic.
 
-    ``join(point, point, share)`` returns a point of their geodesic, also beyond its ends. ``reflect(point, centre)``
-    returns the point at the same distance beyond the centre.
+    ``join(point, point, share)`` returns a point on their geodesic, also beyond its ends. ``reflect(point, centre)``
+    returns the point at the same distance on the other side of the centre.
     """
     degree = len(points) - 1
     if degree == 1:
@@ -228,7 +228,7 @@ def aitken_neville(points: list[Any], t: Array, join: Callable[..., Any], reflec
 
 
 def _geodesic(a: Array, b: Array, t: Array) -> tuple[Array, tuple[Array, Array], tuple[Array, Array]]:
-    """Return the point of SLERP, the weights of ``a`` and ``b``, and the weights' derivatives by ``a·b``."""
+    """Return the SLERP point, the weights of ``a`` and ``b``, and the derivatives of the weights by ``a·b``."""
     xp = array_namespace(a, b)
     y = 0.25 * xp.sum((a - b) ** 2, axis=-1)
     z = 0.25 * xp.sum((a + b) ** 2, axis=-1)
@@ -246,7 +246,7 @@ def _geodesic(a: Array, b: Array, t: Array) -> tuple[Array, tuple[Array, Array],
 
 
 def _join(q: KeyWeights, r: KeyWeights, t: Array, gram: Array) -> KeyWeights:
-    """Return SLERP of two points: the product rule in the coefficients over the keys."""
+    """Return SLERP of two points, applying the product rule to the coefficients of the keys."""
     value, (of_q, of_r), (slope_q, slope_r) = _geodesic(q.value, r.value, t)
     weights = of_q[..., None] * q.weights + of_r[..., None] * r.weights
     towards = slope_q[..., None] * q.weights + slope_r[..., None] * r.weights
@@ -257,7 +257,7 @@ def _join(q: KeyWeights, r: KeyWeights, t: Array, gram: Array) -> KeyWeights:
 
 
 def _product_by_keys(q: KeyWeights, r: KeyWeights, gram: Array) -> Array:
-    """Return (..., n, n): row j has the coefficients over the keys of ``rᵀ dq/dp_j``."""
+    """Return (..., n, n) coefficients of the keys. Row j belongs to ``rᵀ dq/dp_j``."""
     xp = array_namespace(gram)
     against = xp.matmul(gram, r.weights[..., None])[..., None, :, :]
     return q.weights[..., :, None] * r.weights[..., None, :] + sum_of_rows(against * q.mixing)
@@ -282,7 +282,7 @@ _REACH = 3.0  # Cut-off of a Gaussian, in standard deviations.
 
 
 def smooth(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Return (F, ...) values under a Gaussian of ``sigma`` frames, continued beyond the ends by ``2 x_0 - x_i``."""
+    """Return (F, ...) values after a Gaussian of ``sigma`` frames, extended beyond the ends by ``2 x_0 - x_i``."""
     reach = min(int(np.ceil(_REACH * sigma)), len(values) - 1)
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / max(sigma, 1e-6)) ** 2)
     padded = np.pad(values, [(reach, reach), *[(0, 0)] * (values.ndim - 1)], mode="reflect", reflect_type="odd")

@@ -1,4 +1,4 @@
-"""Detect jumps of markers. Only at a jump can a label change its marker."""
+"""Detect jumps of markers, because a label can change its marker only at a jump."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import numpy as np
 
 from solver_backend.geometry.arrays import quantile, true_runs
 
-NEIGHBOURS = 6  # Markers around each one, which move nearly as it does.
-NEAREST = 2  # Number of the nearest of them, mostly on the same bone: distances to others change over gaps.
-JUMP_M = 0.025  # A marker jumps if it leaves its neighbours by so much more in one frame than before and after.
-GAP_JUMP_M = 0.06  # It also jumps if its distance to them changes so much over a gap.
-STILL_S = 0.5  # A marker without any motion for so long is frozen if its neighbours move ...
-MOVED_M = 0.02  # ... this far.
+NEIGHBOURS = 6  # Neighbouring markers, which move nearly alike.
+NEAREST = 2  # Number of the nearest ones, mostly on the same bone. Distances to others change over gaps.
+JUMP_M = 0.025  # A marker jumps if it leaves its neighbours by this distance more in one frame than before and after.
+GAP_JUMP_M = 0.06  # It also jumps if its distance from them changes this much over a gap.
+STILL_S = 0.5  # A marker without any motion for this time is frozen if its neighbours move ...
+MOVED_M = 0.02  # ... by this distance.
 
 
 def neighbours_of(points: np.ndarray, count: int = NEIGHBOURS) -> np.ndarray:
-    """Return (M, n) the nearest markers of each, by the median distance in frames spread over the take."""
+    """Return the (M, n) nearest markers of each marker, by the median distance in frames spread over the take."""
     some = points[np.unique(np.linspace(0, len(points) - 1, 60).astype(int))]
     distance = np.linalg.norm(some[:, :, None] - some[:, None], axis=-1)
     median = quantile(distance, 0.5, axis=0)
@@ -25,7 +25,7 @@ def neighbours_of(points: np.ndarray, count: int = NEIGHBOURS) -> np.ndarray:
 
 
 def jumping(points: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return (M,) bool: markers that jump away from their neighbours (M, n) somewhere in the take (F, M, 3), metres."""
+    """Return an (M,) mask of markers that jump away from their neighbours (M, n) in the take (F, M, 3), in metres."""
     moved = np.diff(points, axis=0)
     jumps = np.zeros(points.shape[1], dtype=bool)
     for m, near in enumerate(around):
@@ -33,17 +33,17 @@ def jumping(points: np.ndarray, around: np.ndarray) -> np.ndarray:
         alone = np.nan_to_num(alone)
         beside = np.maximum(np.append(alone[1:], 0.0), np.append(0.0, alone[:-1]))
         spikes = alone > JUMP_M + beside
-        # A point that is out for one frame leaves and comes back: both displacements are large.
+        # A point that is wrong in one frame leaves and returns, so both displacements are large.
         out = (alone[:-1] > 2 * JUMP_M) & (alone[1:] > 2 * JUMP_M)
         jumps[m] = spikes.any() or out.any() or _jumps_in_gaps(points, m, near)
     return jumps
 
 
 def leaving(points: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return (M,) bool: markers that jump away from every neighbour at once, or return the next frame.
+    """Return an (M,) mask of markers that jump away from every neighbour at once, or return in the next frame.
 
-    Stricter than ``jumping``, for reports: at 30 Hz the feet of a walk differ by more than ``JUMP_M`` in every step,
-    while a marker on the same bone moves with it.
+    This is stricter than ``jumping``, for reports. At 30 Hz the feet of a walking person differ by more than ``JUMP_M``
+    in every step, but a marker on the same bone moves with them.
     """
     moved = np.diff(points, axis=0)
     leaves = np.zeros(points.shape[1], dtype=bool)
@@ -59,9 +59,9 @@ def leaving(points: np.ndarray, around: np.ndarray) -> np.ndarray:
 
 
 def frozen(points: np.ndarray, around: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, M) bool: the marker is motionless while its neighbours move.
+    """Return an (F, M) mask of motionless markers with moving neighbours.
 
-    Other markers without motion in exactly these frames count too, because a program held them together.
+    Other markers that are motionless in exactly these frames count too, because a program froze them together.
     """
     still = np.zeros(points.shape[:2], dtype=bool)
     same = (np.diff(points, axis=0) == 0).all(-1)
@@ -80,7 +80,7 @@ def frozen(points: np.ndarray, around: np.ndarray, fps: float) -> np.ndarray:
 
 
 def _jumps_in_gaps(points: np.ndarray, marker: int, near: np.ndarray, *, of_all: bool = False) -> bool:
-    """Return whether the marker's distances to its neighbours, the median or all, change over a gap."""
+    """Return whether the marker's distances from its neighbours, the median or all of them, change over a gap."""
     seen = np.isfinite(points[:, marker]).all(-1)
     for first, last in true_runs(~seen):
         if first == 0 or last == len(points) - 1:
@@ -94,12 +94,12 @@ def _jumps_in_gaps(points: np.ndarray, marker: int, near: np.ndarray, *, of_all:
 
 
 def _middle(values: np.ndarray) -> np.ndarray:
-    """Return the median of (F, n, 3) over known n, 0 without any."""
+    """Return the median of (F, n, 3) over known n, 0 if there are none."""
     return np.nan_to_num(quantile(values, 0.5, axis=1))
 
 
 def _least(values: np.ndarray) -> np.ndarray:
-    """Return the smallest length of (F, n, 3) over known n, 0 without any."""
+    """Return the smallest length of (F, n, 3) over known n, 0 if there are none."""
     length = np.linalg.norm(values, axis=-1)
     least = np.where(np.isfinite(length), length, np.inf).min(axis=1, initial=np.inf)
     return np.where(np.isfinite(least), least, 0.0)

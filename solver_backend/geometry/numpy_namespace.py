@@ -1,6 +1,6 @@
-"""NumPy under the names of the array API standard.
+"""NumPy with the names of the array API standard.
 
-NumPy has these names itself from version 2.0 on. Blender 4 brings 1.26, and no other package is needed for it.
+NumPy has these names from version 2.0. Blender 4 includes 1.26. No other package is needed.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ import numpy as np
 
 
 def asarray(value: Any, *, dtype: Any = None, device: Any = None, copy: bool | None = None) -> Any:
-    """Return an array. NumPy's are on the CPU."""
+    """Return an array on the CPU."""
     return np.array(value, dtype=dtype) if copy else np.asarray(value, dtype=dtype)
 
 
 def astype(values: Any, dtype: Any, *, copy: bool = True) -> Any:
-    """Return the values in another type."""
+    """Return the values converted to another type."""
     return values.astype(dtype, copy=copy)
 
 
 def _on_cpu(create: Callable[..., Any]) -> Callable[..., Any]:
-    """Return one of NumPy's functions with the standard's argument ``device``, which is always the CPU."""
+    """Return a NumPy function with the standard's argument ``device``, which is always the CPU."""
 
     def call(*arguments: Any, device: Any = None, **given: Any) -> Any:
         return create(*arguments, **given)
@@ -32,22 +32,22 @@ def _on_cpu(create: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def clip(values: Any, min: Any = None, max: Any = None) -> Any:
-    """Return the values, no less than ``min`` and no more than ``max`` if given."""
+    """Return the values limited to ``min`` and ``max``, if given."""
     return values if min is None and max is None else np.clip(values, min, max)
 
 
 def matrix_transpose(values: Any) -> Any:
-    """Exchange the last two axes."""
+    """Return the values with the last two axes exchanged."""
     return np.swapaxes(values, -1, -2)
 
 
 def argsort(values: Any, *, axis: int = -1, stable: bool = True) -> Any:
-    """Return the places of the values in rising order."""
+    """Return the indices that sort the values in ascending order."""
     return np.argsort(values, axis=axis, kind="stable" if stable else None)
 
 
 def sort(values: Any, *, axis: int = -1, stable: bool = True) -> Any:
-    """Return the values in rising order."""
+    """Return the values in ascending order."""
     return np.sort(values, axis=axis, kind="stable" if stable else None)
 
 
@@ -100,7 +100,7 @@ _OWN |= {name: _on_cpu(getattr(np, name)) for name in ("arange", "empty", "eye",
 
 
 class NumpyNamespace:
-    """NumPy's functions, the standard's first."""
+    """NumPy's functions, with those of the standard first."""
 
     def __init__(self) -> None:
         self.__dict__.update(_OWN)

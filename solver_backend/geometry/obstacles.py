@@ -1,4 +1,4 @@
-"""Read floors and objects that a body cannot enter (planes, boxes, triangle meshes), and measure distances to them."""
+"""Read floors and objects that a body cannot enter (planes, boxes, triangle meshes), and compute distances to them."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from solver_backend.exchange.json_file import read_json_file
 from solver_backend.exchange.outputs import require_file
 from solver_backend.geometry.rotations import exp_so3
 
-MOST_TRIANGLES = 20_000  # Of all meshes of a file. Simpler models of furniture have hundreds.
+MOST_TRIANGLES = 20_000  # Total of all meshes in a file. Simpler models of furniture have hundreds.
 _PAIRS = 400_000  # Pairs of points and triangles at a time, which bounds memory.
 _KINDS = ("planes", "boxes", "meshes")
 _CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 _SIDES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
-"""Corners of a box's sides, anticlockwise from outside."""
+"""Corners of each side of a box, anticlockwise from outside."""
 
 
 @dataclass(frozen=True)
@@ -40,14 +40,15 @@ class Obstacles:
 
     @property
     def without_floor(self) -> Obstacles:
-        """The objects without the floor."""
+        """Objects without the floor."""
         return replace(self, planes=self.planes[1:])
 
     def nearest(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the signed distance (...) of points (..., 3) from the nearest obstacle, and its normal (..., 3) there.
 
-        Distances are negative inside, and infinite beyond ``reach`` from a mesh if there is no plane. A mesh is
-        entered where the nearest triangle faces away. Of equally near ones the most perpendicular one counts.
+        Distances are negative inside. Beyond ``reach`` from a mesh they are infinite if there is no plane. A point is
+        inside a mesh if the nearest triangle faces away from it. Among equally near triangles the most perpendicular
+        one counts.
         """
         flat = points.reshape(-1, 3)
         heights = flat @ self.planes[:, :3].T - self.planes[:, 3]
@@ -68,7 +69,7 @@ class Obstacles:
 
 
 def _from_surface(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the signed distance (N,) from a surface, and the unit direction (N, 3) out of it."""
+    """Return the signed distance (N,) from a surface, and the outward unit direction (N, 3)."""
     closest = _closest(points, triangles)
     away = points[:, None] - closest
     squared = (away**2).sum(axis=-1)
@@ -85,7 +86,7 @@ def _from_surface(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray
 
 
 def _closest(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Return the (N, T, 3) closest points of triangles: the foot of the perpendicular, or the nearest on an edge."""
+    """Return (N, T, 3) closest points of triangles: the foot of the perpendicular, or the nearest point of an edge."""
     a, b, c = triangles.transpose(1, 0, 2)
     u, v, w = b - a, c - a, points[:, None] - a
     uu, uv, vv = (u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)
@@ -106,11 +107,12 @@ def _closest(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 def read_obstacles(path: Path | str) -> Obstacles:
     """Read a file of objects, ``{"planes": [...], "boxes": [...], "meshes": [...]}``, and add the floor z = 0.
 
-    A plane has a ``point`` and a ``normal`` towards free space, a box a ``centre``, a ``size`` and perhaps ``turn_deg``
-    about the vertical. A mesh is the path of a Wavefront OBJ file beside this one. All are in metres with Z up.
+    A plane has a ``point`` and a ``normal`` towards free space. A box has a ``centre``, a ``size`` and optionally
+    ``turn_deg`` about the vertical. A mesh is the path of a Wavefront OBJ file relative to this file. Everything is in
+    metres with Z up.
 
     Raises:
-        FileDamaged: the file or a mesh is damaged, or a value is not as above.
+        FileDamaged: the file or a mesh is damaged, or a value is invalid.
         FileMissing: the file or a mesh is missing.
     """
     values = read_json_file(path)
@@ -160,7 +162,7 @@ def _read_mesh(path: Path) -> np.ndarray:
 
 
 def _is_closed(triangles: np.ndarray) -> bool:
-    """Return whether each edge has two triangles (T, 3, 3), one in each direction. Equal places are one vertex."""
+    """Return whether each edge belongs to two triangles (T, 3, 3), one per way. Equal positions are one vertex."""
     places, corner = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
     corner = corner.reshape(-1, 3)
     edges = np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]])

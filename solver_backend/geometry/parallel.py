@@ -1,4 +1,4 @@
-"""Run blocks of frames on all cores: NumPy releases Python's lock, torch uses its own threads."""
+"""Run blocks of frames on all cores. NumPy releases Python's lock, torch uses separate threads."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from solver_backend.geometry.arrays import array_namespace, is_torch
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-MAX_THREADS = 8  # More share one memory bus and gain nothing.
-TORCH_BLOCK = 2  # Torch divides each operation among threads, which pays where blocks are this many times as large.
+MAX_THREADS = 8  # More threads share one memory bus and gain nothing.
+TORCH_BLOCK = 2  # Factor on block sizes for torch, which divides each operation among threads.
 
 
 def map_blocks(
     function: Callable[[Item], Result], blocks: Sequence[Item], like: Any, done: Callable[[int], None] = lambda _: None
 ) -> list[Result]:
-    """Return ``[function(block) for block in blocks]``, computed on several threads of the CPU.
+    """Return ``[function(block) for block in blocks]``, computed on several CPU threads.
 
     Args:
-        function: called once per block. Must not write to data that another block reads.
+        function: called once per block. It must not write to data that another block reads.
         like: an array of the function's kind.
-        done: called with the number of finished blocks. It may raise to end the work.
+        done: called with the number of finished blocks. It may raise an error to stop.
     """
     threads = min(MAX_THREADS, usable_cores())
     if is_torch(like):
@@ -49,11 +49,11 @@ def _collected(results: Iterable[Result], done: Callable[[int], None]) -> list[R
 def usable_cores() -> int:
     """Return the number of cores that this process may use, at most ``MANIFOLD_MOCAP_THREADS``.
 
-    A batch pins its solvers, and a container has a share. Further threads would evict each other's blocks from the
-    cache.
+    A batch pins its solvers to cores, and a container has a limit. Additional threads would evict each other's blocks
+    from the cache.
 
     Raises:
-        CommandLineInvalid: the variable of the environment is not a positive whole number.
+        CommandLineInvalid: the environment variable is not a positive whole number.
     """
     affinity = getattr(os, "sched_getaffinity", None)  # only Linux reports it
     cores = len(affinity(0)) if affinity else os.cpu_count() or 1
@@ -65,13 +65,13 @@ def usable_cores() -> int:
 
 
 def block_size(size: int, like: Any) -> int:
-    """Return the block size for arrays like ``like``: ``size``, which fits the cache, or more with torch."""
+    """Return the block size for arrays like ``like``: ``size``, which fits the cache, or more for torch."""
     return size * TORCH_BLOCK if is_torch(like) else size
 
 
 @contextmanager
 def torch_threads(count: int, like: Any) -> Iterator[None]:
-    """Let torch use ``count`` threads for a while. ``like`` is a tensor."""
+    """Let torch use ``count`` threads within the context. ``like`` is a tensor."""
     torch = array_namespace(like)
     before = torch.get_num_threads()
     torch.set_num_threads(count)

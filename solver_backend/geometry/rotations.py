@@ -1,6 +1,6 @@
 """Compute rotations: quaternions (wxyz), exponential and logarithm of SO(3), their Jacobians, and the 6D form.
 
-Tangent vectors act from the left throughout: ``R(x + dx) ≈ exp([J dx]x) R(x)``.
+All tangent vectors act from the left: ``R(x + dx) ≈ exp([J dx]x) R(x)``.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ def quat_multiply(a: Float[Array, "*#batch 4"], b: Float[Array, "*#batch 4"]) ->
 
 
 def quat_conjugate(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
-    """Return ``(w, -x, -y, -z)``, the inverse of a unit quaternion, (..., 4) wxyz."""
+    """Return ``(w, -x, -y, -z)``, the inverse of a (..., 4) unit quaternion wxyz."""
     return q * constant((1.0, -1.0, -1.0, -1.0), q)
 
 
 def upper_hemisphere(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
-    """Return the same rotations as quaternions wxyz with ``w >= 0``, (..., 4) -> (..., 4)."""
+    """Return the same rotations as (..., 4) quaternions wxyz with ``w >= 0``."""
     return array_namespace(q).where(q[..., :1] < 0, -q, q)
 
 
 def matrix_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
-    """Return the rotation matrices (..., 3, 3) of quaternions (..., 4) of any length but zero.
+    """Return the (..., 3, 3) rotation matrices of (..., 4) quaternions with any length except zero.
 
     ``R = I + 2 (w [u]x + [u]x²) / |q|²`` with ``q = (w, u)``.
 
@@ -57,9 +57,9 @@ def matrix_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
 
 
 def quat_from_matrix(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
-    """Return the unit quaternion (..., 4) with ``w >= 0`` of rotations (..., 3, 3), accurate at every angle.
+    """Return the (..., 4) unit quaternions with ``w >= 0`` of (..., 3, 3) rotations, accurate at every angle.
 
-    The row of ``4 q qᵀ`` with the largest diagonal is normalised, so nothing is divided by a small number.
+    The row of ``4 q qᵀ`` with the largest diagonal is normalised, which avoids a division by small numbers.
 
     Reference: Shepperd 1978, "Quaternion from rotation matrix".
     """
@@ -80,7 +80,7 @@ def quat_from_matrix(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
 
 
 def quat_from_rotvec(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
-    """Return ``(cos θ/2, sin(θ/2) v/θ)`` of rotation vectors, (..., 3) rad -> (..., 4) wxyz (Grassia 1998)."""
+    """Return the (..., 4) quaternions wxyz ``(cos θ/2, sin(θ/2) v/θ)`` of (..., 3) rotation vectors (Grassia 1998)."""
     xp = array_namespace(v)
     square = squared_length(v)
     small = square < _SMALL_SQUARE
@@ -91,7 +91,7 @@ def quat_from_rotvec(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
 
 
 def rotvec_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
-    """Return the rotation vector (..., 3) rad, of length 0..π, of quaternions (..., 4) of any length but zero.
+    """Return (..., 3) rotation vectors in rad, with length 0 to π, of (..., 4) quaternions with any length except zero.
 
     ``v = 2 atan2(|u|, w) u/|u|`` with ``q = (w, u)`` and ``w >= 0``, exact at 0 and at π (Grassia 1998).
     """
@@ -107,10 +107,10 @@ def rotvec_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
 
 
 def quat_left_tangent(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4 3"]:
-    """Return ``G`` (..., 4, 3) with ``quat(exp(ω)) q ≈ q + G ω``, the derivative of (..., 4) by a left rotation.
+    """Return the (..., 4, 3) derivative ``G`` of a quaternion by a left rotation: ``quat(exp(ω)) q ≈ q + G ω``.
 
-    ``G ω = ½ (0, ω) q``. For unit ``q`` it satisfies ``Gᵀ G = I/4``, so ``ω = 4 Gᵀ dq`` is the left rotation of a
-    change of the quaternion: ``R(q + dq) ≈ exp([4 Gᵀ dq]x) R(q)``.
+    ``G ω = ½ (0, ω) q``. For unit ``q`` it satisfies ``Gᵀ G = I/4``. A change dq of the quaternion is therefore the
+    left rotation ``ω = 4 Gᵀ dq``: ``R(q + dq) ≈ exp([4 Gᵀ dq]x) R(q)``.
 
     Reference: Solà 2017, "Quaternion kinematics for the error-state Kalman filter" (global rates).
     """
@@ -127,11 +127,11 @@ _SERIES = (  # Taylor coefficients, by the squared angle, of the four functions 
     (1 / 6, -1 / 120, 1 / 5040, -1 / 362880, 1 / 39916800, -1 / 6227020800),
     (1 / 12, 1 / 720, 1 / 30240, 1 / 1209600, 1 / 47900160, 691 / 1307674368000),
 )
-_TINY = 1e-12  # Shortest column a 6D representation is divided by.
+_TINY = 1e-12  # Shortest column of a 6D representation that is normalised.
 
 
 def skew(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
-    """Return ``[v]x`` with ``[v]x w = v × w``, (..., 3) -> (..., 3, 3)."""
+    """Return the (..., 3, 3) matrices ``[v]x`` with ``[v]x w = v × w`` of (..., 3) vectors."""
     xp = array_namespace(v)
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
     zero = xp.zeros_like(x)
@@ -139,7 +139,7 @@ def skew(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
 
 
 def cross(a: Float[Array, "*#batch 3"], b: Float[Array, "*#batch 3"]) -> Float[Array, "... 3"]:
-    """Return ``a × b``, (..., 3) each, broadcast."""
+    """Return the cross products ``a × b`` of (..., 3) vectors that broadcast."""
     xp = array_namespace(a, b)
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
@@ -155,7 +155,7 @@ def exp_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
 
 
 def log_so3(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3"]:
-    """Return the rotation vector (..., 3), of length 0..π, with ``exp_so3(v) = R``, accurate at 0 and at π."""
+    """Return the (..., 3) rotation vectors with ``exp_so3(v) = R`` and length 0 to π, accurate at 0 and at π."""
     return rotvec_from_quat(quat_from_matrix(R))
 
 
@@ -177,10 +177,10 @@ def left_jacobian_inverse_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*bat
 
 
 def matrix_from_6d(x: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 3"]:
-    """Return the rotations of the continuous 6D representation by Gram-Schmidt.
+    """Return the rotations of the continuous 6D representation, by Gram-Schmidt.
 
-    ``b1 = a1/|a1|``, ``b2 = (a2 - (b1·a2) b1)/|…|``, ``b3 = b1 × b2``. Columns shorter than 1e-12 are not scaled up to
-    length one, so a zero or collinear input yields no rotation but no NaN either.
+    ``b1 = a1/|a1|``, ``b2 = (a2 - (b1·a2) b1)/|…|``, ``b3 = b1 × b2``. Columns shorter than 1e-12 are not normalised,
+    so a zero or collinear input gives neither a rotation nor NaN.
 
     Reference: Zhou et al. 2019, "On the Continuity of Rotation Representations in Neural Networks", eq. 11-12.
     """
@@ -189,16 +189,16 @@ def matrix_from_6d(x: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 3"]:
 
 
 def matrix_to_6d(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 6"]:
-    """Return the first two columns, one after the other, (..., 3, 3) -> (..., 6)."""
+    """Return the first two columns of (..., 3, 3) rotations as (..., 6), one after the other."""
     return array_namespace(R).concat((R[..., :, 0], R[..., :, 1]), axis=-1)
 
 
 def matrix_from_6d_with_jacobian(
     x: Float[Array, "*batch 6"],
 ) -> tuple[Float[Array, "*batch 3 3"], Float[Array, "*batch 3 6"]]:
-    """Return ``R(x)`` of ``matrix_from_6d`` and ``J`` with ``R(x + dx) ≈ exp([J dx]x) R(x)``.
+    """Return ``R(x)`` of ``matrix_from_6d``, and ``J`` with ``R(x + dx) ≈ exp([J dx]x) R(x)``.
 
-    From ``ω = b1 (b3·db2) - b2 (b3·db1) + b3 (b2·db1)``, the rotation that carries the frame b1 b2 b3.
+    It follows from ``ω = b1 (b3·db2) - b2 (b3·db1) + b3 (b2·db1)``, the rotation of the frame b1 b2 b3.
     """
     xp = array_namespace(x)
     b1, b2, b3, length1, length2, along = _gram_schmidt(x)
@@ -210,7 +210,7 @@ def matrix_from_6d_with_jacobian(
 
 
 def _gram_schmidt(x: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Return b1, b2, b3 (..., 3), the two lengths divided by, and ``b1·a2`` (...)."""
+    """Return b1, b2, b3 (..., 3), the two lengths that were divided by, and ``b1·a2`` (...)."""
     a1, a2 = x[..., :3], x[..., 3:]
     length1 = _length(a1)
     b1 = a1 / length1[..., None]
@@ -229,7 +229,7 @@ def _length(v: Array) -> Array:
 
 
 def _coefficients(v: Array, *wanted: int) -> list[Array]:
-    """Return those wanted of ``sinθ/θ, (1 - cosθ)/θ², (θ - sinθ)/θ³, (1 - θ/2 cot θ/2)/θ²`` of (..., 3) vectors."""
+    """Return the wanted of ``sinθ/θ, (1 - cosθ)/θ², (θ - sinθ)/θ³, (1 - θ/2 cot θ/2)/θ²`` for (..., 3) vectors."""
     xp = array_namespace(v)
     square = squared_length(v)
     small = square < _SERIES_BELOW
@@ -247,7 +247,7 @@ def _coefficients(v: Array, *wanted: int) -> list[Array]:
 
 
 def _horner(x: Array, coefficients: tuple[float, ...]) -> Array:
-    """Return ``Σ c_k x^k``."""
+    """Return the polynomial ``Σ c_k x^k``."""
     total = coefficients[-1] * array_namespace(x).ones_like(x)
     for c in reversed(coefficients[:-1]):
         total = total * x + c

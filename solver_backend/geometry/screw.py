@@ -1,7 +1,7 @@
 """Interpolate rigid motions through keys by screws, the geodesics of SE(3) (thesis 6.4, future directions).
 
-A geodesic from A to B is ``A exp(s log(A⁻¹ B))``. The curve composes them as SIDER-n composes the sphere's.
-Rotation and translation are coupled: where the body turns, it travels on an arc.
+A geodesic from A to B is ``A exp(s log(A⁻¹ B))``. The curve composes them as SIDER-n composes geodesics on a sphere.
+Rotation and translation are coupled: a rotating body moves on an arc.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from solver_backend.geometry.rotations import (
     skew,
 )
 
-_TERMS = 40  # Of the series of the Jacobian; its last is below 1e-14 for turns of up to two circles.
+_TERMS = 40  # Number of terms of the Jacobian's series. The last is below 1e-14 for rotations up to two full turns.
 
 
 @dataclass(frozen=True)
 class _Moved:
-    """Rigid motions of F frames and their derivatives by the keys, both as twists of the moved body."""
+    """Rigid motions of F frames and their derivatives by the keys, both as body twists."""
 
     rotation: Array  # (F, 3, 3).
     transl: Array  # (F, 3).
@@ -33,7 +33,7 @@ class _Moved:
 
 @dataclass(frozen=True)
 class ScrewPath:
-    """Rotations and translations of W·n frames, row after row, through the k keys of W windows."""
+    """Rotations and translations of W·n frames, in the order of rows, through the k keys of W windows."""
 
     rotation: Array  # (W·n, 3, 3).
     transl: Array  # (W·n, 3) metres.
@@ -41,20 +41,20 @@ class ScrewPath:
 
     @classmethod
     def through(cls, rotation: Array, transl: Array, time: Array) -> ScrewPath:
-        """Return the curve through (W, k, 3, 3) rotations and (W, k, 3) translations at (W, n) times in 0..1."""
+        """Return the curve through (W, k, 3, 3) rotations and (W, k, 3) translations at (W, n) times from 0 to 1."""
         xp, (windows, count) = array_namespace(transl), time.shape
         flat, keys = xp.reshape(time, (-1,)), rotation.shape[1]
         of_frames = [xp.repeat(part, count, axis=0) for part in (rotation, transl)]
         points = [_key(of_frames[0], of_frames[1], k) for k in range(keys)]
         twice = 2.0 + 0.0 * flat
         found = aitken_neville(points, flat, _geodesic, lambda point, centre: _geodesic(point, centre, twice))
-        # A turn from the left is R times one from the right, for frames and for keys.
+        # A left rotation is R times a right one, for frames and for keys.
         to_frame, to_key = _both(found.rotation)[:, None], xp.matrix_transpose(_both(of_frames[0]))
         by_keys = xp.matmul(to_frame, xp.matmul(found.by_keys, to_key))
         return cls(found.rotation, found.transl, xp.reshape(by_keys, (windows, count, keys, 6, 6)))
 
     def vjp(self, by_turn: Array, by_transl: Array) -> tuple[Array, Array]:
-        """Return (W, k, 3) each: by the keys' turns and translations, of derivatives (W·n, 3) by the frames'."""
+        """Return (W, k, 3) derivatives by the keys' rotations and translations, from (W·n, 3) ones by the frames'."""
         xp = array_namespace(by_turn)
         windows, count, keys = self.by_keys.shape[:3]
         by_frames = xp.reshape(xp.concat([by_turn, by_transl], axis=1), (windows, 1, count * 6))
@@ -70,7 +70,7 @@ def _key(rotation: Array, transl: Array, key: int) -> _Moved:
 
 
 def _geodesic(a: _Moved, b: _Moved, s: Array) -> _Moved:
-    """Return the motions at shares (F,) of the geodesic from one to the other, which is followed beyond its ends."""
+    """Return the motions at fractions (F,) of the geodesic from a to b, also beyond its ends."""
     xp = array_namespace(s)
     back = xp.matrix_transpose(a.rotation)
     between = xp.matmul(back, b.rotation), _apply(back, b.transl - a.transl)
@@ -85,7 +85,7 @@ def _geodesic(a: _Moved, b: _Moved, s: Array) -> _Moved:
 
 
 def _right_jacobian(twist: Array) -> Array:
-    """Return (F, 6, 6): ``Σ_n (-ad)ⁿ / (n + 1)!`` of (F, 6) twists, turn first."""
+    """Return the (F, 6, 6) sums ``Σ_n (-ad)ⁿ / (n + 1)!`` for (F, 6) twists, rotation first."""
     xp = array_namespace(twist)
     ad = _both(skew(twist[:, :3]))
     ad[:, 3:, :3] = skew(twist[:, 3:])
@@ -97,7 +97,7 @@ def _right_jacobian(twist: Array) -> Array:
 
 
 def _adjoint_inverse(rotation: Array, transl: Array) -> Array:
-    """Return (F, 6, 6): the adjoint of the inverse of a motion, turn first."""
+    """Return the (F, 6, 6) adjoints of inverse motions, rotation first."""
     xp = array_namespace(transl)
     back = xp.matrix_transpose(rotation)
     found = _both(back)
@@ -106,7 +106,7 @@ def _adjoint_inverse(rotation: Array, transl: Array) -> Array:
 
 
 def _both(block: Array) -> Array:
-    """Return (..., 6, 6): the same (..., 3, 3) of turns and of translations."""
+    """Return (..., 6, 6) matrices with the same (..., 3, 3) block for rotation and translation."""
     found = zeros((*block.shape[:-2], 6, 6), block)
     found[..., :3, :3] = block
     found[..., 3:, 3:] = block

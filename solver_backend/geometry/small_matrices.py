@@ -1,4 +1,4 @@
-"""Compute batches of small matrices and vectors: closed-form inverses, packed symmetric matrices, short sums."""
+"""Operate on batches of small matrices and vectors: closed-form inverses, packed symmetric matrices, short sums."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from solver_backend.geometry.arrays import Array, array_namespace, replaced
 from solver_backend.types.shapes import Float
 
-_PACKED = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # Places of a symmetric matrix's six numbers.
+_PACKED = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # Positions of the six entries of a symmetric matrix.
 
 
 def inverse_symmetric_3x3(A: Float[Array, "*batch 3 3"], smallest: float = 1e-12) -> Float[Array, "*batch 3 3"]:
@@ -30,7 +30,7 @@ def inverse_symmetric_3x3(A: Float[Array, "*batch 3 3"], smallest: float = 1e-12
 
 
 def packed(A: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 6"]:
-    """Return (..., 6): the entries xx, xy, xz, yy, yz, zz of (..., 3, 3) symmetric matrices."""
+    """Return the (..., 6) entries xx, xy, xz, yy, yz, zz of (..., 3, 3) symmetric matrices."""
     xp = array_namespace(A)
     return xp.stack([A[..., i, j] for i, j in _PACKED], axis=-1)
 
@@ -43,13 +43,13 @@ def unpacked(entries: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 3"]:
 
 
 def mean_sigma(entries: Float[Array, "*batch 6"]) -> Float[Array, " *batch"]:
-    """Return (...) standard deviations, the root mean square over the axes, of (..., 6) covariances."""
+    """Return (...) standard deviations of (..., 6) covariances, as root mean square over the axes."""
     xp = array_namespace(entries)
     return xp.sqrt((entries[..., 0] + entries[..., 3] + entries[..., 5]) / 3.0)
 
 
 def dot(a: Float[Array, "*#batch d"], b: Float[Array, "*#batch d"]) -> Float[Array, " *batch"]:
-    """Return ``Σ_i a_i b_i`` of (..., d) vectors with few coordinates, broadcast: (...)."""
+    """Return the (...) dot products ``Σ_i a_i b_i`` of (..., d) vectors with few coordinates that broadcast."""
     if not isinstance(a, np.ndarray):
         return array_namespace(a, b).sum(a * b, axis=-1)
     total = a[..., 0] * b[..., 0]
@@ -59,12 +59,12 @@ def dot(a: Float[Array, "*#batch d"], b: Float[Array, "*#batch d"]) -> Float[Arr
 
 
 def squared_length(v: Float[Array, "*batch d"]) -> Float[Array, " *batch"]:
-    """Return ``|v|²`` of (..., d) vectors with few coordinates: (...)."""
+    """Return the (...) squared lengths ``|v|²`` of (..., d) vectors with few coordinates."""
     return dot(v, v)
 
 
 def sum_of_rows(values: Float[Array, "*batch rows columns"]) -> Float[Array, "*batch columns"]:
-    """Return the sum over rows: (..., r, c) -> (..., c)."""
+    """Return the (..., c) sums over the rows of (..., r, c) arrays."""
     if not isinstance(values, np.ndarray):
         return array_namespace(values).sum(values, axis=-2)
     total = values[..., 0, :]
@@ -74,7 +74,7 @@ def sum_of_rows(values: Float[Array, "*batch rows columns"]) -> Float[Array, "*b
 
 
 def any_coordinate(mask: Array) -> Array:
-    """Return where any of few coordinates is True: (..., d) -> (...)."""
+    """Return a (...) mask of entries with any of few coordinates true, from (..., d)."""
     some = mask[..., 0]
     for i in range(1, mask.shape[-1]):
         some = some | mask[..., i]
@@ -82,7 +82,7 @@ def any_coordinate(mask: Array) -> Array:
 
 
 def all_coordinates(mask: Array) -> Array:
-    """Return where all of few coordinates are True: (..., d) -> (...)."""
+    """Return a (...) mask of entries with all of few coordinates true, from (..., d)."""
     every = mask[..., 0]
     for i in range(1, mask.shape[-1]):
         every = every & mask[..., i]
@@ -90,7 +90,7 @@ def all_coordinates(mask: Array) -> Array:
 
 
 def solved_3x3(A: Float[np.ndarray, "*batch 3 3"], b: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-    """Return (..., 3) ``A⁻¹ b`` by Cramer's rule, accurate for matrices near rotations, NaN in b stays."""
+    """Return (..., 3) solutions ``A⁻¹ b`` by Cramer's rule, accurate for matrices near rotations. NaN in b is kept."""
     rows = [[A[..., i, j] for j in range(3)] for i in range(3)]
     (a, d, g), (e, h, k), (f, i, m) = ([row[j] for row in rows] for j in range(3))
     minors = h * m - k * i, k * f - e * m, e * i - h * f
@@ -103,5 +103,5 @@ def solved_3x3(A: Float[np.ndarray, "*batch 3 3"], b: Float[np.ndarray, "*batch 
 
 
 def unit(v: np.ndarray) -> np.ndarray:
-    """Return (..., 3) vectors scaled to unit length. Those shorter than 1e-9 stay shorter."""
+    """Return (..., 3) vectors scaled to unit length. Vectors shorter than 1e-9 remain short."""
     return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9)

@@ -1,1 +1,1 @@
-"""Adjust lenses, poses, boards and points by least squares, with NumPy alone."""
+"""Adjust lenses, poses, boards and points by least squares, using only NumPy."""

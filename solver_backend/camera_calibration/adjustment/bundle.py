@@ -18,12 +18,12 @@ from solver_backend.types.shapes import Bool, Float, Int
 
 CAMERA_PARAMETERS = 6 + PARAMETERS + 1
 """Unknowns of a camera: rotation (3, rad), translation (3, m), ``PARAMETERS`` of the lens and its delay (s)."""
-PLACE_SIGMA_M = 0.003  # Standard deviation of a measured place, in metres.
+PLACE_SIGMA_M = 0.003  # Standard deviation of a measured position, in metres.
 
 
 @dataclass(frozen=True)
 class BodySightings(Rows):
-    """N points of bodies in pictures."""
+    """N observed points of bodies in images."""
 
     camera: Int[np.ndarray, " n"]  # (N,) index of the camera.
     body: Int[np.ndarray, " n"]  # (N,) index of the body.
@@ -35,7 +35,7 @@ class BodySightings(Rows):
 
 @dataclass(frozen=True)
 class Bodies(Rows):
-    """Poses of B bodies, ``x_world = R x_local + t``. A body is a board, or a single point that does not turn."""
+    """Poses of B bodies, ``x_world = R x_local + t``. A body is a board, or a single point without rotation."""
 
     R: Float[np.ndarray, "bodies 3 3"]
     t: Float[np.ndarray, "bodies 3"]  # (B, 3) metres.
@@ -51,7 +51,7 @@ class Held:
     centre_sigma_m: float
 
     def step_from(self, cameras: Cameras) -> Float[np.ndarray, "cameras 6"]:
-        """Return the (C, 6) steps ``(ω, τ)`` from the expected poses to these, in standard deviations."""
+        """Return the (C, 6) steps ``(ω, τ)`` from the expected poses to the given ones, in standard deviations."""
         turn = log_so3(cameras.R @ np.swapaxes(self.cameras.R, 1, 2))
         moved: np.ndarray = cameras.R @ (cameras.centres - self.cameras.centres)[..., None]
         shift = -moved[..., 0]
@@ -69,7 +69,9 @@ class Unknowns:
 
     poses: Bool[np.ndarray, " cameras"]  # (C,) cameras with an unknown pose.
     lens: Bool[np.ndarray, "cameras 12"] | None = None
-    """(C, 12) unknown numbers of each lens, None for no number. The ratio of fx and fy is constant."""
+    """(C, 12) mask of the unknown parameters of each lens, None if all are fixed. The ratio of fx and fy is
+    constant.
+    """
     lens_sigma: Float[np.ndarray, "cameras 12"] | None = None  # (C, 12) expected deviations. None for no limit.
     delays: Bool[np.ndarray, " cameras"] | None = None  # (C,) cameras with an unknown delay. None for no camera.
     held: Held | None = None  # Expected poses. A camera that is far from its own is released (Cauchy).
@@ -77,7 +79,7 @@ class Unknowns:
 
 @dataclass(frozen=True)
 class Adjusted:
-    """The solution."""
+    """Solution of the adjustment."""
 
     cameras: Cameras
     bodies: Bodies
@@ -88,12 +90,12 @@ class Adjusted:
 
     @property
     def rmse_px(self) -> float:
-        """Root mean squared error."""
+        """Root mean squared error in pixels."""
         return float(np.sqrt(np.nanmean((self.error**2).sum(-1))))
 
 
 def median_by_camera(far: Float[np.ndarray, " n"], seen: BodySightings, count: int) -> Float[np.ndarray, " cameras"]:
-    """Return each camera's median of the sightings' errors, NaN for a camera without sightings."""
+    """Return each camera's median error of its sightings, NaN for a camera without sightings."""
     parts = (far[seen.camera == c] for c in range(count))
     return np.array([np.nanmedian(part) if len(part) else np.nan for part in parts])
 
@@ -119,9 +121,9 @@ def adjust(
 
     Args:
         delays: (C,) initial delays in seconds, zero by default.
-        gauge: number of directions without effect, which the covariance leaves out: 6, or 7 with a free scale.
+        gauge: number of directions without effect, which the covariance excludes: 6, or 7 with a free scale.
 
-    Reference: Triggs et al. 2000; Levenberg 1944, Marquardt 1963; Black and Rangarajan 1996 (the penalty).
+    References: Triggs et al. 2000; Levenberg 1944, Marquardt 1963; Black and Rangarajan 1996 (the penalty).
     """
     free, columns = _free_matrix(unknowns)
     now = _BundleState(cameras, bodies, np.zeros(len(cameras)) if delays is None else delays)
@@ -177,14 +179,14 @@ class _Task:
     turning: slice  # Unknown numbers of a body's six. Single points do not turn.
 
     def whole(self, values: np.ndarray) -> np.ndarray:
-        """Return values (C columns, ...) of the unknown numbers as (19C, ...), with zeros for the others."""
+        """Expand values (C columns, ...) of the unknown parameters to (19C, ...), with zeros for the others."""
         C = len(self.start)
         full = np.zeros((C, CAMERA_PARAMETERS, *values.shape[1:]))
         full[:, self.columns] = values.reshape(C, len(self.columns), *values.shape[1:])
         return full.reshape(C * CAMERA_PARAMETERS, *values.shape[1:])
 
     def in_cameras(self, now: _BundleState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the points in camera axes (N, 3), from their body's origin (N, 3), and their pixels (N, 2)."""
+        """Return (N, 3) points in camera axes, their (N, 3) vectors from the body's origin, and their (N, 2) pixels."""
         seen, bodies, cameras = self.seen, now.bodies, now.cameras
         arm = (bodies.R[seen.body] @ seen.local[..., None])[..., 0]
         world = arm + bodies.t[seen.body]
@@ -195,19 +197,19 @@ class _Task:
         return x_cam, arm, target
 
     def errors(self, now: _BundleState) -> np.ndarray:
-        """Return (N, 2) px, projected minus seen, NaN behind a camera."""
+        """Return (N, 2) px errors, projected minus observed, NaN behind a camera."""
         x_cam, _, target = self.in_cameras(now)
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             return pixels_of(now.cameras, self.seen.camera, x_cam) - target
 
     def of_camera(self, by_pose: np.ndarray, by_lens: np.ndarray, by_delay: np.ndarray) -> np.ndarray:
-        """Return the (N, 2, columns) derivative by the unknown numbers of a point's camera."""
+        """Return the (N, 2, columns) derivatives by the unknown parameters of each point's camera."""
         if self.columns.max(initial=0) < 6:
             return by_pose[..., self.columns]
         return np.concatenate([by_pose, by_lens, by_delay], axis=-1)[..., self.columns]
 
     def lens_change(self, cameras: Cameras) -> np.ndarray:
-        """Return the (C, 12) change of the lenses in ``PARAMETERS``."""
+        """Return the (C, 12) changes of the lenses in ``PARAMETERS``."""
         before, after = (c.K[:, [0, 1], [0, 1]] for c in (self.start, cameras))
         centre = (cameras.K[:, :2, 2] - self.start.K[:, :2, 2]) / before
         bent = cameras.distortion - self.start.distortion
@@ -302,7 +304,7 @@ class _Equations:
         return V_inverse, W, S, g
 
     def covariance(self, free: np.ndarray, gauge: int) -> np.ndarray:
-        """Return the inverse of the reduced equations without their ``gauge`` softest directions, (CP, CP)."""
+        """Return the (CP, CP) inverse of the reduced equations without the ``gauge`` smallest eigenvalues."""
         _, _, S, _ = self._reduced(free, 0.0)
         if not len(S):
             return np.zeros_like(self.U)
@@ -332,7 +334,7 @@ def _free_matrix(unknowns: Unknowns) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sums(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
-    """Return the sums of values (N, ...) in each group, (count, ...)."""
+    """Return the sums (count, ...) of values (N, ...) in each group."""
     total = np.zeros((count, *values.shape[1:]))
     order = np.argsort(group, kind="stable")
     firsts = np.flatnonzero(np.diff(group[order], prepend=-1))

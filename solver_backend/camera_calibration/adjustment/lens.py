@@ -1,4 +1,4 @@
-"""Model a lens, and estimate it from pictures of a plane."""
+"""Model a lens, and estimate it from images of a plane."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float, Int
 
-PARAMETERS = 12  # Numbers of a lens: ln fx, ln fy, cx/f, cy/f and eight coefficients.
+PARAMETERS = 12  # Parameters of a lens: ln fx, ln fy, cx/f, cy/f and eight coefficients.
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ LENS_MODELS = {
 
 @dataclass(frozen=True)
 class Lens:
-    """The intrinsics of one camera in one mode."""
+    """Intrinsics of one camera in one mode."""
 
     K: Float[np.ndarray, "3 3"]  # (3, 3) in pixels.
     distortion: Float[np.ndarray, " 8"]  # (8,) coefficients as in ``Cameras``.
@@ -42,12 +42,12 @@ class Lens:
     distortion_model: str = lens.DEFAULT_MODEL
 
     def as_camera(self) -> Cameras:
-        """Return a camera of this lens at the origin, looking along Z."""
+        """Return a camera with this lens at the origin, looking along Z."""
         return build_cameras(("camera",), [self], np.eye(3)[None], np.zeros((1, 3)))
 
 
 def build_cameras(names: Sequence[str], lenses: Sequence[Lens], R: np.ndarray, t: np.ndarray) -> Cameras:
-    """Return the cameras of C lenses at poses R (C, 3, 3) and t (C, 3)."""
+    """Return the cameras with C lenses and poses R (C, 3, 3) and t (C, 3)."""
     K, distortion = (np.stack([getattr(lens, key) for lens in lenses]) for key in ("K", "distortion"))
     size = np.array([lens.image_size for lens in lenses])
     return Cameras(tuple(names), K, distortion, R, t, size, tuple(lens.distortion_model for lens in lenses))
@@ -60,14 +60,14 @@ def lens_of(cameras: Cameras, index: int) -> Lens:
 
 
 def lens_mask(fitted: Sequence[int] | np.ndarray = (), *, centre: bool = False) -> Bool[np.ndarray, " 12"]:
-    """Return the mask of ``PARAMETERS`` with the focal lengths, the fitted coefficients, and the centre if wanted."""
+    """Return a mask of ``PARAMETERS`` with the focal lengths, the fitted coefficients and optionally the centre."""
     mask = np.zeros(PARAMETERS, bool)
     mask[:2], mask[2:4], mask[[4 + i for i in fitted]] = True, centre, True
     return mask
 
 
 def rough_lens(image_size: tuple[int, int], focal_share: float = 0.9) -> Lens:
-    """Guess a lens from the picture's size: ``f = share · longer side`` and the centre in the middle.
+    """Guess a lens from the image size: ``f = share · longer side``, with a centred principal point.
 
     The main cameras of phones have shares of 0.75 to 1.0, webcams of 0.7 to 0.9.
     """
@@ -96,9 +96,9 @@ def project_local(
         x_cam: (N, 3) metres. Points behind the camera give NaN.
 
     Returns:
-        px (N, 2), by the point (N, 2, 3) px/m, by ``PARAMETERS`` (N, 2, 12).
+        Pixels (N, 2), and their derivatives by the point (N, 2, 3) in px/m and by ``PARAMETERS`` (N, 2, 12).
 
-    Reference: OpenCV 4, "Camera Calibration and 3D Reconstruction" (the lens); derivatives by hand.
+    Reference: OpenCV 4, "Camera Calibration and 3D Reconstruction" (the lens). The derivatives were derived by hand.
     """
     px, x, y, z, bent_x, bent_y, (xx, cross, yy) = _projected(cameras, which, x_cam)
     K = cameras.K[which]
@@ -115,7 +115,7 @@ def project_local(
 def pixels_of(
     cameras: Cameras, which: Int[np.ndarray, " n"], x_cam: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n 2"]:
-    """Return only the pixels of ``project_local``."""
+    """Return only the (N, 2) pixels of ``project_local``."""
     return _projected(cameras, which, x_cam)[0]
 
 
@@ -142,7 +142,7 @@ def _distorted(cameras: Cameras, which: np.ndarray, x: np.ndarray, y: np.ndarray
 
 
 def _by_coefficients(cameras: Cameras, which: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return the (N, 2, 8) derivative of distorted coordinates by the coefficients."""
+    """Return the (N, 2, 8) derivatives of distorted coordinates by the coefficients."""
     J = np.zeros((len(x), 2, PARAMETERS - 4))
     for model, views in cameras_by_model(cameras.models):
         at = np.isin(which, views)
@@ -156,7 +156,7 @@ def homogeneous(xy: np.ndarray) -> np.ndarray:
 
 
 def dlt_rows(points: Float[np.ndarray, "n d"], image: Float[np.ndarray, "n 2"]) -> np.ndarray:
-    """Return (n, 2, 3 d + 3): each point's equations for the entries of the (3, d + 1) matrix that projects it."""
+    """Return (n, 2, 3 d + 3) equations of each point for the entries of its (3, d + 1) projection matrix."""
     h = homogeneous(points)
     none = np.zeros_like(h)
     return np.stack([np.hstack([h, none, -image[:, :1] * h]), np.hstack([none, h, -image[:, 1:] * h])], axis=1)
@@ -175,9 +175,9 @@ def homography(plane: Float[np.ndarray, "n 2"], image: Float[np.ndarray, "n 2"])
 def focal_from_homographies(
     homographies: Float[np.ndarray, "views 3 3"], centre: Float[np.ndarray, " 2"]
 ) -> float | None:
-    """Return the focal length in px that makes the boards' axes orthogonal and equally long, or None.
+    """Return the focal length in px for which the boards' axes are orthogonal and equally long, or None.
 
-    The (2,) principal point is known, so ``ω = diag(1/f², 1/f², 1)``: ``h1ᵀ ω h2 = 0`` and ``h1ᵀ ω h1 = h2ᵀ ω h2``.
+    The (2,) principal point is known, so ``ω = diag(1/f², 1/f², 1)`` with ``h1ᵀ ω h2 = 0`` and ``h1ᵀ ω h1 = h2ᵀ ω h2``.
 
     Reference: Zhang 2000, "A flexible new technique for camera calibration", eqs. 3 and 4.
     """
@@ -204,7 +204,7 @@ def planar_pose(
 
 
 def _centred(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Normalise points to zero mean and a mean distance of √2. Return them and the (3, 3) matrix."""
+    """Normalise points to zero mean and a mean distance of √2. Also return the (3, 3) matrix."""
     mean = points.mean(0)
     scale = np.sqrt(2.0) / max(float(np.linalg.norm(points - mean, axis=1).mean()), 1e-12)
     return (points - mean) * scale, np.array([[scale, 0, -scale * mean[0]], [0, scale, -scale * mean[1]], [0, 0, 1.0]])

@@ -1,4 +1,4 @@
-"""Describe a calibration board, and find it in pictures."""
+"""Describe a calibration board, and find it in images."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LENGTH = re.compile(r"(\d+(?:\.\d+)?)(mm|cm|m|in)")
 
 @dataclass(frozen=True)
 class Board:
-    """A flat board. Its first point is the origin, with X to the right and Y down for the viewer."""
+    """Flat board. Its first point is the origin, with X to the right and Y down for the viewer."""
 
     kind: str
     columns: int  # Squares from left to right, or rings in a row.
@@ -60,12 +60,12 @@ class Board:
 
     @property
     def ends_differ(self) -> bool:
-        """True if the board looks different when half turned, so that several cameras agree on its ends."""
+        """True if a half turn changes the board's appearance, so that several cameras agree on its ends."""
         return self.kind == "charuco" or (self.columns + self.rows) % 2 == 1
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """Width and height of the pattern."""
+        """Width and height of the pattern in metres."""
         if self.kind == "rings":
             return (self.columns + 0.5) * self.square_m, (self.rows + 1) * self.square_m / 2
         return self.columns * self.square_m, self.rows * self.square_m
@@ -76,10 +76,10 @@ class Board:
 
 
 def board_named(text: str) -> Board:
-    """Return the board of a word such as ``charuco:5x7:35mm``, or of a TOML file.
+    """Return the board for text such as ``charuco:5x7:35mm``, or for a TOML file.
 
-    The fields after the kind may have any order: columns x rows, the square's side and then the marker's, a
-    dictionary's name, and ``inverted``. Raise ``JobInvalid`` if one is unknown, missing or impossible.
+    The fields after the kind may have any order: columns x rows, side lengths of squares and then of markers, a
+    dictionary's name, and ``inverted``. Raise ``JobInvalid`` if a field is unknown, missing or impossible.
     """
     if text.lower().endswith(".toml"):
         return _from_table(read_toml(Path(text)), text)
@@ -106,7 +106,7 @@ def board_named(text: str) -> Board:
 
 
 def _from_table(table: dict[str, Any], where: str) -> Board:
-    """Return the board of our own file, or of caliscope's ``charuco.toml``."""
+    """Return the board from this product's file, or from caliscope's ``charuco.toml``."""
     try:
         if "board" in table:
             given = dict(table["board"])
@@ -122,12 +122,12 @@ def _from_table(table: dict[str, Any], where: str) -> Board:
 
 
 FEWEST_POINTS = 6  # Fewest points of a usable sighting.
-SMALLEST_SPACING_PX = 8.0  # Least distance of neighbouring points in a usable sighting, in pixels.
+SMALLEST_SPACING_PX = 8.0  # Smallest distance of neighbouring points in a usable sighting, in pixels.
 
 
 @dataclass(frozen=True)
 class BoardSighting:
-    """A board found in one picture."""
+    """Board found in one image."""
 
     ids: Int[np.ndarray, " points"]  # (n,) indices of the board's points.
     px: Float[np.ndarray, "points 2"]  # (n, 2) pixels. (0, 0) is the middle of the first pixel.
@@ -137,7 +137,7 @@ class BoardSighting:
 
 
 class BoardDetector:
-    """Find one board in pictures. Raise ``JobInvalid`` if the dictionary has no such name or too few markers."""
+    """Detector of one board. Raises ``JobInvalid`` if its dictionary is unknown or has too few markers."""
 
     def __init__(self, board: Board) -> None:
         self.board, self._cv2 = board, opencv()
@@ -146,7 +146,7 @@ class BoardDetector:
         self._points = {"charuco": self._charuco, "rings": self._rings, "checkerboard": self._checkerboard}[board.kind]
 
     def find(self, grey: np.ndarray) -> BoardSighting | None:
-        """Return the board in a grey picture (H, W) uint8, or None."""
+        """Return the board in a grey image (H, W) uint8, or None."""
         picture = 255 - grey if self.board.inverted else grey
         found, mirrored = self._points(picture), False
         if found is None and self.board.kind == "charuco":
@@ -202,7 +202,7 @@ class BoardDetector:
 
 
 def charuco_boards(board: Board) -> list[Any]:
-    """Return OpenCV's boards of today and of before version 4.6, which differ for even rows."""
+    """Return OpenCV's current board and its board before version 4.6. They differ for even rows."""
     cv2 = opencv()
     number = getattr(cv2.aruco, board.dictionary, None)
     if number is None:
@@ -218,7 +218,7 @@ def charuco_boards(board: Board) -> list[Any]:
 
 
 def _refined(cv2: Any, picture: np.ndarray, px: np.ndarray, window: int) -> np.ndarray:
-    """Refine corners (n, 2) by the grey values within ``window`` px."""
+    """Refine (n, 2) corners with the grey values within ``window`` px."""
     until = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
     start = np.ascontiguousarray(px, dtype=np.float32).reshape(-1, 1, 2)
     return cv2.cornerSubPix(picture, start, (window, window), (-1, -1), until).reshape(-1, 2).astype(np.float64)
@@ -250,9 +250,9 @@ def _first_square_is_light(picture: np.ndarray, px: np.ndarray, size: tuple[int,
 
 
 def point_velocities(sightings: Mapping[int, BoardSighting], frame: int, fps: float) -> Float[np.ndarray, "points 2"]:
-    """Return (n, 2) px/s of the points seen at a frame: central differences, one-sided where one neighbour is missing.
+    """Return (n, 2) velocities in px/s of the points in a frame, from central or one-sided differences.
 
-    A point without neighbours moves like the median of the others. NaN where no neighbouring frame has the board.
+    A point without neighbours gets the median of the others. NaN if no neighbouring frame has the board.
     """
     here = sightings[frame]
     steps = np.full((2, len(here.ids), 2), np.nan)

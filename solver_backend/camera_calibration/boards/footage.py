@@ -1,4 +1,4 @@
-"""Find footage of a board in folders, and the board in its pictures, which OpenCV reads."""
+"""Find footage of a board in folders, and find the board in its images, which OpenCV reads."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from solver_backend.io.camera_names import name_key, natural_key
 from solver_backend.io.footage import VIDEOS, is_picture, is_video, join_chapters, parts_of
 
 _LENS = ("intrinsics", "intrinsic", "lens", "lenses")
-_EXTRINSIC = ("extrinsics", "extrinsic", "calibration", "board", "rig")  # the last is a word of users
+_EXTRINSIC = ("extrinsics", "extrinsic", "calibration", "board", "rig")  # The last one is a name that users choose.
 _LEVELS = 2  # Depth of the search for these folders.
 Sightings = dict[int, BoardSighting]  # The board in the pictures of one camera, by the frame's number.
 
 
 @dataclass(frozen=True)
 class BoardFootage:
-    """Video or folder of pictures of each camera."""
+    """Video or image folder of each camera."""
 
     lens: dict[str, Path]
     extrinsic: dict[str, Path]  # Footage of the board seen by several cameras at once. May be empty.
@@ -36,7 +36,7 @@ class BoardFootage:
 
 
 def board_footage(folder: Path) -> BoardFootage:
-    """Return the footage in ``intrinsics/`` and ``extrinsics/`` of a folder or below, or else its own videos."""
+    """Return the footage in ``intrinsics/`` and ``extrinsics/`` in or below a folder, or else its videos."""
     if not folder.is_dir():
         raise FileMissing("There is no such folder.", where=str(folder))
     lens, extrinsic = (_below(folder, names, _LEVELS) for names in (_LENS, _EXTRINSIC))
@@ -58,12 +58,12 @@ def _below(folder: Path, names: tuple[str, ...], levels: int) -> dict[str, Path]
 def board_cameras(folder: Path, *, nested: bool = True) -> dict[str, Path]:
     """Return the footage of each camera in a folder.
 
-    A camera is a video, a folder of pictures or of one video, or a folder with one such folder in it.
-    ``int_cam01_img`` is camera ``cam01``, chapters of an action camera are one video. A folder is skipped if its camera
-    is found in another spelling.
+    A camera is a video, a folder with images or one video, or a folder that contains one such folder. ``int_cam01_img``
+    is camera ``cam01``, and chapters of an action camera are one video. A folder is skipped if its camera is found in
+    another spelling.
 
     Args:
-        nested: look into the folder in a camera's folder, too.
+        nested: also look into the folder within a camera's folder.
     """
     found = {_camera_name(path): path for path in recordings_beside(folder).values()}
     for path in entries(folder):
@@ -95,12 +95,12 @@ def _camera_name(path: Path) -> str:
 
 
 def recordings_beside(folder: Path) -> dict[str, Path]:
-    """Return the recordings of a folder by name. The first chapter represents a recording in chapters."""
+    """Return the recordings in a folder by name. A recording in chapters is given by its first chapter."""
     return {parts[0].stem: parts[0] for parts in join_chapters(filter(is_video, entries(folder)))}
 
 
 def entries(folder: Path) -> list[Path]:
-    """Return the contents of a folder in natural order, nothing if it cannot be read."""
+    """Return the paths in a folder in natural order, without hidden ones, and none if it cannot be read."""
     try:
         shown = [path for path in folder.iterdir() if not path.name.startswith(".")]
         return sorted(shown, key=lambda path: natural_key(path.name))
@@ -109,7 +109,7 @@ def entries(folder: Path) -> list[Path]:
 
 
 def grey_frames(path: Path) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield the numbers of frames from 0, and their grey pictures (H, W) uint8."""
+    """Yield frame numbers from 0, and grey images (H, W) uint8."""
     if not path.exists():
         raise FileMissing("There is no video, picture or folder of pictures here.", where=str(path))
     any_frame = False
@@ -145,7 +145,7 @@ def _of_video(path: Path) -> Iterator[tuple[int, np.ndarray]]:
 
 
 def find_boards(path: Path, board: Board) -> tuple[Sightings, tuple[int, int]]:
-    """Return the board's sightings in footage by frame, and the pictures' width and height."""
+    """Return the board's sightings in footage by frame, and width and height of the images."""
     detector = BoardDetector(board)
     found: Sightings = {}
     size = (0, 0)

@@ -21,15 +21,15 @@ PAPERS = {
     "letter": (215.9, 279.4),
     "tabloid": (279.4, 431.8),
 }
-"""Width and height in mm, upright."""
+"""Width and height in mm, portrait."""
 MARGIN_MM, FOOT_MM, RULER_MM = 10.0, 22.0, 100.0  # Margin, height of the foot and length of the ruler, in mm.
 RING = (0.36, 0.18)  # Outer and inner radius of a ring, in distances between two rows (half of ``square``).
-_CORNERS = 96  # Corners of a drawn circle, which is then exact to 4 µm at a radius of 7 mm.
+_CORNERS = 96  # Corners of a drawn circle. Its error is then 4 µm at a radius of 7 mm.
 
 
 @dataclass(frozen=True)
 class Polygon:
-    """A filled polygon."""
+    """Filled polygon."""
 
     points: np.ndarray  # (n, 2) mm from the page's top left corner, Y down.
     white: bool = False
@@ -37,7 +37,7 @@ class Polygon:
 
 @dataclass(frozen=True)
 class Page:
-    """A printed page, in mm from its top left corner."""
+    """Printed page, in mm from its top left corner."""
 
     size: tuple[float, float]
     polygons: tuple[Polygon, ...]
@@ -50,11 +50,11 @@ def board_page(board: Board, paper: str = "fit") -> Page:
     """Return the page of a board with a ruler of 100 mm to check the printer's scale.
 
     Args:
-        paper: a name of ``PAPERS``, or 'fit' for a page as large as needed. It is turned if needed.
+        paper: a name in ``PAPERS``, or 'fit' for a page as large as needed. The page is rotated if needed.
 
     Raises:
         JobInvalid: the paper is unknown, or the board does not fit on it.
-        BackendMissing: a Charuco board without OpenCV, which has the markers.
+        BackendMissing: a Charuco board needs OpenCV for its markers.
     """
     width, height = (1000.0 * length for length in board.size_m)
     needed = max(width, RULER_MM) + 2 * MARGIN_MM, height + 2 * MARGIN_MM + FOOT_MM
@@ -141,7 +141,7 @@ def svg(page: Page) -> str:
 
 
 def pdf(page: Page) -> bytes:
-    """Return the page as PDF 1.4. A matrix turns millimetres with Y down into points with Y up.
+    """Return the page as PDF 1.4. A matrix converts millimetres with Y down to points with Y up.
 
     Reference: ISO 32000-1, 7.5 (file structure), 8.5 (paths).
     """

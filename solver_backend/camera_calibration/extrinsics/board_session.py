@@ -49,11 +49,11 @@ def calibrate_from_board(
     free_lenses: bool = False,
     fps: float | None = None,
 ) -> BoardCalibration:
-    """Find camera poses from a board: chain the pairs, then adjust all cameras at once.
+    """Estimate camera poses from a board: chain the pairs, then adjust all cameras together.
 
     Args:
         sightings: sightings of each camera by the number of the synchronous frame.
-        fps: frames per second, to estimate each camera's delay against the first. None for no delays.
+        fps: frames per second, to estimate each camera's delay relative to the first. None for no delays.
 
     Raises:
         CalibrationInvalid: cameras never see the board together, or its ends look the same.
@@ -85,7 +85,7 @@ def calibrate_from_board(
 
 
 def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
-    """Report each camera with a lens of another zoom or mode.
+    """Report each camera whose lens has another zoom or mode.
 
     A free focal length must differ by more than 3 % and five standard deviations, and reduce the error by a quarter.
     """
@@ -117,7 +117,7 @@ def lens_unknowns(lenses: Sequence[Lens]) -> Unknowns:
 
 
 def poses_seen(board: Board, seen: Mapping[int, BoardSighting], lens: Lens) -> dict[int, Pose]:
-    """Return the board's pose in a camera's axes at each moment with a sighting."""
+    """Return the board's pose in camera axes for each frame with a sighting."""
     if not seen:
         return {}
     R, t = lens_fit.board_poses(board, list(seen.values()), lens)
@@ -134,7 +134,7 @@ def placed_boards(
 ) -> tuple[Bodies, BodySightings]:
     """Return the board's poses, each from the camera that sees most of it, and all sightings.
 
-    With ``fps``, points have velocities, and those without one get a small weight.
+    With ``fps``, points have velocities. Points without one get a small weight.
     """
     number = {frame: i for i, frame in enumerate(moments)}
     best: dict[int, tuple[int, Pose]] = {}
@@ -159,10 +159,12 @@ def placed_boards(
 def board_world(
     bodies: Bodies, moments: Sequence[int | str], origin: int, first: int = 0
 ) -> tuple[np.ndarray, np.ndarray, Diagnostic]:
-    """Return the rotation and translation into the world of the board on the floor at a frame, and a note.
+    """Return the rotation and translation to the world defined by the board on the floor in a frame, and a note.
 
     Args:
-        first: index of the body of the first moment.
+        moments: frames of the bodies.
+        origin: frame in which the board is on the floor.
+        first: index of the body in the first frame.
     """
     if origin not in moments:
         hint = f"It is visible in some of the frames {moments[0]} to {moments[-1]}."
@@ -177,9 +179,9 @@ def widen_by_halves(
 ) -> CalibratedCameras:
     """Widen the deviations of a calibration to the difference between two halves of its footage.
 
-    The errors of the corners of one picture are correlated (lens model, flatness, print), so the covariance of
-    independent corners is too small. A half has twice the variance of the whole, and the difference of two halves twice
-    that again, so ``σ = |difference| / 2``. All cameras have one ratio to the covariance. Lenses stay fixed.
+    Errors of the corners in one image are correlated (lens model, flatness, print), so the covariance for independent
+    corners is too small. A half has twice the variance of the whole, and the difference of two halves has four times
+    the variance, so ``σ = |difference| / 2``. All cameras have the same ratio to the covariance. Lenses are fixed.
     """
     moments = sorted(set().union(*seen))
     halves: list[Cameras] = []
@@ -216,7 +218,7 @@ def _ratio(difference: np.ndarray, sigma: np.ndarray) -> float:
 
 
 GOOD_RMSE_PX = 1.0  # Largest error of a good board calibration in pixels. Chosen by hand.
-LATE_S = 0.005  # Least reported delay of a camera, in seconds. Chosen by hand.
+LATE_S = 0.005  # Smallest reported delay of a camera, in seconds. Chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -258,7 +260,7 @@ def calibrate_by_board(
     *,
     coverage: Path | None = None,
 ) -> CalibratedCameras:
-    """Calibrate cameras by a board that was carried through their views."""
+    """Calibrate cameras with a board that was carried through their views."""
     names = tuple(footage.extrinsic)
     if len(names) < 2:
         message = f"{len(names)} cameras filmed the board, but two are needed."
@@ -297,9 +299,9 @@ def _measured_lenses(
     options: BoardOptions,
     progress: Progress,
 ) -> dict[str, CameraLens]:
-    """Return the lenses that are not known, each measured in its own footage or else in that for the poses.
+    """Return the unknown lenses, each measured in its intrinsic footage or else in the footage for the poses.
 
-    All of them have the distortion model of the known lenses, or the one that predicts best.
+    All of them have the distortion model of the known lenses, or the model with the best prediction.
     """
     wanted = [name for name in footage.extrinsic if name not in known]
     found = calibrate_lenses({n: footage.lens[n] for n in wanted if n in footage.lens}, board, options, progress)

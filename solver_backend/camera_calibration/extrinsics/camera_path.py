@@ -1,4 +1,4 @@
-"""Estimate the path of a carried camera from background points that were tracked from picture to picture."""
+"""Estimate the path of a moving camera from background points that were tracked from frame to frame."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ from solver_backend.geometry.small_matrices import unit
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Float
 
-NOISE_SHARE = 0.5 / 640.0  # Error of a tracked point per axis, in widths of the picture.
-KEY_SHARE = 0.03  # Median shift of the background, in widths of the picture, from one key picture to the next.
-LONGEST_FRAMES, LEAST_SHARED = 10, 0.7  # Pictures to the next one at most, and share of its points that both show.
-FEWEST = 20  # Points that two pictures must share.
-MOST_TOGETHER = 60  # Key pictures that are adjusted together in the end. More keep the windows' poses.
-LEAST_PARALLAX = np.radians(1.5)  # Median angle between the rays of a point in the two first key pictures.
-FLAT = 1.15  # Ratio of the points' distances below which they do not tell a zoom from an approach.
-NEAREST = 24  # Posed key pictures that show the next one's points. Tracks rarely live longer. Chosen by hand.
-WINDOW = 6  # Key pictures that are adjusted together on the way.
-OUTLIER = 3.0  # Error of a wrong point, in deviations of the noise.
+NOISE_SHARE = 0.5 / 640.0  # Error of a tracked point per axis, relative to the image width.
+KEY_SHARE = 0.03  # Median shift of the background between two keyframes, relative to the image width.
+LONGEST_FRAMES, LEAST_SHARED = 10, 0.7  # Most frames to the next keyframe, and share of its points that both must show.
+FEWEST = 20  # Fewest points that two frames must share.
+MOST_TOGETHER = 60  # Keyframes in the final adjustment. With more, the windows' poses are kept.
+LEAST_PARALLAX = np.radians(1.5)  # Smallest median angle between the rays of a point in the first two keyframes.
+FLAT = 1.15  # Ratio of the points' distances below which a zoom looks like an approach.
+NEAREST = 24  # Posed keyframes that show the next one's points. Tracks are rarely longer. Chosen by hand.
+WINDOW = 6  # Keyframes adjusted together after each new one.
+OUTLIER = 3.0  # Error of a wrong point, in standard deviations of the noise.
 EXPLAINED = 0.7
-"""Least share of all tracked places that a path explains. Simulated: 0.89 of a true path with one track of twenty
-adrift, 0.56 of a path that is 15 % off because the camera zooms."""
-AGREEING = 0.7  # Share of its key pictures that must agree on a point.
-BLOCK = 32  # Pictures that are posed together.
-_STEPS = 12  # Steps of a pose. Chosen by hand.
+"""Smallest share of all tracked positions that a path explains. In simulations a true path with one of twenty tracks
+drifting explains 0.89. A path with an error of 15 % because the camera zooms explains 0.56."""
+AGREEING = 0.7  # Share of its keyframes that must agree on a point.
+BLOCK = 32  # Frames posed together.
+_STEPS = 12  # Steps to estimate a pose. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class FoundPath:
-    """Poses of a camera in F pictures, in a world of unknown scale and orientation."""
+    """Poses of a camera in F frames, in a world of unknown scale and orientation."""
 
     R: Float[np.ndarray, "frames 3 3"]  # World to camera.
     t: Float[np.ndarray, "frames 3"]
@@ -52,15 +52,15 @@ class FoundPath:
 def estimate_path(
     camera: Cameras, xy: Float[np.ndarray, "frames points 2"], progress: Progress = silent
 ) -> FoundPath | None:
-    """Return the path of a camera from tracks (F, P, 2) in px, NaN where a point is not tracked, or None if it fails.
+    """Estimate the path of a camera from tracks (F, P, 2) in px, NaN where a point is not tracked. None if it fails.
 
-    The first two key pictures with enough parallax give the first pose, each further one is added by its points and
-    adjusted with the last ones. All are adjusted in the end, and the pictures between take their poses from the points.
+    The first two keyframes with enough parallax give the first pose. Each further keyframe is added with its points and
+    adjusted with the last ones. Finally all are adjusted, and the frames between are posed with the points.
 
     Args:
         camera: one camera, for its lens.
 
-    Reference: Hartley and Zisserman 2004, ch. 9 and 18; Mouragnon et al. 2006 (local bundle adjustment).
+    References: Hartley and Zisserman 2004, ch. 9 and 18; Mouragnon et al. 2006 (local bundle adjustment).
     """
     x = np.asarray(undistort(camera, xy[None]))[0]
     noise = NOISE_SHARE * float(camera.image_size[0, 0]) / float(np.sqrt(camera.K[0, 0, 0] * camera.K[0, 1, 1]))
@@ -113,9 +113,9 @@ def estimate_path(
 
 
 def _key_pictures(xy: np.ndarray, apart_px: float) -> list[int]:
-    """Return pictures between which the background moves by about this much, the first and the last included.
+    """Return frames between which the background moves by about this distance, including the first and the last.
 
-    Tracks end, so a key picture shares most of its points with the one before.
+    Tracks end, so a keyframe shares most of its points with the one before.
     """
     keys = [0]
     for frame in range(1, len(xy)):
@@ -129,7 +129,7 @@ def _key_pictures(xy: np.ndarray, apart_px: float) -> list[int]:
 
 
 def _first_pair(x: np.ndarray, start: int, noise: float) -> tuple[int, int, np.ndarray, np.ndarray] | None:
-    """Return a key picture, the later one that shares points with it and has the most parallax, and its pose."""
+    """Return a keyframe, a later one that shares points with it and has the most parallax, and its pose."""
     rng, best = np.random.default_rng(0), (0.0, start, 0, np.eye(3), np.zeros(3))
     shared = np.isfinite(x[start]).all(-1)
     for key in range(start + 1, len(x)):
@@ -149,7 +149,7 @@ def _first_pair(x: np.ndarray, start: int, noise: float) -> tuple[int, int, np.n
 
 
 def _is_flat(X: np.ndarray) -> bool:
-    """Return whether points are at one distance from the first posed camera, where a zoom looks like an approach."""
+    """Return whether all points have the same distance from the first camera, so that a zoom looks like an approach."""
     depth = X[np.isfinite(X).all(-1), 2]
     far, near = np.percentile(depth, [90.0, 10.0]) if len(depth) else (0.0, 1.0)
     return bool(far < FLAT * near)
@@ -159,7 +159,7 @@ Poses = dict[int, tuple[np.ndarray, np.ndarray]]
 
 
 def _points(poses: Poses, x: np.ndarray, noise: float) -> np.ndarray:
-    """Return (P, 3) points that the posed key pictures agree on, NaN for others."""
+    """Return (P, 3) points on which the posed keyframes agree, NaN for others."""
     keys = sorted(poses)
     R, t = (np.stack([poses[key][part] for key in keys]) for part in (0, 1))
     X = intersected(R, t, x[keys])
@@ -169,7 +169,7 @@ def _points(poses: Poses, x: np.ndarray, noise: float) -> np.ndarray:
 
 
 def _off(R: np.ndarray, t: np.ndarray, X: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return (n, P) normalised distances of projections, infinite behind a camera, NaN where unknown."""
+    """Return (n, P) normalised reprojection errors, infinity behind a camera, NaN where unknown."""
     y = np.einsum("nab,pb->npa", R, X) + t[:, None]
     ahead = y[..., 2] > 1e-3
     off = np.linalg.norm(y[..., :2] / np.where(ahead, y[..., 2], 1.0)[..., None] - x, axis=-1)
@@ -179,9 +179,10 @@ def _off(R: np.ndarray, t: np.ndarray, X: np.ndarray, x: np.ndarray) -> np.ndarr
 def _posed(
     R: np.ndarray, t: np.ndarray, X: np.ndarray, x: np.ndarray, noise: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the poses (n, 3, 3), (n, 3) of pictures by known points, and (n, P) distances, by Gauss-Newton steps.
+    """Return poses (n, 3, 3), (n, 3) of frames from known points, and (n, P) errors, by Gauss-Newton steps.
 
-    ``min Σ ρ(|π(R X + t) - x| / σ)`` with Geman and McClure's ρ. Its scale falls from large to the noise's.
+    ``min Σ ρ(|π(R X + t) - x| / σ)`` with the Geman-McClure penalty ρ. Its scale decreases from large to the noise
+    level.
     """
     known = np.isfinite(x).all(-1) & np.isfinite(X).all(-1)
     X0, x0 = np.nan_to_num(X), np.nan_to_num(x)
@@ -205,7 +206,7 @@ def _posed(
 
 
 def _adjusted(camera: Cameras, poses: Poses, window: list[int], xy: np.ndarray, noise: float) -> Poses:
-    """Return the poses of a window of key pictures, adjusted with their points. Its first two hold the scale."""
+    """Return the poses of a window of keyframes, adjusted with their points. Its first two keyframes fix the scale."""
     R, t = (np.stack([poses[key][part] for key in window]) for part in (0, 1))
     cameras = build_cameras([str(key) for key in window], [lens_of(camera, 0)] * len(window), R, t)
     sigma_px = noise * float(np.sqrt(camera.K[0, 0, 0] * camera.K[0, 1, 1]))

@@ -25,18 +25,18 @@ from solver_backend.io.recognition.gravity import upright_from_person
 from solver_backend.io.recognition.person_scale import scale_from_length, scale_from_stature
 from solver_backend.types import Cameras, Keypoints2D
 
-START_FRAMES, FINAL_FRAMES = 60, 160  # Most frames, spread over the take, that start and adjust the cameras.
+START_FRAMES, FINAL_FRAMES = 60, 160  # Most frames, spread over the take, for the initial poses and for the adjustment.
 FRAMES_ALIKE = 10  # Frames with correlated detector errors, which count as one. Chosen on the benchmark's true cameras.
-LEAST_CONFIDENCE = 0.3  # Least confidence of a keypoint that is used.
+LEAST_CONFIDENCE = 0.3  # Smallest confidence of a keypoint that is used.
 START_SIGMA_PX = 6.0  # Expected keypoint error at the start, in px.
-LEAST_MOMENTS = 30  # Fewest moments with a person. Too few fit many cameras.
+LEAST_MOMENTS = 30  # Fewest frames with a person. With too few, many camera poses fit.
 FEWEST_COMMON = 60  # Fewest common keypoints of two cameras.
-FOCAL_SIGMA = 0.15  # Standard deviation of a guessed focal length, as a share.
+FOCAL_SIGMA = 0.15  # Relative standard deviation of a guessed focal length.
 
 
 @dataclass(frozen=True)
 class PersonCalibration:
-    """Cameras found by a person, in the first camera's axes and an arbitrary unit."""
+    """Cameras estimated from a person, in the first camera's axes and an arbitrary unit."""
 
     adjusted: Adjusted  # Cameras, points (as bodies) and errors.
     sigma_px: float  # Keypoint error per axis in px, measured from the residuals.
@@ -48,14 +48,15 @@ class PersonCalibration:
 def calibrate_from_person(
     names: Sequence[str], lenses: Sequence[Lens], keypoints: Keypoints2D, *, free_focal: bool = False
 ) -> PersonCalibration:
-    """Find camera poses by one person's keypoints: the best pair, then camera after camera, then all at once.
+    """Estimate camera poses from one person's keypoints: the best pair, then camera after camera, then all together.
 
     Raises:
         NoDetections: no two cameras have enough in common.
         CalibrationInvalid: a camera does not fit.
 
-    Reference: Snavely, Seitz and Szeliski 2006, "Photo tourism", sec. 4 (camera after camera); Puwein et al. 2014,
-    "Joint camera pose estimation and 3D human pose estimation in a multi-camera setup" (a person's joints as points).
+    References: Snavely, Seitz and Szeliski 2006, "Photo tourism", sec. 4 (camera after camera); Puwein et al. 2014,
+    "Joint camera pose estimation and 3D human pose estimation in a multi-camera setup" (a person's joints as
+    points).
     """
     rng = np.random.default_rng(0)
     count = len(names)
@@ -86,7 +87,7 @@ def _finished(
 
 @dataclass(frozen=True)
 class _FlatViews:
-    """Keypoints of C views at F frames as N = F K points."""
+    """Keypoints of C views over F frames as N = F K points."""
 
     lenses: Cameras  # Their poses are not used.
     xy: np.ndarray  # (C, N, 2) px, NaN where not used.
@@ -110,7 +111,7 @@ class _FlatViews:
         return 2.0 * START_SIGMA_PX / float(self.lenses.K[c, 0, 0])
 
     def numbers(self, cameras: Cameras) -> list[int]:
-        """Return the views of cameras."""
+        """Return the indices of the cameras' views."""
         return [self.lenses.names.index(name) for name in cameras.names]
 
     def best_pair(self, rng: np.random.Generator) -> Cameras:
@@ -169,14 +170,14 @@ class _FlatViews:
         return adjust(cameras, bodies, sightings, unknowns, progress=progress, **options), used
 
     def points(self, found: Adjusted, numbers: np.ndarray) -> np.ndarray:
-        """Return the adjusted keypoints (F, K, 3), NaN where fewer than two cameras see them."""
+        """Return the adjusted keypoints (F, K, 3), NaN if fewer than two cameras see them."""
         points = np.full((self.xy.shape[1], 3), np.nan)
         points[numbers] = found.bodies.t
         return points.reshape(len(self.frames), self.keypoints, 3)
 
 
 def sample_person(keypoints: Keypoints2D, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return at most F frames that two cameras see, spread over the take, with (C, F K, 2) px and (C, F K) confidence.
+    """Return at most F frames with two views, spread over the take, with (C, F K, 2) px and (C, F K) confidence.
 
     Keypoints below ``LEAST_CONFIDENCE`` are NaN.
     """
@@ -191,12 +192,12 @@ def sample_person(keypoints: Keypoints2D, most: int) -> tuple[np.ndarray, np.nda
 
 
 def keypoint_sigma(confidence: np.ndarray, sigma_px: float = START_SIGMA_PX) -> np.ndarray:
-    """Return the deviation in px of keypoints of a confidence, ``sigma_px`` where it is 1."""
+    """Return the deviation in px of keypoints with a confidence. It is ``sigma_px`` for a confidence of 1."""
     return sigma_px / np.sqrt(np.clip(confidence, 0.1, 1.0))
 
 
 def _sigma(found: Adjusted) -> float:
-    """Return the standard deviation per axis in px, from the median distance (Rayleigh's) and lost freedom."""
+    """Return the deviation per axis in px from the median distance (Rayleigh) and the lost degrees of freedom."""
     off = np.linalg.norm(found.error, axis=-1)
     known = off[np.isfinite(off)]
     if not len(known):
@@ -205,13 +206,13 @@ def _sigma(found: Adjusted) -> float:
     return max(float(np.median(known)) / 1.1774 * 1.2, 0.05)
 
 
-JUMP = 0.5  # Largest movement from frame to frame, as a share of a person's height. Chosen by hand.
+JUMP = 0.5  # Largest movement per frame, relative to a person's height. Chosen by hand.
 
 
 def main_person(detections: Detections, fps: float) -> Keypoints2D:
-    """Select the detection with the greatest diagonal times mean confidence in every view and frame.
+    """Select the detection with the largest diagonal times mean confidence in every view and frame.
 
-    If the largest one is more than half a height from the last one, the nearest is selected instead.
+    If it is more than half a body height from the last one, the nearest detection is selected instead.
     """
     xy, confidence, hands = detections.xy, detections.confidence, detections.hands
     known = confidence > 0
@@ -231,12 +232,12 @@ def main_person(detections: Detections, fps: float) -> Keypoints2D:
     return Keypoints2D(xy, confidence, detections.joint_set, fps, None if hands is None else hands[view, frame, chosen])
 
 
-SURE_TILT = np.radians(2.0)  # Largest standard deviation of a sure up axis, in radians. Chosen by hand.
-WALKED_M = 0.6  # Least path of the feet that determines floor and cameras, in metres.
+SURE_TILT = np.radians(2.0)  # Largest standard deviation of a reliable up axis, in radians. Chosen by hand.
+WALKED_M = 0.6  # Shortest path of the feet that determines floor and cameras, in metres.
 LEAST_GAIN = 0.03
-"""Least gain of refined cameras, as a share. The fit to the take alone gains 1.3 % on 120 frames with true cameras.
-A slightly wrong real calibration gains 28 %."""
-MOVED_SIGMAS = 3.0  # A camera with a larger displacement has moved, in standard deviations. Chosen by hand.
+"""Smallest relative gain of refined cameras. With true cameras the fit to 120 frames gains 1.3 %. A slightly wrong real
+calibration gains 28 %."""
+MOVED_SIGMAS = 3.0  # A larger displacement in standard deviations means that a camera has moved. Chosen by hand.
 _ARMS, _ROUNDS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), 60
 
 
@@ -249,13 +250,13 @@ def calibrate_by_person(
     known_length: tuple[str, str, float] | None = None,
     free_focal: bool = False,
 ) -> CalibratedCameras:
-    """Return cameras in metres with Z up and the floor at zero, from one person's keypoints alone.
+    """Calibrate cameras in metres with Z up and the floor at zero from one person's keypoints alone.
 
     Args:
-        others: the keypoints with other clocks of the cameras. The reading with the largest share of inliers counts.
-        stature_m: stature of the person.
+        others: the keypoints with other clocks of the cameras. The one with the largest share of inliers is used.
+        stature_m: stature of the person in metres.
         known_length: two keypoints and their distance in metres, instead of the stature.
-        free_focal: estimate focal lengths too.
+        free_focal: also estimate focal lengths.
     """
     solved = _best_of(names, lenses, (keypoints, *others), free_focal)
     joints = keypoints.joint_set
@@ -287,7 +288,7 @@ def calibrate_by_person(
 def _best_of(
     names: Sequence[str], lenses: Sequence[Lens], readings: Sequence[Keypoints2D], free_focal: bool
 ) -> PersonCalibration:
-    """Return the calibration with the largest share of inliers. Without any, raise the error of the first reading."""
+    """Return the calibration with the largest share of inliers. If all fail, raise the error of the first one."""
     found, failed = list[PersonCalibration](), list[MocapError]()
     for keypoints in readings:
         try:
@@ -302,7 +303,7 @@ def _best_of(
 def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False) -> CalibratedCameras:
     """Fit an earlier calibration to a take in the same world and scale, or keep it if it fits equally well.
 
-    Unmoved cameras stay where they are, so that moved ones are visible, see ``align_cameras``.
+    Cameras that did not move keep their poses, so that moved ones are visible, see ``align_cameras``.
     """
     solved = refined_by_person(cameras, keypoints, free_focal=free_focal)
     found = _result("refine", solved)
@@ -340,18 +341,18 @@ def _moved(refined: CalibratedCameras, cameras: Cameras) -> tuple[Diagnostic, ..
 
 
 def align_cameras(cameras: Cameras, to: Cameras) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return rotation, translation and scale that align cameras with others, exactly for unmoved ones.
+    """Return rotation, translation and scale that align cameras with others, exactly for cameras that did not move.
 
-    Each camera is represented by its centre and two points on its axes, as far away as cameras are apart. Reweighted
-    least squares minimise the sum of distances, and then the sum of their roots, so that a moved camera does not drag
-    the others along.
+    Each camera is represented by its centre and two points on its axes, at the distance between cameras. Reweighted
+    least squares minimise the sum of distances, then the sum of their square roots, so that a moved camera does not
+    affect the others.
     """
     arm = np.linalg.norm(to.centres - to.centres.mean(0), axis=1).mean()
     theirs = to.centres[:, None] + arm * _ARMS @ to.R
     s = arm / np.linalg.norm(cameras.centres - cameras.centres.mean(0), axis=1).mean()
     R, t, weight = np.eye(3), np.zeros(3), np.ones(len(cameras))
     for number in range(_ROUNDS):
-        # Arms must have the length of the last scale, because otherwise no camera fits exactly.
+        # Axis points use the last scale, because otherwise no camera would fit exactly.
         own = cameras.centres[:, None] + arm / s * _ARMS @ cameras.R
         s, R, t = umeyama(own.reshape(-1, 3), theirs.reshape(-1, 3), np.repeat(weight, 3), with_scale=True)
         off = np.sqrt(((s * own @ R.T + t - theirs) ** 2).sum((-1, -2)))

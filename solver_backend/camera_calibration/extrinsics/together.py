@@ -1,4 +1,4 @@
-"""Calibrate cameras from clicked points, or from board footage, a take and clicked points at once."""
+"""Calibrate cameras from clicked points, or from board footage, a take and clicked points together."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from solver_backend.io.files import read_text
 from solver_backend.types import Cameras, Keypoints2D
 
 CLICK_SIGMA_PX = 1.5  # Standard deviation of a click, in px.
-FLAT = 0.02  # Points are in a plane if they leave it by less than this share of their spread. Chosen by hand.
+FLAT = 0.02  # Points are in a plane if they leave it by less than this, relative to their spread. Chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Clicks:
 
 
 def read_clicks(path: Path) -> Clicks:
-    """Read a table with ``point,camera,x,y`` per click and ``point,world,x,y,z`` per known place."""
+    """Read a table with ``point,camera,x,y`` per click and ``point,world,x,y,z`` per known position."""
     px: dict[str, dict[str, tuple[float, float]]] = {}
     places: dict[str, tuple[float, float, float]] = {}
     try:
@@ -65,7 +65,7 @@ def read_clicks(path: Path) -> Clicks:
 
 
 def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> CalibratedCameras:
-    """Return cameras in the world of the known points. Other points take part if two cameras see them.
+    """Calibrate cameras in the world of the known points. Other points are used if two cameras see them.
 
     Args:
         clicks: at least four known points per camera, or six that are not in one plane.
@@ -93,14 +93,14 @@ def _points_of(clicks: Clicks) -> list[str]:
 
 
 def click_tables(cameras: Cameras, clicks: Clicks) -> tuple[np.ndarray, np.ndarray]:
-    """Return the clicks (C, P, 2) in px and the places (P, 3) in metres, NaN where there is none."""
+    """Return the clicks (C, P, 2) in px and the known positions (P, 3) in metres, NaN where missing."""
     points, nowhere = _points_of(clicks), (np.nan, np.nan, np.nan)
     xy = [[clicks.px.get(name, {}).get(p, nowhere[:2]) for p in points] for name in cameras.names]
     return np.array(xy).reshape(len(cameras), -1, 2), np.array([clicks.places.get(p, nowhere) for p in points])
 
 
 def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return a camera's pose by known points, by a homography if they are in a plane."""
+    """Return a camera's pose from known points, with a homography if they are in a plane."""
     seen = [p for p in clicks.px[name] if p in clicks.places]
     world = np.array([clicks.places[p] for p in seen]).reshape(-1, 3)
     px = np.array([clicks.px[name][p] for p in seen]).reshape(-1, 2)
@@ -129,7 +129,7 @@ def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tu
 
 
 def _far_clicks(found: Adjusted, points: tuple[int | str, ...]) -> tuple[Diagnostic, ...]:
-    """Report each click that is far from where the others expect it."""
+    """Report each click that is far from its predicted position."""
     far, seen, names = np.linalg.norm(found.error, axis=-1), found.seen, found.cameras.names
     bar = max(6.0 * CLICK_SIGMA_PX, 5.0 * float(np.median(far)))
     return tuple(
@@ -138,12 +138,12 @@ def _far_clicks(found: Adjusted, points: tuple[int | str, ...]) -> tuple[Diagnos
     )
 
 
-LEAST_PLACES = 3  # Fewest known places that determine a world.
+LEAST_PLACES = 3  # Fewest known positions that determine a world.
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Evidence of one source."""
+    """Observations of one source."""
 
     name: str
     bodies: Bodies
@@ -156,7 +156,7 @@ class Evidence:
 def board_evidence(
     cameras: Cameras, board: Board, sightings: Sequence[Mapping[int, BoardSighting]], fps: float | None = None
 ) -> Evidence:
-    """Return the evidence of a carried board. Each pose starts at the camera that sees most of it."""
+    """Return the observations of a carried board. Its initial poses come from the camera that sees most of it."""
     poses = [poses_seen(board, seen, lens_of(cameras, c)) for c, seen in enumerate(sightings)]
     moments = tuple(sorted(set().union(*(p.keys() for p in poses))))
     if not moments:
@@ -166,14 +166,14 @@ def board_evidence(
 
 
 def person_evidence(cameras: Cameras, keypoints: Keypoints2D) -> Evidence:
-    """Return the evidence of one person's keypoints as single points. Raises what ``sample_person`` raises."""
+    """Return the observations of one person's keypoints as single points. Raises as ``sample_person``."""
     frames, xy, confidence = person_session.sample_person(keypoints, person_session.FINAL_FRAMES)
     bodies, seen, _ = two_views.point_bodies(cameras, xy, person_session.keypoint_sigma(confidence))
     return Evidence("person", bodies, seen, alike=float(min(person_session.FRAMES_ALIKE, len(frames))))
 
 
 def clicks_evidence(cameras: Cameras, clicks: Clicks) -> Evidence:
-    """Return the evidence of clicked points, with their known places."""
+    """Return the observations of clicked points, with their known positions."""
     xy, known = click_tables(cameras, clicks)
     bodies, seen, used = two_views.point_bodies(cameras, xy, np.full(xy.shape[:2], CLICK_SIGMA_PX), known)
     labels = tuple(_points_of(clicks)[i] for i in used)
@@ -181,7 +181,7 @@ def clicks_evidence(cameras: Cameras, clicks: Clicks) -> Evidence:
 
 
 def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Cameras:
-    """Return the cameras in the world of the known places, or unchanged if there are none."""
+    """Return the cameras in the world of the known positions, or unchanged if there are none."""
     xy, known = click_tables(cameras, clicks)
     if not np.isfinite(known).any():
         return cameras
@@ -196,31 +196,31 @@ def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Camera
     return two_views.in_other_world(cameras, np.asarray(R), np.asarray(t), float(scale))
 
 
-HELD_REACH_M = 3.0  # Distance of a point that a held camera's rotation moves by the deviation of its centre, in metres.
-CONTRADICTION = 2.0  # Factor of a camera's error in one source, by the others, that is a contradiction.
-LEAST_CONTRADICTION_PX = 3.0  # Smaller errors do no harm to a take.
-WORST_SHARE = 0.6  # Least growth of a reported error, as a share of the largest. A moved camera draws others.
+HELD_REACH_M = 3.0  # Distance in metres at which the rotation of a held camera has the deviation of its centre.
+CONTRADICTION = 2.0  # Ratio of a camera's error in one source, with and without the others, that is a contradiction.
+LEAST_CONTRADICTION_PX = 3.0  # Smaller errors do not affect a take.
+WORST_SHARE = 0.6  # Smallest growth of a reported error relative to the largest, as a moved camera affects others.
 FREEDOM = 1.2  # Correction of the residuals for lost degrees of freedom, as in ``person_session``.
-LEAST_SIGMA_PX = 0.05  # Least standard deviation of a source, in pixels. Chosen by hand.
-_ROBUST = 3.0  # A residual loses weight from this number of standard deviations. Chosen by hand.
+LEAST_SIGMA_PX = 0.05  # Smallest standard deviation of a source, in pixels. Chosen by hand.
+_ROBUST = 3.0  # A residual loses weight beyond this number of standard deviations. Chosen by hand.
 
 
 def calibrate_together(
     start: Cameras, sources: Sequence[Evidence], *, hold_m: float | None = None, origin_frame: int | None = None
 ) -> CalibratedCameras:
-    """Return cameras that fit all sources at once, with the covariance of all.
+    """Calibrate cameras from all sources together, with the covariance of all.
 
     The first adjustment uses the expected noise of the sources, the second one the noise of their residuals. The world
-    comes from known places, the board at ``origin_frame``, or the start.
+    is defined by known positions, the board at ``origin_frame``, or the initial cameras.
 
     Args:
-        start: C cameras near the solution, in the world of known places if there are any.
-        hold_m: use the start as a source with this standard deviation of its centres, in metres.
+        start: C cameras near the solution, in the world of known positions if there are any.
+        hold_m: use the initial cameras as a source with this standard deviation of their centres, in metres.
 
     Raises:
-        CalibrationInvalid: there is no source, a camera is in none, or no camera sees the board at the origin's frame.
+        CalibrationInvalid: there is no source, a camera is in none, or no camera sees the board at ``origin_frame``.
 
-    Reference: Triggs et al. 2000; Foerstner 1979 (variance components).
+    References: Triggs et al. 2000, Foerstner 1979 (variance components).
     """
     if not sources:
         raise CalibrationInvalid("There are no observations to use.", hint="Give a board, a take or clicked points.")
@@ -275,13 +275,13 @@ def _joined(sources: Sequence[Evidence]) -> tuple[Bodies, BodySightings]:
 
 
 def _errors(found: Adjusted, sources: Sequence[Evidence]) -> Iterator[tuple[Evidence, np.ndarray]]:
-    """Yield each source with the (N,) distances of its points from where they were seen, in px."""
+    """Yield each source with the (N,) reprojection errors of its points in px."""
     ends = np.cumsum([len(e.seen.px) for e in sources])[:-1]
     return zip(sources, np.split(np.linalg.norm(found.error, axis=-1), ends), strict=True)
 
 
 def _measured(found: Adjusted, sources: Sequence[Evidence]) -> list[float]:
-    """Return the factor of each source's errors to its stated deviations, by Rayleigh's median."""
+    """Return the ratio of each source's errors to its stated deviations, from Rayleigh's median."""
     factors = (FREEDOM * float(np.nanmedian(far / e.seen.sigma)) / 1.1774 for e, far in _errors(found, sources))
     return [max(s, LEAST_SIGMA_PX / float(e.seen.sigma.min())) for e, s in zip(sources, factors, strict=True)]
 
@@ -298,7 +298,7 @@ def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after
 
 
 def _by_camera(found: Adjusted, sources: Sequence[Evidence]) -> list[np.ndarray]:
-    """Return the (C,) median error in px of each source, NaN where a camera did not see it."""
+    """Return the (C,) median error of each source in px, NaN for cameras without observations."""
     return [bundle.median_by_camera(far, e.seen, len(found.cameras)) for e, far in _errors(found, sources)]
 
 

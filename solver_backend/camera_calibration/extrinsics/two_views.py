@@ -1,4 +1,4 @@
-"""Find camera poses from two views, from known points, and along chains of pairs."""
+"""Estimate camera poses from two views, from known points, and along chains of pairs."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from solver_backend.geometry.small_matrices import unit
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float
 
-HYPOTHESES, RESECTION_HYPOTHESES = 400, 300  # Number of samples of eight points of two views, and of six known points.
-COMPARED_POINTS = 600  # Most points to compare the samples.
+HYPOTHESES, RESECTION_HYPOTHESES = 400, 300  # Number of samples, of eight points in two views and of six known points.
+COMPARED_POINTS = 600  # Most points for comparing samples.
 _REFINEMENTS, _RESECTION_REFINEMENTS = 6, 5  # Most rounds of reweighting. Chosen by hand.
 ImagePoints = Float[np.ndarray, "n 2"]  # Undistorted normalised coordinates.
 Pose = tuple[np.ndarray, np.ndarray]  # Rotation (3, 3) and translation (3,).
@@ -31,7 +31,7 @@ Solution = TypeVar("Solution")
 def _improved(
     best: Solution, refit: Callable[[Solution], Solution], cost: Callable[[Solution], float], rounds: int
 ) -> Solution:
-    """Fit again, reweighted by the last solution, as long as the cost falls."""
+    """Fit again, reweighted by the last solution, as long as the cost decreases."""
     for _ in range(rounds):
         other = refit(best)
         if cost(other) >= cost(best):
@@ -43,17 +43,18 @@ def _improved(
 def essential_matrix(
     first: ImagePoints, second: ImagePoints, scale: float, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "3 3"], Bool[np.ndarray, " n"]]:
-    """Return E with ``x2ᵀ E x1 = 0``, and the mask of points that agree with it.
+    """Return E with ``x2ᵀ E x1 = 0``, and a mask of inliers.
 
-    Samples of eight points give hypotheses. Cauchy's penalty of Sampson's distance selects one, and reweighting
+    Samples of eight points give hypotheses. Cauchy's penalty of the Sampson distance selects one, and reweighting
     refines it.
 
     Args:
         first: at least eight points.
-        scale: normalised distance of a point that loses its weight.
+        second: the same points in the other view.
+        scale: normalised distance at which a point loses its weight.
 
-    Reference: Hartley 1997, "In defense of the eight-point algorithm"; Torr and Zisserman 2000, "MLESAC"; Hartley and
-    Zisserman 2004, eq. 11.9 (Sampson's distance).
+    References: Hartley 1997, "In defense of the eight-point algorithm"; Torr and Zisserman 2000, "MLESAC"; Hartley and
+    Zisserman 2004, eq. 11.9 (the Sampson distance).
     """
     spread = float(np.sqrt((first**2).mean() + (second**2).mean()))
     rows = homogeneous(second / spread)[:, :, None] * homogeneous(first / spread)[:, None, :]
@@ -81,7 +82,7 @@ def essential_matrix(
 def sampson_distance(
     E: Float[np.ndarray, "m 3 3"], first: ImagePoints, second: ImagePoints
 ) -> Float[np.ndarray, "m n"]:
-    """Return the distance of pairs of points from fitting E, normalised, to first order.
+    """Return the normalised first-order distance of pairs of points from satisfying E.
 
     Reference: Hartley and Zisserman 2004, eq. 11.9.
     """
@@ -95,7 +96,7 @@ def sampson_distance(
 def pose_from_essential(
     E: Float[np.ndarray, "3 3"], first: ImagePoints, second: ImagePoints
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
-    """Return the second camera's rotation and unit translation that put most points in front of both cameras.
+    """Return the second camera's rotation and unit translation that place most points in front of both cameras.
 
     Reference: Hartley and Zisserman 2004, result 9.19.
     """
@@ -134,11 +135,11 @@ def intersected(
 def point_bodies(
     cameras: Cameras, xy: np.ndarray, sigma: np.ndarray, known: np.ndarray | None = None
 ) -> tuple[Bodies, BodySightings, np.ndarray]:
-    """Return single points that two cameras see or that have known places, their sightings and their indices.
+    """Return points seen by two cameras or with known positions, their sightings and their indices.
 
     Args:
-        xy: (C, P, 2) px, NaN where not seen.
-        sigma: (C, P) px.
+        xy: (C, P, 2) px, NaN where unseen.
+        sigma: (C, P) standard deviations in px.
         known: (P, 3) metres, NaN where unknown.
     """
     located = intersected(cameras.R, cameras.t, undistort(cameras, xy))
@@ -170,7 +171,7 @@ def resected_pose(
     Args:
         points: at least six points that are not in one plane.
         xy: normalised coordinates.
-        scale: normalised distance of a point that loses its weight.
+        scale: normalised distance at which a point loses its weight.
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 7.1.
     """
@@ -213,20 +214,20 @@ BOARD_REACH_M = 0.5  # Length that corresponds to a rotation of one radian, in m
 
 
 def composed(a: Pose, b: Pose) -> Pose:
-    """Return the pose that first applies b, then a."""
+    """Return the composition of two poses: first b, then a."""
     return a[0] @ b[0], a[0] @ b[1] + a[1]
 
 
 def inverted(a: Pose) -> Pose:
-    """Return the pose that undoes a."""
+    """Return the inverse of a pose."""
     return a[0].T, -a[0].T @ a[1]
 
 
 def relative_pose(first: Sequence[Pose], second: Sequence[Pose]) -> Pose:
-    """Return the pose from the first to the second camera that agrees best with all common moments.
+    """Return the pose from the first to the second camera that best fits all common frames.
 
-    Each moment proposes ``T_second T_first⁻¹``. The proposal with the least median distance to the others is used, so
-    that the wrong one of a flat board's two poses does not win.
+    Each frame proposes ``T_second T_first⁻¹``. The proposal with the smallest median distance from the others is used,
+    which rejects the wrong one of a flat board's two poses.
     """
     proposals = [composed(b, inverted(a)) for a, b in zip(first, second, strict=True)]
     R, t = np.stack([p[0] for p in proposals]), np.stack([p[1] for p in proposals])
@@ -236,15 +237,15 @@ def relative_pose(first: Sequence[Pose], second: Sequence[Pose]) -> Pose:
 
 
 Pair = Callable[[int, int, np.ndarray], tuple[Pose, int]]
-"""Returns the pose from camera i to j by a mask of common moments, and the number of observations that agree."""
+"""Returns the pose from camera i to j from a mask of common frames, and the number of inliers."""
 
 
 def chained(names: Sequence[str], seen: np.ndarray, fewest: int, pair: Pair) -> list[Pose]:
-    """Return each camera's pose, from the first one's axes to its own, along the tree of pairs with most in common.
+    """Return the pose of each camera relative to the first one, along the tree of pairs with most in common.
 
     Args:
-        seen: (C, M) mask of the moments that a camera sees.
-        fewest: number of common moments of a usable pair.
+        seen: (C, M) mask of the frames that each camera sees.
+        fewest: smallest number of common frames of a usable pair.
 
     Reference: Prim 1957 (maximum spanning tree).
     """
@@ -286,7 +287,7 @@ def result_of(method: str, found: Adjusted, *, measured: bool = False) -> Calibr
     """Return the calibration of an adjustment. A step ``x ← exp(ω) x + τ`` moves a centre by ``-Rᵀ exp(-ω) τ``.
 
     Args:
-        measured: the sightings' deviations come from the residuals. Otherwise the covariance is scaled to these.
+        measured: the deviations of the sightings come from residuals. Otherwise the covariance is scaled to these.
     """
     camera_of, noise_px = found.seen.camera, found.seen.sigma
     C = len(found.cameras)

@@ -1,1 +1,1 @@
-"""Estimate focal length, centre and distortion of a camera from pictures of a board."""
+"""Estimate focal length, principal point and distortion of a camera from images of a board."""

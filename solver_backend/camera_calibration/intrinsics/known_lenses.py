@@ -52,7 +52,7 @@ def keep_lenses(path: Path, lenses: dict[str, Lens], errors_px: dict[str, float]
 
 
 def lens_named(lenses: dict[str, Lens], name: str, image_size: tuple[int, int] | None, where: str) -> Lens:
-    """Return a lens by name, for pictures of a size."""
+    """Return a lens by name, for images of a given size."""
     if name not in lenses:
         hint = f"Known lenses: {', '.join(lenses) or 'none'}."
         raise CalibrationMissing(f"There is no lens '{name}'.", where=where, hint=hint)
@@ -99,29 +99,29 @@ def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
     return found
 
 
-GUESSED_SIGMA = 0.15  # Deviation of a guessed focal length, a share. Phones film at 0.75 to 1.0 of the longer side.
-EQUIVALENT_SIGMA = 0.08  # The same of a 35 mm equivalent, which belongs to the whole sensor. A video shows a part.
+GUESSED_SIGMA = 0.15  # Relative deviation of a guessed focal length. Phones film at 0.75 to 1.0 of the longer side.
+EQUIVALENT_SIGMA = 0.08  # The same for a 35 mm equivalent, which refers to the whole sensor. A video shows a part.
 FILM_DIAGONAL_MM = 43.27  # Diagonal of 36 x 24 mm, the reference of equivalents (CIPA DCG-001).
-PLAUSIBLE_SHARE = (0.2, 20.0)  # Focal lengths of a fisheye and a telescope in longer sides of the picture.
+PLAUSIBLE_SHARE = (0.2, 20.0)  # Focal lengths of a fisheye and a telescope, relative to the longer image side.
 EXAMPLE = "26mm (35 mm equivalent) or 1450px"
 _FOCAL = re.compile(r"\s*([0-9]+(?:\.[0-9]+)?)\s*(mm|px)\s*")
 
 
 @dataclass(frozen=True)
 class FocalLength:
-    """A focal length and its uncertainty."""
+    """Focal length and its uncertainty."""
 
     px: float
     sigma: float  # Standard deviation as a share, 0 if known.
     source: str
 
     def lens(self, image_size: tuple[int, int]) -> Lens:
-        """Return a lens without distortion, with the centre in the middle of the picture."""
+        """Return a lens without distortion and with a centred principal point."""
         return rough_lens(image_size, self.px / max(image_size))
 
 
 def find_focal_length(given: str, footage: Path, image_size: tuple[int, int]) -> FocalLength:
-    """Return the focal length of a text such as ``EXAMPLE``, or the one in the file, or a guess."""
+    """Return the focal length from text such as ``EXAMPLE``, or from the file, or a guess."""
     if given:
         return _given(given, image_size)
     recorded = recorded_focal_mm(footage)

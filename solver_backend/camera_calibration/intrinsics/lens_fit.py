@@ -1,4 +1,4 @@
-"""Fit a camera's lens to board pictures: choose the pictures, the lens model and its parameters."""
+"""Fit a camera's lens to board images: choose the images, the lens model and its parameters."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.types.shapes import Float
 
-FEWEST_VIEWS = 3  # Fewest pictures of a board to fit a lens.
+FEWEST_VIEWS = 3  # Fewest images of a board to fit a lens.
 CORNER_SIGMA_PX = 0.3  # Expected corner error in px, which sets the scale of the penalty.
 
 
 @dataclass(frozen=True)
 class LensFit:
-    """A lens and its errors in the fitted pictures."""
+    """Lens with its errors in the fitted images."""
 
     lens: Lens
     model: FittedLens
@@ -51,12 +51,12 @@ def fitted_lens(
     start: Lens | None = None,
     steps: int = 60,
 ) -> LensFit:
-    """Fit focal lengths, centre, the model's coefficients and the board poses to V pictures of a board.
+    """Fit focal lengths, principal point, the model's coefficients and the board poses to V images of a board.
 
     The ratio of fx and fy does not change.
 
     Args:
-        start: lens to start from if it has the model's distortion. By default it is found from the homographies.
+        start: initial lens, if it has the model's distortion. By default it is found from the homographies.
 
     Reference: Zhang 2000, "A flexible new technique for camera calibration", sec. 3.
     """
@@ -78,7 +78,7 @@ def fitted_lens(
 
 
 def board_poses(board: Board, views: Sequence[BoardSighting], lens: Lens) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotations (V, 3, 3) and translations (V, 3) from board to camera, by homographies."""
+    """Return rotations (V, 3, 3) and translations (V, 3) from board to camera, from homographies."""
     poses = []
     for view in views:
         flat = undistort(lens.as_camera(), view.px[None])[0]
@@ -110,15 +110,15 @@ def _adjusted(board: Board, views: Sequence[BoardSighting], lens: Lens, unknowns
     return adjust(lens.as_camera(), Bodies(R, t), seen, unknowns, steps=steps, **options)
 
 
-FOLDS = 4  # Number of parts of the pictures, for cross-validation.
+FOLDS = 4  # Number of groups of images for cross-validation.
 GAIN = 0.03  # A richer model must predict better by this share.
-BAD_VIEW = 4.0  # A picture is skipped if its error is this many times the median, and above half a pixel.
-TILT_DEG, FEWEST_TILTED = 15.0, 5  # Least tilt of a tilted board, and number of such pictures without a warning.
+BAD_VIEW = 4.0  # An image is skipped if its error is this many times the median, and above half a pixel.
+TILT_DEG, FEWEST_TILTED = 15.0, 5  # Smallest angle of a tilted board, and number of such images that needs no warning.
 
 
 @dataclass(frozen=True)
 class CameraLens:
-    """The lens of one camera and the pictures that it was fitted to."""
+    """Lens of one camera, and the images that it was fitted to."""
 
     fit: LensFit  # Fit of the chosen model to all pictures.
     held_out_px: dict[str, float]  # Root mean squared error of held-out pictures by the model's name.
@@ -129,12 +129,12 @@ class CameraLens:
 
     @property
     def lens(self) -> Lens:
-        """The lens."""
+        """Fitted lens."""
         return self.fit.lens
 
     @property
     def held_out(self) -> float:
-        """Error of the chosen model in held-out pictures."""
+        """Error of the chosen model in held-out images."""
         return self.held_out_px[self.fit.model.name]
 
 
@@ -145,7 +145,7 @@ def camera_lens(
     models: Sequence[str] = tuple(LENS_MODELS),
     name: str = "camera",
 ) -> CameraLens:
-    """Fit a lens to the sightings of one camera, without pictures with large errors."""
+    """Fit a lens to the sightings of one camera, excluding images with large errors."""
     frames = selected_views(board, sightings, image_size)
     kept = list(frames)
     while True:
@@ -165,10 +165,10 @@ def camera_lens(
 def chosen_lens(
     board: Board, views: Sequence[BoardSighting], image_size: tuple[int, int], models: Sequence[str]
 ) -> tuple[LensFit, dict[str, float]]:
-    """Choose a lens model by cross-validation, and fit it to all pictures. Return the error of each model as well.
+    """Choose a lens model by cross-validation, and fit it to all images. Also return the error of each model.
 
-    Picture i belongs to part i mod 4, so that each part spans the recording. With fewer than twelve pictures, each one
-    is a part. A richer model is chosen only if it predicts better by 3 %.
+    Image i belongs to group i mod 4, so that each group spans the recording. With fewer than twelve images, each one is
+    a group. A richer model is chosen only if it predicts better by 3 %.
 
     Reference: Geisser 1975 (cross-validation).
     """
@@ -206,9 +206,9 @@ def _held_out(
 
 
 def choose_family(lenses: Mapping[str, CameraLens], models: Sequence[str]) -> str | None:
-    """Return the distortion model with the best prediction for all cameras together. None if one of them lacks it.
+    """Return the distortion model with the best prediction for all cameras together, None if one of them lacks it.
 
-    The evidence of a camera is ``-n log σ`` if its best model predicts the corners of n pictures to σ px and errors are
+    The evidence of a camera is ``-n log σ`` if its best model predicts the corners of n images to σ px and errors are
     normally distributed.
     """
     costs: dict[str, float] = {}
@@ -222,7 +222,7 @@ def choose_family(lenses: Mapping[str, CameraLens], models: Sequence[str]) -> st
 
 
 def in_family(board: Board, lens: CameraLens, family: str, models: Sequence[str]) -> CameraLens:
-    """Return a camera's lens with the best model of a family, fitted to the same pictures."""
+    """Return a camera's lens with the best model of a family, fitted to the same images."""
     allowed = [name for name in models if LENS_MODELS[name].distortion_model == family]
     if lens.lens.distortion_model == family or not allowed:
         return lens
@@ -230,15 +230,15 @@ def in_family(board: Board, lens: CameraLens, family: str, models: Sequence[str]
     return replace(lens, fit=fit, held_out_px={**lens.held_out_px, **held_out})
 
 
-MOST_VIEWS = 40  # Most pictures to fit a lens to.
-BLUR_SHARE = 0.4  # A picture less sharp than this share of the camera's 80 % quantile is skipped.
-CELLS = (8, 6)  # Cells of the picture, across and down, for counting corners.
+MOST_VIEWS = 40  # Most images to fit a lens to.
+BLUR_SHARE = 0.4  # An image less sharp than this share of the camera's 80 % quantile is skipped.
+CELLS = (8, 6)  # Cells of the image, across and down, for counting corners.
 
 
 def selected_views(board: Board, sightings: Mapping[int, BoardSighting], image_size: tuple[int, int]) -> list[int]:
-    """Select sharp pictures one by one, each the one that differs most from the earlier ones.
+    """Select sharp images one by one, each with the largest difference from the earlier ones.
 
-    Pictures differ by the places of the board's corners, in picture heights.
+    The difference is the distance between the positions of the board's corners, in image heights.
 
     Reference: Gonzalez 1985 (farthest point first).
     """
@@ -260,7 +260,7 @@ def selected_views(board: Board, sightings: Mapping[int, BoardSighting], image_s
 
 
 def coverage(sightings: Sequence[BoardSighting], image_size: tuple[int, int]) -> np.ndarray:
-    """Return the number of corners in each cell of the picture, (down, across)."""
+    """Return the number of corners in each cell of the image, (down, across)."""
     across, down = CELLS
     count = np.zeros((down, across), dtype=int)
     for view in sightings:
@@ -273,7 +273,7 @@ def coverage(sightings: Sequence[BoardSighting], image_size: tuple[int, int]) ->
 def advice(
     sightings: Sequence[BoardSighting], image_size: tuple[int, int], tilted: int, camera: str
 ) -> tuple[Diagnostic, ...]:
-    """Recommend pictures to film again. ``tilted`` is the number of pictures with a tilted board."""
+    """Recommend images to film again. ``tilted`` is the number of images with a tilted board."""
     seen = coverage(sightings, image_size) > 0
     down, across = seen.shape[0] // 3, seen.shape[1] // 4
     parts = {"left": seen[:, :across], "right": seen[:, -across:], "top": seen[:down], "bottom": seen[-down:]}
@@ -290,7 +290,7 @@ def advice(
 
 
 def _signature(board: Board, view: BoardSighting) -> np.ndarray:
-    """Return the places of the board's four corners by a homography's affine part, (8,) px."""
+    """Return the (8,) positions of the board's four corners in px, from the affine part of a homography."""
     points = board.points
     h = np.concatenate([points[view.ids, :2], np.ones((len(view.ids), 1))], axis=1)
     affine = np.linalg.lstsq(h, view.px, rcond=None)[0]
@@ -299,12 +299,12 @@ def _signature(board: Board, view: BoardSighting) -> np.ndarray:
     return (corners @ affine).ravel()
 
 
-WIDTH = 480  # Width of the picture in pixels. Chosen by hand.
+WIDTH = 480  # Width of the image in pixels. Chosen by hand.
 _CELL, _CORNER = (58, 92, 74), (236, 112, 70)
 
 
 def write_coverage(sightings: Sequence[BoardSighting], image_size: tuple[int, int], path: Path) -> None:
-    """Write a PNG of all corners in the camera's picture, with the cells that the board reached in green."""
+    """Write a PNG of all corners in the camera's image, with the cells that the board reached in green."""
     scale = WIDTH / image_size[0]
     canvas = Canvas(WIDTH, max(1, round(image_size[1] * scale)))
     wide, high = np.array(canvas.rgb.shape[1::-1]) / CELLS
