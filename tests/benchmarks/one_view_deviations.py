@@ -21,7 +21,7 @@ import numpy as np
 from solver_backend.biomechanics.segments import SEGMENTS, segment_turns, turn_spread
 from solver_backend.fitters.model.subject import pose
 from solver_backend.fitters.one_view import depth
-from solver_backend.fitters.one_view.depth import POSE_SIZE, OneView
+from solver_backend.fitters.one_view.depth import POSE_TURNS, OneView
 from solver_backend.fitters.pipeline import solve
 from solver_backend.fitters.problem import SolvedFrames
 from solver_backend.geometry.arrays import to_numpy
@@ -33,7 +33,7 @@ from tests.support.limb_errors import CHI2_95, LIMBS
 from tests.support.one_view_people import PersonTake
 
 SETS = ((TUNING, 7), (TUNING_DANCES, 8))  # Clips and seed of seven people each.
-ALIKE, ACROSS_M, POSE_SIZES = np.arange(0.7, 1.8, 0.1), (0.015, 0.02, 0.025, 0.03), np.arange(0.0, 0.045, 0.005)
+ALIKE, ACROSS_M, TURN_FACTORS = np.arange(0.7, 1.8, 0.1), (0.015, 0.02, 0.025, 0.03), np.arange(0.0, 0.55, 0.05)
 INSIDE = 96.0, 97.0  # Percent of the joints in their 95 % ellipsoids. Motion that was not used has less.
 FACTORS = np.arange(0.0, 4.0, 0.02)
 
@@ -48,6 +48,7 @@ class Errors:
     sight: np.ndarray  # (F, 3).
     sigma_m: np.ndarray  # (F, L) of the lifter.
     size_sigma: float  # Without the lifted pose's part.
+    pose_sigma: float  # The lifted pose's part for a factor of 1.
     turn: np.ndarray  # (F, S, 3) radians.
     solved_turn: np.ndarray  # (F, S, 3, 3) rad².
     spread: np.ndarray  # (F, S) radians.
@@ -74,7 +75,8 @@ def errors_of(take: PersonTake) -> Errors:
     )  # fmt: skip
     return Errors(
         joints - take.joints[:, limbs], unpacked(to_numpy(solved.covariance))[:, limbs], joints - one.centre[:, None],
-        one.sight, one.sight_sigma_m[:, limbs], float(np.sqrt(max(one.size_sigma**2 - POSE_SIZE**2, 0.0))),
+        one.sight, one.sight_sigma_m[:, limbs], float(np.sqrt(max(one.size_sigma**2 - one.pose_sigma**2, 0.0))),
+        one.pose_sigma / POSE_TURNS,
         np.asarray(log_so3(true @ np.swapaxes(found, -1, -2))), unpacked(to_numpy(solved.turns)),
         turn_spread(body, one.sight_sigma_m),
     )  # fmt: skip
@@ -85,11 +87,12 @@ def outer(vectors: np.ndarray) -> np.ndarray:
     return vectors[..., :, None] * vectors[..., None, :]
 
 
-def score(takes: list[Errors], alike: float, across_m: float, pose_size: float) -> tuple[float, float]:
+def score(takes: list[Errors], alike: float, across_m: float, pose_turns: float) -> tuple[float, float]:
     """Return the share of joints in their ellipsoids, percent, and the mean negative log-likelihood."""
     inside, cost = list[Any](), list[Any]()
     for take in takes:
-        covariance = take.solved + across_m**2 * np.eye(3) + (take.size_sigma**2 + pose_size**2) * outer(take.away)
+        size = take.size_sigma**2 + (pose_turns * take.pose_sigma) ** 2
+        covariance = take.solved + across_m**2 * np.eye(3) + size * outer(take.away)
         covariance = covariance + (alike * take.sigma_m[..., None, None]) ** 2 * outer(take.sight)[:, None]
         square = np.einsum("fla,fla->fl", take.off, np.linalg.solve(covariance, take.off[..., None])[..., 0])
         inside.append((square < CHI2_95).mean())
@@ -113,19 +116,19 @@ def turn_factor(takes: list[Errors], segments: list[int]) -> float:
 
 def grid() -> Iterator[tuple[float, float, float]]:
     """Yield every choice of the constants."""
-    yield from itertools.product(ALIKE, ACROSS_M, POSE_SIZES)
+    yield from itertools.product(ALIKE, ACROSS_M, TURN_FACTORS)
 
 
 def main() -> None:
     """Print the chosen constants."""
     takes = [errors_of(take) for clips, seed in SETS for take in people_takes(clips, seed)]
     scored = {choice: score(takes, *choice) for choice in grid()}
-    alike, across_m, pose_size = min(
+    alike, across_m, pose_turns = min(
         (choice for choice, (inside, _) in scored.items() if INSIDE[0] < inside < INSIDE[1]),
         key=lambda choice: scored[choice][1],
     )
-    inside = scored[alike, across_m, pose_size][0]
-    sys.stdout.write(f"ALIKE {alike:.1f}, ACROSS_M {across_m}, POSE_SIZE {pose_size:.3f}: {inside:.1f} % inside\n")
+    inside = scored[alike, across_m, pose_turns][0]
+    sys.stdout.write(f"ALIKE {alike:.1f}, ACROSS_M {across_m}, POSE_TURNS {pose_turns:.2f}: {inside:.1f} % inside\n")
     for kind in depth.TURNS:
         columns = [k for k, name in enumerate(SEGMENTS) if name.removeprefix("left_").removeprefix("right_") == kind]
         sys.stdout.write(f"{kind} {turn_factor(takes, columns):.2f}\n")

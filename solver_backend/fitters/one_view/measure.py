@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from solver_backend.biomechanics.segments import SEGMENTS, has_segments, turn_spread
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import Landmarks
@@ -21,6 +22,7 @@ from solver_backend.fitters.measurements.views import ViewPoints
 from solver_backend.fitters.model.subject import FrameStates, Subject
 from solver_backend.fitters.one_view.depth import (
     POSE_SIZE,
+    POSE_TURNS,
     OneCamera,
     OneView,
     bridge_repeats,
@@ -49,9 +51,10 @@ class Size:
     """Shape and size of a person seen by one camera."""
 
     betas: np.ndarray  # (10,)
-    sigma: float  # Relative standard deviation of the size.
+    sigma: float  # Relative standard deviation of the size for an exact pose.
     source: str  # Source of the size, as text for users.
     has_floor: bool = True  # Whether the person's feet are on the world's floor.
+    pose_sigma: float = POSE_SIZE  # Relative standard deviation of the size and distance by errors of the lifted pose.
     at_odds: tuple[float, float] = (0.0, 0.0)
     """Stature from the floor and its deviation in metres if they contradict the size in use, otherwise zeros."""
 
@@ -68,7 +71,7 @@ def size_of(
     R, t = camera.poses(0, len(take.z))
     floor = R, -np.einsum("fba,fb->fa", R, t)
     stands = not capture.floor_from_person and float(np.median(np.abs(floor[1][:, 2]))) >= LEAST_HEIGHT_M
-    fit = partial(fit_shape, take, body, landmarks)
+    fit = partial(fit_shape, take, body, landmarks, turn_sigma(take, body))
     by_floor = fit(floor) if stands else None
     if by_floor is not None and not np.isfinite(by_floor.sole_m):
         by_floor = None
@@ -81,7 +84,7 @@ def size_of(
         betas_of = fit(floor if by_floor is not None else None, given).betas
         known = Size(betas_of, SHAPE_SIGMA, "the given stature", has_floor)
     elif by_floor is not None and by_floor.fits_people:
-        return Size(by_floor.betas, by_floor.sigma, "feet on the floor")
+        return Size(by_floor.betas, by_floor.sigma, "feet on the floor", pose_sigma=by_floor.pose_sigma)
     else:
         average = fit(None, body.stature_m)
         at_odds = (by_floor.stature_m, by_floor.sigma * by_floor.stature_m) if by_floor else (0.0, 0.0)
@@ -91,6 +94,20 @@ def size_of(
         if abs(by_floor.stature_m - given) > AT_ODDS_SIGMAS * sigma:
             return replace(known, has_floor=False, at_odds=(by_floor.stature_m, sigma))
     return known
+
+
+def turn_sigma(take: LiftedTake, body: Body) -> np.ndarray:
+    """Return (F, 1 + J) deviations of the lifted turns of the root and the solved joints, radians."""
+    sigma = np.zeros((len(take.z), 1 + body.layout.num_solved))
+    if has_segments(body):
+        joints = [body.layout.joints.index(joint) for _, joint in SEGMENTS.values()]
+        sigma[:, joints] = POSE_TURNS * turn_spread(body, depth_sigma(take, body))
+    return sigma
+
+
+def depth_sigma(take: LiftedTake, body: Body) -> np.ndarray:
+    """Return (F, R) the lifter's deviations of the recorded joints along the line of sight, metres."""
+    return take.view.sigma_m[:, [SMPL_JOINTS.index(name) for name in body.layout.recorded.joints], 1]
 
 
 MODEL_ERROR_M = 0.015
@@ -160,8 +177,6 @@ def measure_one_view(
     precision = _precision(sigma, sight, known, _joint_of(landmarks, body))
     share = 1.0 / max(1.0, ALIKE_S * detected.fps)
     lifted = RelativePositionTerm.of(np.nan_to_num(points), precision, share, like)
-    recorded = [SMPL_JOINTS.index(name) for name in body.layout.recorded.joints]
-    deep = take.view.sigma_m[:, recorded, 1]
     assert take.view.hidden is not None
     heights = None
     if size.has_floor:
@@ -172,12 +187,13 @@ def measure_one_view(
     one = OneView(
         cameras.names[view],
         centre,
-        float(np.hypot(size.sigma, POSE_SIZE)),
+        float(np.hypot(size.sigma, size.pose_sigma)),
+        size.pose_sigma,
         capture.focal_sigma,
         size.source,
         capture.floor_from_person,
         sight,
-        deep,
+        depth_sigma(take, body),
         load_limb_slants()(take.view.hidden),
     )
     return Measurements(

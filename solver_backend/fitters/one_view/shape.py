@@ -36,8 +36,9 @@ class SeenShape:
 
     betas: np.ndarray  # (10,)
     stature_m: float  # Stature of this shape.
-    sigma: float  # Relative deviation of the stature.
+    sigma: float  # Relative deviation of the stature for an exact pose.
     sole_m: float  # Median height of planted soles above the floor with this shape, metres. NaN if there are none.
+    pose_sigma: float = 0.0  # Relative deviation of the stature by errors of the lifted pose.
 
     @property
     def fits_people(self) -> bool:
@@ -124,6 +125,7 @@ def fit_shape(
     take: LiftedTake,
     body: Body,
     landmarks: Landmarks,
+    turn_sigma: np.ndarray,
     floor: tuple[np.ndarray, np.ndarray] | None,
     stature_m: float = 0.0,
 ) -> SeenShape:
@@ -131,9 +133,11 @@ def fit_shape(
 
     ``min Σ_f e [Σ_i |(p_i + t)_xy - x_i (p_i + t)_z|² / σ_p² + Σ_s (h_s - o)² / σ_h²] + |β|² + o² / σ_o²``. e is the
     share of new information per frame, x are the keypoints in focal lengths, h the heights of planted soles above the
-    floor and o the height of the shoes.
+    floor and o the height of the shoes. The fit takes the pose as exact. Turns ω of the joints would move the stature
+    by Σ g·ω, so ``pose_sigma² = Σ_fj |g_fj|² σ_fj² / e`` for errors that stay for ``ALIKE_S``.
 
     Args:
+        turn_sigma: (F, 1 + J) deviations of the lifted turns of the root and the solved joints, radians.
         floor: camera poses over a floor at z = 0: rotations (F, 3, 3) from the world and centres (F, 3) in metres. None
             if unknown.
         stature_m: given stature in metres, 0 if unknown.
@@ -193,4 +197,12 @@ def fit_shape(
         betas = betas + step
         sole = float(np.median(h[stands]) + betas[-1]) if stands.any() else np.nan
     stature = body.stature_m + float(by_stature @ betas)
-    return SeenShape(betas[:-1], stature, float(np.sqrt(by_stature @ inverse @ by_stature)) / stature, sole)
+    to_stature = inverse @ by_stature / stature
+    moved = (by_betas - np.einsum("flka,fab->flkb", rows, solved[..., :-1])) @ to_stature
+    pull = np.einsum("fl,flk,flka->fla", W, moved, rows)
+    raised = (by_height - np.einsum("fa,fab->fb", up, solved[..., :-1])[:, None]) @ to_stature
+    pull[:, feet] += (V * raised)[..., None] * up[:, None]
+    by_turns = np.einsum("fla,flam->fm", pull, np.asarray(posed.by_rotations)).reshape(len(frames), -1, 3)
+    by_pose = float(np.sqrt(((by_turns**2).sum(axis=-1) * turn_sigma[frames] ** 2).sum() / share))
+    sigma = float(np.sqrt(by_stature @ inverse @ by_stature)) / stature
+    return SeenShape(betas[:-1], stature, sigma, sole, by_pose)

@@ -7,9 +7,19 @@ import pytest
 
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.fitters.one_view.shape import SeenShape, foot_columns, sole_heights, standing_soles, with_soles
+from solver_backend.fitters.one_view.shape import (
+    ALIKE_S,
+    SeenShape,
+    fit_shape,
+    foot_columns,
+    sole_heights,
+    standing_soles,
+    with_soles,
+)
 from solver_backend.fitters.pipeline import solve
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.priors.lifted_take import LiftedTake
+from solver_backend.priors.view_lifter import LiftedView
 from solver_backend.synthesis.simulation.cast import cast_person
 from solver_backend.types import JointSet
 from tests.support.one_view_people import PersonTake, betas_of_stature, figures, filmed
@@ -114,3 +124,30 @@ def test_one_foot_above_the_other_and_a_floor_from_the_person_are_kept() -> None
     take = person_who_stands(1.7, JointSet.BODY_25, 1.5)
     known = replace(take.capture, stature_m=1.8, floor_from_person=True)
     assert "stature_at_odds" not in {item["code"] for item in solve(known).motion.provenance["diagnostics"]}
+
+
+def test_the_size_is_as_unsure_as_turns_of_the_lifted_pose_make_it() -> None:
+    take, body = person_who_stands(1.85, JointSet.BODY_25, 1.5), load_body()
+    cameras, person = take.capture.cameras, take.person
+    assert cameras is not None
+    R, t, frames = cameras.R[0], cameras.t[0], len(take.joints)
+    marks = with_soles(body, keypoint_landmarks(body, JointSet.BODY_25))
+    seen = np.asarray(person.pose(marks).points) @ R.T + t
+    ahead = np.tile(np.eye(3), (frames, 1, 1))
+    view = LiftedView(np.zeros((frames, 32)), R @ person.orient, ahead[:, 2], np.full((frames, 24, 2), 0.05), ahead)
+    shown = np.where(["_sole_" in name for name in marks.names], 0.0, 1.0) * np.ones((frames, 1))
+    lifted = LiftedTake(view, view.z, person.local, seen[..., :2] / seen[..., 2:], shown, 30.0)
+    floor, knee, turn = (np.tile(R, (frames, 1, 1)), np.tile(-R.T @ t, (frames, 1))), 4, 0.02
+    sigma = np.zeros((frames, 1 + body.layout.num_solved))
+    sigma[:, knee] = 0.1
+    exact, moved = fit_shape(lifted, body, marks, sigma, floor), list[float]()
+    alike = round(ALIKE_S * 30.0)
+    for axis in turn * np.eye(3):
+        for start in range(0, frames, alike):
+            local = person.local.copy()
+            part = slice(start, start + alike)
+            local[part, knee - 1] = local[part, knee - 1] @ exp_so3(axis)
+            found = fit_shape(replace(lifted, local=local), body, marks, sigma, floor)
+            moved.append((found.stature_m / exact.stature_m - 1.0) / turn * 0.1)
+    assert exact.pose_sigma > 0.001
+    assert exact.pose_sigma == pytest.approx(np.linalg.norm(moved), rel=0.2)

@@ -32,6 +32,7 @@ def one_view() -> OneView:
         np.tile([0.0, -4.0, 1.0], (FRAMES, 1)),
         0.03,
         0.0,
+        0.0,
         "",
         False,
         sight,
