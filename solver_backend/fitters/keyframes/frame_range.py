@@ -11,6 +11,7 @@ import numpy as np
 from solver_backend.exchange.body_layout import SMPL_HANDS
 from solver_backend.exchange.contact_parts import CONTACT_PARTS
 from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.plausible import FARTHEST_M, LARGEST_TURN, require_within
 from solver_backend.types import NUM_JOINTS
 
 
@@ -132,6 +133,7 @@ def _vector(values: Mapping[str, Any], key: str, size: int, where: str) -> np.nd
         vector = np.asarray(values[key], dtype=np.float64)
     except (TypeError, ValueError):
         vector = np.full(1, np.nan)
-    if vector.shape != (size,) or not np.isfinite(vector).all():
-        raise JobInvalid(f"{key} must be {size} finite numbers.", where=where)
+    if vector.shape != (size,):
+        raise JobInvalid(f"{key} must be {size} numbers.", where=where)
+    require_within(key, vector, FARTHEST_M if key == "transl" else LARGEST_TURN, JobInvalid, where)
     return vector

@@ -157,10 +157,10 @@ def _people(path: Path) -> list[NetworkResult]:
     if suffix == ".npy" and b"|O'" not in first_bytes(path, 128):
         array = load_array(path)
         if array.shape[1:] in ((_VECTOR,), (NUM_TURNED, 3)):
-            joints = np.asarray(array, np.float64)
+            joints = numbers(array).astype(np.float64)
             return [_generated("HumanML3D", "0", joints if joints.ndim == 3 else joints_of_vectors(joints, str(path)))]
         with np.errstate(invalid="ignore"):  # signalling NaN
-            points = np.asarray(array, np.float64)[..., :3]
+            points = numbers(array).astype(np.float64)[..., :3]
         return [_of_points("0", np.arange(len(array)), points)]
     content = read_packed(path)
     if isinstance(content, list) and len(content) == 1:
@@ -282,11 +282,11 @@ def _tracks(frames: list[dict[str, Any]]) -> list[NetworkResult]:
 def _of_points_file(arrays: dict[str, np.ndarray]) -> list[NetworkResult]:
     key = next(name for name in _POINT_KEYS if name in arrays)
     with np.errstate(invalid="ignore"):  # signalling NaN
-        values = np.asarray(arrays[key], np.float64)
+        values = numbers(arrays[key]).astype(np.float64)
     values = values[None] if values.ndim == 2 else values
     if values.ndim == 4:
         return _by_person((f, str(i), one) for f, all_ in enumerate(values) for i, one in enumerate(all_))
-    frames = arrays["frame_idx"] if "frame_idx" in arrays else np.arange(len(values))
+    frames = numbers(arrays["frame_idx"]) if "frame_idx" in arrays else np.arange(len(values))
     return [_of_points("0", frames, values)]
 
 

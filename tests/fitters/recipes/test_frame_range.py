@@ -168,7 +168,9 @@ def test_plain_values_are_checked_and_read_back():
     for change, message in (
         ({"first": 2.5}, "first is 2.5, but a whole number"),
         ({"frames": 3}, "no other keys"),
-        ({"pins": [{**pin, "transl": [0.0, float("nan"), 1.0]}]}, "transl must be 3 finite numbers"),
+        ({"pins": [{**pin, "transl": [0.0, float("nan"), 1.0]}]}, "transl contains NaN or infinite values"),
+        ({"pins": [{**pin, "transl": [0.0, 1.0]}]}, "transl must be 3 numbers"),
+        ({"pins": [{**pin, "global_orient": [0.0, 1e300, 1.0]}]}, r"global_orient contains 1e\+300"),
         ({"pins": [{**pin, "body_pose": [0.0] * 63}]}, "body_pose must be 69"),
     ):
         with pytest.raises(JobInvalid, match=message):

@@ -181,6 +181,12 @@ def test_impossible_frame_numbers_are_refused(frames: list[float], tmp_path: Pat
         read_network_result(_written({0: {**_turns(), "frame_ids": np.array(frames)}}, tmp_path / "wham.pkl"))
 
 
+def test_complex_points_are_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "sam.npz", joints_3d=_points() + 1j)
+    with pytest.raises(FileDamaged, match="numbers are expected"):
+        read_network_result(tmp_path / "sam.npz")
+
+
 def test_mirrored_and_sheared_matrices_are_refused(tmp_path: Path) -> None:
     for wrong in (-np.eye(3), np.diag([2.0, 0.5, 1.0])):
         person = _turns()
