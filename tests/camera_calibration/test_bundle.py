@@ -13,6 +13,7 @@ from solver_backend.camera_calibration.adjustment.bundle import (
     BodySightings,
     Unknowns,
     adjust,
+    median_by_camera,
 )
 from solver_backend.camera_calibration.adjustment.lens import moved, project_local
 from solver_backend.geometry.alignment import umeyama
@@ -109,3 +110,10 @@ def test_one_focal_length_stays_one() -> None:
     K = found.cameras.K
     assert np.abs(K[:, 0, 0] - K[:, 1, 1]).max() < 1e-9
     assert np.abs(K[:, 0, 0] / cameras.K[:, 0, 0] - 1).max() < 0.01
+
+
+def test_the_median_of_a_camera_leaves_out_points_behind_it() -> None:
+    camera = np.array([0, 0, 0, 1, 1])
+    seen = BodySightings(camera, np.arange(5), np.zeros((5, 3)), np.zeros((5, 2)), np.ones(5))
+    far = np.array([1.0, 3.0, np.nan, np.nan, np.nan])
+    np.testing.assert_array_equal(median_by_camera(far, seen, 3), [2.0, np.nan, np.nan])

@@ -95,9 +95,9 @@ class Adjusted:
 
 
 def median_by_camera(far: Float[np.ndarray, " n"], seen: BodySightings, count: int) -> Float[np.ndarray, " cameras"]:
-    """Return each camera's median error of its sightings, NaN for a camera without sightings."""
-    parts = (far[seen.camera == c] for c in range(count))
-    return np.array([np.nanmedian(part) if len(part) else np.nan for part in parts])
+    """Return each camera's median reprojection error, NaN for a camera without points in front of it."""
+    parts = (far[(seen.camera == c) & ~np.isnan(far)] for c in range(count))
+    return np.array([np.median(part) if len(part) else np.nan for part in parts])
 
 
 _LENS, _DELAY = slice(6, 6 + PARAMETERS), 6 + PARAMETERS
