@@ -1,1 +1,1 @@
-"""Describe motions as in biomechanics: anatomical segments, joint angles, gait."""
+"""Describe motions by the conventions of biomechanics: anatomical segments, joint angles and gait."""

@@ -1,4 +1,4 @@
-"""Find foot strikes, foot offs and strides of a person, and average curves over gait cycles."""
+"""Find the foot strikes, foot offs and strides of a person, and average curves over gait cycles."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from solver_backend.types.shapes import Float
 SIDES = ("left", "right")
 # Chosen on two takes (PiG_Motion-FlatFoot-Hole and PiG_Motion3_FF of the Biomechanical Toolkit's test data) against the
 # 20 N threshold of their force plates, and measured on the others of tests/biomechanics/test_gait.py.
-SWING_M = 0.25  # Least distance that a foot travels forward in a swing.
-REACH_M = 0.15  # Least change of a foot's place in front of the pelvis from one end of a step to the other.
-LANDING_M_S = 0.06  # Vertical speed below which a falling heel has landed.
-LANDING_S = 0.25  # Longest time from the foremost heel to its landing.
-PAUSE = 1.5  # Least time of a stride with a pause in it, in medians of the take's strides. Chosen by hand.
-CYCLE_POINTS = 101  # Points of a mean curve: every per cent of the cycle.
+SWING_M = 0.25  # Shortest distance that a foot travels forward in a swing, in metres.
+REACH_M = 0.15  # Smallest change of a foot's position in front of the pelvis between both ends of a step, in metres.
+LANDING_M_S = 0.06  # Vertical speed below which a falling heel has landed, in m/s.
+LANDING_S = 0.25  # Longest time from the foremost heel position to the landing, in seconds.
+PAUSE = 1.5  # Shortest stride with a pause, relative to the median stride of the take. Chosen by hand.
+CYCLE_POINTS = 101  # Points of a mean curve, one per percent of the cycle.
 
 
 MEASURES = {
     "time_s": "stride time", "length_m": "stride length", "speed_m_s": "speed", "cadence_per_min": "cadence",
     "stance_percent": "stance",
 }  # fmt: skip
-"""Values of a stride, and their words."""
+"""Values of a stride with their names."""
 UNITS = {
     "stride time": "s", "stride length": "m", "speed": "m/s", "cadence": "steps/min", "stance": "%",
 }  # fmt: skip
-"""By word."""
+"""Units of the values, by name."""
 
 
 @dataclass(frozen=True)
 class Stride:
-    """One gait cycle of a foot, from a strike to the next one of the same foot."""
+    """One gait cycle of a foot, from a strike to its next strike."""
 
     side: str
     strike_s: float
@@ -46,47 +46,46 @@ class Stride:
 
     @property
     def time_s(self) -> float:
-        """Duration."""
+        """Duration in seconds."""
         return self.next_s - self.strike_s
 
     @property
     def stance_percent(self) -> float:
-        """Share of the cycle with the foot on the floor."""
+        """Share of the cycle that the foot spends on the floor, in percent."""
         return 100.0 * (self.off_s - self.strike_s) / self.time_s
 
     @property
     def cadence_per_min(self) -> float:
-        """Steps per minute of both feet at this stride's pace."""
+        """Steps of both feet per minute at the pace of this stride."""
         return 120.0 / self.time_s
 
     @property
     def speed_m_s(self) -> float:
-        """Mean speed."""
+        """Mean speed in metres per second, NaN on a treadmill."""
         return self.length_m / self.time_s
 
 
 @dataclass(frozen=True)
 class Gait:
-    """The steps of a take, times in seconds from its first frame."""
+    """Steps of a take, with times in seconds from its first frame."""
 
     strikes: dict[str, np.ndarray]  # By side.
     offs: dict[str, np.ndarray]  # By side.
     strides: tuple[Stride, ...]
 
     def events(self) -> list[tuple[float, str, str]]:
-        """Return time, side and name of every event in the order of time, in the words of C3D files."""
+        """Return the time, side and name of every event in order of time, named as in C3D files."""
         named = (("Foot Strike", self.strikes), ("Foot Off", self.offs))
         found = [(float(t), side.title(), name) for name, times in named for side in SIDES for t in times[side]]
         return sorted(found)
 
 
 def find_gait(posed: PosedSegments, cloud: MarkerCloud, flags: np.ndarray | None = None) -> Gait:
-    """Find the steps by the heels and toes of ``open_sim.virtual_markers``.
+    """Find the steps from the heels and toes of ``open_sim.virtual_markers``.
 
     A foot leaves the floor when its toes are farthest behind the pelvis (Zeni et al. 2008). It strikes when the heel
-    stops falling after its foremost place. A step without a swing through the air, as in a squat, does not count.
-    Nor do events and strides with interpolated frames (``FLAG_UNSEEN`` in the (F,) flags of the motion), and strides
-    with a pause.
+    stops falling, after its foremost position. Excluded are steps without a swing forward, as in a squat, events and
+    strides with interpolated frames (``FLAG_UNSEEN`` in the (F,) flags of the motion), and strides with a pause.
     """
     labels, fps = list(cloud.labels or ()), cloud.fps
     forward = posed.rotations["pelvis"][:, :, 0] * (1.0, 0.0, 1.0)
@@ -120,14 +119,14 @@ def _is_seen_whole(stride: Stride, fps: float, flags: np.ndarray | None) -> bool
 
 
 def in_ground(points: np.ndarray) -> np.ndarray:
-    """Return (F, 3) points of a cloud, Z up, with Y up."""
+    """Return the (F, 3) points of a cloud with Z up as points with Y up."""
     return points[:, [0, 2, 1]] * (1.0, 1.0, -1.0)
 
 
 def _events_of_foot(
     heel: np.ndarray, toes: np.ndarray, pelvis: np.ndarray, forward: np.ndarray, fps: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return times of strikes and offs in seconds, of (F, 3) points in the ground, Y up."""
+    """Return the times of strikes and offs in seconds, from (F, 3) points with Y up."""
     strikes, offs, last = [], [], len(heel) - 1
     if last < 2:
         return np.zeros(0), np.zeros(0)
@@ -148,14 +147,14 @@ def _events_of_foot(
 
 
 def _landings(fall: np.ndarray, first: int, fps: float) -> list[float]:
-    """Return the frame, with its fraction, where a heel first stops falling after a frame, or nothing."""
+    """Return the frame, with its fraction, where a heel first stops falling after frame ``first``, or nothing."""
     part = fall[first : first + int(LANDING_S * fps) + 1]
     landed = np.flatnonzero((part[:-1] < -LANDING_M_S) & (part[1:] >= -LANDING_M_S))
     return [first + int(k) + float((-LANDING_M_S - part[k]) / (part[k + 1] - part[k])) for k in landed[:1]]
 
 
 def _turns(curve: np.ndarray, reach: float) -> list[int]:
-    """Return the frames where a curve turns round by ``reach`` or more, with its first frame and its last extreme."""
+    """Return frame 0, and the extremes between which a curve changes by ``reach`` or more."""
     slope = np.diff(curve)
     extremes = np.flatnonzero(slope[1:] * slope[:-1] <= 0.0) + 1
     found, at, rises = [0], 0, None
@@ -172,7 +171,7 @@ def _turns(curve: np.ndarray, reach: float) -> list[int]:
 
 
 def _vertex(curve: np.ndarray, at: int) -> float:
-    """Return the place of the maximum of a parabola through three neighbours, from the middle one."""
+    """Return the maximum of the parabola through three neighbouring values, as an offset from the middle one."""
     before, here, after = curve[at - 1 : at + 2]
     return float(0.5 * (before - after) / min(before - 2.0 * here + after, -1e-12))
 
@@ -180,7 +179,7 @@ def _vertex(curve: np.ndarray, at: int) -> float:
 def _strides(
     side: str, strikes: np.ndarray, offs: np.ndarray, heel: np.ndarray, pelvis: np.ndarray, fps: float
 ) -> list[Stride]:
-    """Return the cycles with one foot off. A foot that swings twice as far as the pelvis moves is on a treadmill."""
+    """Return the cycles with one foot off. On a treadmill the foot swings over twice as far as the pelvis moves."""
     found, frames = [], np.arange(len(heel)) / fps
 
     def way(points: np.ndarray, start: float, end: float) -> float:
@@ -197,9 +196,10 @@ def _strides(
 
 
 def mean_cycles(angles: Angles, gait: Gait, fps: float) -> dict[str, Float[np.ndarray, "points 2"]]:
-    """Return (101, 2) mean and standard deviation in degrees over the cycles, by angle.
+    """Return the (101, 2) mean and standard deviation over the cycles in degrees, by angle.
 
-    Angles of a side have the cycles of its foot, all others the right foot's. Angles without a cycle are absent.
+    Angles of one side are averaged over the cycles of its foot, all others over those of the right foot. Angles
+    without a cycle are absent.
     """
     share, times, found = np.linspace(0.0, 1.0, CYCLE_POINTS), np.arange(len(angles.degrees)) / fps, {}
     for k, name in enumerate(angles.names):

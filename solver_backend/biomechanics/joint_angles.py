@@ -13,22 +13,22 @@ from solver_backend.types.shapes import Float
 
 X, Y, Z = np.eye(3)
 FLEXION = (Z, X, Y)
-"""About the hinge, the floating axis and the long axis (Grood and Suntay 1983). The standards' and OpenSim's order."""
+"""Rotations about the hinge, the floating axis and the long axis (Grood and Suntay 1983). ISB and OpenSim use it."""
 ELEVATION = (Y, X, Y)
 """Plane of elevation, elevation and axial rotation of the upper arm (Wu et al. 2005, section 2.4.7)."""
 HEADING = (Y, X, Z)
-"""Rotation, list and tilt of the pelvis. Only with the vertical first do tilt and list not depend on the heading (Baker
-2001)."""
+"""Rotation, list and tilt of the pelvis. Only with the vertical axis first are list and tilt independent of the heading
+(Baker 2001)."""
 _STEPS = 6  # Newton steps. Angles of oblique axes converge to 1e-12 in four.
 
 
 def successive_turns(R: Float[np.ndarray, "frames 3 3"], axes: Sequence[np.ndarray]) -> Float[np.ndarray, "frames 3"]:
-    """Return (F, 3) radians with ``R = exp(a1 θ1) exp(a2 θ2) exp(a3 θ3)`` for unit axes a.
+    """Return (F, 3) angles in radians with ``R = exp(a1 θ1) exp(a2 θ2) exp(a3 θ3)`` for the unit axes a.
 
-    Closed forms serve z-x-y, y-x-y and y-x-z. Oblique axes near z-x-y, such as the ankle's, start there and follow
-    Newton's method ``θ += J⁻¹ log(R R(θ)ᵀ)`` with ``J`` of ``axes_in_parent``. The second angle is between -90 and 90
-    degrees, or between -180 and 0 for y-x-y. The first and third have no jumps by whole turns, and means within half a
-    turn. Both jump by half a turn in gimbal lock, and grow with every circle around it.
+    The orders z-x-y, y-x-y and y-x-z have closed forms. Oblique axes near z-x-y, such as the ankle's, start from that
+    form and use Newton's method ``θ += J⁻¹ log(R R(θ)ᵀ)``, with ``J`` from ``axes_in_parent``. The second angle is
+    between -90 and 90 degrees, or between -180 and 0 for y-x-y. The first and third are unwrapped, with means within
+    ±180 degrees. In gimbal lock both jump by 180 degrees, and they grow with every circle around it.
     """
     if axes is ELEVATION:
         second = -np.arccos(np.clip(R[:, 1, 1], -1.0, 1.0))
@@ -47,9 +47,9 @@ def successive_turns(R: Float[np.ndarray, "frames 3 3"], axes: Sequence[np.ndarr
 
 
 def axes_in_parent(turns: np.ndarray, axes: Sequence[np.ndarray]) -> Float[np.ndarray, "frames 3 3"]:
-    """Return (F, 3, 3) the axes as columns, after the preceding rotations, in the parent segment.
+    """Return (F, 3, 3) axes as columns in the parent segment, after the preceding rotations.
 
-    They are the Jacobian of a left turn d by the angles: ``d = J dθ``.
+    They are the Jacobian of a left-applied rotation vector d by the angles: ``d = J dθ``.
     """
     first = exp_so3(turns[:, :1] * axes[0])
     second = first @ exp_so3(turns[:, 1:2] * axes[1])
@@ -64,7 +64,7 @@ def _rotation(turns: np.ndarray, axes: Sequence[np.ndarray]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class JointRule:
-    """How a segment's rotation becomes named angles."""
+    """Rule that makes named angles from the rotation of a segment."""
 
     names: tuple[str, ...]  # Of up to three angles, "" for one that is not reported.
     axes: Sequence[np.ndarray] = FLEXION
@@ -82,7 +82,7 @@ ISB: dict[str, JointRule] = {
     "forearm": JointRule(("flexion", "adduction", "pronation")),
     "hand": JointRule(("flexion", "ulnar_deviation", "")),
 }
-"""Angles by segment without its side. Positive as named, on both sides. The pelvis' tilt is positive backwards."""
+"""Angles by segment without its side, positive in the named direction on both sides, the pelvis' tilt backwards."""
 JOINT_WORDS = {
     "pelvis": "pelvis", "thorax": "spine", "head": "neck", "thigh": "hip", "shank": "knee", "foot": "ankle",
     "upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist",
@@ -91,14 +91,14 @@ JOINT_WORDS = {
 
 @dataclass(frozen=True)
 class Angles:
-    """A angles in F frames."""
+    """A joint angles in F frames."""
 
     names: tuple[str, ...]
     degrees: Float[np.ndarray, "frames angles"]
     deviations: Float[np.ndarray, "frames angles"] | None  # Standard deviations in degrees, NaN where unknown.
 
     def column(self, name: str) -> np.ndarray:
-        """Return (F,) degrees of an angle."""
+        """Return the (F,) degrees of the angle ``name``."""
         return self.degrees[:, self.names.index(name)]
 
 
@@ -106,7 +106,7 @@ def isb_angles(posed: PosedSegments, covariances: dict[str, np.ndarray] | None =
     """Return the angles of all joints, such as ``left_knee_flexion``.
 
     Args:
-        covariances: (F, 3, 3) rad² of each segment's turn, in the joint's frame of the segment above.
+        covariances: (F, 3, 3) rad² of each segment's rotation, in the parent segment's joint frame.
     """
     names, columns, deviations = [], [], []
     for segment in SEGMENTS:
@@ -131,15 +131,15 @@ def turn_deviations(
     segment: str,
     covariances: dict[str, np.ndarray],
 ) -> Float[np.ndarray, "frames 3"]:
-    """Return (F, 3) standard deviations in radians: ``sqrt(diag(J⁻¹ C J⁻ᵀ))``, at most half a turn.
+    """Return (F, 3) standard deviations in radians: ``sqrt(diag(J⁻¹ C J⁻ᵀ))``, at most 180 degrees.
 
-    J is ``axes_in_parent``, C the covariance of the left turn in the axes of the segment above. Near gimbal lock J is
-    almost singular and two deviations grow without limit, because only the sum of the angles is known there.
+    J is ``axes_in_parent``, and C the covariance of the left-applied rotation in the parent segment's axes. Near gimbal
+    lock J is almost singular and two deviations grow without limit, because only the sum of their angles is known.
     """
     frame = posed.above[segment]
     C = np.swapaxes(frame, -1, -2) @ covariances[segment] @ frame
     if segment.startswith("left_"):
-        C = C * np.outer((1.0, 1.0, -1.0), (1.0, 1.0, -1.0))  # Reflection turns axial vectors over, which C forgets.
+        C = C * np.outer((1.0, 1.0, -1.0), (1.0, 1.0, -1.0))  # A reflection negates rotations about x and y.
     inverse = np.linalg.pinv(axes_in_parent(turns, axes), rcond=1e-9)
     variance = np.einsum("fij,fjk,fik->fi", inverse, C, inverse)
     return np.minimum(np.sqrt(np.maximum(variance, 0.0)), np.pi)

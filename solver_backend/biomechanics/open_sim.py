@@ -1,4 +1,4 @@
-"""Write motions for OpenSim: coordinates, virtual markers, and set-ups of its scaling and inverse kinematics."""
+"""Write motions for OpenSim: coordinates, virtual markers, and setup files for scaling and inverse kinematics."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from solver_backend.types import MarkerCloud, Motion
 # et al. 2022. Both models give a joint's turns in the order of their coordinates, about body-fixed axes, and name them
 # alike. Ground: x forward, y up, z to the right.
 ANKLE_AXIS, SUBTALAR_AXIS = np.array([-0.105, -0.174, 0.979]), np.array([0.787, 0.605, -0.121])
-"""Hinges of the right ankle, in the shank and below the talus (Inman 1976 as in Delp et al. 1990)."""
+"""Hinges of the right ankle, in the axes of the shank, and below its talus (Inman 1976, from Delp et al. 1990)."""
 ELBOW_AXIS, PRONATION_AXIS = np.array([0.226, 0.022, 0.974]), np.array([0.056, 0.998, 0.002])
-"""The models' hinges of the right elbow, in the upper arm, and of pronation, in the forearm."""
+"""The models' hinge of the right elbow, in the upper arm's axes, and of pronation, in the forearm's axes."""
 
 
 def _hinges(first: np.ndarray, other: np.ndarray, *, middle: bool) -> tuple[np.ndarray, ...]:
-    """Return three axes of turns: two hinges, and one at right angles to both, between them or after them."""
+    """Return three rotation axes: both hinges, and one perpendicular to them, as the second or the third."""
     a, b = first / np.linalg.norm(first), other / np.linalg.norm(other)
     c = np.cross(b, a) if middle else np.cross(a, b)
     c = c / np.linalg.norm(c)
@@ -34,7 +34,7 @@ def _hinges(first: np.ndarray, other: np.ndarray, *, middle: bool) -> tuple[np.n
 
 
 _FOOT, _FOREARM = _hinges(ANKLE_AXIS, SUBTALAR_AXIS, middle=False), _hinges(ELBOW_AXIS, PRONATION_AXIS, middle=True)
-"""The third axis takes what the two hinges cannot follow. OpenSim has no coordinate for it."""
+"""The perpendicular axis takes the rotation that the hinges cannot follow. OpenSim has no coordinate for it."""
 RULES: dict[str, JointRule] = {
     "pelvis": JointRule(("pelvis_tilt", "pelvis_list", "pelvis_rotation")),
     "thigh": JointRule(("hip_flexion", "hip_adduction", "hip_rotation")),
@@ -48,15 +48,18 @@ LINES = {
     "thigh": (-0.0018, 0.4068, 0.0098), "shank": (0.0118, 0.3976, -0.0085), "upper_arm": (-0.0131, 0.2863, 0.0096),
     "forearm": (0.0155, 0.2488, -0.0397),
 }  # fmt: skip
-"""From the lower to the upper joint centre of the models' right segments at zero, metres in the segment's axes. The
-standard's y axis is this line, so the models' hinges have other zeros: the knee by 2, the elbow by 6 degrees."""
-HINGE_DEG = 13.0  # Turn of the elbow's hinge from the models' z axis of the upper arm to its x.
+"""Vector from the lower to the upper joint centre of the models' right segments at zero angles, in the segment's axes,
+in metres. It is the y axis of the ISB, so the models' hinges have other zeros: by 2 degrees at the knee, 6 at the
+elbow."""
+HINGE_DEG = 13.0  # Rotation of the elbow's hinge from the models' z axis of the upper arm towards x, in degrees.
 PELVIS_PITCH_DEG, TORSO_PITCH_DEG = 6.0, -6.0
-"""Turn about z from the standard's axes of pelvis and thorax to the models'. The models' posterior iliac spines are 17
-mm above the anterior ones over 165 mm, where the standard has them level. Their line from C7 to the jugular notch falls
-by 24 degrees, and by 30 in the standard's axes of the average body."""
+"""Rotation about z from the ISB axes of pelvis and thorax to the models', in degrees. In the models, the posterior
+iliac spines are 17 mm above the anterior ones over 165 mm. In the ISB axes they are level. The line from C7 to the
+jugular notch falls by 24 degrees in the models, and by 30 in the ISB axes of the average body."""
 HIPS_TO_ORIGIN = (0.364, 0.508, 0.0)
-"""From the middle of the hip centres to the origin of the models' pelvis, in shares of the distance of the hips."""
+"""Vector from the midpoint of the hips to the origin of the models' pelvis, as a fraction of the distance of the
+hips.
+"""
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,7 @@ def coordinates(posed: PosedSegments) -> Coordinates:
 
 
 def _model_axes(posed: PosedSegments) -> dict[str, np.ndarray]:
-    """Return (F, 3, 3) rotations of the models' axes of each segment."""
+    """Return (F, 3, 3) rotations of the models' axes, by segment."""
     turned = {"pelvis": _turn(2, PELVIS_PITCH_DEG), "thorax": _turn(2, TORSO_PITCH_DEG)}
     for name, line in LINES.items():
         y = np.array(line) / np.linalg.norm(line)
@@ -111,7 +114,7 @@ def _order(segment: str) -> tuple[int, int]:
 
 
 def mot_text(title: str, found: Coordinates, fps: float) -> str:
-    """Return the text of a motion file: a header, names and a row per frame (OpenSim's "Motion (.mot) Files")."""
+    """Return the text of a motion file: a header, the names, and a row per frame (OpenSim's "Motion (.mot) Files")."""
     frames = len(found.values)
     head = [title, "version=1", f"nRows={frames}", f"nColumns={len(found.names) + 1}", "inDegrees=yes", "endheader"]
     times = np.arange(frames) / fps
@@ -124,12 +127,12 @@ _SKIN = {
     "LFC": "KNE", "MFC": "KNM", "LMAL": "ANK", "MMAL": "ANM", "CAL": "HEE", "TOE": "MT1", "MT5": "MT5",
 }  # fmt: skip
 _CENTRES = {"SJC": "shoulder", "EJC": "elbow", "HJC": "hip", "KJC": "knee", "AJC": "ankle"}
-"""Markers of both models by the place on the skin or the joint centre, without side."""
+"""Markers of both models and their locations on the skin or joint centres, without side."""
 PLACES = {"C7": "C7", "CLAV": "CLAV", **{side + name: side + place for side in "RL" for name, place in _SKIN.items()}}
 
 
 def virtual_markers(motion: Motion, body: Body, posed: PosedSegments) -> MarkerCloud:
-    """Return the models' markers on the solved body, metres, Z up, turned as ``PosedSegments.ground``."""
+    """Return the models' markers on the solved body in metres, with Z up and the heading of the segments' ground."""
     places = marker_landmarks(body, tuple(PLACES.values()))
     worn = worn_offsets(motion)
     offsets = np.array([worn.get(place, np.zeros(3)) for place in PLACES.values()])
@@ -170,11 +173,11 @@ MEASUREMENTS: dict[str, tuple[Sequence[str], Sequence[str], str]] = {
         )
     },
 }
-"""Pairs of markers with lengths that scale bodies of the models, and the bodies' axes."""
+"""Pairs of markers by measurement, whose distances scale bodies of the models along the axes."""
 
 
 def scale_setup(name: str, model: str, markers: str, frames: int, fps: float, height_m: float) -> str:
-    """Return a setup of OpenSim's Scale Tool that measures the take's markers and scales the generic model by them."""
+    """Return the setup of OpenSim's Scale Tool that measures the take's markers and scales the generic model."""
     measurements = "".join(
         f'<Measurement name="{key}"><apply>true</apply><MarkerPairSet><objects>'
         + "".join(f"<MarkerPair><markers>{pair}</markers></MarkerPair>" for pair in pairs)
@@ -196,7 +199,7 @@ def scale_setup(name: str, model: str, markers: str, frames: int, fps: float, he
 
 
 def kinematics_setup(name: str, markers: str, labels: Sequence[str], frames: int, fps: float) -> str:
-    """Return a setup of OpenSim's Inverse Kinematics Tool for the scaled model and the virtual markers."""
+    """Return the setup of OpenSim's Inverse Kinematics Tool for the scaled model and the virtual markers."""
     tasks = "".join(
         f'<IKMarkerTask name="{label}"><apply>true</apply><weight>1</weight></IKMarkerTask>\n' for label in labels
     )

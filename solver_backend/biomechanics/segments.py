@@ -1,4 +1,4 @@
-"""Define anatomical frames of the body's segments, and each segment's rotation relative to its parent."""
+"""Define the anatomical axes of the body's segments, and the rotation of each segment relative to its parent."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from solver_backend.types import Motion
 from solver_backend.types.shapes import Float
 
 WORLD_TO_GROUND: np.ndarray = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-"""From our world, Z up, to the ground of ISB and OpenSim, Y up. TRC files have the same axes."""
+"""Rotation from our world, with Z up, to the ground axes of ISB, OpenSim and TRC files, with Y up."""
 MIRROR: np.ndarray = np.diag([1.0, 1.0, -1.0])  # Reflects left segments, so that angles of both sides have one sign.
 TRUNK = {"pelvis": ("ground", "pelvis"), "thorax": ("pelvis", "spine3"), "head": ("thorax", "head")}
 LIMBS = {
     "thigh": ("pelvis", "hip"), "shank": ("thigh", "knee"), "foot": ("shank", "ankle"), "toes": ("foot", "foot"),
     "upper_arm": ("thorax", "shoulder"), "forearm": ("upper_arm", "elbow"), "hand": ("forearm", "wrist"),
 }  # fmt: skip
-"""Segment above, and the joint of the body that turns the segment. Limbs have sides."""
+"""Parent segment and body joint that moves the segment, of segments with sides."""
 SEGMENTS: dict[str, tuple[str, str]] = TRUNK | {
     f"{side}_{name}": (above if above in TRUNK else f"{side}_{above}", f"{side}_{joint}")
     for side in ("left", "right")
@@ -35,24 +35,24 @@ SEGMENTS: dict[str, tuple[str, str]] = TRUNK | {
 
 
 def has_segments(body: Body) -> bool:
-    """Return whether a body has the joints of all segments, as the SMPL family has."""
+    """Return whether a body has the joints of all segments, like the bodies of the SMPL family."""
     return {joint for _, joint in SEGMENTS.values()} <= set(body.layout.joints)
 
 
 def turn_covariance(
     body: Body, local: Float[Array, "frames n 3 3"], pose: Float[Array, "frames p p"], constant_m: np.ndarray
 ) -> Float[Array, "frames segments 3 3"]:
-    """Return (F, S, 3, 3) rad² covariances of each segment's left rotation relative to its parent.
+    """Return (F, S, 3, 3) covariances in rad² of each segment's left-applied rotation relative to its parent.
 
-    ``C = A P Aᵀ + c² I`` with the pose's covariance P. A mixes the turns d of the joints between both segments, ``d =
-    Σ_k R_1 … R_{k-1} d_k``, and c is an error of both ends of the segment's bone, at right angles to it, that does not
-    average out. Axes are of the joint that turns the segment above, the world's for the pelvis. Joints that the pose
-    does not turn add nothing.
+    ``C = A P Aᵀ + c² I`` with the covariance P of the pose. A combines the rotations d of the joints between the two
+    segments, ``d = Σ_k R_1 … R_{k-1} d_k``. c is the rotation from constant errors of both ends of the segment's bone.
+    Axes are those of the parent segment's joint, and the world's for the pelvis. Joints that are not in the pose add
+    nothing.
 
     Args:
-        local: rotations of joints 1..n.
-        pose: covariance of the pose's tangent, the root's turn first, then three columns per turned joint.
-        constant_m: (J,) standard deviation per axis of the recorded joints' constant errors, metres.
+        local: rotations of the joints 1..n.
+        pose: covariance of the pose's tangent, the root's rotation first, then three columns per joint.
+        constant_m: (J,) standard deviation per axis of the recorded joints' constant errors, in metres.
     """
     xp, names, parents = array_namespace(pose), body.layout.joints, body.parents
     recorded, found = list(body.recorded_joints), []
@@ -78,14 +78,14 @@ def turn_covariance(
 
 
 def _bone(body: Body, joint: int) -> tuple[float, int]:
-    """Return the length of the longest bone below a joint, metres, and its other end."""
+    """Return the length in metres and the other end of the longest bone that starts at a joint."""
     rest = body.joints_template
     lengths = ((float(np.linalg.norm(rest[k] - rest[joint])), k) for k, p in enumerate(body.parents) if p == joint)
     return max(lengths, default=(0.0, joint))
 
 
 def turn_spread(body: Body, sigma_m: np.ndarray) -> Float[np.ndarray, "frames segments"]:
-    """Return (F, S) radians: the turn of each segment's bone by deviations (F, J) of its ends, metres."""
+    """Return (F, S) rotations in radians of each segment's bone from deviations (F, J) of its ends in metres."""
     recorded, found = list(body.recorded_joints), []
     for _, joint in SEGMENTS.values():
         j = body.layout.joints.index(joint)
@@ -96,7 +96,7 @@ def turn_spread(body: Body, sigma_m: np.ndarray) -> Float[np.ndarray, "frames se
 
 
 def segment_turns(body: Body, root: np.ndarray, local: np.ndarray) -> Float[np.ndarray, "frames segments 3 3"]:
-    """Return (F, S, 3, 3) the rotation of each segment relative to its parent, as in ``turn_covariance``."""
+    """Return (F, S, 3, 3) rotations of each segment relative to its parent, as in ``turn_covariance``."""
     names, found = body.layout.joints, []
     for parent, joint in SEGMENTS.values():
         if parent == "ground":
@@ -111,11 +111,11 @@ def segment_turns(body: Body, root: np.ndarray, local: np.ndarray) -> Float[np.n
     return np.stack(found, axis=1)
 
 
-MIN_BONE_M = 0.05  # Shortest bone for constant errors. The last joints of a chain have none.
+MIN_BONE_M = 0.05  # Shortest bone for constant errors, in metres. The last joints of a chain have none.
 
 
 PALPATED = {"knee": ("KNE", "KNM"), "ankle": ("ANK", "ANM"), "elbow": ("ELB", "ELM")}
-"""Places of the bony landmarks on both sides of a joint, without the L or R."""
+"""Bony landmarks on both sides of a joint, without L or R."""
 _PELVIS_PLACES = ("LFWT", "RFWT", "LBWT", "RBWT")
 _TRUNK_PLACES = (*_PELVIS_PLACES, "C7", "CLAV", "STRN", "T8")
 
@@ -123,7 +123,7 @@ _TRUNK_PLACES = (*_PELVIS_PLACES, "C7", "CLAV", "STRN", "T8")
 def anatomical_frames(
     body: Body, betas: np.ndarray, worn: Mapping[str, np.ndarray]
 ) -> dict[str, Float[np.ndarray, "3 3"]]:
-    """Return the axes of each segment in the body's rest frame, by columns: x forward, y up, z to the right.
+    """Return the axes of each segment in the body's rest frame as columns: x forward, y up, z to the right.
 
     - Pelvis: z through the anterior iliac spines, x in the plane with the middle of the posterior ones (Wu et al. 2002,
       hip).
@@ -134,11 +134,12 @@ def anatomical_frames(
       2.3.4 and 2.3.6).
     - Foot and toes: level and straight ahead, as in the rest pose (Wu et al. 2002, ankle).
 
-    The standards place the axes by palpated landmarks. Markers on them lie where this person wears them, which moves
-    the pelvis' plane, the thorax and the middle of knee, ankle and elbow. Landmarks without a marker are the body's.
+    The standards define these axes by palpated landmarks. Markers on such landmarks use the person's positions, which
+    changes the plane of the pelvis, the thorax, and the centres of knee, ankle and elbow. Other landmarks are the
+    body's.
 
     Args:
-        worn: (3,) metres in the rest frame from the body's landmark to the person's, by place.
+        worn: (3,) offset in the rest frame from the body's landmark to the person's, in metres, by location.
     """
     right, up, forward = -np.eye(3)[0], np.eye(3)[1], np.eye(3)[2]
     if "SACR" in worn:  # It lies between the posterior spines.
@@ -171,14 +172,14 @@ def anatomical_frames(
 
 
 def worn_offsets(motion: Motion) -> dict[str, np.ndarray]:
-    """Return the offset (3,) in metres, in the rest frame, of each worn marker from its place on the body."""
+    """Return the (3,) offset of each marker from its location on the body in the rest frame, in metres."""
     return (
         {} if motion.layout is None or motion.offsets is None else dict(zip(motion.layout, motion.offsets, strict=True))
     )
 
 
 def _centres(body: Body, betas: np.ndarray, worn: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the rest joints by name, with knee, ankle and elbow amid their landmarks as seen along the hinge."""
+    """Return the rest joints by name. Across the hinge, knees, ankles and elbows are midway between their landmarks."""
     at = dict(zip(body.layout.joints, body.rest_joints(betas), strict=True))
     names = tuple(side + place for places in PALPATED.values() for place in places for side in "LR")
     skin = _skin(body, betas, names, {})
@@ -201,7 +202,7 @@ def _skin(
 
 
 def _axes(y: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Return (3, 3) right-handed axes by columns, with y kept and z turned at right angles to it."""
+    """Return (3, 3) right-handed axes as columns, with the direction of y kept and z made perpendicular to it."""
     y = unit(y)
     x = unit(np.cross(y, z))
     return np.stack([x, y, np.cross(x, y)], axis=-1)
@@ -209,7 +210,7 @@ def _axes(y: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PosedSegments:
-    """The segments of a motion of F frames."""
+    """Segments of a motion of F frames."""
 
     rotations: dict[str, np.ndarray]  # (F, 3, 3) of each segment's axes in the ground, Y up.
     joints: dict[str, np.ndarray]  # (F, 3) metres, joint centres in the world, Z up.
@@ -231,15 +232,16 @@ class PosedSegments:
 
 
 BENT_DEG, HINGE_DEG = 15.0, 25.0
-"""Least mean bend of an elbow that shows its hinge, and the hinge's turn from the level rest pose's vertical otherwise:
-20 to 34 degrees in four arms of two walkers (``PiG_Motion-FlatFoot-*`` of the Biomechanical Toolkit's test data)."""
+"""Smallest mean bend of an elbow that shows its hinge, and otherwise the hinge's rotation from the vertical of the
+level rest pose: 20 to 34 degrees in four arms of two walkers (``PiG_Motion-FlatFoot-*`` of the Biomechanical Toolkit's
+test data)."""
 
 
 def _hinge_turn(upper: np.ndarray, forearm: np.ndarray, sign: float) -> np.ndarray:
-    """Return (3, 3) the turn about the upper arm's y that brings its z to the hinge of the elbow.
+    """Return the (3, 3) rotation about the upper arm's y axis that aligns its z axis with the elbow's hinge.
 
-    The hinge is at right angles to the plane of both long axes (Wu et al. 2005, section 2.3.5), in the mean of the
-    take with the sine of the bend as weight.
+    The hinge is perpendicular to both long axes (Wu et al. 2005, section 2.3.5), averaged over the take with the sine
+    of the bend as weight.
     """
     normal = np.cross(upper[..., 1], forearm[..., 1])
     bend = np.linalg.norm(normal, axis=-1).mean()
@@ -279,7 +281,7 @@ def posed_segments(motion: Motion, body: Body) -> PosedSegments:
 
 
 def without_fingers(motion: Motion, body: Body) -> Motion:
-    """Return a motion with the joints of a body that has no moving fingers, and its own motion otherwise."""
+    """Return a motion reduced to the recorded joints of a body, or unchanged if they are the same or too few."""
     layout = body.layout.recorded
     own, theirs = motion.body_layout.shared_with(layout)
     if motion.body_layout.joints == layout.joints or len(own) < FIRST_FINGER:
@@ -296,7 +298,7 @@ def without_fingers(motion: Motion, body: Body) -> Motion:
 
 
 def turn_covariances(motion: Motion) -> dict[str, np.ndarray] | None:
-    """Return (F, 3, 3) rad² of a solved motion by segment, NaN where the segment is at rest, None if it has none."""
+    """Return (F, 3, 3) covariances in rad² by segment, NaN where the segment is at rest, None if there are none."""
     if motion.turn_covariance is None:
         return None
     found, layout = unpacked(motion.turn_covariance.astype(np.float64)), motion.body_layout
@@ -309,9 +311,9 @@ def turn_covariances(motion: Motion) -> dict[str, np.ndarray] | None:
 
 
 def _quarter_turn(forward: np.ndarray) -> np.ndarray:
-    """Return (3, 3) the turn about the vertical by quarters that brings a direction (2,) nearest to x.
+    """Return the (3, 3) rotation by multiples of 90 degrees about the vertical that best aligns a (2,) direction to x.
 
-    OpenSim's inverse kinematics starts facing x and finds false minima for people who face another way.
+    OpenSim's inverse kinematics starts facing x, and finds wrong minima for people who face another way.
     """
     quarters = round(float(np.arctan2(forward[1], forward[0])) / (0.5 * np.pi))
     return np.round(exp_so3(np.array([[0.0, 0.0, -0.5 * np.pi * quarters]]))[0])

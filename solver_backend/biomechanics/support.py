@@ -1,4 +1,4 @@
-"""Find contacts of the whole body with the floor, the depth of the skin below it, and balance."""
+"""Find the body's contacts with the floor, its depth below the floor, and its balance."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from solver_backend.types import Motion
 from solver_backend.types.shapes import Float
 
 SIGMA_M, SIGMA_M_S = 0.02, 0.2
-"""Standard deviations of a touching point's height above the floor and of its speed, both chosen by hand. Skin and
-shoes give, and solves smooth the stop of a foot."""
-MOST_SAMPLES = 120  # Frames that are looked at. Longer takes are sampled evenly.
-AIR_M = 0.1  # Least height of the lowest skin above the floor of a body in the air, metres.
-JUMP_S = 1.0  # Longest time in the air: a jump of 1 s raises the body by g T² / 8 = 1.2 m, which nobody reaches.
-FLOOR_M = 0.05  # Largest height of the soles above the world's floor, metres. Else the floor is not at z = 0.
+"""Standard deviations of a touching point's height above the floor and speed. Both are chosen by hand, as skin and
+shoes deform and solves smooth the stop of a foot."""
+MOST_SAMPLES = 120  # Largest number of frames to examine. Longer takes are sampled evenly.
+AIR_M = 0.1  # Smallest height in metres of the lowest skin above the floor of a body in the air.
+JUMP_S = 1.0  # Longest time in the air, in seconds. A jump of 1 s raises the body by g T² / 8 = 1.2 m, out of reach.
+FLOOR_M = 0.05  # Largest height of the soles above the world's floor, in metres. Otherwise the floor is not at z = 0.
 LEVEL = 0.25
-"""Share of the frames with lower skin than the floor's level, which contains the soles of shoes. With the world's floor
-instead, a person who squats in shoes (nimble, squats1) was in the air for 47 % of the take."""
+"""Share of frames whose lowest skin is below the floor's level, which therefore includes the soles of shoes. With the
+world's floor instead, a person who squats in shoes (nimble, squats1) was in the air for 47 % of the take."""
 DIRECTIONS = 72  # Directions of the support polygon's edges. Its distance is up to 0.1 % too large.
 
 
@@ -34,20 +34,21 @@ class Support:
     probability: dict[str, Float[np.ndarray, " samples"]]  # That a part touches the floor, by height and speed.
     depth_m: Float[np.ndarray, " samples"]  # Depth of the deepest skin below z = 0, 0 above it.
     margin_m: Float[np.ndarray, " samples"]
-    """Distance of the centre of mass, seen from above, from the edge of the touching skin's hull. Negative outside, NaN
-    where nothing touches."""
+    """Signed distance in metres, seen from above, from the centre of mass to the edge of the hull of the touching skin.
+    Negative outside, NaN without contact."""
     longest_flight_s: float  # Longest time with all skin above ``AIR_M``, of all frames.
 
     @property
     def is_floating(self) -> bool:
-        """True if the body is above the floor for longer than any jump."""
+        """True if the body stays above the floor for longer than any jump."""
         return self.longest_flight_s > JUMP_S
 
 
 def find_support(motion: Motion, body: Body) -> Support | None:
-    """Return contacts and balance of a motion, None if its floor is not at z = 0.
+    """Return the contacts and balance of a motion, None if its floor is not at z = 0.
 
-    A part's skin touches with the probability ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)`` of its most likely point.
+    A part touches with the probability ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)`` of its most likely point, with its
+    height z and speed v.
     """
     frames = motion.num_frames
     own = np.arange(0, frames, -(-frames // MOST_SAMPLES))
@@ -81,7 +82,7 @@ def find_support(motion: Motion, body: Body) -> Support | None:
 
 
 def _centres_of_mass(skin: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return (S, 3) centres of closed surfaces (S, V, 3), by the tetrahedra from their means to their triangles."""
+    """Return (S, 3) centres of closed surfaces (S, V, 3), by tetrahedra between their means and their triangles."""
     found = np.empty((len(skin), 3))
     for k, points in enumerate(skin):
         middle = points.mean(axis=0)
@@ -92,7 +93,7 @@ def _centres_of_mass(skin: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _margin(touching: np.ndarray, centre: np.ndarray) -> float:
-    """Return ``min_u (max_i u·p_i - u·c)`` over unit directions u: the signed distance of c from the points' hull."""
+    """Return ``min_u (max_i u·p_i - u·c)`` over unit directions u, the signed distance from c to the points' hull."""
     if not len(touching):
         return np.nan
     angles = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)

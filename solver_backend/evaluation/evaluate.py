@@ -30,16 +30,16 @@ from solver_backend.types import Cameras, Capture, Keypoints2D, Motion
 
 
 def triangulate_and_filter(cameras: Cameras, keypoints: Keypoints2D, cutoff_hz: float = 6.0) -> np.ndarray:
-    """Return (F, K, 3) filtered points in metres, NaN only for keypoints never seen by two views.
+    """Return (F, K, 3) triangulated and filtered points in metres, NaN only for keypoints that two views never see.
 
-    The fourth-order filter with this cut-off is applied forwards and backwards.
+    The fourth-order filter with this cut-off runs forwards and backwards.
     """
     points = bridged(triangulate(cameras, keypoints.xy, keypoints.confidence).points)
     return butterworth(points, keypoints.fps, cutoff_hz)
 
 
 def bridged(points: np.ndarray) -> np.ndarray:
-    """Return (F, K, 3) points with gaps filled linearly in time and held at the ends."""
+    """Return (F, K, 3) points with gaps interpolated linearly in time and constant values before and after the data."""
     frames = np.arange(len(points))
     filled = points.copy()
     for k in range(points.shape[1]):
@@ -51,10 +51,11 @@ def bridged(points: np.ndarray) -> np.ndarray:
 
 
 def butterworth(signal: np.ndarray, fps: float, cutoff_hz: float) -> np.ndarray:
-    """Return a signal (F, ...) filtered by a fourth-order Butterworth low-pass without phase shift.
+    """Return a signal (F, ...) after a fourth-order Butterworth low-pass filter without phase shift.
 
-    Two second-order sections run forwards and backwards over the oddly extended signal. The cut-off is corrected so
-    that the two passes together are 3 dB down at ``cutoff_hz`` (Winter 2009, "Biomechanics and Motor Control", 3.4).
+    A second-order section runs forwards and backwards over the signal, extended by its point reflection at both ends.
+    The cut-off is corrected, so that the two passes together are 3 dB down at ``cutoff_hz`` (Winter 2009, "Biomechanics
+    and Motor Control", 3.4).
     """
     if len(signal) < 4 or cutoff_hz >= 0.45 * fps:
         return signal.copy()
@@ -68,13 +69,13 @@ def butterworth(signal: np.ndarray, fps: float, cutoff_hz: float) -> np.ndarray:
 
 
 def _second_order_section(w: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return (b, a) of the bilinear second-order Butterworth section of warped cut-off ``w = tan(pi f / fps)``."""
+    """Return (b, a) of the bilinear second-order Butterworth section with warped cut-off ``w = tan(pi f / fps)``."""
     norm = 1 + np.sqrt(2.0) * w + w * w
     return np.array([w * w, 2 * w * w, w * w]) / norm, np.array([2 * (w * w - 1), 1 - np.sqrt(2.0) * w + w * w]) / norm
 
 
 def _run(section: tuple[np.ndarray, np.ndarray], signal: np.ndarray) -> np.ndarray:
-    """Run one section along the first axis, started in the steady state of the first sample."""
+    """Run one section along the first axis, starting from the steady state of the first sample."""
     b, a = section
     out = np.empty_like(signal)
     x1 = x2 = y1 = y2 = signal[0]
@@ -90,7 +91,7 @@ CODED_FRAMES = 2 * LATENT_DIM + 2  # Fewest frames for FID and DIV: two halves w
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Errors of a motion, and of the yardstick on the same capture, None if capture or motion lack the data."""
+    """Errors of a motion and of the baseline on the same capture. None if the capture or motion lacks the data."""
 
     joints_mpjpe_mm: float  # Mean error of the joints that motion and truth share, usually SMPL's 24.
     joints_rmse_mm: float  # Mean over frames of the root of the mean squared error of the joints (thesis eq. 4.28).
@@ -117,21 +118,21 @@ class Evaluation:
 
     @property
     def mpjpe_ratio(self) -> float | None:
-        """Ratio of the larger error (joints or keypoints) to the error of the triangulation baseline."""
+        """Mean error of joints or keypoints, whichever is larger, relative to the baseline."""
         return _ratio((self.joints_mpjpe_mm, self.keypoints_mpjpe_mm), self.baseline_mpjpe_mm)
 
     @property
     def accel_ratio(self) -> float | None:
-        """Ratio of the larger acceleration error (joints or keypoints) to that of the triangulation baseline."""
+        """Acceleration error of joints or keypoints, whichever is larger, relative to the baseline."""
         return _ratio((self.joints_accel_m_s2, self.keypoints_accel_m_s2), self.baseline_accel_m_s2)
 
     def figures(self) -> dict[str, float]:
-        """Return every known figure by name."""
+        """Return every known value by name."""
         known = {**asdict(self), "mpjpe_ratio": self.mpjpe_ratio, "accel_ratio": self.accel_ratio}
         return {name: round(value, 4) for name, value in known.items() if value is not None}
 
     def lines(self) -> list[str]:
-        """Return the figures as text lines."""
+        """Return the values as lines of text."""
         rows = [
             ("joints", self.joints_mpjpe_mm, self.joints_accel_m_s2),
             ("observed keypoints", self.keypoints_mpjpe_mm, self.keypoints_accel_m_s2),
@@ -171,7 +172,7 @@ class Evaluation:
 
 
 def evaluate(capture: Capture, motion: Motion) -> Evaluation:
-    """Compare a motion, solved or edited, with the truth of a synthetic capture.
+    """Compare a motion, solved or edited, with the ground truth of a synthetic capture.
 
     Raises:
         MotionInvalid: the capture has no truth, or the motion has other frames or joints.
@@ -208,7 +209,7 @@ def evaluate(capture: Capture, motion: Motion) -> Evaluation:
 
 
 def _of_feet(found: np.ndarray, true: np.ndarray, names: tuple[str, ...]) -> dict[str, float]:
-    """Return skating if motion and truth have SMPL's 24 joints. The truth's lowest toe stands on the floor."""
+    """Return the skating if motion and truth have SMPL's 24 joints. The floor is at the lowest toe of the truth."""
     if names != SMPL.joints:
         return {}
     toes = [names.index(name) for name in ("left_foot", "right_foot")]
@@ -237,7 +238,7 @@ def _of_angles(capture: Capture, motion: Motion) -> dict[str, float]:
 
 
 def _of_codes(found: np.ndarray, true: np.ndarray) -> dict[str, float]:
-    """Return FID and DIV, nothing for a few frames, or without VPoser, which the extension does not contain."""
+    """Return FID and DIV, or nothing for few frames or without VPoser, which the extension does not contain."""
     if len(found) < CODED_FRAMES:
         return {}
     try:
@@ -264,7 +265,7 @@ def _of_keypoints(capture: Capture, motion: Motion) -> dict[str, float]:
 
 
 def _of_markers(capture: Capture, motion: Motion) -> dict[str, float]:
-    """Return the error of the markers if the motion has the capture's, label by label."""
+    """Return the error of the markers if the motion has the capture's markers under the same labels."""
     truth, recorded = capture.truth.get("markers"), capture.markers
     same = recorded is not None and motion.marker_labels == recorded.labels and motion.markers is not None
     if truth is None or not same or motion.markers is None or motion.markers.shape != np.shape(truth):

@@ -1,4 +1,4 @@
-"""Measures of a solve. Every name states its unit, every docstring its alignment. Missing points (NaN) are excluded."""
+"""Error measures of a solve. Names state the unit, docstrings the alignment. Missing points (NaN) are excluded."""
 
 from solver_backend.metrics.positions import (
     accel_error_m_s2,

@@ -1,4 +1,4 @@
-"""Measure position errors of points: MPJPE, its aligned form, RMSE and PCK (thesis 6.3.4)."""
+"""Measure position errors of points: MPJPE and its aligned form, RMSE and PCK (thesis 6.3.4)."""
 
 from __future__ import annotations
 
@@ -37,41 +37,40 @@ def has_shape(values: np.ndarray, expected: Expected, name: str = "The array") -
 
 
 def describe(expected: Expected) -> str:
-    """Return the shape as text, for example '(..., points, 3)'."""
+    """Return the expected shape as text, such as '(..., points, 3)'."""
     return "(" + ", ".join("..." if size is ... else str(size) for size in expected) + ")"
 
 
 def mean_or_nan(values: np.ndarray) -> float:
-    """Return the mean of the finite values, NaN if there is none (without NumPy's warning)."""
+    """Return the mean of the finite values, NaN without any, and without NumPy's warning."""
     finite = values[np.isfinite(values)]
     return float(finite.mean()) if finite.size else float("nan")
 
 
-POINTS = (..., "points", 3)  # Shape of compared positions, metres. Other shapes raise ``ShapeMismatch``.
+POINTS = (..., "points", 3)  # Shape of the compared positions in metres. Other shapes raise ``ShapeMismatch``.
 Points = Float[np.ndarray, "*batch points 3"]
 Track = Float[np.ndarray, "frames points 3"]
 
 
 def distances_m(found: Points, truth: Points) -> Float[np.ndarray, "*batch points"]:
-    """Return the distance (..., N) of every point (..., N, 3) to its truth, metres, NaN where either is missing."""
+    """Return the (..., N) distances in metres from points (..., N, 3) to the truth, NaN if either is missing."""
     found, truth = same_shape(found, truth, POINTS)
     return np.linalg.norm(found - truth, axis=-1)
 
 
 def mpjpe_mm(found: Points, truth: Points) -> float:
-    """Return the mean distance of (..., N, 3) points in metres from their truth, in millimetres, NaN without any.
+    """Return the mean distance in millimetres of (..., N, 3) points in metres from the truth, NaN without any.
 
-    Reference: Ionescu et al. 2014, "Human3.6M", sec. 3. Without alignment.
+    Without alignment. Reference: Ionescu et al. 2014, "Human3.6M", sec. 3.
     """
     return 1000.0 * mean_or_nan(distances_m(found, truth))
 
 
 def rmse_mm(found: Points, truth: Points) -> float:
-    """Return the mean over samples of the root mean squared distance, without alignment, in millimetres.
+    """Return the mean over frames of the root mean squared distance, without alignment, in millimetres.
 
-    ``1/N Σ_i √(1/J Σ_j |found_ij - truth_ij|²)`` of N samples (frames) of J points (..., J, 3), metres (thesis eq.
-    4.28, which prints the norm without its square, without a unit of length). Samples without a common point are
-    excluded.
+    ``1/N Σ_i √(1/J Σ_j |found_ij - truth_ij|²)`` for N frames of J points (..., J, 3) in metres. Frames without a
+    common point are excluded. Thesis eq. 4.28 prints the norm without its square, and no unit.
     """
     squared = distances_m(found, truth) ** 2
     known = np.isfinite(squared)
@@ -82,9 +81,9 @@ def rmse_mm(found: Points, truth: Points) -> float:
 
 
 def pa_mpjpe_mm(found: Points, truth: Points) -> float:
-    """Return the MPJPE after each frame is aligned to its truth by the best similarity (Umeyama 1991).
+    """Return the MPJPE after the alignment of each frame to its truth by the best similarity (Umeyama 1991).
 
-    Points (..., N, 3) that either side lacks, and frames with fewer than three common points, are excluded.
+    Excluded are points (..., N, 3) that either side lacks, and frames with fewer than three common points.
     """
     found, truth = same_shape(found, truth, POINTS)
     found, truth = found.reshape(-1, *found.shape[-2:]), truth.reshape(-1, *truth.shape[-2:])
@@ -102,11 +101,11 @@ WORLD_FRAMES = 100  # Frames of a segment that is aligned as a whole (WHAM, SLAH
 
 
 def world_mpjpe_mm(found: Track, truth: Track, fitted: int = WORLD_FRAMES) -> float:
-    """Return WA-MPJPE-100, the MPJPE after each 100 frames are aligned by one similarity, in millimetres.
+    """Return WA-MPJPE-100, the MPJPE in millimetres after the alignment of each 100 frames by one similarity.
 
-    With ``fitted`` 2 it is W-MPJPE-100, with the similarity of the first two frames of each segment. A shorter segment
-    at the end counts if it has two frames. References: Ye et al. 2023, "Decoupling human and camera motion from videos
-    in the wild", sec. 4 (the metrics); Shin et al. 2024, "WHAM", sec. 4.
+    With ``fitted`` 2 it is W-MPJPE-100, with the similarity of the first two frames of each segment. A shorter last
+    segment counts if it has two frames. References: Ye et al. 2023, "Decoupling human and camera motion from videos in
+    the wild", sec. 4 (the metrics); Shin et al. 2024, "WHAM", sec. 4.
     """
     found, truth = same_shape(found, truth, ("frames", "points", 3))
     errors = []
@@ -122,10 +121,11 @@ def world_mpjpe_mm(found: Track, truth: Track, fitted: int = WORLD_FRAMES) -> fl
 
 
 def pck_percent(found: Points, truth: Points, threshold_m: float) -> float:
-    """Return the share of points (..., N, 3) within ``threshold_m`` of their truth, in percent, without alignment.
+    """Return the percentage of points (..., N, 3) within ``threshold_m`` of the truth, without alignment.
 
-    A missing point with known truth counts as wrong. Points without truth are excluded. The thesis (6.3.4, eq. 4.29)
-    reports 3 and 7 cm. Reference: Yang and Ramanan 2013, "Articulated human detection with flexible mixtures of parts".
+    A missing point counts as wrong if its truth is known. Points without truth are excluded. The thesis (6.3.4, eq.
+    4.29) reports 3 and 7 cm. Reference: Yang and Ramanan 2013, "Articulated human detection with flexible mixtures of
+    parts".
     """
     distance = distances_m(found, truth)
     known = np.isfinite(truth).all(-1)
@@ -135,10 +135,10 @@ def pck_percent(found: Points, truth: Points, threshold_m: float) -> float:
 def geodesic_deg(
     found: Float[np.ndarray, "*batch 3 3"], truth: Float[np.ndarray, "*batch 3 3"]
 ) -> Float[np.ndarray, " *batch"]:
-    """Return the angle (...) of the rotation between (..., 3, 3) rotations, in degrees 0..180, NaN where missing.
+    """Return the angles (...) between (..., 3, 3) rotations in degrees, from 0 to 180, NaN where missing.
 
-    ``2 asin(|A - B|_F / (2 √2))`` keeps its digits for small angles, unlike the arc cosine of the trace (Hartley et al.
-    2013, "Rotation averaging", sec. 4).
+    ``2 asin(|A - B|_F / (2 √2))`` keeps its precision for small angles, unlike the arc cosine of the trace (Hartley et
+    al. 2013, "Rotation averaging", sec. 4).
     """
     found, truth = same_shape(found, truth, (..., 3, 3))
     chord = np.linalg.norm(found - truth, axis=(-2, -1)) / np.sqrt(8.0)
@@ -148,7 +148,7 @@ def geodesic_deg(
 def angle_mae_deg(
     found: Float[np.ndarray, "*batch joints 3 3"], truth: Float[np.ndarray, "*batch joints 3 3"]
 ) -> float:
-    """Return the mean angular error of (..., J, 3, 3) rotations of joints against their parents, degrees (6.3.4)."""
+    """Return the mean angle in degrees between (..., J, 3, 3) rotations of joints relative to their parents (6.3.4)."""
     same_shape(found, truth, (..., "joints", 3, 3))
     return mean_or_nan(geodesic_deg(found, truth))
 
@@ -157,7 +157,7 @@ SKATING_HEIGHT_M = 0.025  # Height below which a toe counts as standing (thesis 
 
 
 def accelerations_m_s2(points: Track, fps: float) -> Float[np.ndarray, "accelerations points 3"]:
-    """Return the second differences ``(x_{f+1} - 2 x_f + x_{f-1}) fps²``, (F - 2, N, 3) m/s² (thesis 6.3.4).
+    """Return (F - 2, N, 3) second differences ``(x_{f+1} - 2 x_f + x_{f-1}) fps²`` in m/s² (thesis 6.3.4).
 
     They are NaN if one of the three frames is missing, and empty for fewer than three frames.
     """
@@ -166,7 +166,7 @@ def accelerations_m_s2(points: Track, fps: float) -> Float[np.ndarray, "accelera
 
 
 def accel_error_m_s2(found: Track, truth: Track, fps: float) -> float:
-    """Return the mean length of the difference between accelerations, m/s², NaN for fewer than three frames.
+    """Return the mean length of the acceleration differences in m/s², NaN for fewer than three frames.
 
     Reference: Kanazawa et al. 2019, "Learning 3D human dynamics from video", sec. 4.
     """
@@ -178,10 +178,10 @@ def accel_error_m_s2(found: Track, truth: Track, fps: float) -> float:
 def foot_skating_cm_per_frame(toes: Float[np.ndarray, "frames toes 3"], floor_m: float = 0.0) -> float:
     """Return the sliding of (F, N, 3) standing toes along the floor, Z up, in centimetres per frame.
 
-    ``FS = 1/N Σ v (2 - 2^(h/H))`` over frames with ``h ≤ H``: ``v`` is the horizontal way to the next frame, ``h`` the
-    height above the floor, at least 0, and ``H`` ``SKATING_HEIGHT_M`` (thesis 6.3.4). The sum is divided by the number
-    of frames, as its unit says. NaN for fewer than two frames. Reference: Mir et al. 2023, "Generating continual human
-    motion in diverse 3D scenes" (thesis, reference 204).
+    ``FS = 1/N Σ v (2 - 2^(h/H))`` over frames with ``h ≤ H``: ``v`` is the horizontal distance to the next frame, ``h``
+    the height above the floor, at least 0, and ``H`` ``SKATING_HEIGHT_M`` (thesis 6.3.4). The sum is divided by the
+    number of frames, as its unit implies. NaN for fewer than two frames. Reference: Mir et al. 2023, "Generating
+    continual human motion in diverse 3D scenes" (thesis, reference 204).
     """
     toes = has_shape(toes, ("frames", "points", 3))
     way_cm = 100.0 * np.linalg.norm(np.diff(toes[..., :2], axis=0), axis=-1)
@@ -190,18 +190,18 @@ def foot_skating_cm_per_frame(toes: Float[np.ndarray, "frames toes 3"], floor_m:
     return mean_or_nan(np.where(np.isfinite(height), way_cm * weight, np.nan))
 
 
-_FRAMES = 2000  # Frames projected at a time.
+_FRAMES = 2000  # Frames to project at a time.
 
 
 def reprojection_px(
     cameras: Cameras, points: Track, keypoints: Keypoints2D
 ) -> Float[np.ndarray, "views frames points"]:
-    """Return the distance (C, F, K) between each detection and the projection of its point (F, K, 3), pixels.
+    """Return (C, F, K) distances in pixels between the detections and the projections of points (F, K, 3).
 
-    It is NaN without a detection or a visible point. Cameras are in the order of the views.
+    NaN without a detection or a visible point. Cameras are in the order of the views.
 
     Raises:
-        ShapeMismatch: the points do not fit the detections, or the cameras the views.
+        ShapeMismatch: the points do not match the detections, or the cameras the views.
     """
     views, frames, count = keypoints.confidence.shape
     points = has_shape(points, (frames, count, 3), "The array of points")
@@ -218,14 +218,14 @@ Features = Float[np.ndarray, "samples features"]
 
 
 def frechet_distance(generated: Features, real: Float[np.ndarray, "others features"]) -> float:
-    """Return FID: ``|μ_a - μ_b|² + Tr(Σ_a + Σ_b - 2 (Σ_a Σ_b)^½)``, in the features' squared unit.
+    """Return FID, ``|μ_a - μ_b|² + Tr(Σ_a + Σ_b - 2 (Σ_a Σ_b)^½)``, in the squared unit of the features.
 
-    Both are (N, D) features of two or more samples. The trace of the root is the one of the symmetric ``(Σ_a^½ Σ_b
+    Both are (N, D) features of two or more samples. The trace of the root is that of the symmetric ``(Σ_a^½ Σ_b
     Σ_a^½)^½``. Reference: Heusel et al. 2017, "GANs trained by a two time-scale update rule", eq. 6
     (thesis eqs. 4.30, 6.11).
 
     Raises:
-        ShapeMismatch: other arrays, or NaN.
+        ShapeMismatch: the features are not (N, D) arrays of one D, or contain NaN.
     """
     generated, real = _features(generated), _features(real)
     if generated.shape[1] != real.shape[1]:
@@ -240,12 +240,12 @@ def frechet_distance(generated: Features, real: Float[np.ndarray, "others featur
 
 
 def diversity(features: Features, seed: int) -> float:
-    """Return DIV: the mean distance between the pairs of two random halves of (N, D) features, in their unit.
+    """Return DIV, the mean distance between the pairs of two random halves of (N, D) features, in their unit.
 
-    The thesis (eqs. 4.31, 6.12) pairs 526 of 1,052 generated poses with the other 526. An odd sample is excluded.
+    The thesis (eqs. 4.31, 6.12) pairs 526 of 1,052 generated poses with the other 526. An odd last sample is excluded.
 
     Raises:
-        ShapeMismatch: another array, or NaN.
+        ShapeMismatch: the features are not an (N, D) array, or contain NaN.
     """
     features = _features(features)
     order, half = np.random.default_rng(seed).permutation(len(features)), len(features) // 2

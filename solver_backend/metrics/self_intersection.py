@@ -1,4 +1,4 @@
-"""Measure how deep limbs, head and trunk of a pose intersect, by capsules inside the skin."""
+"""Measure how deeply limbs, head and trunk of a pose intersect, by capsules inside the skin."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from solver_backend.body.body import Body
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.types.shapes import Float
 
-TOLERANCE_M = 0.03  # Depth of touching capsules, as soft tissue gives way (1.2 % of recorded frames exceed it).
+TOLERANCE_M = 0.03  # Depth to which soft tissue lets capsules touch, in metres (1.2 % of recorded frames exceed it).
 BONES: tuple[tuple[str, str], ...] = (
     ("pelvis", "spine1"), ("spine1", "spine2"), ("spine2", "spine3"), ("spine3", "neck"), ("neck", "head"),
     *(
@@ -24,15 +24,15 @@ BONES: tuple[tuple[str, str], ...] = (
         )
     ),
 )  # fmt: skip
-"""Joints that the capsules' axes run between."""
-_INNER = 0.1  # Share of a bone's skin inside the capsule: capsules stay within the skin.
-_APART = 3  # Joints between two bones from which on they are compared: an upper arm leans on the chest it grows from.
-_AT_A_TIME = 2000  # Poses looked at at a time, which bounds memory.
+"""Joints at both ends of each capsule's axis."""
+_INNER = 0.1  # Share of a bone's skin inside its capsule, so that capsules stay within the body.
+_APART = 3  # Joints between two compared bones, at least: an upper arm leans on the chest it grows from.
+_AT_A_TIME = 2000  # Poses to process at a time, which bounds memory.
 
 
 @dataclass(frozen=True)
 class Capsules:
-    """A body as capsules of its rest shape, and the pairs that a pose could bring together."""
+    """Capsules of a body in its rest shape, and pairs of capsules that a pose could bring together."""
 
     ends: tuple[tuple[int, int], ...]  # SMPL's joints at the ends of each axis.
     radii: Float[np.ndarray, " bones"]  # Metres.
@@ -41,7 +41,7 @@ class Capsules:
 
 @lru_cache(maxsize=4)
 def capsules_of(body: Body) -> Capsules:
-    """Return the capsules of the mean shape of an SMPL body, which contain a tenth of its skin."""
+    """Return the capsules of the mean shape of an SMPL body, each with a tenth of its bone's skin inside."""
     ends = tuple((SMPL.joints.index(a), SMPL.joints.index(b)) for a, b in BONES)
     own = list(body.layout.standing_for(SMPL))
     rest, owner = body.joints_template[own], np.argmax(body.weights[:, own], axis=1)
@@ -54,10 +54,10 @@ def capsules_of(body: Body) -> Capsules:
 
 
 def self_intersection_m(body: Body, joints: Float[np.ndarray, "poses 24 3"]) -> Float[np.ndarray, " poses"]:
-    """Return the depth of the deepest two capsules of each pose: (N,) metres, 0 without intersection.
+    """Return (N,) depths in metres of the deepest intersection of two capsules in each pose, 0 without any.
 
-    ``max(0, r_a + r_b - d(a, b))`` over pairs, d the distance of two line segments (Ericson 2005, 5.1.9), of an SMPL
-    body's mean shape with (N, 24, 3) joints, metres.
+    ``max(0, r_a + r_b - d(a, b))`` over the pairs, with the distance d of two line segments (Ericson 2005, 5.1.9), for
+    the (N, 24, 3) joints in metres of an SMPL body of mean shape.
     """
     capsules = capsules_of(body)
     parts = [joints[first : first + _AT_A_TIME] for first in range(0, len(joints), _AT_A_TIME)]
@@ -66,7 +66,7 @@ def self_intersection_m(body: Body, joints: Float[np.ndarray, "poses 24 3"]) -> 
 
 
 def self_intersection_percent(body: Body, joints: Float[np.ndarray, "poses 24 3"]) -> float:
-    """Return the share of poses with two capsules more than ``TOLERANCE_M`` inside one another, percent."""
+    """Return the percentage of poses in which two capsules intersect by more than ``TOLERANCE_M``."""
     return 100.0 * float(np.mean(self_intersection_m(body, joints) > TOLERANCE_M))
 
 
@@ -99,7 +99,7 @@ def _depths(joints: np.ndarray, capsules: Capsules) -> np.ndarray:
 
 
 def segment_distance(p: np.ndarray, u: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Return the least distance of the segments ``p + s u`` and ``q + t v``, s and t from 0 to 1 (Ericson 2005, 5.1.9).
+    """Return the distance of segments ``p + s u`` and ``q + t v``, for s and t from 0 to 1 (Ericson 2005, 5.1.9).
 
     All are (..., 3). A vector u or v is 0 if its segment is a point.
     """

@@ -1,4 +1,4 @@
-"""Compute the cost of a landmark's squared distance: fixed or learned variances (thesis 5.3), or Barron's loss."""
+"""Compute the cost of squared landmark distances with fixed or learned variances (thesis 5.3)."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 
 from solver_backend.residuals.terms import PointEvidence
 
-LARGEST_EXPONENT = 300.0  # Log-variances are cut here, so that no trial step of a line search overflows.
+LARGEST_EXPONENT = 300.0  # Log-variances are clipped here, so that no trial step of a line search overflows.
 UNCERTAINTY_WEIGHT = 0.3  # λ_σ of the log-variances' prior (thesis 5.5). Tuned on training motions.
-BEST_STEPS = 4  # Newton's steps to the best log-variances, within 1e-13 up to 1e6 standard deviations.
+BEST_STEPS = 4  # Newton steps to the best log-variances, within 1e-13 up to 1e6 standard deviations.
 
 
 @dataclass(frozen=True)
 class LandmarkCost:
-    """A loss of F frames of L landmarks, and its derivatives."""
+    """Loss of L landmarks in F frames, and its derivatives."""
 
     cost: np.ndarray  # (F,).
     by_squared: np.ndarray  # (F, L) by the squared distances.
@@ -24,20 +24,20 @@ class LandmarkCost:
 
 
 class LandmarkLoss(Protocol):
-    """A loss of squared distances, perhaps with unknowns of its own in every frame."""
+    """Loss of squared distances, optionally with its own unknowns in every frame."""
 
     def unknowns(self, num_landmarks: int) -> int:
-        """Return n, its number of unknowns in a frame."""
+        """Return n, the number of the loss's own unknowns in a frame."""
         ...
 
     def __call__(self, squared: np.ndarray, seen: np.ndarray, own: np.ndarray) -> LandmarkCost:
-        """Return the cost of (F, L) squared distances r² in units of a first variance, at (F, n) ``own`` unknowns."""
+        """Return the cost of (F, L) squared distances r² in initial variances, at the (F, n) ``own`` unknowns."""
         ...
 
 
 @dataclass(frozen=True)
 class FixedVariances:
-    """``½ Σ r²``: every landmark is as reliable as the others."""
+    """Loss ``½ Σ r²`` of equally reliable landmarks."""
 
     def unknowns(self, num_landmarks: int) -> int:
         """Return 0."""
@@ -51,15 +51,15 @@ class FixedVariances:
 
 @dataclass(frozen=True)
 class LearnedVariances:
-    """``½ Σ (exp(-s) r² + s) + λ |s|²`` with log-variances s of each frame's landmarks (thesis 5.2, 5.3, 5.5)."""
+    """Loss ``½ Σ (exp(-s) r² + s) + λ |s|²`` with log-variances s of each frame's landmarks (thesis 5.2, 5.3, 5.5)."""
 
     weight: float = UNCERTAINTY_WEIGHT  # λ of the prior that draws s to 0, the first variance (thesis 5.5).
 
     def best(self, squared: np.ndarray) -> np.ndarray:
         """Return the log-variances that minimise the cost of squared distances r².
 
-        They solve ``exp(-s) r² = 1 + 4 λ s``. The left side minus the right is falling and convex, so Newton's method
-        converges from the left.
+        They solve ``exp(-s) r² = 1 + 4 λ s``. The left side minus the right one decreases and is convex, so Newton's
+        method converges from the left.
         """
         s = np.log1p(squared)
         s = s - np.log1p(4.0 * self.weight * s)
@@ -89,10 +89,10 @@ class LearnedVariances:
 
 @dataclass(frozen=True)
 class LearnedPositionTerm:
-    """``E = min_s Σ_i ½ (exp(-s_i) w_i |y_i - m_i|² + s_i) + λ s_i²`` with log-variances s in closed form.
+    """Term ``E = min_s Σ_i ½ (exp(-s_i) w_i |y_i - m_i|² + s_i) + λ s_i²`` with log-variances s in closed form.
 
-    The minimum's derivative by the position is the one at fixed s (Danskin's theorem), so each position has the
-    information ``exp(-s_i) w_i``.
+    By Danskin's theorem, the minimum has the same derivative by the position as at fixed s. The information of each
+    position is therefore ``exp(-s_i) w_i``.
     """
 
     positions: np.ndarray  # (F, L, 3) metres, finite.
@@ -100,11 +100,11 @@ class LearnedPositionTerm:
     loss: LearnedVariances = field(default_factory=LearnedVariances)  # λ.
 
     def select(self, frames: Any) -> LearnedPositionTerm:
-        """Return the term of the frames at these indices or of this slice."""
+        """Return the term for the given frame indices or slice."""
         return LearnedPositionTerm(self.positions[frames], self.weight[frames], self.loss)
 
     def astype(self, precision: Any) -> LearnedPositionTerm:
-        """Return the term in a precision."""
+        """Return the term in the given floating-point precision."""
         return LearnedPositionTerm(self.positions.astype(precision), self.weight.astype(precision), self.loss)
 
     def precisions(self, points: np.ndarray) -> np.ndarray:
@@ -113,7 +113,7 @@ class LearnedPositionTerm:
         return self.weight * np.exp(-self.loss.best(self.weight * (error * error).sum(-1)))
 
     def __call__(self, points: np.ndarray, scale: float) -> PointEvidence:
-        """Return the evidence at (F, L, 3) positions, without a further robust scale."""
+        """Return the evidence at (F, L, 3) positions. The robust scale is ignored."""
         error = points - self.positions
         squared = self.weight * (error * error).sum(-1)
         own = self.loss.best(squared)

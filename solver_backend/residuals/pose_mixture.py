@@ -1,4 +1,4 @@
-"""Prefer poses of real people if no keypoint decides: a lumbar bend, a forearm's twist, a wrist."""
+"""Prefer the poses of real people where keypoints do not decide, as for lumbar bends, forearm twists and wrists."""
 
 from __future__ import annotations
 
@@ -15,21 +15,23 @@ from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3
 from solver_backend.priors.weights import ASSETS, BODY_JOINTS, read_weights
 from solver_backend.residuals.terms import PoseEvidence
 
-WIDENING_RAD = 0.12  # Standard deviation added in every direction: people differ more than the fitted ones.
-WEIGHT = 0.3  # Of one frame's mixture against one frame's data. Tuned on simulated captures of training motions.
+WIDENING_RAD = 0.12  # Standard deviation added in every direction, as people differ more than the recorded ones.
+WEIGHT = 0.3  # Weight of the mixture relative to one frame's data. Tuned on simulated captures of training motions.
 _SPREAD_RAD = {
     "spine1": 0.26, "spine2": 0.26, "spine3": 0.26, "neck": 0.39, "head": 0.52, "collar": 0.32, "shoulder": 1.55,
     "elbow": 1.55, "wrist": 0.32, "hip": 1.55, "knee": 1.55, "ankle": 0.52, "foot": 0.6,
 }  # fmt: skip
-"""Standard deviation of each joint's rotation from rest: the mixture's recordings have few upright people."""
+"""Standard deviation of each joint's rotation from rest, in radians. Few people stand upright in the mixture's
+recordings.
+"""
 
 
-_UNKNOWN_SPREAD_RAD = 0.5  # Of joints outside the table, without prior: a weak pull to rest. Not tuned.
+_UNKNOWN_SPREAD_RAD = 0.5  # For joints outside the table, without prior: a weak pull to rest. Not tuned.
 
 
 @dataclass(frozen=True)
 class PoseMixture:
-    """A mixture of K Gaussians over the rotation vectors of n of a pose's joints (Bogo et al. 2016, eq. 4)."""
+    """Mixture of K Gaussians over the rotation vectors of n joints of a pose (Bogo et al. 2016, eq. 4)."""
 
     means: np.ndarray  # (K, 3 n) rad.
     precisions: np.ndarray  # (K, 3 n, 3 n) 1/rad².
@@ -57,7 +59,7 @@ def read_mixture(path: Path = ASSETS / "gmm.npz") -> tuple[np.ndarray, np.ndarra
 
 @lru_cache(maxsize=8)
 def load_pose_mixture(joints: tuple[str, ...] = BODY_JOINTS) -> PoseMixture:
-    """Return the marginal of the stored mixture over its joints among the pose's, widened."""
+    """Return the stored mixture's widened marginal over the joints that the pose also has."""
     weights, means, factors, _ = read_mixture()
     shared = [name for name in joints if name in BODY_JOINTS]
     theirs, own = (
@@ -65,7 +67,7 @@ def load_pose_mixture(joints: tuple[str, ...] = BODY_JOINTS) -> PoseMixture:
         for names in (BODY_JOINTS, joints)
     )
     covariances = (factors @ factors.swapaxes(-1, -2))[:, theirs[:, None], theirs]
-    # Contiguous: how a BLAS adds up depends on strides.
+    # Contiguous, because the order of a BLAS sum depends on strides.
     means, covariances = np.ascontiguousarray(means[:, theirs]), np.ascontiguousarray(covariances)
     covariances = covariances + WIDENING_RAD**2 * np.eye(len(theirs))
     peaks = np.log(weights) - 0.5 * np.linalg.slogdet(covariances)[1]
@@ -73,14 +75,14 @@ def load_pose_mixture(joints: tuple[str, ...] = BODY_JOINTS) -> PoseMixture:
 
 
 def rest_precision(joints: tuple[str, ...] = BODY_JOINTS) -> np.ndarray:
-    """Return the (3 J,) precision of the rotation vectors about rest, 1/rad²."""
+    """Return the (3 J,) precisions of the rotation vectors about rest in 1/rad²."""
     parts = [joint.removeprefix("left_").removeprefix("right_") for joint in joints]
     return np.repeat([1.0 / _SPREAD_RAD.get(part, _UNKNOWN_SPREAD_RAD) ** 2 for part in parts], 3)
 
 
 @dataclass(frozen=True)
 class PoseMixtureTerm:
-    """``E = -s log Σ_k a_k exp(-½ |x_c - μ_k|²_P) + ½ |x|²_Q`` of the rotation vectors x, x_c of n joints."""
+    """Term ``E = -s log Σ_k a_k exp(-½ |x_c - μ_k|²_P) + ½ |x|²_Q`` of the rotation vectors x of J joints, x_c of n."""
 
     mixture: PoseMixture = field(default_factory=load_pose_mixture)  # Peaks a, means μ, precisions P and columns c.
     weight: float = WEIGHT  # s.
@@ -88,7 +90,7 @@ class PoseMixtureTerm:
 
     @classmethod
     def of(cls, joints: tuple[str, ...]) -> PoseMixtureTerm:
-        """Return the term on poses of these joints. Joints outside the mixture are drawn to rest alone."""
+        """Return the term for poses of these joints. Joints outside the mixture are only drawn to rest."""
         return cls(load_pose_mixture(joints), rest_precision=rest_precision(joints))
 
     def select(self, frames: Any) -> PoseMixtureTerm:
@@ -96,11 +98,11 @@ class PoseMixtureTerm:
         return self
 
     def astype(self, precision: Any) -> PoseMixtureTerm:
-        """Return the term, which follows the precision of the poses."""
+        """Return the term, which takes the precision of the poses."""
         return self
 
     def __call__(self, local: Array) -> PoseEvidence:
-        """Return the evidence at (F, J, 3, 3) rotations. Its factors are the shares (F, K) that make the Hessian.
+        """Return the evidence at (F, J, 3, 3) rotations. Its factors are the (F, K) shares that make the Hessian.
 
         With the components' shares r_k of the sum, ``dE/dx_c = s Σ_k r_k P_k (x_c - μ_k)``, plus Q x, and ``dx =
         J_l(x)⁻¹ δ``.
@@ -137,7 +139,7 @@ class PoseMixtureTerm:
         return of_pose.reshape(len(of_pose), -1)
 
     def hessian(self, factors: Array) -> Array:
-        """Return ``s Σ_k r_k P_k`` of the n joints, and Q, (F, 3 J, 3 J), as if J_l were the identity."""
+        """Return the (F, 3 J, 3 J) ``s Σ_k r_k P_k`` of the n joints plus Q, with J_l taken as the identity."""
         xp, size = array_namespace(factors), len(self.rest_precision)
         flat = constant(self._precisions, factors)
         resting = constant(np.diag(self.rest_precision).reshape(-1), factors)

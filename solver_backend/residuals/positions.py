@@ -14,9 +14,9 @@ from solver_backend.residuals.terms import PointEvidence, Residuals, geman_mcclu
 
 @dataclass(frozen=True)
 class PositionTerm(Rows):
-    """``E = 1/2 sum_i rho(sqrt(w_i e_i' M_i e_i))``, ``e_i = y_i - m_i``, with Geman-McClure's rho.
+    """Term ``E = 1/2 sum_i rho(sqrt(w_i e_i' M_i e_i))`` of ``e_i = y_i - m_i``, with Geman-McClure's rho.
 
-    ``w M`` is the inverse of the noise's covariance. Isotropic noise has M = 1 and ``w = 1/sigma²``.
+    ``w M`` is the inverse covariance of the noise. Isotropic noise has M = 1 and ``w = 1/sigma²``.
     """
 
     positions: Array  # (F, L, 3) metres, finite, arbitrary where the weight is 0.
@@ -25,7 +25,7 @@ class PositionTerm(Rows):
 
     @classmethod
     def of(cls, positions: np.ndarray, covariance: np.ndarray, like: Array) -> PositionTerm:
-        """Build the term of (F, L, 3) positions, NaN where missing, with (F, L, 3, 3) covariances, m²."""
+        """Build the term from (F, L, 3) positions, NaN where missing, and (F, L, 3, 3) covariances in m²."""
         seen = np.isfinite(positions).all(-1)
         covariance = np.where(seen[..., None, None], covariance, np.eye(3))
         variance = np.trace(covariance, axis1=-2, axis2=-1) / 3.0
@@ -44,7 +44,7 @@ class PositionTerm(Rows):
         return PointEvidence(0.5 * xp.sum(penalty, axis=-1), weight * whitened, weight[..., None] * metric)
 
     def residuals(self, points: Array) -> Residuals:
-        """Return the residuals at (F, L, 3) positions, in metres."""
+        """Return the residuals at (F, L, 3) positions in metres."""
         xp = array_namespace(points)
         error = points - self.positions
         measured = self.weight > 0
@@ -53,11 +53,11 @@ class PositionTerm(Rows):
         return Residuals(error[None], squared[None], measured[None])
 
     def leverage(self, points: Array, used: Array) -> Array:
-        """Return (1, F, L): the whole error of a single measurement enters its point."""
+        """Return the (1, F, L) leverage, 1 if used: a single measurement's whole error enters its point."""
         return array_namespace(points).astype(used, points.dtype)
 
     def rescaled(self, variance: Array) -> PositionTerm:
-        """Return the term with the noise's variance multiplied by a factor, broadcast against (1, F, L)."""
+        """Return the term with the noise variance scaled by a factor that broadcasts with (1, F, L)."""
         return replace(self, weight=(self.weight[None] / variance)[0])
 
     def _by_metric(self, error: Array) -> Array:
@@ -68,9 +68,9 @@ class PositionTerm(Rows):
 
 @dataclass(frozen=True)
 class RelativePositionTerm:
-    """``E = 1/2 sum_i c rho(sqrt(e_i' W_i e_i))``, ``e_i = y_i - m_i - t``, with Geman-McClure's rho.
+    """Term ``E = 1/2 sum_i c rho(sqrt(e_i' W_i e_i))`` of ``e_i = y_i - m_i - t``, with Geman-McClure's rho.
 
-    ``t = S⁻¹ Σ_i W_i (y_i - m_i)``, ``S = Σ_i W_i``, is the best common shift of all points, which costs nothing.
+    ``t = S⁻¹ Σ_i W_i (y_i - m_i)`` with ``S = Σ_i W_i`` is the best common shift of all points, which costs nothing.
     """
 
     positions: Array  # (F, L, 3) metres, finite everywhere.
@@ -83,15 +83,15 @@ class RelativePositionTerm:
         return cls(constant(positions, like), constant(precision, like), share)
 
     def select(self, frames: Any) -> RelativePositionTerm:
-        """Return the term of the frames at these indices or of this slice."""
+        """Return the term for the given frame indices or slice."""
         return RelativePositionTerm(self.positions[frames], self.precision[frames], self.share)
 
     def astype(self, precision: Any) -> RelativePositionTerm:
-        """Return the term in a precision."""
+        """Return the term in the given floating-point precision."""
         return RelativePositionTerm(astype(self.positions, precision), astype(self.precision, precision), self.share)
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the evidence at (F, L, 3) positions. See ``without_shift`` for its information."""
+        """Return the evidence at (F, L, 3) positions. ``without_shift`` corrects its information."""
         xp = array_namespace(points)
         off = points - self.positions
         pulled = xp.matmul(self.precision, off[..., None])[..., 0]
@@ -102,7 +102,7 @@ class RelativePositionTerm:
         whitened = xp.matmul(self.precision, error[..., None])[..., 0]
         penalty, robust = geman_mcclure(xp.sum(error * whitened, axis=-1), scale)
         pull = self.share * robust[..., None] * whitened
-        # The shift follows every point, so the common part of the pull comes off again.
+        # The shift follows every point, so the common part of the pull is removed.
         total = xp.matmul(inverse, xp.sum(pull, axis=1)[..., None])
         gradient = pull - xp.matmul(self.precision, total[:, None])[..., 0]
         information = self.share * robust[..., None, None] * self.precision
@@ -110,10 +110,10 @@ class RelativePositionTerm:
 
 
 def without_shift(across: Array, total: Array) -> Array:
-    """Return (F, n, n), removed by a common shift from the equations of points: ``Bᵀ S⁻¹ B``.
+    """Return the (F, n, n) ``Bᵀ S⁻¹ B`` that a common shift removes from the equations of points.
 
-    ``across`` (F, 3, n) B is the points' information times their derivative, summed over the points, ``total`` (F, 3,
-    3) S the sum of their information.
+    B is ``across`` (F, 3, n), the sum over the points of information times derivative. S is ``total`` (F, 3, 3), the
+    sum of their information.
     """
     xp = array_namespace(across)
     inverse = inverse_symmetric_3x3(total)
@@ -121,20 +121,20 @@ def without_shift(across: Array, total: Array) -> Array:
     return xp.matmul(xp.matrix_transpose(across), xp.matmul(inverse, across))
 
 
-SIGMA_M = 0.006  # Standard deviation of a planted point on its skin and shoe, metres. Chosen by hand.
+SIGMA_M = 0.006  # Standard deviation of a planted point on its skin and shoe, in metres. Chosen by hand.
 
 
 def foot_contact_term(planted: np.ndarray, anchors: np.ndarray, like: Array, sigma_m: float = SIGMA_M) -> PositionTerm:
-    """Return the term of (F, L) planted points at their (F, L, 3) anchors, metres, finite."""
+    """Return the term of (F, L) planted points at their (F, L, 3) anchors in metres, finite."""
     return PositionTerm(constant(anchors, like), constant(np.where(planted, 1.0 / sigma_m**2, 0.0), like))
 
 
-FLOOR_SIGMA_M = 0.01  # Standard deviation of a point below the floor, metres: skin, shoe and mat give. Chosen by hand.
+FLOOR_SIGMA_M = 0.01  # Standard deviation below the floor, in metres, as skin, shoes and mats give way. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class FloorTerm:
-    """``E = 1/2 sum_i (min(z_i, 0) / sigma)²`` of landmarks at heights z above the floor."""
+    """Term ``E = 1/2 sum_i (min(z_i, 0) / sigma)²`` of landmarks at heights z above the floor."""
 
     sigma_m: float = FLOOR_SIGMA_M
 
@@ -143,11 +143,11 @@ class FloorTerm:
         return self
 
     def astype(self, precision: Any) -> FloorTerm:
-        """Return the term, which follows the precision of the points."""
+        """Return the term, which takes the precision of the points."""
         return self
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the evidence at (F, L, 3) positions. The floor is no measurement and ignores the robust scale."""
+        """Return the evidence at (F, L, 3) positions. The floor is no measurement, so the robust scale is ignored."""
         xp = array_namespace(points)
         height = points[..., 2]
         below = xp.where(height < 0, height, xp.zeros_like(height))
@@ -163,19 +163,19 @@ UNBOUNDED = 1e6  # Robust scale in standard deviations that no distance reaches.
 
 @dataclass(frozen=True)
 class BindingTerm(PositionTerm):
-    """``PositionTerm`` of stated positions: the penalty is quadratic also for distant ones."""
+    """``PositionTerm`` for given positions, with a quadratic penalty at any distance."""
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
         """Return the evidence at (F, L, 3) world positions."""
         return super().__call__(points, UNBOUNDED)
 
 
-DEEPEST = 25.0  # Robust scale of a depth in standard deviations: a surface that far off is not where the point is.
+DEEPEST = 25.0  # Robust scale of a depth in standard deviations. A point that deep is not behind this surface.
 
 
 @dataclass(frozen=True)
 class SurfaceTerm(Rows):
-    """``E = 1/2 sum_i rho(min(n_i' y_i - d_i, 0) / sigma)`` of points behind planes with unit normals n.
+    """Term ``E = 1/2 sum_i rho(min(n_i' y_i - d_i, 0) / sigma)`` of points behind planes with unit normals n.
 
     rho is Geman-McClure's with the scale ``DEEPEST``.
     """
@@ -185,7 +185,7 @@ class SurfaceTerm(Rows):
     precision: Array  # (F, S) 1 / sigma², 1/m².
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the evidence at (F, S, 3) positions. Obstacles are no measurement and ignore the robust scale."""
+        """Return the evidence at (F, S, 3) positions. Obstacles are no measurement, so the robust scale is ignored."""
         xp = array_namespace(points)
         height = dot(points, self.normals) - self.offsets
         weight = self.precision * xp.astype(height < 0, height.dtype)

@@ -1,4 +1,4 @@
-"""Reproject landmarks into all views, robust and confidence-weighted (thesis eq. 6.8)."""
+"""Reproject landmarks into all views, robustly and weighted by confidence (thesis eq. 6.8)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from solver_backend.types import Cameras, Keypoints2D
 
 @dataclass(frozen=True)
 class ReprojectionTerm:
-    """``E = 1/2 sum_cam sum_i c_i rho(|pi(y_i) - k_i| / sigma_i)`` with Geman-McClure's rho (Albanis 2026, eq. 6.8)."""
+    """Term ``E = 1/2 sum_cam sum_i c_i rho(|pi(y_i) - k_i| / sigma_i)``, Geman-McClure rho (Albanis 2026, eq. 6.8)."""
 
     cameras: CameraArrays
     xy: Array  # (C, F, L, 2) px, finite, arbitrary where the weight is 0.
@@ -27,7 +27,7 @@ class ReprojectionTerm:
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D, sigma_px: np.ndarray, like: Array) -> ReprojectionTerm:
-        """Build the term of C cameras' detections. ``sigma_px`` is broadcast against (C, F, L)."""
+        """Build the term of C cameras' detections. ``sigma_px`` broadcasts with (C, F, L)."""
         seen = keypoints.confidence > 0
         xy = np.where(seen[..., None], keypoints.xy, 0.0)
         weight = keypoints.confidence / np.asarray(sigma_px) ** 2
@@ -35,19 +35,19 @@ class ReprojectionTerm:
         return cls(CameraArrays.of(cameras, like), *parts)
 
     def with_unseen(self, count: int) -> ReprojectionTerm:
-        """Return the term with so many more landmarks that no camera sees."""
+        """Return the term with ``count`` additional landmarks that no camera sees."""
         xp = array_namespace(self.xy)
         parts = (self.xy, self.weight, self.confidence)
         xy, weight, confidence = (xp.concat([a, zeros((*a.shape[:2], count, *a.shape[3:]), a)], axis=2) for a in parts)
         return replace(self, xy=xy, weight=weight, confidence=confidence)
 
     def select(self, frames: Any) -> ReprojectionTerm:
-        """Return the term of the frames at these indices or of this slice."""
+        """Return the term for the given frame indices or slice."""
         xy, weight, confidence = (a[:, frames] for a in (self.xy, self.weight, self.confidence))
         return replace(self, cameras=self.cameras.at(frames), xy=xy, weight=weight, confidence=confidence)
 
     def astype(self, precision: Any) -> ReprojectionTerm:
-        """Return the term in a precision. Single resolves a thousand pixels to 0.0001."""
+        """Return the term in the given floating-point precision. Single precision resolves 0.0001 px at 1,000 px."""
         xy, weight, confidence = (astype(a, precision) for a in (self.xy, self.weight, self.confidence))
         return ReprojectionTerm(self.cameras.astype(precision), xy, weight, confidence, self.penalty)
 
@@ -60,10 +60,10 @@ class ReprojectionTerm:
         rows = xp.where(usable[..., None, None], rows, xp.zeros_like(rows))
         error = rows[..., 3]
         weight = xp.where(usable, self.weight, xp.zeros_like(self.weight))
-        # The penalty sees the residual in standard deviations. The confidence scales the whole term.
+        # The penalty takes the residual in standard deviations. The confidence scales the whole term.
         per_sigma = weight / xp.where(usable, self.confidence, xp.ones_like(weight))
         penalty, robust = self.penalty(per_sigma * squared_length(error), scale)
-        # A point that leaves a camera's view pays as an outlier does, so that hiding never helps.
+        # A point that leaves a camera's view costs as much as an outlier, so that hiding never helps.
         hidden = xp.where(self.weight > 0, xp.full_like(penalty, scale * scale), xp.zeros_like(penalty))
         cost = 0.5 * xp.sum(xp.sum(self.confidence * xp.where(usable, penalty, hidden), axis=-1), axis=0)
         # All views of a landmark at once: Σ_c w Jᵀ [J e].
@@ -75,11 +75,11 @@ class ReprojectionTerm:
         return PointEvidence(cost, summed[..., 3], summed[..., :3])
 
     def rescaled(self, variance: Array) -> ReprojectionTerm:
-        """Return the term with the noise's variance multiplied by a factor, broadcast against (C, F, L)."""
+        """Return the term with the noise variance scaled by a factor that broadcasts with (C, F, L)."""
         return replace(self, weight=self.weight / variance)
 
     def leverage(self, points: Array, used: Array) -> Array:
-        """Return (C, F, L), the share of each view's error that a fitted point takes over (see ``DataTerm``)."""
+        """Return the (C, F, L) share of each view's error that enters a fitted point (see ``DataTerm``)."""
         xp = array_namespace(points)
         _, J, _ = project_with_jacobian(self.cameras, points)
         weight = xp.where(used, self.weight, xp.zeros_like(self.weight))
@@ -91,7 +91,7 @@ class ReprojectionTerm:
         return 0.5 * xp.sum(xp.sum(own * inverse, axis=-1), axis=-1)
 
     def residuals(self, points: Array) -> Residuals:
-        """Return the residuals at (F, L, 3) positions, in pixels."""
+        """Return the residuals at (F, L, 3) positions in pixels."""
         xp = array_namespace(points)
         px = project(self.cameras, points)
         error = px - self.xy

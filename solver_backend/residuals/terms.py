@@ -1,4 +1,4 @@
-"""Terms on landmark positions and poses as quadratic models. A landmark's views collapse into one 3x3 matrix."""
+"""Terms on landmark positions and poses as quadratic models. The views of a landmark are summed into a 3x3 matrix."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from solver_backend.geometry.arrays import Array, array_namespace
 
 
 class FrameTerm(Protocol):
-    """A term of F frames."""
+    """Term of F frames."""
 
     def select(self, frames: Any) -> Self:
-        """Return the term of the frames at these indices or of this slice."""
+        """Return the term for the given frame indices or slice."""
         ...
 
     def astype(self, precision: Any) -> Self:
-        """Return the term in a precision."""
+        """Return the term in the given floating-point precision."""
         ...
 
 
@@ -39,7 +39,7 @@ class PointEvidence:
         )
 
     def beside(self, other: PointEvidence) -> PointEvidence:
-        """Return the evidence at these positions followed by the other's, which has no shared rows."""
+        """Return the evidence at these positions followed by the other's positions, which have no shared rows."""
         xp = array_namespace(self.cost)
         gradient = xp.concat([self.gradient, other.gradient], axis=1)
         information = xp.concat([self.information, other.information], axis=1)
@@ -47,7 +47,7 @@ class PointEvidence:
 
 
 class PointTerm(FrameTerm, Protocol):
-    """A term on landmark positions."""
+    """Term on landmark positions."""
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
         """Return the evidence at (F, L, 3) positions. ``scale`` is the robust scale in standard deviations."""
@@ -56,14 +56,14 @@ class PointTerm(FrameTerm, Protocol):
 
 @dataclass(frozen=True)
 class Residuals:
-    """Errors of V views' measurements in d dimensions. Markers are one view."""
+    """Errors of the measurements of V views in d dimensions. Markers are one view."""
 
     error: Array  # (V, F, L, d) in the measurement's unit, 0 where nothing was measured.
     squared: Array  # (V, F, L) squared length of the error in variances of the noise.
     measured: Array  # (V, F, L) bool.
 
     def inliers(self, scale: float) -> Array:
-        """Return (V, F, L) bool: measured, and less than ``scale`` standard deviations off."""
+        """Return a (V, F, L) mask of measurements with errors below ``scale`` standard deviations."""
         return self.measured & (self.squared < scale * scale)
 
     @property
@@ -74,21 +74,21 @@ class Residuals:
 
 
 class DataTerm(PointTerm, Protocol):
-    """A point term of measurements with noise that can be learned."""
+    """Point term of measurements with learnable noise."""
 
     def residuals(self, points: Array) -> Residuals:
         """Return the residuals at (F, L, 3) positions."""
         ...
 
     def leverage(self, points: Array, used: Array) -> Array:
-        """Return (V, F, L), the share of each view's error that a point fitted to all used views takes over.
+        """Return the (V, F, L) share of each view's error that enters a point fitted to all used views.
 
         It is the mean diagonal of the hat matrix: ``h_v = tr(w_v J_v S⁻¹ J_vᵀ) / d`` with ``S = Σ_v w_v J_vᵀ J_v``.
         """
         ...
 
     def rescaled(self, variance: Array) -> Self:
-        """Return the term with the noise's variance multiplied by a factor, broadcast against (V, F, L)."""
+        """Return the term with the noise variance scaled by a factor that broadcasts with (V, F, L)."""
         ...
 
 
@@ -102,29 +102,30 @@ class PoseEvidence:
 
 
 class PoseTerm(FrameTerm, Protocol):
-    """A term on poses."""
+    """Term on poses."""
 
     def __call__(self, local: Array) -> PoseEvidence:
         """Return the evidence at (F, J, 3, 3) rotations."""
         ...
 
     def hessian(self, factors: Array) -> Array:
-        """Return the (F, 3 J, 3 J) positive semidefinite matrices of these factors, 1/rad²."""
+        """Return (F, 3 J, 3 J) positive semidefinite matrices from the factors, in 1/rad²."""
         ...
 
 
 def geman_mcclure(squared: Array, scale: float) -> tuple[Array, Array]:
     """Return penalty ``s² r² / (r² + s²)`` and IRLS weight ``(s² / (r² + s²))²`` of squared residuals r², in variances.
 
-    Residuals far beyond the scale s stop pulling. A large scale is plain least squares, the start of graduated
-    non-convexity (Geman and McClure 1987; Yang et al. 2020, "Graduated non-convexity for robust spatial perception").
+    Residuals far beyond the scale s have no effect. With a large scale the penalty is a plain square, the start of
+    graduated non-convexity (Geman and McClure 1987; Yang et al. 2020, "Graduated non-convexity for robust spatial
+    perception").
     """
     share = scale * scale / (squared + scale * scale)
     return squared * share, share * share
 
 
 def graduated_scales(final: float, start: float, steps: int) -> tuple[float, ...]:
-    """Return ``steps`` scales that fall geometrically from ``start`` to ``final``."""
+    """Return ``steps`` scales in geometric progression from ``start`` to ``final``."""
     if steps <= 1:
         return (final,)
     ratio = (final / start) ** (1.0 / (steps - 1))

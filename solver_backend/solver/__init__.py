@@ -1,1 +1,1 @@
-"""Minimise least-squares problems and other costs on manifolds. This package knows neither bodies nor files."""
+"""Minimise least-squares problems and other costs on manifolds. Independent of bodies and files."""

@@ -1,4 +1,4 @@
-"""Solve block-tridiagonal systems from both ends at once."""
+"""Solve block-tridiagonal systems, eliminating blocks from both ends at once."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ BATCH = 16  # Blocks whose inner unknowns are eliminated together. Affects time 
 
 @dataclass(frozen=True)
 class BlockTridiagonal:
-    """N blocks of size n in a row: ``H = [[D_0, U_0], [U_0ᵀ, D_1, U_1], ...]``. One solve costs O(N n³).
+    """System of N blocks of size n, ``H = [[D_0, U_0], [U_0ᵀ, D_1, U_1], ...]``, with a solve in O(N n³).
 
-    Only the first m unknowns of a block couple with the block before. The inner ones, which couple with their own and
-    the next block, are eliminated first, in parallel. The outer ones are then eliminated from both ends towards the
-    middle (Golub and Van Loan 2013, section 4.5. From both ends: Babuška 1972, "Numerical stability in problems of
-    linear algebra"). Steps are as precise as the blocks.
+    Only the first m unknowns of a block, the outer ones, are coupled with the block before. The inner ones, coupled
+    with their own and the next block, are eliminated first, in parallel. The outer ones are then eliminated from both
+    ends towards the middle (Golub and Van Loan 2013, section 4.5. From both ends: Babuška 1972, "Numerical stability in
+    problems of linear algebra"). Steps have the precision of the blocks.
     """
 
     diagonal: Array  # (N, n, n).
@@ -29,9 +29,10 @@ class BlockTridiagonal:
     g: Array  # (N, n) gradient.
 
     def solve(self, damping: Array) -> Array:
-        """Return the (1, N·n) step of ``(H + damping diag(H)) step = -g``.
+        """Return the (1, N·n) step that solves ``(H + damping diag(H)) step = -g``.
 
-        ``damping`` is (1,) for all blocks, or (1, N) or (1, N - 1) by block. A missing last one repeats the one before.
+        ``damping`` is (1,) for all blocks, or (1, N) or (1, N - 1) by block. Of N - 1 values the last one is
+        repeated.
         """
         xp = array_namespace(self.g)
         damping = _by_block(damping if damping.ndim == 1 else damping[0], self.g)
@@ -54,16 +55,16 @@ class BlockTridiagonal:
         return -0.5 * xp.sum(xp.reshape(self.g, (1, -1)) * step, axis=1)
 
     def merged(self, mask: Array, newer: BlockTridiagonal) -> BlockTridiagonal:
-        """Return ``newer`` where the one problem is masked."""
+        """Return ``newer`` if the one problem is masked, and otherwise these equations."""
         return newer if bool(mask[0]) else self
 
     def marginals(self) -> tuple[Array, Array]:
-        """Return the blocks of ``H⁻¹`` on and above the diagonal only, (N, n, n) and (N - 1, n, m).
+        """Return the blocks of ``H⁻¹`` on and above the diagonal, (N, n, n) and (N - 1, n, m).
 
-        Outwards from the middle: ``H⁻¹_ij = -X_i H⁻¹_jj`` and ``H⁻¹_ii = S_i⁻¹ - H⁻¹_ij X_iᵀ`` with the neighbour j
-        that was eliminated later and ``X_i = S_i⁻¹ H_ij`` (Takahashi, Fagan and Chin 1973). Diagonals are loaded
-        against rounding: a matrix with rounded entries is positive definite with ``n ε diag(H)`` more (Higham 2002,
-        theorem 10.7), so that no variance is negative.
+        From the middle outwards: ``H⁻¹_ij = -X_i H⁻¹_jj`` and ``H⁻¹_ii = S_i⁻¹ - H⁻¹_ij X_iᵀ`` with the neighbour j
+        that was eliminated later and ``X_i = S_i⁻¹ H_ij`` (Takahashi, Fagan and Chin 1973). A diagonal load of ``n ε
+        diag(H)`` keeps the rounded matrix positive definite (Higham 2002, theorem 10.7), so that no variance is
+        negative.
         """
         xp = array_namespace(self.g)
         rounding = self.g.shape[1] * float(xp.finfo(self.diagonal.dtype).eps)
@@ -90,7 +91,7 @@ class BlockTridiagonal:
         return full, xp.concat([off, beyond], axis=1)
 
     def _without_inner(self, damping: Array, precision: Any) -> tuple[_Outer, _Inner | None]:
-        """Return the system of the outer unknowns after elimination, ``D - Bᵀ A⁻¹ B`` and so on."""
+        """Return the system of the outer unknowns without the inner ones, ``D - Bᵀ A⁻¹ B`` and so on."""
         xp = array_namespace(self.g)
         count, size = self.g.shape
         met = self.upper.shape[-1] if count > 1 else size
@@ -116,14 +117,14 @@ class BlockTridiagonal:
 
 @dataclass(frozen=True)
 class _Inner:
-    """Inner unknowns A as functions of the outer ones of their own block, by B, and of the next, by C."""
+    """Elimination of the inner unknowns A, coupled with their own block's outer ones by B and the next block's by C."""
 
     inverse: Array  # (N, k, k) ``A⁻¹``.
     own: Array  # (N, k, m) ``A⁻¹ B``.
     further: Array  # (N - 1, k, m) ``A⁻¹ C``.
 
     def carried(self, g: Array, g_inner: Array) -> Array:
-        """Return the (N, m) gradient of the outer unknowns after elimination of the inner ones, (N, k)."""
+        """Return the (N, m) gradient of the outer unknowns after elimination of the inner ones with gradient (N, k)."""
         xp = array_namespace(g)
         g = g - _times(xp.matrix_transpose(self.own), g_inner)
         g[1:] -= _times(xp.matrix_transpose(self.further), g_inner[:-1])
@@ -136,9 +137,9 @@ class _Inner:
         return steps
 
     def marginals(self, diagonal: Array, upper: Array, some: slice) -> tuple[Array, Array]:
-        """Return covariances of all unknowns of some blocks, and of their inner ones with the next block.
+        """Return the covariances within some blocks, and of their inner unknowns with the next block's outer ones.
 
-        ``diagonal`` and ``upper`` are the outer unknowns' covariances within a block and with the next.
+        ``diagonal`` and ``upper`` are the covariances of the outer unknowns within a block and with the next one.
         """
         xp = array_namespace(diagonal)
         X, Y, across = self.own[some], self.further[some], upper[some]
@@ -158,20 +159,20 @@ def _batches(count: int) -> list[slice]:
 
 
 def _times(matrices: Array, vectors: Array) -> Array:
-    """Return (N, a): (N, a, b) matrices times (N, b) vectors, in the vectors' precision."""
+    """Return (N, a) products of (N, a, b) matrices and (N, b) vectors, in the precision of the vectors."""
     xp = array_namespace(vectors)
     return xp.matmul(xp.astype(matrices, vectors.dtype), vectors[..., None])[..., 0]
 
 
 @dataclass(frozen=True)
 class _Outer:
-    """The outer unknowns: N fully coupled blocks."""
+    """System of the outer unknowns: N fully coupled blocks."""
 
     diagonal: Array  # (N, m, m).
     upper: Array  # (N - 1, m, m).
 
     def swept(self, right: Sequence[Array], *, carry: bool = True) -> _Sweeps:
-        """Eliminate the blocks from both ends. ``carry`` the N right-hand sides (m, k) from block to block."""
+        """Eliminate the blocks from both ends. ``carry`` passes the N right-hand sides (m, k) from block to block."""
         xp = array_namespace(self.diagonal)
         count, middle = self.diagonal.shape[0], self.diagonal.shape[0] // 2
         orders = range(middle), range(count - 1, middle, -1)
@@ -190,7 +191,7 @@ class _Outer:
     def _eliminated(
         self, order: range, right: Sequence[Array], *, carry: bool
     ) -> tuple[dict[int, Array], dict[int, Array]]:
-        """Return ``S_i⁻¹ H_ij`` and ``S_i⁻¹ r_i`` of the blocks in this order, j the next of each."""
+        """Return ``S_i⁻¹ H_ij`` and ``S_i⁻¹ r_i`` of the blocks in this order, where j follows i."""
         xp = array_namespace(self.diagonal)
         coupled, found = dict[int, Array](), dict[int, Array]()
         met = self.diagonal.shape[1]
@@ -215,7 +216,7 @@ class _Sweeps:
     coupled: dict[int, Array]  # ``S_i⁻¹ H_ij`` with the neighbour j that was eliminated later.
     solved: list[Array]  # ``S_i⁻¹ r_i``.
     outwards: tuple[list[tuple[int, int]], list[tuple[int, int]]]
-    """Pairs (i, j) in the order of back substitution, from the middle to either end."""
+    """Pairs (i, j) in the order of back substitution, from the middle to each end."""
 
 
 def _by_block(damping: Array, g: Array) -> Array:
@@ -230,7 +231,7 @@ def _stacked(blocks: list[Array], like: Array) -> Array:
 
 
 def _damped(blocks: Array, damping: Array) -> Array:
-    """Return (N, n, n) blocks with a share (N,) of their diagonals added to them."""
+    """Return (N, n, n) blocks with their diagonals increased by the (N,) shares."""
     xp = array_namespace(blocks)
     share, along = xp.astype(damping, blocks.dtype)[:, None], np.arange(blocks.shape[-1])
     damped, along = blocks + 0.0, index(along, blocks)

@@ -1,4 +1,4 @@
-"""Minimise on manifolds from gradients alone, by projected gradient descent with retraction (thesis 6.2.4)."""
+"""Minimise on manifolds with gradients alone, by projected gradient descent with retraction (thesis 6.2.4)."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from solver_backend.solver.line_search import StepTrial, WolfeSettings, strong_w
 from solver_backend.solver.manifolds import Manifold, State
 
 Objective = Callable[[State], tuple[Any, State]]
-"""State -> cost and its gradient, ambient (derivatives by the state's entries) or tangent."""
+"""Maps a state to its cost and gradient, ambient (derivatives by the state's entries) or tangent."""
 
 
 @dataclass(frozen=True)
 class MinimiseSettings:
-    """Limits of a minimisation and its steps."""
+    """Limits and steps of a minimisation."""
 
     max_iterations: int = 200  # Steps at most.
     gradient_tolerance: float = 1e-8  # Stop when the Riemannian gradient is shorter.
@@ -26,13 +26,13 @@ class MinimiseSettings:
 
     @property
     def stopped(self) -> str:
-        """One sentence on the end at the largest number of steps."""
+        """Message for the end at the largest number of steps."""
         return f"Stopped after {self.max_iterations} iterations. Raise max_iterations to go on."
 
 
 @dataclass(frozen=True)
 class MinimiseResult:
-    """End of a minimisation."""
+    """Result of a minimisation."""
 
     state: State  # Best state found.
     cost: float  # Cost there.
@@ -46,15 +46,15 @@ class MinimiseResult:
 def gradient_descent(
     manifold: Manifold, objective: Objective, state: State, settings: MinimiseSettings = MinimiseSettings()
 ) -> MinimiseResult:
-    """Minimise by steps against the projected gradient, retracted to the manifold.
+    """Minimise by steps along the negative projected gradient, retracted to the manifold.
 
-    ``g = P_x ∇f(x)``, ``x ← retract(x, -α g)`` with α from a strong Wolfe line search.
+    ``g = P_x ∇f(x)`` and ``x ← retract(x, -α g)``, with α from a strong Wolfe line search.
 
     Args:
-        manifold: of the state.
-        objective: state -> cost, gradient.
+        manifold: manifold of the state.
+        objective: maps a state to cost and gradient.
         state: start, on the manifold.
-        settings: when to stop.
+        settings: limits and steps.
 
     Reference: thesis 6.2.4, Algorithm 1 (its ``z + α g`` descends for negative α).
     """

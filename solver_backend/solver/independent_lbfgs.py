@@ -1,4 +1,4 @@
-"""Limited-memory BFGS for many small problems at a time, each with its own steps."""
+"""Minimise many small problems together by limited-memory BFGS, each with its own steps."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 Objective = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""(b, n) points and the (b,) numbers of the problems they belong to -> (b,) costs and (b, n) gradients."""
+"""Maps (b, n) points and the (b,) numbers of their problems to (b,) costs and (b, n) gradients."""
 
 
 Evaluated = tuple[np.ndarray, np.ndarray, np.ndarray]  # Points, costs and gradients.
@@ -28,7 +28,7 @@ class QuasiNewtonSettings:
 
 @dataclass(frozen=True)
 class QuasiNewtonResult:
-    """End of B problems."""
+    """Result of B problems."""
 
     x: np.ndarray  # (B, n).
     cost: np.ndarray  # (B,).
@@ -39,16 +39,16 @@ class QuasiNewtonResult:
 def independent_lbfgs(
     objective: Objective, start: np.ndarray, scale: np.ndarray, settings: QuasiNewtonSettings = QuasiNewtonSettings()
 ) -> QuasiNewtonResult:
-    """Minimise ``f_b(x_b)`` of every problem b by itself. All that still move are evaluated together.
+    """Minimise ``f_b(x_b)`` for every problem b. Problems that have not stopped are evaluated together.
 
     ``x ← x - t H ∇f`` with H from the last pairs, ``H_0 = γ diag(scale)``, and t by bisection until the weak Wolfe
     conditions hold (Nocedal and Wright 2006, algorithm 7.4. Lewis and Overton 2013, "Nonsmooth optimization via
     quasi-Newton methods", algorithm 2.6).
 
     Args:
-        objective: costs and gradients. A cost that is not finite counts as too long a step.
+        objective: costs and gradients. A cost that is not finite means that a step is too long.
         start: (B, n).
-        scale: (B, n) guess of the inverse second derivatives, positive.
+        scale: (B, n) positive estimates of the inverse second derivatives.
     """
     x, moving = np.array(start, dtype=np.float64), np.arange(len(start))
     cost, gradient = objective(x, moving)
@@ -71,7 +71,7 @@ def independent_lbfgs(
 def _wolfe_step(
     objective: Objective, at: Evaluated, direction: np.ndarray, problems: np.ndarray, settings: QuasiNewtonSettings
 ) -> Evaluated:
-    """Return the points, costs and gradients one step further. A problem without a lower trial does not move."""
+    """Return points, costs and gradients after one step. Problems without a lower trial keep their point."""
     x, cost, gradient = at
     slope = (gradient * direction).sum(-1)
     step, low, high = np.ones(len(x)), np.zeros(len(x)), np.full(len(x), np.inf)
@@ -109,7 +109,7 @@ class _StepPairs:
         return cls(np.zeros(shape), np.zeros(shape), np.zeros(shape[:2]), np.ones(len(x)), scale)
 
     def add(self, iteration: int, problems: np.ndarray, step: np.ndarray, change: np.ndarray) -> None:
-        """Remember a pair of these problems where its curvature is positive."""
+        """Store a pair for these problems, where its curvature is positive."""
         product = (step * change).sum(-1)
         sound = product > 1e-10 * np.sqrt((step * step).sum(-1) * (change * change).sum(-1))
         self.newest = iteration % len(self.steps)

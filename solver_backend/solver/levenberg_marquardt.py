@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt on manifolds, for one problem or many independent ones at a time."""
+"""Levenberg-Marquardt on manifolds, for one problem or many independent ones together."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from solver_backend.geometry.arrays import Array, array_namespace, identity, sol
 
 
 class NormalEquations(Protocol):
-    """``(H + damping diag(H)) step = -g`` for one or several independent problems."""
+    """Equations ``(H + damping diag(H)) step = -g`` of one or several independent problems."""
 
     def solve(self, damping: Array) -> Array:
         """Return the damped step. ``damping`` has one value per problem."""
         ...
 
     def promised(self, step: Array) -> Array:
-        """Return the decrease (B,) of the costs by steps, ``-½ gᵀ step``, for small damping."""
+        """Return the predicted decrease (B,) of the costs, ``-½ gᵀ step``, for small damping."""
         ...
 
     def merged(self, mask: Array, newer: Any) -> NormalEquations:
-        """Return the equations with the masked problems taken from ``newer``."""
+        """Return the equations with the masked problems from ``newer``."""
         ...
 
 
 class LazyNormalEquations:
-    """Equations that are formed on demand. A state without further step needs none."""
+    """Equations that are formed on demand. They are not needed at states without a further step."""
 
     def __init__(self, form: Callable[[], NormalEquations]) -> None:
         self._form: Callable[[], NormalEquations] | None = form
@@ -34,7 +34,7 @@ class LazyNormalEquations:
 
     @property
     def formed(self) -> NormalEquations:
-        """The equations. Their inputs are released."""
+        """The equations, without their inputs."""
         if self._equations is None:
             assert self._form is not None
             self._equations, self._form = self._form(), None
@@ -45,17 +45,17 @@ class LazyNormalEquations:
         return self.formed.solve(damping)
 
     def promised(self, step: Array) -> Array:
-        """Return the decrease of the costs by steps."""
+        """Return the predicted decrease of the costs."""
         return self.formed.promised(step)
 
     def merged(self, mask: Array, newer: LazyNormalEquations) -> LazyNormalEquations:
-        """Return the equations with the masked problems taken from ``newer``."""
+        """Return the equations with the masked problems from ``newer``."""
         return LazyNormalEquations(lambda: self.formed.merged(mask, newer.formed))
 
 
 @dataclass(frozen=True)
 class DenseBlocks:
-    """B independent small problems."""
+    """Equations of B independent small problems."""
 
     H: Array  # (B, n, n) symmetric positive semi-definite.
     g: Array  # (B, n) gradient.
@@ -69,11 +69,11 @@ class DenseBlocks:
         return -solved(damped, self.g[:, :, None])[..., 0]
 
     def promised(self, step: Array) -> Array:
-        """Return the decrease (B,) of the costs by the steps."""
+        """Return the predicted decrease (B,) of the costs."""
         return -0.5 * array_namespace(step).sum(self.g * step, axis=1)
 
     def merged(self, mask: Array, newer: DenseBlocks) -> DenseBlocks:
-        """Return the equations with the masked problems taken from ``newer``."""
+        """Return the equations with the masked problems from ``newer``."""
         xp = array_namespace(self.H)
         H = xp.where(mask[:, None, None], newer.H, self.H)
         return DenseBlocks(H, xp.where(mask[:, None], newer.g, self.g))
@@ -81,7 +81,7 @@ class DenseBlocks:
 
 @dataclass(frozen=True)
 class Arrowhead:
-    """B blocks that share m unknowns, which are found first (Schur complement)."""
+    """Equations of B blocks that share m unknowns, which are solved for first (Schur complement)."""
 
     blocks: Array  # (B, n, n).
     coupling: Array  # (B, n, m).
@@ -90,7 +90,7 @@ class Arrowhead:
     g_shared: Array  # (m,).
 
     def solve(self, damping: Array) -> Array:
-        """Return the (1, m + B·n) step, shared unknowns first. ``damping`` is (1,)."""
+        """Return the (1, m + B·n) step with the shared unknowns first. ``damping`` is (1,)."""
         xp = array_namespace(self.shared)
         n, m = self.coupling.shape[1:]
         relative = damping[0]
@@ -106,24 +106,23 @@ class Arrowhead:
         return xp.concat([step_shared, xp.reshape(step_blocks, (-1,))])[None]
 
     def promised(self, step: Array) -> Array:
-        """Return the decrease (1,) of the cost by the step."""
+        """Return the predicted decrease (1,) of the cost."""
         xp = array_namespace(step)
         gradient = xp.concat([self.g_shared, xp.reshape(self.g_blocks, (-1,))])
         return -0.5 * xp.sum(gradient * step, axis=1)
 
     def merged(self, mask: Array, newer: Arrowhead) -> Arrowhead:
-        """Return ``newer`` where the one problem is masked."""
+        """Return ``newer`` if the one problem is masked, and otherwise these equations."""
         return newer if bool(mask[0]) else self
 
 
 State = TypeVar("State")
 
 LESS, MORE, MORE_OF_PART = 0.3, 6.0, 1e3
-"""Factor on the damping after an accepted step, and after a rejected one: of a whole problem, and of
-the parts that it made worse."""
-LEAST_DAMPING = 1e-7  # Damping does not fall further: such a step is Gauss-Newton's. Chosen by hand.
-HELD_BACK = 1.0  # A part with this damping is held back: the whole may still change with its step. By hand.
-MOST_DAMPING = 1e4  # Where even a step so damped raises the cost, none lowers it. Chosen by hand.
+"""Factors on the damping: of an accepted step, of a rejected one, and of the parts that the rejected one made worse."""
+LEAST_DAMPING = 1e-7  # Smallest damping, of a Gauss-Newton step. Chosen by hand.
+HELD_BACK = 1.0  # Damping from which a part is held back, and its step may still change the whole. Chosen by hand.
+MOST_DAMPING = 1e4  # Largest damping. If a step with it raises the cost, no step lowers it. Chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -138,7 +137,7 @@ class LMSettings:
 
 @dataclass(frozen=True)
 class LMResult(Generic[State]):
-    """End of a minimisation."""
+    """Result of a minimisation."""
 
     state: State
     cost: Array  # (B,) cost of each problem, or (B, P) of its parts.
@@ -148,7 +147,7 @@ class LMResult(Generic[State]):
 
     @property
     def status(self) -> str:
-        """One sentence on the end of the minimisation."""
+        """Message for the end of the minimisation."""
         return "The cost no longer changes." if self.converged else "Stopped at max_iterations. More may help."
 
 
@@ -159,17 +158,18 @@ def levenberg_marquardt(
     settings: LMSettings = LMSettings(),
     select: Callable[[Array, State, State], State] = lambda _, new, old: new,
 ) -> LMResult[State]:
-    """Minimise ``sum_b f_b`` with separate unknowns of each problem b.
+    """Minimise ``sum_b f_b``, with separate unknowns for each problem b.
 
-    ``(H + λ diag H) δ = -g``, ``x ← retract(x, δ)`` if the cost falls, else λ grows (Levenberg 1944, Marquardt 1963). A
-    problem may return the costs of its P parts in a row, each with a λ of its own: a part that a step made worse holds
-    back itself and the next part, with which it shares unknowns. Steps are still complete. A step that
-    promises too little ends the minimisation untried (the predicted reduction of Moré 1978, section 7).
+    ``(H + λ diag H) δ = -g``. ``x ← retract(x, δ)`` if the cost falls, otherwise λ grows (Levenberg 1944, Marquardt
+    1963). A problem may return the costs of its P consecutive parts, each with its own λ. A part that a step makes
+    worse keeps its λ and that of the next part, with which it shares unknowns, and both grow if the step is rejected.
+    Steps are accepted or rejected as a whole. A step that promises too little ends the minimisation untried (predicted
+    reduction, Moré 1978, section 7).
 
     Args:
-        linearise: state -> ((B,) costs of problems or (B, P) of their parts, normal equations).
-        retract: (state, (B, n) tangent steps) -> state on the manifold.
-        select: ((B,) mask, new, old) -> state with the masked problems from new. One problem does not need it.
+        linearise: maps a state to the (B,) costs of problems, or (B, P) of their parts, and to the normal equations.
+        retract: maps (state, (B, n) tangent steps) to a state on the manifold.
+        select: maps ((B,) mask, new, old) to a state with the masked problems from new. Not needed for one problem.
     """
     cost, system = linearise(state)
     xp = array_namespace(cost)
@@ -178,7 +178,7 @@ def levenberg_marquardt(
     better = ~converged
     for iteration in range(1, settings.max_iterations + 1):
         step = system.solve(damping)
-        # Damped after a refusal, a step promises little by being short.
+        # After a rejection, a damped step promises little because it is short.
         if settings.promise and bool(
             xp.all(converged | better & _promises_little(system, step, cost, damping, settings))
         ):
@@ -195,7 +195,7 @@ def levenberg_marquardt(
             state, system = select(better, candidate, state), system.merged(better, new_system)
             cost = xp.where(_of_parts(better, cost), new_cost, cost)
         total = _total(cost)
-        # A step that was refused does not show how near the minimum is, unless not even the shortest is taken.
+        # A rejected step does not show how near the minimum is, except if not even the shortest is accepted.
         most = _most(damping)
         enough = settings.tolerance * _share_awaited(most, damping)
         converged = converged | (better & (change < enough)) | (~better & (most > MOST_DAMPING))
@@ -205,9 +205,9 @@ def levenberg_marquardt(
 
 
 def _adapted(damping: Array, better: Array, worse_part: Array) -> Array:
-    """Return the damping of the next step: less after a good one, more after a bad one.
+    """Return the damping of the next step, smaller after a good step and larger after a bad one.
 
-    A refused step does not count against parts that it improved. Their damping is unchanged.
+    A rejected step does not count against the parts that it improved, whose damping stays the same.
     """
     xp = array_namespace(damping)
     if damping.ndim == 1 or damping.shape[1] == 1:
@@ -221,7 +221,7 @@ def _adapted(damping: Array, better: Array, worse_part: Array) -> Array:
 
 
 def _promises_little(system: NormalEquations, step: Array, cost: Array, damping: Array, settings: LMSettings) -> Array:
-    """Return (B,) bool: by the equations, a step will not lower the cost by enough."""
+    """Return a (B,) mask of problems whose equations predict too small a decrease of the cost."""
     share = settings.promise * settings.tolerance * _share_awaited(_most(damping), damping)
     return system.promised(step) < share * _total(cost)
 
@@ -231,7 +231,7 @@ def _most(damping: Array) -> Array:
 
 
 def _share_awaited(most: Array, damping: Array) -> Array | float:
-    """Return the share of the tolerance (B,) that counts as a change: a tenth if a part was held back."""
+    """Return the fraction of the tolerance (B,) that counts as a change: a tenth if a part was held back."""
     return 1.0 if damping.ndim == 1 else 1.0 - 0.9 * array_namespace(most).astype(most >= HELD_BACK, most.dtype)
 
 
@@ -263,15 +263,15 @@ def minimise(
     select: Callable[[Array, State, State], State] = lambda _, new, old: new,
     done: Callable[[int, int], None] = lambda number, total: None,
 ) -> LMResult[State]:
-    """Minimise a problem and return the end of the last stage.
+    """Minimise a problem in stages, and return the result of the last one.
 
     Graduated non-convexity (Blake and Zisserman 1987, "Visual Reconstruction").
 
     Args:
-        stages: robust scale and stopping rule of each stage, one at least.
-        alive: called before each linearisation. It may raise to end the work.
+        stages: robust scale and stopping rule of one or more stages.
+        alive: called before each linearisation. It may raise to stop the minimisation.
         select: see ``levenberg_marquardt``.
-        done: called with the number of finished stages and of all.
+        done: called with the number of finished stages and the number of all stages.
     """
     result = None
     for number, (scale, settings) in enumerate(stages, 1):

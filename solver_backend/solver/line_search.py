@@ -12,7 +12,7 @@ Payload = TypeVar("Payload")
 
 @dataclass(frozen=True)
 class WolfeSettings:
-    """Conditions that a step must meet."""
+    """Conditions for a step."""
 
     decrease: float = 1e-4  # Share c1 of the predicted decrease that must be met (Armijo).
     curvature: float = 0.9  # Share c2 of the starting slope that may be left.
@@ -22,7 +22,7 @@ class WolfeSettings:
 
 @dataclass(frozen=True)
 class StepTrial(Generic[Payload]):
-    """The objective along the line at one step."""
+    """Objective along the line at one step."""
 
     step: float
     cost: float
@@ -39,17 +39,17 @@ def strong_wolfe(
     """Return a step with ``f(a) <= f(0) + c1 a f'(0)`` and ``|f'(a)| <= c2 |f'(0)|``.
 
     The step grows until an interval brackets such a point. The interval then shrinks by safeguarded cubic
-    interpolation. A cost that is not finite counts as too long a step.
+    interpolation. A cost that is not finite means that the step is too long.
 
     Args:
-        evaluate: step -> trial.
-        start: the trial at step 0, with a negative slope.
+        evaluate: maps a step to a trial.
+        start: trial at step 0, with a negative slope.
         first: first step to try.
         settings: conditions.
 
     Returns:
-        The trial, whether it satisfies both conditions, and the number of evaluations. Without success it is the best
-        trial with sufficient decrease, or ``start``.
+        The trial, whether it satisfies both conditions, and the number of evaluations. Without success, the best trial
+        with sufficient decrease, or ``start``.
 
     Reference: Nocedal and Wright 2006, "Numerical Optimization", algorithms 3.5 and 3.6.
     """
@@ -81,7 +81,7 @@ def strong_wolfe(
 
 
 def _between(low: StepTrial[Payload], high: StepTrial[Payload]) -> float:
-    """Return the minimiser of the cubic through both trials, kept 10 % away from the ends of the interval."""
+    """Return the minimiser of the cubic through both trials, at least 10 % of the interval from its ends."""
     width = high.step - low.step
     middle = low.step + 0.5 * width
     if not (math.isfinite(high.cost) and math.isfinite(high.slope)):

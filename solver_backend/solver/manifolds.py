@@ -1,8 +1,8 @@
 """Define the manifolds of the minimisers: code spheres, SO(3), flat space and products of them.
 
-A state of shape (..., a) is a power of the manifold: leading axes are points of their own, and inner products sum over
-all of them. A state on a product is a tuple. Tangent vectors have the shape of the point, but on SO(3), where they are
-left rotation vectors (..., 3).
+A state of shape (..., a) is a power of the manifold. Points have leading axes, and inner products sum over all of them.
+A state on a product is a tuple. Tangent vectors have the shape of the point, except on SO(3), where they are left
+rotation vectors (..., 3).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ class Euclidean:
     """Flat space. States are arrays of any shape, and points are their last axis."""
 
     def project(self, x: Array, v: Array) -> Array:
-        """Return the tangent vector at ``x`` nearest to the ambient vector ``v``: of a gradient, the Riemannian one."""
+        """Return the tangent vector at ``x`` nearest to the ambient vector ``v``, for a gradient the Riemannian one."""
         return v
 
     def retract(self, x: Array, v: Array) -> Array:
@@ -36,12 +36,12 @@ class Euclidean:
         return float(array_namespace(u, v).sum(u * v))
 
     def combine(self, a: float, u: Array, b: float, v: Array) -> Array:
-        """Return ``a u + b v`` of two tangent vectors at one state."""
+        """Return ``a u + b v`` for two tangent vectors at one state."""
         return a * u + b * v
 
 
 class UnitVectors(Euclidean):
-    """Unit vectors (..., d), of all of R^d or of a hyperplane through the origin."""
+    """Unit vectors (..., d) in R^d or in a hyperplane through the origin."""
 
     def retract(self, x: Array, v: Array) -> Array:
         """Return ``(x + v)/|x + v|``. Reference: thesis 6.2.4, Algorithm 1."""
@@ -53,10 +53,10 @@ class UnitVectors(Euclidean):
 
 
 class CodeSphere(UnitVectors):
-    """Unit vectors (..., d) of zero mean, the result of spherical normalisation (thesis eq. 6.2)."""
+    """Unit vectors (..., d) with zero mean, the result of spherical normalisation (thesis eq. 6.2)."""
 
     def project(self, x: Array, v: Array) -> Array:
-        """Return ``v`` less its mean and less its part along ``x``."""
+        """Return ``v`` without its mean and its component along ``x``."""
         return _without(v - array_namespace(v).mean(v, axis=-1, keepdims=True), x)
 
 
@@ -68,7 +68,7 @@ class SO3(Euclidean):
 
         Args:
             x: (..., 3, 3) rotations.
-            v: (..., 3, 3) derivatives by the entries, or (..., 3) left gradients, returned unchanged.
+            v: (..., 3, 3) derivatives by the entries, or (..., 3) left gradients, which are returned unchanged.
         """
         if v.ndim < x.ndim:
             return v
@@ -84,7 +84,7 @@ class SO3(Euclidean):
 
 @dataclass(frozen=True)
 class Product:
-    """The product of manifolds. States and tangent vectors are tuples in the same order."""
+    """Product of manifolds. States and tangent vectors are tuples in their order."""
 
     factors: tuple[Euclidean, ...]  # The manifolds of the entries.
 
