@@ -1,4 +1,4 @@
-"""Runs benchmarks and compares them with ``baseline.json``: exit code 1 where one is worse, 2 for an unknown name."""
+"""Run benchmarks and compare them with ``baseline.json``. The exit code is 1 if one is worse, 2 for an unknown name."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PREFIX = "bench_"
 
 
 def main(argv: list[str] | None = None, baseline_path: Path = BASELINE) -> int:
-    """Run the chosen benchmarks, all of them if none is named."""
+    """Run the chosen benchmarks, or all if none is named."""
     names = discover()
     parser = argparse.ArgumentParser(prog="dev.py bench", description="Benchmarks against their committed baseline.")
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"one or more of: {', '.join(names)}")
@@ -47,13 +47,13 @@ def main(argv: list[str] | None = None, baseline_path: Path = BASELINE) -> int:
 
 
 def discover() -> list[str]:
-    """Return the names of the benchmarks: the modules ``bench_NAME`` beside this one."""
+    """Return the names of the benchmarks, which are modules ``bench_NAME`` in this folder."""
     found = (module.name for module in pkgutil.iter_modules(tests.benchmarks.__path__))
     return sorted(name.removeprefix(PREFIX) for name in found if name.startswith(PREFIX))
 
 
 def run(name: str) -> list[Metric] | None:
-    """Say how a benchmark measures, then measure; None where it cannot run here."""
+    """Print a benchmark's description, then run it. Return None if it cannot run here."""
     module = importlib.import_module(f"tests.benchmarks.{PREFIX}{name}")
     method = " ".join((module.__doc__ or "").split())
     print(f"\n{name}: {method}", flush=True)
@@ -68,7 +68,7 @@ def run(name: str) -> list[Metric] | None:
 
 
 def record(metrics: list[Metric]) -> dict[str, Any]:
-    """Return figures as they stand in the baseline, with the machine and the day (UTC) they were measured on."""
+    """Return figures in the form of the baseline, with the machine and the UTC date of the measurement."""
     return {
         "machine": machine(), "recorded": datetime.now(UTC).date().isoformat(),
         "figures": {m.key: {"value": round(m.value, 5), "unit": m.unit} for m in metrics},
@@ -76,7 +76,7 @@ def record(metrics: list[Metric]) -> dict[str, Any]:
 
 
 def compare(name: str, metrics: list[Metric], known: dict[str, Any]) -> bool:
-    """Print every figure beside its baseline and return whether all pass."""
+    """Print every figure with its baseline, and return whether all pass."""
     print(f"\n{name} against its baseline:")
     figures = {key: item["value"] for key, item in known.get("figures", {}).items()}
     verdicts, lost = judge(metrics, figures)
@@ -90,7 +90,7 @@ def compare(name: str, metrics: list[Metric], known: dict[str, Any]) -> bool:
 
 
 def machine() -> str:
-    """Return what times depend on: system, architecture, cores, Python."""
+    """Return the properties of the machine that affect times: system, architecture, cores and Python."""
     return f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
 
 

@@ -1,10 +1,10 @@
 """Faults of calibrations and detections, one or two at once, on takes of recorded motions.
 
-A capture is repaired if its error is at most 1.15 times the unspoiled error (triangulated keypoints after a
-similarity, with the delays that the solve measures). Others are refused or named, silent, or explained wrongly. The
-noise is simulated. The metrics count the held-out takes. AGREEMENT_RECORD is a file that keeps tried cases, so that a
-stopped run continues.
-``python -m tests.benchmarks.bench_agreement [--held-out] [--takes N ...] [KIND ...]`` prints all cases.
+A capture is repaired if its error is at most 1.15 times the unspoiled error (triangulated keypoints after a similarity,
+with the delays that the solve measures). Other captures are refused or named, silent, or explained wrongly. The noise
+is simulated. The metrics count the held-out takes. AGREEMENT_RECORD is a file that keeps tried cases, so that an
+interrupted run resumes. ``python -m tests.benchmarks.bench_agreement [--held-out] [--takes N ...] [KIND ...]`` prints
+all cases.
 """
 
 from __future__ import annotations
@@ -115,9 +115,9 @@ _LIMBS = [k for k, n in enumerate(JointSet.BODY_25.keypoints) if n.endswith(LIMB
 def error_mm(
     recording: Recording, detections: Detections, truth: np.ndarray, found: Explanation
 ) -> tuple[float, Delays]:
-    """Return the median error of the triangulated keypoints after a similarity in mm, and the measured delays.
+    """Return the median error in mm of the triangulated keypoints after a similarity, and the measured delays.
 
-    Delays show no common time: the error is the least of those by which any camera's clock may be the truth's.
+    Delays do not fix a common time, so the error is the smallest one with any camera's clock as the true clock.
     """
     cameras, read = apply_reading(recording.cameras, detections, found.reading)
     confidence = read.confidence[:, :, 0].copy()
@@ -148,7 +148,7 @@ def _distance_mm(points: np.ndarray, truth: np.ndarray) -> float:
 
 
 def try_case(take: MotionTake, kind: str, seed: int) -> tuple[str, str]:
-    """Return the result for a spoiled take, and a line about it."""
+    """Return the result for a spoiled take, and a line of text about it."""
     filmed = film(take, seed)
     plain = filmed.recording
     unspoiled = Explanation(Reading.as_written(len(plain.cameras)), (), agrees=True, margin=np.inf, runner_up="")
@@ -177,10 +177,10 @@ def try_case(take: MotionTake, kind: str, seed: int) -> tuple[str, str]:
 def tried_cases(
     takes: tuple[MotionTake, ...], kinds: Iterable[str], chosen: Collection[int] = ()
 ) -> Iterator[tuple[str, str, str]]:
-    """Yield kind, state and line of each case.
+    """Yield the kind, state and line of each case.
 
     Args:
-        chosen: numbers of takes, all by default.
+        chosen: numbers of takes, by default all.
     """
     place, known = os.environ.get("AGREEMENT_RECORD", ""), dict[str, list[str]]()
     if place and Path(place).exists():
@@ -199,7 +199,7 @@ GROUPS = {"plain": {"as it should be"}, "static": STATIC, "unknown": UNKNOWN, "d
 
 
 def run() -> list[Metric]:
-    """Count the results of the held-out takes, those with two people apart."""
+    """Count the results of the held-out takes, with separate counts for takes with two people."""
     states = dict[str, Counter[str]]()
     for kind, state, _ in tried_cases(tuple(take for take in HELD_OUT if not take.company), KINDS):
         group = next(name for name, kinds in GROUPS.items() if kind in kinds)

@@ -1,12 +1,12 @@
 """Thesis tables 4.5 and 6.5: pose autoencoders as samplers, as reconstructions and as priors of a fit.
 
-1,052 poses of each prior against 1,052 of CMU's held-out subjects: FID and DIV by VPoser's codes in 526 pairs, as the
-thesis has them, which favours VPoser itself, and by positions of joints (dm), which favours none. Reconstruction of the
-held-out poses; fits of 150 of them to 53 exact markers with shape, root and place known, the code pulled towards zero.
-Samples: medians of three seeds. Weights: the ones that ship, and those of other seeds and the same corpus under
-build/autoencoder_rows (`python -m tests.benchmarks.pose_priors.train_autoencoders`), of which medians are taken.
-``spread`` is two standard errors of the ratio of a row's median to VPoser's. Needs the validation motions
-(MOCAP_SHARED_DATA); the table goes to build/bench_autoencoders.
+1,052 poses of each prior are compared with 1,052 of CMU's held-out subjects. FID and DIV use VPoser's codes in 526
+pairs, as in the thesis, which favours VPoser, and joint positions (dm), which favour no prior. The held-out poses are
+reconstructed. 150 of them are fitted to 53 exact markers with known shape, root and place, with codes pulled towards
+zero. Samples are medians of three seeds. Weights are medians of the shipped ones and of other seeds on the same corpus
+under build/autoencoder_rows (`python -m tests.benchmarks.pose_priors.train_autoencoders`). ``spread`` is two standard
+errors of the ratio of a row's median to VPoser's. Needs the validation motions (MOCAP_SHARED_DATA). The table is
+written to build/bench_autoencoders.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ from training.data.points import rotation_points
 
 OUT = Path(__file__).resolve().parents[2] / "build" / "bench_autoencoders"
 SAMPLES, FITTED = 1052, 150
-"""Poses that the thesis samples; poses that are fitted here."""
+"""Number of poses that are sampled, as in the thesis, and of poses that are fitted."""
 SEEDS = (0, 1, 2)
 PULL = 1e-5
-"""λ of the fit, m²: a code one deviation long weighs as much as markers 3 mm off."""
+"""λ of the fit in m². A code one standard deviation long has the same weight as markers 3 mm off."""
 FIT_ITERATIONS = 60
 
 
@@ -52,7 +52,7 @@ KEPT = {
     "fit PCK1 %": ("fit_pck1_percent", "higher"), "fit PCK3 %": ("fit_pck3_percent", "higher"),
     "fit PCK7 %": ("fit_pck7_percent", "higher"),
 }  # fmt: skip
-"""What the tables of the thesis hold: key and which way is better, by column."""
+"""Columns of the thesis tables: key of the figure, and whether lower or higher is better."""
 
 
 def run() -> list[Metric]:
@@ -82,7 +82,7 @@ def run() -> list[Metric]:
 
 
 def autoencoders() -> dict[str, list[AutoencodingPrior]]:
-    """Return the trainings of every autoencoder: the one that ships, then those of other seeds on its corpus."""
+    """Return the trainings of every autoencoder: the shipped weights, then other seeds on the same corpus."""
     paths = {name: [weight_file(name)] for name in stored_priors() if name not in tables.POSE_ITSELF}
     for (name, _), path in trained(ROOT).items():
         paths.setdefault(name, []).append(path)
@@ -90,7 +90,7 @@ def autoencoders() -> dict[str, list[AutoencodingPrior]]:
 
 
 def of_one_corpus(paths: Sequence[Path]) -> list[Path]:
-    """Return the weights that were trained on the corpus of the first ones."""
+    """Return the weights that were trained on the same corpus as the first ones."""
     corpora = [read_weights(path, None).metadata["data"]["sources"] for path in paths]
     return [path for path, corpus in zip(paths, corpora, strict=True) if corpus == corpora[0]]
 
@@ -102,13 +102,13 @@ def _autoencoder(name: str, path: Path) -> AutoencodingPrior:
 
 
 def held_out_poses() -> np.ndarray:
-    """Return (1052, 21, 3, 3) poses of the subjects that no prior was trained on."""
+    """Return (1052, 21, 3, 3) poses of subjects on which no prior was trained."""
     rotations = np.concatenate([read_take(path).rotations[:, 1:22] for path in clip_paths()])
     return rotations[np.random.default_rng(0).choice(len(rotations), SAMPLES, replace=False)]
 
 
 def marker_fit(prior: GaussianVAE, truth: np.ndarray) -> dict[str, float]:
-    """Return the errors of poses (N, 21, 3, 3) fitted to their own markers (thesis table 4.5)."""
+    """Return the errors of (N, 21, 3, 3) poses fitted to their own markers (thesis table 4.5)."""
     body, names = load_body(), marker_layout("MANIFOLD_53")
     subject = Subject(body, marker_landmarks(body, names), np.zeros(10), np.zeros((len(names), 3)))
     root, transl, start = np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, LATENT_DIM))
@@ -124,7 +124,7 @@ def marker_fit(prior: GaussianVAE, truth: np.ndarray) -> dict[str, float]:
 
 
 def metrics_of(rows: tables.Table) -> list[Metric]:
-    """Return what the tables of the thesis hold, by prior."""
+    """Return the figures of the thesis tables by prior."""
     units = {"mm": "mm", "deg": "°", "percent": "%"}
     return [
         Metric(f"{name}_{key}", row[column], units.get(key.rpartition("_")[2], ""), direction)
@@ -135,7 +135,7 @@ def metrics_of(rows: tables.Table) -> list[Metric]:
 
 
 def spreads(found: Mapping[str, Sequence[dict[str, float]]]) -> list[Metric]:
-    """Return how far the ratio of each row's median to VPoser's lies apart by chance, by column."""
+    """Return the random spread of the ratio of each row's median to VPoser's, by column."""
     metrics = []
     for name in found:
         for column, (key, _) in KEPT.items():

@@ -1,7 +1,8 @@
-"""A synthetic motion baked onto the add-on's own body, at 1,000 and 10,000 frames, of 24 bones and of 52 with fingers.
+"""Bake a synthetic motion of 1,000 and 10,000 frames on the add-on's body, with 24 bones and with 52 including fingers.
 
-The best of three. "action" is the curves of the bones and the pelvis's path alone, "bake" the whole of armature, mesh,
-action, overlay and floor. Processor seconds stand beside wall seconds because machines are shared. Nothing is written.
+The best of three runs counts. "action" includes only the curves of bones and pelvis. "bake" includes armature, mesh,
+action, overlay and floor. Processor seconds are given with wall seconds because machines are shared. No file is
+written.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def _metrics(case: str, motion: MotionFile, body: BodyFile) -> list[Metric]:
 
 
 def moving_everything(frames: int, fps: float = 60.0) -> MotionFile:
-    """Return a motion of 52 joints, all of which turn."""
+    """Return a motion of 52 joints that all rotate."""
     t = np.arange(frames)[:, None, None] / fps
     rotvec = 0.3 * np.sin(t * np.linspace(1.0, 3.0, SMPL_HANDS.num_joints)[None, :, None] + np.arange(3))
     transl = np.tile([0.0, 0.0, 0.95], (frames, 1))
@@ -60,7 +61,7 @@ def synthetic_motion(frames: int) -> MotionFile:
 
 
 def measure(motion: MotionFile, body: BodyFile) -> tuple[float, float, float, float]:
-    """Return wall and processor seconds of the action alone, then of the whole bake."""
+    """Return wall and processor seconds of the action, then of the whole bake."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     start, start_cpu = time.perf_counter(), time.process_time()
     take = bake_take(bpy.context.scene, motion, body)

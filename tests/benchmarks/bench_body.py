@@ -1,7 +1,7 @@
-"""The shipped body in Blender: making it, and playing 200 frames in which every bone turns; the best of three.
+"""Create the bundled body in Blender, and play 200 frames in which every bone rotates. The best of three counts.
 
-"playback" is ``frame_set`` with the whole of drivers, bones, 217 shape keys and skin evaluated and nothing drawn.
-Processor seconds of all threads, because machines are shared. Deviations are from the model over those frames.
+"playback" is ``frame_set`` with all drivers, bones, 217 shape keys and the skin evaluated, and nothing drawn. Times are
+processor seconds of all threads, because machines are shared. Deviations are from the model over those frames.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ FRAMES, FPS, REPEATS = 200, 30.0, 3
 
 
 def run() -> list[Metric]:
-    """Make the body, let it move, play it."""
+    """Create the body, animate it, and play it."""
     body, motion = read_body(default_body_path()), moving_everywhere()
     made, played = [], []
     for _ in range(REPEATS):
@@ -45,7 +45,7 @@ def run() -> list[Metric]:
 
 
 def moving_everywhere() -> MotionFile:
-    """Return a motion in which each joint swings by half a radian at a rate of its own."""
+    """Return a motion in which each joint swings by half a radian at a different rate."""
     rng = np.random.default_rng(0)
     time_s = np.arange(FRAMES)[:, None, None] / FPS
     rotvec = 0.5 * np.sin(2 * time_s * rng.normal(size=(1, 24, 3)) + rng.normal(size=(1, 24, 3)))
@@ -53,7 +53,7 @@ def moving_everywhere() -> MotionFile:
 
 
 def play(scene: bpy.types.Scene) -> float:
-    """Return processor seconds a frame."""
+    """Return processor seconds per frame."""
     scene.frame_set(1)
     start = time.process_time()
     for frame in range(1, FRAMES + 1):

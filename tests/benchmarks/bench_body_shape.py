@@ -1,8 +1,9 @@
-"""The shown body against the solver's body in 300 random poses: volume, surface, skin that goes through itself.
+"""Compare the shown body with the solver's body in 300 random poses: volume, surface, and self-intersections.
 
-Every joint turns at random over its range (``sample_poses``, seed 60, not the seed of the fit). "before" is the body
-file, which solves use; "after" is what Blender shows. Faces that cross others are counted where both belong to one bone
-or to neighbours, so that a hand in the belly does not count. "moved" is the distance between the two skins.
+Every joint rotates at random over its range (``sample_poses``, seed 60, which the fit does not use). "before" is the
+body file, which solves use. "after" is the body that Blender shows. Intersecting faces are counted if both belong to
+one bone or to neighbouring bones, so that a hand in the belly does not count. "moved" is the distance between the two
+skins.
 """
 
 from __future__ import annotations
@@ -43,6 +44,6 @@ def run() -> list[Metric]:
 
 
 def figures(body: BakedBody, local: np.ndarray) -> tuple[float, float, float]:
-    """Return volume, surface and number of faces that cross others near a joint, in a pose of (24, 3, 3) rotations."""
+    """Return volume, surface and number of intersecting faces near a joint, for a pose of (24, 3, 3) rotations."""
     posed = body.posed(local)
     return volume(posed, body.faces), float(vertex_areas(posed, body.faces).sum()), float(crossing(body, posed))

@@ -1,9 +1,10 @@
-"""Methods on the same benchmark captures: accuracy, smoothness, feet, exchanges, reprojection, time and memory.
+"""Compare methods on the same benchmark captures: accuracy, smoothness, feet, exchanges, reprojection, time and memory.
 
-``python3 dev.py bench bundle`` measures what its baseline holds: ours and the published method, and three methods by
-the number of cameras. ``python -m tests.benchmarks.bench_bundle`` prints every table of all methods, with ``--tables
-methods,views --takes N --quick`` some of it. Medians over takes; every run is kept under build/bench_bundle and not
-repeated while its code and capture stay. Needs the validation motions (MOCAP_SHARED_DATA).
+``python3 dev.py bench bundle`` measures the figures of the baseline: our method and the published method, and three
+methods by the number of cameras. ``python -m tests.benchmarks.bench_bundle`` prints every table of all methods, or some
+of them with ``--tables methods,views --takes N --quick``. Figures are medians over takes. Every run is kept under
+build/bench_bundle and not repeated while its code and capture do not change. Needs the validation motions
+(MOCAP_SHARED_DATA).
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ UNITS = {
     "skating_cm_f": "skating", "reproj_px": "reproj", "undone": "undone", "seen_mm": "seen",
     "unseen_mm": "unseen", "seconds": "s", "cpu_s": "CPU s", "peak_mb": "MB",
 }  # fmt: skip
-"""Headings: mm, degrees, percent, m/s², cm a frame, px."""
+"""Column titles. Units are mm, degrees, percent, m/s², cm per frame and px."""
 
 
 def table(section: Section, found: Found) -> str:
@@ -54,7 +55,7 @@ def _cell(value: float) -> str:
 
 
 def measured(names: list[str], scope: Scope, jobs: int = 1) -> tuple[dict[str, Section], Found]:
-    """Return the sections and what came of their runs."""
+    """Return the sections and the results of their runs."""
     sections = {name: SECTIONS[name](scope) for name in names}
     return sections, _solved(sections, jobs)
 
@@ -65,7 +66,7 @@ def _solved(sections: dict[str, Section], jobs: int = 1) -> Found:
 
 
 def run() -> list[Metric]:
-    """Print the recorded rows; return the figures of ours, and their ratios to the published method."""
+    """Print the recorded rows. Return our figures, and their ratios to the published method."""
     sections = {name: SECTIONS[name](Scope()) for name in ("methods", "views")}
     sections["methods"] = sections["methods"].only("ours, global", PUBLISHED)
     found = _solved(sections)
@@ -94,7 +95,7 @@ def by_views(rows: dict[str, dict[str, float]]) -> list[Metric]:
 
 
 def report(sections: dict[str, Section], found: Found) -> None:
-    """Print the tables and what is required, and write both as JSON."""
+    """Print the tables and the requirements, and write both as JSON."""
     for section in sections.values():
         takes = ", ".join(dict.fromkeys(f"{run.take} (seed {run.settings.seed})" for run in section.runs))
         _say(f"\n{section.title}; medians over {takes}\n{table(section, found)}\n")
@@ -107,7 +108,7 @@ def report(sections: dict[str, Section], found: Found) -> None:
 
 
 def illustrate(section: Section, found: Found, *, video: bool = True) -> None:
-    """Write the plots, and the video of the hardest passage if wanted."""
+    """Write the plots, and the video of the hardest passage if requested."""
     error_against_time(OUT / "error_against_time.svg", section.medians(found))
     passage = hardest(section, found)
     knee_flexion(OUT / "knee_flexion.svg", passage)
@@ -118,7 +119,7 @@ def illustrate(section: Section, found: Found, *, video: bool = True) -> None:
 
 
 def machine() -> str:
-    """Return what times depend on."""
+    """Return the properties of the machine that affect times."""
     threads, load = os.environ.get("OMP_NUM_THREADS", "all"), os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
     return f"{platform.platform()}, {os.cpu_count()} cores, {threads} threads, load {load:.1f} at the end"
 

@@ -1,10 +1,10 @@
-"""Cameras from a board, from its pictures and from a person: against kept arrays, known cameras and a held-out camera.
+"""Calibrate cameras from a board, from its pictures and from a person. Compare with stored and known cameras.
 
-Caliscope: its four board videos alone, against the array solved from them that is kept beside them; both arrays' errors
-on the same corners, with the board free. Pose2Sim: lenses from its checkerboard pictures, error of pictures left out.
-Person: the benchmark captures' keypoints with true lenses, centres after a similarity, against the cameras as they
-stood; joints of solves with true and with found cameras. Real: the Pose2Sim trial refined and calibrated anew from one
-half of its frames, each camera held out in the other half.
+Caliscope: only its four board videos, compared with the array solved from them that is stored with them. Errors of both
+arrays are on the same corners, with a free board. Pose2Sim: lenses from its checkerboard pictures, with the error of
+pictures left out. Person: the benchmark captures' keypoints with true lenses, centres after a similarity, compared with
+the true cameras, and joints of solves with true and with found cameras. Real: the Pose2Sim trial, refined and
+calibrated from one half of its frames, with each camera held out in the other half.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ CALISCOPE = Path("multiview/caliscope/charuco_calibration")
 PICTURES = Path("multiview/pose2sim/S00_Calibration")
 PEOPLE = TAKES[:3]
 LINEAR, LEFT_OUT = 50.0, 0.05
-"""Scale of the penalty at which all residuals count alike, and share of sightings that caliscope leaves out."""
+"""Penalty scale that makes all residuals count equally, and fraction of sightings that caliscope leaves out."""
 
 
 def run() -> list[Metric]:
-    """Measure all four."""
+    """Measure all four parts."""
     folder = recordings_folder()
     if not (folder / CALISCOPE).is_dir():
         raise BenchmarkSkipped("The recordings are not here.", hint=ABSENT)
@@ -59,7 +59,7 @@ def run() -> list[Metric]:
 
 
 def by_board(folder: Path) -> list[Metric]:
-    """Return errors of the kept array and of ours, with its lenses, without and with delays."""
+    """Return errors of the stored array and of ours with its lenses, without and with delays."""
     kept = read_calibration(folder / "camera_array.toml").cameras
     board = board_named(str(folder / "charuco.toml"))
     seen = [find_boards(path, board)[0] for path in board_footage(folder).extrinsic.values()]
@@ -84,9 +84,10 @@ def by_board(folder: Path) -> list[Metric]:
 
 
 def corners_alone(rig: BoardCalibration) -> Cameras:
-    """Return the cameras with every corner of every moment a point of its own, the worst sightings left out once.
+    """Return the cameras with every corner of every moment as a separate point, without the worst sightings.
 
-    So caliscope adjusts its arrays: the board tells where a camera starts, its flatness and size nothing after that.
+    Caliscope adjusts its arrays in this way. The board only initialises the cameras, and its flatness and size have no
+    effect afterwards.
     """
     found, seen = rig.adjusted, rig.adjusted.seen
     corner = np.unique(np.column_stack([seen.body, np.round(1e5 * seen.local)]), axis=0, return_inverse=True)[1]
@@ -107,7 +108,7 @@ def corners_alone(rig: BoardCalibration) -> Cameras:
 
 
 def _of_kept(kept: Cameras, rig: BoardCalibration) -> float:
-    """Return the error of the kept cameras on the same corners, the board's poses being adjusted to them."""
+    """Return the error of the stored cameras on the same corners, with the board's poses adjusted to them."""
     found = rig.adjusted
     R = _mean_turn(found.cameras, kept.R)
     t = kept.centres.mean(0) - (found.cameras.centres @ R.T).mean(0)
@@ -117,7 +118,7 @@ def _of_kept(kept: Cameras, rig: BoardCalibration) -> float:
 
 
 def lenses(folder: Path) -> list[Metric]:
-    """Return the error of pictures left out, of each camera."""
+    """Return the error of pictures left out, for each camera."""
     found = calibrate_lenses(board_footage(folder).lens, board_named("checkerboard:5x8:60mm"))
     kept = read_calibration(folder / "Calib.qca.txt").cameras.K[:, 0, 0]
     metrics = [Metric(f"lens_{name}_px", lens.held_out, "px") for name, lens in found.items()]
@@ -126,7 +127,7 @@ def lenses(folder: Path) -> list[Metric]:
 
 
 def by_person() -> list[Metric]:
-    """Return the errors of cameras that keypoints alone tell, and of a solve with them."""
+    """Return the errors of cameras estimated from keypoints alone, and of a solve with them."""
     metrics = []
     for number, take in enumerate(PEOPLE):
         capture = filmed(take)
@@ -145,7 +146,7 @@ def by_person() -> list[Metric]:
 
 
 def _solve_ratio(capture: Capture, true: Cameras, found: Cameras) -> float:
-    """Return joints' error with found by that with true cameras, the found ones laid onto the true by a similarity."""
+    """Return the ratio of joint errors with found and true cameras. Found cameras are aligned by a similarity."""
     s, _, _ = umeyama(found.centres, true.centres, with_scale=True)
     R = _mean_turn(found, true.R)
     t = true.centres.mean(0) - s * (found.centres @ R.T).mean(0)
@@ -175,13 +176,13 @@ def real(folder: Path) -> list[Metric]:
 
 
 def second_half(capture: Capture) -> Capture:
-    """Return the second half of a capture with the person who is solved alone."""
+    """Return the second half of a capture with only the person who is solved."""
     _, keypoints = capture.require_multiview()
     return replace(capture, keypoints=keypoints.frames(keypoints.num_frames // 2, keypoints.num_frames), people=())
 
 
 def apart(found: Cameras, R: np.ndarray, t: np.ndarray, *, with_scale: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C,) distances of centres in mm and (C,) of directions in degrees, after the best alignment."""
+    """Return (C,) distances of centres in mm and (C,) angles of directions in degrees, after the best alignment."""
     centres = -np.einsum("cji,cj->ci", R, t)
     s, turn, shift = umeyama(found.centres, centres, with_scale=with_scale)
     far = np.linalg.norm(s * found.centres @ np.asarray(turn).T + shift - centres, axis=1)
@@ -190,6 +191,6 @@ def apart(found: Cameras, R: np.ndarray, t: np.ndarray, *, with_scale: bool) -> 
 
 
 def _mean_turn(found: Cameras, R: np.ndarray) -> np.ndarray:
-    """Return the world's rotation by which the cameras' directions agree best."""
+    """Return the world rotation that best aligns the cameras' directions."""
     U, _, Vt = np.linalg.svd(np.einsum("cki,ckj->ij", R, found.R))
     return U @ Vt

@@ -1,4 +1,4 @@
-"""A walker before a carried camera, simulated: recorded walks, a simulated detector, and the camera's path of a file.
+"""A walker in front of a carried camera, simulated: recorded walks, a simulated detector, and a stored camera path.
 
 Six held-out walks of subjects 03 and 49, hand-held and from a dolly. ``wa`` is WA-MPJPE-100: the mean distance of all
 joints after the best similarity of every 100 frames (Shin et al. 2024, "WHAM"). ``root`` is the mean distance of the
@@ -31,7 +31,7 @@ WALKS = (
     ("03_03", 60, "hand-held"), ("03_03", 400, "dolly"), ("03_04", 60, "dolly"), ("03_04", 500, "hand-held"),
     ("03_02", 0, "hand-held"), ("49_01", 0, "hand-held"),
 )  # fmt: skip
-"""File under ``motion_cmu/asfamc``, first frame, and how the camera is carried."""
+"""File under ``motion_cmu/asfamc``, first frame, and the way the camera is carried."""
 FRAMES, SEGMENT = 150, 100
 TURN, SCALE = exp_so3(np.array([0.4, 0.7, -0.3])), 0.37  # Of the file's world.
 
@@ -63,7 +63,7 @@ def run() -> list[Metric]:
 
 
 def placed_by_person(filmed: Carried) -> tuple[Capture, float, float]:
-    """Return the capture with a path from a world of another scale and up, and its scale's error and deviation, %."""
+    """Return the capture with a path from a world of another scale and up, and its scale error and deviation in %."""
     cameras, keypoints = filmed.capture.cameras, filmed.capture.keypoints
     assert cameras is not None and keypoints is not None
     centre = -np.einsum("fba,fb->fa", filmed.R, filmed.t)

@@ -1,13 +1,13 @@
 """Contacts of the whole body, simulated: our body, four cameras and a detector's measured noise at 60 Hz.
 
-``floor_``: hand-keyed clips of people who kneel, fall, roll and crawl (mesh2motion, CC0), laid on the floor z = 0.
+``floor_``: hand-keyed clips of people who kneel, fall, roll and crawl (mesh2motion, CC0), placed on the floor z = 0.
 ``depth_95`` and ``depth_max`` are the 95th percentile and the maximum over frames of the depth of the deepest skin
-below the floor, ``slide`` the mean way of truly resting skin from frame to frame, ``joints`` the mean error of the
-joints, and ``cpu_ratio`` the processor time relative to a solve with contacts of the feet alone, whose figures have
-``bare_``. ``level_deepest`` is the depth of the lowest skin without hands in half of a take's frames, in the worst take
-without contacts of the skin. ``true_shape_`` has the true shape, ``true_contacts_`` the true places of the resting
-skin. ``chair_``: two clips of a person on a chair, declared as a box under the seat. ``steps_``: generated steps with
-exactly planted feet. ``edges_within_2`` is the share of landings and lift-offs that ``contacts`` marks within 2 frames,
+below the floor. ``slide`` is the mean movement per frame of skin that truly rests, ``joints`` the mean joint error, and
+``cpu_ratio`` the processor time relative to a solve with only foot contacts, whose figures have ``bare_``.
+``level_deepest`` is the depth of the lowest skin without hands in half of a take's frames, in the worst take without
+skin contacts. ``true_shape_`` has the true shape, ``true_contacts_`` the true positions of the resting skin.
+``chair_``: two clips of a person on a chair, declared as a box under the seat. ``steps_``: generated steps with exactly
+planted feet. ``edges_within_2`` is the share of landings and lift-offs that ``contacts`` marks within 2 frames, and
 ``false_edges`` the number of others. ``fit_`` marks takes that chose constants. The others are held out: other clips or
 frames, bodies and noise, and other gaits.
 """
@@ -56,19 +56,19 @@ REACH = 12  # Frames around a true edge within which the found one is looked for
 
 
 def filmed(take: FloorTake, seed: int) -> Capture:
-    """Return the take as four cameras and a detector see it."""
+    """Return the take as seen by four cameras and a detector."""
     return film_benchmark(take.person, take.fps, take.name, BenchmarkSettings(seed=seed), np.random.default_rng(seed))
 
 
 def skin_of(motion: Motion, person: Person) -> np.ndarray:
-    """Return the (F, V, 3) skin of a motion."""
+    """Return the (F, V, 3) skin of a motion in metres."""
     turns = motion.body_pose.reshape(motion.num_frames, -1, 3)[:, : person.local.shape[1]].astype(np.float64)
     root, transl = (values.astype(np.float64) for values in (motion.global_orient, motion.transl))
     return pose_mesh(person.body, motion.betas.astype(np.float64), exp_so3(root), exp_so3(turns), transl)
 
 
 def floor_figures(motion: Motion, take: FloorTake, joints: np.ndarray) -> dict[str, float]:
-    """Return depth and slide of the skin and the error of the joints, in millimetres."""
+    """Return depth and slide of the skin and the joint error in millimetres."""
     true, skin = take.person.skin(np.arange(motion.num_frames)), skin_of(motion, take.person)
     depth, touch = np.maximum(-skin[..., 2].min(axis=1), 0.0), resting(true, take.fps)
     way = np.linalg.norm(np.diff(skin[..., :2], axis=0), axis=-1)[touch[1:] & touch[:-1]]
@@ -83,13 +83,13 @@ def floor_figures(motion: Motion, take: FloorTake, joints: np.ndarray) -> dict[s
 
 
 def resting(skin: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, V) bool: true skin (F, V, 3) touches the floor and stays in place."""
+    """Return an (F, V) mask of true skin (F, V, 3) that touches the floor and does not move."""
     way = np.linalg.norm(np.diff(skin, axis=0, prepend=skin[:1]), axis=-1)
     return (skin[..., 2] < TOUCH_M) & (way * fps < STILL_M_S)
 
 
 def measure_floor(clip: str, frames: slice, seed: int) -> dict[str, float]:
-    """Return the figures of a clip with and without contacts of the skin, and with a part of the truth."""
+    """Return the figures of a clip with and without skin contacts, and with a part of the truth."""
     take = laid_on_floor(keyed_clips(recordings_folder())[clip], np.random.default_rng(seed), frames)
     capture = filmed(take, seed)
     true = take.person.skin(np.arange(len(take.person.transl)))
@@ -117,7 +117,7 @@ def measure_floor(clip: str, frames: slice, seed: int) -> dict[str, float]:
 
 
 def measure_chair(clip: str, frames: slice, seed: int) -> dict[str, float]:
-    """Return depth in a declared box under the seat, and the error of the joints, with the box and without.
+    """Return depth in a declared box under the seat and the joint error, with the box and without.
 
     The box begins behind the legs, so that the true skin is outside of it.
     """
@@ -143,13 +143,13 @@ def measure_chair(clip: str, frames: slice, seed: int) -> dict[str, float]:
 
 
 def edges_of(stands: np.ndarray) -> list[tuple[int, int]]:
-    """Return (frame, +1 or -1) of each landing and lift-off of a foot (F,) bool."""
+    """Return (frame, +1 or -1) of each landing and lift-off in an (F,) contact mask of a foot."""
     steps = np.diff(stands.astype(int))
     return [(int(frame) + 1, int(steps[frame])) for frame in np.flatnonzero(steps)]
 
 
 def edge_errors(found: np.ndarray, true: np.ndarray) -> tuple[list[int], int]:
-    """Return the signed error of each true edge in frames, ``REACH`` where there is none, and the number of others."""
+    """Return the signed error of each true edge in frames, ``REACH`` if none is found, and the number of others."""
     errors, false = [], 0
     for foot in range(true.shape[1]):
         left = edges_of(found[:, foot])

@@ -1,7 +1,7 @@
-"""Ten benchmark captures of 300 frames and four views, all cameras but the first late by 0-10 frames, drawn by seed.
+"""Estimate delays in ten benchmark captures of 300 frames and four views. Random delays are 0-10 frames.
 
-How far the estimated delays are from the true ones, in frames, against the first camera. Needs the motions kept beside
-the repository (or MOCAP_SHARED_DATA). ``python -m tests.benchmarks.bench_delays`` prints every seed.
+The error is the difference of estimated and true delays in frames, relative to the first camera. Needs the motions next
+to the repository (or MOCAP_SHARED_DATA). ``python -m tests.benchmarks.bench_delays`` prints every seed.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def run() -> list[Metric]:
 
 
 def errors(seed: int) -> np.ndarray:
-    """Return (C,) frames by which estimated delays are too large, of cameras that are late by 0-10 frames."""
+    """Return the (C,) errors of estimated delays in frames, positive if too large, for delays of 0-10 frames."""
     capture = late_capture(seed)
     cameras, keypoints = capture.require_multiview()
     compared = LIMBS["arms"] + LIMBS["legs"] + FEET
@@ -46,7 +46,7 @@ def errors(seed: int) -> np.ndarray:
 
 
 def late_capture(seed: int) -> Capture:
-    """Return the capture of a seed: another take, person, noise and delays each."""
+    """Return the capture of a seed, with a different take, person, noise and delays for each."""
     name, start = TAKES[seed % len(TAKES)]
     take = take_named(name, FRAMES, start)
     settings = BenchmarkSettings(seed=seed, largest_delay_frames=LARGEST_FRAMES)

@@ -1,6 +1,6 @@
-"""The embedded capture (four cameras, authored motion, detector-like noise) solved by both methods on NumPy.
+"""Solve the embedded capture (four cameras, authored motion, detector-like noise) by both methods on NumPy.
 
-Errors are against the known truth; the ratios are to triangulation with a 6 Hz Butterworth filter. Times are of one
+Errors are relative to the known truth. Ratios are to triangulation with a 6 Hz Butterworth filter. Times are of one
 solve in a warm process.
 """
 

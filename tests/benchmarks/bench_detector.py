@@ -1,8 +1,8 @@
-"""The included detector on real videos against published OpenPose keypoints, before and after the solve.
+"""Compare the included detector on real videos with published OpenPose keypoints, before and after the solve.
 
 Pose2Sim's balancing and static trial, four views each. MediaPipe's models run under LiteRT, as in the extension:
 ``POSE_MODEL=pose_landmark_full.tflite LITERT_PYTHON=litert/bin/python python3 dev.py bench detector``. OpenPose's
-keypoints (BODY_25B) are no truth. They differ from MediaPipe's in their definition, too.
+keypoints (BODY_25B) are not ground truth. Their definitions also differ from MediaPipe's.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ SWAPPED = 0.5  # The other side counts if it is nearer than this share of the di
 
 @dataclass(frozen=True)
 class Against:
-    """Distances of keypoints from OpenPose's, of V view frames, J joints and two sides."""
+    """Distances of keypoints from OpenPose's, for V view frames, J joints and two sides."""
 
     px: np.ndarray  # (V, J, 2), NaN where OpenPose is not sure.
     missing: np.ndarray  # (V, J, 2) of those: the detector is not sure.
@@ -104,7 +104,7 @@ def compared(points: np.ndarray, capture: Capture, reference: Capture) -> Agains
 
 
 def _solved(capture: Capture) -> np.ndarray:
-    """Return (C, F, K, 3) solved keypoints in the views."""
+    """Return the (C, F, K, 3) solved keypoints in the views."""
     points = solve(capture).motion.keypoints3d
     assert points is not None
     px = np.asarray(project(capture.require_views()[0], points))
@@ -116,7 +116,7 @@ def _joined(parts: list[Against]) -> Against:
 
 
 BY_JOINT = {"px": "px", "missing": "%", "swapped": "%", "solved_px": "px", "solved_swapped": "%"}
-"""Figures of each joint, and their units. Distances are medians."""
+"""Figures of each joint and their units. Distances are medians."""
 
 
 def _by_joint(before: Against, after: Against) -> list[Metric]:
@@ -134,5 +134,5 @@ def _by_joint(before: Against, after: Against) -> list[Metric]:
 
 
 def _cpu_s() -> float:
-    """Return CPU seconds of this process and of children that have ended."""
+    """Return CPU seconds of this process and of its ended children."""
     return sum(list(os.times())[:4])

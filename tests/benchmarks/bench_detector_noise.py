@@ -1,8 +1,8 @@
-"""What a detector's noise map is worth: joints of solves with confidences as they are, and as the map reads them.
+"""Measure the benefit of a detector's noise map: joints of solves with raw confidences, and with mapped confidences.
 
-Three benchmark takes, each solved by the map that another of them tells. Detectors: the benchmark's own, as measured on
-OpenPose, and two that tell their errors by confidences of 0.85 to 0.95 alone, white and lasting, without outliers, of
-3 to 40 mm and of 8 to 95 mm.
+Three benchmark takes are each solved with the map from another take. The detectors are the benchmark's own, as measured
+on OpenPose, and two detectors with confidences of only 0.85 to 0.95. These have white and persistent errors without
+outliers, of 3 to 40 mm and of 8 to 95 mm.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from tests.support.other_detector import detected_by_another, written_map
 
 TAKES = ("13_29:600+240", "salsa_07:20+240", "03_03:60+240")
 DETECTORS = {"openpose": None, "narrow": (4.0, 50.0), "rough": (10.0, 120.0)}
-"""Least and largest spread in mm; None is the benchmark's detector."""
+"""Smallest and largest spread in mm. None is the benchmark's detector."""
 
 
 def run() -> list[Metric]:
-    """Solve all takes of each detector both ways."""
+    """Solve all takes of each detector in both ways."""
     metrics = []
     for name, spread in DETECTORS.items():
         captures = [filmed(take) for take in TAKES]
@@ -39,7 +39,7 @@ def run() -> list[Metric]:
 
 
 def _errors(captures: Sequence[Capture]) -> tuple[float, float]:
-    """Return the mean error of joints as confidences are, and by the map of the next capture, mm."""
+    """Return the mean joint errors in mm with raw confidences, and with the map of the next capture."""
     plain, mapped = [], []
     for number, capture in enumerate(captures):
         noise = measure_noise_map([captures[(number + 1) % len(captures)]], "another")

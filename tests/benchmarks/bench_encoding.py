@@ -1,7 +1,7 @@
 """Thesis table 6.5 with equal controls: each encoder alone, and with one Gauss-Newton step (``sposer.nearer_codes``).
 
-1,052 held-out poses, as in `bench autoencoders`, by the weights that ship. Mean error of the joints after encoding and
-decoding. Needs the validation motions (MOCAP_SHARED_DATA).
+The shipped weights encode and decode 1,052 held-out poses, as in `bench autoencoders`. The figure is the mean joint
+error. Needs the validation motions (MOCAP_SHARED_DATA).
 """
 
 from __future__ import annotations

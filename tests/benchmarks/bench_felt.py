@@ -1,9 +1,10 @@
-"""What an animator waits for beside the solver, in the bpy module: a take on a body, a C3D, a limb switched to IK.
+"""Times that an animator waits in addition to the solver, in the bpy module: importing a take or C3D, and IK switches.
 
-"take" reads a motion of 100 and of 10,000 frames, makes body and action, and evaluates a frame: all that comes between
-the solver's last line and the body. "c3d" imports CMU's 135_02 (5,202 frames) by *Import Capture*, with its process.
-"ik" switches all limbs of 1,000 frames to IK, "fk" back. Processor seconds of all threads, the best of three, because
-machines are shared. The C3D needs the recordings kept beside the repository (or MOCAP_SHARED_DATA).
+"take" reads a motion of 100 and of 10,000 frames, creates body and action, and evaluates a frame, which is all work
+between the solver's last line and the body. "c3d" imports CMU's 135_02 (5,202 frames) by *Import Capture*, including
+its process. "ik" switches all limbs of 1,000 frames to IK, and "fk" back. Times are processor seconds of all threads,
+the best of three, because machines are shared. The C3D needs the recordings next to the repository (or
+MOCAP_SHARED_DATA).
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ _FPS = 60.0
 
 
 def run() -> list[Metric]:
-    """Import takes, a recording, and switch limbs."""
+    """Import takes and a recording, and switch limbs."""
     recording = recordings_folder() / "markers" / "cmu_pairs" / "135_02.c3d"
     if not recording.is_file():
         raise BenchmarkSkipped(ABSENT)
@@ -84,7 +85,7 @@ def _empty() -> None:
 
 
 def _processor_s(work: Callable[[], object], fresh: bool = True) -> float:
-    """Return the processor seconds of a step, of processes that it starts and waits for too."""
+    """Return the processor seconds of a step, including processes that it starts and waits for."""
     if fresh:
         _empty()
     start = _used_s()

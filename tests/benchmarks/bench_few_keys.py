@@ -1,6 +1,6 @@
-"""Takes of exercises and of fast dance (10 s each, the truth of two benchmark captures) thinned to few keys.
+"""Reduce keys of takes of exercises and fast dance (10 s each, the truth of two benchmark captures).
 
-Keys may lie on every fifth frame, as the solver's do. "largest" is how far any joint is from the full take.
+Keys may be on every fifth frame, as the solver's are. "largest" is the largest joint distance from the full take.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _SPACING = 5
 
 
 def run() -> list[Metric]:
-    """Thin each take to each number of keys."""
+    """Reduce each take to each number of keys."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     betas = np.zeros(10)
     body = read_body(default_body_path())

@@ -1,9 +1,9 @@
-"""Where errors end as a detector's noise does: strange bodies in fast motion, from exact detections to measured noise.
+"""Errors as the detector noise approaches zero: unfamiliar bodies in fast motion, from exact to measured detections.
 
-``python3 dev.py bench floor`` prints a row a take and noise level (a share of the measured noise and of the
-calibration's error), and the worst frames of twenty takes seen exactly; ``python -m tests.benchmarks.bench_floor
---quick`` does one take of 200 frames. Points are judged against what the detector means by them; accelerations against
-the truth low-passed at 10 Hz. Needs the validation motions (MOCAP_SHARED_DATA).
+``python3 dev.py bench floor`` prints a row per take and noise level (a share of the measured noise and of the
+calibration's error), and the worst frames of twenty exact takes. ``python -m tests.benchmarks.bench_floor --quick``
+measures one take of 200 frames. Points are compared with the detector's definition, and accelerations with the truth
+after a 10 Hz low-pass. Needs the validation motions (MOCAP_SHARED_DATA).
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ from tests.benchmarks.metric import Metric
 
 LEVELS = (0.0, 0.03, 0.1, 0.2, 0.4, 0.7, 1.0)
 TAKES = ("salsa_07:20+300", "salsa_26:50+300", "03_03:60+300")
-"""Of which every level is shown. Clear of the leaps that their tracking made, as the fast ones are: accelerations of
-keypoints reach 774 m/s² in salsa_26 from 500 on, where a toe crosses 0.3 m in a frame, and 218 to 307 here."""
+"""Takes for which every level is shown. They and the fast takes avoid tracking jumps: accelerations of keypoints reach
+774 m/s² in salsa_26 from frame 500 on, where a toe moves 0.3 m in a frame, and 218 to 307 m/s² here."""
 FAST = tuple(f"salsa_{number:02d}:{start}+150" for number, start in (
     (1, 500), (2, 300), (3, 500), (4, 300), (5, 200), (9, 500), (11, 270), (12, 300), (13, 500), (14, 400), (15, 500),
     (16, 300), (17, 300), (18, 300), (19, 300), (20, 300), (21, 300), (22, 300), (26, 500), (27, 300),
 ))  # fmt: skip
-"""Accelerations of keypoints reach 160 to 455 m/s². Without salsa_06, whose recorded head is upside down throughout,
-115° beyond its range."""
+"""Fast takes, with keypoint accelerations of up to 160 to 455 m/s². salsa_06 is excluded, because its recorded head is
+upside down throughout, 115° beyond its range."""
 LOST_M, SURE_VIEWS = 0.15, 3  # A limb is lost where a keypoint that so many views saw rightly is so far off.
 TRUTH_HZ, FILTER_HZ = 10.0, 8.0
 BODIES = 100
 """Seed of the first take's body."""
 COLUMNS = ("points_mm", "joints_mm", "p95_mm", "worst_mm", "lost", "own_at", "own_else", "accel", "filtered_accel",
            "filtered_mm", "nans", "cpu_s")  # fmt: skip
-"""Keypoints and joints, mean; 95th percentile and worst of keypoints seen by three views; frames with a lost limb; own
-acceleration at window joints and elsewhere, acceleration error, the same and the keypoints' error after a Butterworth
-filter of 8 Hz, mm a frame²; deviations of joints that are no number; seconds of the processor."""
+"""Mean error of keypoints and joints, 95th percentile and worst error of keypoints seen by three views, frames with a
+lost limb, acceleration at window joints and elsewhere, acceleration error, the last and the keypoint error after a
+Butterworth filter of 8 Hz (mm per frame²), invalid deviations of joints, processor seconds."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Floor:
     seed: int
 
     def capture(self) -> Capture:
-        """Return the capture, made once and kept."""
+        """Return the capture, which is created once and kept."""
         settings = BenchmarkSettings(seed=self.seed, calibration_mm=8.0 * self.level, detector=detector(self.level))
         source = inspect.getsource(cast)
         path = capture_path(self.take, settings, f"strange body {BODIES + self.seed}\0{source}")
@@ -78,7 +78,7 @@ class Floor:
 
 
 def detector(level: float) -> DetectorFaults:
-    """Return the measured detector with a share of its errors; without any it misses nothing."""
+    """Return the measured detector with a share of its errors. Without errors it detects all keypoints."""
     model = MEASURED_DETECTOR
     scaled = ("view_bias_mm", "drift_mm", "jitter_mm", "outliers", "swaps_per_minute")
     if level == 0.0:
@@ -105,9 +105,9 @@ def measured(capture: Capture, motion: Motion) -> dict[str, float]:
 
 
 def own_acceleration(points: np.ndarray, keyframes: np.ndarray) -> tuple[float, float]:
-    """Return mean second differences (mm a frame²) of (F, K, 3) points at the joints of windows, and away from them.
+    """Return mean second differences in mm per frame² of (F, K, 3) points at window joints, and away from them.
 
-    Every second of the (F,) keyframes is a joint; the frames next to one count for neither.
+    Every second of the (F,) keyframes is a joint. Frames next to a joint count for neither.
     """
     own = 1e3 * np.linalg.norm(np.diff(points, 2, axis=0), axis=-1).mean(axis=1)
     joints = np.flatnonzero(keyframes)[2:-2:2] - 1
@@ -116,12 +116,12 @@ def own_acceleration(points: np.ndarray, keyframes: np.ndarray) -> tuple[float, 
 
 
 def _acceleration(points: np.ndarray) -> float:
-    """Return the mean second difference in mm a frame², but for ten frames at the ends, where filters begin."""
+    """Return the mean second difference in mm per frame², without ten frames at each end, where filters start."""
     return 1e3 * float(np.linalg.norm(np.diff(points, 2, axis=0), axis=-1)[10:-10].mean())
 
 
 def table(cases: Iterable[Floor]) -> dict[Floor, dict[str, float]]:
-    """Measure, and print a row a case as it comes."""
+    """Measure each case, and print its row immediately."""
     sys.stdout.write(f"{'':<24}" + "".join(f"{column:>15}" for column in COLUMNS) + "\n")
     rows = {}
     for case in cases:
@@ -134,7 +134,7 @@ def table(cases: Iterable[Floor]) -> dict[Floor, dict[str, float]]:
 
 
 def run() -> list[Metric]:
-    """Measure all levels of the first takes, and the worst frames of the fast ones."""
+    """Measure all levels of the first takes, and the worst frames of the fast takes."""
     rows = table(Floor(take, level, seed) for seed, take in enumerate(TAKES) for level in LEVELS)
     exact = table(Floor(take, 0.0, 10 + seed) for seed, take in enumerate(FAST))
 

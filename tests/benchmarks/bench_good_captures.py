@@ -1,10 +1,10 @@
 """Warnings about good captures: 40 takes without a fault, solved by the command line without options.
 
-Half of them chose limits, the other half is held out. Every warning of a good capture is a false alarm, or tells of a
-property of the take that a user wants to know. Skeletons of recorded motions and studio shots are simulated captures,
-``views`` and ``markers`` are recordings. Crowds are four people who enter and leave, solved with ``--person all``.
-``python -m tests.benchmarks.bench_good_captures [--held-out] [--record FILE] [NAME ...]`` prints every warning, then
-counts of each code. FILE keeps solved takes: a run that was stopped goes on.
+Half of them chose limits, and the other half is held out. Every warning about a good capture is a false alarm, or
+reports a property of the take that a user wants to know. Skeletons of recorded motions and studio shots are simulated
+captures. ``views`` and ``markers`` are recordings. Crowds are four people who enter and leave, solved with ``--person
+all``. ``python -m tests.benchmarks.bench_good_captures [--held-out] [--record FILE] [NAME ...]`` prints every warning,
+then counts of each code. FILE keeps solved takes, so that an interrupted run resumes.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ Try = Callable[[Path], "Solved"]
 
 @dataclass(frozen=True)
 class Solved:
-    """What became of a capture."""
+    """Result for a capture."""
 
     people: int = 0  # People who were solved.
     real: int = 1  # People who are there.
@@ -92,7 +92,7 @@ _WALKS = ("35_01", "16_15", "02_01", "16_31", "16_21", "16_47")
 
 
 def crowd(seed: int, folder: Path, layout: str = "ring 4", fps: float = 30.0, frames: int = 150) -> Solved:
-    """Solve four people: two walk past each other, one comes in through a door, one leaves early."""
+    """Solve four people: two walk past each other, one enters through a door, and one leaves early."""
     rng = np.random.default_rng(seed)
     take = MotionTake("", layout, frames=frames)
     cameras, everybody, seen = cameras_of(layout), [], []
@@ -121,13 +121,13 @@ def crowd(seed: int, folder: Path, layout: str = "ring 4", fps: float = 30.0, fr
 
 
 def _box(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray:
-    """Return (F, 4) the least and largest pixels of a person, empty where nobody is seen."""
+    """Return the (F, 4) smallest and largest pixels of a person, empty if the person is not visible."""
     known = (confidence > 0)[..., None]
     return np.concatenate([np.where(known, xy, np.inf).min(1), np.where(known, xy, -np.inf).max(1)], axis=-1)
 
 
 def _cover(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return (F,) the share of one box that another covers."""
+    """Return the (F,) share of one box that another box covers."""
     size = np.maximum(one[:, 2:] - one[:, :2], 0.0)
     with np.errstate(invalid="ignore"):
         common = np.minimum(one[:, 2:], other[:, 2:]) - np.maximum(one[:, :2], other[:, :2])
@@ -147,7 +147,7 @@ def _solve_views(
 
 
 def studio(motion: str, folder: Path, array: dict, fps: float = 60.0, **more: object) -> Solved:
-    """Solve a studio shot: a clip on a body of random shape and strange proportions."""
+    """Solve a studio shot: a clip on a body of random shape and unusual proportions."""
     from solver_backend.synthesis.studio.write_pictures import write_trial as write_studio_trial
 
     values = {
@@ -170,7 +170,7 @@ def recorded(path: str, folder: Path, *words: str, real: int = 1) -> Solved:
 def solve_path(
     path: Path, folder: Path, *words: str, truths: Sequence[np.ndarray] = (), real: int | None = None
 ) -> Solved:
-    """Solve a path by the command line, and compare everybody with the true middles of the hips, (F, 3) metres."""
+    """Solve a path by the command line, and compare all people with the true (F, 3) hip centres in metres."""
     if not path.exists():
         raise BenchmarkSkipped(f"{path.name} is not here.", hint="Set MOCAP_SHARED_DATA to its folder.")
     start, real = time.process_time(), len(truths) or real or 1
@@ -290,7 +290,7 @@ def _tried(attempt: Try) -> Solved:
 
 
 def main(argv: list[str]) -> int:
-    """Print what becomes of each capture, and counts of each code."""
+    """Print the result of each capture, and counts of each code."""
     parser = argparse.ArgumentParser(prog="bench_good_captures", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--held-out", action="store_true", help="the half that no limit was chosen on")

@@ -1,8 +1,8 @@
-"""Gravity by a person alone, on recorded motion: how far it is off, and whether it says so.
+"""Estimate gravity from a person alone, on recorded motion: the error, and whether it is stated correctly.
 
-Pieces of 1.7, 4 and 10 s of CMU takes of somebody on her feet (walks, dance, exercises, fights), each a person of
-random shape as BODY_25 with 8 mm of bias and 8 mm of noise a keypoint and axis. ``told`` is the share of pieces whose
-angle is below 1.73 times what is said, 95 % where errors are normal on both axes.
+Segments of 1.7, 4 and 10 s from CMU takes of a standing person (walks, dance, exercises, fights), each with a random
+shape as BODY_25, with 8 mm of bias and 8 mm of noise per keypoint and axis. ``told`` is the share of segments with an
+angle below 1.73 times the stated deviation, which is 95 % for normal errors on both axes.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from tests.support.recordings import ABSENT, recordings_folder
 SECONDS = (1.7, 4.0, 10.0)
 TAKES_A_SUBJECT, TAKES, PIECES = 2, 30, 3
 HEELS_OVER_HEAD = {"43", "140"}
-"""Subjects who turn cartwheels or get up from lying: whoever never stands tells no gravity."""
+"""Subjects who turn cartwheels or get up from lying. People who never stand do not determine gravity."""
 FPS = 30.0
 BIAS_M, NOISE_M = 0.008, 0.008
 
 
 def run() -> list[Metric]:
-    """Measure all pieces."""
+    """Measure all segments."""
     walked = takes()
     metrics = []
     for seconds in SECONDS:
@@ -41,10 +41,10 @@ def run() -> list[Metric]:
 
 
 def takes() -> list[np.ndarray]:
-    """Return (F, K, 3) true keypoints of the takes, Z up.
+    """Return the (F, K, 3) true keypoints of the takes in metres, Z up.
 
     Raises:
-        BenchmarkSkipped: the motions are not here.
+        BenchmarkSkipped: the motions are missing.
     """
     rng, count, found = np.random.default_rng(0), dict[str, int](), []
     for path in sorted((recordings_folder() / "motion_cmu" / "mb2").glob("*.npz")):
@@ -63,7 +63,7 @@ def takes() -> list[np.ndarray]:
 
 
 def _pieces(points: np.ndarray, seconds: float) -> list[tuple[float, float]]:
-    """Return angle and what is said of it, degrees, of pieces spread over a take."""
+    """Return the angle error and the stated deviation in degrees for segments distributed over a take."""
     rng, length = np.random.default_rng(len(points)), int(seconds * FPS)
     starts = np.unique(np.linspace(0, len(points) - length, PIECES).astype(int)) if len(points) >= length else []
     found = []

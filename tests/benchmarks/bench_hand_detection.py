@@ -1,4 +1,4 @@
-"""What finding two hands costs a picture, in CPU time of both processes beyond decoding, and how many are found.
+"""CPU time for detecting two hands per picture in both processes, without decoding, and the number of hands found.
 
 On Pose2Sim's balancing videos (four views, palms of 35 to 60 px), with MediaPipe's hand model under LiteRT:
 ``HAND_MODEL=hand_landmark_full.tflite LITERT_PYTHON=litert/bin/python python3 dev.py bench hand_detection``. Cutting a
@@ -55,7 +55,7 @@ def _num_pictures(capture: Capture) -> int:
 
 
 def _crop_ms() -> float:
-    """Return the median CPU time of a crop of a hand in a large picture."""
+    """Return the median CPU time in milliseconds for cropping a hand in a large picture."""
     rng = np.random.default_rng(0)
     rgb = rng.integers(0, 256, (1080, 1920, 3), dtype=np.uint8)
     crop, took = second_crop(np.array([900.0, 500.0]) + rng.uniform(-40, 40, (21, 2)), 0), list[float]()
@@ -67,6 +67,6 @@ def _crop_ms() -> float:
 
 
 def _cpu_s() -> float:
-    """Return CPU seconds of this process and of children that have ended."""
+    """Return CPU seconds of this process and of its ended children."""
     spent = os.times()
     return spent.user + spent.system + spent.children_user + spent.children_system

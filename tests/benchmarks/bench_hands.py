@@ -1,10 +1,10 @@
-"""Hands beside a solved body: four views of the studio, palms of 40 px, a detector that errs as shares of the palm.
+"""Hands with a solved body: four studio views, palms of 40 px, and detector errors relative to the palm.
 
-Fingertips in the world, flexion of knuckles and middle joints, and the share of finger joints in their 95 % ellipsoids,
-over frames in which two views or more show a hand; the share of detected hands that count for the right side, and of
-frames in which fingers run more than 6 mm through one another. A solve without hands is timed beside, by CPU time.
-Real finger exercises (Ganguly et al. 2021), every sixth recording: flexion of the markers that the solved hand carries
-against the recorded ones', from 26 and from 10 markers; they need the recordings kept beside the repository.
+The figures are fingertip errors in the world, flexion errors of knuckles and middle joints, and the share of finger
+joints in their 95 % ellipsoids, over frames in which at least two views show a hand. Others are the shares of detected
+hands with the right side, and of frames in which fingers intersect by more than 6 mm. The CPU time of a solve without
+hands is also measured. Real finger exercises (Ganguly et al. 2021), every sixth recording: flexion of the solved hand's
+markers relative to the recorded markers, from 26 and from 10 markers. They need the recordings next to the repository.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def run() -> list[Metric]:
 
 
 def _exercises() -> list[Metric]:
-    """Return the figures of real hands; none where they are not here."""
+    """Return the figures of real hands, or none if they are missing."""
     paths = sorted((recordings_folder() / "hands" / "leap").glob("*.npz"))[::EVERY]
     figures = []
     for layout in ("hand26", "hand10") if paths else ():

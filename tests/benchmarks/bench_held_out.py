@@ -1,7 +1,7 @@
-"""A real recording of four cameras: each is held out once, the other three are solved, and the camera is predicted.
+"""Hold out each of four cameras in a real recording once, solve the other three, and predict the held-out camera.
 
-Median distance in pixels between its detections and the prediction, beside triangulation with a 6 Hz Butterworth
-filter from the same three. Needs the recordings kept beside the repository (or MOCAP_SHARED_DATA).
+The figure is the median pixel distance between its detections and the prediction, compared with triangulation of the
+same three cameras with a 6 Hz Butterworth filter. Needs the recordings next to the repository (or MOCAP_SHARED_DATA).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""A capture of 4 cameras x 10,000 frames of OpenPose JSON (BODY_25, two people) is written to a folder and read.
+"""Write and read a capture of 4 cameras x 10,000 frames of OpenPose JSON (BODY_25, two people).
 
-The files were just written, so the system's cache holds them. "import" is reading alone, "converted" also writes the
-capture file that the add-on keeps. All is one thread: on an idle machine, processor seconds are seconds.
+The files were just written, so they are in the system's cache. "import" only reads, and "converted" also writes the
+capture file that the add-on keeps. Everything runs in one thread, so processor seconds are seconds on an idle machine.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def run() -> list[Metric]:
 
 
 def write_folder(root: Path) -> None:
-    """Write the detections of two people, the second one with the lower confidence, and their calibration."""
+    """Write the detections of two people, the second with lower confidence, and their calibration."""
     cameras, rng = ring_of_cameras(4), np.random.default_rng(0)
     people = [
         detected(cameras, walker(JointSet.BODY_25, FRAMES, start, step), rng)

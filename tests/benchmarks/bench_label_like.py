@@ -1,8 +1,8 @@
-"""Real takes named after another take of the same person and layout: tracks cut 0.3 times a second, and without names.
+"""Label real takes from another take of the same person and layout, without names and with 0.3 cuts per track second.
 
-Per cent of the points that get their marker's name, and of those that get another one; the rest stays without. Takes
-of five layouts, 300 frames at 60 Hz or less of each, by their own labels and by labels that name no places. Needs the
-recordings (MOCAP_SHARED_DATA).
+The figures are the percentages of points with their marker's name and with another name. Other points have no name.
+Takes of five layouts, 300 frames at 60 Hz or less each, by their own labels and by labels without known places. Needs
+the recordings (MOCAP_SHARED_DATA).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ FRAMES, FPS = 300, 60
 
 
 def run() -> list[Metric]:
-    """Name and print."""
+    """Label the takes and print the figures."""
     found: dict[str, tuple[float, float]] = {}
     for name, (like, take) in PAIRS.items():
         one, two = _common(_cloud(like), _cloud(take))
@@ -68,7 +68,7 @@ def _short(cloud: MarkerCloud) -> MarkerCloud:
 
 
 def _common(one: MarkerCloud, two: MarkerCloud) -> tuple[MarkerCloud, MarkerCloud]:
-    """Return both takes with the markers that both have."""
+    """Return both takes with the markers that they share."""
     one = worn(one)
     labels = tuple(label for label in one.labels or () if label in (two.labels or ()))
     return (

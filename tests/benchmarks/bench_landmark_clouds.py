@@ -1,8 +1,8 @@
-"""The landmark network that ships on clouds of 53 markers: the thesis' (4.20 to 4.27 alone), ours, and any layout.
+"""The shipped landmark network on clouds of 53 markers: the thesis' (only 4.20 to 4.27), ours, and any layout.
 
-Poses of CMU's held-out subjects, 400 of the thesis' tail groups and 400 that are none; RMSE (4.28) and PCK of 53
-markers and 24 joints, MPJPE of the joints. What chapter 4's tables have of one network; rows are compared by
-`train model landmarks --row`. Needs the validation motions (MOCAP_SHARED_DATA).
+Poses of CMU's held-out subjects: 400 of the thesis' tail groups and 400 others. The figures are RMSE (4.28) and PCK of
+53 markers and 24 joints, and MPJPE of the joints, as in chapter 4's tables for one network. `train model landmarks
+--row` compares rows. Needs the validation motions (MOCAP_SHARED_DATA).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ AT_A_TIME = 100
 
 
 def run() -> list[Metric]:
-    """Draw clouds of every kind and compare what the network says with the truth."""
+    """Draw clouds of every kind and compare the network's output with the truth."""
     try:
         import torch
     except ImportError as error:

@@ -1,11 +1,11 @@
-"""Thesis tables 4.1 to 4.4 and 4.6: landmark networks trained under every balance, by what each training left.
+"""Thesis tables 4.1 to 4.4 and 4.6: landmark networks trained with every balance, from the figures of their trainings.
 
-Reads ``figures.json`` of the trainings under build/landmark_rows, one folder ROW_SEED each, that `python -m
-tests.benchmarks.landmark_rows.train_rows` makes (a quarter of an hour of an H200 for three seeds at width 8 and 48 x 48
-pixels). RMSE and PCK of 53 markers and the joints, MPJPE of the joints, in our clouds of 53 markers and in the
-thesis', on poses of people that no row was trained on: ordinary ones (for the thesis' THuman), its tail groups, and
-lying on the floor (for GeneBody). Medians over seeds; ``spread`` is two standard errors of the ratio of a row's median
-to its base's, pooled over rows.
+Reads ``figures.json`` of the trainings under build/landmark_rows, one folder ROW_SEED each, which `python -m
+tests.benchmarks.landmark_rows.train_rows` writes (15 minutes of an H200 for three seeds at width 8 and 48 x 48 pixels).
+The figures are RMSE and PCK of 53 markers and the joints, and MPJPE of the joints, in our clouds of 53 markers and in
+the thesis'. Poses are of people on whom no row was trained: ordinary poses (for the thesis' THuman), its tail groups,
+and lying on the floor (for GeneBody). Figures are medians over seeds. ``spread`` is two standard errors of the ratio of
+a row's median to its base's, pooled over rows.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from tests.benchmarks.metric import BenchmarkSkipped, Metric, key_of
 from tests.benchmarks.seed_spread import ratio_spread
 
 KINDS = {"fixed": "", "thesis": "thesis_"}
-"""Clouds, and what the keys of their figures begin with. ``fixed`` are the ones that the rows were trained on."""
+"""Clouds, and the prefix of their figures' keys. The rows were trained on ``fixed`` clouds."""
 COLUMNS = {
     "rmse_mm": ("rmse_mm", "mm", "lower"), "mpjpe_mm": ("mpjpe_mm", "mm", "lower"),
     **{f"pck{cm}_all": (f"pck{cm}_percent", "%", "higher") for cm in PCK_LIMITS_CM},
 }  # fmt: skip
-"""End of a figure's key, its unit and which way is better, by its name in ``figures.json``."""
+"""Suffix of a figure's key, its unit and better direction, by its name in ``figures.json``."""
 BASES = {"democap bmse": "democap", "democap ortho": "democap"}
 """Rows that are compared with another network than ``base``."""
 
 
 def run(root: Path = ROOT) -> list[Metric]:
-    """Read what was trained.
+    """Read the trainings.
 
     Raises:
-        BenchmarkSkipped: nothing was.
+        BenchmarkSkipped: there are none.
     """
     folders = trained(root)
     if not folders:
@@ -48,7 +48,7 @@ def run(root: Path = ROOT) -> list[Metric]:
 
 
 def metrics_of(folders: dict[tuple[str, int], Path], base: str = "base") -> list[Metric]:
-    """Return medians over seeds of what trainings left, by row, and the spread of their ratios to a base's."""
+    """Return medians over seeds of the trainings' figures by row, and the spread of their ratios to a base's."""
     by_row: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for (row, _), figures in sorted(read_figures(folders).items()):
         by_row[row].append(figures["chosen"])
@@ -72,7 +72,7 @@ def median(seeds: list[dict[str, Any]], where: str, column: str) -> float:
 
 
 def spreads(by_row: dict[str, list[dict[str, Any]]], usual: str = "base") -> list[Metric]:
-    """Return how far ratios of medians of RMSE lie apart by chance, by network and set of poses."""
+    """Return the random spread of ratios of RMSE medians, by network and set of poses."""
     of_base: dict[str, list[str]] = defaultdict(list)
     for row in by_row:
         of_base[BASES.get(row, usual)].append(row)

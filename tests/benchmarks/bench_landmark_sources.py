@@ -1,9 +1,9 @@
 """Tables 1 and 7 of the paper: one landmark network trained on two people's motions and on as many poses of many.
 
-Reads what `python -m tests.benchmarks.landmark_rows.train_sources` left under build/landmark_sources (ten minutes of a
-processor for three seeds of 500 steps, the reading of recordings included). RMSE and MPJPE in our clouds of 53 markers,
-on held-out people's ordinary poses, the thesis' tail groups, and lying on the floor. Medians over seeds; ``spread`` as
-in `bench landmark_rows`.
+Reads the output of `python -m tests.benchmarks.landmark_rows.train_sources` under build/landmark_sources (ten minutes
+of a processor for three seeds of 500 steps, including reading the recordings). The figures are RMSE and MPJPE in our
+clouds of 53 markers, on held-out people's ordinary poses, the thesis' tail groups, and lying on the floor. They are
+medians over seeds. ``spread`` is as in `bench landmark_rows`.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ ROOT = Path(__file__).resolve().parents[2] / "build" / "landmark_sources"
 
 
 def run(root: Path = ROOT) -> list[Metric]:
-    """Read what was trained.
+    """Read the trainings.
 
     Raises:
-        BenchmarkSkipped: nothing was.
+        BenchmarkSkipped: there are none.
     """
     folders = trained(root)
     if not folders:

@@ -1,8 +1,8 @@
-"""Landmarks of 53 markers with pose correctives: positions and all derivatives of 1,000 frames, float64.
+"""Landmarks of 53 markers with pose correctives: positions and all derivatives of 1,000 frames in float64.
 
-Derivatives by 66 rotations, 10 shapes and the markers' offsets. Best of eleven runs of elapsed time, and of CPU time,
-which says more where other programs share the cores. torch with one thread and with two, which wait for one another
-after every product and so lose far more than half where the cores are shared.
+Derivatives are by 66 rotations, 10 shapes and the markers' offsets. The best of eleven runs counts, for elapsed time
+and for CPU time, which is more reliable if other programs share the cores. torch runs with one thread and with two. Two
+threads wait for each other after every product, and lose far more than half on shared cores.
 """
 
 from __future__ import annotations

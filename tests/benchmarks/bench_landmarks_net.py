@@ -1,14 +1,14 @@
-"""Real takes with their labels stripped, tracks cut 0.3 times a second and shuffled over columns: how many points get
-their name, wrong ones (the rest is said to be unknown), the same with 5 markers missing and 3 ghosts; how many get it
-without time, by what the network says of single frames; how far joints move when the take is solved from found labels
-instead of its own, and how far from those the network's own joints are, which nothing solves; time of the network in
-NumPy and of the live loop.
+"""Label real takes without names, with 0.3 cuts per track second and shuffled columns.
 
-Takes: CMU 02_01 and 135_02 (its first 20 s, every second frame), clips of UI-PRMD's held-out subjects 7 and 8, the
-nimble takes' markers that the superset has, and what is named of the unlabelled prone and kneeling take. Constants of
-the labelling were chosen on other takes, see docs/research-log/landmarks.md. The squat take's own MT1 and MT5 are
-exchanged (MT5 lies inside the foot), which is corrected first. The IOR set is worn by our own body. One process and
-thread.
+The figures are the percentages of points with their name and with wrong names (other points count as unknown), also
+with 5 markers missing and 3 ghosts, and the percentage that the network labels in single frames without time. Others
+are the joint distances between a solve from found labels and a solve from true labels, the same for the network's own
+joints without a solve, and the time of the network in NumPy and of the live loop.
+
+Takes are CMU 02_01 and 135_02 (its first 20 s, every second frame), clips of UI-PRMD's held-out subjects 7 and 8, the
+nimble takes' markers that the superset has, and the unlabelled prone and kneeling take. Constants of the labelling were
+chosen on other takes, see docs/research-log/landmarks.md. The squat take's MT1 and MT5 are exchanged (MT5 is inside the
+foot), which is corrected first. Our own body wears the IOR set. Everything uses one process and thread.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def run() -> list[Metric]:
 
 
 def ior(network: PointNetwork) -> list[Metric]:
-    """Label the 40 markers of the IOR set on our own body: seven are none that the network names."""
+    """Label the 40 markers of the IOR set on our own body. Seven of them are unknown to the network."""
     layouts = load_layouts()
     places = list(dict.fromkeys(place for label in layouts.label_sets["IOR"] if (place := layouts.place_of(label))))
     cloud = worn_markers(places, IOR_FRAMES).cloud
@@ -103,7 +103,7 @@ def ior(network: PointNetwork) -> list[Metric]:
 
 
 def _one_frame(bare: UnlabelledTake, labelled: LabelledTake, network: PointNetwork) -> float:
-    """Return the share of points, in percent, of which the network says rightly what they are, frame by frame."""
+    """Return the percentage of points that the network labels correctly in single frames."""
     points, truth = bare.cloud.positions[labelled.votes.frames], bare.truth[labelled.votes.frames]
     seen = np.isfinite(points).all(-1)
     told = [
@@ -115,8 +115,7 @@ def _one_frame(bare: UnlabelledTake, labelled: LabelledTake, network: PointNetwo
 
 
 def _joints_mm(cloud: MarkerCloud, bare: UnlabelledTake, labelled: LabelledTake) -> tuple[float, float]:
-    """Return how far joints are from those of the solve with the take's own labels: solved from found labels, and told
-    by the network."""
+    """Return the joint distances in mm from a solve with true labels, for found labels and for the network."""
     own, _ = in_the_superset(cloud)
     own, found = (solve(Capture("take", markers=c)).motion.joints for c in (own, labelled.cloud(bare.cloud)))
     return _mean_mm(found - own), _mean_mm(labelled.votes.landmarks[:, GHOST:] - own[labelled.votes.frames])
@@ -127,7 +126,7 @@ def _mean_mm(apart: np.ndarray) -> float:
 
 
 def _prone() -> list[Metric]:
-    """The prone and kneeling take, which nobody labelled: what is named of it."""
+    """Label the prone and kneeling take without known labels, and return the percentage of labelled points."""
     path = Path(folder()) / "automarkerlabel" / "S01_Pronetokneel01_mksrem.c3d"
     cloud = read_markers(path).cloud
     labels = label_take(MarkerCloud(cloud.positions[::4], cloud.fps / 4), load_network(), fit_average_person)
@@ -136,7 +135,7 @@ def _prone() -> list[Metric]:
 
 
 def _speed() -> list[Metric]:
-    """One frame of 53 points through the network, and the live loop as fast as it goes."""
+    """Time one frame of 53 points in the network, and the live loop at full speed."""
     network, body = load_network(), load_body()
     cloud = record_markers(1436, seed=5, layout="MANIFOLD_53").cloud
     points = np.random.default_rng(0).normal(size=(1, 53, 3)) * (0.3, 0.2, 0.5)

@@ -1,10 +1,10 @@
-"""Inputs that are larger than anybody films: CPU time, memory, and the longest time without a progress line.
+"""Unusually large inputs: CPU time, memory, and the longest time without a progress line.
 
-200 cameras, 500 people a picture, 1,000 labels, 100,000 JSON files, batches of up to 300 captures, and eight views of
-up to 36,000 frames. Each runs in a process of its own; CPU time of the process and of those it starts is counted, not
-the clock on the wall, and memory is the first process' own. LARGE_INPUTS names some of them, commas between;
-LARGE_INPUTS_RECORD is a file to which what was measured is added, and from which it is taken the next time. Rows that
-are measured are written to docs/research-log/large_inputs.md. Linux alone: memory is read from /proc.
+200 cameras, 500 people per picture, 1,000 labels, 100,000 JSON files, batches of up to 300 captures, and eight views of
+up to 36,000 frames. Each input runs in a separate process. Times are CPU time of the process and its children, and
+memory is that of the first process. LARGE_INPUTS selects inputs, separated by commas. LARGE_INPUTS_RECORD is a file
+that keeps measured rows and provides them in the next run. Measured rows are written to
+docs/research-log/large_inputs.md. Needs Linux, because memory is read from /proc.
 """
 
 from __future__ import annotations
@@ -69,12 +69,12 @@ def run() -> list[Metric]:
 
 
 def page_of(runs: Mapping[str, Run]) -> str:
-    """Return the page of what was measured."""
+    """Return the page of the measured rows."""
     return _HEAD + "".join(_row(name, runs[name]) for name in INPUTS if name in runs) + _by_frame(runs)
 
 
 def _by_frame(runs: Mapping[str, Run]) -> str:
-    """Return what a frame of eight views costs between the shortest and the longest take that were measured."""
+    """Return a sentence with the cost per frame of eight views between the shortest and the longest measured take."""
     lengths = {int(name.split()[2]): run for name, run in runs.items() if name.startswith("8 views")}
     if len(lengths) < 2:
         return ""
@@ -96,7 +96,7 @@ def _row(name: str, run: Run) -> str:
 
 
 def _recorded(record: Path | None) -> dict[str, Run]:
-    """Return what earlier runs have measured, by name."""
+    """Return the rows that earlier runs have measured, by name."""
     lines = record.read_text("utf-8").splitlines() if record is not None and record.exists() else []
     rows = [json.loads(line) for line in lines]
     return {row.pop("name"): Run(**row) for row in rows}

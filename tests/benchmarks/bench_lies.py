@@ -1,8 +1,9 @@
 """Solve 120 frames of the demo with 32 faults by the command line, without options.
 
 Each fault is repaired (at most 1.15 times the error without it), named by a warning, refused, or silent. Warnings are
-looked for on the console, in the report and in the JSON. Writes docs/research-log/lies.md once every row is there.
-LIES names some rows, separated by commas. LIES_RECORD is a file that keeps rows, so that a stopped run continues.
+looked for on the console, in the report and in the JSON. The run writes docs/research-log/lies.md once every row
+exists. LIES selects rows, separated by commas. LIES_RECORD is a file that keeps rows, so that an interrupted run
+resumes.
 """
 
 from __future__ import annotations
@@ -90,12 +91,12 @@ def _plain(value: Any) -> Any:
 
 
 def new_codes(name: str, found: Mapping[str, Found]) -> list[str]:
-    """Return what a row has named that the unspoiled frames do not have."""
+    """Return the codes that a row has and the unspoiled frames do not have."""
     return [code for code in found[name].named if code not in found[FULL].named]
 
 
 def state_of(name: str, found: Mapping[str, Found]) -> str:
-    """Return what became of a row."""
+    """Return the state of a row."""
     row, new = found[name], new_codes(name, found)
     if row.refused:
         return REFUSED

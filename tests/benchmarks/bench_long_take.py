@@ -1,8 +1,8 @@
-"""Memory of the solver's process on long takes of four views: a real take there and back again, over and over.
+"""Memory of the solver's process on long takes of four views: a real take, repeated forwards and backwards.
 
-LONG_FRAMES (2000,6000) says how long the takes are; what is told is the most memory that the process of
-``python -m solver_backend solve`` ever held (VmHWM), the program itself with it, and how it grows with the frames.
-Needs the recordings kept beside the repository (or MOCAP_SHARED_DATA), and Linux.
+LONG_FRAMES (2000,6000) sets the lengths of the takes. The figures are the peak memory of the process of ``python -m
+solver_backend solve`` (VmHWM), including the program, and its growth with the number of frames. Needs the recordings
+next to the repository (or MOCAP_SHARED_DATA), and Linux.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def run() -> list[Metric]:
 
 
 def there_and_back(capture: Capture, frames: int) -> Capture:
-    """Return a capture of so many frames: the take forwards, backwards, forwards, ...; every pass has its own noise."""
+    """Return a capture of ``frames`` frames, with the take forwards and backwards, and new noise in each pass."""
     assert capture.keypoints is not None
     once = capture.keypoints.num_frames
     number = np.arange(frames)
@@ -64,7 +64,7 @@ def there_and_back(capture: Capture, frames: int) -> Capture:
 
 
 def _solved(capture: Path, motion: Path) -> tuple[float, float]:
-    """Return MB and seconds of processor time of a process that solves a capture."""
+    """Return the memory in MB and the processor seconds of a process that solves a capture."""
     command = [sys.executable, "-m", "solver_backend", "solve", str(capture), "--out", str(motion)]
     report = motion.with_suffix(".html")
     process = subprocess.Popen([*command, "--report", str(report)], stdout=subprocess.DEVNULL)

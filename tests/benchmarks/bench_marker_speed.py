@@ -1,6 +1,6 @@
-"""Speed of optical markers: frames a second of a known person by the bundle, with calibration, and live on a core.
+"""Speed of optical markers: frames per second of a known person by the bundle, with calibration, and live on one core.
 
-A benchmark of its own, since it needs a quiet machine, on which accuracy does not depend. It needs no recordings.
+This is a separate benchmark because it needs an idle machine, which accuracy does not. It needs no recordings.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from tests.benchmarks.metric import Metric
 
 
 def run() -> list[Metric]:
-    """Measure by wall-clock time and by CPU time (all threads together)."""
+    """Measure wall-clock time and CPU time (all threads together)."""
     throughput = [
         Metric(key.replace(" ", "_").replace(",", ""), value, "frames/s", "higher", rel_tol=0.4)
         for key, value in speed.measured().items()

@@ -1,10 +1,10 @@
-"""Optical markers: hidden samples filled in, a spoiled take, and joints beside a recording's own skeleton.
+"""Optical markers: filled gaps, a corrupted take, and joints compared with a recording's own skeleton.
 
-Hidden samples: 15 % of the real samples in bursts of half a second, filled by a rigid cluster of neighbours (as it is
-the trade), and by the body with the marker's place among its neighbours, also of four other laboratories with two
-further seeds. Spoiled: 4 mm of noise, 10 % missing, 3 ghosts and 6 exchanges of labels. The skeleton's joints "steady"
-are without each joint's constant offset in its bone; beside it stands how far they move in the frames of the
-recording's own markers, which no skeleton of rigid bones can undercut. Angles are against OpenSim's of the same
+Gaps: 15 % of the real samples are hidden in bursts of half a second. A rigid cluster of neighbours fills them, as is
+common practice, and so does the body with the marker's position among its neighbours, also for four other laboratories
+with two further seeds. Corruption: 4 mm of noise, 10 % missing, 3 ghosts and 6 exchanged labels. "steady" skeleton
+joints lack each joint's constant offset in its bone. For comparison, their movement in the frames of the recording's
+markers is given, which is a lower limit for skeletons of rigid bones. Angles are compared with OpenSim's from the same
 markers. Needs the recordings (MOCAP_SHARED_DATA).
 """
 
@@ -32,7 +32,7 @@ from tests.support.recordings import recordings_folder
 
 
 def run() -> list[Metric]:
-    """Measure and print the tables; each part is kept, so that a run that was stopped goes on."""
+    """Measure and print the tables. Each part is kept, so that an interrupted run resumes."""
     folder()
     parts = {
         "held out": _held_out, "other labs": _other_labs, "spoiled": _spoiled,
@@ -50,7 +50,7 @@ def _held_out() -> list[Metric]:
 
 
 def _other_labs() -> list[Metric]:
-    """Return the mean over takes and two further seeds of the filling's error, and of the rigid filling's."""
+    """Return the mean filling errors of our method and of the rigid method, over takes and two further seeds."""
     shares = []
     for seed in (1, 2):
         for take in takes_of_other_labs():
@@ -97,7 +97,7 @@ def _skeleton() -> list[Metric]:
 
 
 def _steady_mm(motion: Motion, joints: dict[str, np.ndarray]) -> dict[str, float]:
-    """Return each joint's mean distance to the reference without its constant offset in its parent's frame."""
+    """Return each joint's mean distance to the reference in mm, without its constant offset in its parent's frame."""
     body, count = load_body(), motion.num_frames
     local = exp_so3(motion.body_pose.reshape(count, -1, 3))[:, :21]
     skeleton = forward_kinematics(body, motion.betas, exp_so3(motion.global_orient), local, motion.transl)

@@ -1,8 +1,8 @@
-"""41 optical markers of a real walk (CMU 02_01), fitted by plain least squares: pose, shape and marker offsets.
+"""Fit 41 optical markers of a real walk (CMU 02_01) by plain least squares: pose, shape and marker offsets.
 
-Distances of the body's joints to those of the recording's own skeleton, in mm, with nothing aligned. That skeleton is
-itself an estimate with other joint centres: the "steady" figure takes out each joint's constant offset in the frame of
-its bone and so shows the error of the motion alone. Needs ezc3d and the recordings kept beside the repository (or
+Figures are distances in mm between the body's joints and the recording's own skeleton, without alignment. That skeleton
+is also an estimate, with other joint centres. The "steady" figure removes each joint's constant offset in the frame of
+its bone, and so shows only the error of the motion. Needs ezc3d and the recordings next to the repository (or
 MOCAP_SHARED_DATA).
 """
 

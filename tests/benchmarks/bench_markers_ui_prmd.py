@@ -1,8 +1,8 @@
-"""Every take of UI-PRMD (eight people, ten movements, Plug-in Gait 39) solved without a person's help.
+"""Solve every take of UI-PRMD (eight people, ten movements, Plug-in Gait 39) without manual help.
 
-Each person is calibrated once, from a few takes; every take is then solved by the bundle. One table: residual by
-person, takes that failed, frames that deserve a look, what was found wrong. Needs the recordings (MOCAP_SHARED_DATA);
-takes are kept as they are solved, and MOCAP_UI_PRMD_TAKES=N solves the first N takes of each person alone.
+Each person is calibrated once, from a few takes. Then the bundle solves every take. The table has residuals by person,
+failed takes, frames to review, and diagnostics. Needs the recordings (MOCAP_SHARED_DATA). Solved takes are kept, and
+MOCAP_UI_PRMD_TAKES=N only solves the first N takes of each person.
 """
 
 from __future__ import annotations
@@ -72,13 +72,13 @@ def _print_row(person: str, rows: list[_Row]) -> None:
 
 
 def _histogram(rows: list[_Row]) -> np.ndarray:
-    """Return how many residuals of all takes lie in each step of ``STEP_MM``."""
+    """Return the number of residuals of all takes in each step of ``STEP_MM``."""
     longest = max(len(row["residuals"]) for row in rows)
     return sum((np.pad(row["residuals"], (0, longest - len(row["residuals"]))) for row in rows), np.zeros(longest, int))
 
 
 def _quantile(histogram: np.ndarray, share: float) -> float:
-    """Return a quantile of the residuals in millimetres, to within ``STEP_MM``."""
+    """Return a quantile of the residuals in millimetres, with a resolution of ``STEP_MM``."""
     return STEP_MM * float(np.searchsorted(np.cumsum(histogram), share * histogram.sum()))
 
 
@@ -89,7 +89,7 @@ def _person(paths: list[Path]) -> MarkerSubject:
 
 
 def _solved(path: Path, person: MarkerSubject) -> _Row:
-    """Return whether the solve failed, counts of residuals by ``STEP_MM``, the share of unsure frames, and findings."""
+    """Return whether the solve failed, residual counts by ``STEP_MM``, the share of unsure frames, and diagnostics."""
     try:
         motion = solve(Capture(path.stem, markers=ui_prmd(path)), person=person).motion
     except MocapError as error:

@@ -1,10 +1,11 @@
-"""Twenty BVH files, twenty clips of a CC0 library (GLB) and twenty takes of CMU on our body, and some of them on rigs.
+"""Fit twenty BVH files, twenty clips of a CC0 library (GLB) and twenty CMU takes to our body, and some to rigs.
 
-Of each kind: the root mean square distance of the limbs' joints from the skeleton's, of the worst joint of any clip and
-of the median clip; the largest turn of a joint between two frames that its skeleton does not have in the same place;
-clips in which an arm, a leg or the head has no joint; frames per second of processor time, reading and fitting together
-(Blender's own reading left out). Five clips of each kind are laid on characters named and built as Unreal's and as a
-VRM's, without a map: hands and feet from where the scale of the legs puts them.
+For each kind the figures are the root mean square distance of the limbs' joints from the skeleton's, of the worst joint
+of any clip and of the median clip. Others are the largest joint rotation between two frames that the skeleton does not
+have in the same place, the number of clips with an arm, leg or head without a joint, and frames per second of processor
+time for reading and fitting (without Blender's own reading). Five clips of each kind are retargeted to characters that
+are named and built like Unreal's and a VRM's, without a map. Their figures are distances of hands and feet from the
+positions scaled by the legs.
 """
 
 from __future__ import annotations
@@ -39,25 +40,25 @@ from tests.support.retarget_measures import score
 from tests.support.retarget_rigs import map_of_rig
 
 COUNT, ON_RIGS, MOST_FRAMES = 20, 5, 200
-"""Clips of each kind, those of them that are laid on rigs, and frames of these."""
+"""Clips per kind, how many of them are retargeted to rigs, and frames of the retargeted clips."""
 KINDS: dict[str, Callable[[Path, Path, int], Iterable[Path]]] = {
     "bvh": bvh_files, "cmu": cmu_files, "library": library_files,
 }  # fmt: skip
 RIGS = ("unreal_fbx", "vrm")
 _LOOSE = ("toe", "head")
-"""Joints that are not fitted by place."""
+"""Joints that are not fitted by position."""
 
 
 @dataclass(frozen=True)
 class Clip:
-    """What was measured of one clip."""
+    """Figures of one clip."""
 
     frames: int
     cpu_s: float
     limbs_mm: float
-    """Root mean square over joints and frames."""
+    """Root mean square over joints and frames in millimetres."""
     joint_mm: float
-    """Of the worst joint, over the frames."""
+    """Root mean square of the worst joint over the frames in millimetres."""
     flip_deg: float
     lacking: bool
 
@@ -70,7 +71,7 @@ class Clip:
 
 
 def run() -> list[Metric]:
-    """Bring the clips onto our body, and some of them onto rigs."""
+    """Fit the clips to our body, and some of them to rigs."""
     shared = recordings_folder()
     if not (shared / "motion_cmu" / "asfamc").is_dir():
         raise BenchmarkSkipped("there are no recordings beside the repository")
@@ -97,7 +98,7 @@ def beginning(motion: Motion) -> Motion:
 
 
 def measured(path: Path, body: Body) -> tuple[Clip, ImportedMotion]:
-    """Bring one clip onto our body and measure it."""
+    """Fit one clip to our body and measure it."""
     start = time.process_time()
     source, roles, found = read_foreign_clip(path)
     done = import_motion(source, roles, body)
@@ -109,7 +110,7 @@ def measured(path: Path, body: Body) -> tuple[Clip, ImportedMotion]:
 
 
 def flips_deg(source: SkeletonMotion, roles: dict[str, str], done: ImportedMotion) -> float:
-    """Return by how much a joint turns more between two frames than the source's joints near it do at the most."""
+    """Return the largest excess in degrees of a joint's rotation between two frames over the source's nearby joints."""
     if source.num_frames < 2:
         return 0.0
     pose = done.motion.body_pose.reshape(source.num_frames, -1, 3)
@@ -123,7 +124,7 @@ def flips_deg(source: SkeletonMotion, roles: dict[str, str], done: ImportedMotio
 
 
 def _steps(R: np.ndarray) -> np.ndarray:
-    """Return (F - 1, J) degrees between neighbours in time of (F, J, 3, 3)."""
+    """Return the (F - 1, J) angles in degrees between consecutive frames of (F, J, 3, 3) rotations."""
     return np.degrees(np.linalg.norm(log_so3(np.swapaxes(R[:-1], -1, -2) @ R[1:]), axis=-1))
 
 
@@ -143,7 +144,7 @@ def metrics_of(kind: str, clips: list[Clip]) -> list[Metric]:
 
 
 def on_rigs(motions: list[Path]) -> list[Metric]:
-    """Lay motions on each character and return the worst figures."""
+    """Retarget motions to each character and return the worst figures."""
     body, metrics = read_body(default_body_path()), []
     for kind in RIGS:
         scores = []

@@ -1,11 +1,11 @@
 """Results of a simulated network with detections of the same camera, and of two such networks at 60 degrees.
 
-The network errs by 40 mm after alignment, drifts by 11 cm in depth, jitters and slides, as published for GVHMR. Its
-camera is calibrated, and a simulated detector sees the person. ``input`` is the network alone. ``solved`` is the solve
-of one camera with it, ``alone`` the same without it. ``two`` is the solve of two cameras with a network each,
-``two_alone`` without. ``world`` is the mean distance of 12 limb joints, ``pa`` after the best similarity of each frame,
-and ``slide`` the mean speed of feet that truly stand. Ratios are means over takes, with the spread over takes.
-Constants were chosen on subjects 08 and 60. Held-out subjects are 03, 13, 49 and 135.
+The network has an error of 40 mm after alignment, a drift of 11 cm in depth, jitter and sliding, as published for
+GVHMR. Its camera is calibrated, and a simulated detector observes the person. ``input`` is the network alone.
+``solved`` is the solve of one camera with it, ``alone`` the same without it. ``two`` is the solve of two cameras with a
+network each, ``two_alone`` without. ``world`` is the mean distance of 12 limb joints, ``pa`` after the best similarity
+of each frame, and ``slide`` the mean speed of feet that truly stand. Ratios are means over takes, with the spread over
+takes. Constants were chosen on subjects 08 and 60. Held-out subjects are 03, 13, 49 and 135.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ STANDING_M_S, STANDING_M = 0.1, 0.03  # A true foot that is slower, and so near 
 
 @dataclass(frozen=True)
 class NetworkTake:
-    """One person before two cameras, with a network's result of each."""
+    """One person in front of two cameras, with a network's result of each."""
 
     name: str
     capture: Capture
@@ -55,10 +55,10 @@ def run() -> list[Metric]:
 
 
 def network_takes(clips: tuple[tuple[str, str, int], ...], seed: int) -> Iterator[NetworkTake]:
-    """Yield one take for each clip, with statures, heights of the cameras and joint sets in turn.
+    """Yield one take for each clip, alternating statures, camera heights and joint sets.
 
     Raises:
-        BenchmarkSkipped: the motions are not here.
+        BenchmarkSkipped: the motions are missing.
     """
     body = load_body()
     for number, (subject, file, start) in enumerate(clip for clip in clips if clip[1] not in JUMPS):
@@ -111,7 +111,7 @@ def figures(take: NetworkTake) -> dict[str, float]:
 
 
 def sliding(joints: np.ndarray, truth: np.ndarray, fps: float) -> float:
-    """Return the mean speed over the floor of feet that truly stand, m/s, NaN if none does."""
+    """Return the mean speed over the floor of feet that truly stand, in m/s, NaN if none does."""
     speed = np.linalg.norm(np.diff(truth[:, TOES], axis=0), axis=-1) * fps
     low = truth[1:, TOES, 2] < truth[:, TOES, 2].min(axis=0) + STANDING_M
     standing = (speed < STANDING_M_S) & low

@@ -1,12 +1,12 @@
-"""Thesis tables 5.1 and 5.2: fits of 53 markers, and with 24 joints, under noise of data, of inference and both.
+"""Thesis tables 5.1 and 5.2: fits of 53 markers, and with 24 joints, under data noise, inference noise and both.
 
-Twelve held-out takes of 50 frames at 30 Hz, with a simulated body each (``comparison/noise_takes.py``). Figures are
-medians over takes of medians over seeds of the noise. Inference is by the landmark network that ships, of clouds
-without names. MoSh++ (least squares), Barron's loss with the α of a grid search on a training motion, the noise-aware
-method as published, and ours (the bundle, which alone uses what neighbouring frames tell). Errors of the 24 joints,
-angles of joints 1..21. Then clouds without names, markers moved by up to 2 cm as the network was trained for: labels
-first, or the network's landmarks directly. Parts that ``noise_takes.json`` has of the same code are not measured again.
-Needs the validation motions (MOCAP_SHARED_DATA); tables go to build/bench_noise_aware.
+Twelve held-out takes of 50 frames at 30 Hz have a simulated body each (``comparison/noise_takes.py``). Figures are
+medians over takes of medians over noise seeds. Inference uses the shipped landmark network on clouds without names.
+Methods are MoSh++ (least squares), Barron's loss with α from a grid search on a training motion, the noise-aware method
+as published, and ours (the bundle, the only method that uses neighbouring frames). Errors are of the 24 joints, and
+angles of joints 1..21. Then clouds without names are solved, with markers moved by up to 2 cm as in the network's
+training: labels first, or the network's landmarks directly. Parts in ``noise_takes.json`` from the same code are not
+measured again. Needs the validation motions (MOCAP_SHARED_DATA). Tables are written to build/bench_noise_aware.
 """
 
 from __future__ import annotations
@@ -45,15 +45,15 @@ KEYS = {
     for points, methods in POINTS.items()
     for method in methods
 }
-"""Name in the table of every fit of named points, by the beginning of its figures' keys."""
+"""Table name of every fit of named points, by the prefix of its figures' keys."""
 CLOUDS = {name.replace(", ", "_").replace(" ", "_"): f"{NAMELESS}, {name}" for name in cloud_solvers()}
-"""The same of every road from points without names."""
+"""Table name of every method for points without names, by the prefix of its figures' keys."""
 
 Runs = Mapping[str, Any]
 
 
 def run() -> list[Metric]:
-    """Measure what is missing, search α, write the tables."""
+    """Measure missing parts, search α, and write the tables."""
     runs = measured([])
     alpha, tried = kept(NAME, "alpha", lambda: (best_alpha()[0], list(best_alpha()[1].items())))
     OUT.mkdir(parents=True, exist_ok=True)
@@ -62,12 +62,12 @@ def run() -> list[Metric]:
 
 
 def typical(runs: Runs, name: str, column: str) -> float:
-    """Return the median over takes of a figure."""
+    """Return the median of a figure over takes."""
     return float(np.median(list(take_medians(runs, name, column).values())))
 
 
 def metrics_of(runs: Runs) -> list[Metric]:
-    """Return what is held against the baseline: errors, and ratios of ours to the published method."""
+    """Return the figures for the baseline: errors, and ratios of ours to the published method."""
     units = {"rmse_mm": "mm", "mae_deg": "°"}
     metrics = [Metric(f"{k}_{c}", typical(runs, n, c), units[c]) for k, n in KEYS.items() for c in units]
     metrics += [Metric(f"{k}_rmse_mm", typical(runs, n, "rmse_mm"), "mm", rel_tol=0.1) for k, n in CLOUDS.items()]
@@ -79,7 +79,7 @@ def metrics_of(runs: Runs) -> list[Metric]:
 
 
 def as_text(runs: Runs, tried: Mapping[float, float]) -> str:
-    """Return the tables as Markdown: medians over takes, and 95 % intervals of ratios of RMSE to the published method.
+    """Return the tables as Markdown: medians over takes, and 95 % intervals of RMSE ratios to the published method.
 
     Args:
         runs: figures by method, take and seed.

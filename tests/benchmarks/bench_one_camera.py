@@ -1,13 +1,13 @@
-"""One camera against all of them: views of a real recording alone, and recorded motion by a simulated detector.
+"""One camera compared with all: separate views of a real recording, and recorded motion with a simulated detector.
 
-Mean distance over 12 limb joints, after the best similarity of each frame (pa) and about the hips in the world (hip).
-Real views are compared with the solve of all four cameras, filmed takes of subjects 03, 13, 49 and 135, on whom the
-view lifter is not trained, with the truth. ``lifted_pa`` is the lifter alone, ``frame_pa`` each frame by itself from
-there, ``manifold_pa`` Pose-NDF's image fitting of every tenth frame from there, ``inside_95`` the share of joints
-within their 95 % ellipsoids, ``acceleration_error`` in the mean and by that of all three cameras together, ``flips``
-the share of limbs that point the other way along the line of sight, ``flips_flagged`` the share of these whose depth
-is reported as open, ``limbs_flagged`` that of all limbs, ``skating`` and ``below_floor`` of the feet,
-``cpu_s_300`` CPU seconds of 300 frames.
+Figures are mean distances over 12 limb joints, after the best similarity of each frame (pa) and about the hips in the
+world (hip). Real views are compared with the solve of all four cameras. Simulated takes of subjects 03, 13, 49 and 135,
+on whom the view lifter is not trained, are compared with the truth. ``lifted_pa`` is the lifter alone, ``frame_pa`` a
+separate solve of each frame from there, ``manifold_pa`` Pose-NDF's image fitting of every tenth frame from there, and
+``inside_95`` the share of joints within their 95 % ellipsoids. ``acceleration_error`` is the mean, and relative to all
+three cameras together. ``flips`` is the share of limbs with the wrong direction along the line of sight,
+``flips_flagged`` the share of these with a reported ambiguity, and ``limbs_flagged`` the same share of all limbs.
+``skating`` and ``below_floor`` are of the feet, and ``cpu_s_300`` is CPU seconds of 300 frames.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""One camera on a person whom Blender renders and MediaPipe detects: a real detector's errors with a known truth.
+"""One camera on a person rendered by Blender and detected by MediaPipe: a real detector's errors with a known truth.
 
-A person of the studio does the choreography before two cameras. Mean distance over 12 limb joints, after the best
-similarity of each frame (pa) and about the hips in the world (hip); ``drawn_pa`` and ``drawn_hip`` are those of the
-same person and cameras with the detector that the studio simulates, ``detected`` the share of the frames in which
-MediaPipe finds the person, ``off_px`` the median distance of its points from the true ones.
-Needs Blender's module and ``python3 dev.py detectors``.
+A studio person performs the choreography in front of two cameras. Figures are mean distances over 12 limb joints, after
+the best similarity of each frame (pa) and about the hips in the world (hip). ``drawn_pa`` and ``drawn_hip`` have the
+same person and cameras with the studio's simulated detector. ``detected`` is the share of the frames in which MediaPipe
+finds the person, and ``off_px`` the median distance of its points from the true points. Needs Blender's module and
+``python3 dev.py detectors``.
 """
 
 from __future__ import annotations

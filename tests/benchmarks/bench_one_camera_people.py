@@ -1,11 +1,11 @@
-"""One calibrated camera on people of 1.45 to 2.05 m at five heights of the camera: simulated, with a known floor.
+"""One calibrated camera on people of 1.45 to 2.05 m at five camera heights: simulated, with a known floor.
 
-Two sets of seven people on held-out motion, by a simulated detector of 25 and 17 keypoints in turn. ``world`` is the
+Two sets of seven people on held-out motion, with a simulated detector of 25 and 17 keypoints in turn. ``world`` is the
 mean distance of 12 limb joints in the world, ``pa`` after the best similarity of each frame, ``turns_inside_95`` the
-share of segments with their turn inside its 95 % ellipsoid, ``stature`` the mean error of the stature,
-``soles_within_10mm`` the share of standing frames with the lowest point of the foot so near to its true height,
-``stance_speed`` the median speed of standing feet over the floor. ``class_`` marks figures of Indian dances, a class of
-motion that no network was trained on.
+share of segments with their rotation inside its 95 % ellipsoid, ``stature`` the mean error of the stature,
+``soles_within_10mm`` the share of standing frames with the lowest point of the foot within 10 mm of its true height,
+and ``stance_speed`` the median speed of standing feet over the floor. ``class_`` marks figures of Indian dances, a
+class of motion that no network was trained on.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ def _metrics(prefix: str, rows: list[dict[str, float]]) -> list[Metric]:
 
 
 def people_takes(clips: tuple[tuple[str, str, int], ...], seed: int = 0) -> Iterator[PersonTake]:
-    """Yield one take for each stature, with clips, camera heights and joint sets in turn.
+    """Yield one take for each stature, alternating clips, camera heights and joint sets.
 
     Raises:
-        BenchmarkSkipped: the motions are not here.
+        BenchmarkSkipped: the motions are missing.
     """
     body = load_body()
     for number, stature in enumerate(STATURES_M):

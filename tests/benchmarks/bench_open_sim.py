@@ -1,9 +1,9 @@
-"""A real recording of four cameras against the recording tool's own OpenSim result: knee and elbow flexion.
+"""A real recording of four cameras compared with the recording tool's OpenSim result: knee and elbow flexion.
 
-Inverse kinematics of a skeleton with its own joint axes, driven by triangulated and filtered points, stands beside the
+Inverse kinematics of a skeleton with its own joint axes, from triangulated and filtered points, is compared with the
 angles hip-knee-ankle and shoulder-elbow-wrist of each method. Definitions differ by a constant, so the mean difference
-is told apart from what is left without it. The tool gives two results (with and without marker augmentation); how far
-these are from each other is how well the reference knows itself. Needs the recordings (MOCAP_SHARED_DATA).
+and the remaining difference are given separately. The tool has two results (with and without marker augmentation).
+Their difference shows the accuracy of the reference. Needs the recordings (MOCAP_SHARED_DATA).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Angles = dict[str, np.ndarray]
 
 
 def run() -> list[Metric]:
-    """Print the table; the figures of ours against the augmented result."""
+    """Print the table. Return our figures relative to the augmented result."""
     found, references = measured()
     sys.stdout.write(table(found, references) + "\n")
     differences = compare(found["ours"], references[REFERENCES[0]])
@@ -43,7 +43,7 @@ def measured() -> tuple[dict[str, Angles], dict[str, Angles]]:
     """Return the angles of every method and of both references.
 
     Raises:
-        BenchmarkSkipped: the recording is not here.
+        BenchmarkSkipped: the recording is missing.
     """
     data = recordings_folder()
     if not (data / BALANCING_TRIAL).is_dir():
@@ -55,7 +55,7 @@ def measured() -> tuple[dict[str, Angles], dict[str, Angles]]:
 
 
 def solved_angles(method: Method, capture: Capture) -> Angles:
-    """Return flexion by angle and side, (F,) degrees, from the solved keypoints."""
+    """Return (F,) flexion in degrees by angle and side, from the solved keypoints."""
     points = method.solver()(capture).keypoints3d
     names = capture.require_multiview()[1].joint_set.keypoints
     return {
@@ -76,7 +76,7 @@ def reference_angles(path: Path) -> Angles:
 
 
 def compare(found: Angles, reference: Angles) -> dict[str, tuple[float, float]]:
-    """Return for each angle, over both sides, the mean absolute offset and the RMS around the offset, degrees."""
+    """Return the mean absolute offset and the RMS around the offset in degrees for each angle, over both sides."""
     figures = {}
     for angle in ANGLES:
         pairs = [(found[name], reference[name]) for name in found if name.endswith(angle)]
@@ -87,7 +87,7 @@ def compare(found: Angles, reference: Angles) -> dict[str, tuple[float, float]]:
 
 
 def table(found: dict[str, Angles], references: dict[str, Angles]) -> str:
-    """Return offsets and what is left, of every method against both references, as text."""
+    """Return offsets and remaining differences of every method from both references, as text."""
     rows = {**found, f"OpenSim, {REFERENCES[1]}": references[REFERENCES[1]]}
     heads = [f"{angle} {figure} ({kind})" for kind in REFERENCES for angle in ANGLES for figure in ("offset", "rms")]
     lines = [f"{'':<28}" + "".join(f"{head:>24}" for head in heads)]

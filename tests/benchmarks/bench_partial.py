@@ -1,11 +1,11 @@
-"""Real takes with the markers above the pelvis, of an arm, or of both legs removed.
+"""Real takes without the markers above the pelvis, of an arm, or of both legs.
 
-Beside the solve of all markers: how far informed joints move, whether every frame is flagged, whether a wrist at rest
-is above its shoulder, and how many resting joints lie inside their 50, 80 and 95 % ellipsoids, each take and kind
-counting alike, with the standard error that so few takes leave. Takes are others than those that
-``tests.benchmarks.resting_spread`` is fitted to, but for CMU's. Against the skeletons of CMU's walk and fight:
-the error of informed joints, without each joint's constant offset, beside that of the solve of all markers. Needs the
-recordings (MOCAP_SHARED_DATA).
+The solve is compared with the solve of all markers: the movement of measured joints, whether every frame is flagged,
+whether a resting wrist is above its shoulder, and the number of resting joints inside their 50, 80 and 95 % ellipsoids.
+Takes and kinds have equal weights, and the standard error for so few takes is given. Takes differ from those that
+``tests.benchmarks.resting_spread`` is fitted to, except for CMU's. Relative to the skeletons of CMU's walk and fight:
+the error of measured joints, without each joint's constant offset, for this solve and the solve of all markers. Needs
+the recordings (MOCAP_SHARED_DATA).
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def _takes() -> Iterator[tuple[str, str, MarkerCloud]]:
 
 
 def _inside(parts: list[Removed]) -> np.ndarray:
-    """Return (3,) per cent of resting joints inside the ellipsoids, each part counting alike."""
+    """Return the (3,) percentages of resting joints inside the ellipsoids, with equal weights for all parts."""
     return 100 * np.mean([(part.squared[:, None] < BOUNDS).mean(axis=0) for part in parts], axis=0)
 
 
@@ -92,7 +92,7 @@ def _row(parts: list[Removed]) -> str:
 
 
 def _ratio(whole: Motion, part: Motion, reference: dict[str, np.ndarray]) -> float:
-    """Return the error of informed joints against a recorded skeleton by that of the solve of all markers."""
+    """Return the error of measured joints against a recorded skeleton, relative to the solve of all markers."""
     assert part.resting is not None
     errors = []
     for motion in (whole, part):

@@ -1,7 +1,8 @@
-"""Ten pairs of walkers who cross in four views: who is whom, and how each is solved beside being filmed alone.
+"""Ten pairs of walkers who cross in four views: identities, and solves compared with separately filmed people.
 
-Takes of CMU subject 08 on bodies of random shape; each hides the other, and the detector lists them in any order. Needs
-the motions kept beside the repository (or MOCAP_SHARED_DATA). ``python -m tests.benchmarks.bench_people`` prints seeds.
+Takes of CMU subject 08 on bodies of random shape. The people occlude each other, and the detector lists them in any
+order. Needs the motions next to the repository (or MOCAP_SHARED_DATA). ``python -m tests.benchmarks.bench_people``
+prints seeds.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ BOUND_RATIO = 1.1
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one pair."""
+    """Result of one pair."""
 
     found: int  # People found; two are there.
     mixed: int  # Detections of one who were taken for the other.
@@ -40,7 +41,7 @@ class Outcome:
 
     @property
     def ratio(self) -> float:
-        """Worse of the two ratios."""
+        """Larger of the two error ratios."""
         return max(a / b for a, b in zip(self.together_mm, self.alone_mm, strict=True))
 
 
@@ -59,7 +60,7 @@ def run() -> list[Metric]:
 
 
 def pair(seed: int) -> Outcome:
-    """Return what becomes of the pair of a seed."""
+    """Return the result of a seed's pair."""
     filmed = crossing(
         (take_named(TAKES[seed]), take_named(TAKES[(seed + 3) % len(TAKES)])), BenchmarkSettings(seed=seed)
     )
@@ -78,7 +79,7 @@ def _pair(seed: int) -> dict[str, Any]:
 
 
 def _counts(person: SelectedPerson, filmed: Crossing) -> list[int]:
-    """Return how many of a found person's detections are of each of the two."""
+    """Return the number of a found person's detections that belong to each of the two people."""
     views, frames = np.indices(person.detection.shape)
     who = np.where(person.detection >= 0, filmed.who[views, frames, person.detection], -1)
     return [int((who == i).sum()) for i in (0, 1)]

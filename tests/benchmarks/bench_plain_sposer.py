@@ -1,11 +1,11 @@
-"""Thesis table 6.5: SPoser as eqs. 6.1 to 6.4 have it, the recipe that ships, and VPoser, trained alike on a CPU.
+"""Thesis table 6.5: SPoser as in eqs. 6.1 to 6.4, the shipped recipe, and VPoser, trained equally on a CPU.
 
 ``plain`` has neither the loss of frames between keys nor the noise of codes. Corpus, augmentation, widths, steps and
-batch are those of ``recipe``. All three have 300 steps, where the weights that ship have 6,000 (VPoser 3,000), and
-lack the fitted marker takes. Measured on 1,052 held-out poses as in `bench autoencoders`. ``alone``: the encoder alone,
-``step``: with one Gauss-Newton step (``sposer.nearer_codes``). ``between``: frames halfway between keys 0.2 s apart.
-Each row is one training, too few for a verdict. Trainings go to build/plain_sposer and take three minutes of one core
-in all. One that was stopped goes on from its checkpoint.
+batch are those of ``recipe``. All three have 300 steps, while the shipped weights have 6,000 (VPoser 3,000), and none
+uses the fitted marker takes. They are measured on 1,052 held-out poses as in `bench autoencoders`. ``alone`` is the
+encoder alone, ``step`` adds one Gauss-Newton step (``sposer.nearer_codes``), and ``between`` has frames halfway between
+keys 0.2 s apart. Each row is one training, which is too few for a conclusion. Trainings are written to
+build/plain_sposer and take three minutes of one core in all. An interrupted training resumes from its checkpoint.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ SPACING = 6  # Frames between keys.
 
 
 def run() -> list[Metric]:
-    """Train what is missing, and measure."""
+    """Train missing rows, and measure."""
     return [
         Metric(f"{row}_{key}", value, "mm" if key.endswith("_mm") else "")
         for row in ("plain", "recipe", "vposer")
@@ -54,7 +54,7 @@ def run() -> list[Metric]:
 
 @cache
 def corpora() -> tuple[Corpus, Corpus]:
-    """Return the poses to train on and those of held-out subjects."""
+    """Return the poses to train on and the poses of held-out subjects."""
     return split_corpus(load_clips(recordings_folder(), fitted=False))
 
 

@@ -1,14 +1,14 @@
-"""The tables of Pose-NDF's paper (Tiwari et al. 2022, sec. 4) on takes of subjects that no prior was trained on.
+"""Tables of Pose-NDF's paper (Tiwari et al. 2022, sec. 4) on takes of subjects that no prior was trained on.
 
-Mean error of the skin's vertices, every fifth frame, root known, 30 frames a second. Denoising: recorded takes as they
-are, and with every joint turned by Gaussian noise of 6.5 degrees about each axis (the paper's noise is 9.3 cm).
-Completion: a limb's joints unknown. Against VPoser (public code's form and the thesis' wording) and RVPoser by the
-paper's eq. 9, and against no prior at all (for completion: the limb at rest). Keypoints: ten frames of a take before
-one known camera, 25 keypoints with 5 px of noise, from rest poses turned by 15 degrees (eqs. 10 and 11; error after the
-best similarity). Interpolation: way of the vertices from frame to frame. Samples: average pairwise distance of joints,
-joints beyond their range of motion, and poses whose limbs and trunk pass through one another by more than 3 cm, by
-capsules, beside recorded poses.
-Pictures go to build/bench_pose_ndf.
+Figures are mean errors of the skin's vertices in every fifth frame, with known root, at 30 frames per second.
+Denoising: recorded takes without changes, and with every joint rotated by Gaussian noise of 6.5 degrees about each axis
+(the paper's noise is 9.3 cm). Completion: a limb's joints are unknown. The comparison is with VPoser (as in its public
+code and as in the thesis) and RVPoser by the paper's eq. 9, and with no prior (for completion, the limb at rest).
+Keypoints: ten frames of a take in front of one known camera, 25 keypoints with 5 px of noise, from rest poses rotated
+by 15 degrees (eqs. 10 and 11, with the error after the best similarity). Interpolation: movement of the vertices per
+frame. Samples: average pairwise distance of joints, joints beyond their range of motion, and poses with limbs and trunk
+intersecting by more than 3 cm, measured with capsules, compared with recorded poses. Pictures are written to
+build/bench_pose_ndf.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from tests.benchmarks.pose_priors.latent_chain import LatentChain
 from tests.benchmarks.pose_priors.pose_pictures import draw_strips
 
 TAKES = (("03_03", 120), ("03_04", 1200), ("13_29", 900), ("salsa_07", 60))
-"""Held-out takes and the frame, at 60 Hz, they are cut from."""
+"""Held-out takes, and the first frame at 60 Hz."""
 LENGTHS = (60, 120)
 NOISE_DEG, FPS = 6.5, 30.0
 OCCLUSIONS = {
@@ -57,14 +57,14 @@ OCCLUSIONS = {
 }  # fmt: skip
 KEYPOINT_SETTINGS = KeypointSettings(manifold=100.0, robust_scale=20.0, iterations=30)
 VAES: tuple[VaeName, ...] = ("vposer", "vposer_worded", "rvposer")
-"""VPoser as its public code has it, as the thesis describes it, and RVPoser."""
+"""VPoser as in its public code, as in the thesis, and RVPoser."""
 CONSTANT_WEIGHT, PULLS = 30.0, {"vposer": 20.0, "vposer_worded": 20.0, "rvposer": 10.0}
-"""λ_θ of the fits to keypoints, each the best of several on training takes (``pose_priors/tune_pulls.py``)."""
+"""Weights λ_θ of the fits to keypoints, the best of several on training takes (``pose_priors/tune_pulls.py``)."""
 PICTURES = Path(__file__).resolve().parents[2] / "build" / "bench_pose_ndf"
 _BODY = load_body()
 _NAMES = marker_layout(LAYOUT)
 SUBJECT = Subject(_BODY, marker_landmarks(_BODY, _NAMES), np.zeros(10), np.zeros((len(_NAMES), 3)))
-"""The mean body, whose markers are what uses of the field observe."""
+"""The mean body. Applications of the field observe its markers."""
 
 
 def run() -> list[Metric]:
@@ -145,7 +145,7 @@ def _completion(prior, vaes, takes, length, shown) -> list[Metric]:
 
 
 def _latent_completed(vae, hidden: PosedFrames, missing: tuple[int, ...]) -> PosedFrames:
-    """Fit codes to the landmarks that the missing joints do not move; take the missing joints from them."""
+    """Fit codes to the landmarks that the missing joints do not move, and take the missing joints from them."""
     posed = pose(SUBJECT, hidden, jacobian=True)
     assert posed.by_rotations is not None
     columns = [3 + 3 * j + axis for j in missing for axis in range(3)]
@@ -230,12 +230,12 @@ def _samples(prior, vaes, shown, count: int = 500) -> list[Metric]:
 
 
 def error_cm(found: PosedFrames, truth: PosedFrames) -> float:
-    """Return the mean error of the skin's vertices in every fifth frame, cm."""
+    """Return the mean error of the skin's vertices in every fifth frame, in cm."""
     difference = _vertices(found.local[::5]) - _vertices(truth.local[::5])
     return 100 * float(np.linalg.norm(difference, axis=-1).mean())
 
 
 def _vertices(local: np.ndarray) -> np.ndarray:
-    """Return the skin with the pelvis unturned at the origin; distances are those with the root known."""
+    """Return the skin with an unrotated pelvis at the origin, so that distances are those with a known root."""
     root = np.tile(np.eye(3), (len(local), 1, 1))
     return pose_mesh(_BODY, np.zeros(10), root, local, np.zeros((len(local), 3)))

@@ -1,8 +1,8 @@
 """The add-on's presets on two benchmark captures of 600 frames and four views: exercises and fast dance, NumPy.
 
-Mean errors of the 24 joints against the truth, the acceleration error, and processor seconds of the solve in a warm
-process. For wrists and ankles also the share of the true peak speed that the solve keeps, and the frequency above which
-it keeps less than half of the true amplitude.
+Figures are mean errors of the 24 joints, the acceleration error, and processor seconds of the solve in a warm process.
+For wrists and ankles they also include the share of the true peak speed that the solve keeps, and the frequency above
+which it keeps less than half of the true amplitude.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def peak_share(joints: np.ndarray, truth: np.ndarray, fps: float) -> float:
 
 
 def half_amplitude_hz(joints: np.ndarray, truth: np.ndarray, fps: float) -> float:
-    """Return the first whole frequency from which on 1 Hz of the limbs' true movement is kept by less than half.
+    """Return the first whole frequency in Hz from which on less than half of the limbs' true movement is kept.
 
     The gain of a band is the regression of the solved on the true Fourier coefficients: sum Re(T* J) / sum |T|^2.
     """

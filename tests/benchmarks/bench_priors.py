@@ -1,11 +1,11 @@
-"""Pose priors side by side: samples, reconstruction by source, noise removed, frames between keys; with pictures.
+"""Compare pose priors: samples, reconstruction by source, removed noise, frames between keys, with pictures.
 
-FID, DIV and APD over positions of joints 1..23 about an unturned pelvis on a skeleton of 1.70 m, in dm (FID in dm²), of
-1,000 samples against 4,000 distinct training poses; reconstruction, noise and interpolation on validation subjects;
-errors of joints with the pelvis fixed. Samples, noise and keys: median of three seeds; the weights are of one seed.
-SPoser's widths: medians of three short trainings of 1,000 steps each. Pictures and tables go to build/priors (or
---out). Needs the recordings kept beside the repository (or MOCAP_SHARED_DATA); the first run fits the marker takes and
-trains nine small networks, which takes half an hour; both are kept.
+FID, DIV and APD use positions of joints 1..23 about an unrotated pelvis on a skeleton of 1.70 m, in dm (FID in dm²),
+for 1,000 samples and 4,000 distinct training poses. Reconstruction, noise and interpolation use validation subjects,
+with joint errors for a fixed pelvis. Samples, noise and keys are medians of three seeds, and the weights are of one
+seed. SPoser's widths are medians of three short trainings of 1,000 steps each. Pictures and tables are written to
+build/priors (or --out). Needs the recordings next to the repository (or MOCAP_SHARED_DATA). The first run fits the
+marker takes and trains nine small networks, which takes half an hour. Both are kept.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _SPACING = 6
 
 @dataclass(frozen=True)
 class _Poses:
-    """What the priors are measured on."""
+    """Poses on which the priors are measured."""
 
     training: Corpus
     validation: Corpus

@@ -1,9 +1,9 @@
-"""Things that somebody swings, at 100 Hz with 1 mm of noise and a fifth of all samples missing: how far off they are.
+"""Swung objects at 100 Hz with 1 mm of noise and a fifth of all samples missing: pose errors.
 
-Missing are samples one by one, or each marker for a quarter of a second at a time. A row is the worst of five seeds:
-root mean square distance of the markers and angle of the pose (of a stick, its direction: nothing shows its turn about
-itself) in the frames that show three markers or more, which fix a pose; the distance in all frames; and how many
-markers' centres lie inside the ellipsoid that is stated for 95 %, in all frames.
+Missing samples are single ones, or each marker for a quarter of a second. A row is the worst of five seeds: root mean
+square distance of the markers and angle of the pose (for a stick only its direction, because its roll is not
+observable) in frames with at least three markers, which fix a pose. Other figures are the distance in all frames, and
+the share of marker centres inside the stated 95 % ellipsoid in all frames.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ SHAPES = {
 FRAMES, FPS, SEEDS = 400, 100.0, 5
 NOISE_M, MISSING, AWAY_S = 1e-3, 0.2, 0.25
 FIXED_BY = 3
-"""Markers that fix a pose."""
+"""Number of markers that fix a pose."""
 CHI_95 = 7.815  # Squared radius of a Gaussian's 95 % ellipsoid in space.
 
 
@@ -50,7 +50,7 @@ def run() -> list[Metric]:
 
 
 def _errors(name: str, kind: str, seed: int) -> tuple[float, float, float, float]:
-    """Return millimetres and degrees where the pose is fixed, millimetres in all frames, and percent inside."""
+    """Return errors in millimetres and degrees for fixed poses, millimetres in all frames, and percent inside."""
     shape = SHAPES[name]
     truth = moving_prop(shape, frames=FRAMES, fps=FPS, seed=seed)
     points = truth.recorded(NOISE_M, MISSING if kind == "single" else 0.0, seed)
@@ -69,7 +69,7 @@ def _errors(name: str, kind: str, seed: int) -> tuple[float, float, float, float
 
 
 def _hide(points: np.ndarray, rng: np.random.Generator) -> None:
-    """Take markers away for ``AWAY_S`` at a time, until a share ``MISSING`` is."""
+    """Remove markers for ``AWAY_S`` at a time, until a share ``MISSING`` is removed."""
     length = round(AWAY_S * FPS)
     while np.isnan(points[..., 0]).mean() < MISSING:
         start = rng.integers(len(points) - length)
@@ -77,7 +77,7 @@ def _hide(points: np.ndarray, rng: np.random.Generator) -> None:
 
 
 def _directions(markers: np.ndarray, truth: MovingProp) -> np.ndarray:
-    """Return (F,) angles between the lines from the first to the last marker, rad."""
+    """Return the (F,) angles in radians between the lines from the first to the last marker."""
     found = markers[:, -1] - markers[:, 0]
     line = (exp_so3(truth.rotvec) @ (truth.shape[-1] - truth.shape[0])[:, None])[..., 0]
     lengths = np.linalg.norm(found, axis=-1) * np.linalg.norm(line, axis=-1)

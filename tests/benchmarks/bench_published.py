@@ -1,9 +1,10 @@
-"""Ours against BundleMoCap++'s own optimiser: window after window, Algorithm 1, gradients by automatic differentiation.
+"""Compare our method with BundleMoCap++'s optimiser: one window after another, Algorithm 1, automatic differentiation.
 
 The first windows of a take of 2,000 frames and 4 views are solved as published: strong Wolfe, at most 30 iterations,
-PyTorch in single precision, the mesh posed with its correctives, keypoints regressed from its vertices as with SMPL. A
-second run, in double precision, has our landmarks in place of the mesh. PyTorch may use all cores. Their time is scaled
-to the take; ours is the whole way from keypoints to motion. Their first key and shape cost nothing here.
+PyTorch in single precision, the mesh posed with its correctives, and keypoints regressed from its vertices as with
+SMPL. A second run in double precision has our landmarks instead of the mesh. PyTorch may use all cores. Its time is
+extrapolated to the take. Our time includes all steps from keypoints to motion. The published method's first key and
+shape are not counted.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ WINDOWS = 3  # Windows that are solved as published.
 
 
 def run() -> list[Metric]:
-    """Solve both ways."""
+    """Solve in both ways."""
     try:
         import torch
     except ImportError as error:
@@ -62,7 +63,7 @@ def run() -> list[Metric]:
 
 
 def published_seconds(capture: Capture, count: int, *, mesh: bool) -> tuple[float, float]:
-    """Return seconds for the whole take, told from its first windows, and evaluations a window."""
+    """Return seconds for the whole take, extrapolated from its first windows, and evaluations per window."""
     import torch
 
     layout = KeyframeLayout.even(capture.num_frames, BundleMoCapPlusPlus().window)
@@ -80,7 +81,7 @@ def published_seconds(capture: Capture, count: int, *, mesh: bool) -> tuple[floa
 
 
 def first_key(prepared: Prepared) -> KeyState:
-    """Return the pose of the first frame that is seen."""
+    """Return the pose of the first visible frame."""
     problem = prepared.problem
     fitted = fit_to_points(problem, prepared.subject, prepared.seen[:1])
     return fitted.z, fitted.root, fitted.transl
@@ -89,7 +90,7 @@ def first_key(prepared: Prepared) -> KeyState:
 def window_of(
     prepared: Prepared, layout: KeyframeLayout, number: int, key: KeyState, like: Array, *, mesh: bool = False
 ) -> AutogradWindow:
-    """Return one window of the take from its first key on."""
+    """Return one window of the take, starting at its first key."""
     problem = prepared.problem
     where, time_in_window = layout.positions(layout.frames)
     index = np.flatnonzero(where == number)

@@ -1,10 +1,10 @@
-"""How far SPoser reaches: held-out subjects, and dances unlike all it learned from (validation only).
+"""Reach of SPoser: held-out subjects, and dances unlike all its training data (validation only).
 
-Errors of joints, pelvis fixed, skeleton of 1.70 m, distinct poses: at the codes that the encoder guesses, at those that
-SPoser returns, and at the nearest of all codes, on 500 poses, which is what a solver that moves the codes can reach.
-Ends: held-out poses in which one angle of foot, toes or hand is put to the end of its range, and what is decoded of it;
-and a take in which it is there, and what solves of views and of markers find.
-Needs the recordings kept beside the repository (or MOCAP_SHARED_DATA); --weights measures another weight file.
+Figures are joint errors with fixed pelvis on a skeleton of 1.70 m, for distinct poses. Codes are the encoder's initial
+codes, SPoser's final codes, and the nearest of all codes on 500 poses, which a solver that moves codes can reach. Ends:
+held-out poses with one angle of foot, toes or hand set to the end of its range and decoded, and a take with such
+angles, solved from views and from markers. Needs the recordings next to the repository (or MOCAP_SHARED_DATA).
+--weights measures another weight file.
 """
 
 from __future__ import annotations

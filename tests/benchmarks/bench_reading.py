@@ -1,7 +1,8 @@
-"""Reading detections: CPU seconds of ``info`` on 36,000 OpenPose files of four cameras, and frames a second of tables.
+"""Read detections: CPU seconds of ``info`` on 36,000 OpenPose files of four cameras, and frames per second of tables.
 
-The demo's detections, to and fro. ``openpose_s`` is all that ``info`` does: reading, agreement of the views, choice of
-the person. Tables of 4 cameras and 5000 frames each are read to arrays; frames of all cameras count.
+The demo's detections are played forwards and backwards. ``openpose_s`` includes all steps of ``info``: reading,
+agreement of the views, and choice of the person. Tables of 4 cameras and 5000 frames each are read to arrays, and
+frames of all cameras count.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from tests.benchmarks.strangers.take import COCO, LENGTH, demo_take, write_rate,
 
 Rows = Sequence[Sequence[object]]
 FILES, ROWS = 9000, 5000
-"""Of each of four cameras."""
+"""Number of files and of table rows for each of the four cameras."""
 _NAMED = [(name, coord) for name in COCO for coord in ("x", "y", "likelihood")]
 
 
@@ -38,7 +39,7 @@ def run() -> list[Metric]:
 
 
 def _to_and_fro(count: int) -> np.ndarray:
-    """Return rows of the demo that run forwards and backwards."""
+    """Return rows of the demo in forward and backward order."""
     phase = np.arange(count) % (2 * LENGTH)
     return np.where(phase < LENGTH, phase, 2 * LENGTH - 1 - phase)
 
@@ -101,4 +102,4 @@ def _points(name: str, values: np.ndarray) -> tuple[str, Rows]:
 
 TABLES = {"deeplabcut": _deeplabcut, "deeplabcut_animals": _deeplabcut_animals, "sleap": _sleap, "own": _own,
           "point_rows": _points}  # fmt: skip
-"""By what they are called: the file's name and rows of one camera."""
+"""File name and rows of one camera, by table kind."""

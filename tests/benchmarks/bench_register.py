@@ -1,6 +1,6 @@
-"""Importing and registering the add-on in a fresh process of the bpy module, byte code compiled; the best of seven.
+"""Import and register the add-on in a fresh process of the bpy module, with compiled byte code, the best of seven.
 
-Processor seconds stand beside wall seconds because machines are shared.
+Processor seconds are given with wall seconds because machines are shared.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ blender_addon.register()
 print("took", 1000 * (time.perf_counter() - wall), 1000 * (time.process_time() - processor), flush=True)
 blender_addon.unregister()
 """
-"""Source that measures the add-on of a folder."""
+"""Source code that measures the add-on of a folder."""
 
 
 def run() -> list[Metric]:
-    """Register."""
+    """Register the add-on."""
     return measure("register", [sys.executable, "-c", MEASURED.format(folder=str(ROOT))])
 
 
 def measure(name: str, command: list[str], environment: dict[str, str] | None = None) -> list[Metric]:
-    """Run a command that plays ``MEASURED`` and return wall and processor milliseconds, the best of its runs."""
+    """Run a command that executes ``MEASURED``, and return the best wall and processor milliseconds."""
     runs = [_took(command, environment) for _ in range(REPEATS)]
     best = [min(values) for values in zip(*runs, strict=True)]
     return [

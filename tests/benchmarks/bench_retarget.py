@@ -1,12 +1,12 @@
-"""Three solved takes (walk, squat, dance; four views each) on a Rigify, two Mixamo-named rigs and characters of files.
+"""Retarget three solved takes (walk, squat, dance, four views each) to Rigify, two Mixamo-named rigs and other files.
 
-The characters are written and read as their programs' users have them: glTF, FBX, VRM, an avatar at scale 0.01; their
-figures are the worst of the three takes. Largest distances of hands and feet from the scaled actor's over all frames,
-where feet are locked in stances that slide by up to 30 mm;
-largest difference of the twist of hinges, of hands against forearms, of thighs against the pelvis, and of the pelvis;
-mean angle of the trunk and of the head in the world against the actor's; way of the hips against the ratio of the legs,
-and the way of standing toes by the actor's; measured in Blender from what the rigs show. Processor seconds for 1,000
-frames are of the whole verb, the rig read and checked, from the longest take.
+The characters are written and read as their programs' users have them: glTF, FBX, VRM, and an avatar at scale 0.01.
+Figures are the worst of the three takes: largest distances of hands and feet from the scaled actor's over all frames,
+with feet locked in stances that slide by up to 30 mm, and largest differences in the twist of hinges, of hands to
+forearms, of thighs to the pelvis, and of the pelvis. Others are the mean world angles of trunk and head to the actor's,
+the path length of the hips relative to the ratio of the legs, and of standing toes relative to the actor's. They are
+measured in Blender on the evaluated rigs. Processor seconds for 1,000 frames are of the whole verb for the longest
+take, including reading and checking the rig.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ RIGS: dict[str, Callable] = {
 
 
 def run() -> list[Metric]:
-    """Solve each take and lay it on each rig."""
+    """Solve each take and retarget it to each rig."""
     body, metrics, seconds = read_body(default_body_path()), [], []
     worst: dict[str, list[Score]] = {name: [] for name in CHARACTERS}
     for name, take in TAKES.items():

@@ -1,11 +1,11 @@
-"""Markers by three rendered infrared and depth sensors at 2 m (thesis 5.3.2): a walk and a choreography, 53 markers.
+"""Markers from three rendered infrared and depth sensors at 2 m (thesis 5.3.2): a walk and a choreography, 53 markers.
 
-Single sensors, fused clouds (chi-square test, and the published 1 cm), markers found of those of which some sensor sees
-half, ghosts (points farther than 3 cm from a marker that has none, or second ones), processor time a picture; then the
-way to joints: labelled by the network, the person calibrated on both takes and solved by the bundle with the clouds'
-covariances, with their size alone (residuals) and without, and beside it least squares and the published noise-aware
-fit without calibration. The bundle's ellipsoids are held against the truth: shares of joints inside those of 50, 80 and
-95 %. The walk needs the recordings (MOCAP_SHARED_DATA).
+Figures are for single sensors and fused clouds (chi-square test, and the published 1 cm): the share of found markers of
+which a sensor sees half, ghosts (points more than 3 cm from a free marker, or second points), and processor time per
+picture. Then joints are solved: the network labels the markers, both takes calibrate the person, and the bundle solves
+them with the clouds' covariances, with their size only (residuals) and without. Least squares and the published
+noise-aware fit without calibration are compared. The bundle's ellipsoids are compared with the truth: shares of joints
+inside the 50, 80 and 95 % ellipsoids. The walk needs the recordings (MOCAP_SHARED_DATA).
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ from tests.support.recordings import recordings_folder
 FPS, FRAMES = 30, 80
 WALK = "bvh_samples/cmu_mb2_02_01.bvh"
 NEAR_M = 0.03
-"""A point farther from every marker is none of them."""
+"""Distance in metres from every marker beyond which a point is a ghost."""
 HALF_SEEN = 0.5
 LEVELS = {0.5: 2.366, 0.8: 4.642, 0.95: 7.815}
-"""Chi-square of three degrees of freedom by level."""
+"""Quantiles of the chi-square distribution with three degrees of freedom, by level."""
 TIMED = 20  # Frames of each take that times are measured on.
 
 
@@ -50,11 +50,11 @@ class Shot:
 
     folder: SensorFolder
     markers: np.ndarray
-    """(F, 53, 3) metres."""
+    """(F, 53, 3) marker positions in metres."""
     seen: np.ndarray
-    """(C, F, 53) share of each marker that each sensor sees."""
+    """(C, F, 53) fraction of each marker that each sensor sees."""
     joints: np.ndarray
-    """(F, 24, 3) metres."""
+    """(F, 24, 3) joint positions in metres."""
 
 
 def run() -> list[Metric]:
@@ -117,7 +117,7 @@ def _fused(shots: list[Shot], kind: str) -> list[Metric]:
 
 
 def _one_each(points: np.ndarray, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return distances and markers of the points that are the nearest to a marker, which has one point at most."""
+    """Return distances and markers of the points that are nearest to a marker. A marker has at most one point."""
     off = np.linalg.norm(points[:, None] - true, axis=-1)
     which, least = off.argmin(1), off.min(1)
     order = np.argsort(least)
@@ -128,7 +128,7 @@ def _one_each(points: np.ndarray, true: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _times(shots: list[Shot]) -> list[Metric]:
-    """Return processor time of a picture and of a moment; frames are read before, and once unmeasured."""
+    """Return processor time per picture and per moment. Frames are read in advance and processed once untimed."""
     acquired, fused = [], []
     for shot in shots:
         finders = [Acquisition(shot.folder.cameras, device.name) for device in shot.folder.devices]
@@ -197,7 +197,7 @@ def _bundles(captures: list[Capture], settings: SolveSettings) -> list[Motion]:
 
 
 def _inside(shots: list[Shot], motions: list[Motion]) -> dict[float, float]:
-    """Return the share of joints that lie inside the ellipsoids of each level: ``eᵀ Σ⁻¹ e`` below chi-square's of 3."""
+    """Return the share of joints inside the ellipsoids of each level: ``eᵀ Σ⁻¹ e`` below the chi-square quantile."""
     squares = []
     for shot, motion in zip(shots, motions, strict=True):
         assert motion.joint_covariance is not None
@@ -214,7 +214,7 @@ def _least_squares(capture: Capture) -> Motion:
 
 
 def _without(capture: Capture, *fields: str) -> Capture:
-    """Return the capture without what is known of its points' errors."""
+    """Return the capture without some fields about its points' errors."""
     assert capture.markers is not None
     return replace(capture, markers=replace(capture.markers, **dict.fromkeys(fields)))
 

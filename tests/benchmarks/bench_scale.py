@@ -1,10 +1,11 @@
-"""Takes of 100 frames by the dozen or the thousand: in one process, over one and two workers of a Dask cluster, and
-over two of which one is killed every 20 s while the scheduler is restarted once; a scheduler's memory by keyed takes.
+"""Dozens or thousands of takes of 100 frames in one process, with one and two Dask workers, and with restarts.
 
-SCALE_TAKES (8), SCALE_FRAMES (100) and SCALE_SIMULATED (2000) say how many, SCALE_ROUNDS (1) how often rates are
-measured in turns, their ratios being medians, and SCALE_PARTS (rates,fire,memory) which parts are run; what is left out
-is said to be lost. Rates are those between the first take that ends and the last, so that starting a cluster, seconds
-once a batch, is not in them. "more than once" counts takes with a step that was recorded as done twice.
+In the restart part, one of two workers is killed every 20 s and the scheduler is restarted once. Another part measures
+a scheduler's memory with keyed takes. SCALE_TAKES (8), SCALE_FRAMES (100) and SCALE_SIMULATED (2000) set the numbers.
+SCALE_ROUNDS (1) is the number of alternating rate measurements, with medians of their ratios. SCALE_PARTS
+(rates,fire,memory) selects parts, and the others count as missing. Rates are between the ends of the first and the last
+take, so that the start of a cluster, which takes seconds per batch, is excluded. "more than once" counts takes with a
+step that was recorded as done twice.
 """
 
 from __future__ import annotations
@@ -95,7 +96,7 @@ def _captures(folder: Path, takes: int, frames: int) -> Path:
 
 
 def _rate(captures: Path, out: Path, spread: Spread) -> float:
-    """Return takes a minute between the first that ends and the last."""
+    """Return takes per minute between the ends of the first and the last take."""
     ends: list[tuple[float, int]] = []
 
     def told(stage: str, done: int, total: int) -> None:
@@ -111,7 +112,7 @@ def _rate(captures: Path, out: Path, spread: Spread) -> float:
 
 
 def _under_fire(captures: Path, out: Path, folder: Path) -> tuple[int, int, int]:
-    """Return how many takes are done, how many more than once, and how many kills there were."""
+    """Return the numbers of finished takes, of takes done more than once, and of kills."""
     from tests.support.tended_cluster import Tended
 
     (folder / "dask").mkdir()
@@ -140,12 +141,12 @@ def _ignored(stage: str, done: int, total: int) -> None:
 
 
 def _simulated(given: dict[str, Any], step: str, before: object) -> dict[str, Any]:
-    """Stand in the place of a step: as much goes in and out as does for one."""
+    """Simulate a step with the same amounts of input and output."""
     return {"worker": "", "record": {"take": given["capture"], "status": "done", "outputs": [given["capture"]] * 4}}
 
 
 def _scheduler_memory(takes: int, folder: Path) -> tuple[float, float]:
-    """Return MB a thousand takes of one step that are all handed over at once, and the last growth by the first."""
+    """Return MB per thousand one-step takes submitted at once, and the ratio of the last to the first growth."""
     from distributed import Client
 
     from tests.support.tended_cluster import Tended

@@ -1,6 +1,7 @@
 """Count the rows of the published tables by verdict.
 
-Reads what the other benchmarks recorded (`dev.py bench NAME --update`) and writes docs/explanation/published-tables.md.
+Reads the records of the other benchmarks (`dev.py bench NAME --update`) and writes
+docs/explanation/published-tables.md.
 """
 
 from __future__ import annotations

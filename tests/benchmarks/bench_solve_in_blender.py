@@ -1,8 +1,8 @@
-"""The demo capture solved by the add-on's operator in the bpy module; the best of three.
+"""Solve the demo capture with the add-on's operator in the bpy module. The best of three counts.
 
-"added" is what the operator needs beside the solver's process, in which the command line does the same job: writing the
-job, starting the process, reading the motion, making the body and its action. Processor seconds stand beside wall
-seconds because machines are shared. "poll" is what the timer does, ten times a second, at its busiest.
+"added" is the operator's time without the solver's process, in which the command line does the same job: writing the
+job, starting the process, reading the motion, creating the body and its action. Processor seconds are given with wall
+seconds because machines are shared. "poll" is the timer's longest work, which it does ten times per second.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _PROGRESS = '{"event": "progress", "stage": "Working", "done": 1, "total": 2, "e
 
 
 def run() -> list[Metric]:
-    """Solve, and tell the process's time from the rest."""
+    """Solve, and separate the process's time from the rest."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     blender_addon.register()
     try:
@@ -72,7 +72,7 @@ def _solved() -> tuple[float, float, float]:
 
 @contextmanager
 def _waiting() -> Iterator[list[float]]:
-    """Yield a list that takes the seconds for which the add-on waits for the process."""
+    """Yield a list that receives the seconds for which the add-on waits for the process."""
     waited: list[float] = []
     wait = SolverProcess.wait
 

@@ -1,14 +1,13 @@
-"""Ten benchmark captures of four cameras as strangers bring them, each spoiled in every one of ``KINDS``.
+"""Ten benchmark captures of four cameras as other people record them, each spoiled with every one of ``KINDS``.
 
-Each is written as a Pose2Sim trial, read and solved without options; where a stature is asked for, it is given. What
-is read as the unspoiled capture is (triangulated within 0.1 mm) comes to what that comes to, and is not solved again.
-Solved are those within 1.15 times the error of the same frames unspoiled (joints, laid over the truth rigidly) whose
-world is level within 5 degrees; silent are results beyond that without a warning or refusal. Where a stature was asked
-for, the scale is known to what it states: within twice that, the error is measured at the truth's size.
-Needs the motions kept beside the repository (or MOCAP_SHARED_DATA).
-``python -m tests.benchmarks.bench_spoiled [--seeds FIRST END] [--page PAGE] [KIND ...]`` prints every seed and records
-it under ``build``, so that it can be done in parts; the page and ``dev.py bench spoiled`` are made of the record.
-``LIES``, named, are tried too.
+Each is written as a Pose2Sim trial, read and solved without options. If a stature is requested, it is given. A capture
+that is read as the unspoiled one (triangulated within 0.1 mm) gets the same result without a solve. Solved captures are
+within 1.15 times the error of the same unspoiled frames (joints, rigidly aligned with the truth), with a world that is
+level within 5 degrees. Silent captures exceed that without a warning or refusal. If a stature was requested, the scale
+has a stated deviation, and within twice this deviation the error is measured at the truth's size. Needs the motions
+next to the repository (or MOCAP_SHARED_DATA). ``python -m tests.benchmarks.bench_spoiled [--seeds FIRST END] [--page
+PAGE] [KIND ...]`` prints every seed and records it under ``build``, so that it can run in parts. The page and ``dev.py
+bench spoiled`` use the record. ``LIES`` are also tried if they are named.
 """
 
 from __future__ import annotations
@@ -44,16 +43,16 @@ SEEDS, SEEDS_OF_TWO = 10, 3  # Captures of each kind, and of those with two faul
 RECORD = Path(__file__).resolve().parents[2] / "build" / "benchmark_spoiled.jsonl"
 SOURCES = Path(solver_backend.__file__).parent
 FILM_FRAMES, TAKE_FRAMES = 900, 240
-"""A film is long enough for cameras that start apart; others record its last four seconds."""
+"""Frames of a film, long enough for cameras that start apart, and of other takes, its last four seconds."""
 WITHIN, LEVEL_DEG = 1.15, 5.0
-"""Times the unspoiled error; tilt of the world up to which it is level: a person's stance shows up to 3 degrees."""
+"""Largest factor of the unspoiled error, and largest tilt of a level world. A person's stance has up to 3°."""
 SCALE_SIGMAS, STATURE_SHARE = 2.0, 0.015
-"""Deviations of a scale by a stature, and the one that its note states: people of one stature differ in their legs."""
+"""Deviations of a scale from a stature, and the deviation that its note states. Equal statures have different legs."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """What became of one seed of one kind."""
+    """Result of one seed of one kind."""
 
     result: Result
     unspoiled_mm: float
@@ -69,12 +68,12 @@ class Found:
 
     @property
     def silent(self) -> bool:
-        """Whether it is wrong and nothing says so."""
+        """Whether the result is wrong without a warning."""
         return not self.solved and self.result.silent
 
 
 def run() -> list[Metric]:
-    """Count what becomes of every seed of every kind; what the record holds of this program is not done again."""
+    """Count the results of every seed of every kind. Recorded results of this program are not repeated."""
     rows = _recorded(RECORD, _all_kinds())
     metrics = []
     for kind in KINDS:
@@ -89,7 +88,7 @@ def run() -> list[Metric]:
 
 
 def tried(kind: str, seed: int) -> Found:
-    """Spoil a seed's capture, read it, and solve it unless it is read as the unspoiled one."""
+    """Spoil a seed's capture, read it, and solve it unless it is read as the unspoiled capture."""
     capture = film(seed)
     rng, first = np.random.default_rng(seed), FILM_FRAMES - TAKE_FRAMES
     if kind in LIES:
@@ -118,11 +117,11 @@ def tried(kind: str, seed: int) -> Found:
 
 @dataclass(frozen=True)
 class _Unspoiled:
-    """A seed's capture as it should be."""
+    """Unspoiled capture of a seed."""
 
     result: Result
     points: np.ndarray
-    """(F, K, 3) as they are triangulated."""
+    """(F, K, 3) triangulated points in metres."""
 
 
 @cache
@@ -138,14 +137,14 @@ def _unspoiled(seed: int, first: int) -> _Unspoiled:
 
 @lru_cache(maxsize=2)
 def film(seed: int) -> Capture:
-    """Return a seed's capture, fifteen seconds of a take."""
+    """Return fifteen seconds of a take as a seed's capture."""
     name, start = TAKES[seed % len(TAKES)]
     start = min(start, 200) if name == "03_04" else start
     return filmed(f"{name}:{start}+{FILM_FRAMES}", BenchmarkSettings(seed=seed))
 
 
 def recording_from(capture: Capture, first: int) -> Recording:
-    """Return what lies in a folder of the capture from a frame on."""
+    """Return the files of the capture from a frame on."""
     return _from(_recording(capture), first)
 
 
@@ -159,7 +158,7 @@ def _from(recording: Recording, first: int) -> Recording:
 
 
 def main(argv: list[str]) -> int:
-    """Print what became of every seed, one line of JSON each; those that the record holds already are left out."""
+    """Print the result of every seed as a line of JSON, without recorded results."""
     parser = argparse.ArgumentParser(prog="bench_spoiled", description=__doc__)
     kinds = ", ".join(KINDS | LIES).replace("%", "%%")
     parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"of {kinds}; those that can be corrected if left out")
@@ -176,13 +175,13 @@ def main(argv: list[str]) -> int:
 
 
 def _all_kinds() -> list[tuple[int, str]]:
-    """Return seeds and kinds, all kinds of one seed together: they share its film."""
+    """Return seeds and kinds, all kinds of one seed together, because they share its film."""
     two = [kind for kind in KINDS if "," in kind]
     return [*product(range(SEEDS), [kind for kind in KINDS if kind not in two]), *product(range(SEEDS_OF_TWO), two)]
 
 
 def _recorded(record: Path, wanted: Sequence[tuple[int, str]]) -> list[dict[str, Any]]:
-    """Return the rows of these seeds and kinds; those that the record lacks are tried, printed and added to it."""
+    """Return the rows of these seeds and kinds. Missing rows are measured, printed and recorded."""
     rows = {(row["kind"], row["seed"]): row for row in rows_of(record)}
     record.parent.mkdir(parents=True, exist_ok=True)
     for seed, kind in wanted:
@@ -197,7 +196,7 @@ def _recorded(record: Path, wanted: Sequence[tuple[int, str]]) -> list[dict[str,
 
 
 def row_of(kind: str, seed: int, found: Found) -> dict[str, Any]:
-    """Return what became of a seed as plain values."""
+    """Return a seed's result as plain values."""
     state = "solved" if found.solved else "silent" if found.silent else "refused" if found.result.refused else "warned"
     result = found.result
     return {
@@ -209,14 +208,14 @@ def row_of(kind: str, seed: int, found: Found) -> dict[str, Any]:
 
 
 def rows_of(record: Path) -> list[dict[str, Any]]:
-    """Return the lines of a record that this program came to, none where there are none."""
+    """Return the rows of a record from this version of the program."""
     lines = record.read_text("utf-8").splitlines() if record.is_file() else []
     return [row for line in lines if (row := json.loads(line))["program"] == program()]
 
 
 @cache
 def program() -> str:
-    """Return a digest of what reads and solves."""
+    """Return a digest of the code that reads and solves."""
     digest = hashlib.sha256()
     for path in sorted(SOURCES.rglob("*.py")):
         digest.update(path.read_bytes())

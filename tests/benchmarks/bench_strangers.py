@@ -1,4 +1,4 @@
-"""Recordings as strangers bring them, each read and solved without options: right, warned of, refused, or silent.
+"""Recordings as other people make them, read and solved without options: right, warned of, refused, or silent.
 
 ``python -m tests.benchmarks.bench_strangers [CASE ...]`` prints every case.
 """
@@ -29,11 +29,11 @@ CASES: dict[str, Callable[[Path, Take], None]] = {
     "as it should be": write_take, **FORMS, **FAULTS, **MORE, **CONVENTIONS, **LAYOUTS, **IN_ORDER,
 }  # fmt: skip
 WITHIN = 1.5
-"""Times the error of the same take as it should be: several forms have fewer keypoints."""
+"""Largest factor of the unchanged take's error, because several formats have fewer keypoints."""
 
 
 def result(case: str) -> Result:
-    """Return what becomes of a case."""
+    """Return the result of a case."""
     take = demo_take()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "trial"
@@ -44,7 +44,7 @@ def result(case: str) -> Result:
 
 @cache
 def plain_mm() -> float:
-    """Return the error of the take as it should be."""
+    """Return the error of the unchanged take in millimetres."""
     return result("as it should be").error_mm
 
 
@@ -56,7 +56,7 @@ def state_of(found: Result) -> str:
 
 
 def run() -> list[Metric]:
-    """Count what becomes of all cases."""
+    """Count the results of all cases."""
     states = Counter(state_of(result(case)) for case in CASES)
     return [
         Metric("right", states["right"], "cases", "higher", rel_tol=0.0),
@@ -65,7 +65,7 @@ def run() -> list[Metric]:
 
 
 def main(argv: list[str]) -> int:
-    """Print what becomes of every case, one line of JSON each."""
+    """Print the result of every case as a line of JSON."""
     parser = argparse.ArgumentParser(prog="bench_strangers", description=__doc__)
     parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)}; all if left out")
     for case in parser.parse_args(argv).cases or CASES:

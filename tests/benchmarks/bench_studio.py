@@ -1,9 +1,9 @@
-"""Speed and memory of the studio: four cameras of 640 x 480 around somebody who does the choreography over and over.
+"""Speed and memory of the studio: four cameras of 640 x 480 around a person who repeats the choreography.
 
-Speed is told per second of processor time: truth with sight lines and faults in every frame, infrared with depth and
-masks drawn and written by a process of ``manifold dataset make``, and Workbench's colour where Blender's
-module is. Memory is what such a process holds (VmRSS, looked at all the time) on STUDIO_FRAMES frames (2000, 10000)
-with pictures of 160 x 120: a picture's size and a take's length do not meet. Needs Linux for the memory.
+Speed is per second of processor time: truth with sight lines and faults in every frame, infrared with depth and masks
+written by a process of ``manifold dataset make``, and Workbench's colour if Blender's module exists. Memory is the
+resident memory of such a process (VmRSS, sampled continuously) for STUDIO_FRAMES frames (2000, 10000) with pictures of
+160 x 120, which separates picture size and take length. Memory needs Linux.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ FPS, ONCE = 30.0, 180
 _LOOK_S = 0.1
 _VIEWS, _SIZE, _SMALL = 4, (640, 480), (160, 120)
 _FILMED, _TOLD, _COLOURED = 60, 1000, 4
-"""Frames filmed for the speed, told the truth of, and rendered."""
+"""Frames filmed for the speed, frames with computed truth, and rendered frames."""
 
 
 def run() -> list[Metric]:
@@ -62,7 +62,7 @@ def run() -> list[Metric]:
 
 
 def there_and_back(path: Path, frames: int) -> Path:
-    """Write the choreography forwards, backwards, forwards, ... as an AMASS file of so many frames."""
+    """Write the choreography, repeated forwards and backwards, as an AMASS file of ``frames`` frames."""
     motion = author_motion(load_body(), np.zeros(10), ONCE, FPS)
     at = np.abs((np.arange(frames) + ONCE - 1) % (2 * ONCE - 2) - (ONCE - 1))
     poses = np.zeros((frames, 156))
@@ -85,7 +85,7 @@ def described(frames: int, size: tuple[int, int], film: list[str], **more: Any) 
 
 @dataclass(frozen=True)
 class Held:
-    """What a process took."""
+    """Memory and time of a process."""
 
     peak_mb: float  # The most that it held at any time.
     early_mb: float  # The most that it held in the first third of its time.
@@ -93,7 +93,7 @@ class Held:
     cpu_s: float
 
     def said(self) -> str:
-        """Return it in words."""
+        """Return the values in words."""
         return (
             f"{self.peak_mb:,.0f} MB at most, {self.early_mb:,.0f} in the first third, {self.late_mb:,.0f} in the "
             f"last; {self.cpu_s:,.0f} s of processor time"
@@ -101,7 +101,7 @@ class Held:
 
 
 def filmed(folder: Path, description: dict[str, Any], name: str) -> Held:
-    """Film a description by a process of its own and return what that took."""
+    """Film a description in a separate process and return its memory and time."""
     spec = folder / f"{name}.json"
     spec.write_text(json.dumps(description), encoding="utf-8")
     command = [sys.executable, "-m", "solver_backend", "dataset make", str(spec), "--out", str(folder / name)]
@@ -123,7 +123,7 @@ def filmed(folder: Path, description: dict[str, Any], name: str) -> Held:
 
 
 def _truth(folder: Path) -> float:
-    """Return frames per second of processor time that are told the truth of, and perturbed, together."""
+    """Return frames per second of processor time for truth and perturbed captures together."""
     spec = spec_of(described(_TOLD, _SIZE, []), folder)
     stage = set_up(spec, list_shots(spec)[0])
     find_truth(stage, spec.fps)  # tables of what hides what are made once a body
@@ -135,14 +135,14 @@ def _truth(folder: Path) -> float:
 
 
 def _sensors(folder: Path) -> float:
-    """Return views a second of processor time, by two runs of different length: what a start takes falls out."""
+    """Return views per second of processor time, from two runs of different length, without start-up time."""
     film = ["infrared", "depth", "masks"]
     short, long = (filmed(folder, described(frames, _SIZE, film), f"film_{frames}").cpu_s for frames in (1, _FILMED))
     return (_FILMED - 1) * _VIEWS / (long - short)
 
 
 def _colour(folder: Path) -> float:
-    """Return views a second of processor time of Blender's Workbench."""
+    """Return views per second of processor time of Blender's Workbench."""
     from blender_addon.studio.colour_film import film_in_colour
 
     filmed(folder, described(_COLOURED, _SIZE, ["rgb"], looks=["everyday"]), "colour")
@@ -154,7 +154,7 @@ def _colour(folder: Path) -> float:
 
 @contextmanager
 def _stopped() -> Iterator[list[float]]:
-    """Give the seconds of processor time that a block takes, of all threads."""
+    """Yield a list that receives the processor seconds of a block, of all threads."""
     seconds, start = [np.nan], time.process_time()
     yield seconds
     seconds[0] = time.process_time() - start

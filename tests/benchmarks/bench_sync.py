@@ -1,8 +1,8 @@
-"""Ten benchmark captures of a minute, four cameras started by hand within 3 s, their clocks off by up to 50 ppm.
+"""Ten benchmark captures of a minute with four cameras started by hand within 3 s, and clocks off by up to 50 ppm.
 
-How far the estimated clocks are from the true ones anywhere in the take, in frames at 60 Hz, against the first camera:
-with calibrated cameras (bound: 0.1 frames), and by keypoint speeds without any calibration. Needs the motions kept
-beside the repository (or MOCAP_SHARED_DATA). ``python -m tests.benchmarks.bench_sync`` prints every seed.
+The figure is the largest difference of estimated and true clocks in the take, in frames at 60 Hz, relative to the first
+camera: with calibrated cameras (limit: 0.1 frames), and by keypoint speeds without any calibration. Needs the motions
+next to the repository (or MOCAP_SHARED_DATA). ``python -m tests.benchmarks.bench_sync`` prints every seed.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ TAKES = (
     ("13_29", 480), ("salsa_09", 0), ("03_03", 480), ("salsa_24", 0), ("03_04", 480),
 )  # fmt: skip
 SEEDS, FRAMES = 10, 3600
-"""A minute each: the motions, of 15 to 38 s, are played there and back."""
+"""Number of seeds, and frames of a minute. The motions of 15 to 38 s are played forwards and backwards."""
 REACH_S = 6.5
 LARGEST_OFFSET_S, LARGEST_PPM = 3.0, 50.0
 BOUND_FRAMES = 0.1
@@ -48,7 +48,7 @@ class FilmedByHand:
     middle_s: float  # Middle, on the first camera's clock.
 
     def error_frames(self, clocks: Clocks) -> np.ndarray:
-        """Return (C,) the largest error within the take, frames."""
+        """Return the (C,) largest errors within the take in frames."""
         times = np.linspace(0.0, 2.0 * self.middle_s, 20)
         true = self.offset_s[:, None] + self.rate[:, None] * (times - self.middle_s)
         found = np.stack([clocks.in_video(c, times) - times for c in range(len(true))])
@@ -69,7 +69,7 @@ def run() -> list[Metric]:
 
 
 def errors_of(seed: int) -> dict[str, list[float]]:
-    """Return the largest error of each camera's clock, in frames: with calibrated cameras, and by speeds alone."""
+    """Return the largest error of each camera's clock in frames, with calibrated cameras and by speeds alone."""
     take = filmed_by_hand(seed)
     return {"calibrated": _with_cameras(take).tolist(), "speeds": _by_speeds(take).tolist()}
 
@@ -91,7 +91,7 @@ def _by_speeds(take: FilmedByHand) -> np.ndarray:
 
 
 def filmed_by_hand(seed: int) -> FilmedByHand:
-    """Return the take of a seed: another motion, person, noise and clocks each."""
+    """Return the take of a seed, with a different motion, person, noise and clocks for each."""
     name, start = TAKES[seed % len(TAKES)]
     take, settings = there_and_back(take_named(name, None, start)), BenchmarkSettings(seed=seed)
     count = len(take.rotations)
@@ -123,7 +123,7 @@ def filmed_by_hand(seed: int) -> FilmedByHand:
 
 
 def there_and_back(take: Take) -> Take:
-    """Return a take of ``FRAMES`` frames: played forwards, backwards, forwards, ..."""
+    """Return a take of ``FRAMES`` frames, played forwards and backwards in turn."""
     count = len(take.rotations)
     turn = np.r_[np.arange(count), np.arange(count - 2, 0, -1)]
     order = np.resize(turn, FRAMES)

@@ -1,8 +1,8 @@
-"""Cameras of videos without a calibration, from the person alone with unknown lenses, on a real take.
+"""Estimate cameras of uncalibrated videos from the person alone, with unknown lenses, on a real take.
 
-Pose2Sim's balancing trial: all four views, and each three of them. MediaPipe's models run under LiteRT, as in the
-extension: ``POSE_MODEL=pose_landmark_full.tflite LITERT_PYTHON=litert/bin/python python3 dev.py bench video_cameras``.
-The truth is the trial's calibration. Its size is compared by the person's triangulated keypoints.
+Pose2Sim's balancing trial is used with all four views, and with each three of them. MediaPipe's models run under
+LiteRT, as in the extension: ``POSE_MODEL=pose_landmark_full.tflite LITERT_PYTHON=litert/bin/python python3 dev.py bench
+video_cameras``. The truth is the trial's calibration. Its size is compared by the person's triangulated keypoints.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def _calibration() -> Path:
 
 
 def _row(found: Cameras, keypoints: Keypoints2D, true: Cameras) -> list[float]:
-    """Return the values of ``_FIGURES``. The size is signed: too large is positive."""
+    """Return the values of ``_FIGURES``. The size error is positive if the size is too large."""
     points, truth = (np.asarray(triangulate(c, keypoints.xy, keypoints.confidence).points) for c in (found, true))
     both = np.isfinite(points).all(-1) & np.isfinite(truth).all(-1)
     scale, R, t = umeyama(points[both], truth[both], with_scale=True)

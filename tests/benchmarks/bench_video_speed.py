@@ -1,9 +1,9 @@
 """Speed of the included detector and of a whole take: four cameras, 10 s at 30 pictures per second, 1080 x 1920 pixels.
 
 The take plays every second picture of Pose2Sim's balancing videos forwards and backwards. One run finds the bodies. The
-second run adds hands, cameras from the person, capture, motion and report:
-``POSE_MODEL=pose_landmark_full.tflite HAND_MODEL=hand_landmark_full.tflite LITERT_PYTHON=litert/bin/python python3
-dev.py bench video_speed``. Times are of the wall clock, so nothing else may run. ``VIDEO_SPEED_S`` is another length.
+second run adds hands, cameras from the person, capture, motion and report: ``POSE_MODEL=pose_landmark_full.tflite
+HAND_MODEL=hand_landmark_full.tflite LITERT_PYTHON=litert/bin/python python3 dev.py bench video_speed``. Times are of
+the wall clock, so the machine must be idle. ``VIDEO_SPEED_S`` sets another length.
 """
 
 from __future__ import annotations

@@ -43,14 +43,14 @@ _VIEWS = (
     ("cross-legged", "pelvis", (0.0, -0.1, 0.1), 1.0, ((20, 15), (180, 10), (120, 5))),
     ("deep squat", "pelvis", (0.0, 0.0, 0.1), 1.2, ((60, 5), (0, 10), (150, 5))),
 )
-"""Pose, joint that the camera looks at, offset in metres, height of the picture in metres, yaws and pitches."""
+"""Pose, target joint of the camera, offset in metres, height of the picture in metres, yaws and pitches in degrees."""
 _SKIN, _LIPS, _NAIL, _MOUTH = (0.55, 0.50, 0.47), (0.50, 0.26, 0.20), (0.68, 0.46, 0.37), (0.10, 0.02, 0.02)
 _COLOURS = (_SKIN, _SKIN, _LIPS, (0.75, 0.73, 0.70), (0.12, 0.16, 0.10), (0.01, 0.01, 0.01), _NAIL, _MOUTH)
 _FACE, _EYE = ((0.0, 0.05, 0.05), 0.20), ((0.03, 0.075, 0.1), 0.06)  # Offset from the head's joint, and height.
 
 
 class Shot(NamedTuple):
-    """A picture of a skin."""
+    """Settings of a picture of a skin."""
 
     title: str
     vertices: np.ndarray  # (V, 3) metres in the body's frame.
@@ -117,7 +117,7 @@ def face_rows(body: BodyFile) -> list[list[Shot]]:
 
 
 def draw(body: BodyFile, rows: Sequence[Sequence[Shot]]) -> np.ndarray:
-    """Return the pictures as one."""
+    """Return the pictures combined in one."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     mesh, shown = bpy.data.meshes.new("Body"), bpy.data.collections.new("Shown")
     mesh.from_pydata(body.v_template.tolist(), [], body.faces.tolist())

@@ -1,7 +1,7 @@
-"""How far caliscope's board videos tell its cameras: ``python -m tests.benchmarks.caliscope_halves``.
+"""Measure how well caliscope's board videos determine its cameras: ``python -m tests.benchmarks.caliscope_halves``.
 
-Moments are halved at random, and cameras of both halves compared after a similarity: as the board tells them, and with
-every corner a point of its own, as caliscope adjusts. A solution from all moments scatters by half of what halves do.
+Moments are split at random, and cameras of both halves are compared after a similarity: from the board, and with every
+corner as a separate point, as caliscope adjusts. The deviation of a solution from all moments is half that of halves.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ SPLITS = 8
 
 
 def main() -> int:
-    """Print the root mean square difference of halves, and both kinds' distance to the kept array."""
+    """Print the root mean square difference of halves, and the distances of both kinds to the stored array."""
     folder = recordings_folder() / CALISCOPE
     kept = read_calibration(folder / "camera_array.toml").cameras
     board = board_named(str(folder / "charuco.toml"))

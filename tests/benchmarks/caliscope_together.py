@@ -1,9 +1,9 @@
-"""A real board and a real person in one adjustment: ``python -m tests.benchmarks.caliscope_together CAPTURE.npz``.
+"""Adjust a real board and a real person together: ``python -m tests.benchmarks.caliscope_together CAPTURE.npz``.
 
-Caliscope's board videos show the man who carries the board. Cameras are adjusted to half of the moments, drawn at
-random, by the board, by the person and by both, and judged on the other half: corners against a free board, detections
-against free points. The capture of the person is what ``manifold cameras detect FOLDER/calibration/extrinsic
---calibration FOLDER/camera_array.toml --sync none --out CAPTURE.npz`` makes of the same videos.
+Caliscope's board videos show the man who carries the board. Cameras are adjusted on half of the moments, drawn at
+random, by the board, by the person and by both. The other half evaluates them: corners with a free board, detections
+with free points. ``manifold cameras detect FOLDER/calibration/extrinsic --calibration FOLDER/camera_array.toml --sync
+none --out CAPTURE.npz`` makes the capture of the person from the same videos.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ SPLITS = 6
 
 
 def main(argv: list[str]) -> int:
-    """Print the median errors on moments that were not used, medians of the splits."""
+    """Print the median errors on unused moments, as medians of the splits."""
     folder = recordings_folder() / CALISCOPE
     kept = read_calibration(folder / "camera_array.toml").cameras
     board = board_named(str(folder / "charuco.toml"))
@@ -63,7 +63,7 @@ def main(argv: list[str]) -> int:
 
 
 def _median_px(cameras: Cameras, evidence: Evidence) -> float:
-    """Return how far sightings are from where these cameras see the bodies that fit them best."""
+    """Return the median pixel distance of sightings from the best-fitting bodies in these cameras."""
     nothing = Unknowns(np.zeros(len(cameras), bool), np.zeros((len(cameras), PARAMETERS), bool))
     found = adjust(cameras, evidence.bodies, evidence.seen, nothing, robust_scale=4.0)
     return float(np.median(np.linalg.norm(found.error, axis=1)))

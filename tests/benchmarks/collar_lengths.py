@@ -1,8 +1,8 @@
-"""What keeps MakeHuman's fight02 and fly02 off our body: the turns of the collars, or their length.
+"""Find why MakeHuman's fight02 and fly02 do not fit our body: the rotations of the collars, or their length.
 
-``python -m tests.benchmarks.collar_lengths``: root mean square distance of the limbs' joints as ``motion`` fits them,
-with collars, spine and upper arms free to turn as they like, and with collars that are longer by a factor (an oracle:
-our body has none such).
+``python -m tests.benchmarks.collar_lengths`` prints the root mean square distance of the limbs' joints as ``motion``
+fits them, with free rotations of collars, spine and upper arms, and with collars that are longer by a factor (as an
+oracle, because our body does not have such collars).
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from tests.conftest import recordings_folder
 CLIPS = ("fight02", "fly02")
 FACTORS = (1.0, 1.1, 1.2, 1.3, 1.5, 2.0)
 FREE_RAD = 10.0
-"""Deviation of a turn that nothing holds."""
+"""Standard deviation in radians of an unconstrained rotation."""
 _LIMBS = list(SMPL.both("hip", "knee", "ankle", "shoulder", "elbow", "wrist"))
 _ARMS = tuple(zip(*map(SMPL.both, ("collar", "shoulder", "elbow", "wrist", "hand")), strict=True))
 _TRUNK = (*SMPL.numbers("spine1", "spine2", "spine3"), *SMPL.both("shoulder"))
 
 
 def main() -> int:
-    """Write a table."""
+    """Print a table."""
     folder, body = recordings_folder() / "makehuman_assets_cc0" / "base" / "poses", load_body()
     collars = [arm[0] for arm in _ARMS]
     for name in CLIPS:
@@ -45,7 +45,7 @@ def main() -> int:
 
 
 def longer(rest: np.ndarray, factor: float) -> np.ndarray:
-    """Return joints at rest with collars longer by a factor, the arms moved along."""
+    """Return rest joints with collars longer by a factor, and the arms moved along."""
     rest = rest.copy()
     for collar, shoulder, *below in _ARMS:
         rest[[shoulder, *below]] += (factor - 1.0) * (rest[shoulder] - rest[collar])
@@ -53,7 +53,7 @@ def longer(rest: np.ndarray, factor: float) -> np.ndarray:
 
 
 def free_mm(rest: np.ndarray, measured: Measured, joints: list[int]) -> float:
-    """Return the distance with joints that turn as they like."""
+    """Return the distance in millimetres with free rotations of some joints."""
     sigmas = import_motion._TURN_SIGMA.copy()
     sigmas[joints] = FREE_RAD
     with patch.object(import_motion, "_TURN_SIGMA", sigmas):
@@ -61,7 +61,7 @@ def free_mm(rest: np.ndarray, measured: Measured, joints: list[int]) -> float:
 
 
 def off_mm(rest: np.ndarray, measured: Measured) -> float:
-    """Return the root mean square distance of the limbs' joints from the skeleton's."""
+    """Return the root mean square distance in millimetres of the limbs' joints from the skeleton's."""
     joints = import_motion.fit_poses(rest, measured)[1][:, _LIMBS]
     return 1000.0 * float(np.sqrt(((joints - measured.places[:, _LIMBS]) ** 2).sum(-1).mean()))
 
