@@ -1,4 +1,4 @@
-"""Compute a point cloud from sensors: live with one process per sensor, or from a folder of recordings."""
+"""Compute a point cloud from sensors, live with one process per sensor or from a recording folder."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ KEPT = 4096  # Number of recent latencies in the statistics.
 
 @dataclass
 class ChainStatistics:
-    """Counts of moments in constant memory."""
+    """Statistics about moments in constant memory."""
 
     moments: int = 0
     points: int = 0
     skipped: int = 0  # Number of complete moments that were skipped for newer ones.
     frames: Counter[str] = field(default_factory=Counter)
-    lost: Counter[str] = field(default_factory=Counter)  # Frames missing from each sensor's count.
+    lost: Counter[str] = field(default_factory=Counter)  # Missing frames by sensor.
     _latency_ms: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT))
     _first_s: float = 0.0
     _last_s: float = 0.0
@@ -65,7 +65,7 @@ class ChainStatistics:
         return data
 
 
-RETRY_S = 1.0  # Time between attempts to open a lost sensor, in seconds.
+RETRY_S = 1.0  # Seconds between attempts to open a lost sensor.
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class SensorTask:
     mask: np.ndarray | None = None
     record: Path | None = None  # Folder of a started recording, or None.
     kind: str = "raw"
-    live: bool = True  # The sensor sets the pace: a slow disk loses frames, and a lost sensor may return.
+    live: bool = True  # True if the sensor sets the pace. A slow disk then loses frames, and a lost sensor may return.
 
 
 @dataclass(frozen=True)
@@ -93,9 +93,9 @@ class SensorEnd:
 def run_sensor(task: SensorTask, out: Connection) -> None:
     """Send the sightings of a sensor until the sensor or the reader ends.
 
-    The first message is ``("ready",)``, and the answer is the host time of a replay's start. Then come ``("like",
-    SensorFiles)`` once if it is recorded, ``("seen", SensorSightings)`` per frame, ``("trouble", code, sentence)``, and
-    ``("end", SensorEnd)``.
+    The first message is ``("ready",)``, and the answer is the host time of a replay's start. Further messages are
+    ``("like", SensorFiles)`` once if it is recorded, ``("seen", SensorSightings)`` per frame, ``("trouble", code,
+    sentence)``, and ``("end", SensorEnd)``.
     """
     with suppress(ValueError):  # the parent ends it, and receives Ctrl-C as well
         signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -172,15 +172,15 @@ class _SensorRun:
             self._out.close()
 
 
-WAIT_S = 0.012  # Longest wait of a moment for its last sensor, in seconds.
-LISTEN_S = 0.005  # Longest wait for messages in one step, in seconds.
-MOST_WAITING = 1  # Number of complete moments that are fused, the newest: a late moment would delay all later ones.
+WAIT_S = 0.012  # Longest wait in seconds of a moment for its last sensor.
+LISTEN_S = 0.005  # Longest wait in seconds for messages in one step.
+MOST_WAITING = 1  # Number of newest complete moments to fuse. A late moment would delay all later ones.
 MOST_AHEAD = 8  # Most waiting frames per sensor if all sensors can wait.
 READY_S, AHEAD_S = 60.0, 0.05
 """Time limit for starting the sensors, and time from readiness to the start of a replay, in seconds."""
 END_S, END_RECORDING_S = 5.0, 15.0
-"""Time limit for ending a sensor's process in seconds, and with a recording, which is completed first.
-Blender waits 20 s for all."""
+"""Time limits in seconds for ending a sensor's process without and with a recording, which is completed first. Blender
+waits 20 s for all processes."""
 
 
 @dataclass(frozen=True)
@@ -188,14 +188,14 @@ class LiveMoment:
     """Result of one moment."""
 
     tracked: TrackedPoints
-    arrived: float  # Host time of its first frame, in seconds.
+    arrived: float  # Host time of its first frame in seconds.
     seen: tuple[SensorSightings, ...] = ()
 
 
 class MarkerChain:
-    """Run devices, acquisition and fusion. A context manager that ends its processes.
+    """Runs devices, acquisition and fusion, as a context manager that ends the processes.
 
-    A chain that cannot keep up skips moments. If no sensor is live, all sensors wait and every frame is used.
+    If it cannot keep up, it skips moments. If no sensor is live, all sensors wait and every frame is used.
     """
 
     def __init__(
@@ -214,12 +214,12 @@ class MarkerChain:
         self._waited_for: set[Connection] = set()
         self._ending = False
         self.start = 0.0
-        """Host time of the start, in seconds."""
+        """Host time of the start in seconds."""
         self.statistics = ChainStatistics()
         self.ends: dict[str, SensorEnd] = {}
         """Result of each sensor's process."""
         self.cpu_s = 0.0
-        """Processor time of fusion, in seconds."""
+        """Processor time of fusion in seconds."""
 
     @property
     def cameras(self) -> Cameras:
@@ -337,9 +337,9 @@ class MarkerChain:
 
 @dataclass(frozen=True)
 class SensorTake:
-    """Point cloud of a folder of sensors."""
+    """Point cloud of a sensor folder."""
 
-    cloud: MarkerCloud  # Unnamed points with covariances. The residual is each point's standard deviation.
+    cloud: MarkerCloud  # Unlabelled points with covariances. The residual is each point's standard deviation.
     frames: dict[str, int]
     findings: tuple[Diagnostic, ...]
 
@@ -351,7 +351,7 @@ def cloud_of(
     clusters: str = "test",
     progress: Progress = silent,
 ) -> SensorTake:
-    """Return the point cloud of a folder of sensors. ``masks`` are the ones of ``masks_of``.
+    """Compute the point cloud of a sensor folder. ``masks`` are from ``masks_of``.
 
     Raises:
         NoMarkers: no sensor saw a marker in any frame.
@@ -397,14 +397,14 @@ def cloud_of(
 def capture_of(
     folder: SensorFolder, take: SensorTake | None = None, name: str = "", *, progress: Progress = silent
 ) -> Capture:
-    """Return the capture of a folder: unnamed points, cameras and problems. ``cloud_of`` makes a missing take."""
+    """Return the capture of a folder: unlabelled points, cameras and problems. The default take is ``cloud_of``."""
     take, name = take or cloud_of(folder, progress=progress), name or folder.path.name
     source = (str(folder.path),)
     return Capture(name, cameras=folder.cameras, markers=take.cloud, sources=source, problems=take.findings)
 
 
 def counted(findings: Sequence[Finding]) -> list[Diagnostic]:
-    """Return each finding once, with its first time and its count."""
+    """Return each kind of finding once, with its first time and its count."""
     alike: dict[str, list[Finding]] = {}
     for finding in findings:
         alike.setdefault(finding.message, []).append(finding)
@@ -425,11 +425,11 @@ def masks_of(empty: SensorFolder) -> dict[str, np.ndarray]:
     return {d.name: learned_mask(frame.infrared for frame in d.frames()) for d in empty.devices if d.count()}
 
 
-LARGEST_INTERLEAVE_S = 0.02  # Largest exposure delay between two sensors, in seconds. Chosen by hand.
+LARGEST_INTERLEAVE_S = 0.02  # Largest exposure delay in seconds between two sensors. Chosen by hand.
 
 
 def triggered(names: tuple[str, ...], interleave_s: float = 0.0) -> Clocks:
-    """Return the clocks of sensors on one trigger. At stamp t, sensor c shows what happened at ``t + c · interleave``.
+    """Return the clocks of sensors on one trigger. Sensor c's frame with stamp t was exposed at ``t + c · interleave``.
 
     Raises:
         CommandLineInvalid: the interleave is negative or too long.

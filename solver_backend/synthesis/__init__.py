@@ -1,1 +1,1 @@
-"""Make captures with ground truth: the embedded demo, simulated detections and markers, and the studio's data sets."""
+"""Create captures with ground truth: the embedded demo, simulated detections and markers, and studio data sets."""

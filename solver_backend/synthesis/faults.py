@@ -2,8 +2,8 @@
 
 A fault of size 0 has no effect. Numbers marked "measured" come from ``python -m tests.benchmarks.noise`` on the
 balancing trial of Pose2Sim's example data (Pagnon et al. 2021, four cameras at 60 Hz, OpenPose BODY_25B, 100 frames).
-With four views the residuals against a triangulated reference hold sqrt(5/8) of an error. Measured lengths are divided
-by this factor.
+With four views, residuals to a triangulated reference contain sqrt(5/8) of an error. Measured lengths are divided by
+this factor.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ import numpy as np
 
 @dataclass(frozen=True)
 class DetectorFaults:
-    """Faults of a 2D pose detector. Lengths in millimetres at the person's distance, standard deviations per axis."""
+    """Faults of a 2D pose detector. Lengths are in millimetres at the person, standard deviations per axis."""
 
     view_bias_mm: float = 0.0  # Error that depends on the viewing direction.
     drift_mm: float = 0.0  # Error that is correlated over ``drift_s``.
-    drift_s: float = 0.19  # Time constant of the drift; measured.
+    drift_s: float = 0.19  # Time constant of the drift in seconds; measured.
     jitter_mm: float = 0.0  # Error that is independent in every frame.
-    unevenness: float = 0.43  # Deviation of the log of drift and jitter over views and keypoints; measured.
-    occluded_missing: float = 0.0  # Share of occluded runs in which the detector gives up.
-    occluded_jitter: float = 2.0  # Factor on drift and jitter where it guesses instead; chosen by hand.
-    missing: float = 0.0  # Share of misses without a cause.
-    burst_s: float = 0.2  # Mean length of a run of misses; measured.
-    outliers: float = 0.0  # Share of detections in another place.
-    outlier_mm: float = 220.0  # Mean distance of these; measured median 223 mm.
-    outlier_s: float = 0.047  # Mean length of their runs; measured 2.8 frames at 60 Hz.
-    swaps_per_minute: float = 0.0  # Exchanges of left and right per limb pair and view.
-    swap_frames: tuple[int, int] = (2, 30)  # Shortest and longest exchange.
+    unevenness: float = 0.43  # Log standard deviation of drift and jitter over views and keypoints; measured.
+    occluded_missing: float = 0.0  # Fraction of occluded runs without detection.
+    occluded_jitter: float = 2.0  # Factor on drift and jitter in detected occluded runs; chosen by hand.
+    missing: float = 0.0  # Fraction of misses without a cause.
+    burst_s: float = 0.2  # Mean duration of a run of misses in seconds; measured.
+    outliers: float = 0.0  # Fraction of detections at a wrong position.
+    outlier_mm: float = 220.0  # Mean distance of outliers; measured median 223 mm.
+    outlier_s: float = 0.047  # Mean duration of outlier runs in seconds; measured 2.8 frames at 60 Hz.
+    swaps_per_minute: float = 0.0  # Left-right exchanges per limb pair and view.
+    swap_frames: tuple[int, int] = (2, 30)  # Shortest and longest exchange in frames.
 
 
 @dataclass(frozen=True)
@@ -38,43 +38,43 @@ class CameraFaults:
     """Faults of cameras."""
 
     calibration_mm: float = 0.0  # Standard deviation per axis of the person's apparent shift in a view.
-    delay_frames: float = 0.0  # Largest delay of a camera; each but the first draws its own, uniformly from 0.
+    delay_frames: float = 0.0  # Largest delay of a camera. Each camera except the first draws one uniformly from 0.
 
 
 @dataclass(frozen=True)
 class MarkerFaults:
-    """Differences of a recording from markers that are at their places and move with the bones."""
+    """Deviations of a recording from markers at their nominal positions that move with the bones."""
 
     measurement_mm: float = 0.0  # Standard deviation per axis of the measurement.
-    placement_mm: float = 0.0  # Standard deviation per axis of a marker's place on the body.
-    skin_mm: float = 0.0  # Standard deviation per axis of sliding skin, correlated over ``skin_s``.
-    skin_s: float = 0.3  # Time constant of the skin; chosen by hand.
-    hidden: float = 0.0  # Share of samples lost in gaps.
-    hidden_s: float = 0.25  # Mean length of a gap; chosen by hand.
-    least_views: float = 0.0  # Fewest cameras that must see a marker.
+    placement_mm: float = 0.0  # Standard deviation per axis of a marker's position on the body.
+    skin_mm: float = 0.0  # Standard deviation per axis of soft tissue motion, correlated over ``skin_s``.
+    skin_s: float = 0.3  # Time constant of the soft tissue in seconds; chosen by hand.
+    hidden: float = 0.0  # Fraction of samples lost in gaps.
+    hidden_s: float = 0.25  # Mean duration of a gap in seconds; chosen by hand.
+    least_views: float = 0.0  # Fewest cameras in which a marker must be visible.
     swaps_per_minute: float = 0.0  # Exchanges of two markers' labels.
-    swap_s: float = 0.4  # Length of an exchange; chosen by hand.
-    ghosts: float = 0.0  # Share of a marker's samples that are a ghost near the body.
+    swap_s: float = 0.4  # Duration of an exchange in seconds; chosen by hand.
+    ghosts: float = 0.0  # Fraction of a marker's samples that are a ghost near the body.
     ghost_m: float = 0.15  # Standard deviation per axis of a ghost's distance from the marker; chosen by hand.
 
 
 @dataclass(frozen=True)
 class Faults:
-    """All faults added to the truth of a capture."""
+    """All faults that are added to the ground truth of a capture."""
 
     detector: DetectorFaults = field(default_factory=DetectorFaults)
-    anatomy_mm: float = 0.0  # Standard deviation per axis between a detector's and the body's definition of a joint.
+    anatomy_mm: float = 0.0  # Standard deviation per axis between joint definitions of a detector and of the body.
     cameras: CameraFaults = field(default_factory=CameraFaults)
     markers: MarkerFaults = field(default_factory=MarkerFaults)
 
     @property
     def of_views(self) -> bool:
-        """Keypoints are affected."""
+        """True if keypoints are affected."""
         return (self.detector, self.anatomy_mm, self.cameras) != (DetectorFaults(), 0.0, CameraFaults())
 
     @property
     def of_markers(self) -> bool:
-        """Markers are affected."""
+        """True if markers are affected."""
         return self.markers != MarkerFaults()
 
 
@@ -82,17 +82,17 @@ MEASURED_DETECTOR = DetectorFaults(
     9.0, 17.0, jitter_mm=5.0, occluded_missing=0.5, missing=0.005, outliers=0.01, swaps_per_minute=6.0
 )
 """Measured: 21 % bias, 72 % drift and 7 % jitter of the variance of 15.8 mm, misses of limbs and feet, and 0.95 % of
-the detections beyond 100 mm. Chosen by hand: the share of occluded misses (the recording misses the face in 0-36 %,
+detections beyond 100 mm. Chosen by hand: the fraction of occluded misses (the recording misses the face in 0-36 %,
 limbs in at most 1 %) and the exchanges (none in its 1.7 s)."""
 DEMO_DETECTOR = DetectorFaults(  # For the demo: 5 px at 1920 px width, correlation 0.8 at 60 Hz.
     drift_mm=15.625, drift_s=0.07469033529540918, missing=0.08, burst_s=8 / 60, outliers=0.03, outlier_mm=250.0
 )
 OPTICAL_MARKERS = MarkerFaults(measurement_mm=0.3, placement_mm=8.0, skin_mm=1.5, hidden=0.03)
-"""Chosen for the embedded take of markers."""
+"""Chosen for the embedded marker recording."""
 
 
 def autoregressive(shape: tuple[int, ...], correlation: float, rng: np.random.Generator) -> np.ndarray:
-    """Return unit-variance noise (C, F, ...) of first order: ``x_t = a x_{t-1} + sqrt(1 - a²) e_t``."""
+    """Return first-order autoregressive noise (C, F, ...) of unit variance: ``x_t = a x_{t-1} + sqrt(1 - a²) e_t``."""
     noise = rng.normal(size=shape)
     for f in range(1, shape[1]):
         noise[:, f] = correlation * noise[:, f - 1] + np.sqrt(1 - correlation**2) * noise[:, f]
@@ -100,7 +100,7 @@ def autoregressive(shape: tuple[int, ...], correlation: float, rng: np.random.Ge
 
 
 def bursts(draws: np.ndarray, share: float, length: float) -> np.ndarray:
-    """Return a mask with runs: a two-state Markov chain, left with ``1 / length``, entered so that ``share`` holds.
+    """Return a mask with runs from a two-state Markov chain. It leaves runs with ``1 / length`` and covers ``share``.
 
     ``draws`` (C, F, ...) are uniform in 0..1. ``length`` is in frames.
     """

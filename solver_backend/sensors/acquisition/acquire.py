@@ -1,4 +1,4 @@
-"""Locate the markers that one sensor sees in one frame, with covariances (thesis 5.3.2)."""
+"""Locate the markers in one frame of one sensor, with covariances (thesis 5.3.2)."""
 
 from __future__ import annotations
 
@@ -23,38 +23,38 @@ from solver_backend.sensors.acquisition.blobs import (
 from solver_backend.sensors.devices.device import PicturesDiffer, SensorFrame, SensorUnknown
 from solver_backend.types import Cameras
 
-GROUP_M = 128.0  # More than any depth of 16 bits in millimetres, in metres.
-NORMAL_MAD = 1.4826  # Standard deviation of a normal distribution by its median absolute deviation.
+GROUP_M = 128.0  # More than any 16-bit depth in millimetres, in metres.
+NORMAL_MAD = 1.4826  # Ratio of a normal distribution's standard deviation to its median absolute deviation.
 
 
 @dataclass(frozen=True)
 class Ring:
-    """R pixels of all rings."""
+    """All ring pixels (R of them)."""
 
-    pixel: np.ndarray  # (R,) flat indices.
+    pixel: np.ndarray  # (R,) flat pixel indices.
     owner: np.ndarray  # (R,) index of the blob.
-    depth: np.ndarray  # (R,) metres.
+    depth: np.ndarray  # (R,) depths in metres.
 
 
 @dataclass(frozen=True)
 class RingDepths:
-    """Depths of the rings of N blobs."""
+    """Ring depths of N blobs."""
 
-    depth: np.ndarray  # (N,) metres along the axis, NaN where too few pixels have a depth.
-    count: np.ndarray  # (N,) number of depths that agree.
-    spread: np.ndarray  # (N,) standard deviation of them in metres, by their median absolute deviation.
-    rough: np.ndarray  # (N,) metres, the ring's median. It gives a blob's size, even where the depths do not agree.
+    depth: np.ndarray  # (N,) depth in metres along the axis, NaN if too few pixels have one.
+    count: np.ndarray  # (N,) number of consistent depths.
+    spread: np.ndarray  # (N,) standard deviation in metres, from the median absolute deviation.
+    rough: np.ndarray  # (N,) ring median in metres. It determines a blob's size even if the depths are inconsistent.
 
 
 def ring_of(blobs: Blobs, depth_mm: np.ndarray, saturated: np.ndarray, scratch: np.ndarray) -> Ring:
     """Return the pixels with a depth within ``ring_px`` of each blob's blind patch. The nearer of two blobs takes them.
 
-    Depths are (h, w) uint16, 0 where unknown. ``saturated`` (P,) pixels of a blob are blind, or the ones without depth
-    if none is. ``scratch`` (h * w,) int32 has any content and avoids a new array for each frame.
+    Depths are (h, w) uint16, 0 where unknown. Saturated pixels (``saturated``, (P,)) of a blob are blind. If there are
+    none, the pixels without depth are. ``scratch`` (h * w,) int32 has any content and avoids an allocation per frame.
     """
     flat, (height, width) = depth_mm.reshape(-1), depth_mm.shape
     core = saturated
-    # Without saturation, pixels without depth are blind. A dim blob has its depth in itself.
+    # Without saturation, pixels without depth are blind. A dim blob has depths inside.
     for other in (flat[blobs.pixel] == 0, np.ones(len(core), dtype=bool)):
         without = np.bincount(blobs.owner, core, minlength=blobs.count) == 0
         core = core | (other & without[blobs.owner])
@@ -69,7 +69,7 @@ def ring_of(blobs: Blobs, depth_mm: np.ndarray, saturated: np.ndarray, scratch: 
     else:
         valid = np.flatnonzero(flat[around])
     pixel, owner = around[valid], blob[valid % max(len(blob), 1)]
-    # The last written index wins, which is the nearest blob.
+    # The last written index remains, which is the nearest blob.
     order = np.arange(len(pixel), dtype=np.int32)
     scratch[pixel] = order
     once = scratch[pixel] == order
@@ -79,7 +79,7 @@ def ring_of(blobs: Blobs, depth_mm: np.ndarray, saturated: np.ndarray, scratch: 
 
 @cache
 def _far_first(reach: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return (n, 1) rows and columns from a pixel to its neighbours, the farthest first."""
+    """Return (n, 1) row and column offsets from a pixel to its neighbours, the furthest first."""
     steps = np.arange(-reach, reach + 1)
     dy, dx = (g.ravel() for g in np.meshgrid(steps, steps, indexing="ij"))
     order = np.argsort(dx * dx + dy * dy, kind="stable")[::-1]
@@ -87,10 +87,10 @@ def _far_first(reach: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def ring_depths(ring: Ring, count: int) -> RingDepths:
-    """Return the depth of each of ``count`` rings: the mean within ``mad_limit`` spreads of its median.
+    """Return the depth of each of ``count`` rings: the mean within ``mad_limit`` standard deviations of its median.
 
     If part of a ring is on another surface, such as an arm in front or the room behind, the closest half of its depths
-    replaces the median. If part of it is behind that depth, the depth is an occluder's and the marker has none.
+    replaces the median. If part of the ring is behind that depth, it is an occluder's depth and the marker has none.
 
     Reference: Leys et al. 2013, "Detecting outliers: Do not use standard deviation around the mean, use absolute
     deviation around the median".
@@ -125,12 +125,12 @@ def _spread(depth: np.ndarray, owner: np.ndarray, middle: np.ndarray, sizes: np.
 
 
 def _sorted_in_groups(values: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """Sort (R,) values of 0 to ``GROUP_M`` by group and value, in one sort that is faster than two keys."""
+    """Sort (R,) values from 0 to ``GROUP_M`` by group and value. One sort is faster than two keys."""
     return values[np.argsort(GROUP_M * group + values)]
 
 
 def _closest_half(depth: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Return the middle of the shortest interval with half of each group's sorted values (Rousseeuw 1984).
+    """Return the centre of the shortest interval that contains half of each group's sorted values (Rousseeuw 1984).
 
     ``depth`` is sorted by group and value. ``sizes`` are the (N,) positive group sizes.
     """
@@ -146,7 +146,7 @@ def _closest_half(depth: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 
 
 def sorted_medians(values: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Return the median of each group, NaN for an empty one. Values are sorted by group and value."""
+    """Return the median of each group, NaN for an empty group. Values are sorted by group and value."""
     if not len(values):
         return np.full(len(sizes), np.nan)
     first, last = np.cumsum(sizes) - sizes, len(values) - 1
@@ -155,7 +155,7 @@ def sorted_medians(values: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 
 
 class SensorLens:
-    """One camera of a calibration, with a table of undistorted pixels."""
+    """One calibrated camera with a table of undistorted pixels."""
 
     def __init__(self, cameras: Cameras, index: int) -> None:
         one = cameras.subset([index])
@@ -167,7 +167,7 @@ class SensorLens:
         self._table = _undistorted_pixels(one.K.tobytes(), one.distortion.tobytes(), self.size, one.models[0])
 
     def undistorted(self, px: np.ndarray) -> np.ndarray:
-        """Return x/z and y/z of (N, 2) pixels, interpolated in the table. NaN outside the picture."""
+        """Return x/z and y/z of (N, 2) pixels, interpolated in the table. NaN outside the image."""
         width, height = self.size
         at = px + 1.0
         with np.errstate(invalid="ignore"):
@@ -181,12 +181,12 @@ class SensorLens:
         return np.where(inside[:, None], (1 - b) * low + b * high, np.nan)
 
     def directions(self, flat: np.ndarray) -> np.ndarray:
-        """Return the (N, 3) unit directions of undistorted coordinates in the world."""
+        """Return (N, 3) unit directions in the world from undistorted coordinates."""
         ray = np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
         return (ray / np.linalg.norm(ray, axis=1, keepdims=True)) @ self.R
 
     def points(self, flat: np.ndarray, depth: np.ndarray) -> np.ndarray:
-        """Return (N, 3) world points of undistorted coordinates and (N,) depths along the axis in metres."""
+        """Return (N, 3) world points from undistorted coordinates and (N,) depths along the axis in metres."""
         ray = np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
         return (ray * depth[:, None] - self.t) @ self.R
 
@@ -205,7 +205,7 @@ class SensorLens:
 
 @lru_cache(maxsize=8)
 def _undistorted_pixels(K: bytes, distortion: bytes, size: tuple[int, int], model: str) -> np.ndarray:
-    """Return the read-only (h + 2, w + 2, 2) table of a lens, with a margin of one pixel. Four take a second."""
+    """Return the read-only (h + 2, w + 2, 2) table of a lens, with a margin of one pixel. Four tables take a second."""
     width, height = size
     u, v = np.meshgrid(np.arange(-1.0, width + 1.0), np.arange(-1.0, height + 1.0))
     lens = Lens(np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion), size, model)
@@ -214,16 +214,16 @@ def _undistorted_pixels(K: bytes, distortion: bytes, size: tuple[int, int], mode
     return table
 
 
-_STEPS = 6  # Steps of k-means. Chosen by hand.
+_STEPS = 6  # Iterations of k-means. Chosen by hand.
 
 
 def split_merged(blobs: Blobs, shapes: Shapes, ring: Ring, radius_px: np.ndarray) -> tuple[Blobs, Ring, np.ndarray]:
     """Split merged blobs and their rings. Return both and the (N',) mask of parts.
 
-    A disc of radius R has the variance ``R²/4`` along any axis, and two at the distance s have ``R²/4 + s²/4`` along
-    the line between them. A blob with more than ``merged`` times a disc's variance is split into as many parts as its
-    area allows, and into more until all parts are round. Parts start at the pixels that are farthest apart (Gonzalez
-    1985), and k-means moves them (Lloyd 1982).
+    A disc of radius R has the variance ``R²/4`` along any axis. Two discs at the distance s have ``R²/4 + s²/4`` along
+    the line between them. A blob whose variance exceeds a disc's by the factor ``merged`` is split into as many parts
+    as its area allows, and into more until all parts are round. Parts start at the most distant pixels (Gonzalez 1985),
+    and k-means refines them (Lloyd 1982).
 
     Args:
         radius_px: (N,) radius of a single marker's blob, NaN where its depth is unknown.
@@ -249,7 +249,7 @@ def split_merged(blobs: Blobs, shapes: Shapes, ring: Ring, radius_px: np.ndarray
 
 
 def _round_parts(blob: Blobs, middle: np.ndarray, fits: int, limit: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return centres and pixels' parts of the fewest parts with at most ``limit`` px² of variance."""
+    """Return part centres and each pixel's part for the fewest parts with at most ``limit`` px² of variance."""
     xy = _xy(blob.pixel, blob.width)
     number = min(max(fits, 2), SETTINGS.most_in_blob)
     while True:
@@ -289,18 +289,18 @@ def _nearest(xy: np.ndarray, centres: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class SensorSightings:
-    """N markers of one sensor at one moment."""
+    """N markers of one sensor at one time."""
 
     sensor: int
     time: float
-    px: np.ndarray  # (N, 2) pixels of the centres.
-    depth: np.ndarray  # (N,) metres along the axis to the centres, NaN where unknown.
-    points: np.ndarray  # (N, 3) world metres, NaN without depth.
-    covariance: np.ndarray  # (N, 3, 3) m², NaN without depth.
-    origin: np.ndarray  # (3,) place of the sensor.
-    direction: np.ndarray  # (N, 3) unit directions of the rays in the world.
+    px: np.ndarray  # (N, 2) centres in pixels.
+    depth: np.ndarray  # (N,) depths of the centres in metres along the axis, NaN where unknown.
+    points: np.ndarray  # (N, 3) world points in metres, NaN without depth.
+    covariance: np.ndarray  # (N, 3, 3) covariances in m², NaN without depth.
+    origin: np.ndarray  # (3,) position of the sensor.
+    direction: np.ndarray  # (N, 3) unit ray directions in the world.
     sigma_ray: np.ndarray  # (N,) standard deviation across the rays in radians.
-    finding: str = ""  # Code of a problem of the frame, or an empty text.
+    finding: str = ""  # Code of a problem in the frame, or an empty text.
     number: int = 0
     host_s: float = field(default=0.0, compare=False)
 
@@ -311,15 +311,15 @@ class SensorSightings:
 SUNLIGHT = "sensor_sunlight"  # Code of a frame without markers because of sunlight, a window or a lamp.
 _MOST_PIXELS = 1e7  # Of a picture, ten times an Azure Kinect's. Its lens table takes 1 GB.
 MEDIAN_LOSS = 1.25
-"""Ratio of the standard deviations of a median and a mean. The ring's mean about the median is no worse."""
+"""Ratio of the standard deviations of median and mean. The ring's mean around the median is no worse."""
 
 
 class Acquisition:
-    """Find markers in the frames of one sensor. ``mask`` (h, w) are constant lights, see ``learned_mask``.
+    """Finds markers in the frames of one sensor. ``mask`` (h, w) marks constant lights, see ``learned_mask``.
 
     Raises:
         SensorUnknown: the calibration has no such sensor.
-        CalibrationInvalid: its pictures are larger than any sensor's.
+        CalibrationInvalid: its images are larger than any sensor's.
     """
 
     def __init__(self, cameras: Cameras, sensor: str, mask: np.ndarray | None = None) -> None:
@@ -343,7 +343,7 @@ class Acquisition:
         self._scratch = np.zeros(width * height, np.int32)
 
     def __call__(self, frame: SensorFrame) -> SensorSightings:
-        """Return the markers of a frame."""
+        """Return the markers in a frame."""
         self._require_size(frame)
         blobs = find_blobs(frame.infrared, threshold_of(frame.infrared), self._mask)
         if blobs is None or not blobs.count:

@@ -1,4 +1,4 @@
-"""Find bright blobs in an infrared picture."""
+"""Find bright blobs in an infrared image."""
 
 from __future__ import annotations
 
@@ -15,62 +15,62 @@ class AcquisitionSettings:
 
     marker_radius_m: float = 0.007  # Radius of a marker.
     background_quantile: float = 0.99
-    """Quantile of the picture that is its background, because markers cover less than the rest."""
-    contrast: float = 3.0  # A marker is this many times brighter than the background.
+    """Quantile of the image that counts as background. Markers cover less than the remainder."""
+    contrast: float = 3.0  # Smallest ratio of a marker's brightness to the background.
     least_threshold: float = 0.03
-    """Lower limit of the threshold as a share of the full counts, so that noise in the dark is no marker."""
-    most_threshold: float = 0.6  # Upper limit, because retro-reflections saturate.
-    sample_step: int = 8  # Step of rows and columns to estimate the background.
+    """Lower limit of the threshold relative to full counts, so that noise in the dark is not a marker."""
+    most_threshold: float = 0.6  # Upper limit of the threshold, because retro-reflections saturate.
+    sample_step: int = 8  # Step of rows and columns for estimating the background.
     mask_contrast: float = 0.5
-    """In an empty scene, pixels above this share of the threshold are a lamp or another sensor."""
-    mask_grow_px: int = 3  # Lamps are masked this much larger.
+    """Fraction of the threshold above which pixels in an empty scene are a lamp or another sensor."""
+    mask_grow_px: int = 3  # Margin of the lamp mask.
 
     most_bright: float = 0.04
-    """Largest share of bright pixels. Above it the scene is sunlit and no markers are detected."""
-    most_blobs: int = 400  # Largest number of blobs of a scene without sunlight.
-    least_pixels: int = 2  # Pixels of the smallest blob.
+    """Largest fraction of bright pixels. Above it the scene is sunlit, and no markers are detected."""
+    most_blobs: int = 400  # Largest number of blobs in a scene without sunlight.
+    least_pixels: int = 2  # Smallest number of pixels in a blob.
     saturated: float = 0.98
-    """Share of the full counts above which a pixel is saturated. Such pixels have no depth of their own."""
+    """Fraction of full counts above which a pixel is saturated. Saturated pixels have no depth."""
 
     ring_px: int = 2  # Width of the ring around the blind patch.
-    least_ring: int = 4  # Fewest depths in a ring that give a marker's depth.
+    least_ring: int = 4  # Fewest ring depths that determine a marker's depth.
     mad_limit: float = 3.0
-    """Depths beyond this multiple of their spread from the ring's median are skipped (Leys et al. 2013)."""
-    mad_floor_m: float = 0.003  # Least spread of a ring, so that quantised depths are not outliers.
+    """Depths further from the ring's median are skipped, in standard deviations (Leys et al. 2013)."""
+    mad_floor_m: float = 0.003  # Smallest standard deviation of a ring (m), so that quantised depths are not outliers.
     two_depths_m: float = 0.010
-    """A ring with a larger spread is on two surfaces. The closest half of its depths replaces their median."""
-    most_spread_m: float = 0.020  # Largest spread of a ring with a depth. Otherwise the marker is a ray.
+    """Standard deviation (m) above which a ring is on two surfaces. The closest half of its depths is then used."""
+    most_spread_m: float = 0.020  # Largest standard deviation of a ring with a depth. Otherwise the marker is a ray.
     behind_m: float = 0.030
-    """Depths with a larger distance behind the rest belong to another surface: three deviations of a pixel at 3 m."""
-    most_behind: float = 0.1  # With a larger share behind it, the depth is an occluder's and the marker is a ray.
+    """Depths further behind belong to another surface, metres: three standard deviations of a pixel at 3 m."""
+    most_behind: float = 0.1  # Above this fraction behind it, the depth is an occluder's and the marker is a ray.
     surface_radii: float = 2.0 / 3.0
-    """Distance of the reflected light from a sphere's centre in radii. 2/3 is the mean over its disc."""
-    range_m: tuple[float, float] = (0.3, 8.0)  # Plausible depths of a marker.
+    """Distance of the reflecting surface from a sphere's centre in radii. 2/3 is the mean over its disc."""
+    range_m: tuple[float, float] = (0.3, 8.0)  # Possible depths of a marker in metres.
 
     halo_px: float = 1.5
-    """Excess radius of a blob from blur and saturation in pixels, until it is measured on round blobs."""
+    """Increase of a blob's radius by blur and saturation in pixels, until it is measured on round blobs."""
     round: float = 1.35
-    """A blob is round if its variance along its axis exceeds a disc of its area by less than this factor."""
-    round_kept: int = 256  # Number of recent round blobs of known depth that give the halo.
+    """A blob is round if its variance along its axis exceeds that for a disc of its area by less than this factor."""
+    round_kept: int = 256  # Number of recent round blobs with known depth for the halo.
     merged: float = 1.6  # A blob is several markers if its variance along its axis exceeds a disc's by this factor ...
     merged_px2: float = 0.3  # ... and this addition, because a few pixels make no smooth disc.
-    most_in_blob: int = 4  # Most markers that one blob is split into.
-    too_large: float = 3.5  # Largest area of a part in areas of a marker.
-    too_small: float = 0.12  # Smallest area of a part in areas of a marker.
+    most_in_blob: int = 4  # Most markers in one blob.
+    too_large: float = 3.5  # Largest area of a part relative to a marker.
+    too_small: float = 0.12  # Smallest area of a part relative to a marker.
     least_share: float = 0.45
-    """Smallest share of the area of a marker with a depth. Otherwise the ring is an occluder's and the marker a ray."""
+    """Smallest relative area of a marker with a depth. Otherwise the ring is an occluder's, and the marker is a ray."""
 
-    sigma_px: float = 0.08  # Standard deviation of a centroid.
-    split_sigma_px: float = 0.5  # Added for parts of a split blob.
+    sigma_px: float = 0.08  # Standard deviation of a centroid in pixels.
+    split_sigma_px: float = 0.5  # Additional standard deviation for parts of a split blob.
     hidden_sigma: float = 0.45  # Added for a partly hidden disc: this times its radius times the missing share.
     depth_constant_m: float = 0.8e-3
-    """Standard deviation of a depth at no distance, as of Azure Kinects (Tölgyessy et al. 2021)."""
-    depth_quadratic: float = 0.55e-3  # Added standard deviation at 1 m, growing with the square of the distance.
-    ring_noise: float = 1.5  # Depths in a ring are noisier by this factor.
-    depth_floor_m: float = 0.6e-3  # Common error of a ring's pixels.
+    """Standard deviation of a depth at zero distance, as for Azure Kinects (Tölgyessy et al. 2021)."""
+    depth_quadratic: float = 0.55e-3  # Additional standard deviation at 1 m. It grows with the square of the distance.
+    ring_noise: float = 1.5  # Noise factor of depths in a ring.
+    depth_floor_m: float = 0.6e-3  # Common error of a ring's pixels in metres.
 
     def depth_sigma(self, depth: np.ndarray) -> np.ndarray:
-        """Return the standard deviation of one pixel at depths, in metres."""
+        """Return the standard deviation of one pixel's depth in metres."""
         return self.depth_constant_m + self.depth_quadratic * depth**2
 
 
@@ -78,9 +78,9 @@ SETTINGS = AcquisitionSettings()
 
 
 def connected(pixels: np.ndarray, width: int) -> tuple[np.ndarray, int]:
-    """Return the patch of each bright pixel (P,) increasing flat indices, numbered from 0, and their number.
+    """Return the patch number of each bright pixel and the number of patches. Pixels are (P,) increasing flat indices.
 
-    Runs of pixels that touch a run of the next row, also at corners, are one patch.
+    Runs of pixels that touch a run in the next row, also at corners, belong to one patch.
     """
     if not len(pixels):
         return np.zeros(0, np.int64), 0
@@ -101,9 +101,9 @@ def connected(pixels: np.ndarray, width: int) -> tuple[np.ndarray, int]:
 
 
 def joined(count: int, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return the component of each of ``count`` nodes under edges a-b, numbered from 0, and their number.
+    """Return the connected component of each of ``count`` nodes with edges a-b, and the number of components.
 
-    Each node takes the least number that it can reach. Roots are halved on the way (Shiloach and Vishkin 1982).
+    Each node takes the smallest reachable number. Paths to roots are halved (Shiloach and Vishkin 1982).
     """
     root = np.arange(count)
     while len(a):
@@ -121,9 +121,9 @@ def joined(count: int, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, int]:
 
 @dataclass(frozen=True)
 class Blobs:
-    """N blobs of P pixels."""
+    """N blobs with P pixels."""
 
-    pixel: np.ndarray  # (P,) flat indices.
+    pixel: np.ndarray  # (P,) flat pixel indices.
     owner: np.ndarray  # (P,) index of the blob.
     weight: np.ndarray  # (P,) counts above the threshold.
     count: int
@@ -134,14 +134,14 @@ class Blobs:
 class Shapes:
     """Moments of N blobs."""
 
-    centre: np.ndarray  # (N, 2) px, weighted by counts above the threshold.
-    area: np.ndarray  # (N,) pixels.
-    middle: np.ndarray  # (N, 2) px, unweighted.
-    long: np.ndarray  # (N,) px², variance along the longer axis.
+    centre: np.ndarray  # (N, 2) centre in px, weighted by counts above the threshold.
+    area: np.ndarray  # (N,) area in pixels.
+    middle: np.ndarray  # (N, 2) unweighted centre in px.
+    long: np.ndarray  # (N,) variance along the longer axis in px².
 
 
 def find_blobs(infrared: np.ndarray, threshold: float, mask: np.ndarray | None) -> Blobs | None:
-    """Return the blobs of (h, w) counts, None where too much is bright (sunlight). ``mask`` excludes pixels."""
+    """Return the blobs of (h, w) counts, None if too much is bright (sunlight). ``mask`` excludes pixels."""
     flat = infrared.reshape(-1)
     pixel = np.flatnonzero(flat > infrared.dtype.type(threshold))
     if mask is not None:
@@ -172,14 +172,14 @@ def shapes_of(blobs: Blobs) -> Shapes:
     some = np.maximum(area, 1.0)
     middle = np.stack([total(x.astype(float)), total(y.astype(float))], axis=1) / some[:, None]
     dx, dy = x - middle[owner, 0], y - middle[owner, 1]
-    # A pixel is a square of variance 1/12.
+    # A pixel is a square with variance 1/12.
     xx, yy, xy = total(dx * dx) / some + 1 / 12, total(dy * dy) / some + 1 / 12, total(dx * dy) / some
     half, apart = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
     return Shapes(centre, area, middle, half + apart)
 
 
 def full_counts(infrared: np.ndarray) -> float:
-    """Return the saturated counts of a picture: the largest value of its type."""
+    """Return the saturation counts of an image, the largest value of its type."""
     return float(np.iinfo(infrared.dtype).max)
 
 
@@ -193,7 +193,7 @@ def threshold_of(infrared: np.ndarray) -> float:
 
 
 def learned_mask(pictures: Iterable[np.ndarray]) -> np.ndarray:
-    """Return the (h, w) mask of lamps in pictures of the empty scene, grown a little. Raise ValueError for none."""
+    """Return the (h, w) mask of lamps in images of the empty scene, with a margin. Raise ValueError without images."""
     brightest: np.ndarray | None = None
     for picture in pictures:
         brightest = picture.copy() if brightest is None else np.maximum(brightest, picture)

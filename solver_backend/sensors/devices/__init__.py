@@ -1,1 +1,1 @@
-"""Read sensors through one interface: recordings, renderings of the studio, and connected devices."""
+"""Read sensors through one interface: recordings, studio renderings, and connected devices."""

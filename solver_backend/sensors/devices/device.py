@@ -1,4 +1,4 @@
-"""Interface and errors of every sensor."""
+"""Define the interface and the errors of all sensors."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from solver_backend.exchange.errors import MocapError
 
 @dataclass(frozen=True)
 class SensorFrame:
-    """Pictures of one sensor at one moment. Infrared and depth are pixel-aligned."""
+    """Images of one sensor at one time. Infrared and depth are pixel-aligned."""
 
     sensor: str
     infrared: np.ndarray  # (h, w) uint8 or uint16 counts.
     depth: np.ndarray | None
-    """(h, w) uint16 millimetres along the optical axis, 0 where unknown. None for a sensor without depth."""
-    device_s: float  # Middle of the exposure in seconds on the device's clock. Sensors on one trigger share it.
+    """(h, w) uint16 depth in millimetres along the optical axis, 0 where unknown. None for a sensor without depth."""
+    device_s: float  # Exposure centre in seconds on the device's clock. Sensors on one trigger share it.
     host_s: float  # Arrival in seconds on the host's monotonic clock (``time.perf_counter``).
-    number: int = 0  # The device's own frame count. Gaps are lost frames.
+    number: int = 0  # Frame number from the device. Gaps are lost frames.
 
 
 class OpenedDevice:
-    """Base of devices: ``with`` opens and closes them."""
+    """Base class of devices. ``with`` opens and closes them."""
 
     def __enter__(self) -> Self:
         self.open()
@@ -36,10 +36,10 @@ class OpenedDevice:
         self.close()
 
     def open(self) -> None:
-        """Start. Raise ``MocapError`` if the device is missing or unusable. Do nothing by default."""
+        """Start. Raise ``MocapError`` if the device is missing or unusable. The default does nothing."""
 
     def close(self) -> None:
-        """Stop. May be called several times, and from another thread. Do nothing by default."""
+        """Stop. Can be called several times, and from another thread. The default does nothing."""
 
 
 class Device(OpenedDevice, ABC):
@@ -52,7 +52,7 @@ class Device(OpenedDevice, ABC):
         """Yield frames until the device ends, but drop fast ones. Raise ``SensorFailed`` if it was lost."""
 
     def starting(self, start: float) -> Self:
-        """Return the sensor with its time 0 due at the host time ``start``. A live device returns itself."""
+        """Return the sensor with its time 0 at the host time ``start``. A live device returns itself."""
         return self
 
 

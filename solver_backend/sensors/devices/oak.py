@@ -1,4 +1,4 @@
-"""Read OAK-D and OAK-4 cameras with depthai 3: infrared under a flood light with stereo depth, and colour in sync."""
+"""Read OAK-D and OAK-4 cameras with depthai 3: infrared under a flood light, stereo depth, and synchronous colour."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ from solver_backend.videos.sync.clocks import Clocks
 
 LEAST_VERSION = 3  # Oldest supported major version of depthai.
 QUIET = {"DEPTHAI_INSTALL_SIGNAL_HANDLER": "0", "DEPTHAI_LEVEL": "off"}
-"""Keep depthai from handling signals and from writing to standard output, which other programs read."""
+"""Settings that keep depthai from handling signals and from writing to standard output, which other programs read."""
 
 
 def depthai() -> Any:
-    """Import ``depthai`` of the extra ``oak``. Raise BackendMissing if it is missing, or older than version 3."""
+    """Import ``depthai`` from the extra ``oak``. Raise BackendMissing if it is missing, or older than version 3."""
     for name, value in QUIET.items():
         os.environ.setdefault(name, value)
     try:
@@ -55,7 +55,7 @@ def depthai() -> Any:
 
 
 def listed_oaks() -> list[str]:
-    """Return the sorted identifiers of the OAKs that are plugged in or on the network."""
+    """Return the sorted identifiers of OAKs that are plugged in or on the network."""
     return sorted(str(info.getDeviceId()) for info in depthai().Device.getAllAvailableDevices())
 
 
@@ -76,7 +76,7 @@ ROLES = ("master", "slave")  # Roles on the sync wire.
 
 @dataclass
 class OakPipeline(OpenedDevice, ABC):
-    """One OAK with a pipeline that runs from ``open`` to ``close``. Subclasses build it."""
+    """One OAK with a pipeline that runs from ``open`` to ``close``. Subclasses define the pipeline."""
 
     name: str
     identifier: str  # Device identifier, IP address or USB port.
@@ -85,14 +85,14 @@ class OakPipeline(OpenedDevice, ABC):
 
     @abstractmethod
     def _build(self, dai: Any, device: Any, pipeline: Any) -> Any:
-        """Add the nodes, and return the queue of their output."""
+        """Add the nodes, and return their output queue."""
 
     @abstractmethod
     def _role(self) -> str:
-        """Return the role on the sync wire. Names that are not in ``ROLES`` mean none."""
+        """Return the role on the sync wire. Names that are not in ``ROLES`` mean no role."""
 
     def open(self) -> None:
-        """Connect and start. Raise SensorFailed, or SensorUnknown if it does not have the cameras or lights."""
+        """Connect and start. Raise SensorFailed, or SensorUnknown if cameras or lights are missing."""
         if self._pipeline is not None:
             return
         dai, device = depthai(), open_oak(self.identifier, self.name)
@@ -120,23 +120,23 @@ class OakPipeline(OpenedDevice, ABC):
             raise SensorFailed("The sensor is not open.", where=f"sensor {self.name}", hint="Open it first.")
 
     def close(self) -> None:
-        """Stop. May be called several times."""
+        """Stop. Can be called several times."""
         pipeline, self._pipeline, self._queue = self._pipeline, None, None
         if pipeline is not None:
             pipeline.stop()
 
 
 INFRARED, DEPTH = "infrared", "depth"
-WAIT_S = 0.0005  # Time between looks at an empty queue, in seconds.
-LARGEST_JUMP_S = 10.0  # A device clock was reset if it goes back, or forward by more than this, in seconds.
+WAIT_S = 0.0005  # Seconds between checks of an empty queue.
+LARGEST_JUMP_S = 10.0  # Forward clock step in seconds that means a reset. Any backward step does.
 
 
 def paired(
     dai: Any, pipeline: Any, infrared: Any, depth: Any, fps: float, queue: int, *, blocking: bool = False
 ) -> Any:
-    """Return a queue of infrared and depth pictures of the same exposure, paired by a ``Sync`` node on the host.
+    """Return a queue of infrared and depth images of the same exposure, paired by a ``Sync`` node on the host.
 
-    Pictures that differ by half a frame belong to two exposures. ``blocking`` drops nothing, for recordings. Otherwise
+    Images that differ by half a frame belong to two exposures. ``blocking`` drops nothing, for recordings. Otherwise
     the oldest pair is dropped.
     """
     sync = pipeline.create(dai.node.Sync)
@@ -153,7 +153,7 @@ def paired(
 def paired_frames(
     dai: Any, name: str, queue: Any, running: Callable[[], bool], silent_s: float, by_ptp: bool = False
 ) -> Iterator[SensorFrame]:
-    """Yield frames of a queue of pairs while the device is ``running``. It is lost after ``silent_s`` without any.
+    """Yield frames from a queue of pairs while the device is ``running``. It counts as lost after ``silent_s`` seconds.
 
     Raises:
         SensorFailed: the device was lost or silent, or its clock was reset.
@@ -193,7 +193,7 @@ def paired_frames(
 
 
 def _exposure_s(dai: Any, picture: Any, by_ptp: bool, where: str) -> float:
-    """Return the middle of the exposure in seconds, on the host's clock as depthai keeps it, or on PTP's."""
+    """Return the exposure centre in seconds on the host's clock as depthai estimates it, or on the PTP clock."""
     middle = dai.CameraExposureOffset.MIDDLE
     if not by_ptp:
         return float(picture.getTimestamp(middle).total_seconds())
@@ -205,8 +205,8 @@ def _exposure_s(dai: Any, picture: Any, by_ptp: bool, where: str) -> float:
 
 
 SYNCS = ("none", "master", "slave", "ptp")
-"""Without a wire, by giving or taking the wire's pulse (M8 or FSIN), or by the network's clock (OAK-4 on Ethernet)."""
-SIZES = ((640, 400), (1280, 800))  # Picture sizes of the mono cameras in pixels.
+"""Synchronisation: none, sending or receiving pulses on the wire (M8 or FSIN), or network clock (OAK-4 on Ethernet)."""
+SIZES = ((640, 400), (1280, 800))  # Image sizes of the mono cameras in pixels.
 
 
 @dataclass(frozen=True)
@@ -219,8 +219,8 @@ class OakSettings:
     iso: int = 200  # Low, so that only reflectors are bright.
     flood: float = 1.0  # Infrared flood light, 0 to 1. Retro-reflective markers need it.
     sync: str = "none"  # One of ``SYNCS``.
-    silent_s: float = 5.0  # The device counts as lost after this time without a frame, in seconds.
-    queue: int = 4  # Number of frames that wait for the host. Older ones are dropped.
+    silent_s: float = 5.0  # Seconds without a frame after which the device counts as lost.
+    queue: int = 4  # Number of frames that may wait for the host. Older ones are dropped.
 
     def __post_init__(self) -> None:
         if self.sync not in SYNCS:
@@ -240,7 +240,7 @@ class OakSettings:
 
 @dataclass
 class Oak(OakPipeline, Device):
-    """The stereo cameras of one OAK. Infrared is the rectified left picture, and depth is aligned to its pixels."""
+    """The stereo cameras of one OAK. Infrared is the rectified left image, and depth is aligned to its pixels."""
 
     settings: OakSettings = field(default_factory=OakSettings)
 
@@ -253,7 +253,7 @@ class Oak(OakPipeline, Device):
         return paired(dai, pipeline, *self._cameras(dai, pipeline), self.settings.fps, self.settings.queue)
 
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield frames until the device is closed. Raises what ``paired_frames`` raises."""
+        """Yield frames until the device is closed. Errors are as in ``paired_frames``."""
         self._require_open()
         running, by_ptp = self._pipeline.isRunning, self.settings.sync == "ptp"
         yield from paired_frames(depthai(), self.name, self._queue, running, self.settings.silent_s, by_ptp)
@@ -290,7 +290,7 @@ class Oak(OakPipeline, Device):
 
 
 def oak_cameras(oaks: Sequence[Oak]) -> Cameras:
-    """Return the rectified left mono cameras with the factory calibration, all at the origin.
+    """Return the rectified left mono cameras with factory calibration, all at the origin.
 
     Raises:
         SensorFailed, CalibrationMissing: a device is missing, or has no calibration.
@@ -319,7 +319,7 @@ KINDS = ("oak",)
 
 
 def device_named(text: str, settings: OakSettings = OakSettings()) -> Oak:
-    """Return the closed device of ``KIND:IDENTIFIER`` or ``KIND:IDENTIFIER=NAME``, as in ``oak:192.168.1.20=left``.
+    """Return the closed device for ``KIND:IDENTIFIER`` or ``KIND:IDENTIFIER=NAME``, as in ``oak:192.168.1.20=left``.
 
     Raises:
         SensorUnknown: the kind is unknown, or there is no identifier.
@@ -336,20 +336,20 @@ def device_named(text: str, settings: OakSettings = OakSettings()) -> Oak:
 
 
 TICKS = 90_000  # Ticks of a file's clock per second.
-PICTURE_WAIT_S = 0.001  # Time between looks at an empty queue, in seconds.
-CLOCKS = "clocks.json"  # File of the videos' clocks, see ``Clocks``.
+PICTURE_WAIT_S = 0.001  # Seconds between checks of an empty queue.
+CLOCKS = "clocks.json"  # File with the clocks of the videos, see ``Clocks``.
 
 
 @dataclass(frozen=True)
 class ColourPicture:
-    """One compressed picture."""
+    """One compressed image."""
 
     jpeg: bytes
-    time_s: float  # Middle of the exposure in seconds, on a clock that all cameras share.
+    time_s: float  # Exposure centre in seconds on the clock of all cameras.
 
 
 class ColourSource(Protocol):
-    """A camera with compressed pictures, such as ``OakColour``."""
+    """A camera with compressed images, such as ``OakColour``."""
 
     name: str
     size: tuple[int, int]
@@ -360,17 +360,17 @@ class ColourSource(Protocol):
         ...
 
     def pictures(self) -> Iterator[ColourPicture | None]:
-        """Yield pictures as they come, None while there is none, until the device ends."""
+        """Yield images as they arrive, None while there is none, until the device ends."""
         ...
 
     def close(self) -> None:
-        """End."""
+        """Stop the camera."""
         ...
 
 
 @dataclass
 class OakColour(OakPipeline):
-    """The colour camera of one OAK. The device compresses each picture alone (MJPEG), so a file may end anywhere."""
+    """The colour camera of one OAK. The device compresses each image separately (MJPEG), so a file may end anywhere."""
 
     size: tuple[int, int] = (1920, 1080)
     fps: float = 60.0
@@ -392,7 +392,7 @@ class OakColour(OakPipeline):
         return encoder.out.createOutputQueue(maxSize=int(self.fps), blocking=False)
 
     def pictures(self) -> Iterator[ColourPicture | None]:
-        """Yield pictures as they come, None while there is none. Raise SensorFailed if the device was lost."""
+        """Yield images as they arrive, None while there is none. Raise SensorFailed if the device was lost."""
         self._require_open()
         middle = depthai().CameraExposureOffset.MIDDLE
         while self._pipeline is not None and self._pipeline.isRunning():
@@ -404,9 +404,9 @@ class OakColour(OakPipeline):
 
 
 class ColourFile:
-    """A fragmented MP4 that grows during the recording, and can be read after an interruption.
+    """A fragmented MP4 that grows during the recording, and is readable after an interruption.
 
-    Pictures keep their own times after ``begin_s`` on the shared clock. ``fps`` is nominal.
+    Images keep their times after ``begin_s`` on the shared clock. ``fps`` is nominal.
     """
 
     def __init__(self, path: Path, size: tuple[int, int], fps: float, begin_s: float) -> None:
@@ -420,7 +420,7 @@ class ColourFile:
         self._stream, self._last = stream, -1
 
     def add(self, picture: ColourPicture) -> None:
-        """Append a picture, unless it is before the start or not later than the last one. Raise OutputNotWritable."""
+        """Append an image, unless it is before the start or not later than the last one. Raise OutputNotWritable."""
         at = round((picture.time_s - self.begin_s) * TICKS)
         if at <= self._last or at < 0:
             return
@@ -445,12 +445,12 @@ class ColourFile:
 def record_colour(
     sources: Mapping[str, ColourSource], folder: Path, size: tuple[int, int], fps: float, seconds: float
 ) -> dict[str, int]:
-    """Write ``NAME.mp4`` per camera, all starting at the first exposure of all cameras. Return their numbers of frames.
+    """Write ``NAME.mp4`` per camera, starting at the first exposure of all cameras. Return their numbers of frames.
 
     Raises:
         OutputExists: a video exists already.
         OutputNotWritable: the disk is full.
-        SensorFailed: a camera gives no picture, or was lost.
+        SensorFailed: a camera delivers no image, or was lost.
     """
     for name in sources:
         check_output(folder / f"{name}.mp4", overwrite=False)
@@ -503,7 +503,7 @@ def _until(
 
 
 class OakPictures:
-    """Live pictures of a camera with the times of their exposures, on a clock that devices and host share."""
+    """Live images of a camera with exposure times, on a clock that devices and host share."""
 
     def __init__(self, camera: ColourSource) -> None:
         self._camera = camera
@@ -514,7 +514,7 @@ class OakPictures:
         self._camera.open()
 
     def pictures(self, start: float) -> Iterator[LivePicture]:
-        """Yield pictures as they come. Raise ``SensorFailed`` if the device was lost."""
+        """Yield images as they arrive. Raise ``SensorFailed`` if the device was lost."""
         number = 0
         for picture in self._camera.pictures():
             if picture is None:
@@ -530,7 +530,7 @@ class OakPictures:
 
 
 def _decoded(jpeg: bytes) -> np.ndarray:
-    """Return the (H, W, 3) RGB picture."""
+    """Decode a JPEG to an (H, W, 3) RGB image."""
     codec: Any = library().CodecContext.create("mjpeg", "r")
     [frame, *_] = [*codec.decode(library().Packet(jpeg)), *codec.decode(None)]
     return frame.to_ndarray(format="rgb24")

@@ -1,4 +1,4 @@
-"""Write and read recordings of sensors, and read shots of the studio."""
+"""Write and read sensor recordings, and read studio shots."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ from solver_backend.types import Cameras
 
 FORMAT, VERSION = "manifold_mocap_sensors", 1
 ABOUT, CALIBRATION, INDEX, FRAMES = SENSOR_RECORDING, "calibration.toml", "index.csv", "frames.bin"
-KINDS = ("raw", "png")  # Picture formats: 'raw' is fast and large, 'png' slow and about 2.5 times smaller.
+KINDS = ("raw", "png")  # Image formats: 'raw' is fast and large, 'png' slow and about 2.5 times smaller.
 HEADER = "number,device_s,host_s\n"
 
 
 @dataclass(frozen=True)
 class SensorFiles:
-    """One sensor of a recording."""
+    """One sensor in a recording."""
 
     name: str
     width: int
@@ -51,12 +51,12 @@ class SensorFiles:
 
     @property
     def infrared_bytes(self) -> int:
-        """Bytes of one infrared picture."""
+        """Bytes per infrared image."""
         return self.width * self.height * np.dtype(self.infrared).itemsize
 
     @property
     def frame_bytes(self) -> int:
-        """Bytes of one frame in ``frames.bin``."""
+        """Bytes per frame in ``frames.bin``."""
         return self.infrared_bytes + (2 * self.width * self.height if self.depth else 0)
 
     @staticmethod
@@ -67,7 +67,7 @@ class SensorFiles:
 
 
 LARGEST_NUMBER = 1e11
-"""Largest frame number, or time in seconds, of an index. Larger ones lose microseconds in rounding."""
+"""Largest frame number, or time in seconds, in an index. Larger values lose microseconds by rounding."""
 
 
 @dataclass(frozen=True)
@@ -75,11 +75,11 @@ class RecordingAbout:
     """Contents of ``recording.json``."""
 
     kind: str  # One of ``KINDS``.
-    fps: float  # Requested frames per second.
+    fps: float  # Requested frame rate.
     sensors: tuple[SensorFiles, ...]
 
     def text(self) -> str:
-        """Return the file's text."""
+        """Return the text of the file."""
         values: dict[str, object] = {"format": FORMAT, "version": VERSION, "kind": self.kind, "fps": self.fps}
         values["sensors"] = [
             {"name": s.name, "size": [s.width, s.height], "infrared": s.infrared, "depth": s.depth}
@@ -89,7 +89,7 @@ class RecordingAbout:
 
 
 def read_about(folder: Path) -> RecordingAbout:
-    """Read the description of a recording. Raise RecordingInvalid if it is another file or has impossible values."""
+    """Read the description of a recording. Raise RecordingInvalid for another file or invalid values."""
     path = folder / ABOUT
     values = read_json(path)
     try:
@@ -116,7 +116,7 @@ def _sensor(item: Any) -> SensorFiles:
 
 
 def read_index(path: Path) -> np.ndarray:
-    """Return (F, 3) number, device and host time of each whole line. Raise RecordingInvalid if it is not an index."""
+    """Return (F, 3) number, device and host time of each complete line. Raise RecordingInvalid for another file."""
     try:
         lines = read_text(path).splitlines(keepends=True)
         whole = [line for line in lines[1:] if line.endswith("\n") and line.strip()]
@@ -132,16 +132,16 @@ def read_index(path: Path) -> np.ndarray:
     return rows
 
 
-WAITING = 8  # Most frames that wait to be written. Chosen by hand.
+WAITING = 8  # Most frames that may wait to be written. Chosen by hand.
 SPARE_BYTES = 64 << 20  # Recording ends when the disk has less free space, which other programs need. Chosen by hand.
 _ASK_EVERY = 32  # Number of frames between checks of the free space. Chosen by hand.
 
 
 class Recording:
-    """The folder of a recording with its description and the sensors' poses. Sensors are added when they appear.
+    """Folder of a recording with its description and sensor poses. Sensors are added when they appear.
 
     Raises:
-        OutputExists: there is a recording already.
+        OutputExists: there is already a recording.
     """
 
     def __init__(self, folder: Path, kind: str, fps: float, cameras: Cameras, *, overwrite: bool = False) -> None:
@@ -172,7 +172,7 @@ def _not_writable(folder: Path, error: OSError) -> OutputNotWritable:
 
 
 class SensorRecorder:
-    """Write the frames of one sensor in its own thread. Frames that come too fast are dropped and counted.
+    """Writes the frames of one sensor in a separate thread. Frames that arrive too fast are dropped and counted.
 
     ``patient`` waits for the disk instead, for sources that can wait.
     """
@@ -242,7 +242,7 @@ def due_frames(
 ) -> Iterator[tuple[int, int, float, float]]:
     """Yield index, lap, device time and host time of frames at (F,) seconds on the device's clock.
 
-    ``start`` is the host time (``time.perf_counter``) of time 0, None to yield all frames at once. ``repeat`` starts
+    ``start`` is the host time (``time.perf_counter``) of time 0. None yields all frames at once. ``repeat`` starts
     again after the end, with continuing time.
     """
     if not len(times):
@@ -273,12 +273,12 @@ def due_frames(
 
 @dataclass
 class ReplayedSensor(Device):
-    """One sensor of a folder."""
+    """One sensor in a folder."""
 
     name: str
     folder: Path
     start: float | None = field(default=None, kw_only=True)
-    """Host time of time 0. None to yield frames without waiting."""
+    """Host time of time 0. None yields frames without waiting."""
     repeat: bool = field(default=False, kw_only=True)
     zero: float = field(default=0.0, kw_only=True)  # Device time that counts as 0.
 
@@ -288,18 +288,18 @@ class ReplayedSensor(Device):
 
     @abstractmethod
     def index(self) -> np.ndarray:
-        """Return (F, 3) number, device time and host time (or NaN) of whole frames. Raise ``RecordingInvalid``."""
+        """Return (F, 3) number, device time and host time (or NaN) of complete frames. Raise ``RecordingInvalid``."""
 
     @abstractmethod
     def pictures(self, at: int) -> tuple[np.ndarray, np.ndarray | None]:
         """Return infrared and depth of a frame. Raise ``SensorFailed`` if one is missing or damaged."""
 
     def count(self) -> int:
-        """Return the number of frames. Raises what ``index`` raises."""
+        """Return the number of frames. Errors are as in ``index``."""
         return len(self.index())
 
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield the frames. Raises what ``index`` and ``pictures`` raise."""
+        """Yield the frames. Errors are as in ``index`` and ``pictures``."""
         rows = self.index()
         count = int(rows[-1, 0] - rows[0, 0]) + 1 if len(rows) else 0
         for at, lap, device, host in due_frames(rows[:, 1] - self.zero, self.start, repeat=self.repeat):
@@ -316,7 +316,7 @@ class RecordedSensor(ReplayedSensor):
     kind: str
 
     def index(self) -> np.ndarray:
-        """Return the rows of whole frames, see ``ReplayedSensor``."""
+        """Return the rows of complete frames, see ``ReplayedSensor``."""
         rows = read_index(self.folder / INDEX)
         if self.kind == "raw":
             path = self.folder / FRAMES
@@ -324,7 +324,7 @@ class RecordedSensor(ReplayedSensor):
         return rows
 
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield the frames. Raise ``SensorFailed`` if the file of pictures is missing, see also ``ReplayedSensor``."""
+        """Yield the frames. Raise ``SensorFailed`` if the image file is missing, see also ``ReplayedSensor``."""
         if self.kind == "raw" and not (self.folder / FRAMES).is_file():
             message = f"The file {FRAMES} is missing, or is not a regular file."
             raise SensorFailed(message, where=str(self.folder), hint="Copy the file from the recording again.")
@@ -372,9 +372,9 @@ def _png_pair(infrared: Path, depth: Path, at: int, *, has_depth: bool) -> tuple
         raise SensorFailed(message, where=error.where, hint=hint) from error
 
 
-STUDIO_SHOT = ("clean.npz", "infrared")  # Entries of the folder of a studio shot.
+STUDIO_SHOT = ("clean.npz", "infrared")  # Names in the folder of a studio shot.
 OTHER_CLOCK_S = 0.5
-"""Largest difference of a sensor's clock from the others', in seconds. Beyond it the host's clock relates them."""
+"""Largest difference between sensor clocks in seconds. Beyond it, the host's clock relates them."""
 
 
 @dataclass(frozen=True)
@@ -385,15 +385,15 @@ class SensorFolder:
     cameras: Cameras
     devices: tuple[ReplayedSensor, ...]
     fps: float
-    missing: tuple[str, ...] = ()  # Sensors of the calibration that are not in the folder.
+    missing: tuple[str, ...] = ()  # Calibrated sensors that are not in the folder.
 
 
 def open_folder(path: Path, calibration: Path | None = None) -> SensorFolder:
-    """Open a recording, or the folder of a studio shot. ``calibration`` replaces its own.
+    """Open a recording, or the folder of a studio shot. ``calibration`` replaces the folder's calibration.
 
     Raises:
         RecordingInvalid: the folder is neither, or is damaged.
-        CalibrationMissing, CalibrationInvalid: there is no calibration, or an impossible one.
+        CalibrationMissing, CalibrationInvalid: there is no calibration, or it is invalid.
         SensorUnknown: the calibration has none of the sensors.
     """
     if (path / ABOUT).is_file():
@@ -424,7 +424,7 @@ def _recording(path: Path, calibration: Path | None) -> SensorFolder:
 
 
 def _zeros(indices: list[np.ndarray]) -> list[float]:
-    """Return each sensor's zero: a common time, or the host's for a sensor with another clock."""
+    """Return each sensor's time zero: a common time, or the host's for a sensor with another clock."""
     firsts = np.array([rows[0, 1:] if len(rows) else (np.nan, np.nan) for rows in indices])
     if not np.isfinite(firsts).any():
         return [0.0] * len(indices)
@@ -451,7 +451,7 @@ def _shot(path: Path, calibration: Path | None) -> SensorFolder:
 
 
 def _named(cameras: Cameras, found: set[str], path: Path) -> tuple[list[str], tuple[str, ...]]:
-    """Return the found and the missing calibrated sensors."""
+    """Return the calibrated sensors that were found, and those that are missing."""
     names = [name for name in cameras.names if name in found]
     if not names:
         there = ", ".join(sorted(found)) or "nothing"

@@ -1,1 +1,1 @@
-"""Fuse the sightings of all sensors into one cloud, follow its points, and reject ghosts."""
+"""Fuse the sightings of all sensors into one cloud, track its points, and reject ghosts."""

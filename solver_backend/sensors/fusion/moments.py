@@ -1,4 +1,4 @@
-"""Fuse the sightings of all sensors into moments, follow the points and collect them in a marker cloud."""
+"""Fuse the sightings of all sensors into moments, track the points and collect them in a marker cloud."""
 
 from __future__ import annotations
 
@@ -21,45 +21,45 @@ from solver_backend.videos.detect.detect_videos import least_cost_assignment
 
 @dataclass(frozen=True)
 class FusionSettings:
-    """Constants of fusion."""
+    """Constants of the fusion."""
 
-    radius_m: float = 0.01  # Radius of the published clusters (paper, appendix K).
+    radius_m: float = 0.01  # Radius of the published clusters in metres (paper, appendix K).
     calibration_m: float = 0.0012
-    """Standard deviation per axis of a sensor's calibration. It counts in tests, not in results."""
-    joined: float = 16.27  # Largest χ² of two sightings of one marker: 0.999 with three degrees of freedom.
-    joined_ray: float = 13.82  # Largest χ² of a point and a ray: 0.999 with two degrees of freedom.
+    """Standard deviation per axis of a sensor's calibration in metres. It affects tests, not results."""
+    joined: float = 16.27  # Largest χ² between two sightings of one marker: 0.999 with three degrees of freedom.
+    joined_ray: float = 13.82  # Largest χ² between a point and a ray: 0.999 with two degrees of freedom.
     joined_rays: float = 6.63
-    """Largest χ² of two rays: 0.99 with one degree of freedom, because rays often meet by chance."""
-    reach_m: float = 0.05  # Largest distance of two sightings of one marker, however uncertain they are.
+    """Largest χ² between two rays: 0.99 with one degree of freedom, because rays often intersect by chance."""
+    reach_m: float = 0.05  # Largest distance between two sightings of one marker in metres, however uncertain they are.
     closest_m: float = 0.028
-    """Smallest distance of two markers. Of two closer points, only the more certain one remains."""
+    """Smallest distance between two markers in metres. Of two closer points, only the more certain one remains."""
     ray_range_m: tuple[float, float] = (0.3, 6.0)
-    """Range of the intersection of two rays from either sensor, in metres."""
-    least_angle: float = 0.17  # Smallest angle between two rays that give a point, in radians.
+    """Distance range from either sensor to the intersection of two rays in metres."""
+    least_angle: float = 0.17  # Smallest angle in radians between two rays that determine a point.
 
     acceleration_m_s2: float = 40.0  # Standard deviation of a marker's acceleration from frame to frame.
     start_speed_m_s: float = 2.0  # Standard deviation of a new marker's speed.
-    follow: float = 16.27  # Largest χ² of a point and its track.
-    lost_s: float = 0.12  # A track ends after this time without a point, in seconds.
+    follow: float = 16.27  # Largest χ² between a point and its track.
+    lost_s: float = 0.12  # Seconds without a point after which a track ends.
 
-    hit_alone: float = 0.8  # Gain of a track's log-odds of being a marker if one sensor sees it.
-    hit_together: float = 3.0  # Gain if two or more sensors see it.
-    hit_rays: float = 1.0  # Gain if only two rays meet.
-    miss: float = 1.0  # Loss if no sensor sees it.
+    hit_alone: float = 0.8  # Increase of a track's log-odds of being a marker if one sensor sees it.
+    hit_together: float = 3.0  # Increase if two or more sensors see it.
+    hit_rays: float = 1.0  # Increase if only two rays intersect.
+    miss: float = 1.0  # Decrease if no sensor sees it.
     start: float = -2.0  # Log-odds of a new point.
     most: float = 6.0  # Largest log-odds.
 
 
 SETTINGS = FusionSettings()
 
-_NEVER = 1e6  # Cost of an impossible pair, more than any sum of possible ones.
+_NEVER = 1e6  # Cost of an impossible pair, larger than any sum of possible ones.
 
 
 def matched(a: np.ndarray, b: np.ndarray, cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Select as many candidate pairs (a, b) as possible with the least ``Σ cost``, each name at most once.
+    """Select as many candidate pairs (a, b) as possible with the smallest ``Σ cost``, each name at most once.
 
-    Names are not negative, and costs are far below 1e6. Candidates fall into components that share no name. The
-    Hungarian method solves components of several pairs (Kuhn 1955).
+    Names are not negative, and costs are far below 1e6. Candidates are divided into components that share no name. The
+    Hungarian method solves components with several pairs (Kuhn 1955).
     """
     if not len(a):
         return a, b
@@ -93,10 +93,10 @@ Rays = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def met_rays(rays: list[Rays]) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, 3) points and (N, 3, 3) covariances where rays of two sensors meet and fit no others.
+    """Return (N, 3) points and (N, 3, 3) covariances where rays of two sensors intersect and match no others.
 
-    A point is the midpoint of the shortest line between two rays (Hartley and Sturm 1997), if that line is no longer
-    than the rays' errors allow. Neither ray may meet a third one, because all but one of several meetings are ghosts.
+    A point is the midpoint of the shortest line between two rays (Hartley and Sturm 1997), if the rays' errors explain
+    that line. Neither ray may intersect a third one, because all but one of several intersections are ghosts.
     """
     begin = np.cumsum([0, *(len(direction) for _, direction, _ in rays)])
     found = [
@@ -140,17 +140,17 @@ def _meetings(a: Rays, b: Rays) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.
 
 @dataclass(frozen=True)
 class FusedPoints:
-    """N points of one moment."""
+    """N fused points at one time."""
 
     time: float
-    points: np.ndarray  # (N, 3) world metres.
-    covariance: np.ndarray  # (N, 3, 3) m².
-    depths: np.ndarray  # (N,) number of sensors that saw each with depth.
-    rays: np.ndarray  # (N,) number of sensors that saw each without depth.
+    points: np.ndarray  # (N, 3) world positions in metres.
+    covariance: np.ndarray  # (N, 3, 3) covariances in m².
+    depths: np.ndarray  # (N,) number of sensors that saw each point with depth.
+    rays: np.ndarray  # (N,) number of sensors that saw each point without depth.
 
 
 def fuse(sightings: list[SensorSightings], clusters: str = "test") -> FusedPoints:
-    """Return the points of one moment. ``clusters``: 'test' joins within covariances, 'radius' within ``radius_m``."""
+    """Fuse the sightings of one moment. ``clusters``: 'test' joins within covariances, 'radius' within ``radius_m``."""
     time = float(np.mean([s.time for s in sightings])) if sightings else 0.0
     if clusters == "radius":
         return _within_radius(time, sightings)
@@ -206,7 +206,7 @@ class _Clusters:
         self.rays = np.concatenate([self.rays, np.zeros(int(own.sum()), int)])
 
     def join_rays(self, seen: SensorSightings, rows: np.ndarray) -> np.ndarray:
-        """Add rows of a sensor's rays to the clusters that they pass. Return the (R,) mask of rays that pass none."""
+        """Add rows of a sensor's rays to the clusters that they pass. Return the (R,) mask of the remaining rays."""
         origin, direction, sigma = seen.origin, seen.direction[rows], seen.sigma_ray[rows]
         rest = np.ones(len(direction), dtype=bool)
         if not len(self.vector) or not len(direction):
@@ -248,12 +248,12 @@ class _Clusters:
 
 
 def chi_square(off: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Return (N,) ``Δᵀ Σ⁻¹ Δ`` of (N, 3) and (N, 3, 3)."""
+    """Return the (N,) values ``Δᵀ Σ⁻¹ Δ`` for differences (N, 3) and covariances (N, 3, 3)."""
     return (off * np.linalg.solve(covariance, off[..., None])[..., 0]).sum(-1)
 
 
 def _within_radius(time: float, sightings: list[SensorSightings]) -> FusedPoints:
-    """Return the mean of each group of points joined by ``radius_m``, as published, and its covariance."""
+    """Return the mean of each group of points joined within ``radius_m``, as published, and its covariance."""
     deep = [np.isfinite(s.depth) for s in sightings]
     points = np.concatenate([np.zeros((0, 3)), *(s.points[d] for s, d in zip(sightings, deep, strict=True))])
     covariance = np.concatenate([np.zeros((0, 3, 3)), *(s.covariance[d] for s, d in zip(sightings, deep, strict=True))])
@@ -268,9 +268,9 @@ def _within_radius(time: float, sightings: list[SensorSightings]) -> FusedPoints
     return FusedPoints(time, mean, spread, size, np.zeros(count, int))
 
 
-SILENT_S = 0.25  # A sensor counts as silent after this time without a frame, in seconds. The others then go on.
+SILENT_S = 0.25  # Seconds without a frame after which a sensor counts as silent. The others then continue.
 JUMP_S = 0.5
-"""Largest difference of a sensor's time step from the host's, in seconds. The host's step replaces a larger one."""
+"""Largest difference between time steps of sensor and host in seconds. Beyond it, the host's step is used."""
 WAITING, MOST_FINDINGS = 30, 1000  # Most waiting frames per sensor, and most findings. Older ones are dropped.
 
 
@@ -278,7 +278,7 @@ WAITING, MOST_FINDINGS = 30, 1000  # Most waiting frames per sensor, and most fi
 class Finding:
     """An event of a sensor."""
 
-    kind: str  # 'sensor_silent', 'sensor_back', 'time_jumped', 'sunlight', 'recording_ended', or an error's code.
+    kind: str  # 'sensor_silent', 'sensor_back', 'time_jumped', 'sunlight', 'recording_ended', or an error code.
     sensor: int
     time: float
     found: Diagnostic
@@ -290,9 +290,9 @@ class Finding:
 
 
 class Gatherer:
-    """Join the frames that sensors took at one moment, closer than half of ``period_s``.
+    """Joins frames that sensors took at the same time, within half of ``period_s``.
 
-    A moment waits for the last sensor for at most ``wait_s`` on the host's clock. None for no limit.
+    A moment waits for its last sensor for at most ``wait_s`` on the host's clock. None means no limit.
     """
 
     def __init__(self, names: tuple[str, ...], period_s: float, wait_s: float | None = None) -> None:
@@ -342,11 +342,11 @@ class Gatherer:
         return seen
 
     def waiting(self, index: int) -> int:
-        """Return how many frames of a sensor wait for the others."""
+        """Return the number of frames of a sensor that wait for the others."""
         return len(self._queues[index])
 
     def ended(self, index: int) -> None:
-        """Mark that a sensor has no more frames."""
+        """Mark a sensor as having no more frames."""
         self._ended[index] = True
 
     def moments(self, now: float | None = None) -> list[list[SensorSightings]]:
@@ -385,22 +385,22 @@ class Gatherer:
         del self.findings[:-MOST_FINDINGS]
 
 
-_LONGEST_STEP_S = 0.5  # Tracks restart after a longer time step, in seconds. Chosen by hand.
+_LONGEST_STEP_S = 0.5  # Time step in seconds after which tracks restart. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class TrackedPoints:
-    """N points of one moment and their tracks."""
+    """N points at one time and their tracks."""
 
     time: float
-    points: np.ndarray  # (N, 3) world metres, measured in this frame.
-    covariance: np.ndarray  # (N, 3, 3) m².
+    points: np.ndarray  # (N, 3) world positions in metres, measured in this frame.
+    covariance: np.ndarray  # (N, 3, 3) covariances in m².
     track: np.ndarray  # (N,) track number, constant while a marker is visible.
     score: np.ndarray  # (N,) log-odds that the track is a marker. Ghosts are below 0.
 
 
 class MarkerTracks:
-    """Kalman filters of constant velocity, all at once with white noise of acceleration (Bar-Shalom and Li 1993)."""
+    """Constant-velocity Kalman filters with white-noise acceleration for all tracks (Bar-Shalom and Li 1993)."""
 
     def __init__(self) -> None:
         self._next = 0
@@ -415,7 +415,7 @@ class MarkerTracks:
         self._score, self._unseen_s = np.zeros(0), np.zeros(0)
 
     def update(self, found: FusedPoints) -> TrackedPoints:
-        """Return the points of a moment with their tracks. Tracks restart if time does not advance."""
+        """Assign the points of a moment to tracks. Tracks restart if time does not advance."""
         dt = 0.0 if self._time is None else found.time - self._time
         if self._time is not None and not 0.0 < dt <= _LONGEST_STEP_S:
             self.clear()
@@ -479,14 +479,14 @@ class MarkerTracks:
 
 
 _MOST_UNSEEN, _PAUSE = 20, 36_000
-"""A take may have this many frames per moment with markers, and in addition. More frames mean wrong times: milliseconds
-instead of seconds would need 6 GB for three moments. Chosen by hand."""
+"""Most frames of a take: this many per moment with markers, plus a constant. More frames mean wrong times.
+Milliseconds instead of seconds would need 6 GB for three moments. Chosen by hand."""
 
 
 def build_cloud(moments: Sequence[TrackedPoints], fps: float) -> MarkerCloud:
-    """Return a take with frames of equal length.
+    """Build a take with equal frame intervals.
 
-    A track is a marker if its log-odds ever rose above 0. It takes the first free column. The cloud's residual is each
+    A track is a marker if its log-odds ever exceeded 0. It takes the first free column. The cloud's residual is each
     point's standard deviation, ``√(tr Σ / 3)``.
 
     Raises:
@@ -518,7 +518,7 @@ def build_cloud(moments: Sequence[TrackedPoints], fps: float) -> MarkerCloud:
 
 
 def _columns(rows: np.ndarray, track: np.ndarray, count: int) -> np.ndarray:
-    """Return the column of each of ``count`` tracks: the first one without a current track."""
+    """Return the column of each of ``count`` tracks, the first one without a current track."""
     first, last = np.full(count, np.iinfo(int).max), np.full(count, -1)
     np.minimum.at(first, track, rows)
     np.maximum.at(last, track, rows)

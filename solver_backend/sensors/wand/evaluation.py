@@ -1,4 +1,4 @@
-"""Report a wand calibration: values, warnings, lines and a page."""
+"""Report a wand calibration with values, warnings, lines and a page."""
 
 from __future__ import annotations
 
@@ -23,27 +23,27 @@ GOOD_PX, LATE_S = 1.0, 0.001  # Larger errors in pixels and delays in seconds ar
 class WandOptions:
     """Options of a wand calibration."""
 
-    wand: Wand | None = None  # The wand with three lights. None for one marker with depth.
-    clocks: Clocks | None = None  # Clocks of a trigger. If None, they are estimated from the wand's movement.
+    wand: Wand | None = None  # Wand with three lights. None for one marker with depth.
+    clocks: Clocks | None = None  # Clocks of a trigger. None estimates them from the wand's movement.
     every_sensor: bool = False  # Use only moments that all sensors saw, as published. Otherwise two sensors suffice.
 
 
 @dataclass(frozen=True)
 class WandCalibration:
-    """The result, in the first sensor's axes or in the world of a Γ."""
+    """Result of a calibration, in the first sensor's axes or in the world of a Γ."""
 
     array: CalibratedCameras
     clocks: Clocks
     together: np.ndarray  # (C, C) number of common moments of two sensors.
     moments: int
-    held_out_px: float  # Root mean squared reprojection error of held-out time ranges.
+    held_out_px: float  # RMS reprojection error in held-out time ranges.
     length_rmse_m: np.ndarray
-    """(3,) root mean squared error of the lights' distances in those ranges. NaN without lights."""
-    depth_rmse_m: float  # Scatter of the measured depths about the marker. NaN without depth.
+    """(3,) RMS error of the distances between lights in those ranges. NaN without lights."""
+    depth_rmse_m: float  # Standard deviation of measured depths about the marker. NaN without depth.
     coverage: Coverage
 
     def sensor_line(self, c: int) -> str:
-        """Describe one sensor's error, place and deviations."""
+        """Describe one sensor's error, position and standard deviations."""
         array = self.array
         x, y, z = np.round(array.cameras.centres[c], 3) + 0.0
         spread = f"± {1e3 * array.centre_sigma_m[c]:.1f} mm, ± {np.degrees(array.turn_sigma[c]):.3f}°"
@@ -85,7 +85,7 @@ class WandCalibration:
 
 
 def in_world(found: WandCalibration, ground: Ground) -> WandCalibration:
-    """Return the result in the world of a Γ."""
+    """Transform the result to the world of a Γ."""
     array = moved_world(found.array, ground.R, ground.t)
     note = diagnostic("world_origin", source="gamma", clouds=ground.frames, sigma_deg=np.degrees(ground.tilt_sigma))
     array = replace(array, notes=(found.array.notes[0], note), findings=(*array.findings, *ground.findings))
@@ -126,7 +126,7 @@ def notes_of(
 
 
 def wand_page(found: WandCalibration, ground: Ground | None = None) -> str:
-    """Return the report as HTML, with up and floor of a Γ if there was one."""
+    """Return the report as HTML, with up and floor if there was a Γ."""
     array, names = found.array, found.array.cameras.names
     head = [
         Tile("Held-out error", number(found.held_out_px, 2), "px", "of time ranges that were not fitted"),

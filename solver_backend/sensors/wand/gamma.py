@@ -1,4 +1,4 @@
-"""Find up, floor and origin from three markers on the floor that form the letter Γ, seen from above (appendix K)."""
+"""Find up, floor and origin from three markers on the floor that form the letter Γ seen from above (appendix K)."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from solver_backend.sensors.wand.views import points_files, read_table
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Float
 
-LENGTH_TOLERANCE_M = 0.025  # Largest difference of an edge from the given length, ...
-ANGLE_TOLERANCE_DEG = 5.0  # ... and the corner off a right angle.
-LEAST_RATIO = 1.15  # The long edge is this much longer than the short one.
+LENGTH_TOLERANCE_M = 0.025  # Largest difference between an edge and its given length, in metres.
+ANGLE_TOLERANCE_DEG = 5.0  # Largest deviation of the corner from a right angle.
+LEAST_RATIO = 1.15  # Smallest ratio of the long edge to the short one.
 LEAST_FRAMES = 5  # Fewest moments with the Γ. Chosen by hand.
-MOST_POINTS = 24  # Most points of a frame. Cover the lamps if there are more.
+MOST_POINTS = 24  # Most points in a frame. Cover the lamps if there are more.
 FRAMES_PER_NEWS = 3.0  # Number of consecutive frames with correlated errors. Chosen by hand.
 SHARED_SIGMA_M = 0.5e-3  # Constant marker error in a well calibrated array, in metres.
-_ROUNDS = 20  # Rounds at most. Chosen by hand.
+_ROUNDS = 20  # Most iterations. Chosen by hand.
 
 
 class GammaNotFound(MocapError):
@@ -38,9 +38,9 @@ class GammaInvalid(MocapError):
 
 @dataclass(frozen=True)
 class Gamma:
-    """The three markers."""
+    """A Γ with three markers."""
 
-    long_m: float = 0.6  # Length of the long edge between marker centres.
+    long_m: float = 0.6  # Distance between marker centres on the long edge in metres.
     short_m: float = 0.4
     height_m: float = 0.007  # Height of the marker centres above the floor. It is their radius if they lie on it.
 
@@ -58,16 +58,16 @@ class Gamma:
 
 @dataclass(frozen=True)
 class Ground:
-    """The motion ``x_new = R x_old + t`` into a world with Z up, the floor at zero and the corner above the origin.
+    """Rigid transform ``x_new = R x_old + t`` to a world with Z up, floor at zero and the corner above the origin.
 
-    X points along the short edge, Y against the long one.
+    X points along the short edge, Y opposite to the long one.
     """
 
     R: Float[np.ndarray, "3 3"]
-    t: Float[np.ndarray, " 3"]  # (3,) metres.
+    t: Float[np.ndarray, " 3"]  # (3,) translation in metres.
     tilt_sigma: float  # Standard deviation of up in radians, in its worse direction.
     markers: Float[np.ndarray, "3 3"]
-    """(3, 3) metres in the old world: corner, end of the long edge, end of the short edge."""
+    """(3, 3) positions in metres in the old world: corner, end of the long edge, end of the short edge."""
     frames: int
     findings: tuple[Diagnostic, ...] = ()
 
@@ -75,13 +75,13 @@ class Ground:
 def ground_from_gamma(
     clouds: Sequence[Float[np.ndarray, "points 3"]], gamma: Gamma, sensors: Float[np.ndarray, "sensors 3"]
 ) -> Ground:
-    """Return up, floor and origin from the robust mean of the three points in each cloud that fit the Γ best.
+    """Return up, floor and origin from the robust mean of the three points in each cloud that best fit the Γ.
 
-    Clouds are the (N, 3) points of one moment in metres, other points among them. Up is ``u × v / |u × v|`` with the
-    long edge u and the short edge v. The (C, 3) sensors are above the floor, which shows if the Γ is mirrored.
+    Clouds are the (N, 3) points of one moment in metres, including other points. Up is ``u × v / |u × v|`` with the
+    long edge u and the short edge v. The (C, 3) sensors are above the floor, so a mirrored Γ is detected.
 
     Raises:
-        GammaNotFound: too few clouds have it.
+        GammaNotFound: too few clouds contain it.
     """
     padded = _padded(clouds)
     found, triples = _triples(padded, gamma)
@@ -109,7 +109,7 @@ def ground_from_gamma(
 
 
 def _padded(clouds: Sequence[np.ndarray]) -> np.ndarray:
-    """Return (F, N, 3) clouds, filled up with NaN. Clouds with too many points are empty."""
+    """Return (F, N, 3) clouds padded with NaN. Clouds with too many points are empty."""
     sizes = [len(cloud) if len(cloud) <= MOST_POINTS else 0 for cloud in clouds]
     padded = np.full((len(clouds), max(sizes, default=0), 3), np.nan)
     for f, size in enumerate(sizes):
@@ -124,7 +124,7 @@ def _triples(clouds: np.ndarray, gamma: Gamma) -> tuple[np.ndarray, np.ndarray]:
     if N < 3:
         return found, triples
     cosine = np.sin(np.radians(ANGLE_TOLERANCE_DEG))
-    # One corner at a time, because all of them would need N times the memory.
+    # Process one corner at a time, because all of them would need N times the memory.
     best = np.full(F, np.inf)
     for corner in range(N):
         arm = clouds - clouds[:, corner : corner + 1]
@@ -144,7 +144,7 @@ def _triples(clouds: np.ndarray, gamma: Gamma) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _averaged(triples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the robust (3, 3) mean of (F, 3, 3) marker places, and the (3, 3, 3) covariance of each mean."""
+    """Return the robust (3, 3) mean of (F, 3, 3) marker positions, and the (3, 3, 3) covariance of each mean."""
     mean = np.median(triples, axis=0)
     spread = np.maximum(1.4826 * np.median(np.linalg.norm(triples - mean, axis=-1), axis=0) / 1.54, 1e-5)
     weight = np.ones(triples.shape[:2])
@@ -158,7 +158,7 @@ def _averaged(triples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _tilt_sigma(u: np.ndarray, v: np.ndarray, covariance: np.ndarray) -> float:
-    """Return the deviation of the direction of ``u × v`` in radians: ``d(u × v) = [u]ₓ dv - [v]ₓ du``."""
+    """Return the standard deviation of the direction of ``u × v`` in radians: ``d(u × v) = [u]ₓ dv - [v]ₓ du``."""
     w = np.cross(u, v)
     by_marker = (skew(v) - skew(u), -skew(v), skew(u))
     total = sum(J @ S @ J.T for J, S in zip(by_marker, covariance, strict=True))
@@ -167,15 +167,15 @@ def _tilt_sigma(u: np.ndarray, v: np.ndarray, covariance: np.ndarray) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(across @ np.asarray(total) @ across)[-1]) / np.linalg.norm(w))
 
 
-MEETING_PX = 4.0  # Rays of two cameras meet if their midpoint is within this distance of both pixels.
-MOST_MOMENTS = 300  # Most moments that are used, spread over the recording.
+MEETING_PX = 4.0  # Two camera rays intersect if their midpoint is within this distance of both pixels.
+MOST_MOMENTS = 300  # Most moments to use, spread over the recording.
 
 
 def gamma_clouds(folder: Path, cameras: Cameras) -> list[np.ndarray]:
-    """Return the points of each moment from the tables of a folder, in metres of the cameras' world.
+    """Return the points of each moment from the tables in a folder, in metres in the cameras' world.
 
-    A cloud has the points of one sensor with depth, or all intersections of the rays of two cameras. Most of these
-    are false, and the Γ's edges select the true ones.
+    A cloud has the points of one sensor with depth, or all intersections of the rays of two cameras. Most of these are
+    false, and the edge lengths of the Γ select the true ones.
 
     Raises:
         FileMissing, CalibrationMismatch: there is no table, or the calibration has no such sensor.
@@ -219,7 +219,7 @@ def _depth_clouds(
 
 
 def _meetings(cameras: Cameras, lights: dict[int, np.ndarray]) -> list[np.ndarray]:
-    """Return up to (9, 3) intersections of the rays of two cameras for each common moment."""
+    """Return up to (9, 3) intersections of the rays of two cameras at each common time."""
     clouds: list[np.ndarray] = []
     for a, b in combinations(sorted(lights), 2):
         times, first, second = np.intersect1d(lights[a][:, 0], lights[b][:, 0], return_indices=True)

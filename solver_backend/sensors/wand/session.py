@@ -1,4 +1,4 @@
-"""Calibrate sensors and their clocks from the views of a waved wand."""
+"""Calibrate sensors and their clocks from views of a waved wand."""
 
 from __future__ import annotations
 
@@ -53,23 +53,23 @@ from solver_backend.types.shapes import Float
 from solver_backend.videos.sync.clocks import Clocks, Signal, SyncUnknown, at_times, clocks_of_signals, convolved
 from solver_backend.videos.sync.synchronise import ROLLING_SHUTTER, in_step
 
-SIGMA_PX = 0.3  # Standard deviation of a light's or a marker's pixel position. It sets the robust scales.
+SIGMA_PX = 0.3  # Standard deviation in pixels of a light or marker position. It sets the robust scales.
 STEPS, TOLERANCE = 60, 1e-6
-HELD_OUT_BLOCKS = 10  # Number of time ranges of a recording. Every fifth one is not fitted.
+HELD_OUT_BLOCKS = 10  # Number of time ranges in a recording. Every fifth one is held out.
 
 
 @dataclass(frozen=True)
 class WandTask:
-    """The problem that the bundle adjustment solves."""
+    """Problem that the bundle adjustment solves."""
 
     cameras: Cameras  # C cameras with lenses and initial poses.
     lights: np.ndarray  # (K, 3) metres about the wand's centre, zero for a single marker.
     find_delays: bool
-    delays: np.ndarray  # (C,) seconds, known or initial.
+    delays: np.ndarray  # (C,) delays in seconds, known or initial.
 
 
 def cameras_at(views: Sequence[WandView], poses: Sequence[tuple[np.ndarray, np.ndarray]]) -> Cameras:
-    """Return the cameras of views at poses."""
+    """Return the cameras of views with the given poses."""
     R, t = np.stack([R for R, _ in poses]), np.stack([t for _, t in poses])
     return build_cameras([view.name for view in views], [view.lens for view in views], R, t)
 
@@ -101,35 +101,35 @@ def adjusted(task: WandTask, moments: Moments) -> tuple[Adjusted, np.ndarray]:
 
 
 def triangulated(cameras: Cameras, moments: Moments, delays: np.ndarray) -> np.ndarray:
-    """Triangulate the lights with known delays. Return (M, K, 3) metres, NaN with one ray."""
+    """Triangulate the lights with known delays. Return (M, K, 3) positions in metres, NaN for a single ray."""
     px = in_step_px(moments, delays)
     flat = undistort(cameras, px)
     return intersected(cameras.R, cameras.t, flat.reshape(len(cameras), -1, 2)).reshape(*px.shape[1:3], 3)
 
 
 def in_step_px(moments: Moments, delays: np.ndarray) -> np.ndarray:
-    """Return (C, M, K, 2) pixels without the views' delays, ``px - v δ``."""
+    """Return (C, M, K, 2) pixels corrected for the views' delays, ``px - v δ``."""
     return moments.px - moments.velocity * delays[:, None, None, None] if delays.any() else moments.px
 
 
 def held_out(count: int) -> np.ndarray:
-    """Return the (M,) mask of held-out moments. Time ranges separate the places that are fitted and evaluated."""
+    """Return the (M,) mask of held-out moments. Time ranges separate positions for fitting and evaluation."""
     return np.arange(count) * HELD_OUT_BLOCKS // max(count, 1) % 5 == 2
 
 
-LEAST_TOGETHER = 20  # Fewest common moments of a pair of sensors.
-HYPOTHESES = 200  # Number of samples of three pairs of points.
+LEAST_TOGETHER = 20  # Fewest common moments of a sensor pair.
+HYPOTHESES = 200  # Number of samples of three point pairs.
 _REFINEMENTS = 15  # Number of reweighted alignments. Chosen by hand.
-START_SIGMA_PX = 2.0  # Distance from an epipolar line at which a point loses its weight at the start.
+START_SIGMA_PX = 2.0  # Initial scale of the distance from an epipolar line in pixels.
 
 
 def robust_umeyama(
     source: np.ndarray, target: np.ndarray, sigma: np.ndarray, rng: np.random.Generator
 ) -> tuple[Pose, np.ndarray]:
-    """Return the rigid motion from source to target points (n, 3), and the (n,) mask of inliers.
+    """Return the rigid transform from source to target points (n, 3), and the (n,) mask of inliers.
 
-    Samples of three pairs give hypotheses. Cauchy's penalty of ``|R x + t - y| / σ`` selects one and reweights it.
-    ``sigma`` (n,) are the standard deviations of the pairs' distances. Lengths are metres.
+    Samples of three pairs give hypotheses. Cauchy's penalty of ``|R x + t - y| / σ`` selects one and refines it.
+    ``sigma`` (n,) are the standard deviations of the pair distances. Lengths are in metres.
 
     Reference: Umeyama 1991, Fischler and Bolles 1981 (the samples).
     """
@@ -148,9 +148,9 @@ def robust_umeyama(
 def _poses_by_depth(
     names: Sequence[str], points: np.ndarray, sigma: np.ndarray, rng: np.random.Generator
 ) -> list[Pose]:
-    """Return each sensor's pose, from the first one's axes to its own, by (C, M, 3) metres of one marker.
+    """Return each sensor's pose, from the first sensor's axes to its own, from (C, M, 3) positions of one marker (m).
 
-    Points are in each sensor's axes, NaN where not seen, with deviations (C, M).
+    Points are in each sensor's axes, NaN where missing, with standard deviations (C, M).
     """
 
     def pair(i: int, j: int, both: np.ndarray) -> tuple[Pose, int]:
@@ -164,9 +164,9 @@ def _poses_by_depth(
 def _poses_by_lights(
     names: Sequence[str], flat: np.ndarray, focal_px: float, wand: Wand, rng: np.random.Generator
 ) -> list[Pose]:
-    """Return each camera's pose, from the first one's axes to its own, in metres by the wand's lengths.
+    """Return each camera's pose, from the first camera's axes to its own, in metres from the wand's lengths.
 
-    ``flat`` are (C, M, 3, 2) undistorted normalised coordinates of the lights in their order, NaN where not seen.
+    ``flat`` are (C, M, 3, 2) undistorted normalised coordinates of the lights in order, NaN where missing.
     """
 
     def pair(i: int, j: int, both: np.ndarray) -> tuple[Pose, int]:
@@ -181,7 +181,7 @@ def _poses_by_lights(
 
 
 def _require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None:
-    """Compare (3,) triangulated distances with the wand's. Raise WandInvalid if its short part differs by a tenth."""
+    """Compare (3,) triangulated distances with the wand's. Raise WandInvalid if its short part differs by 10 %."""
     share = float(min(measured_m[:2]) / measured_m[:2].sum())
     if abs(share / wand.short_share - 1.0) > 0.1:
         message = f"The lights have a proportion of {share:.3f}, but the lengths give {wand.short_share:.3f}."
@@ -199,14 +199,14 @@ def _chained(names: Sequence[str], places: np.ndarray, pair: Pair) -> list[Pose]
         raise WandNotSeen(message, where=", ".join(names), hint=hint) from error
 
 
-SENSOR_BIAS_M = 2e-3  # Common depth error of one sensor, beyond the measured scatter.
-ROUNDS = 20  # Rounds of reweighting. Chosen by hand.
+SENSOR_BIAS_M = 2e-3  # Common depth error of one sensor in metres, in addition to the measured scatter.
+ROUNDS = 20  # Reweighting iterations. Chosen by hand.
 
 
 def depth_scale(cameras: Cameras, at: np.ndarray, depth_m: np.ndarray) -> tuple[float, float, float]:
     """Return the scale ``s`` that minimises ``Σ ρ((d - s z) / σ(d))``, its deviation, and the scatter of depths (m).
 
-    ``at`` (M, 3) is the marker in the pictures' world, ``depth_m`` (C, M) its measured depths along the axes.
+    ``at`` (M, 3) is the marker in the world of the images, ``depth_m`` (C, M) its measured depths along the axes.
 
     Reference: Beaton and Tukey 1974 (iterative reweighting, here with Cauchy's weights).
     """
@@ -231,7 +231,7 @@ MOST_PX = 8.0  # Largest usable median reprojection error in pixels. Chosen by h
 
 
 def require_fit(found: Adjusted) -> None:
-    """Refuse an adjustment with too large errors. Raise ``WandInvalid`` if the median error is beyond ``MOST_PX``."""
+    """Raise ``WandInvalid`` if the median reprojection error of an adjustment exceeds ``MOST_PX``."""
     usual = float(np.nanmedian(np.linalg.norm(found.error, axis=-1)))
     if not usual < MOST_PX:
         message = f"The sensors contradict each other. The median reprojection error is {usual:.0f} px."
@@ -241,7 +241,7 @@ def require_fit(found: Adjusted) -> None:
 
 
 def metric(found: Adjusted, moments: Moments, options: WandOptions) -> tuple[CalibratedCameras, float]:
-    """Return the calibration in metres with its deviations, and the scatter of the depths."""
+    """Return the calibration in metres with standard deviations, and the scatter of the depths."""
     array = result_of("wand", found)
     if options.wand is not None:
         return array, float("nan")
@@ -254,11 +254,11 @@ def metric(found: Adjusted, moments: Moments, options: WandOptions) -> tuple[Cal
 def _held_out_errors(
     task: WandTask, found: Adjusted, moments: Moments, options: WandOptions
 ) -> tuple[float, np.ndarray]:
-    """Return the error of held-out time ranges in pixels, and of the (3,) distances of the lights in metres."""
+    """Return the error in held-out time ranges in pixels, and of the (3,) distances between lights in metres."""
     out = held_out(moments.px.shape[1])
     if out.sum() < LEAST_TOGETHER or (~out).sum() < LEAST_TOGETHER:
         return float("nan"), np.full(3, np.nan)
-    # The delay of a sensor is a single number, so it may come from the whole recording.
+    # A sensor's delay is a single number, so it may come from the whole recording.
     refit = replace(task, cameras=found.cameras, delays=found.delays, find_delays=False)
     fitted, _ = adjusted(refit, moments.where(~out))
     kept = moments.where(out)
@@ -270,13 +270,13 @@ def _held_out_errors(
     return px, np.sqrt(np.nanmean((distances(at) - options.wand.distances_m) ** 2, axis=0))
 
 
-RATE_HZ = 120.0  # Rate of the compared speeds, per second.
+RATE_HZ = 120.0  # Sampling rate of the compared speeds.
 PIECE_S, FLOOR_S = 6.0, 0.004  # Length of the compared pieces, and shift of a speed's peak by perspective, in seconds.
-CLIP_SIGMAS = 3.0  # Speeds are limited to this many standard deviations. Chosen by hand.
-SMOOTHING_S = 0.06  # Standard deviation of the smoothing of the wand's path, in seconds.
-SLOWEST_M_S = 0.05  # A slower wand counts as still, in m/s.
-LEAST_CORRELATION = 0.5  # Least correlation of two speeds that is used.
-MOST_MOMENTS = 900  # Most moments that are solved, spread over the recording.
+CLIP_SIGMAS = 3.0  # Clipping limit of speeds in standard deviations. Chosen by hand.
+SMOOTHING_S = 0.06  # Standard deviation of the smoothing of the wand's path in seconds.
+SLOWEST_M_S = 0.05  # Speed in m/s below which the wand counts as still.
+LEAST_CORRELATION = 0.5  # Smallest correlation of two speeds that is used.
+MOST_MOMENTS = 900  # Most moments to solve, spread over the recording.
 
 
 def flat_of(view: WandView) -> np.ndarray:
@@ -285,9 +285,9 @@ def flat_of(view: WandView) -> np.ndarray:
 
 
 def coarse_clocks(views: Sequence[WandView], wand: Wand | None, reach_s: float) -> Clocks:
-    """Return the clocks to about a frame by the wand's speed, which is the same in all axes.
+    """Estimate the clocks to about a frame from the wand's speed, which does not depend on the axes.
 
-    Views have their lights in the wand's order. ``wand`` gives distances where there is no depth. If speeds show no
+    Views have their lights in the wand's order. ``wand`` provides distances if there is no depth. If speeds show no
     offset, the clocks are equal and have a note.
     """
     names, signals = tuple(view.name for view in views), [_speed(view, wand) for view in views]
@@ -302,7 +302,7 @@ def coarse_clocks(views: Sequence[WandView], wand: Wand | None, reach_s: float) 
 
 
 def common_moments(views: Sequence[WandView], clocks: Clocks) -> Moments:
-    """Sample all views at the first one's frames, and keep moments that two or more views saw."""
+    """Sample all views at the frames of the first one, and keep moments that at least two views saw."""
     wanted = clocks.from_video(0, views[0].times_s)
     columns = []
     for c, view in enumerate(views):
@@ -317,7 +317,7 @@ def common_moments(views: Sequence[WandView], clocks: Clocks) -> Moments:
 
 
 def _speed(view: WandView, wand: Wand | None) -> Signal:
-    """Return the logarithm of the wand's smoothed speed at even times, 0 where unknown."""
+    """Return the logarithm of the wand's smoothed speed at regular times, 0 where unknown."""
     flat = flat_of(view)
     if wand is not None:
         middle = middle_from_lights(wand, flat)
@@ -342,18 +342,18 @@ def _speed(view: WandView, wand: Wand | None) -> Signal:
     return Signal(np.clip(loud, -CLIP_SIGMAS * spread, CLIP_SIGMAS * spread)[:, None], RATE_HZ, float(view.times_s[0]))
 
 
-MOST_CROWDED = 0.5  # A recording is refused if a larger share of its frames has other lights. Chosen by hand.
-REACH_S = 6.5  # Largest clock offset that is tested, in seconds.
-LATE_FRAMES = 0.25  # Moments are sampled again if a delay is larger than this share of a frame. Chosen by hand.
+MOST_CROWDED = 0.5  # A recording is rejected if a larger fraction of its frames has other lights. Chosen by hand.
+REACH_S = 6.5  # Largest clock offset to test in seconds.
+LATE_FRAMES = 0.25  # Delay relative to a frame above which moments are sampled again. Chosen by hand.
 
 
 def calibrate_by_wand(
     views: Sequence[WandView], options: WandOptions = WandOptions(), progress: Progress = silent
 ) -> WandCalibration:
-    """Return the sensors' poses by a wand that all of them saw.
+    """Calibrate the sensor poses from a wand that all sensors saw.
 
-    First come the clocks: given, or estimated by speed and refined by the adjustment. Then poses of pairs, by aligned
-    points or by essential matrices and the wand's lengths, are chained. Then a sparse bundle adjustment refines all.
+    First come the clocks: given, or estimated from speed and refined by the adjustment. Then poses of pairs, from
+    aligned points or essential matrices and wand lengths, are chained. Finally a sparse bundle adjustment refines all.
 
     Raises:
         WandNotSeen: a sensor, or all others together, never saw it with another one.
@@ -369,7 +369,7 @@ def calibrate_by_wand(
     clocks = coarse_clocks(views, options.wand, REACH_S) if options.clocks is None else options.clocks
     of_clocks = clocks.findings
     interval_s = float(np.median(np.diff(views[0].times_s)))
-    # Small given offsets are treated as delays of the pictures. Larger ones are interpolated between frames.
+    # Small given offsets are treated as image delays. Larger ones are interpolated between frames.
     known = -clocks.offset_s if np.abs(clocks.offset_s).max() < LATE_FRAMES * interval_s else np.zeros(len(names))
     sampled = replace(clocks, offset_s=clocks.offset_s + known)
     moments = _moments(views, sampled, options)
@@ -455,7 +455,7 @@ def _task(views: Sequence[WandView], moments: Moments, options: WandOptions, del
 
 
 def _later(clocks: Clocks, found: Adjusted) -> Clocks:
-    """Return the clocks with additional delays δ: a late sensor shows at t what happened at ``t + δ``."""
+    """Add delays δ to the clocks. A late sensor shows at t what happened at ``t + δ``."""
     count = len(found.cameras)
     variance = np.diag(found.covariance).reshape(count, CAMERA_PARAMETERS)[:, -1]
     covariance = np.zeros((count, 2, 2))

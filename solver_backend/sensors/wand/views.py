@@ -1,4 +1,4 @@
-"""Read wand recordings, identify the wand's lights in each view, and measure the coverage of the pictures."""
+"""Read wand recordings, identify the wand's lights in each view, and measure the image coverage."""
 
 from __future__ import annotations
 
@@ -35,27 +35,27 @@ class WandAmbiguous(MocapError):
 
 
 class WandInvalid(MocapError):
-    """The lengths of the wand do not distinguish its lights, or do not fit the pictures."""
+    """The wand's lengths do not distinguish its lights, or do not fit the images."""
 
 
 class TimesInvalid(MocapError):
-    """The times of a recording do not increase."""
+    """The time stamps of a recording do not increase."""
 
 
-LARGEST_LEFT_OUT = 0.2  # A recording is refused if a larger share of its rows goes back in time. Chosen by hand.
+LARGEST_LEFT_OUT = 0.2  # A recording is rejected if a larger fraction of its rows goes back in time. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class WandView:
-    """One sensor's recording of a wand of K lights."""
+    """One sensor's recording of a wand with K lights."""
 
     name: str
     lens: Lens
-    times_s: Float[np.ndarray, " frames"]  # (F,) increasing seconds on its own clock.
+    times_s: Float[np.ndarray, " frames"]  # (F,) increasing seconds on the sensor's clock.
     px: Float[np.ndarray, "frames lights 2"]
-    """(F, K, 2) pixels, NaN where a light is not seen and in frames with other lights."""
+    """(F, K, 2) pixels, NaN where a light is missing and in frames with other lights."""
     depth_m: Float[np.ndarray, "frames lights"] | None = None
-    """(F, K) metres along the optical axis, NaN where unknown. None for a sensor without depth."""
+    """(F, K) depth in metres along the optical axis, NaN where unknown. None for a sensor without depth."""
     crowded: int = 0  # Number of frames with other lights.
     findings: tuple[Diagnostic, ...] = ()
 
@@ -76,16 +76,16 @@ class WandView:
 
 @dataclass(frozen=True)
 class Moments:
-    """C views at M common moments."""
+    """C views at M common times."""
 
     times_s: Float[np.ndarray, " moments"]  # (M,) seconds on the first view's clock.
-    px: Float[np.ndarray, "views moments lights 2"]  # (C, M, K, 2) pixels, NaN where not seen.
+    px: Float[np.ndarray, "views moments lights 2"]  # (C, M, K, 2) pixels, NaN where missing.
     velocity: Float[np.ndarray, "views moments lights 2"]  # (C, M, K, 2) px/s, NaN where unknown.
-    depth_m: Float[np.ndarray, "views moments lights"]  # (C, M, K) metres, NaN where unknown.
+    depth_m: Float[np.ndarray, "views moments lights"]  # (C, M, K) depths in metres, NaN where unknown.
 
     @property
     def seen(self) -> Bool[np.ndarray, "views moments"]:
-        """(C, M) mask of moments with the whole wand."""
+        """(C, M) mask of moments in which the whole wand is visible."""
         return np.isfinite(self.px).all((-1, -2))
 
     def where(self, chosen: np.ndarray) -> Moments:
@@ -94,7 +94,7 @@ class Moments:
 
 
 def with_growing_times(view: WandView) -> WandView:
-    """Return the view without rows of decreasing time. Raise TimesInvalid if too many are lost, or span over a day."""
+    """Remove rows with decreasing time. Raise TimesInvalid if too many are removed, or the times span over a day."""
     times = view.times_s
     before = np.r_[-np.inf, np.maximum.accumulate(np.where(np.isfinite(times), times, -np.inf))[:-1]]
     good = np.isfinite(times) & (times > before)
@@ -116,10 +116,10 @@ def with_growing_times(view: WandView) -> WandView:
     return replace(view, times_s=times[good], px=view.px[good], depth_m=depth, findings=findings)
 
 
-SURE_SHARE = 0.43  # The ends are distinguished only if the shorter part has at most this share of the visible wand.
+SURE_SHARE = 0.43  # Largest fraction of the visible wand for the shorter part at which its ends can be distinguished.
 STRAIGHT, STRAIGHT_SIGMAS = 0.03, 4.0
-"""Largest distance of the middle light from the line of the others: a share of the visible wand, or a multiple of the
-standard deviation of a pixel position."""
+"""Largest distance from the middle light to the line through the others: as a fraction of the visible wand, or as a
+multiple of the standard deviation of a pixel position."""
 SHORTEST_M, LONGEST_M = 0.02, 5.0  # Limits of a wand's parts, in metres. Chosen by hand.
 
 
@@ -144,31 +144,31 @@ class Wand:
 
     @property
     def short_share(self) -> float:
-        """The shorter part's share of the wand."""
+        """Length of the shorter part relative to the wand."""
         return min(self.first_m, self.second_m) / (self.first_m + self.second_m)
 
     @property
     def lights(self) -> Float[np.ndarray, "3 3"]:
-        """(3, 3) metres of the lights on the X axis about their mean."""
+        """(3, 3) positions of the lights in metres, on the X axis about their mean."""
         x = np.array([0.0, self.first_m, self.first_m + self.second_m])
         return np.stack([x - x.mean(), np.zeros(3), np.zeros(3)], axis=1)
 
     @property
     def distances_m(self) -> Float[np.ndarray, " 3"]:
-        """(3,) metres from first to middle, middle to third and first to third light."""
+        """(3,) distances in metres: first to middle, middle to third, and first to third light."""
         return np.array([self.first_m, self.second_m, self.first_m + self.second_m])
 
 
 def distances(lights: Float[np.ndarray, "*batch 3 axes"]) -> Float[np.ndarray, "*batch 3"]:
-    """Return the distances first to middle, middle to third and first to third of ordered lights."""
+    """Return the distances first to middle, middle to third, and first to third of ordered lights."""
     return np.linalg.norm(lights[..., [1, 2, 2], :] - lights[..., [0, 1, 0], :], axis=-1)
 
 
 def identified(wand: Wand, flat: Float[np.ndarray, "frames 3 2"], sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Assign three spots to the wand's lights. Return (F, 3) indices and the (F,) mask of sure frames.
+    """Assign three spots to the wand's lights. Return (F, 3) indices and the (F,) mask of certain frames.
 
     The middle light is between the others. The end of the shorter part is nearer to it, unless perspective reverses
-    this where the wand points at the camera. ``flat`` are undistorted normalised coordinates in any order, NaN where
+    this for a wand that points at the camera. ``flat`` are undistorted normalised coordinates in any order, NaN if
     there are fewer, with the standard deviation ``sigma``.
     """
     rows = np.arange(len(flat))
@@ -193,16 +193,16 @@ def identified(wand: Wand, flat: Float[np.ndarray, "frames 3 2"], sigma: float) 
 
 
 def in_order(px: Float[np.ndarray, "frames 3 2"], order: np.ndarray, sure: np.ndarray) -> np.ndarray:
-    """Return (F, 3, 2) spots in the wand's order, NaN in unsure frames."""
+    """Return (F, 3, 2) spots in the wand's order, NaN in uncertain frames."""
     return np.where(sure[:, None, None], np.take_along_axis(px, order[..., None], axis=1), np.nan)
 
 
 def middle_from_lights(wand: Wand, flat: Float[np.ndarray, "frames 3 2"]) -> Float[np.ndarray, "frames 3"]:
-    """Return the (F, 3) place of the middle light in a camera's axes in metres, from single pictures of the wand.
+    """Return the (F, 3) position of the middle light in a camera's axes in metres, from single images of the wand.
 
     The lights are on a line, ``z₂ r₂ = (1 - q) z₁ r₁ + q z₃ r₃`` with ``q = d₁₂ / d₁₃``. The null vector of the three
-    rays gives the proportions of the depths, and the wand's length gives the scale. Depths are rough. ``flat`` are
-    undistorted normalised coordinates in the wand's order, NaN where not seen.
+    rays gives the ratios of the depths, and the wand's length gives the scale. Depths are approximate. ``flat`` are
+    undistorted normalised coordinates in the wand's order, NaN where missing.
     """
     known = np.isfinite(flat).all((-1, -2))
     spots = np.where(known[:, None, None], flat, np.array([[-0.1, 0.0], [0.0, 0.0], [0.2, 0.0]]))
@@ -216,8 +216,8 @@ def middle_from_lights(wand: Wand, flat: Float[np.ndarray, "frames 3 2"]) -> Flo
     return np.where(known[:, None], (size * z[:, 1])[:, None] * rays[:, 1], np.nan)
 
 
-EXACT_SHARE = 0.01  # A moment is equal to a frame if it is nearer than this share of the interval.
-LONGEST_GAP = 1.5  # Longest interval with interpolated values, in usual intervals.
+EXACT_SHARE = 0.01  # A time closer to a frame than this fraction of the interval uses that frame.
+LONGEST_GAP = 1.5  # Longest interval for interpolation, in usual intervals.
 
 
 def values_and_velocities(
@@ -225,8 +225,8 @@ def values_and_velocities(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the values of a track at other times, and the rates of change at the nearest frames.
 
-    Values (F, ...) at increasing seconds are interpolated by Hermite's cubic with central differences as slopes,
-    unless a frame is at that time (Catmull and Rom 1974). Results are NaN where a frame that is needed is missing.
+    Values (F, ...) at increasing seconds are interpolated by Hermite's cubic with central differences as slopes, unless
+    a frame has that time (Catmull and Rom 1974). Results are NaN if a required frame is missing.
     """
     count = len(times_s)
     shape = (len(wanted_s), *values.shape[1:])
@@ -242,7 +242,7 @@ def values_and_velocities(
     column = (slice(None), *[None] * (values.ndim - 1))
     slope = _slopes(values, times_s, usual)
     s, width = share[column], gap[column]
-    # Hermite's cubic of both frames' values and slopes, which at even spacing is Catmull and Rom's.
+    # Hermite's cubic of both frames' values and slopes. At regular spacing it is Catmull and Rom's.
     low, high = values[after - 1], values[after]
     between = (
         (1 + 2 * s) * (1 - s) ** 2 * low
@@ -268,24 +268,24 @@ def _slopes(values: np.ndarray, times_s: np.ndarray, usual: float) -> np.ndarray
 
 COLUMNS, ROWS = 6, 4  # Cells of each picture.
 LEAST_IN_CELL = 5  # Fewest sightings in a covered cell. Chosen by hand.
-CELL_M = 0.5  # Edge length of a cell of the volume, in metres.
+CELL_M = 0.5  # Edge length in metres of a cell of the volume.
 _ACROSS, _DOWN = ("left", "middle", "right"), ("top", "middle", "bottom")
 
 
 @dataclass
 class Coverage:
-    """Sightings of a wand in each picture and in space. They grow with each call of ``add``."""
+    """Counts of wand sightings in each image and in space, which grow with each call of ``add``."""
 
     names: tuple[str, ...]
-    size_px: Int[np.ndarray, "views 2"]  # (C, 2) width and height.
-    pictures: np.ndarray = field(init=False)  # (C, ROWS, COLUMNS) sightings.
-    volume: set[tuple[int, ...]] = field(init=False, default_factory=set)  # Cells in which the wand was located.
+    size_px: Int[np.ndarray, "views 2"]  # (C, 2) image width and height.
+    pictures: np.ndarray = field(init=False)  # (C, ROWS, COLUMNS) numbers of sightings.
+    volume: set[tuple[int, ...]] = field(init=False, default_factory=set)  # Cells where the wand was located.
 
     def __post_init__(self) -> None:
         self.pictures = np.zeros((len(self.names), ROWS, COLUMNS), dtype=np.int64)
 
     def add(self, px: Float[np.ndarray, "views moments 2"], at: Float[np.ndarray, "moments 3"] | None = None) -> None:
-        """Count the (C, M, 2) px of the wand, NaN where a sensor does not see it, and (M, 3) metres if known."""
+        """Count the (C, M, 2) wand pixels, NaN where missing, and its (M, 3) positions in metres if known."""
         view, moment = np.nonzero(np.isfinite(px).all(-1))
         share = px[view, moment] / self.size_px[view]
         cell = np.clip((share * [COLUMNS, ROWS]).astype(int), 0, [COLUMNS - 1, ROWS - 1])
@@ -295,16 +295,16 @@ class Coverage:
 
     @property
     def shares(self) -> Float[np.ndarray, " views"]:
-        """(C,) share of covered cells in each picture."""
+        """(C,) fraction of covered cells in each image."""
         return (self.pictures >= LEAST_IN_CELL).mean(axis=(1, 2))
 
     @property
     def volume_m3(self) -> float:
-        """Volume of the cells with the wand."""
+        """Volume of the cells where the wand was, in m³."""
         return len(self.volume) * CELL_M**3
 
     def next_place(self) -> str:
-        """Return the least covered part of the least covered picture, or an empty text."""
+        """Return the least covered part of the least covered image, or an empty text."""
         open_cells = self.pictures < LEAST_IN_CELL
         if not open_cells.any():
             return ""
@@ -317,7 +317,7 @@ class Coverage:
         return f"Wave in the {place} of what {self.names[c]} sees: {1 - self.shares[c]:.0%} of its picture is open."
 
     def lines(self) -> list[str]:
-        """Return a row per sensor with its picture's cells: ``#`` covered, ``+`` seen, ``.`` open."""
+        """Return a row per sensor with its image cells: ``#`` covered, ``+`` seen, ``.`` not covered."""
         rows = []
         for name, grid, share in zip(self.names, self.pictures, self.shares, strict=True):
             marks = ["".join("#" if n >= LEAST_IN_CELL else "+" if n else "." for n in row) for row in grid]
@@ -326,7 +326,7 @@ class Coverage:
 
 
 def is_sensor_folder(path: Path) -> bool:
-    """Return whether a folder is a sensor recording or a shot of the studio."""
+    """Return whether a folder is a sensor recording or a studio shot."""
     return (path / ABOUT).is_file() or all((path / name).exists() for name in STUDIO_SHOT)
 
 
@@ -358,7 +358,7 @@ def sensor_views(
 
 
 def sensor_clouds(path: Path, cameras: Cameras, empty: Path | None = None) -> list[np.ndarray]:
-    """Return the (N, 3) points of each frame of each sensor with at least three, in metres of the cameras' world."""
+    """Return the (N, 3) points, in metres in the cameras' world, of each frame of each sensor with at least three."""
     folder, masks = open_folder(path), {} if empty is None else masks_of(open_folder(empty))
     clouds = []
     for name in folder.cameras.names:
@@ -386,7 +386,7 @@ LIGHTS_COLUMNS, DEPTH_COLUMNS = 7, 4
 
 
 def points_files(folder: Path) -> list[Path]:
-    """Return the tables of a folder in the natural order of their names."""
+    """Return the tables in a folder in natural order of their names."""
     return sorted(folder.glob("*.csv"), key=lambda path: natural_key(path.name)) if folder.is_dir() else []
 
 
@@ -396,7 +396,7 @@ def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -
     Raises:
         FileMissing: there is no table.
         CalibrationMissing: a sensor has no lens.
-        FileDamaged: a row has neither format, or the tables have different ones.
+        FileDamaged: a row has neither format, or the tables have different formats.
     """
     files = points_files(folder)
     if not files:
@@ -409,7 +409,7 @@ def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -
 
 
 def lens_beside(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
-    """Return a sensor's lens, or the one in a file next to the table. Raise CalibrationMissing if there is neither."""
+    """Return a sensor's lens, from ``lenses`` or a file next to the table. Raise CalibrationMissing without both."""
     name = path.stem
     if lenses is not None and name in lenses:
         return lenses[name]
@@ -441,7 +441,7 @@ def read_table(path: Path) -> tuple[np.ndarray, bool]:
 
 
 def _view(path: Path, lens: Lens) -> WandView:
-    """Return the view of a table. Times with several rows of a marker are crowded."""
+    """Return the view in a table. Times with several rows of a marker are crowded."""
     table, with_depth = read_table(path)
     if not with_depth:
         px = table[:, 1:].reshape(-1, 3, 2)
@@ -458,7 +458,7 @@ def _view(path: Path, lens: Lens) -> WandView:
 def wand_views(
     folder: Path, lenses: Path | None, *, lights: bool, empty: Path | None = None, progress: Progress = silent
 ) -> list[WandView]:
-    """Return the views of a wand. Without ``lenses`` (a calibration or a library), files next to the tables have them.
+    """Return the views of a wand. Without ``lenses`` (a calibration or a library), files next to the tables are read.
 
     Raises:
         FileMissing: there is no recording.

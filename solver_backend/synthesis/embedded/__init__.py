@@ -1,1 +1,1 @@
-"""Make captures with ground truth: authored motion, cameras on tripods, simulated detectors."""
+"""Create captures with ground truth: authored motion, cameras on tripods, simulated detectors."""

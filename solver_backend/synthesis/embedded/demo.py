@@ -1,4 +1,4 @@
-"""Make the demo capture: four cameras around an authored motion, with a simulated detector."""
+"""Create the demo capture: four cameras around an authored motion, with a simulated detector."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ from solver_backend.types import (
 )
 
 _FILE = Path(__file__).parents[2] / "assets" / "choreography.json"
-_COLLAR_SHARE = 0.2  # Share of an arm's elevation that the collar bone takes.
+_COLLAR_SHARE = 0.2  # Fraction of an arm's elevation that the collar bone performs.
 _STEPS_PER_S = 240  # Samples per second of the blended score.
-_SHARPNESS = 300.0  # Of the smooth minimum over sole points, 1/m.
+_SHARPNESS = 300.0  # Sharpness of the smooth minimum over sole points, 1/m.
 
 
 class Choreography(NamedTuple):
-    """SMPL-type parameters of an authored motion, world Z up, floor at z = 0."""
+    """SMPL parameters of an authored motion, world Z up, floor at z = 0."""
 
-    global_orient: np.ndarray  # (F, 3) axis-angle.
-    body_pose: np.ndarray  # (F, 21, 3) axis-angle.
-    transl: np.ndarray  # (F, 3) metres.
+    global_orient: np.ndarray  # (F, 3) rotation vectors in radians.
+    body_pose: np.ndarray  # (F, 21, 3) rotation vectors in radians.
+    transl: np.ndarray  # (F, 3) translations in metres.
 
 
 @cache
@@ -56,10 +56,10 @@ def _score() -> tuple[np.ndarray, np.ndarray, list[str]]:
 
 
 def author_motion(body: Body, betas: np.ndarray, num_frames: int, fps: float) -> Choreography:
-    """Play the score: key poses blended by a Gaussian, the standing foot pinned to the floor.
+    """Play the score. Key poses are blended with a Gaussian, and the standing foot stays on the floor.
 
     Args:
-        betas: (10,) shape.
+        betas: (10,) shape coefficients.
         num_frames: F. The score lasts six seconds and then freezes.
         fps: frames per second.
     """
@@ -89,7 +89,7 @@ def _rotvecs(pose: dict[str, list[float]]) -> np.ndarray:
 
 
 def _planted(body: Body, betas: np.ndarray, root: np.ndarray, local: np.ndarray, stance: list[str]) -> np.ndarray:
-    """Return translations that keep the standing foot's ball in place and the lowest sole point on the floor."""
+    """Return translations that fix the ball of the standing foot and keep the lowest sole point on the floor."""
     still = forward_kinematics(body, betas, root, local, np.zeros((len(root), 3)))
     balls = {side: still.joints[:, SMPL_JOINTS.index(f"{side}_foot")] for side in ("left", "right")}
     transl = np.zeros((len(root), 3))
@@ -101,7 +101,7 @@ def _planted(body: Body, betas: np.ndarray, root: np.ndarray, local: np.ndarray,
 
 
 def _lowest(body: Body, betas: np.ndarray, G: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Return (F,) the height of the lowest point of both soles, smoothed over the change of feet."""
+    """Return the (F,) height of the lowest point of both soles, smoothed when the standing foot changes."""
     rest = body.rest_joints(betas)
     lowest = (body.v_template[:, 1] + body.shapedirs[:, 1] @ betas).min()
     sole_depth = rest[SMPL_JOINTS.index("left_foot"), 1] - lowest
@@ -116,13 +116,13 @@ def _lowest(body: Body, betas: np.ndarray, G: np.ndarray, joints: np.ndarray) ->
     return -np.log(np.exp(-_SHARPNESS * (stacked - low)).sum(axis=0)) / _SHARPNESS + low
 
 
-PX_PER_MM = 0.32  # Pixels that a millimetre spans 4.2 m from the cameras of the demo, at 1920 px image width.
+PX_PER_MM = 0.32  # Pixels per millimetre at 4.2 m from the demo's cameras, with images 1920 px wide.
 
 
 def detect(
     px: np.ndarray, image_size: np.ndarray, fps: float, faults: DetectorFaults, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return noisy (C, F, K, 2) detections, NaN where missing, and (C, F, K) confidences of true pixels.
+    """Return noisy (C, F, K, 2) detections, NaN where missing, and (C, F, K) confidences for true pixels.
 
     ``px`` (C, F, K, 2) is NaN behind the camera. ``image_size`` (C, 2) is width and height.
     """
@@ -168,14 +168,14 @@ def demo_capture(
 
 
 def smpl_truth(betas: np.ndarray, root: np.ndarray, local: np.ndarray, transl: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the parameters of (F, 3) root and (F, J, 3) local rotation vectors as a capture's truth has them."""
+    """Return the ground truth parameters of a capture from root (F, 3) and local (F, J, 3) rotation vectors."""
     body_pose = np.zeros((len(root), 3 * (NUM_JOINTS - 1)))
     body_pose[:, : local[0].size] = local.reshape(len(root), -1)
     return {"betas": betas, "global_orient": root, "body_pose": body_pose, "transl": transl}
 
 
 def tripods(target: np.ndarray, count: int = 4, radius_m: float = 4.2) -> Cameras:
-    """Return cameras on tripods around a target, 1920 x 1080, with mild lens distortion."""
+    """Return cameras on tripods around a target, with images of 1920 x 1080 and slight lens distortion."""
     angles = (
         np.deg2rad(35.0) + 2 * np.pi * (np.arange(count) + np.array([0.0, 0.08, -0.06, 0.05] * count)[:count]) / count
     )
@@ -193,15 +193,15 @@ def tripods(target: np.ndarray, count: int = 4, radius_m: float = 4.2) -> Camera
     return Cameras(names, K, distortion, R, t, np.tile([1920, 1080], (count, 1)))
 
 
-DEMO_TAKE = Path(__file__).parents[2] / "assets" / "demo_markers.c3d"  # The committed take.
+DEMO_TAKE = Path(__file__).parents[2] / "assets" / "demo_markers.c3d"  # Recording that is part of the repository.
 BETAS = np.array([-0.6, 0.7, -0.3, 0.5, -0.2, 0.1, 0.3, -0.2, 0.1, 0.0])  # Shape of the person who wears the markers.
 _SUBJECT = "Demo"
-_UNKNOWN = ("ARMBAND", "LUPA")  # A label that no layout knows, and the place beside which its marker sits.
+_UNKNOWN = ("ARMBAND", "LUPA")  # A label in no layout, and the landmark next to its marker.
 
 
 @dataclass(frozen=True)
 class RecordedMarkers:
-    """A take of markers over F frames with its truth."""
+    """A recording of markers in F frames with its ground truth."""
 
     cloud: MarkerCloud
     truth: dict[str, np.ndarray]
@@ -209,12 +209,12 @@ class RecordedMarkers:
 
     @property
     def joints(self) -> np.ndarray:
-        """(F, 24, 3) metres, of the body that wore the markers."""
+        """(F, 24, 3) joint positions in metres of the body that wore the markers."""
         return self.truth["joints"]
 
 
 def record_markers(num_frames: int = 240, fps: float = 60.0, seed: int = 11, layout: str = "CMU_41") -> RecordedMarkers:
-    """Return the take: a layout's markers and one with a label that no layout knows. One motion for all seeds."""
+    """Return a recording of a layout's markers and one marker with an unknown label. All seeds have the same motion."""
     body, rng, faults = load_body(), np.random.default_rng(seed), OPTICAL_MARKERS
     root, local, transl = author_motion(body, BETAS, num_frames, fps)
     places = (*marker_layout(layout), _UNKNOWN[1])

@@ -12,18 +12,18 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.faults import DetectorFaults, autoregressive, bursts
 from solver_backend.types import SMPL_JOINTS, Cameras, JointSet
 
-_HARMONICS = np.sqrt([0.2, 0.4, 0.4, 0.4, 0.4])  # Of a bias that turns with the person: 1, cos, sin, cos 2, sin 2.
+_HARMONICS = np.sqrt([0.2, 0.4, 0.4, 0.4, 0.4])  # Amplitudes of a bias over the heading: 1, cos, sin, cos 2, sin 2.
 
 
 @dataclass(frozen=True)
 class DetectorOutput:
-    """Detections, and their faults."""
+    """Detections and their faults."""
 
-    xy: np.ndarray  # (C, F, K, 2) px, NaN where missing.
-    confidence: np.ndarray  # (C, F, K), 0 where missing.
-    swapped: np.ndarray  # (C, F, K) bool: the detection is the other side's.
-    outlier: np.ndarray  # (C, F, K) bool.
-    swaps: np.ndarray  # (N, 4) whole numbers: view, index into ``EXCHANGED``, first frame, one past the last.
+    xy: np.ndarray  # (C, F, K, 2) pixels, NaN where missing.
+    confidence: np.ndarray  # (C, F, K) confidences, 0 where missing.
+    swapped: np.ndarray  # (C, F, K) bool, True if the detection is the other side's.
+    outlier: np.ndarray  # (C, F, K) bool, True for outliers.
+    swaps: np.ndarray  # (N, 4) integers: view, index into ``EXCHANGED``, first frame, frame after the last.
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class Sight:
 
     px: np.ndarray  # (C, F, K, 2) true pixels.
     px_per_mm: np.ndarray  # (C, F, K) pixels per millimetre at the point.
-    seen_from: np.ndarray  # (C, F) radians, the camera's direction about the body's upright axis, 0 in front.
-    occluded: np.ndarray  # (C, F, K) bool.
-    image_size: np.ndarray  # (C, 2).
+    seen_from: np.ndarray  # (C, F) angle in radians of the camera about the body's vertical axis, 0 in front.
+    occluded: np.ndarray  # (C, F, K) bool, True if occluded.
+    image_size: np.ndarray  # (C, 2) image width and height.
 
 
 def detect_keypoints(
@@ -65,7 +65,7 @@ def detect_keypoints(
 
 
 def bias_by_direction(seen_from: np.ndarray, num_keypoints: int, rng: np.random.Generator) -> np.ndarray:
-    """Return (C, F, K, 2) of unit variance: one smooth random function of the direction for each keypoint and axis."""
+    """Return (C, F, K, 2) bias of unit variance: a smooth random function of the direction per keypoint and axis."""
     waves = rng.normal(size=(5, num_keypoints, 2)) * _HARMONICS[:, None, None]
     one, double = seen_from, 2 * seen_from
     basis = np.stack([np.ones_like(one), np.cos(one), np.sin(one), np.cos(double), np.sin(double)], axis=-1)
@@ -73,7 +73,7 @@ def bias_by_direction(seen_from: np.ndarray, num_keypoints: int, rng: np.random.
 
 
 def _elsewhere(shape: tuple[int, ...], faults: DetectorFaults, rng: np.random.Generator) -> np.ndarray:
-    """Return (C, F, K, 2) millimetres to another place, constant for the length of an outlier's run."""
+    """Return (C, F, K, 2) outlier offsets in millimetres, constant for the duration of an outlier run."""
     hold = np.repeat(np.arange(0, shape[1], 6), 6)[: shape[1]]
     angle, factor = rng.uniform(0, 2 * np.pi, shape)[:, hold], rng.uniform(0.5, 1.5, shape)[:, hold]
     return faults.outlier_mm * factor[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -82,7 +82,7 @@ def _elsewhere(shape: tuple[int, ...], faults: DetectorFaults, rng: np.random.Ge
 def _confidence(
     error_mm: np.ndarray, outlier: np.ndarray, occluded: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return confidences that partly reflect the error: measured rank correlation -0.29."""
+    """Return confidences that partly reflect the error. The measured rank correlation is -0.29."""
     inlier = 0.68 - 0.0022 * error_mm - 0.15 * occluded + 0.09 * rng.normal(size=error_mm.shape)
     return np.clip(np.where(outlier, rng.uniform(0.1, 0.55, error_mm.shape), inlier), 0.05, 1.0)
 
@@ -90,7 +90,7 @@ def _confidence(
 def _swaps(
     shape: tuple[int, ...], joint_set: JointSet, fps: float, faults: DetectorFaults, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C, F, K) bool, exchanged limbs, and (N, 4) exchanges, which never touch within a view and limb."""
+    """Return the (C, F, K) mask of exchanged limbs, and (N, 4) exchanges. These never touch in a view and limb."""
     mask, swaps = np.zeros(shape, dtype=bool), []
     for limb, columns in enumerate(exchanged_columns(joint_set).values()):
         for view in range(shape[0]):
@@ -106,20 +106,20 @@ def _swaps(
 
 
 def exchanged_columns(joint_set: JointSet) -> dict[str, list[int]]:
-    """Return the columns that are exchanged together, both sides of each pair of limbs."""
+    """Return the columns that are exchanged together, with both sides of each limb pair."""
     return {limb: sorted(np.concatenate(limb_columns(joint_set, limb)).tolist()) for limb in EXCHANGED}
 
 
 def direction_seen_from(cameras: Cameras, orient: np.ndarray, pelvis: np.ndarray) -> np.ndarray:
-    """Return (C, F) radians of each camera about the upright axis of a body of (F, 3, 3) turns, 0 in front."""
+    """Return (C, F) angles in radians of each camera about the vertical axis of a body (F, 3, 3), 0 in front."""
     way = np.einsum("fij,cfi->cfj", orient, cameras.centres[:, None] - pelvis)
     return np.arctan2(way[..., 0], way[..., 2])
 
 
 def miscalibrated(cameras: Cameras, centre: np.ndarray, error_mm: float, rng: np.random.Generator) -> Cameras:
-    """Return the cameras turned a little, so that a point at ``centre`` appears moved by ``error_mm`` per axis.
+    """Rotate the cameras slightly, so that a point at ``centre`` appears shifted by ``error_mm`` per axis.
 
-    The common shift of the whole room is removed, as a world frame is only as good as its cameras.
+    The common shift of all cameras is removed, because it only moves the world.
     """
     right, down = cameras.R[:, 0], cameras.R[:, 1]
     shift = 1e-3 * error_mm * rng.normal(size=(len(cameras), 2))
@@ -133,7 +133,7 @@ def miscalibrated(cameras: Cameras, centre: np.ndarray, error_mm: float, rng: np
 
 
 def delayed(track: np.ndarray, frames: float) -> np.ndarray:
-    """Return an (F, ...) track as seen by a camera with a delay in frames (linear between, held at the ends)."""
+    """Delay an (F, ...) track by a number of frames, with linear interpolation and constant ends."""
     at = np.clip(np.arange(len(track)) - frames, 0, len(track) - 1)
     first = np.minimum(np.floor(at).astype(int), len(track) - 2)
     share = (at - first).reshape(-1, *([1] * (track.ndim - 1)))
@@ -146,7 +146,7 @@ def px_per_mm(cameras: Cameras, points: np.ndarray) -> np.ndarray:
     return cameras.K[:, 0, 0, None, None] / (1000.0 * np.maximum(depth, 0.1))
 
 
-_CLEARANCE_M = 0.035  # A sight line ends this far before its point, which is on the skin or slightly below.
+_CLEARANCE_M = 0.035  # Distance (m) from the end of a sight line to its point, which is on or below the skin.
 _NECK = ("neck", "head", "spine3", "left_collar", "right_collar")
 _FOOT = ("ankle", "foot")
 _AROUND: dict[str, tuple[str, ...]] = {
@@ -162,15 +162,15 @@ _AROUND: dict[str, tuple[str, ...]] = {
     "elbow": ("shoulder", "elbow"),
     "wrist": ("elbow", "wrist", "hand"),
 }
-"""Parts, by the joint that moves them, that hold a keypoint and do not hide it. Without side: its own."""
+"""Parts by the joint that moves them. They contain a keypoint and do not hide it. No side means the same side."""
 
 
 def stabbed_faces(skin: np.ndarray, faces: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pairs (face, target) where a face towards the origin blocks the sight line to the target.
+    """Return the pairs (face, target) in which a face towards the origin blocks the sight line to the target.
 
-    In the plane z = 1 a face covers a target where all three barycentric coordinates are positive. They interpolate the
-    corners' inverse depths (perspective-correct). ``skin`` (V, 3) and ``targets`` (K, 3) are in the camera's frame.
-    ``faces`` (T, 3) are counter-clockwise from outside.
+    In the plane z = 1 a face covers a target if all three barycentric coordinates are positive. They interpolate the
+    inverse depths of the corners (perspective-correct). ``skin`` (V, 3) and ``targets`` (K, 3) are in the camera's
+    frame. ``faces`` (T, 3) are counter-clockwise from outside.
     """
     flat, goal = skin[:, :2] / skin[:, 2:], targets[:, :2] / targets[:, 2:]
     a, b, c = (flat[faces[:, i]] for i in range(3))
@@ -192,7 +192,7 @@ def stabbed_faces(skin: np.ndarray, faces: np.ndarray, targets: np.ndarray) -> t
 
 
 def own_faces(body: Body, keypoints: tuple[str, ...]) -> np.ndarray:
-    """Return (K, T) bool: the face belongs to a part with the keypoint in it."""
+    """Return a (K, T) mask of the faces that belong to a part containing the keypoint."""
     part = body.weights[body.faces].sum(axis=1).argmax(axis=-1)
     own = np.zeros((len(keypoints), len(part)), dtype=bool)
     for k, name in enumerate(keypoints):

@@ -1,1 +1,1 @@
-"""The studio: captures with known truth, from a description of shots to infrared, depth, masks and a scored solve."""
+"""Create captures with known ground truth, from a description of shots to infrared, depth, masks and a scored solve."""

@@ -15,15 +15,15 @@ from solver_backend.geometry.alignment import look_at
 from solver_backend.synthesis.studio.checked_values import CheckedValues, StudioInvalid
 from solver_backend.types import Cameras
 
-_AHEAD_M = 3.0  # Distance from the cameras' middle to their target if their axes do not meet, metres; chosen by hand.
-_TRUST = 1e-3  # Weight of that target against the axis of one camera; chosen by hand.
+_AHEAD_M = 3.0  # Distance (m) from the cameras' centre to their target if the axes do not intersect; chosen by hand.
+_TRUST = 1e-3  # Weight of that target relative to one camera axis; chosen by hand.
 
 
 def aim_point(cameras: Cameras) -> np.ndarray:
-    """Return the (3,) target of the cameras, metres: the point nearest to all optical axes.
+    """Return the (3,) target of the cameras in metres: the point closest to all optical axes.
 
     With centres c and unit axes d it minimises ``sum |(I - d d^T) (p - c)|^2``. A small weight pulls it to the point 3
-    m ahead of the cameras' middle, which decides for parallel axes and single cameras.
+    m in front of the cameras' centre, which decides for parallel axes and single cameras.
     """
     axes, centres = cameras.R[:, 2], cameras.centres
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
@@ -34,41 +34,41 @@ def aim_point(cameras: Cameras) -> np.ndarray:
 
 
 def scaled(cameras: Cameras, by: float) -> Cameras:
-    """Return the cameras with scaled pictures of at least 16 pixels per side and the same field of view."""
+    """Scale the images of the cameras to at least 16 pixels per side. The field of view does not change."""
     if by == 1.0:
         return cameras
     size = np.maximum(16, np.round(by * cameras.image_size)).astype(cameras.image_size.dtype)
     ratio = size / cameras.image_size
     K = cameras.K.copy()
     K[:, :2] *= ratio[:, :, None]
-    # Pixel (0, 0) is the middle of the first one: edges are half a pixel before it.
+    # Pixel (0, 0) is the centre of the first pixel, so edges are half a pixel before it.
     K[:, :2, 2] += 0.5 * ratio - 0.5
     return replace(cameras, K=K, image_size=size)
 
 
 PRESETS = Path(__file__).parents[2] / "assets" / "studio_camera_arrays.json"
 LAYOUTS = ("ring", "corners", "capture", "cameras")
-STANDS = ("world", "aim")  # Place of the person before fixed cameras: as in the motion, or at their target.
+STANDS = ("world", "aim")  # Person's position in front of fixed cameras: as in the motion, or at their target.
 _KNOWN = (
     *("name", "layout", "about", "count", "radius_m", "height_m", "height_step_m", "room_m", "target_m"),
     *("size", "fov_deg", "distortion", "capture", "cameras", "range_m", "turn_deg", "scale", "stand", "leave_out"),
     "widest",
 )
-_TARGET_M = (0.0, 0.0, 0.95)  # Target of cameras, metres: about a standing person's pelvis.
+_TARGET_M = (0.0, 0.0, 0.95)  # Target of cameras in metres, near a standing person's pelvis.
 
 
 @dataclass(frozen=True)
 class CameraRing:
-    """Named cameras, before they are placed around a person."""
+    """A named camera array, before it is placed around a person."""
 
     name: str  # Part of a shot's name.
-    cameras: Cameras  # Around the origin, where the middle of the person's way is put.
-    range_m: tuple[float, float]  # Smallest and largest depth that its sensors measure.
-    fixed: bool  # The cameras keep their place in the world.
-    stand: np.ndarray | None = None  # (2,) metres, middle of the path before fixed cameras; None keeps it.
+    cameras: Cameras  # Cameras around the origin, where the centre of the person's path is placed.
+    range_m: tuple[float, float]  # Smallest and largest depth that the sensors measure, metres.
+    fixed: bool  # True if the cameras keep their position in the world.
+    stand: np.ndarray | None = None  # (2,) centre of the path in front of fixed cameras, metres. None keeps it.
 
     def around(self, place: np.ndarray) -> Cameras:
-        """Return the cameras moved along the floor, with the person at (3,) ``place`` in their middle."""
+        """Move the cameras horizontally so that the person at (3,) ``place`` is in their centre."""
         if self.fixed:
             return self.cameras
         move = np.array([place[0], place[1], 0.0])
@@ -77,15 +77,15 @@ class CameraRing:
 
 @cache
 def camera_array_presets() -> dict[str, dict[str, Any]]:
-    """Return the shipped presets by name."""
+    """Return the included presets by name."""
     return json.loads(PRESETS.read_text(encoding="utf-8"))["presets"]
 
 
 def build_camera_array(description: Any, folder: Path = Path()) -> CameraRing:
-    """Return an array from its description: the name of a preset, or an object.
+    """Build a camera array from its description: the name of a preset, or an object.
 
     Raises:
-        StudioInvalid: a key or preset is unknown, or a value is impossible.
+        StudioInvalid: a key or preset is unknown, or a value is invalid.
         MocapError: a capture cannot be read, or has no cameras.
     """
     values = CheckedValues.described(description, "camera array", _KNOWN, camera_array_presets())
@@ -129,7 +129,7 @@ def _corners(values: CheckedValues, folder: Path) -> Cameras:
 
 
 def _aimed(values: CheckedValues, centres: np.ndarray) -> Cameras:
-    """Return equal cameras at (C, 3) centres with one target."""
+    """Return identical cameras at (C, 3) centres that point to one target."""
     target = values.numbers("target_m", 3) if "target_m" in values else np.array(_TARGET_M)
     scale = values.number("scale", 1.0, 0.05, 4.0)
     width, height = (max(16, round(scale * side)) for side in values.size("size", (640, 480)))

@@ -1,4 +1,4 @@
-"""Values of a JSON description, each checked, with errors that name the place and what would be valid."""
+"""Read values of a JSON description with checks. Errors state the location and the valid values."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from solver_backend.exchange.errors import JobInvalid, MocapError
 
 
 class StudioInvalid(JobInvalid):
-    """The description of a data set has an unknown key or preset, a wrong type or an impossible value."""
+    """The description of a data set has an unknown key or preset, a wrong type or an invalid value."""
 
     code = "studio_invalid"
 
 
 class NobodySeen(MocapError):
-    """No camera of a simulated shot sees the person in any frame."""
+    """The person is not visible to any camera in any frame of a simulated shot."""
 
 
 class CameraInsideBody(MocapError):
-    """A camera of a simulated shot is inside the person, or touches it."""
+    """A camera of a simulated shot is inside the person or touches the person."""
 
 
 class DiskTooSmall(MocapError):
@@ -35,14 +35,14 @@ class OtherDataSet(MocapError):
 
 
 T = TypeVar("T")
-_LARGEST = sys.float_info.max  # Whole numbers of JSON may be larger; infinite and missing ones are not between.
+_LARGEST = sys.float_info.max  # Integers in JSON may be larger. Infinite and missing values are not in the range.
 
 
 class CheckedValues:
-    """One object of a description. Errors name it by ``where``.
+    """An object in a description. Errors call it ``where``.
 
     Raises:
-        StudioInvalid: it is no object, or has an unknown key.
+        StudioInvalid: it is not an object, or has an unknown key.
     """
 
     def __init__(self, values: Any, where: str, known: Iterable[str]) -> None:
@@ -60,9 +60,9 @@ class CheckedValues:
     def described(
         cls, description: Any, where: str, known: Iterable[str], presets: Mapping[str, Mapping[str, Any]]
     ) -> CheckedValues:
-        """Return the values of a preset's name, or of an object that may name a preset to start from.
+        """Return the values of a named preset, or of an object that may start from a preset.
 
-        The preset's name is the default of the key ``name``, if that is known.
+        The preset's name is the default of the key ``name``, if that key is known.
 
         Raises:
             StudioInvalid: a key or preset is unknown.
@@ -83,32 +83,32 @@ class CheckedValues:
         return key in self._values
 
     def raw(self, key: str, default: Any = None) -> Any:
-        """Return a raw value."""
+        """Return an unchecked value."""
         return self._values.get(key, default)
 
     def number(self, key: str, default: float, low: float, high: float) -> float:
-        """Return a number from low to high."""
+        """Return a number from ``low`` to ``high``."""
         value = self._values.get(key, default)
         if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
             raise self._bad(key, value, f"a number from {low:g} to {high:g}")
         return float(value)
 
     def whole(self, key: str, default: int, low: int, high: int) -> int:
-        """Return a whole number from low to high."""
+        """Return an integer from ``low`` to ``high``."""
         value = self._values.get(key, default)
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
             raise self._bad(key, value, f"a whole number from {low} to {high}")
         return value
 
     def flag(self, key: str, default: bool) -> bool:
-        """Return true or false."""
+        """Return a boolean."""
         value = self._values.get(key, default)
         if not isinstance(value, bool):
             raise self._bad(key, value, "true or false")
         return value
 
     def text(self, key: str, default: str) -> str:
-        """Return a text that is not empty, unless its default is."""
+        """Return a text. It must not be empty unless its default is."""
         value = self._values.get(key, default)
         if not isinstance(value, str) or (not value and default):
             raise self._bad(key, value, "a text")
@@ -122,14 +122,14 @@ class CheckedValues:
         return value
 
     def choices(self, key: str, default: Iterable[str], known: Iterable[str]) -> tuple[str, ...]:
-        """Return some of the known names, each once."""
+        """Return several of the known names without repetition."""
         value, names = self._values.get(key, list(default)), tuple(known)
         if not isinstance(value, list) or any(item not in names for item in value):
             raise self._bad(key, value, f"a list of {', '.join(names)}")
         return tuple(dict.fromkeys(value))
 
     def numbers(self, key: str, count: int) -> np.ndarray:
-        """Return a list of so many finite numbers."""
+        """Return a list of ``count`` finite numbers."""
         value = self._values.get(key)
         good = isinstance(value, list) and len(value) == count
         good = good and all(isinstance(v, int | float) and not isinstance(v, bool) for v in value or ())
@@ -146,11 +146,11 @@ class CheckedValues:
         return int(value[0]), int(value[1])
 
     def fill(self, kind: type[T], limits: Mapping[str, Any], **given: Any) -> T:
-        """Return a dataclass from the values of its fields with defaults.
+        """Build a dataclass. Its fields with defaults take their values from the description.
 
         Args:
-            limits: lowest and highest of each number, names of each choice. Fields without are true or false.
-            given: other fields.
+            limits: range of each number, names of each choice. Fields without an entry are booleans.
+            given: values of the other fields.
         """
         for key, ends in limits.items():
             default = getattr(kind, key)

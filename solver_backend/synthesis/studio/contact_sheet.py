@@ -16,7 +16,7 @@ from solver_backend.synthesis.studio.sensor_pictures import SECTOR_DEG
 from solver_backend.synthesis.studio.spec import Spec
 
 SHEET, CARD = "contact_sheet.png", "card.md"
-_TILE = (208, 156)  # Width and height of a picture, pixels; chosen by hand.
+_TILE = (208, 156)  # Width and height of an image in pixels; chosen by hand.
 _COLUMNS, _TILES = 6, 24
 _SHOWN = ("rgb", "infrared", "depth", "masks", "normals")
 _DIRECTIONS = ("front", "front left", "left", "back left", "back", "back right", "right", "front right")
@@ -39,7 +39,7 @@ def write_card(out: Path) -> list[Path]:
 
 
 def contact_sheet(out: Path, records: list[ShotRecord]) -> np.ndarray | None:
-    """Return (h, w, 3) uint8 of up to 24 pictures spread over shots, cameras and time, None where none was filmed."""
+    """Return (h, w, 3) uint8 with up to 24 images from different shots, cameras and times, None without images."""
     tiles = []
     for i in range(_TILES):
         record = records[i * len(records) // _TILES if len(records) >= _TILES else i % len(records)]
@@ -59,7 +59,7 @@ def contact_sheet(out: Path, records: list[ShotRecord]) -> np.ndarray | None:
 
 
 def shown(kind: str, picture: np.ndarray) -> np.ndarray:
-    """Return a picture of any kind as (h, w, 3) uint8 to look at."""
+    """Convert an image of any kind to (h, w, 3) uint8 for viewing."""
     if kind == "masks":
         return _COLOURS[np.minimum(picture, len(LABELS) - 1)]
     if picture.ndim == 3:
@@ -72,7 +72,7 @@ def shown(kind: str, picture: np.ndarray) -> np.ndarray:
 
 
 def _fitted(picture: np.ndarray) -> np.ndarray:
-    """Return the picture cut to the tile's shape and averaged down to its size."""
+    """Crop an image to the aspect of the tile and average it down to its size."""
     width, height = _TILE
     scale = min(picture.shape[1] / width, picture.shape[0] / height)
     x0, y0 = (picture.shape[1] - scale * width) / 2, (picture.shape[0] - scale * height) / 2

@@ -48,16 +48,16 @@ from solver_backend.synthesis.studio.write_pictures import (
 )
 from solver_backend.types import Capture, Motion
 
-Keep = Callable[[str, int, int, np.ndarray], None]  # Takes kind, view, frame and picture.
-_CHUNK = 16  # Frames whose surfaces are held at a time.
+Keep = Callable[[str, int, int, np.ndarray], None]  # Receives kind, view, frame and image.
+_CHUNK = 16  # Frames whose surfaces are in memory at a time.
 
 
 def film(spec: Spec, stage: Stage, keep: Keep, on_frame: Callable[[int], None] = lambda frame: None) -> np.ndarray:
-    """Film a shot and return (C, F, M) float32, the visible share of each marker. Without pictures, by sight lines.
+    """Render a shot. Return (C, F, M) float32 visible fractions of markers, from sight lines if there are no images.
 
     Args:
-        keep: takes every picture: 'infrared' and 'depth' (h, w) uint16, 'masks' (h, w) uint8, 'normals' (h, w, 3)
-            uint8 in the camera's frame, 'exr' (h, w, 4) float32: the normal, and exact metres.
+        keep: receives every image: 'infrared' and 'depth' (h, w) uint16, 'masks' (h, w) uint8, 'normals' (h, w, 3)
+            uint8 in the camera's frame, 'exr' (h, w, 4) float32 with the normal and exact metres.
         on_frame: called after each frame.
     """
     kinds = [kind for kind in spec.film if kind != "rgb"] + ([EXR] if EXR in spec.write else [])
@@ -101,17 +101,17 @@ def _shoot(
     return seen.spheres.seen.astype(np.float32)
 
 
-DONE = "shot.json"  # File that marks a complete shot's folder.
+DONE = "shot.json"  # File that marks the folder of a complete shot.
 
 
 def make_shot(spec: Spec, shot: Shot, shots: Path, on_frame: Callable[[int], None] = lambda frame: None) -> ShotRecord:
     """Make a shot and return its ``shot.json``. An existing shot is not made again.
 
-    Several processes may make the same shot. The first to finish names its folder. ``on_frame`` is called after each
-    filmed frame.
+    Several processes may make the same shot. The first to finish publishes its folder. ``on_frame`` is called after
+    each rendered frame.
 
     Raises:
-        NobodySeen, CameraInsideBody: it cannot be filmed.
+        NobodySeen, CameraInsideBody: it cannot be rendered.
         MocapError: its motion cannot be read, or the folder cannot be written.
     """
     folder = shots / shot.name

@@ -18,20 +18,20 @@ from solver_backend.synthesis.embedded.demo import author_motion
 from solver_backend.synthesis.simulation.cast import Person, Take, cast_person
 from solver_backend.types import NUM_BODY_JOINTS
 
-CHOREOGRAPHY = "choreography"  # Name of the motion that ships.
+CHOREOGRAPHY = "choreography"  # Name of the included motion.
 _SUFFIXES = (".npz", ".bvh")
-_CHOREOGRAPHY_S = 6.0  # Length of the choreography, seconds.
+_CHOREOGRAPHY_S = 6.0  # Duration of the choreography in seconds.
 
 
 @dataclass(frozen=True)
 class MotionSource:
-    """The source of a motion."""
+    """Source of a motion."""
 
     name: str  # Name of the motion, part of a shot's name.
     path: Path | None  # File, None for the choreography.
 
     def play(self, body: Body, betas: np.ndarray, fps: float, frames: int) -> Person:
-        """Return a person of (10,) betas who performs at most the first ``frames`` of the motion at ``fps``.
+        """Return a person with (10,) betas who performs the motion at ``fps``, at most its first ``frames`` frames.
 
         Raises:
             MocapError: the file cannot be read.
@@ -46,7 +46,7 @@ class MotionSource:
 
 
 def find_motions(names: list[str], folder: Path = Path()) -> tuple[MotionSource, ...]:
-    """Return the motions of files, folders and ``choreography``. Repeated names are numbered.
+    """Return the motions in files and folders, or ``choreography``. Repeated names are numbered.
 
     Raises:
         FileMissing: a path does not exist, or a folder has no motion.
@@ -74,7 +74,7 @@ def find_motions(names: list[str], folder: Path = Path()) -> tuple[MotionSource,
 
 
 def _of_file(path: Path, body: Body, betas: np.ndarray) -> tuple[Person, float]:
-    """Return a take or an AMASS clip on a body of another shape: same rotations, the path on the floor."""
+    """Return a take or an AMASS clip on a body of another shape, with the same rotations and the path on the floor."""
     motion = load_motion(path)
     if isinstance(motion, BvhClip):
         raise MotionInvalid("The file contains a skeleton of other joints than our body's.", where=str(path))
@@ -95,7 +95,7 @@ def _of_bvh(path: Path, body: Body, betas: np.ndarray) -> tuple[Person, float]:
 
 
 def _at_rate(person: Person, rate: float, fps: float, frames: int) -> Person:
-    """Return the motion at another frame rate: geodesics of rotations, lines of the translation."""
+    """Resample a motion to another frame rate, along geodesics of rotations and linearly in translation."""
     length = len(person.transl)
     count = min(frames, int((length - 1) * fps / rate + 1e-6) + 1)
     at = np.minimum(np.arange(count) * rate / fps, length - 1)
@@ -108,5 +108,5 @@ def _at_rate(person: Person, rate: float, fps: float, frames: int) -> Person:
 
 
 def _between(before: np.ndarray, after: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Return rotations (..., 3, 3) a share of the geodesic on. Equal neighbours in time give the first."""
+    """Return rotations (..., 3, 3) at a fraction of the geodesic. Equal neighbours in time return the first."""
     return before @ exp_so3(share * log_so3(np.swapaxes(before, -1, -2) @ after))

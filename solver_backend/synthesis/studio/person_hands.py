@@ -22,46 +22,46 @@ from solver_backend.types import UNSEEN_POINT, Cameras, Capture, JointSet
 from solver_backend.types.shapes import Bool, Float
 
 _WRIST, _KNUCKLE = 0, 9
-BEYOND = np.array([k > 0 and (k - 1) % 4 > 0 for k in range(NUM_HAND_POINTS)])  # (21,) past knuckles.
+BEYOND = np.array([k > 0 and (k - 1) % 4 > 0 for k in range(NUM_HAND_POINTS)])  # (21,) points beyond the knuckles.
 
 
 @dataclass(frozen=True)
 class HandFaults:
-    """Errors of a hand detector. Lengths are shares of a palm, wrist to middle knuckle.
+    """Errors of a hand detector. Lengths are in palms (wrist to middle knuckle).
 
-    ``whole``, ``drift`` and ``jitter`` are measured for MediaPipe's model on palms of 35 to 60 px (Pose2Sim's balancing
-    videos, refined cameras, ``python -m tests.benchmarks.hands.real_noise``). On palms of 60 to 140 px they are 0.03,
-    0.04 and 0.016.
+    ``whole``, ``drift`` and ``jitter`` were measured for MediaPipe's model on palms of 35 to 60 px (Pose2Sim's
+    balancing videos, refined cameras, ``python -m tests.benchmarks.hands.real_noise``). On palms of 60 to 140 px they
+    are 0.03, 0.04 and 0.016.
     """
 
-    whole: float = 0.05  # Standard deviation per axis of an error of the whole hand, correlated over ``drift_s``.
-    drift: float = 0.10  # The same of each point.
-    jitter: float = 0.036  # Standard deviation of each point's independent error in every frame.
-    drift_s: float = 0.3  # Time constant of the drift.
+    whole: float = 0.05  # Standard deviation per axis of a common error of the hand, correlated over ``drift_s``.
+    drift: float = 0.10  # The same for each point.
+    jitter: float = 0.036  # Standard deviation of each point's independent error per frame.
+    drift_s: float = 0.3  # Time constant of the drift in seconds.
     guessed: float = 2.5  # Factor on the errors of hidden points.
-    least_seen: float = 0.5  # Share of visible points from which a hand is detected.
-    missing: float = 0.06  # Share of frames in which a visible hand is missed ...
-    missing_s: float = 0.15  # ... and the length of a miss.
-    wrong: float = 0.01  # Share of frames in which it is detected elsewhere, a palm or two away.
-    exchanged: float = 0.005  # Share of frames with left and right exchanged.
-    held: bool = False  # A held thing hides fingers: these are guesses, and hands are found half as often.
-    gloved: bool = False  # Hands wear gloves: every point is a guess, detected half as often.
-    small_px: float = 15.0  # Palm size below which errors grow with the square of the ratio.
+    least_seen: float = 0.5  # Fraction of visible points from which a hand is detected.
+    missing: float = 0.06  # Fraction of frames in which a visible hand is missed.
+    missing_s: float = 0.15  # Duration of a miss in seconds.
+    wrong: float = 0.01  # Fraction of frames with a detection one or two palms away.
+    exchanged: float = 0.005  # Fraction of frames with left and right exchanged.
+    held: bool = False  # A held object hides fingers. They are guessed, and hands are detected half as often.
+    gloved: bool = False  # Hands wear gloves. All points are guessed, and hands are detected half as often.
+    small_px: float = 15.0  # Palm size in pixels below which errors grow with the square of the ratio.
 
 
 def detect_hands(
     cameras: Cameras, points: np.ndarray, hidden: np.ndarray, fps: float, faults: HandFaults, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return (C, F, 2, 21, 3) x, y in pixels and confidence, NaN with 0 for undetected points.
+    """Return (C, F, 2, 21, 3) x, y in pixels and confidence, NaN with confidence 0 for undetected points.
 
-    ``points`` (F, 2, 21, 3) are in metres, left first. ``hidden`` (C, F, 2, 21) marks blocked ones.
+    ``points`` (F, 2, 21, 3) are in metres, left hand first. ``hidden`` (C, F, 2, 21) marks blocked ones.
     """
     hidden = hidden | faults.gloved
     if faults.held:
         hidden = hidden | BEYOND
     px = project(cameras, points)
     palm = np.linalg.norm(px[..., _KNUCKLE, :] - px[..., _WRIST, :], axis=-1)
-    # Seen end on a palm is short; the detector looks at the hand, not at the palm.
+    # The palm is short when seen end on, so the size of the whole hand is used.
     size = np.fmax(palm, np.nanmax(np.linalg.norm(px - px[..., :1, :], axis=-1), axis=-1) / 2)
     unit = (size * np.maximum(1.0, (faults.small_px / np.maximum(size, 1.0)) ** 2))[..., None, None]
     keep = float(np.exp(-1.0 / (faults.drift_s * fps)))
@@ -76,7 +76,7 @@ def detect_hands(
     inside = ((xy >= 0) & (xy < cameras.image_size[:, None, None, None])).all(-1)
     lost = bursts(rng.random(shape), faults.missing, max(1.0, faults.missing_s * fps))
     enough = (~hidden & inside).mean(-1) >= faults.least_seen
-    # A detector used to such hands is not stopped by hidden fingers, but misses every other hand.
+    # A detector for such hands tolerates hidden fingers, but misses every other hand.
     if faults.held or faults.gloved:
         enough = bursts(rng.random(shape), 0.5, max(1.0, faults.missing_s * fps)) & inside.all(-1)
     found = ~lost & enough
@@ -88,20 +88,20 @@ def detect_hands(
 
 
 FINGER_M, PALM_M = 0.008, 0.011  # Finger radius, half a palm's thickness (ANSUR II: 15-20 and 27 mm).
-_BONES = np.array(  # Both points of each bone of a hand: metacarpals first, then three of each finger.
+_BONES = np.array(  # Both points of each hand bone: metacarpals first, then three per finger.
     [[0, 1 + 4 * finger] for finger in range(5)]
     + [[1 + 4 * finger + k, 2 + 4 * finger + k] for finger in range(5) for k in range(3)]
 )
-_RADII = np.array([PALM_M] * 5 + [FINGER_M] * 15)  # Of each bone, metres.
-_CHUNK = 64  # Frames evaluated together.
+_RADII = np.array([PALM_M] * 5 + [FINGER_M] * 15)  # Radius of each bone in metres.
+_CHUNK = 64  # Number of frames that are processed together.
 
 
 def hidden_by_hands(
     centres: Float[np.ndarray, "cameras 3"], points: Float[np.ndarray, "frames 2 21 3"]
 ) -> Bool[np.ndarray, "cameras frames 2 21"]:
-    """Return (C, F, 2, 21) bool: a bone of either hand is between a camera and a point (F, 2, 21, 3), left first.
+    """Return a (C, F, 2, 21) mask of points (F, 2, 21, 3), left hand first, that a bone of either hand hides.
 
-    A point is hidden if its line of sight passes a bone, other than its own, at less than the bone's radius.
+    A point is hidden if its line of sight passes another bone at less than the bone's radius.
     """
     frames = len(points)
     hidden = np.zeros((len(centres), frames, 2, NUM_HAND_POINTS), bool)
@@ -116,7 +116,7 @@ def hidden_by_hands(
 
 
 def _own_bones() -> np.ndarray:
-    """Return (42, 40) bool, the own bones of each point. Wrist and knuckles are on the palm."""
+    """Return a (42, 40) mask of the bones that belong to each point. Wrist and knuckles belong to the palm."""
     own = (np.arange(NUM_HAND_POINTS)[:, None, None] == _BONES).any(-1)
     knuckles = [HAND_POINTS.index(name) for name in HAND_POINTS if name.endswith("_mcp")]
     own[[0, *knuckles], :5] = True
@@ -131,7 +131,7 @@ _OWN = _own_bones()
 
 
 def _segment_distances(points: np.ndarray, centre: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Return (f, P, B) metres between the segments from (f, P, 3) points to a camera and (f, B, 2, 3) bones."""
+    """Return (f, P, B) distances (m) of bones (f, B, 2, 3) from segments between (f, P, 3) points and a camera."""
     sight = centre - points
     bone = ends[:, :, 1] - ends[:, :, 0]
     between = points[:, :, None] - ends[:, None, :, 0]
@@ -148,7 +148,7 @@ def _segment_distances(points: np.ndarray, centre: np.ndarray, ends: np.ndarray)
 
 
 def hidden_points(person: Person, cameras: Cameras, points: np.ndarray) -> np.ndarray:
-    """Return (C, F, 2, 21) bool: the body without the hand itself blocks a (F, 2, 21, 3) point, left first."""
+    """Return a (C, F, 2, 21) mask of points (F, 2, 21, 3) that the body without the hand blocks, left hand first."""
     frames, _, count = points.shape[:3]
     sight = BodySight(person.body, person.betas, keypoint_landmarks(person.body, JointSet.COCO_17))
     joints, bone = person.body.layout.joints, sight.proxy.bone
@@ -160,24 +160,24 @@ def hidden_points(person: Person, cameras: Cameras, points: np.ndarray) -> np.nd
     return np.swapaxes(hidden, 0, 1).reshape(len(cameras), frames, 2, count)
 
 
-SPREAD = 0.7  # Share of the prior's deviations that fingers move by; the prior is as wide as its widest source.
+SPREAD = 0.7  # Fraction of the prior's standard deviations in finger motion. The prior is as wide as its widest source.
 SLOWEST_HZ, FASTEST_HZ = 0.1, 0.7  # Frequencies of the motion; gestures take half a second to open or close a hand.
-SHARES = tuple(np.linspace(1.0, 0.0, 11)[:-1].tolist())  # Shares of a pose tried until no fingers intersect.
-TOUCH_M = 0.002  # Overlap of touching fingers.
-EASE_S = 0.2  # Half the time in which a hand relaxes before such a pose and returns after it.
-_WAVES = 4  # Waves per angle; chosen by hand.
+SHARES = tuple(np.linspace(1.0, 0.0, 11)[:-1].tolist())  # Fractions of a pose to try until no fingers intersect.
+TOUCH_M = 0.002  # Overlap of touching fingers in metres.
+EASE_S = 0.2  # Seconds in which a hand relaxes before such a pose, and in which it returns.
+_WAVES = 4  # Number of waves per angle; chosen by hand.
 
 
 @dataclass(frozen=True)
 class MovingHands:
-    """Both hands of a person over F frames, left first."""
+    """Both hands of a person in F frames, left hand first."""
 
     skeletons: tuple[HandSkeleton, HandSkeleton]
-    angles: np.ndarray  # (F, 2, A) radians.
-    points: np.ndarray  # (F, 2, 21, 3) metres of ``HAND_POINTS``.
+    angles: np.ndarray  # (F, 2, A) joint angles in radians.
+    points: np.ndarray  # (F, 2, 21, 3) positions of ``HAND_POINTS`` in metres.
 
     def rotations(self) -> np.ndarray:
-        """Return (F, 30, 3, 3) rotations of the finger joints, in SMPL-H's order."""
+        """Return (F, 30, 3, 3) finger joint rotations in SMPL-H's order."""
         both = [by_joint(s.local_rotations(self.angles[:, side])) for side, s in enumerate(self.skeletons)]
         return np.concatenate(both, axis=1)
 
@@ -197,7 +197,7 @@ def move_hands(person: Person, fps: float, rng: np.random.Generator) -> MovingHa
 
 
 def points_of_hands(person: Person, skeletons: tuple[HandSkeleton, HandSkeleton], angles: np.ndarray) -> np.ndarray:
-    """Return (F, 2, 21, 3) metres, the points of hands of these angles (F, 2, A) at the person's wrists."""
+    """Return (F, 2, 21, 3) hand points in metres for angles (F, 2, A) at the person's wrists."""
     posed = forward_kinematics(person.body, person.betas, person.orient, person.local, person.transl)
     found = []
     for side, skeleton in enumerate(skeletons):
@@ -208,7 +208,7 @@ def points_of_hands(person: Person, skeletons: tuple[HandSkeleton, HandSkeleton]
 
 
 def _draw(prior: HandPrior, frames: int, fps: float, rng: np.random.Generator) -> np.ndarray:
-    """Return (F, A) angles: sums of slow waves with the prior's covariance, within its ranges."""
+    """Return random (F, A) angles: sums of slow waves with the prior's covariance, within its ranges."""
     rate = rng.uniform(SLOWEST_HZ, FASTEST_HZ, (1, NUM_ANGLES, _WAVES))
     phase = rng.uniform(0.0, 1.0, rate.shape)
     waves = np.sin(2 * np.pi * (np.arange(frames)[:, None, None] / fps * rate + phase)).sum(-1) / np.sqrt(_WAVES / 2)
@@ -217,7 +217,7 @@ def _draw(prior: HandPrior, frames: int, fps: float, rng: np.random.Generator) -
 
 
 def _apart(skeleton: HandSkeleton, angles: np.ndarray, relaxed: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, A) angles, closer to a relaxed hand around frames with intersecting fingers."""
+    """Return (F, A) angles that move towards a relaxed hand around frames with intersecting fingers."""
     need = np.ones(len(angles))
     for share in SHARES:
         mixed = relaxed + share * (angles - relaxed)
@@ -230,19 +230,19 @@ def _apart(skeleton: HandSkeleton, angles: np.ndarray, relaxed: np.ndarray, fps:
 
 
 def skin_with_hands(person: Person, hands: MovingHands, frames: np.ndarray) -> np.ndarray:
-    """Return the (n, V, 3) vertices of a person with moving fingers, in these frames."""
+    """Return the (n, V, 3) skin vertices of a person with moving fingers in these frames."""
     body = with_fingers(person.body)
     local = np.concatenate([person.local[frames], hands.rotations()[frames]], axis=1)
     return pose_mesh(body, person.betas, person.orient[frames], local, person.transl[frames])
 
 
 def hidden_of(person: Person, cameras: Cameras, hands: MovingHands) -> np.ndarray:
-    """Return (C, F, 2, 21) bool: the body, a finger or a palm blocks a point."""
+    """Return a (C, F, 2, 21) mask of points that the body, a finger or a palm blocks."""
     return hidden_points(person, cameras, hands.points) | hidden_by_hands(cameras.centres, hands.points)
 
 
 def with_true_hands(capture: Capture, cameras: Cameras, hands: MovingHands, hidden: np.ndarray) -> Capture:
-    """Return a clean capture with every hand point in the picture, hidden (see ``hidden_of``) or not, and its truth."""
+    """Add every hand point in the image, hidden (see ``hidden_of``) or not, and its ground truth to a clean capture."""
     assert capture.keypoints is not None
     px = project(cameras, hands.points)
     found = np.concatenate([px, np.ones((*px.shape[:-1], 1))], axis=-1)
@@ -254,7 +254,7 @@ def with_true_hands(capture: Capture, cameras: Cameras, hands: MovingHands, hidd
 def with_found_hands(
     capture: Capture, cameras: Cameras, hands: MovingHands, hidden: np.ndarray, fps: float, rng: np.random.Generator
 ) -> Capture:
-    """Return a perturbed capture with the detected hands. ``hidden`` is from ``hidden_of``."""
+    """Add the detected hands to a perturbed capture. ``hidden`` is from ``hidden_of``."""
     assert capture.keypoints is not None
     found = detect_hands(cameras, hands.points, hidden, fps, HandFaults(), rng)
     return replace(capture, keypoints=replace(capture.keypoints, hands=found))

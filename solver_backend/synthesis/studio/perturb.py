@@ -1,4 +1,4 @@
-"""Make the clean and the perturbed capture of a shot, with simulated faults of detectors, trackers and cameras."""
+"""Create the clean and the perturbed capture of a shot, with simulated faults of detectors, trackers and cameras."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _ORIGIN = "a shot of the studio"
 
 
 def clean_capture(spec: Spec, stage: Stage, truth: Truth, motion: Motion) -> Capture:
-    """Return a capture without errors: every keypoint in the picture with confidence 1, hidden or not."""
+    """Return a capture without errors. Every keypoint in the image has confidence 1, hidden or not."""
     chosen = spec.joint_set
     there = truth.visibility[chosen] != OUTSIDE
     xy = np.where(there[..., None], truth.xy[chosen], np.nan)
@@ -44,10 +44,10 @@ def clean_capture(spec: Spec, stage: Stage, truth: Truth, motion: Motion) -> Cap
 
 
 def perturbed_capture(spec: Spec, stage: Stage, truth: Truth, clean: Capture) -> Capture:
-    """Return the capture with the description's faults and its unchanged truth.
+    """Return the capture with the described faults and unchanged ground truth.
 
-    Added truth: ``swapped`` and ``outlier`` (C, F, K), ``delay_frames`` (C,), and for markers ``marker_ghosts`` and
-    ``marker_swapped`` (F, M).
+    Ground truth is added for ``swapped`` and ``outlier`` (C, F, K), ``delay_frames`` (C,), and for markers
+    ``marker_ghosts`` and ``marker_swapped`` (F, M).
     """
     capture, faults = clean, spec.perturb
     if faults.of_views:

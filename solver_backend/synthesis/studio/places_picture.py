@@ -1,4 +1,4 @@
-"""Draw the markers of a layout with their names on the body's front and back."""
+"""Draw the markers of a layout with their names on the front and back of the body."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from solver_backend.synthesis.simulation.keypoint_detector import cross_2d
 from solver_backend.synthesis.studio.z_buffer import rasterise
 
 PIXELS_PER_M, FINER = 400, 3  # Of the picture; and by how much finer it is drawn before it is averaged down.
-MARGIN_M = (0.12, 0.1)  # Beside the body and above it, where names stand.
-MARKER_PX = 5.0  # Radius of a drawn marker.
-_AWAY_M = 50.0  # Distance of the eye: so far away that lines of sight are parallel.
+MARGIN_M = (0.12, 0.1)  # Margin beside and above the body for names, metres.
+MARKER_PX = 5.0  # Radius of a drawn marker in pixels.
+_AWAY_M = 50.0  # Distance of the viewpoint in metres, so large that lines of sight are parallel.
 _SKIN, _FACING, _BEHIND = np.array([0.55, 0.58, 0.62]), (255, 120, 20), (200, 145, 85)
 _INK, _LINE, _PAPER = (30, 30, 30), (90, 90, 90), (255, 255, 255)
 # Direction and strength of the lights.
 _LIGHTS = ((np.array([-0.45, 0.55, 0.7]), 0.62), (np.array([0.87, 0.11, 0.44]), 0.2))
 _TEXT, _TEXT_HIGH_PX = 0.45, 9  # Size of the names and height of their letters.
-_STEP = 4  # Levels of grey that are distinguished: fewer make a smaller file.
-_REACH_PX = (12, 20, 30, 44, 62, 84)  # Distances from a marker at which its name may stand.
+_STEP = 4  # Step between grey levels. Fewer levels make a smaller file.
+_REACH_PX = (12, 20, 30, 44, 62, 84)  # Possible distances from a marker to its name in pixels.
 _TURNS = 24
 _CROWDED, _OVER_BODY = 100.0, 35.0  # Pixels that a name moves away to uncover a pixel, or the body.
-_SWEEPS = 6  # Times that every name looks for a better place among the others.
+_SWEEPS = 6  # Number of passes in which every name searches a better position.
 
 
 @dataclass(frozen=True)
 class _Name:
     text: str
-    marker: np.ndarray  # (2,) pixels.
+    marker: np.ndarray  # (2,) position in pixels.
     size: tuple[int, int]
 
     def boxes(self) -> np.ndarray:
-        """Return (P, 4) pixels of its possible boxes: left, top, right, bottom."""
+        """Return (P, 4) possible boxes of the name in pixels: left, top, right, bottom."""
         angle = 2.0 * np.pi * np.arange(_TURNS) / _TURNS
         away = np.stack([np.cos(angle), np.sin(angle)], -1)
         half = 0.5 * np.array(self.size) + 2.0
@@ -47,9 +47,9 @@ class _Name:
 
 
 def places_picture(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return an (h, w, 3) uint8 picture of a body at rest, front and back, with markers of any layout and their names.
+    """Return an (h, w, 3) uint8 image of a body at rest, front and back, with named markers of any layout.
 
-    Each name is on the side that its marker faces. From the other side the marker shines through.
+    Each name is on the side that its marker faces. On the other side the marker shines through.
 
     Raises:
         KeyError: a name belongs to no layout.
@@ -90,7 +90,7 @@ def _side(
 
 
 def _shaded(vertices: np.ndarray, faces: np.ndarray, px: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Return the (h, w, 3) uint8 body before white paper, smoothly shaded."""
+    """Return the (h, w, 3) uint8 image of the smoothly shaded body on white."""
     fine = (int(FINER * size[0]), int(FINER * size[1]))
     seen = rasterise(px * FINER, _AWAY_M - vertices[:, 2], faces, fine)
     across, normals = face_normals(vertices, faces), np.zeros_like(vertices)
@@ -111,7 +111,7 @@ def _shaded(vertices: np.ndarray, faces: np.ndarray, px: np.ndarray, size: np.nd
 
 
 def _barycentric(corners: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return (P, 3) shares of the (P, 3, 2) corners at (P, 2) points, none below 0."""
+    """Return (P, 3) barycentric coordinates of (P, 2) points in triangles (P, 3, 2), none below 0."""
     a, b, c = (corners[:, k] - at for k in range(3))
     share = np.stack([cross_2d(p, q) for p, q in ((b, c), (c, a), (a, b))], -1)
     share = share / np.where(np.abs(total := share.sum(1, keepdims=True)) > 1e-12, total, 1.0)
@@ -119,7 +119,7 @@ def _barycentric(corners: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def _stood(names: list[_Name], markers: np.ndarray, paper: np.ndarray) -> list[np.ndarray]:
-    """Return the (4,) box of each name: off other names and markers, near its own, off the body if possible."""
+    """Return the (4,) box of each name, near its marker, apart from others, and if possible off the body."""
     choices = [name.boxes() for name in names]
     own = [_cost(boxes, markers, paper) for boxes in choices]
     at = [int(cost.argmin()) for cost in own]
@@ -131,7 +131,7 @@ def _stood(names: list[_Name], markers: np.ndarray, paper: np.ndarray) -> list[n
 
 
 def _cost(boxes: np.ndarray, markers: np.ndarray, paper: np.ndarray) -> np.ndarray:
-    """Return the cost of each box of a name by itself. ``paper`` (h, w) is free of the body."""
+    """Return the cost of each box of one name. ``paper`` (h, w) marks pixels without body."""
     discs = np.concatenate([markers - MARKER_PX - 1, markers + MARKER_PX + 1], axis=1)
     outside = np.maximum(-boxes[:, :2], 0.0).sum(1) + np.maximum(boxes[:, 2:] - paper.shape[::-1], 0.0).sum(1)
     covered = np.zeros(len(boxes))
@@ -143,7 +143,7 @@ def _cost(boxes: np.ndarray, markers: np.ndarray, paper: np.ndarray) -> np.ndarr
 
 
 def _overlap(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return the side of a square as large as the overlap of two boxes."""
+    """Return the side of a square with the overlap area of two boxes."""
     low, high = np.maximum(boxes[..., :2], others[..., :2]), np.minimum(boxes[..., 2:], others[..., 2:])
     return np.sqrt(np.prod(np.maximum(high - low, 0.0), axis=-1))
 

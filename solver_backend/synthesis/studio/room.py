@@ -1,4 +1,4 @@
-"""Build the room: floor, walls and ceiling around cameras and person, and furniture that hides some sight lines."""
+"""Create the room: floor, walls and ceiling around cameras and person, and furniture that hides some sight lines."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ import numpy as np
 from solver_backend.exchange.lens import normalised, undistort
 from solver_backend.types import Cameras
 
-_MARGIN_M = 0.8  # From people and cameras to the walls.
+_MARGIN_M = 0.8  # Distance from people and cameras to the walls in metres.
 _CLEAR_OF_PERSON_M, _CLEAR_OF_CAMERA_M = 0.55, 0.6
-_TRIES = 60  # Places tried for furniture.
-_PARTS = 10  # Squares along each side of a box, small enough for a curved lens.
+_TRIES = 60  # Number of positions to try for furniture.
+_PARTS = 10  # Squares along each box edge, small enough for a curved lens.
 
 
 @dataclass(frozen=True)
 class Room:
-    """A box around everything, and the boxes in it."""
+    """A box around everything, and the furniture boxes in it."""
 
-    low: np.ndarray  # (3,) metres; z is the floor.
-    high: np.ndarray  # (3,) metres.
-    walls: bool  # Walls and ceiling are there.
-    furniture: np.ndarray  # (N, 4, 3): of each piece the middle, the half sizes, (heading, 0, 0) and its colour, 0..1.
+    low: np.ndarray  # (3,) lower corner in metres. z is the floor.
+    high: np.ndarray  # (3,) upper corner in metres.
+    walls: bool  # True if walls and ceiling exist.
+    furniture: np.ndarray  # (N, 4, 3) centre, half sizes, (heading, 0, 0) and colour (0..1) of each piece.
 
     def furniture_mesh(self) -> tuple[np.ndarray, np.ndarray]:
         """Return (V, 3) vertices and (T, 3) triangles of all furniture."""
@@ -36,7 +36,7 @@ class Room:
         return np.concatenate(vertices), np.concatenate(faces)
 
     def hides(self, centres: np.ndarray, lines: np.ndarray) -> np.ndarray:
-        """Return (F, C, K) bool: furniture blocks a sight line from (C, 3) centres (Kay and Kajiya 1986)."""
+        """Return an (F, C, K) mask of sight lines from (C, 3) centres that furniture blocks (Kay and Kajiya 1986)."""
         hidden = np.zeros(lines.shape[:3], dtype=bool)
         for middle, half, heading, _ in self.furniture:
             turn = _turn(heading[0])
@@ -51,10 +51,10 @@ class Room:
         return hidden
 
     def seen_by(self, centre: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (h, w) depth in metres along the axis, inf where the view is free, and (h, w, 3) normals in the world.
+        """Return (h, w) depth in metres along the axis, inf without a hit, and (h, w, 3) normals in the world.
 
-        Rays (h, w, 3) start at the camera's (3,) centre, 1 long along its axis. A ray from inside a box leaves it
-        through the nearest plane that it runs towards.
+        Rays (h, w, 3) start at the camera's (3,) centre and have length 1 along its axis. A ray from inside a box
+        leaves it through the nearest plane in its direction.
         """
         planes = np.where(ray > 0, self.high, self.low)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -77,7 +77,7 @@ def _turn(angle: float) -> np.ndarray:
 
 
 def pixel_rays(cameras: Cameras, view: int) -> np.ndarray:
-    """Return the (h, w, 3) directions, z = 1, that the pixels' centres see along in the camera's frame."""
+    """Return the (h, w, 3) viewing directions, z = 1, of the pixel centres in the camera's frame."""
     width, height = cameras.image_size[view].tolist()
     u, v = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
     bent = normalised(np.stack([u, v], axis=-1), cameras.K[view])

@@ -1,4 +1,4 @@
-"""Render one camera's frame: surface, label, depth and normal of every pixel, and the sensor pictures."""
+"""Render one camera's frame: surface, label, depth and normal of every pixel, and the sensor images."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from solver_backend.types import SMPL_JOINTS
 
 @dataclass(frozen=True)
 class Backdrop:
-    """View of a camera without a person, the same in every frame."""
+    """View of a camera without a person, constant in all frames."""
 
-    depth: np.ndarray  # (h, w) float32 metres.
-    label: np.ndarray  # (h, w) uint8.
-    normal: np.ndarray  # (h, w, 3) float32, world.
-    cosine: np.ndarray  # (h, w) float32 cosine between normal and sight line.
-    towards: np.ndarray  # (h, w, 3) float32 unit vectors from the surfaces to the camera, world.
+    depth: np.ndarray  # (h, w) float32 depth in metres.
+    label: np.ndarray  # (h, w) uint8 label.
+    normal: np.ndarray  # (h, w, 3) float32 normal in the world.
+    cosine: np.ndarray  # (h, w) float32 cosine between normal and line of sight.
+    towards: np.ndarray  # (h, w, 3) float32 unit vectors from the surface to the camera in the world.
 
 
 @dataclass(frozen=True)
 class Seen:
-    """View of a camera in a frame."""
+    """View of a camera in one frame."""
 
-    depth: np.ndarray  # (h, w) float32 metres along the axis to person or room, without markers; inf where nothing is.
-    label: np.ndarray  # (h, w) uint8 index into the labels, with markers.
-    cosine: np.ndarray  # (h, w) float32.
+    depth: np.ndarray  # (h, w) float32 metres along the axis to person or room, without markers. inf without a hit.
+    label: np.ndarray  # (h, w) uint8 label index, including markers.
+    cosine: np.ndarray  # (h, w) float32 cosine between normal and line of sight.
     normal: np.ndarray | None  # (h, w, 3) float32 unit normals in the world, None unless requested.
     spheres: Spheres
 
 
 def backdrop(stage: Stage, view: int) -> Backdrop:
-    """Return a camera's picture of room and furniture."""
+    """Render room and furniture for a camera."""
     cameras = stage.cameras
     ray = pixel_rays(cameras, view) @ cameras.R[view]
     depth, normal = stage.room.seen_by(cameras.centres[view], ray)
@@ -57,7 +57,7 @@ def backdrop(stage: Stage, view: int) -> Backdrop:
 
 
 def look(stage: Stage, view: int, behind: Backdrop, surface: np.ndarray, frame: int, *, normals: bool = False) -> Seen:
-    """Return a camera's view of the dressed person with (N, 3) vertices before its backdrop in a frame."""
+    """Render the dressed person with (N, 3) vertices in front of a camera's backdrop in one frame."""
     cameras, costume = stage.cameras, stage.costume
     width, height = cameras.image_size[view].tolist()
     camera, px = in_camera(cameras, view, surface)
@@ -86,20 +86,20 @@ def _units(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
 
 
-FULL = 65535  # Saturation of the sensor.
-_ALBEDO = np.array([0.0, 0.55, 0.45, 0.4, 0.25, 0.2, 0.3, 0.9, 0.5, 0.6], np.float32)  # Infrared, by label.
-_KERNEL_PX = 2  # Reach of the lens blur on each side, pixels; chosen by hand.
+FULL = 65535  # Saturation value of the sensor.
+_ALBEDO = np.array([0.0, 0.55, 0.45, 0.4, 0.25, 0.2, 0.3, 0.9, 0.5, 0.6], np.float32)  # Infrared albedo by label.
+_KERNEL_PX = 2  # Radius of the lens blur in pixels; chosen by hand.
 
 
 @dataclass(frozen=True)
 class InfraredModel:
-    """Brightness of things and errors of the sensor, chosen to look like figure 5.5 of the thesis."""
+    """Brightness of surfaces and errors of the sensor, chosen to resemble figure 5.5 of the thesis."""
 
-    flood: float = 9000.0  # Counts of a white surface at 1 m, facing the camera.
-    retro: float = 6.0  # Counts of a retro-reflector at 2 m, in ``FULL``.
-    least_retro: float = 1.3  # Lower limit of these, as exposure follows the room's size.
-    blur_px: float = 0.65  # Standard deviation of the lens's blur of retro-reflections.
-    shot_noise: float = 2.0  # Standard deviation at one count; it grows with the square root.
+    flood: float = 9000.0  # Counts of a white surface at 1 m that faces the camera.
+    retro: float = 6.0  # Counts of a retro-reflector at 2 m, relative to ``FULL``.
+    least_retro: float = 1.3  # Lower limit of these, because exposure follows the size of the room.
+    blur_px: float = 0.65  # Standard deviation of the lens blur of retro-reflections.
+    shot_noise: float = 2.0  # Standard deviation at one count. It grows with the square root.
     read_noise: float = 12.0  # Standard deviation of counts in the dark.
 
 
@@ -124,7 +124,7 @@ def sphere_light(spheres: Spheres, shape: tuple[int, int], model: InfraredModel)
 
 
 def infrared(seen: Seen, retro: np.ndarray, model: InfraredModel, rng: np.random.Generator) -> np.ndarray:
-    """Return the (h, w) uint16 picture: ``albedo cos / z²`` of surfaces, retro-reflections, noise, saturation.
+    """Return the (h, w) uint16 image: ``albedo cos / z²`` of surfaces, retro-reflections, noise, saturation.
 
     ``retro`` is from ``sphere_light``.
     """
@@ -138,25 +138,25 @@ def infrared(seen: Seen, retro: np.ndarray, model: InfraredModel, rng: np.random
 
 @dataclass(frozen=True)
 class TimeOfFlightModel:
-    """Errors of the sensor, as large as Tölgyessy et al. 2021 measured on Azure Kinects up to 3.9 m."""
+    """Errors of the sensor, with the magnitudes that Tölgyessy et al. 2021 measured for Azure Kinects up to 3.9 m."""
 
     constant_mm: float = 0.8  # Standard deviation at distance 0.
-    quadratic_mm: float = 0.55  # Added standard deviation at 1 m; it grows with the square of the distance.
-    grazing: float = 0.25  # Growth of the noise with the tangent of the angle of incidence.
+    quadratic_mm: float = 0.55  # Additional standard deviation at 1 m. It grows with the square of the distance.
+    grazing: float = 0.25  # Factor of the noise increase with the tangent of the angle of incidence.
     edge_m: float = 0.06  # Depth difference of neighbouring pixels at an edge.
-    flying: float = 0.5  # Share of pixels at an edge with a depth between both surfaces.
-    lost: float = 0.25  # Share of pixels at an edge without depth.
-    range_m: tuple[float, float] = (0.5, 3.86)  # Smallest and largest depth.
-    ring_noise: float = 1.5  # Factor on the noise in the ring around a marker.
-    surface_radii: float = 2.0 / 3.0  # Radii before its centre at which a sphere reflects light, on average.
+    flying: float = 0.5  # Fraction of edge pixels with a depth between both surfaces.
+    lost: float = 0.25  # Fraction of edge pixels without depth.
+    range_m: tuple[float, float] = (0.5, 3.86)  # Smallest and largest depth in metres.
+    ring_noise: float = 1.5  # Noise factor in the ring around a marker.
+    surface_radii: float = 2.0 / 3.0  # Mean distance of the reflecting surface in front of a sphere's centre, in radii.
 
     def sigma_m(self, depth: np.ndarray) -> np.ndarray:
-        """Return the standard deviation in metres of a facing surface at depths in metres."""
+        """Return the standard deviation in metres for a facing surface at depths in metres."""
         return 1e-3 * (self.constant_mm + self.quadratic_mm * depth**2)
 
 
 def measure_depth(seen: Seen, retro: np.ndarray, model: TimeOfFlightModel, rng: np.random.Generator) -> np.ndarray:
-    """Return (h, w) uint16 millimetres along the axis, 0 without depth. ``retro`` is from ``sphere_light``."""
+    """Return (h, w) uint16 depth in millimetres along the axis, 0 where missing. ``retro`` is from ``sphere_light``."""
     low, high = model.range_m
     true = np.minimum(seen.depth, np.float32(100.0))
     blind = retro >= FULL
@@ -167,7 +167,7 @@ def measure_depth(seen: Seen, retro: np.ndarray, model: TimeOfFlightModel, rng: 
     factor = np.where(ring, np.float32(model.ring_noise), 1.0 + np.float32(model.grazing) * slope)
     sigma = np.float32(1e-3) * (np.float32(model.constant_mm) + np.float32(model.quadratic_mm) * true**2)
     found = true + (sigma * factor).astype(np.float32) * rng.standard_normal(true.shape, np.float32)
-    # Edges are few, so only they are processed one by one.
+    # There are few edges, so only these are processed one by one.
     near, far = _neighbours(true)
     edge = np.flatnonzero(((far - near > np.float32(model.edge_m)) & ~ring).ravel())
     draw, mix = rng.random(len(edge), np.float32), rng.random(len(edge), np.float32)
@@ -181,9 +181,9 @@ def measure_depth(seen: Seen, retro: np.ndarray, model: TimeOfFlightModel, rng: 
 def _with_rings(
     depth: np.ndarray, blind: np.ndarray, spheres: Spheres, before_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the depth with the nearest sphere's two pixels around blind patches, and (h, w) bool where they are.
+    """Return the depth with the nearest sphere's ring of two pixels around blind patches, and the (h, w) mask of rings.
 
-    A sphere reflects light ``before_m`` before its centre.
+    A sphere reflects light ``before_m`` in front of its centre.
     """
     height, width = depth.shape
     owner = np.full(height * width, np.inf, np.float32)
@@ -205,13 +205,13 @@ def _lowest_around(values: np.ndarray) -> np.ndarray:
 
 
 def _neighbours(depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and the highest depth of each pixel and its four neighbours."""
+    """Return the lowest and highest depth of each pixel and its four neighbours."""
     padded = np.pad(depth, 1, mode="edge")
     four = (padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:])
     return np.minimum.reduce([depth, *four]), np.maximum.reduce([depth, *four])
 
 
-SECTOR_DEG = 30  # Angles of poses are counted in sectors of this size, from 0 to 180 degrees.
+SECTOR_DEG = 30  # Size of the sectors for counting pose angles, from 0 to 180 degrees.
 _AT = {name: i for i, name in enumerate(SMPL_JOINTS)}
 _TRUNK = ("neck", "pelvis")
 _LIMBS: dict[str, tuple[tuple[str, str], tuple[str, str]]] = {
@@ -220,18 +220,18 @@ _LIMBS: dict[str, tuple[tuple[str, str], tuple[str, str]]] = {
     "thigh before trunk": (_TRUNK, ("hip", "knee")),
     "arm off trunk": (_TRUNK, ("shoulder", "elbow")),
 }
-"""Angles between two lines, each from a joint to another, both sides count together."""
+"""Angles between two lines, each from one joint to another. Both sides are counted together."""
 
 
 def views_of(stage: Stage) -> list[int]:
-    """Count how often the person is seen from each of eight directions, from the front to the left."""
+    """Count how often the person is visible from each of eight directions, from the front to the left."""
     angle = direction_seen_from(stage.cameras, stage.person.orient, stage.joints[:, 0]) % (2 * np.pi)
     eighth = np.round(angle / (np.pi / 4)).astype(int) % 8
     return np.bincount(eighth.ravel(), minlength=8).tolist()
 
 
 def poses_of(joints: np.ndarray) -> dict[str, list[int]]:
-    """Count the bends of (F, 24, 3) joints in sectors of ``SECTOR_DEG`` from 0 degrees on."""
+    """Count the joint angles of (F, 24, 3) joints in sectors of ``SECTOR_DEG``, starting at 0 degrees."""
     upright = np.broadcast_to([0.0, 0.0, 1.0], joints[:, 0].shape)
     found = {"trunk off upright": _counted(_angle(_line(joints, "pelvis", "neck", ""), upright))}
     for name, (one, other) in _LIMBS.items():
@@ -246,7 +246,7 @@ def _line(joints: np.ndarray, start: str, end: str, side: str) -> np.ndarray:
 
 
 def _angle(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return (F,) degrees between two (F, 3) lines."""
+    """Return (F,) angles in degrees between two (F, 3) lines."""
     return np.rad2deg(np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1)))
 
 

@@ -1,8 +1,8 @@
-"""Find the points that a camera sees: sight lines of all frames, cameras and points in a few matrix products.
+"""Find the points that are visible to a camera, for all frames, cameras and points in a few matrix products.
 
-An ellipsoid of the body or a piece of furniture hides a point if it blocks the sight line. The line ``t w`` from the
-camera, ``0 <= t <= 1``, enters an ellipsoid ``(x - c)^T B (x - c) = 1`` if ``(w^T B c)^2 > (w^T B w) (c^T B c - 1)``,
-and does so before its end if ``w^T B c < w^T B w`` or if the end lies inside.
+An ellipsoid of the body or a piece of furniture hides a point if it blocks the line of sight. The line ``t w`` from the
+camera, ``0 <= t <= 1``, enters an ellipsoid ``(x - c)^T B (x - c) = 1`` if ``(w^T B c)^2 > (w^T B w) (c^T B c - 1)``.
+It enters before its end if ``w^T B c < w^T B w`` or if the end is inside.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.simulation.keypoint_detector import own_faces, stabbed_faces
 from solver_backend.types import SMPL_JOINTS, Cameras
 
-CLEARANCE_M = 0.035  # A sight line ends this far before its point, which is on the skin or slightly below.
-_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # Row and column of each of a symmetric matrix's six entries.
+CLEARANCE_M = 0.035  # Distance (m) from the end of a sight line to its point, which is on or slightly below the skin.
+_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # Row and column of the six entries of a symmetric matrix.
 
 
 def sight_lines(centres: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -34,14 +34,14 @@ def sight_lines(centres: np.ndarray, points: np.ndarray) -> np.ndarray:
 def hidden_by_ellipsoids(
     centres: np.ndarray, lines: np.ndarray, middle: np.ndarray, shape: np.ndarray, counted: np.ndarray
 ) -> np.ndarray:
-    """Return (F, C, K) bool: an ellipsoid blocks the sight line.
+    """Return an (F, C, K) mask of sight lines that an ellipsoid blocks.
 
     Args:
-        centres: (C, 3) cameras, metres.
-        lines: (F, C, K, 3) from ``sight_lines``.
-        middle: (F, S, 3) centres of the ellipsoids, metres.
-        shape: (F, S, 3, 3) their matrices, 1/m^2.
-        counted: (S, K) bool: the ellipsoid can hide the point.
+        centres: (C, 3) camera centres in metres.
+        lines: (F, C, K, 3) lines from ``sight_lines``.
+        middle: (F, S, 3) centres of the ellipsoids in metres.
+        shape: (F, S, 3, 3) matrices of the ellipsoids, 1/m^2.
+        counted: (S, K) mask of the points that each ellipsoid can hide.
     """
     frames, views, count = lines.shape[:3]
     towards = (middle[:, None] - centres[:, None]).astype(np.float32)
@@ -59,32 +59,32 @@ def hidden_by_ellipsoids(
     return found.any(axis=-2).reshape(frames, views, count)
 
 
-_CELLS = 28  # Cells of a side of the octahedral map (Engelhardt and Dachsbacher 2008): about 5 degrees.
-_FAR_M = 3.0  # Distance of the cameras of a table, metres; sight lines from farther away are the same. Chosen by hand.
+_CELLS = 28  # Cells per side of the octahedral map (Engelhardt and Dachsbacher 2008), about 5 degrees.
+_FAR_M = 3.0  # Camera distance of a table in metres. Sight lines from further away are the same. Chosen by hand.
 _GROUPS = (("head",), ("left_wrist", "left_hand"), ("right_wrist", "right_hand"))
 
 
 @dataclass(frozen=True)
 class RigidSight:
-    """Tables of visibility of Q points on rigid parts."""
+    """Visibility tables of Q points on rigid parts."""
 
     point: np.ndarray  # (Q,) index of each point.
-    bone: np.ndarray  # (Q,) bone whose frame its table is in.
-    table: np.ndarray  # (Q, cells) bool: hidden from there.
-    parts: np.ndarray  # (Q, J) bool: parts that the table covers.
+    bone: np.ndarray  # (Q,) bone that carries each table.
+    table: np.ndarray  # (Q, cells) mask of the directions from which a point is hidden.
+    parts: np.ndarray  # (Q, J) mask of the parts that the table covers.
 
     def hidden(self, centres: np.ndarray, points: np.ndarray, turn: np.ndarray) -> np.ndarray:
-        """Return (F, C, Q) bool of (C, 3) camera centres, (F, K, 3) points and (F, J, 3, 3) rotations of the bones."""
+        """Return an (F, C, Q) mask of hidden points for cameras (C, 3), points (F, K, 3) and bones (F, J, 3, 3)."""
         way = (centres[:, None] - points[:, None, self.point]).astype(np.float32)
         local = np.einsum("fqji,fcqj->fcqi", turn[:, self.bone].astype(np.float32), way, optimize=True)
         return self.table[np.arange(len(self.point)), _cell(local)]
 
 
 def rigid_sight(body: Body, landmarks: Landmarks, counted: np.ndarray) -> RigidSight:
-    """Return the tables of a body's mean shape.
+    """Return the tables for a body's mean shape.
 
-    Of K landmarks, those carried by the head or one hand alone get a table. ``counted`` (J, K) says which part can hide
-    which point.
+    Of K landmarks, those that only the head or one hand carries have a table. ``counted`` (J, K) is a mask of the
+    points that each part can hide.
     """
     face_part = body.weights[body.faces].sum(axis=1).argmax(axis=1)
     at, bone, tables, parts = [], [], [], []
@@ -113,7 +113,7 @@ def rigid_sight(body: Body, landmarks: Landmarks, counted: np.ndarray) -> RigidS
 
 
 def _directions() -> np.ndarray:
-    """Return (cells, 3) unit vectors of the middles of the octahedral map's cells."""
+    """Return (cells, 3) unit vectors to the centres of the octahedral map's cells."""
     ticks = (np.arange(_CELLS) + 0.5) / _CELLS * 2 - 1
     x, y = (grid.ravel() for grid in np.meshgrid(ticks, ticks, indexing="ij"))
     z = 1 - np.abs(x) - np.abs(y)
@@ -128,55 +128,55 @@ def _cell(ways: np.ndarray) -> np.ndarray:
 
 
 def _folded(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return x and y with the lower half of the octahedron folded out. The fold is its own inverse."""
+    """Return x and y after unfolding the lower half of the octahedron. The fold is its own inverse."""
     below, out = z < 0, ((1 - np.abs(y)) * np.copysign(1, x), (1 - np.abs(x)) * np.copysign(1, y))
     return np.where(below, out[0], x), np.where(below, out[1], y)
 
 
 def _looking(way: np.ndarray) -> np.ndarray:
-    """Return the (3, 3) rotation to the frame of a camera that looks along a direction."""
+    """Return the (3, 3) rotation to the frame of a camera with a viewing direction."""
     side = np.cross(way, [0.0, 1.0, 0.0] if abs(way[1]) < 0.9 else [1.0, 0.0, 0.0])
     side /= np.linalg.norm(side)
     return np.stack([side, np.cross(way, side), way])
 
 
-_SLAB_M = 0.08  # Length of the slabs that parts are cut into across their longest axis, with an ellipsoid each.
+_SLAB_M = 0.08  # Length (m) of the slabs into which parts are cut along their longest axis, one ellipsoid each.
 _MOST_SLABS = 8
 _ALONG, _ACROSS = 0.7, 1.03  # Half axes of an ellipsoid by its slab, tuned by how often sight lines end as at the mesh.
 _LEAST_M = 0.008
-_DIRECTIONS = 26  # In which the ends of a part are looked for.
-_SPREAD = 120  # Points spread over the whole skin, in addition to those at its parts' ends.
+_DIRECTIONS = 26  # Number of directions in which the ends of a part are searched.
+_SPREAD = 120  # Number of points over the whole skin, in addition to those at the ends of its parts.
 
 
 @dataclass(frozen=True)
 class PosedProxy:
-    """A proxy in F frames, world metres."""
+    """A body proxy in F frames, in world metres."""
 
-    middle: np.ndarray  # (F, S, 3).
-    shape: np.ndarray  # (F, S, 3, 3) float32, 1/m^2.
-    points: np.ndarray  # (F, P, 3).
+    middle: np.ndarray  # (F, S, 3) centres of the ellipsoids.
+    shape: np.ndarray  # (F, S, 3, 3) float32 matrices of the ellipsoids, 1/m^2.
+    points: np.ndarray  # (F, P, 3) skin points.
     turn: np.ndarray  # (F, J, 3, 3) global rotations of the bones.
 
 
 @dataclass(frozen=True)
 class _Slab:
-    vertices: np.ndarray  # (n,) of the skin.
-    weight: np.ndarray  # (n,) their areas, together 1.
-    axis: np.ndarray  # (3,) direction of the cuts.
+    vertices: np.ndarray  # (n,) skin vertices.
+    weight: np.ndarray  # (n,) relative areas with sum 1.
+    axis: np.ndarray  # (3,) direction across the cuts.
     bone: int
 
 
 @dataclass(frozen=True)
 class BodyProxy:
-    """S ellipsoids and P points of the skin of one shape."""
+    """S ellipsoids and P skin points that represent a body shape."""
 
-    landmarks: Landmarks  # The S centres of the ellipsoids, then the P points, without correctives.
-    bone: np.ndarray  # (S,) bone that turns each ellipsoid.
+    landmarks: Landmarks  # Centres of the S ellipsoids, then the P points, without correctives.
+    bone: np.ndarray  # (S,) bone that rotates each ellipsoid.
     shape: np.ndarray  # (S, 3, 3) matrices B of ``x^T B x = 1`` at rest, 1/m^2.
-    share: np.ndarray  # (P,) share of the skin that each point represents.
+    share: np.ndarray  # (P,) fraction of the skin that each point represents.
 
     def posed(self, person: Person) -> PosedProxy:
-        """Return the proxy in a person's F frames, world metres."""
+        """Pose the proxy as a person in F frames, world metres."""
         found, count = person.pose(self.landmarks), len(self.bone)
         turn = found.skeleton.G[:, self.bone].astype(np.float32)
         shape = turn @ self.shape.astype(np.float32) @ np.swapaxes(turn, -1, -2)
@@ -184,7 +184,7 @@ class BodyProxy:
 
 
 def body_proxy(body: Body, betas: np.ndarray) -> BodyProxy:
-    """Return the proxy of a body of (10,) betas, fitted to its skin at rest."""
+    """Return the proxy of a body with (10,) betas, fitted to its skin at rest."""
     slabs, landmarks, share = _plan(body)
     skin = body.v_template + body.shapedirs @ betas
     shapes = np.stack([_ellipsoid(skin[slab.vertices], slab.weight, slab.axis) for slab in slabs])
@@ -193,7 +193,7 @@ def body_proxy(body: Body, betas: np.ndarray) -> BodyProxy:
 
 @lru_cache(maxsize=8)
 def _plan(body: Body) -> tuple[list[_Slab], Landmarks, np.ndarray]:
-    """Return the slabs of a body, the landmarks and shares of its proxy."""
+    """Return the slabs of a body, and the landmarks and skin fractions of its proxy."""
     skin = body.v_template
     sizes = np.repeat(np.linalg.norm(face_normals(skin, body.faces), axis=1) / 6, 3)
     area = np.bincount(body.faces.ravel(), sizes, minlength=len(skin)) + 1e-12
@@ -215,7 +215,7 @@ def _plan(body: Body) -> tuple[list[_Slab], Landmarks, np.ndarray]:
 
 
 def _slabs(skin: np.ndarray, area: np.ndarray, chosen: np.ndarray, bone: int) -> list[_Slab]:
-    """Return a part cut into slabs across its longest axis."""
+    """Cut a part into slabs along its longest axis."""
     centred = skin[chosen] - np.average(skin[chosen], axis=0, weights=area[chosen])
     axis = np.linalg.eigh((centred * area[chosen, None]).T @ centred)[1][:, -1]
     along = centred @ axis
@@ -227,19 +227,19 @@ def _slabs(skin: np.ndarray, area: np.ndarray, chosen: np.ndarray, bone: int) ->
 
 
 def _ellipsoid(points: np.ndarray, weight: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the (3, 3) matrix of a slab's ellipsoid. A ring of half axes a and b has variances a^2/2 and b^2/2."""
+    """Return the (3, 3) matrix of a slab's ellipsoid. A ring with half axes a and b has variances a^2/2 and b^2/2."""
     centred = points - weight @ points
     along = centred @ axis
     flat = centred - np.outer(along, axis)
     spread, turn = np.linalg.eigh((flat * weight[:, None]).T @ flat)
     across = np.maximum(_ACROSS * np.sqrt(2 * np.maximum(spread[1:], 0)), _LEAST_M)
-    # Of the three directions the first is the axis itself, along which nothing is left.
+    # The first of the three directions is the axis itself, along which nothing remains.
     frame = np.column_stack([axis, turn[:, 1:]])
     return (frame / np.array([max(_ALONG * np.ptp(along), _LEAST_M), *across]) ** 2) @ frame.T
 
 
 def _extremes(skin: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Return the vertices of a part that lie farthest in directions spread over the sphere (Fibonacci lattice)."""
+    """Return the outermost vertices of a part in directions that are spread over the sphere (Fibonacci lattice)."""
     i = np.arange(_DIRECTIONS) + 0.5
     z, turn = 1 - 2 * i / _DIRECTIONS, np.pi * (1 + 5**0.5) * i
     ways = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
@@ -247,7 +247,7 @@ def _extremes(skin: np.ndarray, chosen: np.ndarray) -> np.ndarray:
 
 
 def _spread(skin: np.ndarray, points: np.ndarray, more: int) -> np.ndarray:
-    """Return the points and ``more`` others, each the farthest from all before it."""
+    """Return the points and ``more`` others, each the furthest from all earlier ones."""
     off = (_squares(skin, skin[points]) + (skin**2).sum(axis=1)[:, None]).min(axis=1)
     found = points.tolist()
     for _ in range(more):
@@ -257,12 +257,12 @@ def _spread(skin: np.ndarray, points: np.ndarray, more: int) -> np.ndarray:
 
 
 def _squares(skin: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return (V, P) squared distances, less the squared length of each skin vertex."""
+    """Return (V, P) squared distances minus the squared length of each skin vertex."""
     return (points**2).sum(axis=1) - 2 * skin @ points.T
 
 
 class BodySight:
-    """Visibility of a body's K keypoints. The same ``landmarks`` object reuses its tables."""
+    """Visibility of a body's K keypoints. Tables are cached by the ``landmarks`` object."""
 
     def __init__(self, body: Body, betas: np.ndarray, landmarks: Landmarks) -> None:
         self.proxy = body_proxy(body, betas)
@@ -270,7 +270,7 @@ class BodySight:
         self._counted = counted[self.proxy.bone]
 
     def hidden(self, centres: np.ndarray, lines: np.ndarray, points: np.ndarray, posed: PosedProxy) -> np.ndarray:
-        """Return (F, C, K) bool: the body blocks the sight line of its keypoint (F, K, 3), see ``sight_lines``."""
+        """Return an (F, C, K) mask of keypoints (F, K, 3) whose sight line the body blocks, see ``sight_lines``."""
         hidden = hidden_by_ellipsoids(centres, lines, posed.middle, posed.shape, self._counted)
         hidden[..., self._rigid.point] |= self._rigid.hidden(centres, points, posed.turn)
         return hidden
@@ -286,7 +286,7 @@ def cast_lines(
 
 
 def own_parts(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return (K, T) bool: the point is in the face's part or, for SMPL's joints, in any part that meets there."""
+    """Return a (K, T) mask of faces in the point's part or, for SMPL's joints, in any part that meets there."""
     own = own_faces(body, names)
     part = body.weights[body.faces].sum(axis=1).argmax(axis=-1)
     for k, name in enumerate(names):
@@ -299,7 +299,7 @@ def own_parts(body: Body, names: tuple[str, ...]) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def _tables(body: Body, landmarks: Landmarks) -> tuple[RigidSight, np.ndarray]:
-    """Return the tables of head and hands, and (J, K) bool: the part's ellipsoids can hide the keypoint."""
+    """Return the tables of head and hands, and a (J, K) mask of keypoints that each part's ellipsoids can hide."""
     part = body.weights[body.faces].sum(axis=1).argmax(axis=1)
     own = own_parts(body, landmarks.names)
     counted = np.stack([~own[:, part == bone].any(axis=1) for bone in range(len(body.parents))])

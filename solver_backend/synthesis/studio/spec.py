@@ -1,4 +1,4 @@
-"""Read the description of a data set: motions x people x arrays x looks, and the pictures and files to write."""
+"""Read the description of a data set: motions x people x arrays x looks, and the images and files to write."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ LIGHT = ("day", "dim", "night", "random")
 
 @dataclass(frozen=True)
 class StudioLook:
-    """Appearance of a shot. The shot's own seed draws 'random' values."""
+    """Appearance of a shot. The seed of the shot determines 'random' values."""
 
     name: str
-    clothes: str = "suit"  # A key of ``CLOTHES``.
-    hair: str = "random"  # A key of ``HAIR``.
-    light: str = "day"  # A key of ``LIGHT``, for colour pictures; infrared has its own.
-    furniture: int = 0  # Pieces around the person, which hide parts of it.
-    room: bool = True  # Walls and a ceiling, or only a floor.
+    clothes: str = "suit"  # Key of ``CLOTHES``.
+    hair: str = "random"  # Key of ``HAIR``.
+    light: str = "day"  # Key of ``LIGHT``, for colour images. Infrared has separate lights.
+    furniture: int = 0  # Number of pieces around the person, which hide parts of it.
+    room: bool = True  # True for walls and a ceiling, False for only a floor.
 
 
 _PRESETS: dict[str, dict[str, Any]] = {  # Values of a look by the name of a preset; chosen by hand.
@@ -53,19 +53,19 @@ _PRESETS: dict[str, dict[str, Any]] = {  # Values of a look by the name of a pre
 
 
 def read_look(description: Any) -> StudioLook:
-    """Return a look from the name of a preset or an object. Raise ``StudioInvalid`` if it is unknown or impossible."""
+    """Return a look from a preset name or an object. Raise ``StudioInvalid`` if it is unknown or invalid."""
     values = CheckedValues.described(description, "look", StudioLook.__dataclass_fields__, _PRESETS)
     limits = {"clothes": CLOTHES, "hair": HAIR, "light": LIGHT, "furniture": (0, 20)}
     return values.fill(StudioLook, limits, name=values.text("name", "look"))
 
 
 def draw_light(light: str, rng: np.random.Generator) -> str:
-    """Return a light with 'random' replaced by a draw."""
+    """Return a light after replacing 'random' by a random choice."""
     drawn = str(rng.choice([name for name in LIGHT if name != "random"]))
     return drawn if light == "random" else light
 
 
-_PERTURBATION_KEYS: dict[str, tuple[str, ...]] = {  # Path of a description's keys in ``Faults``; 0 leaves a fault out.
+_PERTURBATION_KEYS: dict[str, tuple[str, ...]] = {  # Path in ``Faults`` of each key. 0 disables a fault.
     "bias_mm": ("detector", "view_bias_mm"),
     **{
         name: ("detector", name)
@@ -91,14 +91,14 @@ PRESETS: dict[str, Faults] = {
     "optical_markers": Faults(markers=replace(OPTICAL_MARKERS, swaps_per_minute=1.0, ghosts=0.001)),
     "depth_markers": Faults(markers=_DEPTH_MARKERS),
 }
-"""'detector' is measured, 'optical_markers' is the demo take's, the others are chosen by hand."""
+"""'detector' is measured, 'optical_markers' is from the demo recording, and the others are chosen by hand."""
 
 
 def read_faults(description: Any) -> Faults:
-    """Return faults from the name of a preset or an object, which may name a preset to start from.
+    """Return faults from a preset name or an object, which may start from a preset.
 
     Raises:
-        StudioInvalid: a key or preset is unknown, or a value is impossible.
+        StudioInvalid: a key or preset is unknown, or a value is invalid.
     """
     presets = {name: sizes_of(faults) for name, faults in PRESETS.items()}
     values, faults = CheckedValues.described(description, "perturb", _PERTURBATION_KEYS, presets), Faults()
@@ -109,14 +109,14 @@ def read_faults(description: Any) -> Faults:
 
 
 def sizes_of(faults: Faults) -> dict[str, float]:
-    """Return the sizes of faults by the keys of a description."""
+    """Return the sizes of faults by description key."""
     parts = {"": faults, "detector": faults.detector, "cameras": faults.cameras, "markers": faults.markers}
     return {key: getattr(parts["".join(path[:-1])], path[-1]) for key, path in _PERTURBATION_KEYS.items()}
 
 
 VERSION = 1
-KINDS = ("infrared", "depth", "masks", "normals", "rgb")  # What can be filmed.
-FORMATS = ("pose2sim", "coco", *MARKER_FORMATS, "video", "exr")  # What can be written beside our own capture.
+KINDS = ("infrared", "depth", "masks", "normals", "rgb")  # Kinds of images that can be rendered.
+FORMATS = ("pose2sim", "coco", *MARKER_FORMATS, "video", "exr")  # Formats in addition to our own capture.
 _KEYS = (
     *["version", "name", "seed", "fps", "frames", "motions", "people", "camera_arrays", "looks"],
     *["film", "write", "markers", "joint_set", "perturb", "rgb", "hands"],
@@ -126,26 +126,26 @@ ENGINES = ("workbench", "cycles", "eevee")
 
 @dataclass(frozen=True)
 class People:
-    """The filmed people."""
+    """The people in the data set."""
 
     count: int = 1
-    sigma: float = 0.8  # Spread of their shapes, in standard deviations of the population.
-    strange: bool = False  # Give them proportions that no shape of the solver's body has.
+    sigma: float = 0.8  # Standard deviation of their shapes, relative to the population.
+    strange: bool = False  # True gives them proportions outside the solver's shape space.
 
 
 @dataclass(frozen=True)
 class RgbSettings:
-    """Settings of colour pictures, which Blender renders."""
+    """Settings of the colour images, which Blender renders."""
 
     engine: str = "workbench"  # 'workbench' is fast, 'cycles' and 'eevee' light the room.
     samples: int = 4  # Samples per pixel of 'cycles' and 'eevee'.
-    blur: float = 0.0  # Exposure time as a share of a frame.
-    exposure: float = 0.0  # Stops brighter or darker; every shot draws up to half a stop more or less.
+    blur: float = 0.0  # Exposure time as a fraction of the frame interval.
+    exposure: float = 0.0  # Exposure change in stops. Every shot adds up to half a stop at random.
     noise: float = 0.01  # Standard deviation of the sensor's noise, relative to full scale.
-    rolling_s: float = 0.0  # Seconds from the first row of the rolling shutter to the last.
+    rolling_s: float = 0.0  # Seconds from the first to the last row of a rolling shutter.
 
 
-# Ends of each number, names of each choice.
+# Range of each number, names of each choice.
 _RGB_LIMITS = {"engine": ENGINES, "samples": (1, 4096), "blur": (0.0, 1.0), "exposure": (-8.0, 8.0)}
 _RGB_LIMITS |= {"noise": (0.0, 1.0), "rolling_s": (0.0, 1.0)}
 
@@ -158,32 +158,32 @@ class Spec:
     seed: int
     fps: float
     frames: int
-    motions: tuple[str, ...]  # Files, folders, or the choreography that ships.
+    motions: tuple[str, ...]  # Files, folders, or the included choreography.
     people: People
     arrays: tuple[CameraRing, ...]
     looks: tuple[StudioLook, ...]
-    film: tuple[str, ...]  # Some of ``KINDS``.
-    write: tuple[str, ...]  # Some of ``FORMATS``.
+    film: tuple[str, ...]  # Elements of ``KINDS``.
+    write: tuple[str, ...]  # Elements of ``FORMATS``.
     markers: str  # Marker layout of the person, "" for none.
-    joint_set: JointSet  # Of the written and solved keypoints; the truth holds every set.
+    joint_set: JointSet  # Set of the written and solved keypoints. The ground truth has every set.
     perturb: Faults
-    hands: bool  # Fingers move, and captures hold hands.
+    hands: bool  # True if fingers move and captures contain hands.
     rgb: RgbSettings
     folder: Path  # Base of relative paths.
-    text: str  # The description as plain JSON with sorted keys, which identifies a data set.
+    text: str  # Description as plain JSON with sorted keys, which identifies a data set.
 
 
 def read_spec(path: Path | str) -> Spec:
-    """Read a description. Raise ``FileMissing`` or ``FileDamaged``, and errors of ``spec_of``."""
+    """Read a description. Raise ``FileMissing`` or ``FileDamaged``, and the errors of ``spec_of``."""
     path = Path(path)
     return spec_of(read_json(path), path.resolve().parent)
 
 
 def spec_of(values: Any, folder: Path = Path()) -> Spec:
-    """Return a description from plain values.
+    """Build a description from plain values.
 
     Raises:
-        StudioInvalid: a key or preset is unknown, a type is wrong, or a value is impossible.
+        StudioInvalid: a key or preset is unknown, a type is wrong, or a value is invalid.
         MocapError: the capture of an array cannot be read.
     """
     top = CheckedValues(values, "description", _KEYS)
@@ -232,7 +232,7 @@ def _require_sense(spec: Spec) -> Spec:
             where="description: write",
             hint="Leave out 'pose2sim', or film with more cameras.",
         )
-    # A marker's centre lies 9.5 mm off the skin: loose clothes would swallow it.
+    # A marker's centre is 9.5 mm above the skin, so loose clothes would cover it.
     loose = [look.name for look in spec.looks if look.clothes not in ("suit", "bare")]
     if spec.markers and loose and "markers" in json.loads(spec.text):
         raise StudioInvalid(

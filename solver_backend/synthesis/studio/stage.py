@@ -1,4 +1,4 @@
-"""List the shots of a description and set each one up: person, clothes, cameras and room."""
+"""List the shots of a description and set up each one: person, clothes, cameras and room."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ from solver_backend.synthesis.studio.spec import Spec, StudioLook, draw_light
 from solver_backend.synthesis.studio.z_buffer import in_camera, in_pictures
 from solver_backend.types import NUM_BETAS, Cameras, JointSet
 
-_MOST_BETA = 2.5  # Standard deviations of a shape coefficient at most; chosen by hand.
-CLEARANCE_M = 0.1  # Least distance of a camera from the skin.
-_NEAREST = 60  # Frames whose skin is checked: those whose joints are nearest to the camera.
+_MOST_BETA = 2.5  # Largest shape coefficient in standard deviations; chosen by hand.
+CLEARANCE_M = 0.1  # Smallest distance between a camera and the skin in metres.
+_NEAREST = 60  # Number of frames whose skin is checked, those with joints nearest to the camera.
 
 
 @dataclass(frozen=True)
 class Shot:
-    """One take of one person before one array."""
+    """One take of one person in front of one array."""
 
-    name: str  # Unique in its data set, and a folder's name.
+    name: str  # Unique name in the data set, and folder name.
     motion: MotionSource
     person: int
     array: CameraRing
     look: StudioLook
 
     def rng(self, spec: Spec, stream: str) -> np.random.Generator:
-        """Return the random generator of one aspect of this shot, which depends on seed and names only."""
+        """Return the random generator for one aspect of this shot. It depends only on seed and names."""
         return seeded(spec.seed, self.name, stream)
 
 
@@ -49,7 +49,7 @@ def seeded(seed: int, *names: str) -> np.random.Generator:
 
 
 def list_shots(spec: Spec) -> tuple[Shot, ...]:
-    """Return all shots of a description in its order. Raise ``FileMissing`` if a motion does not exist."""
+    """Return all shots of a description in order. Raise ``FileMissing`` if a motion does not exist."""
     motions, shots = find_motions(list(spec.motions), spec.folder), []
     for motion, person, array, look in product(motions, range(spec.people.count), spec.arrays, spec.looks):
         parts = (motion.name, f"person{person:03d}", array.name, look.name)
@@ -58,7 +58,7 @@ def list_shots(spec: Spec) -> tuple[Shot, ...]:
 
 
 def cast(spec: Spec, person: int) -> tuple[Body, np.ndarray]:
-    """Return body and (10,) shape of a person, who is the same in every shot."""
+    """Return the body and (10,) shape of a person, who is the same in every shot."""
     rng = seeded(spec.seed, "person", str(person))
     betas = np.clip(spec.people.sigma * rng.normal(size=NUM_BETAS), -_MOST_BETA, _MOST_BETA)
     return (strange_body(int(rng.integers(2**31))) if spec.people.strange else load_body()), betas
@@ -66,7 +66,7 @@ def cast(spec: Spec, person: int) -> tuple[Body, np.ndarray]:
 
 @dataclass(frozen=True)
 class Stage:
-    """Everything before the cameras over F frames."""
+    """Everything in front of the cameras in F frames."""
 
     shot: Shot
     person: Person
@@ -77,9 +77,9 @@ class Stage:
     outfit: tuple[str, str]
     light: str
     labels: tuple[str, ...]  # M marker names.
-    markers: np.ndarray  # (F, M, 3) metres: the markers' centres.
-    joints: np.ndarray  # (F, 24, 3) metres.
-    hands: MovingHands | None = None  # Fingers that move; None where they rest.
+    markers: np.ndarray  # (F, M, 3) marker centres in metres.
+    joints: np.ndarray  # (F, 24, 3) joint positions in metres.
+    hands: MovingHands | None = None  # Moving fingers, None if they rest.
 
     @property
     def num_frames(self) -> int:
@@ -114,10 +114,10 @@ def set_up(spec: Spec, shot: Shot) -> Stage:
 
 
 def require_sight(stage: Stage) -> None:
-    """Check that a shot can be filmed.
+    """Check that a shot can be rendered.
 
     Raises:
-        NobodySeen: no camera sees a joint in any frame.
+        NobodySeen: no joint is visible to a camera in any frame.
         CameraInsideBody: a camera is inside the person or closer than ``CLEARANCE_M``.
     """
     cameras, seen = stage.cameras, False
@@ -144,7 +144,7 @@ def require_sight(stage: Stage) -> None:
 
 
 def _inside(skin: np.ndarray, faces: np.ndarray, point: np.ndarray) -> bool:
-    """Return whether a point is inside a closed mesh in any of the (n, V, 3) poses: solid angle above half.
+    """Return whether a point is inside a closed mesh in any of the (n, V, 3) poses: its solid angle exceeds half.
 
     Reference: van Oosterom and Strackee 1983, "The solid angle of a plane triangle".
     """

@@ -21,20 +21,20 @@ from solver_backend.types import NUM_BODY_JOINTS, NUM_JOINTS, Cameras, JointSet,
 
 OUTSIDE, SELF_HIDDEN, FURNITURE_HIDDEN, VISIBLE = 0, 1, 2, 3  # Visibility; hidden by the own body or by furniture.
 _SOLE_M, _STANDING_M_S = 0.03, 0.15
-_TURNED_AWAY = -0.4  # Cosine of skin and sight from which a limb hides its marker, tuned on rendered pictures.
+_TURNED_AWAY = -0.4  # Cosine between skin and line of sight at which a limb hides its marker, tuned on rendered images.
 
 
 @dataclass(frozen=True)
 class Truth:
-    """Truth of F frames and C cameras."""
+    """Ground truth for F frames and C cameras."""
 
     keypoints3d: dict[JointSet, np.ndarray]  # (F, K, 3) metres of each joint set.
-    xy: dict[JointSet, np.ndarray]  # (C, F, K, 2) pixels, hidden ones too; NaN where a camera cannot show them.
+    xy: dict[JointSet, np.ndarray]  # (C, F, K, 2) pixels, including hidden points. NaN where projection is impossible.
     visibility: dict[JointSet, np.ndarray]  # (C, F, K) uint8, ``OUTSIDE`` to ``VISIBLE``.
     marker_xy: np.ndarray  # (C, F, M, 2) pixels.
-    boxes: np.ndarray  # (C, F, 4) left, top, right, bottom of the person, px, NaN where nobody is.
-    inside: np.ndarray  # (C, F) share of the person that is within the picture's edges.
-    contacts: np.ndarray  # (F, 2) bool: left and right foot stand.
+    boxes: np.ndarray  # (C, F, 4) box of the person in px: left, top, right, bottom. NaN without a person.
+    inside: np.ndarray  # (C, F) fraction of the person inside the image.
+    contacts: np.ndarray  # (F, 2) mask of standing left and right foot.
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Return plain arrays by name."""
@@ -47,7 +47,7 @@ class Truth:
 
 
 def find_truth(stage: Stage, fps: float, *, sight: bool = True) -> Truth:
-    """Return the truth of a shot. Without ``sight``, every point in the picture counts as visible."""
+    """Compute the ground truth of a shot. Without ``sight``, every point in the image counts as visible."""
     person, cameras = stage.person, stage.cameras
     every, columns = _keypoints(person.body)
     posed = person.pose(every).points
@@ -78,7 +78,7 @@ def true_motion(person: Person, joints: np.ndarray, contacts: np.ndarray, fps: f
 
 @lru_cache(maxsize=8)
 def _keypoints(body: Body) -> tuple[Landmarks, dict[JointSet, list[int]]]:
-    """Return the different landmarks of all joint sets, and each set's columns of them."""
+    """Return the distinct landmarks of all joint sets, and each set's columns in them."""
     parts: list[Landmarks] = []
     known: dict[bytes, int] = {}
     columns: dict[JointSet, list[int]] = {chosen: [] for chosen in JointSet}
@@ -94,9 +94,9 @@ def _keypoints(body: Body) -> tuple[Landmarks, dict[JointSet, list[int]]]:
 
 
 def _boxes(cameras: Cameras, skin: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C, f, 4) boxes of (f, P, 3) points, cut off at the picture's edges, and (C, f) shares inside."""
+    """Return (C, f, 4) boxes of (f, P, 3) points, clipped to the image, and (C, f) fractions inside."""
     px = project(cameras, skin)
-    # Axis by axis: reductions over two neighbours are slow.
+    # Axis by axis, because reductions over two neighbours are slow.
     x, y = (np.ascontiguousarray(px[..., i]) for i in (0, 1))
     wide, high = (cameras.image_size[:, i, None, None] - 0.5 for i in (0, 1))
     with np.errstate(invalid="ignore"):
@@ -108,7 +108,7 @@ def _boxes(cameras: Cameras, skin: np.ndarray, share: np.ndarray) -> tuple[np.nd
 
 
 def _contacts(body25: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, 2): the lowest point of the sole is near the floor and slow."""
+    """Return (F, 2) contacts: the lowest sole point is slow and near the floor."""
     names = JointSet.BODY_25.keypoints
     standing = []
     for side in ("left", "right"):
@@ -119,10 +119,10 @@ def _contacts(body25: np.ndarray, fps: float) -> np.ndarray:
 
 
 def marker_sight(stage: Stage) -> np.ndarray:
-    """Return (C, F, M) float32, 1 where a camera sees a marker, otherwise 0, without rendering a picture.
+    """Return (C, F, M) float32, 1 if a marker is visible to a camera, otherwise 0, without rendering an image.
 
-    The limb that carries a marker hides it where it turns away. Other limbs and furniture block the sight line. Nine in
-    ten answers agree with the picture's.
+    A marker is hidden by its own limb if the limb turns away. Other limbs and furniture block the line of sight. 90 %
+    of the results agree with rendered images.
     """
     cameras, person = stage.cameras, stage.person
     seen = np.zeros((len(cameras), stage.num_frames, len(stage.labels)), np.float32)

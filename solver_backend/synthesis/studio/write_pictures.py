@@ -1,4 +1,4 @@
-"""Write a shot's pictures by a thread, in bounded memory: ``kind/camera/000000.png``, or ``.exr``."""
+"""Write a shot's images in a thread with limited memory: ``kind/camera/000000.png``, or ``.exr``."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _LINES = 16  # Lines per block of ZIP compression in OpenEXR.
 
 
 def exr_bytes(channels: Mapping[str, np.ndarray]) -> bytes:
-    """Return a picture of (h, w) float32 channels, such as 'Z' or 'R', 'G', 'B', as an OpenEXR file."""
+    """Encode an image of (h, w) float32 channels, such as 'Z' or 'R', 'G', 'B', as an OpenEXR file."""
     names = sorted(channels)
     planes = np.stack([np.asarray(channels[name], "<f4") for name in names], axis=1)
     height, _, width = planes.shape
@@ -58,20 +58,20 @@ def _header(names: list[str], width: int, height: int) -> bytes:
 
 
 def _predicted(raw: bytes) -> bytes:
-    """Return the bytes at even places and then those at odd ones, each as the difference to the one before."""
+    """Return the bytes at even positions, then those at odd ones, each as the difference to the previous byte."""
     data = np.frombuffer(raw, np.uint8)
     parted = np.concatenate([data[0::2], data[1::2]]).astype(np.int16)
     parted[1:] = parted[1:] - parted[:-1] + 128
     return parted.astype(np.uint8).tobytes()
 
 
-EXR = "exr"  # Kind of pictures of floats: the normal as R, G, B and the depth as Z.
+EXR = "exr"  # Kind of floating-point images, with the normal as R, G, B and the depth as Z.
 _NOISY = ("infrared", "depth")
-_WAITING = 16  # Pictures that may wait to be written.
+_WAITING = 16  # Most images that may wait to be written.
 
 
 class PictureWriter:
-    """Writes pictures while the next ones are rendered. Compression releases Python's lock."""
+    """Writes images while the next ones are rendered. Compression releases Python's lock."""
 
     def __init__(self, folder: Path, cameras: tuple[str, ...]) -> None:
         self._folder, self._cameras = folder, cameras
@@ -91,7 +91,7 @@ class PictureWriter:
             self._pool.shutdown(wait=True, cancel_futures=True)
 
     def __call__(self, kind: str, view: int, frame: int, picture: np.ndarray) -> None:
-        """Take a picture to be written soon. Raise the error of an earlier one."""
+        """Accept an image for writing. Raise the error of an earlier one."""
         folder = self._folder / kind / self._cameras[view]
         if frame == 0:
             folder.mkdir(parents=True, exist_ok=True)
@@ -139,7 +139,7 @@ def coco_text(cameras: Cameras, truth: Truth, pictures: str, shot: str) -> str:
     return json.dumps({"info": info, "images": images, "annotations": annotations, "categories": [category]})
 
 
-_MODELS = {JointSet.COCO_WHOLEBODY_133: "COCO_133", JointSet.MEDIAPIPE_33: "BLAZEPOSE"}  # Others have our names.
+_MODELS = {JointSet.COCO_WHOLEBODY_133: "COCO_133", JointSet.MEDIAPIPE_33: "BLAZEPOSE"}  # Others have the same name.
 _TRIANGULATION = """
 [triangulation]
 reproj_error_threshold_triangulation = 15
@@ -155,12 +155,12 @@ fill_large_gaps_with = 'last_value'
 show_interp_indices = true
 make_c3d = false
 """
-"""Settings that Pose2Sim's step of that name requires, at its own values."""
-_WRITTEN = {JointSet.COCO_WHOLEBODY_133: 133}  # Keypoints that a file holds, where they are fewer than the set's.
+"""Settings that Pose2Sim's triangulation step requires, with its defaults."""
+_WRITTEN = {JointSet.COCO_WHOLEBODY_133: 133}  # Number of keypoints in a file if it is smaller than the set's.
 
 
 def write_trial(folder: Path, capture: Capture) -> Path:
-    """Write a capture's keypoints as a trial of Pose2Sim into a new folder. It needs keypoints of several views."""
+    """Write a capture's keypoints as a Pose2Sim trial into a new folder. Keypoints of several views are required."""
     cameras, keypoints = capture.require_multiview()
     (folder / "calibration").mkdir(parents=True)
     (folder / "calibration" / "Calib.toml").write_text(pose2sim_toml(cameras, 0.0), encoding="utf-8", newline="\n")
@@ -180,7 +180,7 @@ def write_trial(folder: Path, capture: Capture) -> Path:
 
 
 def frame_text(keypoints: Keypoints2D, view: int, frame: int) -> str:
-    """Return OpenPose's JSON of one frame. A missing keypoint is 0 0 0, and a missing person an empty list."""
+    """Return OpenPose's JSON of one frame. A missing keypoint is 0 0 0, and a missing person gives an empty list."""
     xy, confidence = keypoints.xy[view, frame], keypoints.confidence[view, frame]
     count = _WRITTEN.get(keypoints.joint_set, len(xy))
     rows = np.zeros((count, 3))
@@ -194,7 +194,7 @@ FORMAT, VERSION = "manifold_mocap_studio_scene", 1
 
 
 def write_scene(path: Path, stage: Stage) -> Path:
-    """Write the parts of a scene that do not move. Motion and cameras are in the motion and the capture file."""
+    """Write the static parts of a scene. Motion and cameras are in the motion and the capture file."""
     costume, room = stage.costume, stage.room
     arrays = {"format": np.array(FORMAT), "version": np.array(VERSION), "base": costume.base.astype(np.int32)}
     arrays |= {"offset_m": costume.offset_m.astype(np.float32), "faces": costume.faces.astype(np.int32)}
@@ -205,7 +205,7 @@ def write_scene(path: Path, stage: Stage) -> Path:
 
 
 def write_body(path: Path, body: Body) -> Path:
-    """Write a body as ``load_body`` reads it, with the names of joints outside the SMPL family."""
+    """Write a body in the format of ``load_body``, with the names of joints outside the SMPL family."""
     layout = body.layout
     known = FAMILY.get(layout.num_joints)
     own = known is None or known.joints != layout.joints

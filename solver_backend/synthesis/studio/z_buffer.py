@@ -1,8 +1,8 @@
-"""Find the triangle that the centre of each pixel sees, and its depth (z-buffer).
+"""Find the visible triangle at the centre of each pixel, and its depth (z-buffer).
 
-Pixel (0, 0) is the centre of the top-left pixel. Vertices are projected through the lens and triangles are straight
-between them, which is exact to a hundredth of a pixel for triangles of a few pixels. Inverse depth is linear in the
-picture (perspective-correct interpolation).
+Pixel (0, 0) is the centre of the top-left pixel. Vertices are projected through the lens, and triangles between them
+are straight. This is exact to a hundredth of a pixel for triangles of a few pixels. Inverse depth is linear in the
+image (perspective-correct interpolation).
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from solver_backend.exchange.lens import distort, is_pinhole, pixels
 from solver_backend.synthesis.simulation.keypoint_detector import cross_2d
 from solver_backend.types import Cameras
 
-NEAR_M = 0.02  # Triangles with a corner nearer than this are left out.
-_WIDEST = 1.2  # Normalised radius beyond which a distortion polynomial is no longer trusted.
+NEAR_M = 0.02  # Triangles with a closer corner are omitted, metres.
+_WIDEST = 1.2  # Normalised radius beyond which a distortion polynomial is not valid.
 
 
 @dataclass(frozen=True)
 class ZBuffer:
-    """Depth and triangle of the pixels of one picture."""
+    """Depth and triangle of each pixel in an image."""
 
-    depth: np.ndarray  # (h, w) float32 metres along the optical axis, inf where nothing is.
-    face: np.ndarray  # (h, w) int32 index of the triangle, -1 where nothing is.
+    depth: np.ndarray  # (h, w) float32 metres along the optical axis, inf without a hit.
+    face: np.ndarray  # (h, w) int32 index of the triangle, -1 without a hit.
 
 
 def in_camera(cameras: Cameras, view: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, 3) camera coordinates and (N, 2) pixels of world points. Pixels are NaN where there are none."""
+    """Return (N, 3) camera coordinates and (N, 2) pixels of world points. Pixels are NaN where undefined."""
     camera = points @ cameras.R[view].T + cameras.t[view]
     z = camera[:, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -41,25 +41,25 @@ def in_camera(cameras: Cameras, view: int, points: np.ndarray) -> tuple[np.ndarr
 
 
 def in_pictures(px: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Return (C, ...) bool: (C, ..., 2) pixels lie in their camera's picture of (C, 2) width and height."""
+    """Return a (C, ...) mask of pixels (C, ..., 2) inside their camera's image of width and height (C, 2)."""
     with np.errstate(invalid="ignore"):
         return ((px >= -0.5) & (px < sizes.reshape(-1, *[1] * (px.ndim - 2), 2) - 0.5)).all(axis=-1)
 
 
 def rasterise(px: np.ndarray, depth: np.ndarray, faces: np.ndarray, size: tuple[int, int]) -> ZBuffer:
-    """Return the z-buffer of a mesh.
+    """Compute the z-buffer of a mesh.
 
     A pixel belongs to a triangle if all three barycentric coordinates of its centre are at least 0.
 
     Args:
         px: (V, 2) pixels of the corners, NaN where unknown.
-        depth: (V,) metres along the optical axis.
+        depth: (V,) depths in metres along the optical axis.
         faces: (T, 3) corners, counter-clockwise from outside.
-        size: width and height of the picture.
+        size: width and height of the image.
     """
     width, height = size
     buffer = ZBuffer(np.full((height, width), np.inf, np.float32), np.full((height, width), -1, np.int32))
-    # Around the picture's middle, single precision resolves a ten-thousandth of a pixel.
+    # Around the image centre, single precision resolves 1/10,000 pixel.
     middle = np.array([width // 2, height // 2], np.float64)
     corners = (px - middle)[faces].astype(np.float32)
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
@@ -81,7 +81,7 @@ def rasterise(px: np.ndarray, depth: np.ndarray, faces: np.ndarray, size: tuple[
     pa, pb, pc = a[chosen], b[chosen], c[chosen]
     inverse_area = (1.0 / area[chosen]).astype(np.float32)
 
-    # Barycentric coordinates and inverse depth are linear in the picture: ``scale * cross(edge, (x, y) - a)``.
+    # Barycentric coordinates and inverse depth are linear in the image: ``scale * cross(edge, (x, y) - a)``.
     def at_pixels(edge: np.ndarray, scale: np.ndarray) -> np.ndarray:
         p, q, r = scale * (edge[:, 1] * pa[:, 0] - edge[:, 0] * pa[:, 1]), -scale * edge[:, 1], scale * edge[:, 0]
         return p[which] + q[which] * x + r[which] * y
@@ -99,28 +99,28 @@ def rasterise(px: np.ndarray, depth: np.ndarray, faces: np.ndarray, size: tuple[
     return buffer
 
 
-RADIUS_M = 0.007  # Of a common 14 mm marker.
+RADIUS_M = 0.007  # Radius of a common 14 mm marker.
 _SUBSAMPLES = 5
-_CLEARANCE_M = 0.012  # What lies less than this before a sphere's middle is its own base and skin.
+_CLEARANCE_M = 0.012  # Objects less than this in front of a sphere's centre are its own base and skin.
 
 
 @dataclass(frozen=True)
 class Spheres:
-    """M spheres in one picture."""
+    """M spheres in one image."""
 
-    px: np.ndarray  # (M, 2) pixels of their middles, NaN where not before the camera.
-    depth: np.ndarray  # (M,) metres along the axis.
-    radius_px: np.ndarray  # (M,).
-    seen: np.ndarray  # (M,) share of the disc that is in the picture and hidden by nothing, 0..1.
-    pixel: np.ndarray  # (P,) flat index of every pixel that some disc reaches.
-    cover: np.ndarray  # (P,) share of it that the disc covers and that is seen.
-    owner: np.ndarray  # (P,) which sphere.
+    px: np.ndarray  # (M, 2) pixels of the centres, NaN if not in front of the camera.
+    depth: np.ndarray  # (M,) depths in metres along the axis.
+    radius_px: np.ndarray  # (M,) radii.
+    seen: np.ndarray  # (M,) fraction of the disc that is inside the image and visible, 0..1.
+    pixel: np.ndarray  # (P,) flat index of every pixel that a disc touches.
+    cover: np.ndarray  # (P,) fraction of the pixel that the visible disc covers.
+    owner: np.ndarray  # (P,) index of the sphere.
 
 
 def see_spheres(cameras: Cameras, view: int, points: np.ndarray, scene_depth: np.ndarray) -> Spheres:
-    """Return a camera's view of spheres at (M, 3) world points before a scene of (h, w) depth.
+    """Return a camera's view of spheres at (M, 3) world points in front of a scene with (h, w) depth.
 
-    Each disc is sampled 5 x 5 times per pixel. A sample is hidden where the scene's pixel is clearly nearer.
+    Each disc is sampled 5 x 5 times per pixel. A sample is hidden if the scene's pixel is clearly nearer.
     """
     camera, px = in_camera(cameras, view, points)
     height, width = scene_depth.shape

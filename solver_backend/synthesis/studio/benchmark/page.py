@@ -23,7 +23,7 @@ from solver_backend.synthesis.studio.data_set import SHOTS
 from solver_backend.synthesis.studio.z_buffer import in_camera
 from solver_backend.types import SMPL_PARENTS
 
-_WORST = 4  # Frames that the page shows, those of the largest errors; chosen by hand.
+_WORST = 4  # Number of worst frames on the page, those with the largest errors; chosen by hand.
 _KINDS = ("rgb", "infrared", "masks")
 _TRUE, _FOUND = (60, 220, 110), (255, 80, 60)
 
@@ -47,7 +47,7 @@ def table(verdicts: Sequence[Verdict]) -> str:
 
 
 def page_html(out: Path, name: str, verdicts: Sequence[Verdict], places: Sequence[PlaceErrors] = ()) -> str:
-    """Return the page of the data set in ``out``."""
+    """Return the HTML page of the data set in ``out``."""
     parts = []
     if verdicts:
         means = section("All shots", f"<pre>{text(table(verdicts))}</pre>", "Means over the solved shots.", "means")
@@ -74,7 +74,7 @@ def page_html(out: Path, name: str, verdicts: Sequence[Verdict], places: Sequenc
 
 
 def place_map(places: PlaceErrors, low_mm: float, high_mm: float) -> str:
-    """Return errors by place as SVG, light where small, on a scale shared by several maps."""
+    """Return errors by position as SVG, light where small, on a scale shared by several maps."""
     xs, ys = places.x_m, places.y_m
     cell = 34.0
     width, height = cell * len(xs), cell * len(ys)
@@ -140,7 +140,7 @@ def _time_section(out: Path, verdicts: Sequence[Verdict]) -> str:
 
 
 def _worst(out: Path, verdicts: Sequence[Verdict]) -> str:
-    """Show the worst frames: truth in green and the solve in red over a camera's picture."""
+    """Show the worst frames, with the ground truth in green and the solve in red over a camera image."""
     frames = [
         (float(np.nanmax(v.by_frame_mm)), v, int(np.nanargmax(v.by_frame_mm)))
         for v in verdicts
@@ -156,7 +156,7 @@ def _worst(out: Path, verdicts: Sequence[Verdict]) -> str:
 
 
 def _worst_picture(out: Path, verdict: Verdict, frame: int) -> np.ndarray:
-    """Return (h, w, 3) uint8: the picture of the camera with the largest visible error, with both skeletons."""
+    """Return the (h, w, 3) uint8 image of the camera with the largest visible error, with both skeletons."""
     capture = read_capture(out / SHOTS / verdict.shot / "clean.npz")
     assert capture.cameras is not None and verdict.joints is not None
     truth, cameras = np.asarray(capture.truth["joints"])[frame], capture.cameras

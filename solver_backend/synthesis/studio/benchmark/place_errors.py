@@ -1,4 +1,4 @@
-"""Predict a camera array's error of triangulated keypoints at every place of the floor."""
+"""Predict a camera array's error of triangulated keypoints at every position on the floor."""
 
 from __future__ import annotations
 
@@ -31,24 +31,24 @@ from solver_backend.synthesis.studio.stage import seeded
 from solver_backend.types import Cameras, JointSet
 
 _POSES, _DRAWS = 5, 8  # Poses per place, and detections of each.
-_FPS = 30.0  # Frames per second of the placed person; chosen by hand.
+_FPS = 30.0  # Frames per second of the simulated person; chosen by hand.
 _SET = JointSet.BODY_25
 
 
 @dataclass(frozen=True)
 class PlaceErrors:
-    """Errors over the floor, with Y rows and X columns."""
+    """Errors over a floor grid with Y rows and X columns."""
 
     array: str
-    x_m: np.ndarray  # (X,) metres.
-    y_m: np.ndarray  # (Y,) metres.
-    error_mm: np.ndarray  # (Y, X) RMS distance of triangulated keypoints to the truth; NaN: most not found.
-    views: np.ndarray  # (Y, X) mean number of cameras that see a keypoint.
-    cameras: np.ndarray  # (C, 3) metres.
+    x_m: np.ndarray  # (X,) positions in metres.
+    y_m: np.ndarray  # (Y,) positions in metres.
+    error_mm: np.ndarray  # (Y, X) RMS distance from triangulated keypoints to the truth. NaN if most are not found.
+    views: np.ndarray  # (Y, X) mean number of cameras in which a keypoint is visible.
+    cameras: np.ndarray  # (C, 3) camera positions in metres.
 
     @property
     def median_mm(self) -> float | None:
-        """Median over the places with a located person, None if there is none."""
+        """Median over the positions with a located person, None if there is none."""
         return float(np.nanmedian(self.error_mm)) if np.isfinite(self.error_mm).any() else None
 
 
@@ -60,10 +60,10 @@ def place_errors(
     seed: int = 0,
     progress: Progress = silent,
 ) -> PlaceErrors:
-    """Return the error of an array over a square of the floor with sides of ``2 half_m``.
+    """Predict the error of a camera array over a square floor with sides of ``2 half_m``.
 
-    At each place a person takes some poses of the choreography. A detector looks at each several times, and
-    keypoints seen by at least two cameras are triangulated as in a solve.
+    At each position a person takes some poses of the choreography. A simulated detector observes each pose several
+    times. Keypoints that at least two cameras detect are triangulated as in a solve.
     """
     body, betas = load_body(), np.zeros(10)
     person = MotionSource("choreography", None).play(body, betas, _FPS, 180)
@@ -104,19 +104,19 @@ def place_errors(
 
 @lru_cache(maxsize=8)
 def _keypoints(body: Body) -> Landmarks:
-    """Return the keypoints, the same object each time: sight tables are cached by it."""
+    """Return the keypoints. The object is always the same, because sight tables are cached by it."""
     return keypoint_landmarks(body, _SET)
 
 
 def _look(
     true: Cameras, person: Person, points: np.ndarray, hidden: np.ndarray, faults: Faults, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C, F, K, 2) detections and (C, F, K) confidences of several looks at each pose."""
+    """Return (C, F, K, 2) detections and (C, F, K) confidences for several observations of each pose."""
     px = project(true, points)
     with np.errstate(invalid="ignore"):
         inside = ((px >= 0) & (px < true.image_size[:, None, None])).all(-1)
     direction = direction_seen_from(true, person.orient, points[:, 0])
-    # Looks are independent: drift is new in each, and no limbs are exchanged.
+    # Observations are independent: each has a new drift, and no limbs are exchanged.
     detector = replace(faults.detector, swaps_per_minute=0.0, drift_s=1e-3)
     seen = (np.where(inside[..., None], px, -1e6), px_per_mm(true, points), direction, hidden)
     px, scale, way, behind = (np.tile(part, (1, _DRAWS, *[1] * (part.ndim - 2))) for part in seen)
@@ -125,7 +125,7 @@ def _look(
 
 
 def places_text(places: Sequence[PlaceErrors]) -> str:
-    """Return maps as JSON for other programs, with null for unlocated people."""
+    """Return maps as JSON for other programs, with null if the person was not located."""
     maps = []
     for p in places:
         values = {"camera_array": p.array, "x_m": p.x_m.tolist(), "y_m": p.y_m.tolist(), "cameras": p.cameras.tolist()}

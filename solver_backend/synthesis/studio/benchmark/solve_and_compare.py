@@ -1,4 +1,4 @@
-"""Solve every shot of a data set by every method and compare with the truth."""
+"""Solve every shot of a data set by every method and compare with the ground truth."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ class Verdict:
     pa_mpjpe_mm: float = np.nan
     accel_m_s2: float = np.nan
     seconds: float = np.nan
-    error: str = ""  # What went wrong, "" where there is a result.
-    by_frame_mm: np.ndarray | None = None  # (F,) mean error of the joints.
-    joints: np.ndarray | None = None  # (F, 24, 3) metres, as solved.
+    error: str = ""  # Error message, "" if there is a result.
+    by_frame_mm: np.ndarray | None = None  # (F,) mean joint error.
+    joints: np.ndarray | None = None  # (F, 24, 3) solved joint positions in metres.
 
 
 def solve_and_compare(
@@ -49,12 +49,12 @@ def solve_and_compare(
     progress: Progress = silent,
     settings: SolveSettings = SolveSettings(),
 ) -> list[Verdict]:
-    """Solve every shot of a data set by every method. A failed solve is a verdict with its error.
+    """Solve every shot of a data set by every method. A failed solve gives a verdict with its error.
 
     Args:
-        methods: some of the solver's, or 'triangulation'.
-        sources: some of 'views' and 'markers'. If empty, the perturbed ones, or views.
-        faults: some of 'clean' and 'perturbed'.
+        methods: methods of the solver, or 'triangulation'.
+        sources: 'views', 'markers' or both. If empty, the perturbed ones, or views.
+        faults: 'clean', 'perturbed' or both.
 
     Raises:
         FileMissing, FileDamaged: there is no data set.
