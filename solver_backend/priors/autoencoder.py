@@ -1,4 +1,4 @@
-"""Encode poses and decode codes by stacks of dense layers, in NumPy or torch, through the 6D form of rotations."""
+"""Encode poses and decode codes by stacks of dense layers, in NumPy or torch, with rotations in 6D form."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from solver_backend.priors.base import (
 from solver_backend.types.shapes import Float
 
 ACTIVATIONS = ("silu", "elu", "leaky_relu")  # ``x sigmoid(x)``, ``exp(x) - 1`` and ``0.01 x`` below 0.
-LEAK = 0.01  # Slope of LeakyReLU below zero, torch's default, which training uses.
+LEAK = 0.01  # Slope of LeakyReLU below zero: torch's default, as in training.
 
 
 @dataclass(frozen=True)
 class DenseStack:
-    """``x -> W_n a(... a(W_1 x + b_1) ...) + b_n``. An activation after the last layer only if asked for."""
+    """Dense layers ``x -> W_n a(... a(W_1 x + b_1) ...) + b_n``, optionally with an activation after the last layer."""
 
     weights: tuple[Array, ...]  # (out, in) each.
     biases: tuple[Array, ...]  # (out,) each.
@@ -47,7 +47,7 @@ class DenseStack:
         return (int(self.weights[0].shape[1]), *(int(w.shape[0]) for w in self.weights))
 
     def like(self, x: Array) -> DenseStack:
-        """Return the stack in the kind, type and device of ``x``."""
+        """Return the stack with the array type, precision and device of ``x``."""
         weights = tuple(constant(np.asarray(w), x) for w in self.weights)
         biases = tuple(constant(np.asarray(b), x) for b in self.biases)
         return DenseStack(weights, biases, self.activation, self.activate_last)
@@ -56,7 +56,7 @@ class DenseStack:
         return self.activate_last or number < len(self.weights) - 1
 
     def __call__(self, x: Array) -> Array:
-        """(N, in) -> (N, out)."""
+        """Map (N, in) to (N, out)."""
         for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             x = times_transposed(x, weight) + bias
             if self._is_active(number):
@@ -64,10 +64,10 @@ class DenseStack:
         return x
 
     def with_jacobian(self, x: Array) -> tuple[Array, Array]:
-        """Return the output (N, out) and its derivative, transposed: (N, in, out).
+        """Return the output (N, out) and its transposed derivative (N, in, out).
 
-        Forward mode: ``J_1 = a'(h_1) W_1`` and ``J_k = a'(h_k) (W_k J_{k-1})``, each one product of an (N in, width)
-        matrix with the layer's weights.
+        Forward mode: ``J_1 = a'(h_1) W_1`` and ``J_k = a'(h_k) (W_k J_{k-1})``. Each step is one product of an (N in,
+        width) matrix and the weights of a layer.
         """
         xp = array_namespace(x)
         count, width = x.shape
@@ -83,7 +83,7 @@ class DenseStack:
         return x, jacobian
 
     def with_vjp(self, x: Array) -> tuple[Array, Callable[[Array], Array]]:
-        """Return the output (N, out) and the map of its cotangents (N, out) to the input's (N, in).
+        """Return the output (N, out) and the map from cotangents of the output (N, out) to those of the input (N, in).
 
         Reverse mode, ``v -> W_1ᵀ a'(h_1) ... W_nᵀ a'(h_n) v``: one pass costs as much as the forward pass.
         """
@@ -116,16 +116,16 @@ def activate(x: Array, activation: str) -> tuple[Array, Array]:
     return xp.where(x > 0, x, LEAK * x), xp.where(x > 0, one, LEAK * one)
 
 
-_BLOCK = 64  # Poses whose Jacobians are formed at a time, so that the layers' derivatives stay in the cache.
+_BLOCK = 64  # Poses whose Jacobians are computed at a time, so that the layers' derivatives stay in the cache.
 
 
 def decoded_rotations(decoder: DenseStack, z: Codes) -> Poses:
-    """Return (N, 21, 3, 3) rotations of (N, d) codes."""
+    """Return (N, 21, 3, 3) rotations from (N, d) codes."""
     return matrix_from_6d(array_namespace(z).reshape(decoder(z), (z.shape[0], NUM_BODY_JOINTS, 6)))
 
 
 def decoded_rotations_with_vjp(decoder: DenseStack, z: Codes) -> tuple[Poses, Callable[[Array], Array]]:
-    """Return rotations (N, 21, 3, 3) and the map of their left tangents' cotangents (N, 21, 3) to the code's (N, d)."""
+    """Return (N, 21, 3, 3) rotations and the map from cotangents (N, 21, 3) of their left tangents to (N, d)."""
     xp = array_namespace(z)
     flat, flat_vjp = decoder.with_vjp(z)
     R, by_6d = matrix_from_6d_with_jacobian(xp.reshape(flat, (z.shape[0], NUM_BODY_JOINTS, 6)))
@@ -137,7 +137,7 @@ def decoded_rotations_with_vjp(decoder: DenseStack, z: Codes) -> tuple[Poses, Ca
 
 
 def decoded_rotations_with_jacobian(decoder: DenseStack, z: Codes) -> tuple[Poses, CodeJacobian]:
-    """Return rotations (N, 21, 3, 3) and their left tangents by the code, (N, 21, 3, d)."""
+    """Return (N, 21, 3, 3) rotations and the derivative of their left tangents by the code, (N, 21, 3, d)."""
     xp = array_namespace(z)
     parts = [_block(decoder, z[i : i + _BLOCK]) for i in range(0, max(1, z.shape[0]), _BLOCK)]
     if len(parts) == 1:
@@ -146,7 +146,7 @@ def decoded_rotations_with_jacobian(decoder: DenseStack, z: Codes) -> tuple[Pose
 
 
 def reconstruction_energy(rotations: Poses, decoded: Poses, sigma: Float[Array, "joints 3"]) -> Energies:
-    """Return the (N,) mean squared rotations between (N, 21, 3, 3) poses and decoded ones, by ``sigma`` (21, 3)."""
+    """Return (N,) mean squared rotations between decoded and given poses (N, 21, 3, 3), in units of ``sigma``."""
     xp = array_namespace(rotations)
     residual = log_so3(xp.matmul(rotations, xp.permute_dims(decoded, (0, 1, 3, 2))))
     scaled = residual / constant(sigma, rotations)
@@ -163,7 +163,7 @@ def _block(decoder: DenseStack, z: Array) -> tuple[Array, Array]:
 
 
 class PoseAutoencoder(AutoencodingPrior):
-    """A prior with a decoder of dense layers from codes to the joints' 6D representation."""
+    """Prior with a decoder of dense layers from codes to the joints' 6D representation."""
 
     def __init__(
         self, encoder: DenseStack, decoder: DenseStack, residual_sigma: np.ndarray, metadata: dict[str, Any]
@@ -180,40 +180,40 @@ class PoseAutoencoder(AutoencodingPrior):
 
     @property
     def widths(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Layer sizes of the encoder and of the decoder."""
+        """Layer sizes of the encoder and the decoder."""
         return self._encoder.widths, self._decoder.widths
 
     def decode(self, z: Codes) -> Poses:
-        """Return (N, 21, 3, 3) local rotations of (N, d) codes. Errors: ``check_codes``."""
+        """Return (N, 21, 3, 3) local rotations from (N, d) codes. Errors: ``check_codes``."""
         return decoded_rotations(self._decoder_for(z), z)
 
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
         """Return R (N, 21, 3, 3) and J (N, 21, 3, d) with ``R_j(z + dz) ~ exp([J_j dz]x) R_j(z)``.
 
-        ``J_j = (dω/d6D)(x_j) dx_j/dz``: the 6D form's derivative after the network's, in forward mode, by the d ambient
-        coordinates of the code, without projection to the tangent space of their manifold.
+        ``J_j = (dω/d6D)(x_j) dx_j/dz`` in forward mode: the derivative of the 6D form, after the network's, by the d
+        ambient coordinates of the code, without projection to the tangent space of its manifold.
         """
         return decoded_rotations_with_jacobian(self._decoder_for(z), z)
 
     def decode_with_vjp(self, z: Codes) -> tuple[Poses, Callable[[Array], Array]]:
-        """Return ``decode(z)`` and ``v -> J_zᵀ v`` in reverse mode, at the cost of one more forward pass."""
+        """Return ``decode(z)`` and ``v -> J_zᵀ v`` in reverse mode, at the cost of a second forward pass."""
         return decoded_rotations_with_vjp(self._decoder_for(z), z)
 
     def _encoded(self, features: Array) -> Array:
         return self._stacks(features)[0](features)
 
     def _encoded_rotvecs(self, rotations: Array) -> Array:
-        """Return the encoder's outputs for the rotation vectors of (N, 21, 3, 3) poses."""
+        """Return the encoder's output for the rotation vectors of (N, 21, 3, 3) poses."""
         check_rotations(rotations)
         features = array_namespace(rotations).reshape(log_so3(rotations), (rotations.shape[0], 3 * NUM_BODY_JOINTS))
         return self._encoded(features)
 
     def _distance_to_reconstruction(self, rotations: Array) -> Array:
-        """Return the mean squared rotation of poses to their reconstructions by ``residual_sigma``: (N,)."""
+        """Return (N,) mean squared rotations from reconstructions to poses, in units of ``residual_sigma``."""
         return reconstruction_energy(rotations, self.reconstruct(rotations), self.residual_sigma)
 
     def decoder_like(self, like: Array) -> DenseStack:
-        """Return the decoder's layers in the kind, type and device of ``like``. They check no codes."""
+        """Return the decoder with the array type, precision and device of ``like``, without checks of codes."""
         return self._stacks(like)[1]
 
     def _decoder_for(self, z: Array) -> DenseStack:
@@ -221,7 +221,7 @@ class PoseAutoencoder(AutoencodingPrior):
         return self.decoder_like(z)
 
     def _stacks(self, like: Array) -> tuple[DenseStack, DenseStack]:
-        """Return encoder and decoder in the kind, type and device of ``like``, converted once."""
+        """Return encoder and decoder with the array type, precision and device of ``like``, converted once."""
         key = (type(like), str(like.dtype), str(device_of(like)))
         if key not in self._moved:
             self._moved[key] = (self._encoder.like(like), self._decoder.like(like))

@@ -1,4 +1,4 @@
-"""Define the interface of every pose prior."""
+"""Define the interface of pose priors."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ Poses = Float[Array, "poses joints 3 3"]  # Local rotations of the joints that a
 Codes = Float[Array, "poses d"]
 Energies = Float[Array, " poses"]
 CodeJacobian = Float[Array, "poses joints 3 d"]
-"""Left tangents of the rotations by the code."""
+"""Derivatives of the rotations' left tangents by the code."""
 
 ORTHONORMAL_WITHIN = 1e-3  # Largest entry of ``R^T R - I`` of a rotation (float32 files round to 1e-7).
 
 
 class PosePrior(ABC):
-    """A model of plausible poses of joints 1..21, in NumPy or torch."""
+    """Model of plausible poses of the joints 1..21, in NumPy or torch."""
 
     name: str  # Short name, as in file names.
     joints: tuple[str, ...] = SMPL_JOINTS[1 : 1 + NUM_BODY_JOINTS]
-    """Joint of each column of its poses. By default all body joints of the SMPL family except root and hands."""
+    """Joint of each column of its poses. By default, all body joints of the SMPL family except root and hands."""
     uncovered: tuple[int, ...] = ()  # Columns of its poses that the prior does not model. They are at rest.
 
     @property
@@ -37,11 +37,11 @@ class PosePrior(ABC):
 
     @abstractmethod
     def encode(self, rotations: Poses) -> Codes:
-        """Return the codes (N, d) of (N, 21, 3, 3) local rotations."""
+        """Return the (N, d) codes of (N, 21, 3, 3) local rotations."""
 
     @abstractmethod
     def decode(self, z: Codes) -> Poses:
-        """Return (N, 21, 3, 3) local rotations of (N, d) codes."""
+        """Return (N, 21, 3, 3) local rotations from (N, d) codes."""
 
     @abstractmethod
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
@@ -59,20 +59,20 @@ class PosePrior(ABC):
 
     @abstractmethod
     def energy(self, rotations: Poses) -> Energies:
-        """Return how implausible (N, 21, 3, 3) poses are: (N,), zero or more. Less is more plausible."""
+        """Return the (N,) implausibility of (N, 21, 3, 3) poses, zero or more."""
 
     @abstractmethod
     def sample(self, count: int, seed: int) -> Poses:
-        """Return ``count`` poses drawn from the prior, (count, 21, 3, 3), the same for the same seed."""
+        """Return ``count`` poses drawn from the prior, (count, 21, 3, 3), reproducible by the seed."""
 
 
 class AutoencodingPrior(PosePrior):
-    """A pose prior that also estimates the error of its reconstructions."""
+    """Pose prior that also estimates the error of its reconstructions."""
 
     residual_sigma: np.ndarray
-    """(21, 3) rad: root mean square of the left rotation from decoded to true poses, on unseen subjects."""
+    """(21, 3) root mean square in radians of the left rotation from decoded to true poses, on unseen subjects."""
     metadata: dict[str, Any]
-    """Facts about the weights: command, data, figures and ``sha256``, empty without weights."""
+    """Metadata of the weights: command, data, evaluation and ``sha256``, empty without weights."""
 
     def reconstruct(self, rotations: Array) -> Array:
         """Return ``G(E(θ))`` (N, 21, 3, 3) of (N, 21, 3, 3) poses, encoded and decoded (thesis eq. 4.1)."""
@@ -108,7 +108,7 @@ def check_codes(z: Array, latent_dim: int) -> None:
 
 
 def in_own_columns(blocks: Array) -> Array:
-    """Return the Jacobian (N, 21, 3, 21 k) of joints with k numbers of their own each, from blocks (N, 21, 3, k)."""
+    """Return the Jacobian (N, 21, 3, 21 k) of joints with k own parameters each, from blocks (N, 21, 3, k)."""
     xp = array_namespace(blocks)
     own = constant(np.eye(NUM_BODY_JOINTS)[None, :, None, :, None], blocks)
     return xp.reshape(own * blocks[:, :, :, None, :], (*blocks.shape[:3], NUM_BODY_JOINTS * blocks.shape[3]))

@@ -1,4 +1,4 @@
-"""Choose the decoder of poses by name or by a file of trained weights, and put Gaussian codes on a sphere."""
+"""Choose a pose prior by name or by a file of trained weights, and map Gaussian codes to a sphere."""
 
 from __future__ import annotations
 
@@ -19,14 +19,15 @@ from solver_backend.priors.weights import read_weights
 SPHERICAL, ROBUST = "sposer", "rvposer"
 NAMES = tuple(prior.value for prior in PRIORS[1:])
 LEAST_HEIGHT = 0.05
-"""Least last coordinate of a code: Gaussian codes of 20 times the typical length. Codes beyond are not decoded."""
+"""Smallest last coordinate of a code: Gaussian codes of 20 times the typical length. Smaller ones are clipped."""
 
 
 class GaussianOnSphere(AutoencodingPrior):
-    """A Gaussian prior with unit codes of zero mean: ``u = B (z, s) / |(z, s)|`` with ``s = √d``.
+    """Gaussian prior with unit codes of zero mean: ``u = B (z, s) / |(z, s)|`` with ``s = √d``.
 
-    B (d + 2, d + 1) spans the vectors of zero mean. The central projection back, ``z = s a / b`` of ``(a, b) = Bᵀ u``,
-    maps great circles to straight lines, so that SLERP between codes moves along the segment between Gaussian codes.
+    B (d + 2, d + 1) spans the vectors of zero mean. The inverse is the central projection ``z = s a / b`` of ``(a, b) =
+    Bᵀ u``. It maps great circles to straight lines, so that SLERP between codes follows the segment between Gaussian
+    codes.
     """
 
     def __init__(self, prior: GaussianVAE) -> None:
@@ -63,7 +64,7 @@ class GaussianOnSphere(AutoencodingPrior):
         return rotations, xp.matmul(jacobian, by_code[:, None])
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return the Gaussian prior's."""
+        """Return the Gaussian prior's energy."""
         return self._prior.energy(rotations)
 
     def sample(self, count: int, seed: int) -> Poses:
@@ -71,14 +72,14 @@ class GaussianOnSphere(AutoencodingPrior):
         return self._prior.sample(count, seed)
 
     def _flat(self, u: Array) -> tuple[Array, Array]:
-        """Return the Gaussian codes (N, d), and the last coordinates b (N, 1)."""
+        """Return the (N, d) Gaussian codes, and the (N, 1) last coordinates b."""
         xp, parts = array_namespace(u), array_namespace(u).matmul(u, constant(self._basis, u))
         height = xp.clip(parts[:, -1:], LEAST_HEIGHT)
         return self._scale * parts[:, :-1] / height, height
 
 
 def load_prior(choice: str = AUTO_PRIOR) -> AutoencodingPrior:
-    """Load a prior with unit codes of zero mean, by one of ``NAMES`` or by a file. The default is SPoser.
+    """Load a prior with unit codes of zero mean, given one of ``NAMES`` or a file. The default is SPoser.
 
     Raises:
         FileMissing, WeightsInvalid: see ``read_weights``.

@@ -1,4 +1,4 @@
-"""VPoser and RVPoser: variational autoencoders of poses with a Gaussian code."""
+"""VPoser and RVPoser: variational autoencoders of poses with Gaussian codes."""
 
 from __future__ import annotations
 
@@ -16,28 +16,29 @@ from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 
 LATENT_DIM = 32
 VaeName = Literal["vposer", "vposer_worded", "rvposer", "rvposer_second_norm"]
-"""``vposer`` as its public code has it (Pavlakos et al. 2019), ``vposer_worded`` as the thesis describes it.
-``rvposer`` the robust variant (thesis 4.2.4), ``rvposer_second_norm`` with the public code's second normalisation."""
+"""``vposer`` follows its public code (Pavlakos et al. 2019), ``vposer_worded`` its description in the thesis.
+``rvposer`` is the robust variant (thesis 4.2.4), ``rvposer_second_norm`` has the second normalisation of the public
+code."""
 
 
 class GaussianVAE(PoseAutoencoder):
-    """Poses as codes in R^32 that are standard normal over the training poses."""
+    """Autoencoder with codes in R^32 that are standard normal over the training poses."""
 
     def __init__(self, *parts: Any) -> None:
         super().__init__(*parts)
         self.name = self.metadata["prior"]
 
     def posterior(self, rotations: Poses) -> tuple[Codes, Codes]:
-        """Return mean and standard deviation (N, 32) of the codes of (N, 21, 3, 3) poses."""
+        """Return the (N, 32) means and standard deviations of the codes of (N, 21, 3, 3) poses."""
         out = self._encoded_rotvecs(rotations)
         return out[:, :LATENT_DIM], array_namespace(out).exp(0.5 * out[:, LATENT_DIM:])
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the posterior means (N, 32)."""
+        """Return the (N, 32) posterior means."""
         return self.posterior(rotations)[0]
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return half the squared length of the code, minus the log density of the standard normal: (N,)."""
+        """Return half the squared length of the codes, (N,): their negative log density up to a constant."""
         z = self.encode(rotations)
         return 0.5 * array_namespace(z).sum(z * z, axis=-1)
 
@@ -47,7 +48,7 @@ class GaussianVAE(PoseAutoencoder):
 
 
 def load_vae(name: VaeName, path: Path | str | None = None) -> GaussianVAE:
-    """Load the weights of a form of VPoser or RVPoser.
+    """Load the weights of a variant of VPoser or RVPoser.
 
     Raises:
         FileMissing, WeightsInvalid: see ``read_weights``.

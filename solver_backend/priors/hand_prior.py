@@ -1,4 +1,4 @@
-"""Model plausible hands: a Gaussian of finger angles, and the range of each angle."""
+"""Model plausible hands by a Gaussian of finger angles and the range of each angle."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from solver_backend.types.shapes import Float
 
 PRIOR = "hands"  # Name in its weight file.
 LIMIT_SIGMA = float(np.deg2rad(1.0))
-"""Standard deviation beyond a range, radians. Ranges cover the differences between people. With 3 degrees, detections
-that contradict each other bend a joint up to 17 degrees beyond (docs/research-log/hands.md)."""
+"""Standard deviation beyond a range, in radians. Ranges include differences between people. With 3 degrees,
+contradictory detections bend a joint up to 17 degrees beyond its range (docs/research-log/hands.md)."""
 
 
 @dataclass(frozen=True)
 class HandPrior:
-    """``E(a) = ½ (a - μ)ᵀ Σ⁻¹ (a - μ) + ½ Σ_i (max(0, a_i - high_i, low_i - a_i) / σ)²`` of A angles a, radians."""
+    """Prior ``E(a) = ½ (a - μ)ᵀ Σ⁻¹ (a - μ) + ½ Σ_i (max(0, a_i - high_i, low_i - a_i) / σ)²`` of A angles, radians."""
 
     mean: Float[np.ndarray, " a"]  # (A,) μ: a relaxed hand.
     covariance: Float[np.ndarray, "a a"]  # (A, A) Σ.
@@ -35,7 +35,7 @@ class HandPrior:
         return cls(mean, covariance, low, high, np.linalg.inv(covariance))
 
     def equations(self, angles: Float[np.ndarray, "n a"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return costs (n,), gradients (n, A) and Gauss-Newton matrices (n, A, A) at angles."""
+        """Return (n,) costs, (n, A) gradients and (n, A, A) Gauss-Newton matrices of (n, A) angles."""
         off = angles - self.mean
         pulled = off @ self.precision
         cost, gradient, stiffness = self.limits(angles)
@@ -43,13 +43,13 @@ class HandPrior:
         return cost + 0.5 * (off * pulled).sum(1), gradient + pulled, matrix
 
     def limits(self, angles: Float[np.ndarray, "n a"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return costs (n,), gradients (n, A) and second derivatives (n, A) of the ranges alone, at angles (n, A)."""
+        """Return (n,) costs, (n, A) gradients and (n, A) second derivatives of the ranges alone, for (n, A) angles."""
         beyond = np.maximum(angles - self.high, 0.0) + np.minimum(angles - self.low, 0.0)
         stiffness = (beyond != 0) / LIMIT_SIGMA**2
         return 0.5 * (beyond**2 * stiffness).sum(1), beyond * stiffness, stiffness
 
     def completed(self, angles: Float[np.ndarray, "n a"]) -> Float[np.ndarray, "n a"]:
-        """Return (n, A) angles with unknown ones, NaN, replaced by the likeliest within their ranges.
+        """Return (n, A) angles with unknown ones (NaN) replaced by the likeliest values within their ranges.
 
         ``a_u = μ_u + Σ_uk Σ_kk⁻¹ (a_k - μ_k)``, in radians.
         """
@@ -65,7 +65,7 @@ class HandPrior:
 
 
 def load_hand_prior(path: Path | None = None) -> HandPrior:
-    """Read a prior of hands, the shipped one without ``path``.
+    """Read a prior of hands, the built-in one without ``path``.
 
     Raises:
         FileMissing, WeightsInvalid: the file is missing, damaged, or of another prior or other angles.

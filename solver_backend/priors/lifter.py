@@ -30,7 +30,7 @@ _SMALLEST_M = 1e-3  # Smallest width of the trunk with a known front, metres. Ch
 
 @dataclass(frozen=True)
 class Lifted:
-    """Network results for F frames, meaningless unless ``usable``."""
+    """Network results for F frames, valid only if ``usable``."""
 
     z: Array  # (F, 32) unit zero-mean codes of SPoser.
     root: Array  # (F, 3, 3) body to world.
@@ -49,7 +49,7 @@ class TrunkFrame:
 
 
 def trunk_frame(points: Array, seen: Array) -> TrunkFrame:
-    """Return the frame of shoulders and hips of (F, 19, 3) finite ``POINTS`` in metres, (F, 19) of them seen."""
+    """Return the frames of shoulders and hips of (F, 19, 3) finite ``POINTS`` in metres, with a mask of seen ones."""
     xp = array_namespace(points)
     left_shoulder, right_shoulder, left_hip, right_hip = (points[:, i] for i in range(4))
     up = 0.5 * (left_shoulder + right_shoulder - left_hip - right_hip)
@@ -61,7 +61,7 @@ def trunk_frame(points: Array, seen: Array) -> TrunkFrame:
 
 
 def features(points: Array, seen: Array, trunk: TrunkFrame) -> Array:
-    """Return (F, 76): points seen from the trunk in metres, 0 where missing, and a mask of the known ones."""
+    """Return (F, 76): points relative to the trunk in metres, 0 where missing, and a mask of the known ones."""
     xp = array_namespace(points)
     local = xp.matmul(points - trunk.origin[:, None], trunk.R)
     mask = xp.astype(seen, points.dtype)[..., None]
@@ -70,7 +70,7 @@ def features(points: Array, seen: Array, trunk: TrunkFrame) -> Array:
 
 
 def interpreted(output: Array, trunk: TrunkFrame) -> Lifted:
-    """Return code, turn and place against the trunk, and shape of the (F, 51) output of the network."""
+    """Return the code, the rotation and position relative to the trunk, and the shape from the (F, 51) output."""
     xp = array_namespace(output)
     upright = constant((1.0, 0.0, 0.0, 0.0, 1.0, 0.0), output)
     turn, end = output[:, LATENT_DIM : LATENT_DIM + 6] + upright, LATENT_DIM + 6
@@ -81,13 +81,13 @@ def interpreted(output: Array, trunk: TrunkFrame) -> Lifted:
 
 @dataclass(frozen=True)
 class Lifter:
-    """The network and its metadata."""
+    """Network and its metadata."""
 
     stack: DenseStack
     metadata: dict[str, Any]  # Training command, data, figures.
 
     def __call__(self, points: Array, seen: Array, names: tuple[str, ...]) -> Lifted:
-        """Return the start of a fit to (F, L, 3) finite world points in metres, (F, L) of them seen, by their names."""
+        """Return the start of a fit to named, finite world points (F, L, 3) in metres, with a mask of seen ones."""
         xp = array_namespace(points)
         device = device_of(points)
         known = xp.asarray([name in names for name in POINTS], device=device)
@@ -108,7 +108,7 @@ def read_lifter_weights(path: Path, kind: str) -> PriorWeights:
     """Return the weights of a network from ``POINTS`` to SPoser's codes.
 
     Raises:
-        FileMissing: there is no such file.
+        FileMissing: the file does not exist.
         WeightsInvalid: it is for another body, version or SPoser, or damaged.
     """
     weights = read_weights(path, kind)

@@ -34,21 +34,21 @@ from solver_backend.priors.base import (
 )
 from solver_backend.priors.weights import ASSETS, PriorWeights, read_weights
 
-WIDENED = 1.75  # Factor of the recorded spread: the projection draws joints together again.
-_INSIDE = 0.08  # Share of a joint's range that is kept clear at both ends, for the projection to move in.
-_LEAST_RAD = 0.01  # Standard deviation that is added to every axis, radians. Chosen by hand.
+WIDENED = 1.75  # Factor on the recorded spread, because the projection brings joints together again.
+_INSIDE = 0.08  # Share of a joint's range that is kept clear at both ends, so that the projection can move.
+_LEAST_RAD = 0.01  # Standard deviation added to every axis, in radians. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class JointSpread:
-    """A normal distribution of every joint's rotation vector on its own."""
+    """Independent normal distributions of the joints' rotation vectors."""
 
     mean: np.ndarray  # (21, 3) rad.
     factor: np.ndarray  # (21, 3, 3) rad: lower Cholesky factors of the covariances.
 
     @classmethod
     def of(cls, rotations: np.ndarray) -> JointSpread:
-        """Estimate from (N, 21, 3, 3) poses."""
+        """Estimate the distributions from (N, 21, 3, 3) poses."""
         vectors = log_so3(rotations)
         mean = vectors.mean(axis=0)
         centred = np.moveaxis(vectors - mean, 0, -1)
@@ -56,7 +56,7 @@ class JointSpread:
         return cls(mean, np.linalg.cholesky(covariance + _LEAST_RAD**2 * np.eye(3)))
 
     def draw(self, count: int, seed: int) -> np.ndarray:
-        """Return (count, 21, 3, 3) poses, each joint spread wider than recorded and turned back into its range."""
+        """Return (count, 21, 3, 3) poses with joints spread wider than recorded, and clipped to their ranges."""
         noise = np.random.default_rng(seed).standard_normal((count, *self.mean.shape, 1))
         angles = swing_and_twist(exp_so3(self.mean + WIDENED * (self.factor @ noise)[..., 0]))
         low, high = JOINT_LIMITS[..., 0] + np.radians(MARGIN_DEG), JOINT_LIMITS[..., 1] - np.radians(MARGIN_DEG)
@@ -64,24 +64,24 @@ class JointSpread:
         return from_swing_and_twist(np.clip(angles, low + clear, high - clear))
 
 
-SHARPNESS = 20.0  # The factor β of ``softplus(x) = log(1 + exp(β x)) / β``.
+SHARPNESS = 20.0  # Factor β of ``softplus(x) = log(1 + exp(β x)) / β``.
 
 
 @dataclass(frozen=True)
 class SoftplusStack:
-    """``x -> W_n s(... s(W_1 x + b_1) ...) + b_n``, with a softplus after the last layer too if it must be positive."""
+    """Layers ``x -> W_n s(... s(W_1 x + b_1) ...) + b_n``, with a last softplus if the output must be positive."""
 
     weights: tuple[Array, ...]  # (out, in) each.
     biases: tuple[Array, ...]  # (out,) each.
     last_is_positive: bool = False
 
     def like(self, x: Array) -> SoftplusStack:
-        """Return the stack in the kind, type and device of ``x``."""
+        """Return the stack with the array type, precision and device of ``x``."""
         weights = tuple(constant(w, x) for w in self.weights)
         return SoftplusStack(weights, tuple(constant(b, x) for b in self.biases), self.last_is_positive)
 
     def forward(self, x: Array) -> tuple[Array, list[Array]]:
-        """Return the output (N, out) and, for ``backward``, the slopes of the softplus layers."""
+        """Return the output (N, out) and, for ``backward``, the derivatives of the softplus layers."""
         slopes: list[Array] = []
         for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             x = array_namespace(x).matmul(x, weight.T) + bias
@@ -115,20 +115,20 @@ def _joint_weights() -> np.ndarray:
 
 
 JOINT_WEIGHTS: np.ndarray = _joint_weights()
-"""(21,) weights ``w`` of the joints 1..21, mean 1: the square root of the number of joints that a joint moves, with
-itself. The paper states only that joints early in the chain weigh more."""
-TURN_METRIC: np.ndarray = JOINT_WEIGHTS / 8.0  # (21,) a pose turned a little is ``d² = Σ_k w_k/8 |ω_k|²`` away.
+"""(21,) weights ``w`` of the joints 1..21 with mean 1: the square root of the number of joints that a joint moves,
+including itself. The paper states only that joints early in the chain weigh more."""
+TURN_METRIC: np.ndarray = JOINT_WEIGHTS / 8.0  # (21,) metric of small rotations ω: ``d² = Σ_k w_k/8 |ω_k|²``.
 
 
 def pose_distance(a: Array, b: Array) -> Array:
-    """Return ``sqrt(Σ_k w_k/2 arccos²|a_k · b_k|)`` rad of (..., 21, 4) quaternions (Tiwari et al. 2022, eq. 2)."""
+    """Return ``sqrt(Σ_k w_k/2 arccos²|a_k · b_k|)`` in rad of (..., 21, 4) quaternions (Tiwari et al. 2022, eq. 2)."""
     xp = array_namespace(a, b)
     angle = half_angles(a, b)
     return xp.sqrt(xp.sum(0.5 * constant(JOINT_WEIGHTS, a) * angle * angle, axis=-1))
 
 
 def half_angles(a: Array, b: Array) -> Array:
-    """Return ``arccos|a · b| = 2 arcsin(min|a ∓ b|/2)``, half the angle between (..., 4) quaternions, rad."""
+    """Return ``arccos|a · b| = 2 arcsin(min|a ∓ b|/2)``, half the angle between (..., 4) quaternions in radians."""
     xp = array_namespace(a, b)
     near, far = xp.sum((a - b) ** 2, axis=-1), xp.sum((a + b) ** 2, axis=-1)
     return 2.0 * xp.asin(0.5 * xp.sqrt(xp.where(near < far, near, far)))
@@ -160,9 +160,9 @@ _ORDER = tuple(joint for level in LEVELS for joint in level.joints)
 
 @dataclass(frozen=True)
 class PoseField:
-    """``f(θ) = f_df([v_1 .. v_21])`` with ``v_k = W1_k s(W0_k [θ_k, v_parent] + b0_k) + b1_k`` (Pose-NDF, eq. 3).
+    """Network ``f(θ) = f_df([v_1 .. v_21])`` of ``v_k = W1_k s(W0_k [θ_k, v_parent] + b0_k) + b1_k`` (Pose-NDF, eq. 3).
 
-    The pelvis has no feature, so its children get zeros instead. ``s`` is the softplus.
+    ``s`` is the softplus. The pelvis has no feature, so its children use zeros instead.
     """
 
     w0: Array  # (21, H, 4 + l).
@@ -172,18 +172,18 @@ class PoseField:
     distance: SoftplusStack  # 21 l -> 1, positive. Its inputs are the features in the order of the tree's levels.
 
     def like(self, x: Array) -> PoseField:
-        """Return the network in the kind, type and device of ``x``."""
+        """Return the network with the array type, precision and device of ``x``."""
         w0, b0, w1, b1 = (constant(value, x) for value in (self.w0, self.b0, self.w1, self.b1))
         return PoseField(w0, b0, w1, b1, self.distance.like(x))
 
     def __call__(self, quats: Array) -> Array:
-        """Return ``f`` (N,) of (N, 21, 4) quaternions."""
+        """Return the (N,) ``f`` of (N, 21, 4) quaternions."""
         xp = array_namespace(quats)
         features, _ = self._encode(xp.permute_dims(quats, (1, 0, 2)))
         return self.distance.forward(_side_by_side(features))[0][:, 0]
 
     def with_gradient(self, quats: Array) -> tuple[Array, Array]:
-        """Return ``f`` (N,) and its derivative by (N, 21, 4) quaternions, (N, 21, 4), by reverse accumulation."""
+        """Return the (N,) ``f`` and its (N, 21, 4) derivatives by (N, 21, 4) quaternions, in reverse mode."""
         xp = array_namespace(quats)
         count = quats.shape[0]
         features, slopes = self._encode(xp.permute_dims(quats, (1, 0, 2)))
@@ -193,7 +193,7 @@ class PoseField:
         return distance[:, 0], xp.permute_dims(self._by_quats(slopes, by_feature), (1, 0, 2))
 
     def _encode(self, quats: Array) -> tuple[list[Array], list[Array]]:
-        """Return features (n, N, l) and the slopes (n, N, H) of every level."""
+        """Return the features (n, N, l) and softplus derivatives (n, N, H) of every level."""
         xp = array_namespace(quats)
         features, slopes = list[Array](), list[Array]()
         for level in LEVELS:
@@ -211,7 +211,7 @@ class PoseField:
         return features, slopes
 
     def _by_quats(self, slopes: list[Array], by_feature: Array) -> Array:
-        """Return (21, N, 4) from the derivatives by the features (21, N, l), in the order of the levels."""
+        """Return (21, N, 4) derivatives by the quaternions, from (21, N, l) ones by the features, by level."""
         xp = array_namespace(by_feature)
         parts: list[Array] = []
         last, from_below = NUM_BODY_JOINTS, None
@@ -229,13 +229,13 @@ class PoseField:
 
 
 def _side_by_side(features: list[Array]) -> Array:
-    """Return (N, 21 l) from the levels' (n, N, l)."""
+    """Return the features as (N, 21 l) from the levels' (n, N, l)."""
     xp = array_namespace(features[0])
     return xp.reshape(xp.permute_dims(xp.concat(features, axis=0), (1, 0, 2)), (features[0].shape[1], -1))
 
 
 def _mixed(shares: Array, values: Array) -> Array:
-    """Return ``Σ_m shares[n, m] values[m]``: (n, m) and (m, N, l) -> (n, N, l)."""
+    """Return ``Σ_m shares[n, m] values[m]``, from (n, m) and (m, N, l) to (n, N, l)."""
     xp = array_namespace(values)
     flat = xp.matmul(shares, xp.reshape(values, (values.shape[0], -1)))
     return xp.reshape(flat, (shares.shape[0], *values.shape[1:]))
@@ -243,11 +243,11 @@ def _mixed(shares: Array, values: Array) -> Array:
 
 _DIM = 4 * NUM_BODY_JOINTS
 _UNIT_WITHIN = 1e-3
-"""Largest error of a quaternion's length that still counts as a unit quaternion."""
+"""Largest deviation from 1 of the length of a unit quaternion."""
 
 
-RECORDED_RAD = 0.4  # How far the recorded poses of one person lie from those of all others (median).
-_ARRIVED = 1e-3  # rad, a distance that counts as none.
+RECORDED_RAD = 0.4  # Median distance of one person's recorded poses from all others' poses, in radians.
+_ARRIVED = 1e-3  # Distance in radians that counts as zero.
 
 
 @dataclass(frozen=True)
@@ -261,10 +261,10 @@ class ProjectionSettings:
 
 
 class PoseNDF(PosePrior):
-    """The distance of a pose to the manifold of plausible ones, rad, in the metric of ``pose_distance``.
+    """Distance of a pose to the manifold of plausible poses in radians, in the metric of ``pose_distance``.
 
-    It is zero on the manifold (Tiwari et al. 2022, eq. 1). Quaternions enter with ``w >= 0``, so that q and -q are the
-    same pose by construction.
+    It is zero on the manifold (Tiwari et al. 2022, eq. 1). Quaternions are given with ``w >= 0``, so that q and -q are
+    the same pose by construction.
     """
 
     def __init__(self, field: PoseField, spread: JointSpread, metadata: dict[str, Any]) -> None:
@@ -274,17 +274,17 @@ class PoseNDF(PosePrior):
 
     @property
     def latent_dim(self) -> int:
-        """84: the code is the 21 unit quaternions."""
+        """84, the length of 21 unit quaternions."""
         return _DIM
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the unit quaternions, wxyz with ``w >= 0``, (N, 84). Errors: ``check_rotations``."""
+        """Return the (N, 84) unit quaternions, wxyz with ``w >= 0``. Errors: ``check_rotations``."""
         check_rotations(rotations)
         xp = array_namespace(rotations)
         return xp.reshape(upper_hemisphere(quat_from_matrix(rotations)), (rotations.shape[0], _DIM))
 
     def decode(self, z: Codes) -> Poses:
-        """Return (N, 21, 3, 3) rotations of (N, 84) quaternions of any length but zero."""
+        """Return (N, 21, 3, 3) rotations from (N, 84) quaternions of any length but zero."""
         check_codes(z, _DIM)
         return matrix_from_quat(_unit(array_namespace(z).reshape(z, (z.shape[0], NUM_BODY_JOINTS, 4))))
 
@@ -298,14 +298,14 @@ class PoseNDF(PosePrior):
         return rotations, in_own_columns(blocks)
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return the predicted distance of (N, 21, 3, 3) poses to the manifold, rad: (N,)."""
+        """Return the (N,) predicted distances of (N, 21, 3, 3) poses to the manifold, in radians."""
         return self.distance_with_gradient(self.encode(rotations))[0]
 
     def distance_with_gradient(self, z: Array) -> tuple[Array, Array]:
-        """Return ``f`` (N,) and ``df/dz`` (N, 84) of (N, 84) unit quaternions.
+        """Return the (N,) ``f`` and the (N, 84) ``df/dz`` of (N, 84) unit quaternions.
 
         Raises:
-            PoseInvalid: NaN, another length, or quaternions off unit length.
+            PoseInvalid: NaN, another length, or quaternions that are not unit.
         """
         check_codes(z, _DIM)
         xp = array_namespace(z)
@@ -316,7 +316,7 @@ class PoseNDF(PosePrior):
         return distance, xp.reshape(gradient, (z.shape[0], _DIM))
 
     def distance_with_tangents(self, rotations: Array) -> tuple[Array, Array]:
-        """Return ``f`` (N,) of (N, 21, 3, 3) poses and its derivative by the joints' left tangents, (N, 21, 3).
+        """Return the (N,) ``f`` of (N, 21, 3, 3) poses and its derivatives by the joints' left tangents, (N, 21, 3).
 
         ``f(exp([ω_k]x) R_k) ≈ f + Σ_k g_k · ω_k``. Errors: ``check_rotations``.
         """
@@ -327,18 +327,19 @@ class PoseNDF(PosePrior):
         return distance, xp.matmul(xp.matrix_transpose(quat_left_tangent(quats)), gradient[..., None])[..., 0]
 
     def _signed(self, quats: Array) -> tuple[Array, Array]:
-        """Return the distance and the gradient (N, 21, 4) of quaternions of either sign."""
+        """Return the distances and gradients (N, 21, 4) for quaternions of either sign."""
         xp = array_namespace(quats)
         sign = xp.where(quats[..., :1] < 0, -xp.ones_like(quats[..., :1]), xp.ones_like(quats[..., :1]))
         distance, gradient = self._field.like(quats).with_gradient(sign * quats)
         return distance, sign * gradient
 
     def project(self, rotations: Array, settings: ProjectionSettings = ProjectionSettings()) -> Array:
-        """Return (N, 21, 3, 3) poses moved down the field, ``θ - α f ∇f`` and back to unit length.
+        """Return (N, 21, 3, 3) poses moved down the field by ``θ - α f ∇f``, with quaternions normalised.
 
-        The gradient is in the metric, ``2/w_k`` times the part tangent to each joint's sphere: with α = 1 one step
-        leaves a field that is a distance. A step that would raise a pose's distance is halved, then α grows again. No
-        pose goes farther than ``reach`` times its first distance (Tiwari et al. 2022, eqs. 5 and 6).
+        The gradient is taken in the metric: ``2/w_k`` times the part tangent to each joint's sphere. With α = 1 one
+        step reaches zero if the field is a distance. A step that would raise a pose's distance is halved, and then α
+        grows again. No pose moves farther than ``reach`` times its first distance (Tiwari et al. 2022, eqs. 5 and
+        6).
         """
         xp = array_namespace(rotations)
         check_rotations(rotations)
@@ -363,7 +364,7 @@ class PoseNDF(PosePrior):
         return matrix_from_quat(quats)
 
     def sample(self, count: int, seed: int) -> Poses:
-        """Return ``count`` projected poses. Their joints are drawn one by one, with more than the recorded spread."""
+        """Return ``count`` projected poses, with joints drawn independently and wider than recorded."""
         return self.project(self._spread.draw(count, seed))
 
 
@@ -391,7 +392,7 @@ def load_pose_ndf(path: Path | str = ASSETS / "pose_ndf.npz") -> PoseNDF:
 
 
 def in_metric(quats: Array, gradient: Array) -> Array:
-    """Return the gradient in the metric of ``pose_distance``: the tangent part, times ``2/w_k`` (N, 21, 4).
+    """Return the gradient (N, 21, 4) in the metric of ``pose_distance``: the tangent part times ``2/w_k``.
 
     Its length in that metric is 1 where the field is a distance.
     """
@@ -401,7 +402,7 @@ def in_metric(quats: Array, gradient: Array) -> Array:
 
 
 def metric_length(tangents: Array) -> Array:
-    """Return the length ``sqrt(Σ_k (w_k/2) |·|²)`` (N,) of (N, 21, 4) tangents in the metric of ``pose_distance``."""
+    """Return the (N,) lengths ``sqrt(Σ_k (w_k/2) |·|²)`` of (N, 21, 4) tangents in the metric of ``pose_distance``."""
     xp = array_namespace(tangents)
     weights = constant(0.5 * JOINT_WEIGHTS[:, None], tangents)
     return xp.sqrt(xp.sum(weights * tangents * tangents, axis=(1, 2)) + 1e-24)

@@ -12,21 +12,21 @@ from solver_backend.exchange.errors import PoseInvalid, PriorInvalid
 from solver_backend.geometry.arrays import Array, array_namespace, constant, index, zeros
 from solver_backend.priors.base import AutoencodingPrior, CodeJacobian, Codes, Energies, Poses
 
-UNCOVERED_SIGMA_RAD = 0.5  # Standard deviation of joints without prior from rest. Not tuned.
+UNCOVERED_SIGMA_RAD = 0.5  # Standard deviation from rest of joints without prior. Not tuned.
 
 
 def prior_on_body(prior: AutoencodingPrior, layout: BodyLayout) -> AutoencodingPrior:
-    """Return the prior for all joints that a solve turns, itself if it models just these.
+    """Return the prior for all joints that a solve rotates, itself if these are its joints.
 
     Raises:
-        PriorInvalid: its numbers do not fit its own joints or codes, or the body has none of its joints.
+        PriorInvalid: its numbers do not match its own joints or codes, or the body has none of its joints.
     """
     _check(prior, layout)
     return prior if prior.joints == layout.solved else PriorOnBody(prior, layout.solved)
 
 
 class PriorOnBody(AutoencodingPrior):
-    """The prior's poses on the body's joints. All other joints rest."""
+    """Prior whose poses are applied to the joints of a body. All other joints are at rest."""
 
     def __init__(self, prior: AutoencodingPrior, joints: tuple[str, ...]) -> None:
         self._prior, self.name, self.metadata, self.joints = prior, prior.name, prior.metadata, joints
@@ -41,15 +41,15 @@ class PriorOnBody(AutoencodingPrior):
 
     @property
     def latent_dim(self) -> int:
-        """The prior's."""
+        """Length of the prior's codes."""
         return self._prior.latent_dim
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the prior's codes of poses. Joints that the body lacks are at rest."""
+        """Return the prior's codes of poses, with joints that the body lacks at rest."""
         return self._prior.encode(self._as_prior(rotations))
 
     def decode(self, z: Codes) -> Poses:
-        """Return the prior's poses on the body."""
+        """Return the prior's poses for the body."""
         return self._on_body(self._prior.decode(z))
 
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
@@ -75,7 +75,7 @@ class PriorOnBody(AutoencodingPrior):
         return self._prior.energy(self._as_prior(rotations))
 
     def sample(self, count: int, seed: int) -> Poses:
-        """Return samples of the prior on the body."""
+        """Return samples of the prior for the body."""
         return self._on_body(self._prior.sample(count, seed))
 
     def _on_body(self, rotations: Array) -> Array:
@@ -86,7 +86,7 @@ class PriorOnBody(AutoencodingPrior):
 
 
 def _placed(rotations: Array, taken: np.ndarray, count: int, put: np.ndarray) -> Array:
-    """Return (N, count, 3, 3): the columns ``taken`` of rotations in the columns ``put``, the others at rest."""
+    """Return (N, count, 3, 3) rotations with the columns ``taken`` at the columns ``put``, and identities elsewhere."""
     xp = array_namespace(rotations)
     rest = constant(np.eye(3), rotations) + zeros((rotations.shape[0], count, 3, 3), rotations)
     rest[:, index(put, rotations)] = xp.asarray(rotations)[:, index(taken, rotations)]

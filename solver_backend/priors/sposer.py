@@ -16,21 +16,21 @@ from solver_backend.priors.autoencoder import PoseAutoencoder
 from solver_backend.priors.base import CodeJacobian, Codes, Energies, Poses, check_rotations
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 
-TURN_M = 0.07  # A joint's turn counts like the way of a point so far away, as of skin and keypoints.
-DAMPING = 0.1  # By the mean curvature over the code's directions. Flat directions keep the encoder's value.
+TURN_M = 0.07  # Arm length in metres that converts rotations to distances, as between bone and skin.
+DAMPING = 0.1  # Relative to the mean curvature over the code's directions. Flat directions keep the encoder's value.
 _BLOCK = 256  # Poses whose equations are formed at a time.
 
 
 def nearer_codes(decode: Callable[[Codes], tuple[Poses, CodeJacobian]], rotations: Poses, z: Codes) -> Codes:
-    """Return codes one damped Gauss-Newton step nearer to poses: ``z + (JᵀJ + λ tr(JᵀJ)/d I)⁻¹ Jᵀ r``.
+    """Return codes after one damped Gauss-Newton step towards poses: ``z + (JᵀJ + λ tr(JᵀJ)/d I)⁻¹ Jᵀ r``.
 
-    ``r`` contains, for an unturned pelvis, the distances of joints from the pose's, ``p*_j - p_j``, and 7 cm times the
-    missing turn of each joint's global rotation, ``ℓ log(G*_j G_jᵀ)`` (Levenberg 1944, Marquardt 1963).
+    With the pelvis at rest, ``r`` consists of the joints' offsets from the pose, ``p*_j - p_j``, and 7 cm times the
+    missing rotation of each joint's global rotation, ``ℓ log(G*_j G_jᵀ)`` (Levenberg 1944, Marquardt 1963).
 
     Args:
-        decode: rotations (N, 21, 3, 3) of codes and their left tangents by the code, (N, 21, 3, d).
+        decode: maps codes to rotations (N, 21, 3, 3) and their left tangents by the code, (N, 21, 3, d).
         rotations: (N, 21, 3, 3) local rotations.
-        z: (N, d) codes to begin at.
+        z: (N, d) initial codes.
     """
     xp = array_namespace(z)
     parts = [slice(first, first + _BLOCK) for first in range(0, max(1, z.shape[0]), _BLOCK)]
@@ -47,11 +47,11 @@ def _step(truth: Poses, decoded: Poses, by_code: CodeJacobian) -> Codes:
 
 
 def misfit(truth: Poses, decoded: Poses, by_code: CodeJacobian) -> tuple[Array, Array]:
-    """Return the differences r (N, 132) of decoded poses from the truth in metres, and J (N, 132, d), ``-dr/dz``.
+    """Return the differences r (N, 132) in metres of decoded poses from the truth, and J (N, 132, d), ``-dr/dz``.
 
-    Joints 1..23 come first, then turns of joints 1..21. Velocities come down the tree: ``ω_j = ω_p + G_p J_j`` and
-    ``v_j = v_p + ω_p x (p_j - p_p)``. ``truth`` and ``decoded`` are (N, 21, 3, 3), ``by_code`` (N, 21, 3, d) left
-    tangents.
+    Joints 1..23 come first, then rotations of the joints 1..21. Velocities propagate down the tree: ``ω_j = ω_p + G_p
+    J_j`` and ``v_j = v_p + ω_p x (p_j - p_p)``. ``truth`` and ``decoded`` are (N, 21, 3, 3), ``by_code`` is (N, 21, 3,
+    d) left tangents.
     """
     xp = array_namespace(decoded)
     eye, rest = xp.zeros_like(decoded[:, 0]) + identity(3, decoded), constant(REST_JOINTS, decoded)
@@ -73,32 +73,32 @@ def misfit(truth: Poses, decoded: Poses, by_code: CodeJacobian) -> tuple[Array, 
     return xp.reshape(r, (count, 3 * rows)), xp.reshape(J, (count, 3 * rows, width))
 
 
-LATENT_DIM = 32  # Numbers of the code, as VPoser's (Pavlakos et al. 2019).
+LATENT_DIM = 32  # Length of a code, as VPoser's (Pavlakos et al. 2019).
 DEFAULT_WEIGHTS: Path = ASSETS / "sposer.npz"
 
 
 class SPoser(PoseAutoencoder):
-    """Poses as unit zero-mean codes in R^32: a sphere of 30 dimensions."""
+    """Autoencoder with unit zero-mean codes in R^32, a sphere of 30 dimensions."""
 
     name = "sposer"
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the codes (N, 32), unit and zero-mean, of (N, 21, 3, 3) local rotations. Errors: ``check_rotations``.
+        """Return the (N, 32) codes, unit and zero-mean, of (N, 21, 3, 3) local rotations. Errors: ``check_rotations``.
 
-        The encoder's guess, one step nearer to the pose by the decoder's derivative (``nearer_codes``).
+        The encoder's estimate is improved by one step with the decoder's derivative (``nearer_codes``).
         """
         guess = self.guess(rotations)
         return spherical_normalisation(nearer_codes(self.decode_with_jacobian, rotations, guess))
 
     def guess(self, rotations: Poses) -> Codes:
-        """Return the encoder's codes, which ``encode`` improves."""
+        """Return the encoder's estimates, which ``encode`` improves."""
         check_rotations(rotations)
         xp = array_namespace(rotations)
         features = xp.reshape(matrix_to_6d(rotations), (rotations.shape[0], 6 * NUM_BODY_JOINTS))
         return spherical_normalisation(self._encoded(features))
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return the mean squared rotation between poses and their reconstructions by ``residual_sigma``: (N,)."""
+        """Return the (N,) mean squared rotation from reconstructions to poses, in units of ``residual_sigma``."""
         return self._distance_to_reconstruction(rotations)
 
     def sample(self, count: int, seed: int) -> Poses:

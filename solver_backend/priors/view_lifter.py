@@ -1,7 +1,7 @@
-"""The view lifter: pose code, root, direction up and their errors from one camera's keypoints over 27 frames.
+"""The view lifter: pose code, root, up direction and their errors from one camera's keypoints over 27 frames.
 
-Distance and size do not show in one image and are not estimated. Windows are turned towards the person and divided by
-the angular size, so that the place in the picture does not matter.
+Distance and size cannot be seen in one image and are not estimated. Windows are rotated towards the person and divided
+by the angular size, so that the position in the image does not matter.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from solver_backend.priors.sposer import LATENT_DIM
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 
 Arrays = dict[str, np.ndarray]  # Parameters by name.
-_EPSILON = np.float32(1e-5)  # Keeps a root mean square from zero, as the training has it.
+_EPSILON = np.float32(1e-5)  # Keeps a root mean square from being zero, as in training.
 
 
 def layer(arrays: Arrays, x: np.ndarray, name: str, heads: int, bias: np.ndarray | None = None) -> np.ndarray:
-    """Return (B, N, d) features after attention among them and two dense layers, normalised before each.
+    """Return (B, N, d) features after attention among them and two dense layers, each after a normalisation.
 
     ``x + W_o softmax(Q Kᵀ / √d_h + B) V``, then ``x + W_2 relu(W_1 x)`` (Vaswani et al. 2017, with the norm first).
 
     Args:
         name: prefix of the layer's parameters.
-        heads: d_h = d / heads.
+        heads: number of heads, d_h = d / heads.
         bias: (B, heads, N, N) added to the scores.
     """
     qkv = dense(arrays, layer_norm(arrays, x, name + "first"), name + "qkv")
@@ -47,7 +47,7 @@ def layer(arrays: Arrays, x: np.ndarray, name: str, heads: int, bias: np.ndarray
 
 
 def dense(arrays: Arrays, x: np.ndarray, name: str) -> np.ndarray:
-    """Return ``W x + b`` of the last axis, without b if there is none."""
+    """Return ``W x + b`` of the last axis, without b if it does not exist."""
     product = times_transposed(x.reshape(-1, x.shape[-1]), arrays[name + ".weight"])
     bias = arrays.get(name + ".bias")
     if bias is not None:
@@ -56,7 +56,7 @@ def dense(arrays: Arrays, x: np.ndarray, name: str) -> np.ndarray:
 
 
 def layer_norm(arrays: Arrays, x: np.ndarray, name: str) -> np.ndarray:
-    """Return the last axis without its mean, by its deviation, scaled and shifted."""
+    """Return the last axis, centred, divided by its standard deviation, scaled and shifted."""
     x = x - x.mean(-1, keepdims=True)
     scale = np.sqrt(np.einsum("...d,...d->...", x, x)[..., None] / x.shape[-1] + _EPSILON)
     x /= scale
@@ -66,7 +66,7 @@ def layer_norm(arrays: Arrays, x: np.ndarray, name: str) -> np.ndarray:
 
 
 def attention(q: np.ndarray, k: np.ndarray, v: np.ndarray, bias: np.ndarray | None = None) -> np.ndarray:
-    """Return the (B, N, d) values that each of N queries attends to. All are (B, heads, N, d_h)."""
+    """Return the (B, N, d) values that N queries attend to. Arguments are (B, heads, N, d_h)."""
     scores = q @ np.swapaxes(k, -1, -2)
     scores *= np.float32(q.shape[-1] ** -0.5)
     if bias is not None:
@@ -76,12 +76,12 @@ def attention(q: np.ndarray, k: np.ndarray, v: np.ndarray, bias: np.ndarray | No
 
 
 def split_heads(x: np.ndarray, heads: int) -> np.ndarray:
-    """Return (B, heads, N, d_h) of (B, N, d)."""
+    """Return (B, heads, N, d_h) from (B, N, d)."""
     return np.swapaxes(x.reshape(*x.shape[:2], heads, -1), 1, 2)
 
 
 def softmax(x: np.ndarray) -> np.ndarray:
-    """Return the softmax of the last axis. Overwrites its input."""
+    """Return the softmax of the last axis. Overwrites the input."""
     x -= x.max(-1, keepdims=True)
     np.exp(x, out=x)
     x /= x.sum(-1, keepdims=True)
@@ -90,7 +90,7 @@ def softmax(x: np.ndarray) -> np.ndarray:
 
 DEFAULT_WEIGHTS: Path = ASSETS / "view_lifter.npz"
 WINDOW, MIDDLE = 27, 13
-"""Frames of a window at ``WINDOW_FPS``, and the one that is lifted."""
+"""Frames of a window at ``WINDOW_FPS``, and the frame that is lifted."""
 WINDOW_FPS = 30.0
 TOKEN = 3 * len(POINTS) + 5
 """Inputs of the network per frame."""
@@ -99,20 +99,20 @@ FACE = ("left_ear", "right_ear", "nose")
 """Points of the head among the network's inputs."""
 NECKS = ("neck", "upper_neck", "thorax")
 HEAD_SHARE = {"head_top": 0.55, "head": 1.0}
-"""Position of the head's middle between the neck and the first of these that a detector has. On four takes of subjects
-01, 08 and 60 with MPII's points it reduces limb errors from 44.2 to 34.8 mm, with 0.5 as with 0.62."""
+"""Position of the middle of the head between the neck and the first of these that a detector has. On four takes of
+subjects 01, 08 and 60 with MPII's points it reduces limb errors from 44.2 to 34.8 mm, with 0.5 as with 0.62."""
 _CENTRE_FRAMES = 2.0  # Standard deviation, in frames, of the weights that locate the person around the middle frame.
-_FAINT = 1e-6  # Added weight of all frames, which counts if the person is lost in the middle.
+_FAINT = 1e-6  # Weight added to all frames, relevant if the person is lost in the middle.
 _SMALLEST = 1e-6
 _LOG_SIGMA = (-4.6, 0.7)
-"""Logarithms of the smallest and largest standard deviation in metres: 1 cm to 2 m."""
+"""Logarithms of the smallest and largest standard deviation in metres, 1 cm and 2 m."""
 _BLOCK = 256  # Windows per batch, which bounds memory to 0.1 GB. Chosen by hand.
-_START_LOG_SIGMA = -2.5  # Log deviation at the network's zero: 8 cm.
+_START_LOG_SIGMA = -2.5  # Log standard deviation where the network's output is zero: 8 cm.
 
 
 @dataclass(frozen=True)
 class LookAt:
-    """Turn and scale of N windows."""
+    """Rotation and scale of N windows."""
 
     R: Array  # (N, 3, 3) camera to a camera that looks at the person.
     size: Array  # (N,) root mean square angle of the points about the person's middle, in focal lengths.
@@ -120,20 +120,20 @@ class LookAt:
 
 @dataclass(frozen=True)
 class LiftedView:
-    """Network results for N windows, in the axes of the camera (x right, y down, z forward)."""
+    """Network results for N windows, in camera axes (x right, y down, z forward)."""
 
     z: Array  # (N, 32) unit zero-mean codes of SPoser.
     root: Array  # (N, 3, 3) body to camera.
     up: Array  # (N, 3) unit, against gravity.
     sigma_m: Array
-    """(N, 24, 2) deviation of each joint about the body's middle on a skeleton of 1.70 m: across the picture, per axis,
-    and along the line of sight."""
+    """(N, 24, 2) standard deviations of each joint relative to the body's middle on a skeleton of 1.70 m: per axis
+    across the image, and along the line of sight."""
     sight: Array  # (N, 3, 3) rows: right, down and forward of a camera that looks at the person.
     hidden: np.ndarray | None = None  # (N, d) features before the last layer, None during training.
 
 
 def look_at(points: Array, confidence: Array) -> LookAt:
-    """Return the camera that looks at the person in the middle of each window.
+    """Return the camera that looks at the person at the middle of each window.
 
     ``points`` (N, 27, 19, 2) are in focal lengths from the principal point, finite. ``confidence`` (N, 27, 19) is 0 for
     missing ones.
@@ -150,10 +150,10 @@ def look_at(points: Array, confidence: Array) -> LookAt:
 
 
 def features(points: Array, confidence: Array, up: Array, view: LookAt) -> Array:
-    """Return (N, 27, 62): turned and scaled points with confidences, 0 where missing, size, and the direction up.
+    """Return (N, 27, 62) inputs: rotated and scaled points with confidences, 0 where missing, size, and up direction.
 
-    The last five are equal in all frames of a window. ``up`` (N, 3) is a unit vector against gravity in the camera's
-    axes, zero if unknown. The others are as in ``look_at``.
+    The last five are the same in all frames of a window. ``up`` (N, 3) is a unit vector against gravity in camera axes,
+    zero if unknown. The others are as in ``look_at``.
     """
     xp = array_namespace(points)
     count = points.shape[0]
@@ -168,7 +168,7 @@ def features(points: Array, confidence: Array, up: Array, view: LookAt) -> Array
 
 
 def interpreted(output: Array, view: LookAt) -> LiftedView:
-    """Return the meaning of the (N, 89) output of the network."""
+    """Return the view that the (N, 89) output of the network encodes."""
     xp = array_namespace(output)
     back = xp.matrix_transpose(view.R)
     turn, end = output[:, LATENT_DIM : LATENT_DIM + 6], LATENT_DIM + 9
@@ -180,7 +180,7 @@ def interpreted(output: Array, view: LookAt) -> LiftedView:
 
 @dataclass(frozen=True)
 class ViewLifter:
-    """The network: attention among the frames of a window, read in its middle."""
+    """Network with attention among the frames of a window, evaluated at its middle."""
 
     arrays: Arrays  # Weights, float32, by the names of the trained module's parameters.
     heads: int
@@ -193,7 +193,7 @@ class ViewLifter:
 
     @property
     def width(self) -> int:
-        """Features of a frame."""
+        """Number of features of a frame."""
         return int(self.arrays["place"].shape[-1])
 
     def output(self, hidden: np.ndarray) -> np.ndarray:
@@ -201,7 +201,7 @@ class ViewLifter:
         return np.asarray(dense(self.arrays, hidden, "out"), dtype=float)
 
     def hidden(self, tokens: np.ndarray) -> np.ndarray:
-        """Return the features (N, d) of (N, 27, 62) tokens before the last layer, float32."""
+        """Return the (N, d) features of (N, 27, 62) tokens before the last layer, float32."""
         blocks = [self._hidden(tokens[first : first + _BLOCK]) for first in range(0, len(tokens), _BLOCK)]
         return np.concatenate(blocks) if blocks else np.zeros((0, self.width), np.float32)
 
@@ -225,7 +225,7 @@ class ViewLifter:
             points: (F, L, 2) in focal lengths from the principal point, undistorted, NaN where missing.
             confidence: (F, L) in 0..1, 0 where missing.
             names: L names of the points. Unknown ones are ignored.
-            up: (3,) or (F, 3) unit vector against gravity in the camera's axes, None if unknown.
+            up: (3,) or (F, 3) unit vector against gravity in camera axes, None if unknown.
         """
         points, confidence = known_points(points, confidence, names)
         frames = window_frames(len(points), fps)
@@ -241,7 +241,7 @@ class ViewLifter:
 def known_points(points: np.ndarray, confidence: np.ndarray, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Return the network's (F, 19, 2) points, finite, and their confidences, 0 where missing.
 
-    The head's middle replaces missing ears and nose, see ``HEAD_SHARE``.
+    The middle of the head replaces missing ears and nose (``HEAD_SHARE``).
     """
     points, confidence, names = _with_head(points, confidence, names)
     column = [names.index(name) if name in names else -1 for name in POINTS]
@@ -254,7 +254,7 @@ def known_points(points: np.ndarray, confidence: np.ndarray, names: tuple[str, .
 def _with_head(
     points: np.ndarray, confidence: np.ndarray, names: tuple[str, ...]
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return points, confidences and names with the head's middle for ears and nose without a name."""
+    """Return points, confidences and names with the middle of the head for ears and nose that have no name."""
     absent = tuple(name for name in FACE if name not in names)
     top, share = next(((name, share) for name, share in HEAD_SHARE.items() if name in names), ("", 0.0))
     neck = next((name for name in NECKS if name in names), "")
@@ -269,7 +269,7 @@ def _with_head(
 
 
 def window_frames(count: int, fps: float) -> np.ndarray:
-    """Return (F, 27) numbers of the frames nearest to each window's times, also beyond the ends of the take."""
+    """Return (F, 27) numbers of the frames closest to each window's times, including ones beyond the take."""
     offsets = np.round((np.arange(WINDOW) - MIDDLE) * fps / WINDOW_FPS).astype(int)
     return np.arange(count)[:, None] + offsets
 
@@ -292,7 +292,7 @@ def load_view_lifter(path: Path = DEFAULT_WEIGHTS) -> ViewLifter:
 
 
 def _weights(confidence: Array) -> Array:
-    """Return (N, 27, 19) weights of sum 1 that find the person about the middle frame."""
+    """Return (N, 27, 19) weights with sum 1 that locate the person around the middle frame."""
     xp = array_namespace(confidence)
     frame = np.arange(WINDOW) - MIDDLE
     share = constant(np.exp(-0.5 * (frame / _CENTRE_FRAMES) ** 2) + _FAINT, confidence)
@@ -302,7 +302,7 @@ def _weights(confidence: Array) -> Array:
 
 
 def _turned(points: Array, R: Array) -> Array:
-    """Return (N, 27, 19, 2): image points as a camera turned by R sees them."""
+    """Return (N, 27, 19, 2) image points as seen by a camera rotated by R."""
     xp = array_namespace(points)
     rays = xp.concat([points, xp.ones_like(points[..., :1])], axis=-1)
     rays = xp.matmul(rays, xp.matrix_transpose(R)[:, None])
@@ -325,25 +325,25 @@ BONES: tuple[tuple[int, int], ...] = tuple(
     for first, last in zip(_CHAINS[part.split()[1]][:-1], _CHAINS[part.split()[1]][1:], strict=True)
 )
 """Joints at the ends of the eight bones, upper before lower."""
-SLANT = float(np.sin(np.radians(20.0)))  # Sine of the least angle of a slanted bone to the picture's plane.
+SLANT = float(np.sin(np.radians(20.0)))  # Sine of the smallest angle of a slanted bone to the image plane.
 CLASSES = 3  # Towards the camera, across, away from it.
 
 
 @dataclass(frozen=True)
 class LimbSlants:
-    """The network and its metadata."""
+    """Network and its metadata."""
 
     stack: DenseStack  # The lifter's features to 8 x 3 logits.
     metadata: dict[str, Any]  # Training command, data, figures.
 
     def __call__(self, hidden: np.ndarray) -> np.ndarray:
-        """Return (N, 8, 3) chances that each bone points towards the camera, across or away, for (N, d) features."""
+        """Return (N, 8, 3) probabilities that bones point towards the camera, across or away, from (N, d) features."""
         logits = np.asarray(self.stack(np.asarray(hidden, dtype=float)))
         return softmax(logits.reshape(len(hidden), len(BONES), CLASSES).copy())
 
 
 def bone_slants(joints: np.ndarray, sight: np.ndarray) -> np.ndarray:
-    """Return (F, 8) sines of the angles by which bones point away along ``sight`` (F, 3): ``u · s``."""
+    """Return the (F, 8) sines ``u · s`` of the angles at which bones point away along ``sight`` (F, 3)."""
     first, last = np.array(BONES).T
     bones = joints[:, last] - joints[:, first]
     length = np.maximum(np.linalg.norm(bones, axis=-1), 1e-9)
@@ -351,15 +351,15 @@ def bone_slants(joints: np.ndarray, sight: np.ndarray) -> np.ndarray:
 
 
 def slant_classes(slants: np.ndarray) -> np.ndarray:
-    """Return 0 where a bone points towards the camera, 1 across, 2 away."""
+    """Return 0 for a bone that points towards the camera, 1 across, 2 away."""
     return np.where(slants < -SLANT, 0, np.where(slants > SLANT, 2, 1))
 
 
 def flip_chances(chances: np.ndarray, slants: np.ndarray) -> np.ndarray:
-    """Return (F, 4) chances that a bone of a limb points the other way than it was solved.
+    """Return (F, 4) probabilities that a bone of a limb points in the opposite direction to the solve.
 
-    ``1 - Π_b (1 - p_b)`` over its two bones, p the chance of the opposite class, 0 for a bone across. ``chances`` are
-    (F, 8, 3), see ``LimbSlants``, ``slants`` (F, 8).
+    ``1 - Π_b (1 - p_b)`` over its two bones, with p the probability of the opposite class, 0 for a bone across.
+    ``chances`` are (F, 8, 3) (``LimbSlants``), and ``slants`` (F, 8).
     """
     opposite = np.where(slants > SLANT, chances[..., 0], np.where(slants < -SLANT, chances[..., 2], 0.0))
     return 1.0 - (1.0 - opposite[:, 0::2]) * (1.0 - opposite[:, 1::2])
@@ -367,7 +367,7 @@ def flip_chances(chances: np.ndarray, slants: np.ndarray) -> np.ndarray:
 
 @cache
 def load_limb_slants(path: Path = SLANT_WEIGHTS) -> LimbSlants:
-    """Load the network's weights. Errors are as in ``read_weights``, also for another view lifter."""
+    """Load the network's weights. Errors are those of ``read_weights``, and another view lifter is an error."""
     weights = read_weights(path, "limb_slants")
     lifter = load_view_lifter()
     if weights.metadata.get("view_lifter_sha256") != lifter.metadata["sha256"]:

@@ -1,4 +1,4 @@
-"""Weight files of priors: ``.npz`` without pickle, with metadata that is checked."""
+"""Read and write weight files of priors: ``.npz`` without pickle, with checked metadata."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ FORMAT = "manifold_mocap_prior"
 VERSION = 1
 BODY_JOINTS: tuple[str, ...] = SMPL_JOINTS[1 : 1 + NUM_BODY_JOINTS]
 ASSETS = Path(__file__).resolve().parents[1] / "assets"
-"""Folder of the weights that ship."""
+"""Folder of the built-in weights."""
 
 
 @dataclass(frozen=True)
 class PriorWeights:
-    """The arrays of a prior and their metadata."""
+    """Arrays of a prior and their metadata."""
 
     prior: str
     arrays: dict[str, np.ndarray]
@@ -34,7 +34,7 @@ class PriorWeights:
     sha256: str = ""
 
     def array(self, name: str, shape: tuple[int | None, ...]) -> np.ndarray:
-        """Return an array as float64, of the given shape (None = any length).
+        """Return an array as float64 with the given shape (None = any length).
 
         Raises:
             WeightsInvalid: it is missing, of another shape or not finite.
@@ -54,7 +54,7 @@ class PriorWeights:
 
 
 def write_weights(path: Path, weights: PriorWeights) -> str:
-    """Write a weight file, whole or not at all, and return the hash of its arrays."""
+    """Write a weight file completely or not at all, and return the hash of its arrays."""
     digest = arrays_hash(weights.arrays)
     header = {"format": FORMAT, "version": VERSION, "prior": weights.prior, "body_joints": BODY_JOINTS}
     header |= {"sha256": digest, **weights.metadata}
@@ -64,10 +64,10 @@ def write_weights(path: Path, weights: PriorWeights) -> str:
 
 
 def read_weights(path: Path, prior: str | None) -> PriorWeights:
-    """Read and check the ``.npz`` of a prior, or of any prior if it is None.
+    """Read and check the ``.npz`` of a prior, or of any prior for None.
 
     Raises:
-        FileMissing: there is no such file.
+        FileMissing: the file does not exist.
         WeightsInvalid: it is no weight file, or for another prior, body or version, or damaged.
     """
     if not path.is_file():
@@ -88,7 +88,7 @@ def read_weights(path: Path, prior: str | None) -> PriorWeights:
 def read_stack(
     weights: PriorWeights, part: str, inputs: int, outputs: int, *, activate_last: bool = False
 ) -> DenseStack:
-    """Return a stack of dense layers: arrays ``<part>_w0, <part>_b0, ...``, hidden widths from the metadata.
+    """Return a stack of dense layers from arrays ``<part>_w0, <part>_b0, ...`` and the hidden widths in the metadata.
 
     Raises:
         WeightsInvalid: an array is missing or of another shape, or the activation is unknown.
