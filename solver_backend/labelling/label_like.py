@@ -1,4 +1,4 @@
-"""Label takes by other takes of the same person, and find labels that are exchanged between takes."""
+"""Label takes like other takes of the same person, and find labels that are exchanged between takes."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from solver_backend.labelling.tracklets import Tracklets, tracklets_of
 from solver_backend.types import MarkerCloud
 
 FRAMES, LEAST_COMMON = 240, 5
-"""Most frames of the take to use, and least frames that show both markers of a known pair."""
+"""Most frames of a take to use, and fewest frames with both markers of a known pair."""
 FLOOR_M, NEAR_M, BEND = 0.008, 0.12, 0.15
-"""Standard deviation of a rigid pair's distance by sliding skin, and the share that adds to it per distance beyond
-``NEAR_M``: another take bends joints that are still in this one."""
-RIGID_M = 0.02  # Deviation of a pair that weighs half.
+"""Standard deviation (m) of a rigid pair's distance by soft tissue, and its relative increase per distance beyond
+``NEAR_M``, because another take bends joints that are still in this one."""
+RIGID_M = 0.02  # Standard deviation of a pair with half weight, metres.
 VOLUME = 0.12  # Additional standard deviation of a triple product of unit vectors between takes.
 
 
@@ -31,10 +31,10 @@ class ReferenceTake:
     """Distances and orientations of L markers."""
 
     labels: tuple[str, ...]
-    distance: np.ndarray  # (L, L) metres, the means, NaN where a pair is never seen.
-    variance: np.ndarray  # (L, L) m².
+    distance: np.ndarray  # (L, L) mean distances in metres, NaN for pairs that are never visible together.
+    variance: np.ndarray  # (L, L) variances in m².
     weight: np.ndarray  # (L, L) weight of each pair, 0 to 1, with 0 on the diagonal.
-    points: np.ndarray  # (F, L, 3) metres.
+    points: np.ndarray  # (F, L, 3) positions in metres.
 
     def volume(self, label: int, others: np.ndarray) -> tuple[float, float]:
         """Return mean and variance of the triple product of unit vectors from a marker to three others."""
@@ -55,7 +55,7 @@ def reference_of(cloud: MarkerCloud) -> ReferenceTake:
 
 
 def distance_statistics(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, N) means and variances of the distances of (F, N, 3) points, NaN where too few frames show both."""
+    """Return (N, N) means and variances of distances between (F, N, 3) points, NaN if too few frames show both."""
     count = points.shape[1]
     total, square, seen = (np.zeros((count, count)) for _ in range(3))
     for frame in points:
@@ -69,18 +69,18 @@ def distance_statistics(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def triple_products(points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return (...) the triple product of the unit vectors from (..., 3) points to (..., 3, 3) others."""
+    """Return the (...) triple products of the unit vectors from (..., 3) points to (..., 3, 3) others."""
     along = unit(others - points[..., None, :])
     return np.einsum("...i,...i->...", along[..., 0, :], np.cross(along[..., 1, :], along[..., 2, :]))
 
 
 BEAM, FIRST_BEAM, SEED = 150, 3000, 5  # Hypotheses to keep, and while fewer labels than ``SEED`` are placed.
 CAP, SKIP = 6.0, 2.0
-"""Largest cost of one pair in halves of squared deviations, as of a bent joint or a wrong pair, and the cost of a pair
-with a label on no point. A right one costs 0.5."""
+"""Largest cost of one pair in half squared deviations, as for a bent joint or wrong pair, and cost of a pair whose
+label has no point. A correct pair costs 0.5."""
 VOLUMES, VOLUME_WEIGHT = 3, 3.0  # Triple products of each new label, and the weight of each against a rigid pair.
 FITS, CLEAR = 4.0, 0.2
-"""Largest mean cost of a tracklet that fits a label, and the least difference to the cost of the next label."""
+"""Largest mean cost of a tracklet that fits a label, and smallest cost difference to the next label."""
 SAMPLES, ROUNDS = 24, 6  # Frames of a tracklet to use, and rounds in which names spread.
 
 
@@ -89,12 +89,12 @@ class LikeTake:
     """A take that was labelled like another one."""
 
     tracklets: Tracklets
-    chain_label: np.ndarray  # (C,) label of each chain of tracklets, -1 where none is sure.
-    labels: tuple[str, ...]  # Of the reference.
+    chain_label: np.ndarray  # (C,) label of each chain of tracklets, -1 if none is certain.
+    labels: tuple[str, ...]  # Labels of the reference.
 
     @property
     def point_labels(self) -> np.ndarray:
-        """(F, N) label of each point, -1 where none."""
+        """(F, N) label of each point, -1 for none."""
         number = self.tracklets.number
         return np.where(number >= 0, self.chain_label[self.tracklets.chain][number], -1)
 
@@ -115,12 +115,12 @@ def label_like(
 ) -> LikeTake:
     """Label a take's points like a labelled take of the same person.
 
-    At the moment with most points, a beam search places the labels, the most rigid ones first, because markers on one
-    bone keep their distance. Triple products exclude mirror images. From there names spread over time: a tracklet gets
-    the only label that fits its distances to the named points.
+    In the frame with most points, a beam search assigns the labels. It starts with the most rigid ones, because markers
+    on one bone keep their distance. Triple products exclude mirror images. Labels then propagate in time: a tracklet
+    gets the only label that fits its distances to the labelled points.
 
     The names of the cloud are ignored. ``persistent``: each column is one marker throughout. ``proposed`` (F, N) are
-    the network's labels, -1 where none, as another start. The better fit wins.
+    the network's labels, -1 for none, as another start. The better fit wins.
 
     Raises:
         NoDetections: no frame shows enough of the points.
@@ -150,7 +150,7 @@ def label_like(
 
 
 def _lay(points: np.ndarray, now: np.ndarray, reference: ReferenceTake) -> np.ndarray:
-    """Return the label of each of (N, 3) points ``now``, -1 where none is, from (F, N, 3) points around that moment."""
+    """Return the label of each of (N, 3) points ``now``, -1 for none, from (F, N, 3) points in neighbouring frames."""
     some = np.unique(np.linspace(0, len(points) - 1, 60).astype(int))
     mean, variance = distance_statistics(points[some])
     at_once = np.linalg.norm(now[:, None] - now[None], axis=-1)
@@ -197,7 +197,7 @@ def _order(reference: ReferenceTake) -> np.ndarray:
 
 
 def _volumes(now: np.ndarray, laid: np.ndarray, before: np.ndarray, label: int, reference: ReferenceTake) -> np.ndarray:
-    """Return (B, N) costs of triple products with the labels laid before."""
+    """Return (B, N) costs of triple products with the labels assigned before."""
     added = np.zeros((len(laid), len(now)))
     if len(before) < 3:
         return added
@@ -218,7 +218,7 @@ def _volumes(now: np.ndarray, laid: np.ndarray, before: np.ndarray, label: int, 
 def _spread(
     tracks: np.ndarray, alive: np.ndarray, found: np.ndarray, reference: ReferenceTake
 ) -> tuple[np.ndarray, float]:
-    """Return the label of every chain, starting from known ones, and the score of the fit."""
+    """Propagate known labels to all chains. Return the label of each chain, and the score of the fit."""
     seen = [np.flatnonzero(column) for column in alive.T]
     samples = [frames[np.unique(np.linspace(0, len(frames) - 1, SAMPLES).astype(int))] for frames in seen]
     for _ in range(ROUNDS):
@@ -242,9 +242,9 @@ def _named(tracks: np.ndarray, found: np.ndarray, count: int) -> np.ndarray:
 
 
 def _cost(points: np.ndarray, named: np.ndarray, own: int, reference: ReferenceTake) -> np.ndarray:
-    """Return (L,) the mean cost over pairs of each label for a tracklet, by its distances to the named points.
+    """Return (L,) mean costs over pairs of each label for a tracklet, from its distances to the labelled points.
 
-    Points (S, 3) are of the tracklet, ``named`` (S, L, 3). Its own label (-1 if none) is not a named point.
+    The tracklet has points (S, 3), the labelled points are (S, L, 3) without the tracklet's own label (-1 if none).
     """
     distance = np.linalg.norm(named - points[:, None], axis=-1)
     if own >= 0:
@@ -275,24 +275,24 @@ def _chosen(cost: np.ndarray, alive: np.ndarray) -> np.ndarray:
 
 
 TAKE_FRAMES, LEAST_FRAMES = 120, 8  # Most frames of a take to use, and least frames that show a marker.
-SKIN_M = 0.01  # Standard deviation of a rigid pair's distance between takes: markers are put on anew, and skin slides.
+SKIN_M = 0.01  # Standard deviation (m) of a rigid pair's distance between takes, by placement and soft tissue.
 CONFUSED_M = 0.35
-"""Largest distance of two markers that are confused: the farthest that were, a forearm's and an upper arm's."""
-OTHERS = 3  # Further markers, the most rigid with both of a pair, that show its side.
+"""Largest distance of confused markers in metres. The furthest observed were on a forearm and an upper arm."""
+OTHERS = 3  # Number of further markers that determine a pair's side, those most rigid with both.
 OPEN = -4.0  # Gain by distances below which sides are not compared.
 
 
 @dataclass(frozen=True)
 class TakeShape:
-    """Places and distances of M markers in a take."""
+    """Positions and distances of M markers in a take."""
 
-    points: np.ndarray  # (F, M, 3) metres, NaN where missing.
-    distance: np.ndarray  # (M, M) metres, the means, NaN where too few frames show both.
-    variance: np.ndarray  # (M, M) m², of the distances and of their changes between takes.
+    points: np.ndarray  # (F, M, 3) positions in metres, NaN where missing.
+    distance: np.ndarray  # (M, M) mean distances in metres, NaN if too few frames show both.
+    variance: np.ndarray  # (M, M) variances in m² of the distances and of their changes between takes.
 
 
 def shape_of(points: np.ndarray, skin_m: float = SKIN_M) -> TakeShape:
-    """Return the shape of (F, M, 3) points. Markers that few frames show are missing."""
+    """Return the shape of (F, M, 3) points. Markers that are visible in too few frames are missing."""
     some = points[np.unique(np.linspace(0, len(points) - 1, TAKE_FRAMES).astype(int))].copy()
     some[:, np.isfinite(some).all(-1).sum(0) < min(LEAST_FRAMES, len(some))] = np.nan
     mean, variance = distance_statistics(some)
@@ -300,10 +300,10 @@ def shape_of(points: np.ndarray, skin_m: float = SKIN_M) -> TakeShape:
 
 
 def exchange_gains(one: TakeShape, other: TakeShape, pairs: np.ndarray) -> np.ndarray:
-    """Return (P,) gains of exchanging each of (P, 2) pairs of markers in one take, in halves of squared deviations.
+    """Return (P,) gains of exchanging each of (P, 2) marker pairs in one take, in half squared deviations.
 
     ``Σ_c w_c [q(a, a) + q(b, b) - q(a, b) - q(b, a)]`` with ``q(x, y) = min(½ (d_xc - d'_yc)² / v_c, cap)`` over the
-    other markers c, and the same of triple products, which change their sign with an exchange. Both takes show the same
+    other markers c. The same sum of triple products, whose sign an exchange changes, is added. Both takes show the same
     M markers.
     """
     a, b = pairs.T
@@ -326,7 +326,7 @@ def exchange_gains(one: TakeShape, other: TakeShape, pairs: np.ndarray) -> np.nd
 
 
 def replacement_gains(one: TakeShape, other: TakeShape, marker: int, candidates: np.ndarray) -> np.ndarray:
-    """Return (K,) gains if another point of one take (a candidate's number) is a marker of the other take.
+    """Return (K,) gains if another point of one take (index in ``candidates``) is a marker of the other take.
 
     The first take has M markers and further points, the other one the same markers and NaN for the further points.
     """
@@ -343,7 +343,7 @@ def _misfit(one: TakeShape, other: TakeShape, x: np.ndarray, y: np.ndarray | int
 
 
 def _by_side(one: TakeShape, other: TakeShape, pair: np.ndarray, rigid: np.ndarray) -> float:
-    """Return the gain of an exchange by the side of the most rigid other markers."""
+    """Return the gain of an exchange from the side of the most rigid other markers."""
     gain = 0.0
     around = [int(c) for c in np.argsort(-rigid, kind="stable")[:OTHERS] if rigid[c] > 0.1]
     for c, d in combinations(around, 2):
@@ -355,7 +355,7 @@ def _by_side(one: TakeShape, other: TakeShape, pair: np.ndarray, rigid: np.ndarr
 
 
 def _handedness(points: np.ndarray, pair: np.ndarray, c: int, d: int) -> tuple[float, float]:
-    """Return mean and variance of ``u · (v × w)``: from first to second, and from their middle to two others."""
+    """Return mean and variance of ``u · (v × w)``: u from first to second, v and w from their midpoint to others."""
     first, second = points[:, pair[0]], points[:, pair[1]]
     middle = 0.5 * (first + second)
     u, v, w = (unit(part) for part in (second - first, points[:, c] - middle, points[:, d] - middle))
@@ -365,40 +365,40 @@ def _handedness(points: np.ndarray, pair: np.ndarray, c: int, d: int) -> tuple[f
 
 
 CLEAR_GAIN, CLEAR_OF_TWO = 3.0, 6.0
-"""Least gain of an exchange against every other take (see ``exchange_gains``), and where the layout decides. Of five
-takes each of UI-PRMD's eight people, rightly named, none gains more than 1.3 against all others, and 2 to 22 against a
-single one; C7 and T10 exchanged gain at least 23, LUPA and LFRM 5, knee and shank 2, wrists -8 to 8."""
-CLEAR_BY_LAYOUT = 3.0  # Least gain against the layout's places, where as many takes are for an exchange as against it.
-EXCHANGE_ROUNDS = 12  # Most exchanges in one take: takes are compared again after each.
+"""Smallest gain of an exchange against every other take (see ``exchange_gains``), and if the layout decides. In five
+correctly labelled takes each of UI-PRMD's eight people, none gains more than 1.3 against all others, and 2 to 22
+against a single one. Exchanged C7 and T10 gain at least 23, LUPA and LFRM 5, knee and shank 2, wrists -8 to 8."""
+CLEAR_BY_LAYOUT = 3.0  # Smallest gain against the layout if equally many takes support and oppose an exchange.
+EXCHANGE_ROUNDS = 12  # Most exchanges in one take. Takes are compared again after each.
 MOST_TOGETHER, BESIDE = 12, 3
-"""Most takes that are compared in pairs, and the number of them that each further one is compared with."""
-_PLACED_M = 0.03  # Standard deviation of the distance between two markers at known places of a layout.
+"""Most takes to compare in pairs, and number of these with which each further take is compared."""
+_PLACED_M = 0.03  # Standard deviation in metres of the distance between two markers at known landmarks.
 
 
 @dataclass(frozen=True)
 class NameChange:
     """Two names that are swapped in one take."""
 
-    take: int  # Number of the take, from 0.
+    take: int  # Index of the take, from 0.
     first: str
-    second: str  # Labels, or the former label of a point without a name that takes the first one.
-    mended: bool  # False where the takes do not decide which name is right. The names are then left.
+    second: str  # Labels, or the former label of an unnamed point that takes the first one.
+    mended: bool  # False if the takes do not decide which name is right. The names are then kept.
 
 
 @dataclass(frozen=True)
 class NamesOverTakes:
-    """Takes of one person under the same names."""
+    """Takes of one person with consistent names."""
 
     clouds: tuple[MarkerCloud, ...]
     changes: tuple[NameChange, ...]
 
 
 def names_over_takes(clouds: Sequence[MarkerCloud], kept: Collection[str] = ()) -> NamesOverTakes:
-    """Return takes of one person with equal names of equal markers.
+    """Make the marker names consistent over takes of one person.
 
-    Two takes contradict each other about a pair of labels where exchanging it makes their distances and sides agree.
-    A take that all others contradict, while they agree among themselves, is corrected. Where as many takes are for one
-    as for the other, the layout's places decide. Where these do not either, the names are left and reported.
+    Two takes contradict each other about a pair of labels if exchanging it makes their distances and sides agree. A
+    take that all others contradict, while they agree with each other, is corrected. If equally many takes support both,
+    the layout's landmarks decide. If these do not either, the names are kept and reported.
 
     The user's labels (``kept``) are not changed. Each column of the takes is one marker throughout.
     """
@@ -420,7 +420,7 @@ def names_over_takes(clouds: Sequence[MarkerCloud], kept: Collection[str] = ()) 
 
 
 def _of_many(takes: list[MarkerCloud], kept: Collection[str]) -> NamesOverTakes:
-    """Compare some of many takes with each other, and the others with a few of these."""
+    """Compare some of many takes with each other, and the remaining ones with a few of these."""
     chosen = np.unique(np.linspace(0, len(takes) - 1, MOST_TOGETHER).astype(int)).tolist()
     found = names_over_takes([takes[i] for i in chosen], kept)
     changes = [replace(change, take=chosen[change.take]) for change in found.changes]
@@ -435,7 +435,7 @@ def _of_many(takes: list[MarkerCloud], kept: Collection[str]) -> NamesOverTakes:
 
 
 def _changes(takes: Sequence[MarkerCloud], kept: Collection[str]) -> list[NameChange]:
-    """Return changes that share no label in a take, the clearest first."""
+    """Return changes that share no label in a take, the most certain first."""
     count = Counter(name for cloud in takes for name in {*cloud.names})
     labels = sorted(label for label in count if count[label] > 1 and not is_unnamed(label))
     shapes = [shape_of(_points_of(cloud, labels)) for cloud in takes]
@@ -463,10 +463,10 @@ def _changes(takes: Sequence[MarkerCloud], kept: Collection[str]) -> list[NameCh
 
 
 def _odd_takes(gain: np.ndarray, by_layout: np.ndarray) -> list[tuple[int, float, bool]]:
-    """Return the takes with two swapped names, how clearly, and whether that is sure.
+    """Return the takes with two swapped names, their margin, and whether that is certain.
 
     Gains of an exchange are (T, T) between two takes, NaN if one of them does not show both markers, and (T,) against
-    the layout's places.
+    the layout's landmarks.
     """
     there = np.flatnonzero(np.isfinite(gain).any(1))
     between = gain[np.ix_(there, there)]
@@ -496,7 +496,7 @@ def _replacements(
     places: TakeShape,
     kept: Collection[str],
 ) -> list[tuple[float, NameChange]]:
-    """Return names that another point of a take should have, with a label of its own."""
+    """Return names that another, separately labelled point of a take should have."""
     count, found = len(takes), list[tuple[float, NameChange]]()
     points = [[label for label in cloud.names if label not in labels] for cloud in takes]
     whole = [shape_of(_points_of(cloud, [*labels, *more])) for cloud, more in zip(takes, points, strict=True)]
@@ -542,7 +542,7 @@ def _points_of(cloud: MarkerCloud, labels: Sequence[str]) -> np.ndarray:
 
 
 def _places(labels: Sequence[str]) -> TakeShape:
-    """Return the layouts' places on the average body, NaN where they have none."""
+    """Return the layouts' landmarks on the average body, NaN where there is none."""
     body, known = load_body(), name_markers(labels).known
     named = [i for i, label in enumerate(labels) if known.get(label, "@")[0] != "@"]
     points = np.full((LEAST_FRAMES, len(labels), 3), np.nan)

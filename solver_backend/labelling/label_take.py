@@ -31,42 +31,42 @@ from solver_backend.labelling.tracklets import (
 )
 from solver_backend.types import MarkerCloud
 
-UNKNOWN = -1  # Label of a point that stays unnamed.
+UNKNOWN = -1  # Label of a point that remains unnamed.
 MEMORY_S = 0.15  # Seconds within which readings share their error and count as one.
 NETWORK_MOST = 4.0
-"""Most independent readings that the network counts as: it takes a marker for the same one throughout a take."""
-DISTANCE_SHARE = 1.5  # Weight of the distances.
+"""Largest number of independent readings that the network counts as, because its errors persist throughout a take."""
+DISTANCE_SHARE = 1.5  # Weight of the distance evidence.
 BODY_SHARE, BODY_MOST = 0.3, 2.5
-"""Weight of the body's evidence against one reading, and the most readings it counts as."""
+"""Weight of the body's evidence relative to one reading, and most readings that it counts as."""
 PASSING, PASSING_S = 5.0, 0.4
-"""Additional log likelihood that a point seen for a moment is no marker, and the time for it to fade."""
+"""Additional log likelihood that a briefly visible point is not a marker, and its decay time in seconds."""
 SELDOM = np.array([i for i, name in enumerate(MARKERS) if name not in marker_layout("CMU_41")])
-SELDOM_COST = 1.5  # Markers that common layouts lack, and the prior log likelihood that they lose.
+SELDOM_COST = 1.5  # Log likelihood penalty of markers that common layouts lack.
 SURE, TRUSTED = 0.8, 0.6  # Least probability of a label that is given, and of one whose chain helps to name others.
 FIRST_AGREED, AGREED = 0.5, 0.4
-"""Least mean probability by the network of these: in the first round, and always where a body is laid over them."""
-_ROWS = 512  # Tracklets that are compared with all others at once.
+"""Smallest mean network probability of a label: in the first round, and always for the fit of a body."""
+_ROWS = 512  # Number of tracklets to compare with all others at once.
 
 
 @dataclass(frozen=True)
 class Votes:
     """The network's reading of K frames, and its votes on C chains."""
 
-    frames: np.ndarray  # (K,) frames read.
-    landmarks: np.ndarray  # (K, 77, 3) metres, markers and joints.
-    covariance: np.ndarray  # (K, 77, 3, 3) m².
+    frames: np.ndarray  # (K,) frames that were read.
+    landmarks: np.ndarray  # (K, 77, 3) markers and joints in metres.
+    covariance: np.ndarray  # (K, 77, 3, 3) covariances in m².
     evidence: np.ndarray  # (C, 54) sums of log probabilities.
     mean: np.ndarray  # (C, 54) mean probabilities.
-    count: np.ndarray  # (C,) readings.
+    count: np.ndarray  # (C,) numbers of readings.
 
 
 def voted(
     votes: Votes, together: np.ndarray, fps: float, bound: dict[int, int], by_distance: np.ndarray, by_body: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return label and confidence of every chain: ``UNKNOWN`` where no label is probable enough.
+    """Return the label and confidence of every chain: ``UNKNOWN`` if no label is probable enough.
 
-    Log likelihoods add up: the network's mean times the readings it counts as, ``distance_evidence``,
-    ``body_evidence`` (each (C, 54), or 0), and the prior. ``together`` (C, C) are chains that are seen at one time.
+    Log likelihoods are added: the network's mean times its number of independent readings, ``distance_evidence``,
+    ``body_evidence`` (each (C, 54), or 0), and the prior. ``together`` (C, C) marks chains that are visible together.
     """
     between = np.median(np.diff(votes.frames)) / fps if len(votes.frames) > 1 else 1.0
     seconds = votes.count * between
@@ -75,12 +75,12 @@ def voted(
     evidence += np.minimum(BODY_SHARE * seconds / MEMORY_S, BODY_MOST)[:, None] * by_body
     evidence[:, SELDOM] -= SELDOM_COST
     evidence[:, GHOST] += PASSING * np.exp(-seconds / PASSING_S)
-    # Where two want one marker, it is the one that is seen longer: most points are right then.
+    # If two chains claim one marker, the one that is visible longer gets it, because most points are then right.
     labels = labels_of_stretches((seconds + PASSING_S)[:, None] * evidence, together, bound)
     rows = np.arange(len(labels))
     held = np.zeros(evidence.shape, dtype=np.int64)
     held[rows, labels] = 1
-    # A label is possible for a chain if no chain that is seen with it has that label.
+    # A chain cannot have a label that another chain, visible at the same time, already has.
     free = (together.astype(np.int64) @ held) == 0
     free[:, GHOST] = free[rows, labels] = True
     open_ = np.where(free, evidence, -np.inf)
@@ -92,7 +92,7 @@ def voted(
 
 
 def seen_together(tracklets: Tracklets) -> np.ndarray:
-    """Return (C, C) whether two chains have tracklets that are seen at one time."""
+    """Return a (C, C) mask of chains with tracklets that are visible at the same time."""
     first, last, chain = tracklets.first, tracklets.last, tracklets.chain
     together = np.zeros((tracklets.num_chains,) * 2, dtype=bool)
     for start in range(0, len(first), _ROWS):
@@ -106,18 +106,18 @@ def seen_together(tracklets: Tracklets) -> np.ndarray:
 AROUND = tuple(MARKERS.index(name) for name in ("LFHD", "RFHD", "RBHD", "LBHD"))  # The head's markers, in order.
 _PAIRS = tuple((MARKERS.index("L" + name), MARKERS.index("R" + name)) for name in ("SHO", "FWT", "BWT"))
 SIDEWAYS = np.radians(70.0)
-"""Least mean turn of a head against shoulders and waist that shows wrong names. In 158 takes of UI-PRMD it is 43
-degrees at most, in 28 other files 56. Names a quarter turn off add 90."""
-LEAST_FRAMES = 10  # Least frames that show the four.
+"""Smallest mean rotation of a head relative to shoulders and waist that reveals wrong names. In 158 takes of UI-PRMD
+the largest is 43 degrees, in 28 other files 56. Names that are a quarter turn off add 90."""
+LEAST_FRAMES = 10  # Fewest frames that show all four markers.
 
 
 def with_head_forward(
     positions: np.ndarray, tracklets: Tracklets, labels: np.ndarray, bound: dict[int, int]
 ) -> np.ndarray:
-    """Return the label of each chain, with the head's four turned by quarters where the head faces sideways.
+    """Return the label of each chain. The head's four labels are rotated by quarter turns if the head faces sideways.
 
-    The distances of a head that is wider than long fit as well when it is turned by a quarter. A head with a label of
-    the user (``bound``, by chain) stays.
+    The distances of a head that is wider than long also fit after a quarter turn. A head with a user's label
+    (``bound``, by chain) does not change.
     """
     if any(label in AROUND for label in bound.values()):
         return labels
@@ -146,7 +146,7 @@ def _track(positions: np.ndarray, tracklets: Tracklets, labels: np.ndarray, mark
 
 
 def _turn(head: np.ndarray, left: list[np.ndarray]) -> float:
-    """Return the mean angle from the head's left to the body's in the head's plane, rad, 0 where nothing shows it.
+    """Return the mean angle in the head's plane from the head's left to the body's in radians, 0 if unknown.
 
     The (F, 4, 3) markers are in the order of ``AROUND``. ``left`` are (F, 3) vectors from the body's right to its left.
     """
@@ -160,16 +160,16 @@ def _turn(head: np.ndarray, left: list[np.ndarray]) -> float:
     return float(np.arctan2(across[there].mean(), along[there].mean()))
 
 
-CHECK_FPS = 8.0  # Frames per second over which a body is laid.
+CHECK_FPS = 8.0  # Frames per second for fitting a body.
 SIGMA_M, FREEDOM = 0.03, 3.0
-"""Deviation per axis of a marker from its place on an uncalibrated body, and degrees of freedom of Student's
-distribution of these distances: all are off if a limb is posed wrongly."""
+"""Standard deviation per axis (m) of a marker on an uncalibrated body, and degrees of freedom of Student's
+t-distribution for these distances. All are wrong if a limb is posed wrongly."""
 GHOST_M, _FARTHEST_M = 0.12, 0.2
-"""Distance from every place at which a point is equally likely no marker, and the largest distance that counts."""
+"""Distance (m) from all markers at which a point is equally likely not a marker, and largest distance that counts."""
 GUESS_WIDER, STEPS = 3.0, 5  # Factor of the network's deviation of unsure markers, and steps per frame.
 BAD_FIT_M = 0.06
-"""Largest distance of a body from its markers, the median of all or of a limb: a worse fit is not used."""
-_FEWEST = 12  # Least sure markers of a frame.
+"""Largest median distance of a body from all markers or from a limb's, metres. A worse fit is not used."""
+_FEWEST = 12  # Fewest certain markers in a frame.
 
 
 class FittedBody(Protocol):
@@ -177,17 +177,17 @@ class FittedBody(Protocol):
 
     @property
     def landmarks(self) -> np.ndarray:
-        """(53, 3) metres, the markers on the body."""
+        """(53, 3) positions in metres of the markers on the body."""
         ...
 
     @property
     def off_m(self) -> float:
-        """Median distance of the seen markers, NaN where none was."""
+        """Median distance to the visible markers in metres, NaN if there are none."""
         ...
 
 
 class BodyFit(Protocol):
-    """A fit of a body, frame by frame, such as ``fitters/recipes/live.py``, which may import this."""
+    """A frame-by-frame fit of a body, such as ``fitters/recipes/live.py``, which may import this module."""
 
     def restart(self) -> None:
         """Forget the pose."""
@@ -209,9 +209,9 @@ def body_evidence(
     fps: float,
     fit: BodyFit,
 ) -> np.ndarray:
-    """Return (C, 54) mean log likelihoods of each chain's labels by the body, 0 where it is not used.
+    """Return (C, 54) mean log likelihoods of each chain's labels from the body, 0 where it is not used.
 
-    ``trusted`` (C,) are the chains that the body is laid over. ``fit`` is at its start.
+    The body is fitted to the chains in ``trusted`` (C,). ``fit`` is in its initial state.
     """
     frames, guesses = votes.frames, votes.landmarks[:, :GHOST]
     sigmas = np.sqrt(np.trace(votes.covariance[:, :GHOST], axis1=-2, axis2=-1) / 3.0)
@@ -247,7 +247,7 @@ def body_evidence(
 
 
 def _moved_with(weights: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
-    """Return (53, 53) bool: the second marker is on the first one's joint, or further out on the limb."""
+    """Return a (53, 53) mask: the second marker is on the first one's joint, or further out on the limb."""
     within = np.eye(len(parents), dtype=bool)
     for joint, parent in enumerate(parents):
         if parent >= 0:
@@ -257,9 +257,9 @@ def _moved_with(weights: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
 
 
 def _limbs_fit(markers: np.ndarray, places: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Return (53,) bool: the markers from each marker's joint on outwards are near the body, or missing.
+    """Return a (53,) mask: the markers from each marker's joint outwards are near the body, or missing.
 
-    A wrist with a bar is no wrist of this body: laid over both ends, the body takes a hand for one of them.
+    On a wrist with a marker bar, a body that is fitted to both ends mistakes a hand for one of them.
     """
     squared = ((markers - places) ** 2).sum(axis=-1)
     laid = moved & np.isfinite(squared)
@@ -267,30 +267,31 @@ def _limbs_fit(markers: np.ndarray, places: np.ndarray, moved: np.ndarray) -> np
     return mean < BAD_FIT_M**2
 
 
-READ_FPS = 30.0  # Frames per second that the network reads: votes nearer to each other repeat each other.
+READ_FPS = 30.0  # Frames per second that the network reads. Closer readings repeat each other.
 CROWD = 200
-"""Points of a frame up to which the network reads ``READ_FPS`` frames per second. Of more points it reads as many pairs
-per second: 1.3 s of CPU for a second of a take. Chosen by hand, beyond the number that one person's cameras see."""
+"""Most points per frame at which the network reads ``READ_FPS`` frames per second. With more points it reads equally
+many pairs per second: 1.3 s of CPU per second of a take. Chosen by hand, above the number in one person's takes."""
 ROUNDS, BODY_FROM = 5, 2  # Rounds of voting with the names of the round before, and the first round with a body.
-_FLOOR = -8.0  # Least log probability of one reading: no single frame rules a label out.
-MOST_CHAINS = 5000  # Most chains of tracklets: every pair of them is compared, 2 GB at this number.
+_FLOOR = -8.0  # Smallest log probability of one reading, so that no single frame excludes a label.
+MOST_CHAINS = 5000  # Most chains of tracklets. Comparing every pair of them needs 2 GB at this number.
 
 
 @dataclass(frozen=True)
 class LabelledTake:
     """F frames of N labelled points."""
 
-    labels: np.ndarray  # (F, N) marker of each point, ``GHOST`` for none of them, -1 unknown or missing.
-    confidence: np.ndarray  # (F, N) probability of the label, NaN where there is no point.
+    labels: np.ndarray  # (F, N) marker of each point, ``GHOST`` for no marker, -1 if unknown or missing.
+    confidence: np.ndarray  # (F, N) probability of the label, NaN without a point.
     tracklets: Tracklets
     stretch_label: np.ndarray  # (T,) label of each tracklet.
     stretch_confidence: np.ndarray  # (T,) probability of that label.
-    votes: Votes  # The network's reading that the labels are from.
+    votes: Votes  # The network's reading from which the labels follow.
 
     def cloud(self, source: MarkerCloud) -> MarkerCloud:
-        """Return the take with one column per marker, in the superset's order, and then the unnamed points.
+        """Return the take with one column per marker in the superset's order, then the unnamed points.
 
-        The user's names stay, others are numbered. Of two tracklets of one marker in a frame, the surer one counts.
+        The user's names are kept, others are numbered. Of two tracklets of one marker in a frame, the more certain one
+        counts.
         """
         frames, given = len(self.labels), source.values
         named = sorted(set(self.labels[(self.labels >= 0) & (self.labels < GHOST)].tolist()))
@@ -322,13 +323,13 @@ def label_take(
     Columns of the cloud (metres, Z up) are tracks, which may break, jump, and continue in another column.
 
     Args:
-        start_fit: makes the fit of a body that is laid over the named points.
-        user_labels: marker's name by (column, frame), for the whole tracklet. Empty text: none of them.
+        start_fit: creates the fit of a body to the labelled points.
+        user_labels: marker name by (column, frame), valid for the whole tracklet. An empty text means no marker.
         persistent: each column is one marker throughout the take.
 
     Raises:
         NoDetections: no frame has enough points.
-        CaptureInvalid: there are more points than can be compared with one another.
+        CaptureInvalid: there are too many points to compare.
     """
     positions, fps = np.asarray(cloud.positions, dtype=np.float64), cloud.fps
     seen = np.isfinite(positions).all(-1)
@@ -341,7 +342,7 @@ def label_take(
         for (column, frame), name in (user_labels or {}).items()
         if (stretch := tracklets.number[frame, column]) >= 0
     }
-    # The network alone votes first, then together with distances to the named chains and a body over them.
+    # The network votes alone first, then with distances to the labelled chains and a fitted body.
     together, table, by_body = seen_together(tracklets), load_distances(), np.zeros(votes.evidence.shape)
     distances = distances_of(positions, votes.frames, tracklets, fps)
     labels, sure = voted(votes, together, fps, bound, by_body, by_body)
@@ -366,9 +367,9 @@ def label_take(
 
 
 def _frames_to_read(seen: np.ndarray, tracklets: Tracklets, fps: float) -> np.ndarray:
-    """Return frames at the reading rate, and one in each tracklet too short to have one, where enough is seen.
+    """Return frames at the reading rate, and one in each shorter tracklet, if enough points are visible.
 
-    A crowd is read less often, see ``CROWD``, and in as few frames as its short tracklets allow.
+    Frames with many points are read less often, see ``CROWD``, and as few as short tracklets allow.
     """
     pairs = float(np.square(seen.sum(1), dtype=np.float64).mean()) / CROWD**2
     step = max(1, round(fps / READ_FPS * max(1.0, pairs)))
@@ -382,7 +383,7 @@ def _frames_to_read(seen: np.ndarray, tracklets: Tracklets, fps: float) -> np.nd
 
 
 def _fewest_inside(first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Return the fewest frames that hit every tracklet: the ends of tracklets that end before others begin."""
+    """Return the fewest frames that meet every tracklet: the ends of tracklets that end before others begin."""
     chosen, latest = list[int](), -1
     for t in np.argsort(last, kind="stable"):
         if first[t] > latest:

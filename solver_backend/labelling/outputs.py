@@ -1,4 +1,4 @@
-"""Outputs of the landmark network: the markers of the superset, and the joints."""
+"""Define the outputs of the landmark network: the markers of the superset, and the joints."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from solver_backend.body.markers import marker_layout
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
 
 MARKERS: tuple[str, ...] = marker_layout("MANIFOLD_53")
-"""Places that a point can be, by column of the network's labels. Layouts are subsets of them."""
-GHOST = len(MARKERS)  # Label of a point that is none of the markers.
+"""Markers that a point can be, by column of the network's labels. Layouts are subsets of them."""
+GHOST = len(MARKERS)  # Label of a point that is not a marker.
 JOINTS: tuple[str, ...] = SMPL_JOINTS
 LANDMARKS: tuple[str, ...] = (*MARKERS, *JOINTS)  # Markers, then joints, in the order of the estimated positions.
 OTHER_PLACES: tuple[str, ...] = tuple(
     place for place in dict.fromkeys(load_layouts().names.values()) if place not in MARKERS
 )
-"""Places of other layouts, where a point is none of the markers."""
+"""Landmarks of other layouts. A point there is not one of the markers."""
 
 
 def other_side(name: str) -> str:
-    """Return the marker or joint of the other side of the body, or itself."""
+    """Return the marker or joint on the other side of the body, or the same name on the midline."""
     if name in JOINTS:
         swapped = name.replace("left_", "right_") if "left_" in name else name.replace("right_", "left_")
         return swapped if swapped in JOINTS else name

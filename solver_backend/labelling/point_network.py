@@ -19,33 +19,33 @@ from solver_backend.priors.weights import ASSETS, read_weights
 from solver_backend.types.shapes import Float
 
 FREQUENCIES: tuple[float, ...] = tuple(math.pi * 2.0**k for k in range(5))
-"""Angular frequencies of the coordinates' sines and cosines, 1/m: wavelengths from 2 m to 0.125 m."""
+"""Angular frequencies of the coordinates' sines and cosines in 1/m: wavelengths from 2 m to 0.125 m."""
 NEARNESS: tuple[float, ...] = tuple(0.2 + 0.13 * k for k in range(8))
-"""Roots of the distances of the bumps in the bias of an attention: 4 cm to 1.2 m, denser where markers are near."""
-NEARNESS_WIDTH = 0.13  # Width of a bump, in roots of metres.
-FREEDOM = 4.0  # Degrees of freedom of Student's distribution of the positions' errors, as trained.
-_DM = 0.1  # Metres in a decimetre, the unit that the network's positions and spreads have.
+"""Square roots of the distances of the bumps in an attention bias: 4 cm to 1.2 m, denser where markers are close."""
+NEARNESS_WIDTH = 0.13  # Width of a bump in square roots of metres.
+FREEDOM = 4.0  # Degrees of freedom of Student's t-distribution for position errors, as in training.
+_DM = 0.1  # Metres per decimetre, the unit of the network's positions and spreads.
 
 
 @dataclass(frozen=True)
 class CloudReading:
-    """B clouds of N points with 53 markers, a ghost and 77 landmarks."""
+    """Reading of B clouds with N points: 53 markers, a ghost and 77 landmarks."""
 
-    scores: Float[np.ndarray, "clouds points labels"]  # (B, N, 54) of each label, ghost last.
+    scores: Float[np.ndarray, "clouds points labels"]  # (B, N, 54) score of each label, ghost last.
     missing: Float[np.ndarray, " markers"]  # (53,) score of a marker without a point.
-    positions: Float[np.ndarray, "clouds landmarks 3"]  # (B, 77, 3) metres.
+    positions: Float[np.ndarray, "clouds landmarks 3"]  # (B, 77, 3) positions in metres.
     spread: Float[np.ndarray, "clouds landmarks 6"]
-    """(B, 77, 6): log diagonal and lower part of the Cholesky factor of each position's scatter, inverted, in 1/dm."""
+    """(B, 77, 6) log diagonal and lower part of the Cholesky factor of each position's inverse scatter, in 1/dm."""
 
     @property
     def log_probability(self) -> np.ndarray:
-        """(B, N, 54) log probability of each label of a point."""
+        """(B, N, 54) log probability of each label per point."""
         shifted = self.scores - self.scores.max(-1, keepdims=True)
         return shifted - np.log(np.exp(shifted).sum(-1, keepdims=True))
 
     @property
     def covariance(self) -> np.ndarray:
-        """(B, 77, 3, 3) m²: ``ν / (ν - 2) (L Lᵀ)⁻¹``, of Student's distribution with ν = 4."""
+        """(B, 77, 3, 3) covariances in m², ``ν / (ν - 2) (L Lᵀ)⁻¹`` for Student's t-distribution with ν = 4."""
         log_diagonal, lower = np.clip(self.spread[..., :3], -4.0, 5.0).astype(float), self.spread[..., 3:].astype(float)
         L = np.zeros((*self.spread.shape[:-1], 3, 3))
         L[..., range(3), range(3)] = np.exp(log_diagonal)
@@ -59,23 +59,23 @@ class LandmarkNetwork(Protocol):
 
     @property
     def sha256(self) -> str:
-        """Of its weights."""
+        """SHA-256 hash of the weights."""
         ...
 
     def __call__(self, points: np.ndarray, seen: np.ndarray | None = None) -> CloudReading:
-        """Read (B, N, 3) clouds of points, Z up, in metres."""
+        """Read (B, N, 3) point clouds, Z up, in metres."""
         ...
 
 
 NAME = "landmarks"
 _HIDDEN = np.float32(-30000.0)
-"""Added to the attention of missing points. Exponentials of it are 0 in single precision."""
+"""Value added to the attention of missing points. Its exponential is 0 in single precision."""
 _FREQUENCIES, _NEARNESS = np.array(FREQUENCIES, np.float32), np.array(NEARNESS, np.float32)
 
 
 @dataclass(frozen=True)
 class PointNetwork:
-    """Weights of the network, float32, by the names of the trained module's parameters."""
+    """Float32 weights of the network by parameter name of the trained module."""
 
     arrays: Arrays
     layers: int
@@ -83,7 +83,7 @@ class PointNetwork:
     sha256: str = ""
 
     def __call__(self, points: np.ndarray, seen: np.ndarray | None = None) -> CloudReading:
-        """Read (B, N, 3) clouds of points, Z up, in metres. (B, N) ``seen`` says which points exist, all if None."""
+        """Read (B, N, 3) point clouds, Z up, in metres. ``seen`` (B, N) is a mask of existing points, None for all."""
         points = np.asarray(points)
         seen = np.ones(points.shape[:2], bool) if seen is None else seen
         centre = lower_median(points, seen)
@@ -129,7 +129,7 @@ class PointNetwork:
 
 
 def lower_median(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the (B, 1, 3) lower medians of the existing points, 0 where there are none."""
+    """Return the (B, 1, 3) lower medians of existing points, 0 if there are none."""
     ordered = np.sort(np.where(seen[..., None], points, np.inf), axis=1)
     middle = np.maximum((seen.sum(1) - 1) // 2, 0)
     found = ordered[np.arange(len(points)), middle]
@@ -137,7 +137,7 @@ def lower_median(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 def network_of(arrays: Arrays, sha256: str = "") -> PointNetwork:
-    """Return the network of the trained module's arrays. Raise ``WeightsInvalid`` if they are another network's."""
+    """Return the network for the trained module's arrays. Raise ``WeightsInvalid`` for arrays of another network."""
     arrays = {name.removeprefix("net."): np.asarray(a, dtype=np.float32) for name, a in arrays.items()}
     try:
         layers = 1 + max(int(name.split(".")[1]) for name in arrays if name.startswith("layers."))
@@ -154,19 +154,19 @@ def network_of(arrays: Arrays, sha256: str = "") -> PointNetwork:
 
 @lru_cache(maxsize=2)
 def load_network(path: Path | None = None) -> PointNetwork:
-    """Return the bundled network, or the one in a file. Raise FileMissing or WeightsInvalid."""
+    """Return the included network, or the one in a file. Raise FileMissing or WeightsInvalid."""
     weights = read_weights(path or ASSETS / f"{NAME}.npz", NAME)
     return network_of(weights.arrays, weights.sha256)
 
 
 FEWEST_POINTS, MOST_POINTS = 6, 2000
-"""Least points of a person, and most points of one frame: the network weighs every pair, 0.6 GB at this number."""
+"""Fewest points of a person, and most points per frame. The network compares every pair, which needs 0.6 GB."""
 _PART, _PAIRS = 64, 64 * 100**2  # Most frames and pairs of points that the network reads at once.
 
 
 @dataclass(frozen=True)
 class FramesRead:
-    """The network's reading of the frames (B,), with (B, N) columns of the points and where there are any."""
+    """The network's reading of frames (B,), with (B, N) columns of the points and a mask of existing points."""
 
     frames: np.ndarray
     columns: np.ndarray
@@ -177,7 +177,7 @@ class FramesRead:
 def read_frames(
     positions: np.ndarray, seen: np.ndarray, frames: np.ndarray, network: LandmarkNetwork
 ) -> Iterator[FramesRead]:
-    """Read some frames of a take at a time. ``seen`` (F, N) are the existing points."""
+    """Read the given frames of a take in batches. ``seen`` (F, N) is a mask of existing points."""
     size = int(np.clip(_PAIRS // max(int(seen[frames].sum(1).max()), 1) ** 2, 1, _PART))
     for start in range(0, len(frames), size):
         part = frames[start : start + size]
@@ -192,7 +192,7 @@ def require_points(seen: np.ndarray) -> None:
 
     Raises:
         NoDetections: no frame has enough points.
-        CaptureInvalid: a frame has more points than can be compared with one another.
+        CaptureInvalid: a frame has too many points to compare.
     """
     if not (seen.sum(1) >= FEWEST_POINTS).any():
         what = f"In no frame are there {FEWEST_POINTS} points: too few to distinguish markers."
@@ -201,7 +201,7 @@ def require_points(seen: np.ndarray) -> None:
 
 
 def require_at_most(most: int, found: int, what: str) -> None:
-    """Raise ``CaptureInvalid`` if there are too many items to compare them in pairs."""
+    """Raise ``CaptureInvalid`` if there are too many items to compare in pairs."""
     if found > most:
         what = f"Labelling is not supported for {found} {what}. The limit is {most}."
         hint = "Remove stray points, or cut the take, in the recording program."
@@ -209,7 +209,7 @@ def require_at_most(most: int, found: int, what: str) -> None:
 
 
 def frame_landmarks(positions: np.ndarray, network: LandmarkNetwork, progress: Progress = silent) -> np.ndarray:
-    """Return (F, 77, 3) metres of markers and joints from (F, N, 3) points (Z up), NaN in frames with too few points.
+    """Return (F, 77, 3) markers and joints in metres from (F, N, 3) points (Z up), NaN in frames with too few points.
 
     Raises:
         NoDetections, CaptureInvalid: see ``require_points``.

@@ -1,4 +1,4 @@
-"""Landmark networks that a user trained: weights of attention over points, or any network of positions as ONNX."""
+"""Run user-trained landmark networks: attention weights, or any position network as ONNX."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from solver_backend.labelling.outputs import LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import CloudReading, LandmarkNetwork, load_network, lower_median
 
 SIGMA_M, GHOST_M = 0.03, 0.09
-"""Deviation of a point from its marker. A point 3 deviations from every marker is none. Chosen by hand."""
+"""Standard deviation (m) of a point from its marker. A point at 3 deviations from all is no marker. Chosen by hand."""
 
 
 @dataclass(frozen=True)
 class PositionNetwork:
-    """A network that estimates positions alone, such as the UNet of thesis 4.3. Points get the nearest marker's label.
+    """A network that only estimates positions, such as the UNet of thesis 4.3. Points take the nearest marker's label.
 
-    ``log p(k) = -|x - m_k|² / 2σ²`` of marker k at ``m_k``, and ``-d² / 2σ²`` of none, up to a constant.
+    ``log p(k) = -|x - m_k|² / 2σ²`` for marker k at ``m_k``, and ``-d² / 2σ²`` for no marker, up to a constant.
     """
 
-    session: Any  # Of onnxruntime: ``points`` and ``seen`` to ``positions`` (B, L, 3), 53 markers first.
+    session: Any  # Onnxruntime session: ``points`` and ``seen`` to ``positions`` (B, L, 3), 53 markers first.
     sha256: str
 
     def __call__(self, points: np.ndarray, seen: np.ndarray | None = None) -> CloudReading:
-        """Read clouds. The positions of joints are NaN if the network does not have all 24."""
+        """Read point clouds. Joint positions are NaN if the network does not have all 24."""
         points = np.asarray(points)
         seen = np.ones(points.shape[:2], bool) if seen is None else seen
         centre = lower_median(points, seen)
@@ -48,10 +48,10 @@ class PositionNetwork:
 
 @lru_cache(maxsize=2)
 def chosen_network(file: str = "") -> LandmarkNetwork:
-    """Return the network in a file, or the included one without a file.
+    """Return the network in a file, or the included one.
 
     Raises:
-        FileMissing, WeightsInvalid: there is no such file, or it is no landmark network.
+        FileMissing, WeightsInvalid: there is no such file, or it is not a landmark network.
         BackendMissing: onnxruntime is not installed.
     """
     path = Path(file).expanduser()

@@ -1,4 +1,4 @@
-"""Tracklets of points that are one marker, their exclusive labels, and the distances between markers that name them."""
+"""Form tracklets of points that are one marker, assign exclusive labels, and compare distances between markers."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from solver_backend.geometry.arrays import true_runs
 from solver_backend.labelling.outputs import GHOST, MARKERS, OTHER_PLACES, other_side
 from solver_backend.priors.weights import ASSETS, read_weights
 
-SPLIT_GAP_S = 0.1  # A point that is missing for longer may come back as another.
+SPLIT_GAP_S = 0.1  # A point that is missing for longer (seconds) may return as another marker.
 JUMP_M, JUMP_M_S2 = 0.03, 300.0
-"""Largest change of a step: metres, and an acceleration that no marker on a person exceeds."""
+"""Largest change between steps in metres, and largest acceleration, which no marker on a person exceeds."""
 JOIN_S, JOIN_M = 0.1, 0.02
-"""Longest gap between a tracklet and its continuation, and the largest distance from the extrapolated place."""
-CLEAR = 0.5  # Factor by which every other beginning is farther away than the chosen one.
+"""Longest gap between a tracklet and its continuation, and largest distance from the extrapolated position."""
+CLEAR = 0.5  # Largest ratio of the distances of the chosen and the next continuation.
 
 
 @dataclass(frozen=True)
 class Tracklets:
-    """T tracklets of points in a cloud: column, first and last frame, and chain of tracklets that continue (T,)."""
+    """T tracklets of points in a cloud: column, first and last frame, and chain of continuing tracklets (T,)."""
 
-    number: np.ndarray  # (F, N) int: tracklet of each point, -1 where there is none.
+    number: np.ndarray  # (F, N) index of each point's tracklet, -1 without a point.
     column: np.ndarray
     first: np.ndarray
     last: np.ndarray
@@ -44,7 +44,7 @@ class Tracklets:
 def tracklets_of(positions: np.ndarray, fps: float, *, persistent: bool = False) -> Tracklets:
     """Return the tracklets of (F, N, 3) points in metres, NaN where missing.
 
-    ``persistent``: each column is one marker throughout, with a given name, and its tracklets are one chain.
+    ``persistent``: each column is one marker throughout, with a given name, and its tracklets form one chain.
     """
     seen = np.isfinite(positions).all(-1)
     number = np.full(seen.shape, -1)
@@ -85,7 +85,7 @@ def _off(points: np.ndarray, run: tuple[int, int], frame: int) -> float:
 
 
 def _chains(positions: np.ndarray, column: np.ndarray, first: np.ndarray, last: np.ndarray, fps: float) -> np.ndarray:
-    """Return the chain of each tracklet: ends meet near and soon beginnings of no other tracklet."""
+    """Return the chain of each tracklet. A tracklet continues in the only one that starts close to its end."""
     count = len(column)
     chain = np.arange(count)
     if count < 2:
@@ -119,13 +119,13 @@ def _chains(positions: np.ndarray, column: np.ndarray, first: np.ndarray, last: 
     return chain
 
 
-_TAKEN = -1e9  # Evidence of a label that is taken: below any log-probability.
+_TAKEN = -1e9  # Evidence of a label that is already used, below any log probability.
 _ROUNDS, _EXCHANGES, _GAIN = 4, 200, 1e-6
-"""Most rounds of exchange, most pairs of one round, and the least gain of an exchange, chosen by hand."""
+"""Most rounds of exchanges, most exchanges per round, and smallest gain of an exchange, chosen by hand."""
 
 
 def labels_of_frame(log_probability: np.ndarray) -> np.ndarray:
-    """Return (N,) labels of (N, 54) log probabilities (ghost last), no marker twice, by repeated mutual best pairs."""
+    """Return unique labels (N,) from (N, 54) log probabilities (ghost last), by repeated mutually best pairs."""
     scores = np.array(log_probability)
     labels = np.full(len(scores), GHOST)
     rows = np.arange(len(scores))
@@ -147,11 +147,11 @@ def labels_of_frame(log_probability: np.ndarray) -> np.ndarray:
 
 
 def labels_of_stretches(evidence: np.ndarray, together: np.ndarray, bound: dict[int, int] | None = None) -> np.ndarray:
-    """Return (T,) labels that maximise the evidence, none twice among tracklets that are seen together.
+    """Return (T,) labels that maximise the evidence, each used once among tracklets that are visible together.
 
-    The clearest tracklet chooses first, by the margin of its best free label over the next. Then pairs exchange their
-    labels as long as the sum grows. Evidence is (T, 54) log likelihoods, the ghost last. ``together`` (T, T) are pairs
-    that are seen at one time, ``bound`` the user's labels by tracklet.
+    The most certain tracklet chooses first, by the margin between its best and its next free label. Then pairs exchange
+    their labels while the sum grows. Evidence is (T, 54) log likelihoods, the ghost last. ``together`` (T, T) marks
+    pairs that are visible together, ``bound`` contains the user's labels by tracklet.
     """
     count = len(evidence)
     labels = np.full(count, -1)
@@ -184,7 +184,7 @@ def _margins(free: np.ndarray, evidence: np.ndarray) -> np.ndarray:
 
 
 def _exchanged(labels: np.ndarray, evidence: np.ndarray, together: np.ndarray, fixed: np.ndarray) -> bool:
-    """Exchange the labels of pairs where that is better for both together. Return whether any were."""
+    """Exchange the labels of pairs if that improves their sum. Return whether any were exchanged."""
     own = evidence[np.arange(len(labels)), labels]
     other = evidence[:, labels]
     gain = other + other.T - own[:, None] - own[None]
@@ -212,19 +212,19 @@ def _may(labels: np.ndarray, together: np.ndarray, t: np.intp, label: int, but: 
 
 NAME = "marker_distances"
 FLOOR_M, PLACED_M = 0.004, 0.006
-"""Metres: noise floor of a change, which logarithms of changes add, and the spread of a distance by skin and glue."""
-FREEDOM = 4.0  # Degrees of freedom of Student's distribution: one wrongly named partner must not decide.
-LONG_S = 3.0  # Seconds seen together from which the change of a distance is fully informative.
+"""Noise floor of a distance change before its logarithm, and standard deviation by skin and glue, in metres."""
+FREEDOM = 4.0  # Degrees of freedom of Student's t-distribution, so that one wrongly labelled partner does not decide.
+LONG_S = 3.0  # Seconds of common visibility from which the change of a distance is fully informative.
 ALIKE, ALIKE_M, ALIKE_CHANGE = 0.5, 0.012, 0.5
-"""Share of the pairs that are placed alike on both sides of a person, and the difference of their distances in metres
-and as a share of their change."""
+"""Fraction of the pairs that are placed alike on both sides of a person, and the difference between their distances in
+metres and relative to their change."""
 READINGS, _SHARE, FEWEST_PARTNERS = 8.0, 0.35, 6
-"""Most partners that count as independent (one marker's place moves all of its distances), largest weight of one
-partner, and least partners of a named tracklet, chosen by hand."""
+"""Most partners that count as independent (one marker's position affects all of its distances), largest weight of one
+partner, and fewest partners of a labelled tracklet. Chosen by hand."""
 _BLOCK, _PAIRS, _CELLS = 256, 256 * 60**2, 2**22
-"""Frames, pairs of points, and chains times places times partners at a time, which bound memory (32 MB of each
-intermediate array), chosen by hand. A thousand points are compared frame by frame."""
-_SCALE_FROM_M = 0.3  # Least distance of pairs that count for the body's size, metres, chosen by hand.
+"""Frames, pairs of points, and chains times landmarks times partners per step. They limit memory to 32 MB per
+intermediate array and were chosen by hand. A thousand points are compared frame by frame."""
+_SCALE_FROM_M = 0.3  # Smallest distance in metres of pairs that determine the body size, chosen by hand.
 _COUNTERPART = np.array([MARKERS.index(other_side(name)) for name in MARKERS])
 _SIDE = np.array([{"L": 1, "R": -1}.get(name[0], 0) * (other_side(name) != name) for name in MARKERS])
 
@@ -233,15 +233,15 @@ _SIDE = np.array([{"L": 1, "R": -1}.get(name[0], 0) * (other_side(name) != name)
 class DistanceTable:
     """Normal distributions of P places' distances in windows of takes: the markers, then places of other layouts."""
 
-    mean: np.ndarray  # (P, P) metres, of a person of middle size.
-    spread: np.ndarray  # (P, P) metres: between people, placements and windows.
-    change: np.ndarray  # (P, P) mean logarithm of the standard deviation over a window and ``FLOOR_M``.
-    change_spread: np.ndarray  # (P, P) deviation of that logarithm.
+    mean: np.ndarray  # (P, P) mean distances in metres for a person of average size.
+    spread: np.ndarray  # (P, P) standard deviations in metres between people, placements and windows.
+    change: np.ndarray  # (P, P) mean logarithm of standard deviation over a window plus ``FLOOR_M``.
+    change_spread: np.ndarray  # (P, P) standard deviation of that logarithm.
 
 
 @dataclass(frozen=True)
 class ChainDistances:
-    """Distances (C, C) of C chains: means and deviations in metres, NaN if never seen together."""
+    """Distances (C, C) between C chains: means and standard deviations in metres, NaN if never visible together."""
 
     mean: np.ndarray
     change: np.ndarray
@@ -250,7 +250,7 @@ class ChainDistances:
 
 @lru_cache(maxsize=1)
 def load_distances(path: Path | None = None) -> DistanceTable:
-    """Return the bundled table, or the one in a file. Raise FileMissing or WeightsInvalid."""
+    """Return the included table, or the one in a file. Raise FileMissing or WeightsInvalid."""
     arrays = read_weights(path or ASSETS / f"{NAME}.npz", NAME).arrays
     places = len(MARKERS) + len(OTHER_PLACES)
     pairs = places * (places - 1) // 2
@@ -267,7 +267,7 @@ def _square(pairs: np.ndarray, size: int, own: float) -> np.ndarray:
 
 
 def distances_of(positions: np.ndarray, frames: np.ndarray, tracklets: Tracklets, fps: float) -> ChainDistances:
-    """Return the distances of chains over frames of (F, N, 3) positions."""
+    """Return the distances between chains over frames of (F, N, 3) positions."""
     chains = tracklets.num_chains
     between = float(np.median(np.diff(frames))) / fps if len(frames) > 1 else 1.0
     sums = np.zeros((3, chains * chains))
@@ -299,11 +299,11 @@ def distances_of(positions: np.ndarray, frames: np.ndarray, tracklets: Tracklets
 def distance_evidence(
     found: ChainDistances, labels: np.ndarray, trusted: np.ndarray, table: DistanceTable
 ) -> np.ndarray:
-    """Return (C, 54) log likelihoods of each chain's labels by its distances to the trusted chains.
+    """Return (C, 54) log likelihoods of each chain's labels from its distances to the trusted chains.
 
-    ``sum_j log t(m_ij / s | mu_ab, sigma_ab) + log t(c_ij | ...)``, s the person's size over the table's, the sum
-    tempered to ``READINGS`` partners. Where both counterparts on the body's other side are named, half of the first
-    density is that about *their* distance in this take. A ghost has a place of other layouts, or any on the body.
+    ``sum_j log t(m_ij / s | mu_ab, sigma_ab) + log t(c_ij | ...)`` with the person's relative size s, tempered to
+    ``READINGS`` partners. If both counterparts on the body's other side are labelled, half of the first density is
+    centred on *their* distance in this take. A ghost is at a landmark of other layouts, or anywhere on the body.
     """
     chains = len(labels)
     partners = np.flatnonzero(trusted & (labels >= 0) & (labels < GHOST))
@@ -316,7 +316,7 @@ def distance_evidence(
     if rows >= chains:
         return _evidence_of(np.arange(chains), found, labels, partners, mirrored, size, table)
     evidence, beside = np.empty((chains, GHOST + 1)), np.isfinite(found.mean[:, partners])
-    # Neighbours in time have the same first partner: of short stretches, most are never seen beside a part's.
+    # Neighbours in time have the same first partner. Most short tracklets are never visible with a part's partners.
     order = np.argsort(beside.argmax(axis=1), kind="stable")
     for start in range(0, chains, rows):
         which = order[start : start + rows]
@@ -335,15 +335,15 @@ def _evidence_of(
     size: float,
     table: DistanceTable,
 ) -> np.ndarray:
-    """Return the rows of ``distance_evidence`` for (R,) chains, with the numbers of the trusted chains as partners.
+    """Return the rows of ``distance_evidence`` for (R,) chains. ``partners`` are the indices of the trusted chains.
 
-    ``mirrored`` is from ``_of_the_other_side`` for a person of middle size, ``size`` the person's over the table's.
+    ``mirrored`` is from ``_of_the_other_side`` for an average person, ``size`` is relative to the table's person.
     """
     theirs, pairs = labels[partners], np.ix_(which, partners)
     mean, change = found.mean[pairs] / size, found.change[pairs] / size
     weight = np.isfinite(mean) & (partners[None] != which[:, None])
     long = np.minimum(found.seconds[pairs] / LONG_S, 1.0)
-    # A short look may fall on any moment of what the pair does.
+    # A short observation may show any phase of the pair's movement.
     moment = np.exp(2.0 * table.change[:, theirs])[None] * (1.0 - long[..., None].swapaxes(1, 2))
     variance = table.spread[:, theirs][None] ** 2 + PLACED_M**2 + moment  # (R, P, partners)
     measured = np.nan_to_num(mean)[:, None]
@@ -354,7 +354,7 @@ def _evidence_of(
     log[:, :GHOST] = np.where(np.isfinite(mirrored)[None], mixed, log[:, :GHOST])
     off = np.log(change + FLOOR_M)[:, None] - table.change[:, theirs][None]
     log += (long * (long >= 0.3))[:, None] * _student(np.nan_to_num(off), table.change_spread[:, theirs][None] ** 2)
-    # Whoever takes a partner's label gives it the own one: their distance stays that of the same two markers.
+    # A chain that takes a partner's label gives it its own, so their distance is that of the same two markers.
     rows, them = np.arange(len(which))[:, None], np.arange(len(partners))[None]
     named = ((labels[which] >= 0) & (labels[which] < GHOST))[:, None]
     own = np.where(named[:, 0], labels[which], 0)[:, None]
@@ -368,9 +368,9 @@ def _evidence_of(
 
 
 def _of_the_other_side(found: ChainDistances, partners: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """Return (53, 53) metres between each pair's counterparts on the other side, NaN where unknown.
+    """Return (53, 53) distances in metres between each pair's counterparts on the other side, NaN where unknown.
 
-    Both markers are of one side: else a chain that is on the wrong side would be its own counterpart.
+    Both markers must be on one side. Otherwise a chain on the wrong side would be its own counterpart.
     """
     pairs = np.ix_(partners, partners)
     mean, seconds = found.mean[pairs], found.seconds[pairs]
@@ -386,7 +386,7 @@ def _size(found: np.ndarray, expected: np.ndarray) -> float:
 
 
 def _student(error: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Return log densities of Student's distribution, up to a constant."""
+    """Return log densities of Student's t-distribution, up to a constant."""
     return -0.5 * (FREEDOM + 1.0) * np.log1p(error * error / (FREEDOM * variance)) - 0.5 * np.log(variance)
 
 

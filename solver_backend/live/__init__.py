@@ -1,1 +1,1 @@
-"""Estimate poses from live points."""
+"""Estimate poses from live points, views and other sources."""

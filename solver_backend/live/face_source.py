@@ -1,12 +1,12 @@
-"""Receive faces that a phone sends: packets of Live Link Face (Epic Games) and iFacialMocap.
+"""Receive faces from a phone: packets of Live Link Face (Epic Games) and iFacialMocap.
 
-Live Link Face sends one datagram per frame, big-endian. It has the version 6 (uint8), the device's and the subject's
-names (each with its length as int32), the frame number (int32), its fraction (float32), the rate as numerator and
-denominator (int32 each), the number of values (uint8) and the values (float32). These are 52 blend shapes in the order
-of Unreal's ``EARFaceBlendShape``, and 9 angles of head and eyes. A frame without a face ends before the values.
+Live Link Face sends one big-endian datagram per frame. It has the version 6 (uint8), the names of device and subject
+(each with its length as int32), the frame number (int32), its fraction (float32), the rate as numerator and denominator
+(int32 each), the number of values (uint8) and the values (float32). These are 52 blend shapes in the order of Unreal's
+``EARFaceBlendShape``, and 9 angles of head and eyes. A frame without a face ends before the values.
 
-iFacialMocap sends text: ``NAME-VALUE|NAME-VALUE|…|=head#…|rightEye#…|leftEye#…|`` with values of 0 to 100 (its page for
-developers, ifacialmocap.com/for-developer). Facemotion3D writes ``&`` for ``-``. The suffixes ``_L`` and ``_R`` become
+iFacialMocap sends text: ``NAME-VALUE|NAME-VALUE|…|=head#…|rightEye#…|leftEye#…|`` with values of 0 to 100 (developer
+page, ifacialmocap.com/for-developer). Facemotion3D writes ``&`` for ``-``. The suffixes ``_L`` and ``_R`` become
 ARKit's ``Left`` and ``Right``. Angles of head and eyes are not read.
 """
 
@@ -28,7 +28,7 @@ from solver_backend.live.port import LARGEST_CHANNEL, MOST_CHANNELS, OneSender, 
 from solver_backend.live.recordings import FaceRecorder
 
 VERSION = 6  # Version of Live Link Face's packets.
-_LONGEST_NAME = 256  # Longest name of a device or subject, in bytes. Chosen by hand.
+_LONGEST_NAME = 256  # Longest name of a device or subject in bytes. Chosen by hand.
 _NAMES = """
     eyeBlinkLeft eyeLookDownLeft eyeLookInLeft eyeLookOutLeft eyeLookUpLeft eyeSquintLeft eyeWideLeft
     eyeBlinkRight eyeLookDownRight eyeLookInRight eyeLookOutRight eyeLookUpRight eyeSquintRight eyeWideRight
@@ -49,14 +49,14 @@ class FacePacketInvalid(ValueError):
 
 
 class FacePacket(NamedTuple):
-    """A face at one moment."""
+    """A face at one time."""
 
-    channels: dict[str, float]  # Value of each channel, usually 0 to 1. Empty where the app sees no face.
+    channels: dict[str, float]  # Value of each channel, usually 0 to 1. Empty if the app detects no face.
     time: float | None = None  # Seconds on the app's clock, None if it has no clock.
 
 
 def decode_live_link(packet: bytes) -> FacePacket:
-    """Decode a packet of Live Link Face. Raise ``FacePacketInvalid`` if it is cut, or has another kind or version."""
+    """Decode a Live Link Face packet. Raise ``FacePacketInvalid`` if it is truncated or of another kind or version."""
     if packet[:1] != bytes([VERSION]):
         raise FacePacketInvalid(f"it does not begin with the version {VERSION}")
     at = 1
@@ -85,7 +85,7 @@ def decode_live_link(packet: bytes) -> FacePacket:
 
 
 def decode_ifacialmocap(packet: bytes) -> FacePacket:
-    """Decode a packet of iFacialMocap. Raise ``FacePacketInvalid`` if it is not text of that format."""
+    """Decode an iFacialMocap packet. Raise ``FacePacketInvalid`` if it is not text in that format."""
     try:
         text = packet.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -104,20 +104,20 @@ def decode_ifacialmocap(packet: bytes) -> FacePacket:
 
 
 REQUEST = b"iFacialMocap_sahuasouryya9218sauhuiayeta91555dy3719"
-"""Request that makes the app send (ifacialmocap.com/for-developer)."""
+"""Request after which the app starts sending (ifacialmocap.com/for-developer)."""
 _DECODERS: dict[str, Callable[[bytes], FacePacket]] = {LIVE_LINK: decode_live_link, IFACIALMOCAP: decode_ifacialmocap}
 
 
 class FaceFrame(NamedTuple):
-    """A face of one frame."""
+    """A face in one frame."""
 
     time: float  # Seconds since the first frame.
-    arrived: float  # ``time.perf_counter()`` when it arrived.
-    channels: dict[str, float]  # Value of each channel, empty where no face is seen.
+    arrived: float  # ``time.perf_counter()`` on arrival.
+    channels: dict[str, float]  # Value of each channel, empty if no face is detected.
 
 
 class FaceAssembly(OneSender[FacePacket, FaceFrame]):
-    """Frames of one phone. Packets of others, and late, doubled or invalid ones, are skipped."""
+    """Frames from one phone. Packets from others, and late, repeated or invalid ones, are skipped."""
 
     words = "Another phone is ignored while the first one sends.", "A packet is not one of this app's"
 
@@ -135,7 +135,7 @@ class FaceAssembly(OneSender[FacePacket, FaceFrame]):
 
 
 def ask_phone(host: str, port: int) -> Callable[[socket.socket], None]:
-    """Return a function that asks iFacialMocap on a phone to send. It ignores a phone that is away."""
+    """Return a function that asks iFacialMocap on a phone to start sending. An unreachable phone is ignored."""
 
     def ask(there: socket.socket) -> None:
         with suppress(OSError):
@@ -145,7 +145,7 @@ def ask_phone(host: str, port: int) -> Callable[[socket.socket], None]:
 
 
 def face_lines(found: Iterable[FaceFrame | EventLine], recorder: FaceRecorder | None = None) -> Iterator[LiveLine]:
-    """Yield the lines of a live face from the items of ``listen``, each after its frame was recorded."""
+    """Yield the lines of a live face from the items of ``listen``. Each frame is recorded first."""
     number = itertools.count()
     for item in found:
         if isinstance(item, dict):

@@ -1,4 +1,4 @@
-"""Moments of live sources. Read points from a replayed file or from lines, and drop frames that come too late."""
+"""Define the frames of live sources, read points from a replayed file or from lines, and drop late frames."""
 
 from __future__ import annotations
 
@@ -24,34 +24,34 @@ _LONGEST_LINE = 1 << 17  # Longest line in bytes: 400 points of three numbers wi
 
 @dataclass(frozen=True)
 class PointFrame:
-    """Points of one frame."""
+    """Points in one frame."""
 
     time: float  # Seconds on the source's clock.
-    points: np.ndarray  # (N, 3) in the source's unit and axes.
-    arrived: float  # ``time.perf_counter()`` when it arrived, or when a replay read it.
-    fault: str = ""  # Fault of a line without points, or an empty text.
-    due: float | None = None  # ``time.perf_counter()`` when its pose is due, if later than the arrival.
+    points: np.ndarray  # (N, 3) points in the source's unit and axes.
+    arrived: float  # ``time.perf_counter()`` on arrival, or when a replay read it.
+    fault: str = ""  # Problem of a line without points, or an empty text.
+    due: float | None = None  # ``time.perf_counter()`` at which its pose is due, if later than the arrival.
 
     @property
     def lag_s(self) -> float:
-        """Delay of its pose at this moment, in seconds."""
+        """Present delay of its pose in seconds."""
         return time.perf_counter() - (self.arrived if self.due is None else self.due)
 
 
 @dataclass(frozen=True)
 class ViewMoment:
-    """Detections of C cameras at one moment."""
+    """Detections in C cameras at one time."""
 
     fault: ClassVar[str] = ""
     time: float
-    arrived: float  # ``time.perf_counter()`` when its last picture arrived.
+    arrived: float  # ``time.perf_counter()`` on arrival of its last image.
     people: tuple[np.ndarray | None, ...]
     """(P, K, 3) keypoints of all people per view: x and y in pixels, confidence. None for a skipped view."""
-    times: tuple[float, ...] = ()  # Time of each view's picture in seconds, NaN for a skipped view.
+    times: tuple[float, ...] = ()  # Time of each view's image in seconds, NaN for a skipped view.
 
     @property
     def lag_s(self) -> float:
-        """Delay of its pose at this moment, in seconds."""
+        """Present delay of its pose in seconds."""
         return time.perf_counter() - self.arrived
 
 
@@ -63,7 +63,7 @@ def replayed(cloud: MarkerCloud, *, paced: bool = True, repeat: bool = False) ->
 
 
 def due_times(frames: int, fps: float, *, paced: bool, repeat: bool) -> Iterator[tuple[int, float]]:
-    """Yield number and due ``time.perf_counter()`` of frames, at their rate or without waiting."""
+    """Yield the number and due ``time.perf_counter()`` of frames, at their rate or without waiting."""
     start = time.perf_counter()
     for number in itertools.count() if repeat and frames else range(frames):
         due = start + number / fps if paced else time.perf_counter()
@@ -78,9 +78,9 @@ def measured(points: np.ndarray) -> np.ndarray:
 
 
 def from_lines(stream: BinaryIO, fps: float = 120.0) -> Iterator[PointFrame]:
-    """Yield a frame per line: ``{"t": seconds, "points": [[x, y, z], ...]}``, or numbers: the time, then x y z of each.
+    """Yield a frame per line: ``{"t": seconds, "points": [[x, y, z], ...]}``, or numbers (time, then x y z per point).
 
-    Other lines are yielded with a fault, also if they are not UTF-8. Empty lines and events are skipped.
+    Other lines, including text that is not UTF-8, give a frame with a fault. Empty lines and events are skipped.
     """
     number = 0
     while line := stream.readline(_LONGEST_LINE):
@@ -118,14 +118,14 @@ def _parsed(text: str, clock: float) -> tuple[float, np.ndarray]:
     return at, points
 
 
-LATE_S = 0.1  # Frames with a larger delay are dropped, in seconds. People notice a delay of this size.
-IN_TIME_S = 0.02  # Dropping ends at this delay in seconds, so a slow machine does not stay at ``LATE_S``.
+LATE_S = 0.1  # Frames with a larger delay in seconds are dropped. People notice a delay of this size.
+IN_TIME_S = 0.02  # Dropping ends at this delay in seconds, so that a slow machine does not stay at ``LATE_S``.
 _MOST_WAITING = 512  # Most waiting frames. A faster source must wait.
-_LOOK_S = 0.2  # Longest uninterrupted wait in seconds, so that signals and a lost reader are noticed.
+_LOOK_S = 0.2  # Longest uninterrupted wait in seconds, so that signals and a closed reader are noticed.
 
 
 class KeepUp:
-    """Pass frames on while they are in time, and count the others."""
+    """Passes frames on while they are in time, and counts the dropped ones."""
 
     def __init__(self) -> None:
         self.dropped = 0
@@ -133,7 +133,7 @@ class KeepUp:
         self._behind = False
 
     def in_time(self, frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
-        """Yield the frames in time: none after a delay of ``LATE_S`` until it falls to ``IN_TIME_S``."""
+        """Yield the frames in time. After a delay of ``LATE_S``, none are yielded until it falls to ``IN_TIME_S``."""
         for frame in frames:
             self._behind = frame.lag_s > (IN_TIME_S if self._behind else LATE_S)
             if self._behind and not frame.fault:
@@ -143,10 +143,10 @@ class KeepUp:
 
 
 def read_ahead(frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
-    """Yield the frames of a stream in order, each read in a thread as soon as it arrives. Raise what reading raises.
+    """Yield the frames of a stream in order, each read in a thread as soon as it arrives. Reading errors are raised.
 
-    A frame is due when it arrives or when its sender's clock reaches it, the later of the two. So a file's lines
-    arrive early and are late only by their own clock.
+    A frame is due when it arrives or when its sender's clock reaches it, whichever is later. The lines of a file
+    therefore arrive early and are late only by their own clock.
     """
     waiting: Queue[PointFrame | BaseException | None] = Queue(_MOST_WAITING)
     gone = Event()
@@ -168,7 +168,7 @@ def read_ahead(frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
             last = error
         put(last)
 
-    # A reader that waits for a line cannot be stopped. As a daemon it does not delay the end of the process.
+    # A reader that waits for a line cannot be stopped. As a daemon thread it does not delay the end of the process.
     Thread(target=read, name="read ahead", daemon=True).start()
     anchor: float | None = None
     nothing_waits = waiting.empty()

@@ -1,4 +1,4 @@
-"""Receive packets of one sender at a UDP port, and report each kind of fault once."""
+"""Receive packets from one sender at a UDP port, and report each kind of fault once."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.vmc.osc import LONGEST
 from solver_backend.exchange.vmc.sender import VmcAddress
 
-SILENT_S = 2.0  # A sender is reported as silent after this time without a packet, in seconds. Chosen by hand.
-_LOOK_S = 0.2  # Longest uninterrupted wait, in seconds. Chosen by hand.
-_ASK_S = 1.0  # Time between requests while the sender is silent, in seconds. Chosen by hand.
-_RETRY_S = 0.5  # Time between attempts at a busy port, in seconds. Chosen by hand.
+SILENT_S = 2.0  # Seconds without a packet after which a sender is reported as silent. Chosen by hand.
+_LOOK_S = 0.2  # Longest uninterrupted wait in seconds. Chosen by hand.
+_ASK_S = 1.0  # Seconds between requests while the sender is silent. Chosen by hand.
+_RETRY_S = 0.5  # Seconds between attempts at a busy port. Chosen by hand.
 _BUFFER = 1 << 20  # Receive buffer of the system in bytes: one second of the largest bundles.
 
 Frame = TypeVar("Frame")
 Content = TypeVar("Content")
-Ask = Callable[[socket.socket], None]  # Asks a sender to send, through our socket.
+Ask = Callable[[socket.socket], None]  # Asks a sender to start sending, through our socket.
 
 
 def listen(
     address: VmcAddress, assembly: OneSender[Any, Frame], ask: Ask = lambda _: None
 ) -> Generator[Frame | EventLine, None, None]:
-    """Yield frames and events as they arrive. Wait while another program uses the port. Ask for packets in silence.
+    """Yield frames and events as they arrive. Wait while another program uses the port. Request packets during silence.
 
     Raises:
         CommandLineInvalid: this machine does not have the address.
@@ -83,7 +83,7 @@ def _received(
 
 
 def _bound(address: VmcAddress) -> socket.socket | None:
-    """Return a listening socket, None while another program has the port."""
+    """Return a listening socket, None while another program uses the port."""
     there = None
     try:
         family, kind, protocol, _, where = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)[0]
@@ -102,23 +102,23 @@ def _bound(address: VmcAddress) -> socket.socket | None:
     return there
 
 
-SENDER_GONE_S = 1.0  # Another sender is accepted after this silence in seconds. Chosen by hand.
-JUMP_S = 1.0  # Largest clock step of a sender in seconds. A larger one means that its clock was reset. Chosen by hand.
-_LATEST = 8  # Number of recent packets that are compared to find repeated ones. Chosen by hand.
+SENDER_GONE_S = 1.0  # Seconds of silence after which another sender is accepted. Chosen by hand.
+JUMP_S = 1.0  # Largest clock step of a sender in seconds. A larger one means a clock reset. Chosen by hand.
+_LATEST = 8  # Number of recent packets to compare with new ones to find repetitions. Chosen by hand.
 MOST_CHANNELS = 256  # Most channels of a face. ARKit has 52.
-LARGEST_CHANNEL = 10.0  # Values of face channels must be smaller. Usual values are 0 to 1.
+LARGEST_CHANNEL = 10.0  # Upper limit of face channel values. Usual values are 0 to 1.
 
 
 def rounded_face(channels: dict[str, float]) -> dict[str, float]:
-    """Return the values of a face's channels as lines show them."""
+    """Return the channel values of a face rounded for lines."""
     return {name: round(value, 4) for name, value in channels.items()}
 
 
 class OneSender(ABC, Generic[Content, Frame]):
-    """Frames from the packets of one sender in order. Faults are counted by kind."""
+    """Builds frames from the packets of one sender in order. Faults are counted by kind."""
 
     words: ClassVar[tuple[str, str]]
-    """Messages about packets of another sender, and about invalid ones."""
+    """Messages about packets from another sender, and about invalid ones."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
@@ -132,28 +132,28 @@ class OneSender(ABC, Generic[Content, Frame]):
         self._meet(None)
 
     def _meet(self, sender: Any) -> None:
-        """Forget the packets of the former sender, but not the time of frames."""
+        """Forget the packets of the previous sender, but not the time of frames."""
         self._sender = sender
         self._packets: list[bytes] = []
         self._clock: float | None = None
         self._clock_before: float | None = None
 
     def name_once(self, kind: str, message: str) -> None:
-        """Count a fault. The first of its kind is news."""
+        """Count a fault. Report the first of its kind."""
         if kind not in self.counts:
             self.news.append((kind, message))
         self.counts[kind] += 1
 
     @abstractmethod
     def _decode(self, packet: bytes) -> Content:
-        """Return a packet's content. Raise ``ValueError`` if it is invalid."""
+        """Return the content of a packet. Raise ``ValueError`` if it is invalid."""
 
     @abstractmethod
     def _frames(self, content: Content, packet: bytes, arrived: float) -> Iterator[Frame]:
         """Yield the frames that a packet completes."""
 
     def _begins(self, content: Content) -> bool:
-        """Return whether a packet is enough to follow its sender."""
+        """Return whether a packet is sufficient to follow its sender."""
         return True
 
     def take(self, packet: bytes, sender: Any, arrived: float) -> Iterator[Frame]:
@@ -174,7 +174,7 @@ class OneSender(ABC, Generic[Content, Frame]):
         yield from self._frames(content, packet, arrived)
 
     def is_next(self, packet: bytes, clock: float | None) -> bool:
-        """Return whether a packet is new and not older than the one before, by its clock."""
+        """Return whether a packet is new and, by its clock, not older than the previous one."""
         if packet in self._packets:
             self.name_once("packet_doubled", "A packet came twice.")
             return False
@@ -187,7 +187,7 @@ class OneSender(ABC, Generic[Content, Frame]):
         return True
 
     def pass_time(self, clock: float | None, arrived: float) -> float:
-        """Return seconds from the first frame to this one: by the sender's clock unless that was reset."""
+        """Return the seconds from the first frame to this one, by the sender's clock unless that was reset."""
         if self._before is not None:
             passed = arrived - self._before
             step = None if clock is None or self._clock_before is None else clock - self._clock_before

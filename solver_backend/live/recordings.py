@@ -1,4 +1,4 @@
-"""Record live runs item by item: points become a C3D file, poses a motion, faces a table."""
+"""Record live runs item by item. Points become a C3D file, poses a motion, faces a table."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Item = ParamSpec("Item")
 
 
 class RecordingFormat(ABC, Generic[Item]):
-    """Conversion of items to bytes, and of a recording to a file."""
+    """Converts items to bytes, and a recording to a file."""
 
     pieces: ClassVar[str]
 
@@ -54,18 +54,18 @@ class RecordingFormat(ABC, Generic[Item]):
 
     @abstractmethod
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
-        """Write a recording to a file and remove it. Return whether it held anything.
+        """Write a recording to a file and remove it. Return whether it had any content.
 
         Raises:
-            FileDamaged: it is not a recording of this format.
+            FileDamaged: it is not a recording in this format.
         """
 
 
 @final
 class Recorder(Generic[Item]):
-    """Append items to ``PATH.recording`` and convert it to ``PATH`` at the end. A context manager.
+    """Appends items to ``PATH.recording`` and converts it to ``PATH`` at the end, as a context manager.
 
-    The file keeps all items however the process ends. The next run to the same path finishes it under another name.
+    The recording keeps all items even if the process is killed. The next run with the same path finishes it.
     """
 
     def __init__(self, path: Path, form: RecordingFormat[Item], *, overwrite: bool) -> None:
@@ -89,7 +89,7 @@ class Recorder(Generic[Item]):
         self._file.append(piece if self._file.written else self._form.head() + piece)
 
     def finish(self) -> None:
-        """Write the file, if there is an item, and remove the unfinished recording."""
+        """Write the file if there is an item, and remove the unfinished recording."""
         if self.finished:
             return
         self.finished = True
@@ -107,7 +107,7 @@ class Recorder(Generic[Item]):
 
 
 def recording_of(path: Path) -> Path:
-    """Return the unfinished recording of a file."""
+    """Return the path of a file's unfinished recording."""
     return path.with_name(path.name + SUFFIX)
 
 
@@ -139,14 +139,14 @@ def pack_head(form: str, version: int, **values: object) -> bytes:
 
 
 def pack_row(*parts: Any) -> bytes:
-    """Return one row of numbers, little-endian float64."""
+    """Encode one row of numbers as little-endian float64."""
     return np.concatenate([np.ravel(part) for part in parts]).astype("<f8").tobytes()
 
 
 def read_rows(
     recording: Path, form: str, version: int, width: Callable[[dict[str, Any]], int]
 ) -> tuple[dict[str, Any], np.ndarray]:
-    """Return the head and the (N, width) rows of a recording. A last row that was cut off is skipped.
+    """Return the head and the (N, width) rows of a recording. A truncated last row is skipped.
 
     Raises:
         FileDamaged: it has another format, version or body.
@@ -168,28 +168,28 @@ def read_rows(
 PointRecorder = Recorder[[PointFrame]]
 PoseRecorder = Recorder[[float, np.ndarray, np.ndarray]]
 FaceRecorder = Recorder[[float, dict[str, float]]]
-_FRAMES_AT_ONCE = 512  # Frames of points in memory while a recording is finished.
+_FRAMES_AT_ONCE = 512  # Most frames of points in memory while a recording is finished.
 _POSES, _VERSION, _ROW = "manifold_mocap_live_poses", 1, 4 + 3 * SMPL_HANDS.num_joints
 _RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 72.0, 75.0, 90.0, 100.0, 120.0, 144.0, 200.0, 240.0)
-"""Usual frame rates of senders."""
-_NEAR = 0.03  # Largest difference of a measured rate from a usual one, a share.
-_NEIGHBOURS = 4.0  # Intervals of more usual intervals than this are silences and not lost frames. Chosen by hand.
-_LEAST_STEP_S = 1e-4  # Seconds between two poses at least. Chosen by hand.
+"""Common frame rates of senders."""
+_NEAR = 0.03  # Largest relative difference between a measured rate and a common one.
+_NEIGHBOURS = 4.0  # Intervals longer than this many usual intervals are pauses and not lost frames. Chosen by hand.
+_LEAST_STEP_S = 1e-4  # Smallest time between two poses in seconds. Chosen by hand.
 _SILENCE_S, _CUT_TO_S = 10.0, 1.0  # A longer silence is not part of a take and is cut to the second value.
-_GAP_S = 0.1  # Frames with a larger distance from a received pose were interpolated.
+_GAP_S = 0.1  # Frames further from a received pose (seconds) are marked as interpolated.
 
 
 @dataclass(frozen=True)
 class PointsRecording(RecordingFormat[[PointFrame]]):
-    """Live points. Readers of markers also open the unfinished file, see ``live_recording``."""
+    """Live points. Marker readers also open the unfinished file, see ``live_recording``."""
 
     pieces: ClassVar[str] = "frames"
     fps: float | None = None  # Nominal rate, or None.
     world: Callable[[], np.ndarray | None] = lambda: None
-    """Returns the (3, 3) matrix that turns the points into metres, Z up, None while it is not known."""
+    """Returns the (3, 3) matrix that converts the points to metres, Z up, None while unknown."""
 
     def encode(self, frame: PointFrame) -> bytes:
-        """Return one frame's block."""
+        """Return the block of one frame."""
         return pack_block(LiveBlock(frame.time, frame.points, self.fps, self.world()))
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
@@ -216,7 +216,7 @@ class PointsRecording(RecordingFormat[[PointFrame]]):
 
 
 def record_points(frames: Iterable[PointFrame], recorder: PointRecorder) -> Iterator[PointFrame]:
-    """Yield the same frames, each after it was recorded."""
+    """Yield the same frames after recording them."""
     for frame in frames:
         if not frame.fault:
             recorder.add(frame)
@@ -230,7 +230,7 @@ class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
     pieces: ClassVar[str] = "poses"
     source: str = ""
     person: Callable[[], tuple[Body, np.ndarray]] = lambda: (load_body(), np.zeros(10))
-    """Returns the body and its (10,) shape. Asked at the first pose."""
+    """Returns the body and its (10,) shape. Called at the first pose."""
     _last: float | None = field(default=None, init=False)
     _cut: float = field(default=0.0, init=False)
 
@@ -240,7 +240,7 @@ class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
         return pack_head(_POSES, _VERSION, body=body.id, betas=np.asarray(betas).tolist(), source=self.source)
 
     def encode(self, time: float, rotvec: np.ndarray, transl: np.ndarray) -> bytes:
-        """Return one pose's row: ascending seconds, (24, 3) or, with fingers, (52, 3) axis-angles and (3,) metres."""
+        """Return the row of a pose: ascending seconds, (24, 3) or (52, 3) rotation vectors, and (3,) metres."""
         if self._last is not None and abs(time - self._last) > _SILENCE_S:  # a silence, or a clock that was set
             self._cut += time - self._last - _CUT_TO_S
         self._last = time
@@ -250,7 +250,7 @@ class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
         return pack_row([time - self._cut], transl, turns)
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
-        """Write a motion of one rate, see ``RecordingFormat``."""
+        """Write a motion with a constant rate, see ``RecordingFormat``."""
         head, rows = read_rows(recording, _POSES, _VERSION, lambda _: _ROW)
         if len(rows):
             with np.errstate(invalid="ignore"):  # a damaged row may hold any bytes
@@ -273,12 +273,12 @@ class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
 
 
 def ascending_rows(rows: np.ndarray, recording: Path) -> np.ndarray:
-    """Return the rows with ascending seconds, their first column.
+    """Return the rows with ascending seconds in their first column.
 
-    If a clock is set back, rows are left out until it has caught up.
+    After a clock is set back, rows are omitted until it has caught up.
 
     Raises:
-        FileDamaged: there are none, or they last longer than a recording can.
+        FileDamaged: there are no rows, or they last longer than a recording can.
     """
     rows = rows[np.isfinite(rows[:, 0])]
     latest = np.maximum.accumulate(rows[:, 0])
@@ -289,9 +289,9 @@ def ascending_rows(rows: np.ndarray, recording: Path) -> np.ndarray:
 
 
 def poses_at(times: np.ndarray, rows: np.ndarray, fps: float, betas: np.ndarray, body: Body, source: str) -> Motion:
-    """Return a motion at (F,) even times, interpolated along great arcs. The ends keep the nearest pose.
+    """Return a motion at (F,) regular times, interpolated along great arcs. The ends keep the nearest pose.
 
-    Rows (N, 4 + 3 J) are ascending seconds, transl and axis-angles of the recorded poses.
+    Rows (N, 4 + 3 J) are ascending seconds, translation and rotation vectors of the recorded poses.
     """
     after = np.clip(np.searchsorted(rows[:, 0], times), 1, max(len(rows) - 1, 1))
     before, after = after - 1, np.minimum(after, len(rows) - 1)
@@ -311,13 +311,13 @@ def poses_at(times: np.ndarray, rows: np.ndarray, fps: float, betas: np.ndarray,
 
 
 def even_times(times: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return the frame rate of (N,) ascending seconds, and (F,) even times from the first to the last."""
+    """Return the frame rate of (N,) ascending seconds, and (F,) regular times from the first to the last."""
     fps = rate_of(times)
     return fps, times[0] + np.arange(round((times[-1] - times[0]) * fps) + 1) / fps
 
 
 def rate_of(times: np.ndarray) -> float:
-    """Return the frame rate of (F,) seconds with jitter and gaps: a usual rate, or a whole number."""
+    """Return the frame rate of (F,) seconds with jitter and gaps: a common rate, or an integer."""
     if len(times) < 2:
         return 60.0
     apart = np.diff(times)
@@ -332,13 +332,13 @@ def rate_of(times: np.ndarray) -> float:
 class FaceRecording(RecordingFormat[[float, dict[str, float]]]):
     """Channels of a live face.
 
-    The table has the column ``time`` in seconds and one per channel. A missing channel keeps its last value.
+    The table has the column ``time`` in seconds and one column per channel. A missing channel keeps its last value.
     """
 
     pieces: ClassVar[str] = "frames"
 
     def encode(self, time: float, channels: dict[str, float]) -> bytes:
-        """Return one frame's line: its seconds, and the value of each channel."""
+        """Return the line of one frame: its seconds, and the value of each channel."""
         return json.dumps([round(time, 6), channels]).encode() + b"\n"
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:

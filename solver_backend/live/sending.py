@@ -1,4 +1,4 @@
-"""Send live poses to a receiver of the VMC protocol or of JSON, and replay finished motions as live lines."""
+"""Send live poses to a receiver by the VMC protocol or as JSON, and replay finished motions as live lines."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ Proportions = Callable[[], tuple[BodyLayout, np.ndarray]]
 
 
 class PoseSender:
-    """Send the poses among lines. A context manager.
+    """Sends the poses in live lines, as a context manager.
 
-    It asks for the proportions before the first pose and whenever the shape or the fingers become known.
+    It asks for the proportions before the first pose and when the shape or the fingers become known.
     """
 
     def __init__(self, address: VmcAddress, proportions: Proportions) -> None:
@@ -36,7 +36,7 @@ class PoseSender:
         self._packets = PacketSender(address)
 
     def watched(self, lines: Iterable[LiveLine]) -> Iterator[LiveLine]:
-        """Yield the lines after their poses were sent, and events. Raise MotionInvalid if this is no humanoid."""
+        """Yield the lines after sending their poses, and events. Raise MotionInvalid if the body is not a humanoid."""
         for line in lines:
             if "event" in line:
                 if line["event"] in ("shape", "fingers"):
@@ -57,7 +57,7 @@ class PoseSender:
         return self._packets.send(self._bundle.encode(self._time(line["t"]), rotvec, np.array(line["trans"])))
 
     def _time(self, t: float) -> float:
-        """Return a time that never runs backwards, because receivers would ignore the pose as old."""
+        """Return a time that never decreases, because receivers would ignore the pose as old."""
         if math.isnan(self._clock) or t < self._clock:
             self._shift += (0.0 if math.isnan(self._clock) else self._clock) - t
         self._clock = t
@@ -75,7 +75,7 @@ class PoseSender:
 
 
 def pose_values(rotvec: np.ndarray, transl: np.ndarray) -> PoseValues:
-    """Return (J, 3) axis-angles and (3,) metres for a line, to 1 µrad and 1 µm."""
+    """Return (J, 3) rotation vectors and (3,) metres for a line, rounded to 1 µrad and 1 µm."""
     root, pose, trans = (np.round(part, 6).ravel().tolist() for part in (rotvec[0], rotvec[1:], transl))
     return {"root": root, "pose": pose, "trans": trans}
 
@@ -83,8 +83,8 @@ def pose_values(rotvec: np.ndarray, transl: np.ndarray) -> PoseValues:
 def replayed_poses(motion: Motion, *, paced: bool = True, repeat: bool = False) -> Iterator[FrameLine]:
     """Yield a line per frame with all joints of the motion.
 
-    ``paced``: play at the motion's rate and skip frames that are more than ``LATE_S`` late. ``repeat``: play again and
-    again with increasing time.
+    ``paced``: play at the motion's rate and skip frames that are more than ``LATE_S`` late. ``repeat``: play in a loop
+    with increasing time.
     """
     vectors = np.concatenate([motion.global_orient, motion.body_pose], axis=1).reshape(motion.num_frames, -1, 3)
     for number, due in due_times(motion.num_frames, motion.fps, paced=paced, repeat=repeat):

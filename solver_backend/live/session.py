@@ -26,8 +26,8 @@ from solver_backend.labelling.point_network import PointNetwork, load_network
 from solver_backend.labelling.tracklets import labels_of_frame
 from solver_backend.live.frames import PointFrame, ViewMoment
 
-NEVER = 1.0 / 120.0  # Assumed time step of the first frame, in seconds.
-LOST_S = 0.4  # The pose starts again after this time without a good pose or without a frame, in seconds.
+NEVER = 1.0 / 120.0  # Assumed time step of the first frame in seconds.
+LOST_S = 0.4  # The pose restarts after this time in seconds without a good pose or without a frame.
 _LONGEST_S, _SHORTEST_S = 0.1, 1e-3  # Limits of a time step, in seconds. Chosen by hand.
 
 
@@ -36,20 +36,20 @@ Fit = TypeVar("Fit", bound=PersonFollower)
 
 
 class SessionLoop(ABC, Generic[Shown, Fit]):
-    """Run one person live. Handle the clock, restarts, lines and events. Subclasses fit the moments."""
+    """Runs one person live, with clock, restarts, lines and events. Subclasses fit the moments."""
 
     def __init__(self, fit: Fit) -> None:
         self.fit = fit
         self._before: float | None = None
         self._number, self._shape_reported = 0, False
         self.shown: np.ndarray | None = None
-        """(N, 3) points of the last fitted moment, metres, Z up."""
+        """(N, 3) points of the last fitted moment in metres, Z up."""
         self.shown_off_m = np.zeros(0)
-        """(N,) distance of each point from the body in metres, NaN where it is not the body's."""
+        """(N,) distance of each point from the body in metres, NaN if it does not belong to the body."""
 
     @abstractmethod
     def _lines(self, moment: Shown, dt: float) -> Iterator[LiveLine]:
-        """Yield events, then a pose or the reason for its absence. ``dt`` is the time step in seconds."""
+        """Yield events, then a pose or the reason why there is none. ``dt`` is the time step in seconds."""
 
     @abstractmethod
     def _reset(self) -> None:
@@ -74,7 +74,7 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
                 yield event("restarted", message, moment.time)
 
     def step(self, moment: Shown) -> Iterator[LiveLine]:
-        """Yield events, then a pose or the reason for its absence."""
+        """Yield events, then a pose or the reason why there is none."""
         if moment.fault:
             yield event("line_ignored", moment.fault, moment.time)
             return
@@ -113,24 +113,24 @@ def event(kind: str, message: str, time_s: float) -> EventLine:
 
 
 def rounded(values: np.ndarray) -> list[float]:
-    """Return numbers for a line, to 10 µm or µrad."""
+    """Return numbers for a line, rounded to 10 µm or µrad."""
     return np.round(values, 5).tolist()
 
 
 def millimetres(values_m: np.ndarray) -> list[float | None]:
-    """Return metres as millimetres for a line, None for NaN."""
+    """Convert metres to millimetres for a line, None for NaN."""
     return [round(1e3 * value, 1) if math.isfinite(value) else None for value in values_m.tolist()]
 
 
 UNEXPLAINED = 10  # A pose with this many unexplained points is unsure: a second person, a large prop, or a wrong fit.
-OFF_M = 0.08  # A pose is unsure if the median distance of a limb's markers is larger, in metres.
-_FEWEST = 3  # A limb is judged by at least this many points.
+OFF_M = 0.08  # A pose is unsure if the median distance of a limb's markers is larger, metres.
+_FEWEST = 3  # Fewest points for judging a limb.
 _PARTS = {"arm": "UPA ELB ELM FRM WRA WRB FIN", "leg": "THI KNE KNM SHN ANK ANM HEE MT5 MT1 TOE"}
 _KEYPOINT_PARTS = {"arm": "shoulder elbow wrist", "leg": "hip knee ankle heel big_toe"}
 
 
 def _limbs_of(names: Sequence[str], parts: Mapping[str, str], sides: Mapping[str, str]) -> dict[str, list[int]]:
-    """Return the rows of each limb among names, from its parts and the prefix of each side."""
+    """Return the indices of each limb among names, from its parts and the prefix of each side."""
     return {
         f"{side} {limb}": [row for row, name in enumerate(names) if name in {f"{prefix}{p}" for p in words.split()}]
         for limb, words in parts.items()
@@ -144,8 +144,8 @@ _LIMBS = _limbs_of(MARKERS, _PARTS, {"left": "L", "right": "R"})
 def doubts_of(off_m: np.ndarray, unexplained: int, limbs: Mapping[str, list[int]] = _LIMBS) -> str:
     """Return the reasons for an unsure pose, with numbers, or an empty text.
 
-    ``off_m`` (L,) are the distances of markers or keypoints from the body in metres, NaN where not seen. ``limbs`` are
-    the rows of each limb, by default among the 53 markers.
+    ``off_m`` (L,) are the distances of markers or keypoints from the body in metres, NaN where missing. ``limbs`` are
+    the indices of each limb, by default among the 53 markers.
     """
     seen = {limb: off_m[rows][np.isfinite(off_m[rows])] for limb, rows in limbs.items()}
     medians = {limb: float(np.median(off)) for limb, off in seen.items() if len(off) >= _FEWEST}
@@ -156,12 +156,12 @@ def doubts_of(off_m: np.ndarray, unexplained: int, limbs: Mapping[str, list[int]
 
 
 def keypoint_limbs(names: Sequence[str]) -> dict[str, list[int]]:
-    """Return the rows of each limb among a detector's keypoints."""
+    """Return the indices of each limb among a detector's keypoints."""
     return _limbs_of(names, _KEYPOINT_PARTS, {"left": "left_", "right": "right_"})
 
 
 def with_display(line: FrameLine, session: SessionLoop[Any, Any]) -> FrameLine:
-    """Return a line with ``cloud`` and ``cloud_off_mm``, and with ``sigma_mm`` if it has a pose."""
+    """Add ``cloud`` and ``cloud_off_mm`` to a line, and ``sigma_mm`` if it has a pose."""
     if session.shown is None:
         return line
     line = {**line, "cloud": session.shown.round(4).tolist(), "cloud_off_mm": millimetres(session.shown_off_m)}
@@ -171,11 +171,11 @@ def with_display(line: FrameLine, session: SessionLoop[Any, Any]) -> FrameLine:
 
 
 KEPT = 16384  # Number of recent latencies in the statistics.
-RATE_S = 1.0  # Time window of the rate, in seconds.
+RATE_S = 1.0  # Time window for the rate in seconds.
 
 
 class LiveStatistics:
-    """Count the lines of a run in bounded memory."""
+    """Counts the lines of a run in constant memory."""
 
     def __init__(self) -> None:
         self.states: Counter[str] = Counter()
@@ -197,7 +197,7 @@ class LiveStatistics:
 
     @property
     def rate_hz(self) -> float:
-        """Poses per second over the last second."""
+        """Number of poses in the last second."""
         while self._recent and self._recent[0] < time.monotonic() - RATE_S:
             self._recent.popleft()
         if len(self._recent) < 2:
@@ -217,26 +217,26 @@ class LiveStatistics:
 
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 AXES = ("z", "y", "x", "-y", "-z", "-x")
-_PEOPLE_M = (0.5, 3.5)  # Plausible extent of a person's markers, in metres.
-_CLEARLY = 0.08  # Least gain in certainty of an up axis other than z.
+_PEOPLE_M = (0.5, 3.5)  # Plausible extent of a person's markers in metres.
+_CLEARLY = 0.08  # Smallest gain in certainty for an up axis other than z.
 _UPRIGHT = 0.1
-"""Weight of a standing person in that certainty. In eight recorded takes the true axis is surer than the next one by
+"""Weight of a standing person in that certainty. In eight recorded takes the true axis is better than the next one by
 -0.001 to 0.21. Along wrong axes the head is at most 0.16 trunk lengths above the pelvis."""
 _HEAD, _PELVIS = (len(LANDMARKS) - len(JOINTS) + JOINTS.index(name) for name in ("head", "pelvis"))
 
 
 def unit_of(points: np.ndarray) -> str | None:
-    """Return the unit that gives (N, 3) points the size of a person, or None."""
+    """Return the unit in which (N, 3) points have a human size, or None."""
     centre = np.median(points, axis=0)
     reach = 2.0 * float(np.quantile(np.linalg.norm(points - centre, axis=-1), 0.9))
     return next((unit for unit, metres in UNITS.items() if _PEOPLE_M[0] < reach * metres < _PEOPLE_M[1]), None)
 
 
 def up_axis_of(frames: list[np.ndarray], network: PointNetwork) -> str:
-    """Return the up axis with the surest labels. Z unless another axis is clearly better.
+    """Return the up axis with the most certain labels. This is Z unless another axis is clearly better.
 
     The score is ``mean p + w max(0, u)`` with the best probability p of each point and the height u of the head above
-    the pelvis in trunk lengths. The height is needed because the network labels lying people nearly as surely.
+    the pelvis in trunk lengths. The network labels lying people with nearly the same certainty, so u is needed.
     """
     sure = {}
     for axis in AXES:
@@ -250,15 +250,14 @@ def up_axis_of(frames: list[np.ndarray], network: PointNetwork) -> str:
 
 
 REACH_M, REACH_M_S = 0.03, 2.0
-"""A point continues a track within this distance of its expected place, in metres and metres per second. Chosen by
-hand."""
-MEMORY_S = 0.7  # Time constant of earlier labels, in seconds.
-UNSEEN_S = 0.15  # A lost point may return within this time, in seconds.
-_FLOOR = -6.0  # Evidence of one frame at least, a log-probability: one frame does not outweigh a track. Chosen by hand.
+"""Largest distance of a point from its track's expected position: constant (m) and per time (m/s), chosen by hand."""
+MEMORY_S = 0.7  # Time constant of earlier labels in seconds.
+UNSEEN_S = 0.15  # Longest absence of a lost point in seconds.
+_FLOOR = -6.0  # Smallest log probability of one frame, so that one frame does not outweigh a track. Chosen by hand.
 
 
 class PointTracks:
-    """Tracks of points from frame to frame."""
+    """Tracks of points over frames."""
 
     def __init__(self) -> None:
         self.position = np.zeros((0, 3))
@@ -267,11 +266,11 @@ class PointTracks:
         self.unseen_s = np.zeros(0)
 
     def clear(self) -> None:
-        """Forget all of them."""
+        """Forget all tracks."""
         self.__init__()
 
     def update(self, points: np.ndarray, log_probability: np.ndarray, dt: float) -> np.ndarray:
-        """Return the (N, 54) evidence of a frame's points and their tracks together.
+        """Return the (N, 54) combined evidence of a frame's points and their tracks.
 
         Points are (N, 3) metres with (N, 54) log probabilities of each label in this frame, ``dt`` seconds after the
         last one.
@@ -295,7 +294,7 @@ class PointTracks:
         return evidence
 
     def _matched(self, points: np.ndarray, dt: float) -> np.ndarray:
-        """Return the (N,) track of each point, -1 for none. Pairs must be each other's nearest."""
+        """Return the (N,) track of each point, -1 for none. Pairs must be mutually nearest."""
         found = np.full(len(points), -1)
         if not len(self.position) or not len(points):
             return found
@@ -309,17 +308,17 @@ class PointTracks:
         return found
 
 
-FEWEST = 8  # Fewest points, and fewest labelled points, of a frame with a pose.
-MOST_READ = 90  # Most points that the network reads, nearest to the body or to their middle.
-FROZEN_S = 0.5  # A stream counts as frozen after this time with equal points, in seconds.
-BAD_M = 0.08  # Largest median distance of markers from the body in a good pose, in metres.
-SURE = 0.6  # Least share of a point's evidence for its label. Chosen by hand.
+FEWEST = 8  # Fewest points, and fewest labelled points, in a frame with a pose.
+MOST_READ = 90  # Most points that the network reads, nearest to the body or to their centre.
+FROZEN_S = 0.5  # A stream counts as frozen after this time in seconds with unchanged points.
+BAD_M = 0.08  # Largest median distance of markers from the body in a good pose, metres.
+SURE = 0.6  # Smallest fraction of a point's evidence for its label. Chosen by hand.
 _WORLD_FRAMES = 5  # Number of frames that decide the up axis. Chosen by hand.
-_TRIAL_FRAMES = 6  # Number of frames that are fitted before the first real one, to warm up. Chosen by hand.
+_TRIAL_FRAMES = 6  # Number of frames to fit for warming up. Chosen by hand.
 
 
 class LiveSession(SessionLoop[PointFrame, LiveFit]):
-    """One person by live points."""
+    """Fits one person to live points."""
 
     def __init__(
         self, network: PointNetwork, fit: LiveFit, *, unit: str | None = None, up_axis: str | None = None
@@ -333,7 +332,7 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
         self._last_points: np.ndarray | None = None
         self._still_s = 0.0
         self.to_metres: np.ndarray | None = None
-        """(3, 3) matrix that turns the source's points into metres, Z up. None while it is not known."""
+        """(3, 3) matrix that converts the source's points to metres, Z up. None while unknown."""
 
     def warm_up(self) -> None:
         """Fit a few frames of the body at rest and discard them, so that the first real one is not late."""
@@ -402,7 +401,7 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
         self._good = None
 
     def _find_world(self, frame: PointFrame) -> Iterator[LiveLine]:
-        """Find unit and axis as soon as enough frames were gathered, and report them."""
+        """Find unit and axis as soon as there are enough frames, and report them."""
         unit = self.unit or unit_of(frame.points)
         if unit is None:
             return
@@ -420,7 +419,7 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
 
 
 def person_fit(subject: Path | None) -> tuple[PointNetwork, LiveFit]:
-    """Return the network and a fit of a person, of unknown shape if None. Raise FileMissing or SubjectInvalid."""
+    """Return the network and a fit of a person (None for unknown shape). Raise FileMissing or SubjectInvalid."""
     network = load_network()
     if subject is None:
         return network, fit_average_person()

@@ -18,18 +18,18 @@ from solver_backend.live.frames import ViewMoment
 from solver_backend.live.session import LOST_S, SessionLoop, doubts_of, event, keypoint_limbs, pose_of
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 
-CLEARLY = 0.5  # A limb pair is exchanged if that reduces its distance to this share.
-FAR = 0.08  # Pairs closer than this share of the person's size are never exchanged: crossing limbs are as close.
+CLEARLY = 0.5  # Limb pairs are exchanged if that reduces their distance at least to this fraction.
+FAR = 0.08  # Pairs closer than this fraction of the person's size are never exchanged, as limbs may cross.
 _PARTS = {
     "arms": ("shoulder", "elbow", "wrist", "thumb", "index", "pinky"),
     "legs": ("hip", "knee", "ankle", "heel", "big_toe", "small_toe", "foot_index"),
     "head": ("eye", "eye_inner", "eye_outer", "ear", "mouth"),
 }
-_FEWEST = 2  # Fewest visible keypoints of a pair that can be exchanged.
+_FEWEST = 2  # Fewest visible keypoints of an exchangeable pair.
 
 
 class ExchangedSides:
-    """Find limb pairs with exchanged sides among a detector's keypoints."""
+    """Finds limb pairs with exchanged sides in a detector's keypoints."""
 
     def __init__(self, names: Sequence[str]) -> None:
         rows = {name: row for row, name in enumerate(names)}
@@ -44,8 +44,8 @@ class ExchangedSides:
     def put_back(self, seen: np.ndarray, expected: np.ndarray) -> tuple[np.ndarray, int]:
         """Return one view's (K, 3) keypoints with corrected sides, and the number of corrected pairs.
 
-        Keypoints are x, y and confidence, NaN or confidence 0 where missing. ``expected`` are (K, 2) px of the person's
-        last pose, NaN where unknown.
+        Keypoints are x, y and confidence, NaN or confidence 0 where missing. ``expected`` are the (K, 2) px of the
+        person's last pose, NaN where unknown.
         """
         size = float(np.linalg.norm(np.nanmax(expected, axis=0) - np.nanmin(expected, axis=0)))
         found, count = seen.copy(), 0
@@ -62,15 +62,15 @@ class ExchangedSides:
         return found, count
 
 
-WORLD_MOMENTS = 12  # Number of moments with a person that decide up axis and floor, before the first pose.
-BAD_M = 0.12  # Largest median distance of keypoints from the body in a good pose, in metres. Detectors differ by 3 cm.
-STARTS_WITH = 0.8  # Least share of common keypoints with two agreeing views at the start. Later the pose decides.
-_TRIAL_MOMENTS = 6  # Number of trial moments that run every part once.
-SAME_PERSON = 0.5  # Largest median distance of the person's detection, as a share of their size in the picture.
+WORLD_MOMENTS = 12  # Number of moments with a person that determine up axis and floor, before the first pose.
+BAD_M = 0.12  # Largest median distance of keypoints from the body in a good pose, metres. Detectors differ by 3 cm.
+STARTS_WITH = 0.8  # Smallest fraction of common keypoints with two agreeing views at the start. Later the pose decides.
+_TRIAL_MOMENTS = 6  # Number of moments for warming up every part.
+SAME_PERSON = 0.5  # Largest median distance of the person's detection, relative to the person's size in the image.
 
 
 class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
-    """One person in front of live cameras."""
+    """Fits one person in front of live cameras."""
 
     def __init__(
         self,
@@ -80,7 +80,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         world: WorldSettings = WorldSettings(),
         up_axis: str | None = None,
     ) -> None:
-        """Create a session. It moves the calibrated cameras to the person's world once that is known.
+        """Create a session. The calibrated cameras are moved to the person's world once that is known.
 
         ``betas`` (10,) is the shape of a known person. Without an ``up_axis`` of the calibration, Z is up, or the axis
         of the standing person.
@@ -155,7 +155,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         return self._line(moment, state, doubts, **pose_of(found.pose), **counts)
 
     def _person(self, moment: ViewMoment) -> tuple[np.ndarray, np.ndarray]:
-        """Return the person's (C, K, 2) px and (C, K) confidence, missing where a view does not show them.
+        """Return the person's (C, K, 2) px and (C, K) confidence, missing in views without the person.
 
         Exchanged sides are corrected only if the views then agree on more keypoints. Otherwise the pose is wrong.
         """
@@ -196,13 +196,13 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
 
 
 def _split(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return px and confidence of (..., 3) keypoints. They are missing where a number is, or the confidence is 0."""
+    """Split (..., 3) keypoints into px and confidence. They are missing if a value is missing or confidence is 0."""
     there = np.isfinite(seen).all(-1) & (seen[..., 2] > 0)
     return np.where(there[..., None], seen[..., :2], np.nan), np.where(there, np.minimum(seen[..., 2], 1.0), 0.0)
 
 
 def _nearest(people: np.ndarray, expected: np.ndarray | None) -> np.ndarray | None:
-    """Return the person among (P, K, 3) detections: the one nearest to (K, 2) px, or the largest one at a start."""
+    """Return the person among (P, K, 3) detections who is nearest to (K, 2) px, or the largest one at the start."""
     shown, confidence = _split(people)
     known = np.isfinite(shown).all(-1).any(axis=1)
     if not known.any():
@@ -217,7 +217,7 @@ def _nearest(people: np.ndarray, expected: np.ndarray | None) -> np.ndarray | No
 
 
 def _middle(cameras: Cameras) -> np.ndarray:
-    """Return the (3,) point that all cameras look at: ``min Σ |(I - d dᵀ)(x - c)|²``."""
+    """Return the (3,) point closest to all optical axes: ``min Σ |(I - d dᵀ)(x - c)|²``."""
     d = cameras.R[:, 2]
     across = np.eye(3) - d[:, :, None] * d[:, None, :]
     centres = -np.einsum("cij,ci->cj", cameras.R, cameras.t)

@@ -1,4 +1,4 @@
-"""Receive poses of the VMC protocol and put their bones on our body."""
+"""Receive poses by the VMC protocol and transfer their bones to our body."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ from solver_backend.live.port import LARGEST_CHANNEL, MOST_CHANNELS, OneSender, 
 from solver_backend.live.recordings import FaceRecorder, PoseRecorder
 from solver_backend.live.sending import pose_values
 
-FARTHEST_M = 1e4  # Largest plausible distance from the origin, in metres.
+FARTHEST_M = 1e4  # Largest plausible distance from the origin in metres.
 FACE = "/VMC/Ext/Blend/Val"
-_LONGEST_NAME = 40  # Longest foreign name in messages. Chosen by hand.
+_LONGEST_NAME = 40  # Longest name from a sender in messages. Chosen by hand.
 _FINGERS = ("Thumb", "Index", "Middle", "Ring", "Little")
 
 
 @dataclass(frozen=True)
 class BoneFrame:
-    """Unity's humanoid of the sender at one moment."""
+    """Unity humanoid of the sender at one time."""
 
-    time: float  # Seconds since the first frame, on the sender's clock if it has one.
-    arrived: float  # ``time.perf_counter()`` when its first packet arrived.
+    time: float  # Seconds since the first frame, by the sender's clock if it has one.
+    arrived: float  # ``time.perf_counter()`` on arrival of its first packet.
     quat: dict[str, np.ndarray]  # (4,) unit quaternion wxyz of each received bone, relative to its parent.
-    place: dict[str, np.ndarray]  # (3,) metres of the same bones, relative to their parents.
-    root: tuple[np.ndarray, np.ndarray]  # Unit quaternion wxyz and (3,) metres of the root, in Unity's world.
+    place: dict[str, np.ndarray]  # (3,) position of the same bones in metres, relative to their parents.
+    root: tuple[np.ndarray, np.ndarray]  # Unit quaternion wxyz and (3,) position (m) of the root, in Unity's world.
     face: dict[str, float]  # Value of each face channel, usually 0 to 1.
 
 
 class FrameAssembly(OneSender[list[OscMessage], BoneFrame]):
-    """Gather the bones of one sender. A frame ends when all bones of the last frame have arrived, or one twice."""
+    """Collects the bones of one sender. A frame ends when all bones of the last frame have arrived, or one twice."""
 
     words = "Another sender is ignored while the first one sends.", "A packet is not Open Sound Control"
 
@@ -126,15 +126,15 @@ def _shown(name: object) -> str:
     return plain(str(name)[:_LONGEST_NAME])
 
 
-_OURS_M = 1e-4  # Largest bone error of our own body, in metres. Other bodies differ by centimetres.
+_OURS_M = 1e-4  # Largest bone error of our own body in metres. Other bodies differ by centimetres.
 _ROUNDS = 6  # Number of Gauss-Newton steps. Chosen by hand.
-_PULL = 1e-11  # Weight of the mean shape, in square metres, for directions that joints do not determine.
+_PULL = 1e-11  # Weight of the mean shape in square metres, for directions that joints do not determine.
 
 
 def own_shape(body: Body, joints: np.ndarray) -> np.ndarray | None:
     """Return the (10,) shape with these (24, 3) joints in T-pose, None if the sender has another body.
 
-    ``min Σ |b_j(β) - b_j|² + λ |β|²`` by Gauss-Newton. The sum covers the bones b that the T-pose does not turn, and
+    ``min Σ |b_j(β) - b_j|² + λ |β|²`` by Gauss-Newton. The sum covers the bones b that the T-pose does not rotate, and
     the lengths ``|b_j|`` of the others: ``d|b| = b/|b| · db``. Missing joints are NaN.
     """
     layout, count = body.layout, len(joints)
@@ -159,11 +159,11 @@ def own_shape(body: Body, joints: np.ndarray) -> np.ndarray | None:
 
 
 _LEGS = (("left_hip", "left_knee", "left_ankle"), ("right_hip", "right_knee", "right_ankle"))
-_SAME = 0.005  # Largest difference of leg lengths, as a share, without scaling the path.
+_SAME = 0.005  # Largest relative difference of leg lengths for which the path is not scaled.
 
 
 class BonesOnBody:
-    """Transfers a sender's bones to a body. The first frame gives its shape. Fingers are added when they appear."""
+    """Transfers a sender's bones to a body. The first frame determines its shape. Fingers are added later if sent."""
 
     def __init__(self, body: Body, betas: np.ndarray | None = None) -> None:
         self.body, self.betas = body, betas
@@ -180,7 +180,7 @@ class BonesOnBody:
         return self.body.layout, self.body.rest_joints(self.person()[1])
 
     def pose(self, frame: BoneFrame) -> tuple[np.ndarray, np.ndarray]:
-        """Return the (J, 3) axis-angles and (3,) transl of a frame. Missing bones do not turn."""
+        """Return the (J, 3) rotation vectors and (3,) translation of a frame. Missing bones do not rotate."""
         if self._humanoid is None:
             self._meet(frame)
         if not self._fingers and any(finger in bone for bone in frame.quat for finger in _FINGERS):
@@ -218,7 +218,7 @@ def pose_lines(
     recorder: PoseRecorder | None = None,
     face: FaceRecorder | None = None,
 ) -> Iterator[LiveLine]:
-    """Yield the lines of a live run from the items of ``listen``, each after its frame was recorded."""
+    """Yield the lines of a live run from the items of ``listen``. Each frame is recorded first."""
     number = itertools.count()
     for item in found:
         if isinstance(item, dict):

@@ -1,4 +1,4 @@
-"""Plain data of the pipeline. It imports only the exchange library."""
+"""Plain data types of the pipeline. They import only the exchange library."""
 
 from solver_backend.exchange.joint_sets import NUM_BETAS as NUM_BETAS
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS as NUM_BODY_JOINTS

@@ -12,21 +12,21 @@ from solver_backend.exchange.lens import DEFAULT_MODEL, require_models
 from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, require_within
 from solver_backend.types.shapes import Float, Int
 
-_LARGEST_SIZE = 2.0**31  # Pixels per side below which sizes fit whole numbers of 32 bits.
+_LARGEST_SIZE = 2.0**31  # Pixels per side below which sizes fit into 32-bit integers.
 
 
 @dataclass(frozen=True)
 class CameraPath:
-    """Motion of carried cameras over F frames: ``x_start = R @ x_world + t``, the identity where they start."""
+    """Motion of moving cameras in F frames: ``x_start = R @ x_world + t``, the identity at their start pose."""
 
     R: Any  # (F, 3, 3) rotations from the world to the axes in which the cameras are fixed, of the user's kind.
-    t: Any  # (F, 3) metres.
+    t: Any  # (F, 3) translations in metres.
 
     def __len__(self) -> int:
         return len(self.R)
 
     def at(self, frames: Any) -> CameraPath:
-        """Return the frames at these indices or of this slice."""
+        """Return the path in the given frames (indices or slice)."""
         return CameraPath(self.R[frames], self.t[frames])
 
 
@@ -34,25 +34,25 @@ class CameraPath:
 class Cameras:
     """Cameras of one capture, ``x_cam = R @ x_world + t``. Pixel (0, 0) is the centre of the top-left pixel.
 
-    Carried cameras have a path, ``x_cam = R @ x_start + t``. Points then have F frames on their first axis.
+    Moving cameras have a path, ``x_cam = R @ x_start + t``. Points then have F frames on their first axis.
     """
 
     names: tuple[str, ...]
-    """One unique name per camera."""
+    """(C,) unique camera names."""
     K: Float[np.ndarray, "cameras 3 3"]
     """(C, 3, 3) intrinsic matrices in pixels."""
     distortion: Float[np.ndarray, "cameras 8"]
     """(C, 8) coefficients in the order of each camera's lens model, padded with zeros."""
     R: Float[np.ndarray, "cameras 3 3"]
-    """(C, 3, 3) rotations world to camera (OpenCV axes: x right, y down, z forward)."""
+    """(C, 3, 3) rotations from world to camera (OpenCV axes: x right, y down, z forward)."""
     t: Float[np.ndarray, "cameras 3"]
     """(C, 3) translations in metres."""
     image_size: Int[np.ndarray, "cameras 2"]
     """(C, 2) width and height in pixels."""
     models: tuple[str, ...] = (DEFAULT_MODEL,)
-    """Name of each camera's lens model, of ``LENS_MODELS``, or one name for all."""
+    """Name of each camera's lens model in ``LENS_MODELS``, or one name for all."""
     path: CameraPath | None = None
-    """Motion of carried cameras, None for cameras that stand."""
+    """Motion of moving cameras, None for static cameras."""
 
     def __post_init__(self) -> None:
         count = len(self.names)
@@ -132,27 +132,27 @@ class Cameras:
 
     @property
     def centres(self) -> Float[np.ndarray, "cameras 3"]:
-        """(C, 3) optical centres in world metres, ``-Rᵀ t``. Carried cameras are at their start."""
+        """(C, 3) optical centres in world metres, ``-Rᵀ t``. Moving cameras are at their start."""
         return -np.einsum("cji,cj->ci", self.R, self.t)
 
     def poses(self, camera: int, frames: int) -> tuple[Float[np.ndarray, "frames 3 3"], Float[np.ndarray, "frames 3"]]:
-        """Return the rotations (F, 3, 3) and translations (F, 3) of one camera, world to camera, in F frames."""
+        """Return world-to-camera rotations (F, 3, 3) and translations (F, 3) of one camera in F frames."""
         R, t = self.R[camera], self.t[camera]
         if self.path is None:
             return np.broadcast_to(R, (frames, 3, 3)), np.broadcast_to(t, (frames, 3))
         return R @ self.path.R, self.path.t @ R.T + t
 
     def carried(self, R: Float[np.ndarray, "frames 3 3"], t: Float[np.ndarray, "frames 3"]) -> Cameras:
-        """Return a single camera with these poses, world to camera. It starts at the first one."""
+        """Return a single moving camera with these world-to-camera poses. It starts at the first one."""
         return replace(self, R=R[:1], t=t[:1], path=CameraPath(R[0].T @ R, (t - t[0]) @ R[0]))
 
     def scaled(self, factor: float) -> Cameras:
-        """Return the cameras in a world ``factor`` times as large, which changes no picture."""
+        """Return the cameras in a world that is scaled by ``factor``. Images do not change."""
         path = self.path and CameraPath(self.path.R, self.path.t * factor)
         return replace(self, t=self.t * factor, path=path)
 
     def at(self, frames: slice | np.ndarray) -> Cameras:
-        """Return the cameras of these frames, which start at the first one."""
+        """Return the cameras in these frames. Moving cameras start at the first one."""
         if self.path is None or not len(part := self.path.at(frames)):
             return self
         R, t = self.R @ part.R[0], (self.R @ part.t[0]) + self.t
@@ -160,7 +160,7 @@ class Cameras:
         return replace(self, R=R, t=t, path=path)
 
     def subset(self, indices: list[int]) -> Cameras:
-        """Return the cameras at these indices, in this order."""
+        """Return the cameras at these indices, in that order."""
         names, models = (tuple(every[i] for i in indices) for every in (self.names, self.models))
         arrays = {key: getattr(self, key)[indices] for key in ("K", "distortion", "R", "t", "image_size")}
         return Cameras(names=names, models=models, path=self.path, **arrays)
@@ -171,14 +171,14 @@ ROWS, COLUMNS = ("top", "centre", "bottom"), ("left", "middle", "right")  # Part
 
 @dataclass(frozen=True)
 class CameraFits:
-    """Fit of C cameras to one take, in px unless stated."""
+    """Fit of C cameras to one take, in px unless stated otherwise."""
 
     verdict: str
-    region_px: np.ndarray  # (C, 3, 3) median reprojection error by part of the picture, rows first, or NaN.
-    camera_px: np.ndarray  # (C,) the same of the whole picture.
-    best_px: np.ndarray  # (C,) the same after adjustment of the poses to the take.
+    region_px: np.ndarray  # (C, 3, 3) median reprojection error by image region, rows first, NaN if unknown.
+    camera_px: np.ndarray  # (C,) median reprojection error of the whole image.
+    best_px: np.ndarray  # (C,) the same after adjusting the camera poses to the take.
     epipolar_px: np.ndarray  # (C, W) median distance to the other cameras' epipolar lines in W equal parts of the take.
-    stature_m: float  # Stature of the person with the calibration's scale, metres.
-    tilt_deg: float  # Angle between the world's up and the person's, degrees.
+    stature_m: float  # Stature of the person at the calibration's scale, metres.
+    tilt_deg: float  # Angle between the up directions of world and person, degrees.
     tilt_sigma_deg: float  # Standard deviation of that angle, degrees.
     findings: tuple[str, ...]  # Problems and their remedies.

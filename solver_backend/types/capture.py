@@ -1,4 +1,4 @@
-"""Recorded data: 2D keypoints, hands, own points, markers, and the capture of all."""
+"""Recorded data: 2D keypoints, hands, user-defined points, markers, and captures."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ BONES = {role: SMPL.joints[joint] for role, joint in JOINT_OF.items()} | {
 
 @dataclass(frozen=True)
 class OwnPoint:
-    """A point at an unknown, constant place on a bone."""
+    """A user-defined point at an unknown, constant position on a bone."""
 
     name: str
-    bone: str  # A key of ``BONES``.
+    bone: str  # Key of ``BONES``.
 
 
-UNSEEN_POINT = (np.nan, np.nan, 0.0)  # x, y and confidence of an unseen point.
+UNSEEN_POINT = (np.nan, np.nan, 0.0)  # x, y and confidence of an undetected point.
 
 
 def stacked_hands(hands: Sequence[np.ndarray | None], axis: int) -> np.ndarray | None:
-    """Return the hands of several people side by side, NaN for people without hands, None if no person has any."""
+    """Join the hands of several people along an axis, with NaN for people without hands. Return None without hands."""
     like = next((hand for hand in hands if hand is not None), None)
     if like is None:
         return None
@@ -51,11 +51,11 @@ def stacked_hands(hands: Sequence[np.ndarray | None], axis: int) -> np.ndarray |
 
 
 def checked_hands(hands: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Return hands with NaN and confidence 0 for unseen points.
+    """Return hands with NaN and confidence 0 for undetected points.
 
     Raises:
         KeypointCountMismatch: the shape is not (*shape, 2, 21, 3).
-        NonFiniteData: a point is infinite or beyond any picture.
+        NonFiniteData: a point is infinite or beyond any image.
     """
     hands = np.array(hands, dtype=np.float64)
     expected = (*shape, 2, NUM_HAND_POINTS, 3)
@@ -73,18 +73,18 @@ def checked_hands(hands: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Keypoints2D:
-    """Detections of one person in every view. Missing ones are NaN with confidence 0. Own points come last."""
+    """Detections of one person in every view. Missing ones are NaN with confidence 0. User-defined points come last."""
 
     xy: Float[np.ndarray, "views frames keypoints 2"]
-    """(views, frames, keypoints, 2) pixels."""
+    """(views, frames, keypoints, 2) positions in pixels."""
     confidence: Float[np.ndarray, "views frames keypoints"]
-    """(views, frames, keypoints) in 0..1."""
+    """(views, frames, keypoints) confidences in 0..1."""
     joint_set: JointSet
     fps: float
     hands: Float[np.ndarray, "views frames 2 21 3"] | None = None
-    """(views, frames, 2, 21, 3) x, y in pixels and confidence of the hands' points, left first, unseen = NaN, 0."""
+    """(views, frames, 2, 21, 3) x, y in pixels and confidence of hand points, left first. Undetected: NaN and 0."""
     own: tuple[OwnPoint, ...] = ()
-    """Keypoints after the joint set's."""
+    """User-defined points, which follow the joint set's keypoints."""
 
     def __post_init__(self) -> None:
         xy = np.array(self.xy, dtype=np.float64)
@@ -120,7 +120,7 @@ class Keypoints2D:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the keypoints, own points last."""
+        """Names of the keypoints, user-defined points last."""
         return (*self.joint_set.keypoints, *(point.name for point in self.own))
 
     @property
@@ -135,16 +135,16 @@ class Keypoints2D:
 
     @property
     def named(self) -> Keypoints2D:
-        """The keypoints of the joint set, without own points."""
+        """The keypoints of the joint set, without user-defined points."""
         count = self.joint_set.num_keypoints
         return replace(self, xy=self.xy[:, :, :count], confidence=self.confidence[:, :, :count], own=())
 
     def frames(self, start: int, stop: int) -> Keypoints2D:
-        """Return the frames start..stop-1."""
+        """Return the frames from ``start`` to ``stop`` - 1."""
         return self.at(slice(start, stop))
 
     def at(self, frames: slice | np.ndarray) -> Keypoints2D:
-        """Return these frames."""
+        """Return the keypoints in these frames."""
         hands = None if self.hands is None else self.hands[:, frames]
         return replace(self, xy=self.xy[:, frames], confidence=self.confidence[:, frames], hands=hands)
 
@@ -156,20 +156,20 @@ class Keypoints2D:
 
 @dataclass(frozen=True)
 class PersonInViews:
-    """One of the people that a recording shows."""
+    """One of the people in a recording."""
 
     name: str
     keypoints: Keypoints2D
 
     @property
     def agreed(self) -> np.ndarray:
-        """(F,) whether two or more views show the person."""
+        """(F,) mask of frames in which at least two views show the person."""
         return (self.keypoints.confidence > 0).any(axis=-1).sum(axis=0) >= 2
 
 
 @dataclass(frozen=True)
 class Capture:
-    """A recording in metres and seconds, Z up, floor at z = 0."""
+    """A recording in metres and seconds, with Z up and the floor at z = 0."""
 
     name: str
     """Name of the take."""
@@ -179,35 +179,35 @@ class Capture:
     """Detections of the person to solve."""
     markers: MarkerCloud | None = None
     others: MarkerCloud | None = None
-    """Markers under prefixes of their own that name no person: props, perhaps."""
+    """Markers with other prefixes that name no person, possibly props."""
     footage: tuple[Path | None, ...] = ()
     """Video file or image folder of each camera, or None."""
     footage_first: tuple[int, ...] = ()
-    """Picture of each camera's footage at the first frame, from 0, () if all begin with it."""
+    """Index of each camera's footage image at the first frame, () if all are 0."""
     sources: tuple[str, ...] = ()
     """Files of the capture."""
     notes: tuple[Diagnostic, ...] = ()
-    """Findings and assumptions of the reader: units, axes, frame rate, ignored people."""
+    """Notes of the reader about findings and assumptions: units, axes, frame rate, ignored people."""
     problems: tuple[Diagnostic, ...] = ()
     """Warnings for the user before the solve."""
     people: tuple[PersonInViews, ...] = ()
-    """All people in two or more views if there are several. ``keypoints`` are the solved person's."""
+    """All people in at least two views if there are several. ``keypoints`` belong to the solved person."""
     person: str = ""
-    """Name of the person of ``keypoints`` if there are several."""
+    """Name of the person in ``keypoints`` if there are several."""
     stature_m: float = 0.0
     """Given stature of the person in metres, 0 if unknown."""
     floor_from_person: bool = False
-    """Floor and scale of a single camera's world come from a person of this or average stature."""
+    """True if a person of this or average stature determined floor and scale of a single camera's world."""
     focal_sigma: float = 0.0
-    """Relative standard deviation of a single camera's focal length if it is estimated."""
+    """Relative standard deviation of a single camera's focal length if it was estimated."""
     detector: str = ""
-    """Name of the detector of the keypoints, empty if unknown."""
+    """Name of the keypoint detector, empty if unknown."""
     noise_map: str = ""
-    """Detector of the noise map that weighted the confidences, empty if they are the detector's own."""
+    """Detector of the noise map that weighted the confidences, empty if they are unchanged."""
     world_checked: bool = False
-    """The reader compared the world with the person. Not stored in files."""
+    """True if the reader compared the world with the person. Not stored in files."""
     truth: dict[str, np.ndarray] = field(default_factory=dict)
-    """Known truth of a synthetic capture: betas, global_orient, body_pose, transl, joints, keypoints3d."""
+    """Ground truth of a synthetic capture: betas, global_orient, body_pose, transl, joints, keypoints3d."""
 
     def __post_init__(self) -> None:
         cameras, found = self.cameras, self.keypoints
@@ -234,7 +234,7 @@ class Capture:
 
     @property
     def named(self) -> Capture:
-        """The capture without own points of the user, for comparison with a motion."""
+        """The capture without user-defined points, for comparison with a motion."""
         if self.keypoints is None or not self.keypoints.own:
             return self
         people = tuple(replace(person, keypoints=person.keypoints.named) for person in self.people)
@@ -260,24 +260,24 @@ class Capture:
 
     @property
     def least_views(self) -> int:
-        """Views that must show a keypoint for a place in space: 2, or 1 where a single camera detects anybody."""
+        """Number of views needed to locate a keypoint: 2, or 1 if only one camera detects a person."""
         return 1 if self.is_one_view else 2
 
     @property
     def placed(self) -> np.ndarray:
-        """(F, K) bool: enough views show the keypoint, see ``least_views``."""
+        """(F, K) mask of keypoints in enough views, see ``least_views``."""
         assert self.keypoints is not None
         return (self.keypoints.confidence > 0).sum(axis=0) >= self.least_views
 
     @property
     def several_views(self) -> tuple[Cameras, Keypoints2D] | None:
-        """Cameras and keypoints where more than one camera may show the person, else None."""
+        """Cameras and keypoints if more than one camera may show the person, otherwise None."""
         if self.cameras is None or self.keypoints is None or self.is_one_view:
             return None
         return self.cameras, self.keypoints
 
     def require_views(self) -> tuple[Cameras, Keypoints2D]:
-        """Return cameras and keypoints of a capture with detections in one camera or in several.
+        """Return cameras and keypoints of a capture with detections in one or several cameras.
 
         Raises:
             TooFewViews, NoDetections: there are none, or several cameras share no keypoint.
@@ -311,7 +311,7 @@ class Capture:
         return self.cameras, self.keypoints
 
     def of_person(self, name: str) -> Capture:
-        """Return the capture with the keypoints of another person, by name or number, or raise PersonUnknown."""
+        """Return the capture with the keypoints of another person, by name or number. Raise PersonUnknown if absent."""
         wanted = name.strip().casefold()
         for number, person in enumerate(self.people, 1):
             if wanted in (person.name.casefold(), str(number)):
@@ -330,5 +330,5 @@ class Capture:
 
 
 LIMBS: dict[str, tuple[str, ...]] = {"arms": ("shoulder", "elbow", "wrist"), "legs": ("hip", "knee", "ankle")}
-"""Joints of each side that every detector finds, from the trunk outwards."""
-FEET: tuple[str, ...] = ("big_toe", "small_toe", "heel", "foot")  # Points of each side's foot in some joint sets.
+"""Joints on each side that every detector finds, from the trunk outwards."""
+FEET: tuple[str, ...] = ("big_toe", "small_toe", "heel", "foot")  # Foot points per side in some joint sets.

@@ -1,4 +1,4 @@
-"""Store recorded optical markers, and the person who wears them."""
+"""Recorded optical markers, and the person who wears them."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ class MarkerCloud:
     """Positions of optical markers. Missing ones are NaN."""
 
     positions: Float[np.ndarray, "frames markers 3"]
-    """(frames, markers, 3) metres."""
+    """(frames, markers, 3) positions in metres."""
     fps: float
     labels: tuple[str, ...] | None = None
     """One label per marker, or None for an unlabelled cloud."""
     residual: Float[np.ndarray, "frames markers"] | None = None
-    """(frames, markers) metres, the tracker's own residual."""
+    """(frames, markers) residuals of the recording program in metres."""
     covariance: Float[np.ndarray, "frames markers 3 3"] | None = None
-    """(frames, markers, 3, 3) m² covariance of each measured position, which replaces the residual."""
+    """(frames, markers, 3, 3) covariances of measured positions in m², which replace the residuals."""
 
     def __post_init__(self) -> None:
         shape = np.shape(self.positions)
@@ -49,11 +49,11 @@ class MarkerCloud:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The labels, empty where the cloud has none."""
+        """The labels, empty if the cloud has none."""
         return self.labels or ()
 
     def columns(self, chosen: Sequence[int], labels: tuple[str, ...] | None = None) -> MarkerCloud:
-        """Return these markers under these labels, by default their own."""
+        """Select markers, and rename them if ``labels`` are given."""
         if labels is None and self.labels is not None:
             labels = tuple(self.labels[i] for i in chosen)
         residual, covariance = (None if v is None else v[:, chosen] for v in (self.residual, self.covariance))
@@ -61,7 +61,7 @@ class MarkerCloud:
 
     @property
     def values(self) -> np.ndarray:
-        """(frames, markers, 3 to 13) positions, with residuals and covariances as further coordinates."""
+        """(frames, markers, 3 to 13) positions, followed by residuals and covariances."""
         parts = [self.positions]
         if self.residual is not None:
             parts.append(self.residual[..., None])
@@ -70,28 +70,28 @@ class MarkerCloud:
         return np.concatenate(parts, axis=-1)
 
     def with_values(self, values: np.ndarray, labels: tuple[str, ...]) -> MarkerCloud:
-        """Return a cloud of rearranged ``values`` under other labels."""
+        """Return a cloud from rearranged ``values`` with other labels."""
         residual = None if self.residual is None else values[..., 3]
         covariance = None if self.covariance is None else values[..., -9:].reshape(*values.shape[:2], 3, 3)
         return MarkerCloud(values[..., :3], self.fps, labels, residual, covariance)
 
 
-_LEAST_SIGMA_M = 1e-9  # Least standard deviation of a marker's place. Markers are known to 0.1 mm at best.
+_LEAST_SIGMA_M = 1e-9  # Smallest standard deviation of a marker position (m). Markers are known to 0.1 mm at best.
 
 
 @dataclass(frozen=True)
 class MarkerSubject:
     """Result of a subject calibration, for takes of the same person with the same markers."""
 
-    body: str  # Id of the shape's body.
-    betas: Float[np.ndarray, " 10"]  # (10,) shape.
-    labels: tuple[str, ...]  # M labels of the recording.
-    places: tuple[str, ...]  # M places of the layouts, or ``@`` and the name of the marker's bone.
-    offsets: Float[np.ndarray, "markers 3"]  # (M, 3) metres in the rest frame from place or joint to marker.
-    sigma_m: Float[np.ndarray, " markers"]  # (M,) deviation of each marker around its place, per axis, metres.
-    skin_m: Float[np.ndarray, " markers"]  # (M,) metres from the skin at the place, NaN for a marker with a bone only.
+    body: str  # Id of the body to which the shape belongs.
+    betas: Float[np.ndarray, " 10"]  # (10,) shape coefficients.
+    labels: tuple[str, ...]  # M labels in the recording.
+    places: tuple[str, ...]  # M landmarks of the layouts, or ``@`` and the name of the marker's bone.
+    offsets: Float[np.ndarray, "markers 3"]  # (M, 3) metres in the rest frame from landmark or joint to marker.
+    sigma_m: Float[np.ndarray, " markers"]  # (M,) standard deviation of each marker's position, per axis, metres.
+    skin_m: Float[np.ndarray, " markers"]  # (M,) distance from the skin in metres, NaN for a marker with only a bone.
     provenance: dict[str, Any] = field(default_factory=dict)
-    """Takes, frames and version of the calibration, plain JSON values."""
+    """Takes, frames and version of the calibration as plain JSON values."""
 
     def __post_init__(self) -> None:
         count = len(self.labels)

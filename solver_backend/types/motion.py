@@ -26,62 +26,62 @@ class Motion:
     betas: Float[np.ndarray, " 10"]
     """(10,) shape coefficients."""
     global_orient: Float[np.ndarray, "frames 3"]
-    """(F, 3) axis-angle, body frame to world."""
+    """(F, 3) rotation vectors from body to world."""
     body_pose: Float[np.ndarray, "frames turns"]
-    """(F, 3 (J - 1)) axis-angle of the joints after the root."""
+    """(F, 3 (J - 1)) rotation vectors of the joints after the root."""
     transl: Float[np.ndarray, "frames 3"]
-    """(F, 3) metres."""
+    """(F, 3) translations in metres."""
     fps: float
     body: str
     """Id of the body."""
     joints: Float[np.ndarray, "frames joints 3"]
-    """(F, J, 3) world metres."""
+    """(F, J, 3) joint positions in world metres."""
     body_layout: BodyLayout = SMPL
     """Names and tree of the J joints."""
     keypoints3d: Float[np.ndarray, "frames keypoints 3"] | None = None
-    """(F, K, 3) world metres in the observed joint set."""
+    """(F, K, 3) observed keypoints in world metres."""
     joint_set: JointSet | None = None
-    """Names of keypoints3d."""
+    """Joint set of ``keypoints3d``."""
     joint_sigma: Float[np.ndarray, "frames joints"] | None = None
-    """(F, J) standard deviation of each joint in metres, root mean square over the axes."""
+    """(F, J) standard deviation of each joint in metres, RMS over the axes."""
     joint_covariance: Float[np.ndarray, "frames joints 6"] | None = None
-    """(F, J, 6) covariance of each joint's position in m²: xx, xy, xz, yy, yz, zz of the world's axes."""
+    """(F, J, 6) covariance of each joint position in m²: xx, xy, xz, yy, yz, zz in world axes."""
     turn_covariance: Float[np.ndarray, "frames segments 6"] | None = None
-    """(F, S, 6) covariance of each segment's turn in rad², see ``biomechanics.segments.turn_covariance``."""
+    """(F, S, 6) covariance of each segment's rotation in rad², see ``biomechanics.segments.turn_covariance``."""
     keyframes: Bool[np.ndarray, " frames"] | None = None
-    """(F,) bool: keyframes of the solver."""
+    """(F,) bool, True at the solver's keyframes."""
     contacts: Bool[np.ndarray, "frames 2"] | None = None
-    """(F, 2) bool: left and right foot on the floor."""
+    """(F, 2) bool, True while the left or right foot is on the floor."""
     touches: Bool[np.ndarray, "frames 11"] | None = None
-    """(F, 11) bool: parts of the body on the floor (``CONTACT_PARTS``), None if only feet are."""
+    """(F, 11) bool, body parts on the floor (``CONTACT_PARTS``), None if only feet."""
     flags: Int[np.ndarray, " frames"] | None = None
     """(F,) uint8 bit mask of FLAG_*."""
     resting: Bool[np.ndarray, "frames joints"] | None = None
-    """(F, J) bool: joints at rest because nothing was measured. None if all are measured."""
+    """(F, J) bool, True for joints at rest because nothing was measured. None if all are measured."""
     root: Float[np.ndarray, "frames 3"] | None = None
     """(F, 3) path of a root bone on the ground: x and y in metres, and its heading from -Y in radians."""
     reprojection_px: Float[np.ndarray, "views frames keypoints"] | None = None
-    """(views, F, K) distance between observed and solved keypoints in pixels, NaN if unseen."""
+    """(views, F, K) reprojection error of keypoints in pixels, NaN where undetected."""
     markers: np.ndarray | None = None
-    """(F, M, 3) world metres: markers of the solved body."""
+    """(F, M, 3) marker positions of the solved body in world metres."""
     marker_labels: tuple[str, ...] | None = None
-    """M labels of the recording."""
+    """M labels in the recording."""
     marker_residual_mm: np.ndarray | None = None
-    """(F, M) distance between recorded and solved markers in millimetres, NaN if unseen."""
+    """(F, M) distance between recorded and solved markers in millimetres, NaN where missing."""
     marker_flags: np.ndarray | None = None
     """(F, M) uint8 bit mask of MARKER_*: seen, filled, swapped, ghost."""
     marker_sigma: np.ndarray | None = None
-    """(M,) standard deviation of each marker around its place on the body, per axis, metres."""
+    """(M,) standard deviation of each marker from its position on the body, per axis, metres."""
     cleaned_markers: np.ndarray | None = None
-    """(F, M, 3) world metres: recorded markers with swaps undone and gaps filled."""
+    """(F, M, 3) recorded markers in world metres, with swaps corrected and gaps filled."""
     offsets: np.ndarray | None = None
-    """(M, 3) metres in the rest frame from the place's rule to each marker."""
+    """(M, 3) offset of each marker from its nominal position in the rest frame, metres."""
     layout: tuple[str, ...] | None = None
-    """M places of the markers on the body."""
+    """M landmarks of the markers on the body."""
     props: tuple[Prop, ...] = ()
-    """Rigid bodies that are no part of the person, F frames each."""
+    """Rigid objects that do not belong to the person, F frames each."""
     provenance: dict[str, Any] = field(default_factory=dict)
-    """Version, weights hash, settings, source files, statistics, plain JSON values."""
+    """Version, weights hash, settings, source files and statistics as plain JSON values."""
 
     def __post_init__(self) -> None:
         frames, joints = (*np.shape(self.global_orient), 0)[0], self.body_layout.num_joints
@@ -106,10 +106,10 @@ class Motion:
         return len(self.global_orient)
 
     def beside_truth(self, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-        """Return the (F, J, 3) joints of the motion and of a truth, and their names, for the joints of both.
+        """Return the (F, J, 3) joints of motion and ground truth that both contain, and their names.
 
         Args:
-            truth: (F, J, 3) metres of joints of this layout, or of SMPL's. Other shapes give no joints.
+            truth: (F, J, 3) joint positions in metres in this layout or SMPL's. Other shapes give no joints.
         """
         layout = self.body_layout if truth.shape[1:2] == (self.body_layout.num_joints,) else SMPL
         if truth.shape != (self.num_frames, layout.num_joints, 3):
@@ -118,7 +118,7 @@ class Motion:
         return self.joints[:, own], np.asarray(truth)[:, theirs], tuple(layout.joints[j] for j in theirs)
 
     def require_body(self, body: str, layout: BodyLayout, where: str) -> None:
-        """Raise MotionInvalid if the motion is of another body or layout."""
+        """Raise MotionInvalid if the motion has another body or layout."""
         self.body_layout.require_same_joints(layout, where)
         if self.body != body:
             hint = "Use the body that the motion was solved with."
@@ -127,12 +127,12 @@ class Motion:
 
 @dataclass(frozen=True)
 class GloveTake:
-    """F frames of both hands."""
+    """Both hands in F frames."""
 
     name: str
-    times: Float[np.ndarray, " frames"]  # (F,) seconds from the first frame, rising.
+    times: Float[np.ndarray, " frames"]  # (F,) increasing seconds from the first frame.
     angles: Float[np.ndarray, "frames 2 a"]  # (F, 2, A) radians of both hands (``body.hand_skeleton.ANGLES``), or NaN.
-    palms: Float[np.ndarray, "frames 2 3 3"]  # (F, 2, 3, 3) rotations of the palms in the file's world, or NaN.
+    palms: Float[np.ndarray, "frames 2 3 3"]  # (F, 2, 3, 3) palm rotations in the file's world, NaN if unknown.
 
     @property
     def sides(self) -> tuple[int, ...]:

@@ -1,7 +1,7 @@
-"""Array types that state their shape: in ``Float[Array, "*batch 3"]`` a name is one size throughout a signature.
+"""Array types that state their shape. In ``Float[Array, "*batch 3"]`` a name is the same size throughout a signature.
 
-``*batch`` is any number of dimensions, and ``#`` marks broadcast ones (jaxtyping's notation). Type checkers
-see the array alone. Nothing is checked at run time, unless jaxtyping was imported before this module, as the tests do.
+``*batch`` is any number of dimensions, and ``#`` marks broadcast ones (jaxtyping's notation). Type checkers only see
+the array. Nothing is checked at run time, unless jaxtyping was imported before this module, as the tests do.
 """
 
 from __future__ import annotations
