@@ -147,8 +147,8 @@ class SolveSettings:
         "file", "", "Detector Noise", "File of `cameras noise` with the scatter of keypoints at each confidence. "
         "Without it, confidences are used directly", metavar="NOISE.json", rare=True)
     objects: str = _resource(
-        "file", "", "Objects", "File of planes, boxes and meshes that the body touches but cannot enter, for takes of "
-        "several cameras. By default only the floor", metavar="OBJECTS.json", methods=(GLOBAL,), rare=True)
+        "file", "", "Objects", "File of planes, boxes and meshes that the body touches but cannot enter. By default "
+        "only the floor, and nothing for markers", metavar="OBJECTS.json", methods=(GLOBAL,), rare=True)
     landmarks: str = _recording(
         "choice", LANDMARKS_LABELLED, "Landmarks", "Points of a marker recording that the method noise-aware "
         "uses", choices=LANDMARKS, metavar="NAME", rare=True)

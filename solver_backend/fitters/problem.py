@@ -78,6 +78,11 @@ class PointSource(Layer):
         """True if the landmarks' positions on the body are known to millimetres."""
         return False
 
+    @property
+    def knows_floor(self) -> bool:
+        """True if z = 0 is the floor without a statement of the user."""
+        return True
+
     def report(self, points: np.ndarray) -> tuple[np.ndarray | None, dict[str, float]]:
         """Return (C, F, L) reprojection errors in pixels, None without images, and statistics of (F, L, 3) points."""
         raise NotImplementedError

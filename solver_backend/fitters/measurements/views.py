@@ -126,6 +126,11 @@ class LocatedPoints(_Points):
         return self.sigma_m is not None
 
     @property
+    def knows_floor(self) -> bool:
+        """Return False for markers: a laboratory may set zero elsewhere, and soles of shoes are thicker than the skin."""
+        return False
+
+    @property
     def recipe(self) -> str:
         """Name of the recipe, see ``PointSource``."""
         return "known person" if self.calibrated else "views"

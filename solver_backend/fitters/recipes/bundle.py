@@ -166,9 +166,14 @@ class Bundle:
         return self.posed.poses.select(index(self.problem.sample, self.posed.keys.z))
 
     @property
+    def everywhere(self) -> PosedKeys:
+        """The keys with the poses of all frames."""
+        return self.posed if self.posed.frames is None else replace(self.posed, frames=None)
+
+    @property
     def data_cost(self) -> np.ndarray:
         """(F,) half robust squares of the measurement errors."""
-        return to_numpy(self.data(self.posed.points, self.settings.robust_scale).cost)
+        return to_numpy(self.data(self.everywhere.points, self.settings.robust_scale).cost)
 
     def move(self, keys: Keyframes) -> Bundle:
         """Return the bundle with other keys."""
@@ -271,13 +276,18 @@ def world_of(settings: SolveSettings) -> Obstacles:
     return read_obstacles(settings.objects) if settings.objects else Obstacles.floor()
 
 
+def holds_skin(problem: Problem, settings: SolveSettings) -> bool:
+    """Return whether the skin touches floor and objects, as the floor is known or a file of objects states it."""
+    return settings.contacts and (problem.measurements.source.knows_floor or bool(settings.objects))
+
+
 def hold_skin(bundle: Bundle) -> Bundle:
     """Solve again with the skin outside of floor and objects, and fixed where it touches, unless only feet touch.
 
     If the measurements contradict the objects, only the floor is used. If they contradict the floor, nothing is
     used.
     """
-    if not bundle.settings.contacts:
+    if not holds_skin(bundle.problem, bundle.settings):
         return bundle
     world, refused = world_of(bundle.settings), tuple[Diagnostic, ...]()
     for surfaces in (world, Obstacles.floor()) if world.has_objects else (world,):
@@ -295,7 +305,7 @@ def _hold_outside(bundle: Bundle, world: Obstacles) -> tuple[Bundle, np.ndarray]
     works = np.zeros((bundle.problem.num_frames, len(CONTACT_PARTS)), bool)
     last = Pass(bundle.schedule, tuple(block.name for block in bundle.free.blocks), looseness=bundle.looseness)
     for _ in range(ROUNDS):
-        posed = bundle.posed
+        posed = bundle.everywhere
         skin = find_skin_contacts(posed.subject, posed.poses, to_numpy(posed.points), bundle.problem.fps, world)
         if skin is None or not skin.binds:
             return bundle if skin is None or bundle.skin else replace(bundle, notes=tuple(skin.notes())), works
@@ -380,7 +390,9 @@ def plan_known_person(problem: Problem, settings: SolveSettings) -> PassPlan:
     after: tuple[Step, ...] = (restart_lost_limbs,)
     if settings.residual_rotations and measured.source.calibrated:
         after += (partial(restart_outlier_markers, schedule=replace(last, scales=(4 * scale, scale))),)
-    return PassPlan(window, passes, after, np.arange(0, problem.num_frames, stride), problem.frames_of(4, 1))
+    return PassPlan(
+        window, passes, (*after, hold_skin), np.arange(0, problem.num_frames, stride), problem.frames_of(4, 1)
+    )
 
 
 PLANS = {"views": plan_views, "one camera": plan_one_view, "known person": plan_known_person}  # By the source's recipe.

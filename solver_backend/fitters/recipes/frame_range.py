@@ -31,7 +31,7 @@ from solver_backend.fitters.model.subject import (
 )
 from solver_backend.fitters.person_shape import Contacts, ShapePrior, find_contacts, refit_shape, with_learned_noise
 from solver_backend.fitters.problem import Problem, Solution, SolvedFrames, noted
-from solver_backend.fitters.recipes.bundle import Bundle, Pass, touching_parts, world_of
+from solver_backend.fitters.recipes.bundle import Bundle, Pass, holds_skin, touching_parts, world_of
 from solver_backend.fitters.rest_parts import rest_parts
 from solver_backend.fitters.skin_contacts import SkinContacts, find_skin_contacts
 from solver_backend.geometry.arrays import Array, constant, to_numpy
@@ -105,10 +105,11 @@ def contacts_in_place(
     world: Obstacles,
     *,
     detects: bool,
+    every: bool,
 ) -> tuple[Contacts | None, SkinContacts | None]:
     """Return the contacts of the earlier motion with the new frames inserted and the user's changes applied.
 
-    If ``detects`` is false, these are only the contacts that the user added.
+    If ``detects`` is false, standing feet are only those that the user added. If ``every`` is false, other parts are.
     """
     whole = PosedFrames(*(_copied(getattr(before, name)) for name in ("root", "local", "transl")))
     for name in ("root", "local", "transl"):
@@ -117,7 +118,6 @@ def contacts_in_place(
     number, told = np.arange(problem.num_frames), frame_range.contacts
     fixed = (number < frame_range.first) | (number > frame_range.last)
     contacts = find_contacts(points, names, problem.fps, fixed) if detects else None
-    every = detects and problem.measurements.source.recipe == "views"
     skin = find_skin_contacts(subject, whole, points, problem.fps, world, told, fixed, detects=every)
     if skin is not None and contacts is not None:
         loose = skin.touches[:, :FEET]
@@ -285,13 +285,13 @@ def solve_range(
     starts = enumerate((fixed, anew))
     found = [both.run(bundle.move(start), partial(progress, STAGE, done, 3)) for done, start in starts]
     best = min(found, key=cost_of)
-    detects = settings.contacts and learns
-    if detects or frame_range.contacts:
-        world = trusted_world(settings, motion)
+    detects, every = settings.contacts and learns, holds_skin(problem, settings)
+    if detects or every or frame_range.contacts:
+        world, finds = trusted_world(settings, motion), {"detects": detects, "every": every}
 
         def find_touching_parts(bundle: Bundle) -> Bundle:
             posed = bundle.posed.poses
-            feet, skin = contacts_in_place(problem, subject, before, posed, layout, frame_range, world, detects=detects)
+            feet, skin = contacts_in_place(problem, subject, before, posed, layout, frame_range, world, **finds)
             return replace(bundle, contacts=feet, skin=skin)
 
         last = Pass(Schedule((scale,), settings.iterations, tolerance=1e-3), free, (find_touching_parts,))
