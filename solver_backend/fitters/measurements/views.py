@@ -127,7 +127,7 @@ class LocatedPoints(_Points):
 
     @property
     def knows_floor(self) -> bool:
-        """Return False for markers: a laboratory may set zero elsewhere, and soles of shoes are thicker than the skin."""
+        """Return False for markers: a laboratory may set zero elsewhere, and shoes have soles."""
         return False
 
     @property
