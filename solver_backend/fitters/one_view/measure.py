@@ -54,9 +54,9 @@ class Size:
     sigma: float  # Relative standard deviation of the size for an exact pose.
     source: str  # Source of the size, as text for users.
     has_floor: bool = True  # Whether the person's feet are on the world's floor.
-    pose_sigma: float = POSE_SIZE  # Relative standard deviation of the size and distance by errors of the lifted pose.
     at_odds: tuple[float, float] = (0.0, 0.0)
     """Stature from the floor and its deviation in metres if they contradict the size in use, otherwise zeros."""
+    pose_sigma: float = POSE_SIZE  # Relative standard deviation of the size and distance by errors of the lifted pose.
 
 
 def size_of(
