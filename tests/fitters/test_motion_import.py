@@ -26,7 +26,7 @@ from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.motions.foreign_skeleton import read_foreign_clip
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.synthesis.embedded.demo import author_motion
-from tests.support.bvh_texts import Y_UP, KnownMotion, known_motion, write_bvh
+from tests.support.bvh_texts import Y_UP, KnownMotion, known_motion, with_proportions, write_bvh
 from tests.support.moving_hand import drawn_states
 from tests.support.words import codes
 
@@ -121,6 +121,7 @@ DIALECTS: dict[str, tuple[str, dict[str, Any]]] = {
     "Rokoko": (f"Left Right {_LEGS} {_TRUNK}", {"places": "offset", "order": "YXZ"}),
     "Xsens": (f"Left Right {_SUITS}", {"order": "YXZ"}),
     "MotionBuilder": (f"Character:Left Character:Right {_LEGS} {_TRUNK}", {"places": "offset", "order": "XYZ"}),
+    "HumanIK": (f"Character1_Left Character1_Right {_LEGS} {_TRUNK}", {"places": "offset", "order": "XYZ"}),
     "cgspeed": (f"l r {_LEGS} {_TRUNK}", {"unit": 0.0564444, "order": "ZYX"}),
     "MakeHuman": (f"Left Right {_SUITS}", {"places": "shift", "unit": 0.1, "turn": np.eye(3), "order": "XZY"}),
     "SAM3DBody-cpp": (f"l_ r_ {_SAM} pelvis=root spine1=spine0", {"unit": 1.0, "order": "XYZ", "places": "offset"}),
@@ -140,6 +141,17 @@ def test_a_dialect_is_read_as_its_program_shows_it(tmp_path: Path, known: KnownM
             number = SMPL.joints.index(f"{side}_{joint}")
             off = source.joints[:, source.names.index(roles[f"{side}_{role}"])] - known.posed.joints[:, number]
             assert np.abs(off).max() < 0.001
+
+
+@pytest.mark.parametrize("seed", [0, 12])
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_a_dialect_of_a_skeleton_with_other_proportions_is_within_12_mm(
+    tmp_path: Path, body: Body, known: KnownMotion, dialect: str, seed: int
+) -> None:
+    naming, how = DIALECTS[dialect]
+    other = with_proportions(known, seed)
+    done = bring(write_bvh(tmp_path / "clip.bvh", other, names=_named(naming), **how), body)
+    assert np.linalg.norm(done.motion.joints - other.posed.joints, axis=-1)[:, LIMBS].max() < 0.012
 
 
 def test_positions_for_offsets_of_a_travelling_joint_below_a_still_root(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +37,27 @@ def known_motion(body: Body, betas: np.ndarray, frames: int = 90, fps: float = 3
     local = exp_so3(played.body_pose.reshape(frames, -1, 3))
     posed = forward_kinematics(body, betas, exp_so3(played.global_orient), local, played.transl)
     return KnownMotion(posed, body.rest_joints(betas), body.parents, body.layout.joints, fps)
+
+
+_SPREAD = {
+    "knee": 0.1, "ankle": 0.1, "elbow": 0.1, "wrist": 0.1, "hip": 0.12, "shoulder": 0.12, "collar": 0.1,
+}  # fmt: skip
+"""Largest change of a bone's length by its end, as a share. 0.06 elsewhere."""
+
+
+def with_proportions(known: KnownMotion, seed: int) -> KnownMotion:
+    """Return the motion on a skeleton of another size, with bones of other lengths, equal on both sides."""
+    rng, parents, factors = np.random.default_rng(seed), known.parents, dict[str, float]()
+    rest, joints, size = known.rest.copy(), known.posed.joints.copy(), rng.uniform(0.9, 1.1)
+    rest[0], joints[:, 0] = size * rest[0], size * joints[:, 0]
+    for j, (name, parent) in enumerate(zip(known.names, parents, strict=True)):
+        if parent >= 0:
+            part = name.rpartition("_")[2]
+            spread = _SPREAD.get(part, 0.06)
+            factor = factors.setdefault(part, size * (1 + rng.uniform(-spread, spread)))
+            bone = factor * (known.rest[j] - known.rest[parent])
+            rest[j], joints[:, j] = rest[parent] + bone, joints[:, parent] + known.posed.G[:, parent] @ bone
+    return replace(known, rest=rest, posed=replace(known.posed, joints=joints))
 
 
 def write_bvh(

@@ -21,10 +21,10 @@ _WORDS = {
     "head": ("head", "skull"),
     "clavicle": ("clavicle", "collar", "collarbone", "shoulder"),
     "upper_arm": ("upperarm", "upper arm", "uparm", "arm upper", "bicep", "arm", "humerus", "shldr"),
-    "forearm": ("forearm", "fore arm", "lowerarm", "lower arm", "loarm", "arm lower", "elbow", "ulna", "radius"),
+    "forearm": tuple("forearm,fore arm,lowerarm,lower arm,loarm,low arm,arm lower,elbow,ulna,radius".split(",")),
     "hand": ("hand", "wrist"),
     "thigh": ("thigh", "upperleg", "upper leg", "upleg", "up leg", "leg upper", "femur", "hip"),
-    "shin": ("shin", "calf", "lowerleg", "lower leg", "loleg", "leg lower", "knee", "leg", "tibia"),
+    "shin": ("shin", "calf", "lowerleg", "lower leg", "loleg", "low leg", "leg lower", "knee", "leg", "tibia"),
     "foot": ("foot", "ankle"),
     "toe": ("toe", "toes", "ball", "toebase", "toe base"),
 }
@@ -44,7 +44,7 @@ _OF_A_SIDE = frozenset(
     word.replace(" ", "") for part, words in _WORDS.items() if part not in ("pelvis", "head") for word in words
 ) | {"finger", "fingers", "thumb", "index", "middle", "ring", "pinky", "little"}
 """Words from which a side name is split."""
-_PREFIXES = frozenset({"def", "bip", "bip001", "bip01", "mixamorig", "j", "jnt", "joint", "bone", "bn", "c", "m", "fk"})
+_PREFIXES = _set("def bip bip001 bip01 mixamorig character j jnt joint bone bn c m fk")
 
 
 def guess_roles(bones: Iterable[str], parents: dict[str, str]) -> dict[str, str]:
@@ -98,7 +98,8 @@ def words_of(bone: str) -> tuple[str, ...]:
 @lru_cache(maxsize=4096)
 def _words(bone: str) -> tuple[str, tuple[str, ...]]:
     """Return the side and lower-case words of a name: ``mixamorig:LeftForeArm`` is left, fore, arm."""
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", bone)
+    name = bone.rpartition(":")[2] or bone  # without the namespace of the file
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", name)
     parts = [part for word in re.split(r"[^A-Za-z]+|\d+", spaced.lower()) if word for part in _split_off_side(word)]
     left, right = (any(word in parts for word in side) for side in (_LEFT, _RIGHT))
     side = "" if left == right else SIDES[0] if left else SIDES[1]
