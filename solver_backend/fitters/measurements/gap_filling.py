@@ -17,7 +17,6 @@ FRAMES = 60  # Frames in which distances are measured. More frames barely change
 ROWS, WINDOW_S = 300, 10.0  # Number of training frames of a gap, and time span before and after it that contains them.
 NOISE_M = 0.00055  # Noise of a neighbour's position in metres, as of an optical tracker.
 ROWS_BY_NEIGHBOUR = 3  # Smallest number of frames per neighbour, because each has three unknowns.
-FOREIGN = 150.0  # Mahalanobis distance of the neighbours from the training frames beyond which they are unused.
 HIDDEN = 5.0  # Ratio of a hidden marker's error to a visible one's, which attracts the body.
 """The constants were chosen on 19 fillings of 12 takes. Half the window, 0.3 mm, 8 neighbours or a factor of 2 raise
 the mean error by 3 to 7 %, a ``FAR`` of 0.005 by 2 %, a ``MOSTLY`` of 1 by 3 %. See "Neighbours of hidden markers" in
@@ -47,8 +46,9 @@ def among(
 
     In the moving frame of the neighbours (Kabsch 1976), the marker's position is ``u = W v``, found by ridge regression
     on the neighbours' positions v in this frame. v describes the movement of the neighbours within the cluster. Errors
-    at the gap's ends are interpolated into it. The squared error is that of the training frames times ``1 + R vᵀ
-    (VᵀV)⁻¹ v``. It grows if the neighbours differ from all training frames, and is infinite if they differ by too much.
+    at the gap's ends are interpolated into it. With ``h = vᵀ (VᵀV)⁻¹ v``, the squared error is that of the training
+    frames times ``1 + R h + (h / h_max)²``: errors of W grow linearly with the distance v, nonlinear movement
+    quadratically. In the training frame with the largest h, the latter is as large as the training error.
 
     Args:
         points: (R, 3) positions of the marker in metres, only used where ``known`` (R,).
@@ -76,9 +76,8 @@ def among(
     local = told[inside] + between_ends(gap, rows[ends], missed[ends], lasting)
     free = max(count - A.shape[1] - 1, 1)
     beyond = (A[inside] * np.linalg.solve(M, A[inside].T).T).sum(axis=1)
-    squared = np.square(missed[known]).sum() / free * (1.0 + count * beyond)
-    if count * beyond.mean() > FOREIGN**2:
-        squared[:] = np.inf
+    most = (A[known] * np.linalg.solve(M, A[known].T).T).sum(axis=1).max()
+    squared = np.square(missed[known]).sum() / free * (1.0 + count * beyond + (beyond / max(most, 1e-12)) ** 2)
     return middles[inside] + (turns[inside] @ local[..., None])[..., 0], squared
 
 

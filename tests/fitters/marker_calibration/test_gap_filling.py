@@ -200,6 +200,17 @@ def test_neighbours_far_beyond_their_known_places_tell_nothing(seed):
     assert ours.mean() < 1.5 * body.mean() and ours.max() < 2 * body.max()
 
 
+def test_exact_markers_that_never_moved_are_filled():
+    """Neighbours that stand still have no known range at all."""
+    truth = np.broadcast_to(np.random.default_rng(4).normal(size=(8, 3)), (200, 8, 3))
+    measured = truth.copy()
+    measured[80:120, 2] = np.nan
+    bones = np.broadcast_to(np.eye(3), (200, 8, 3, 3))
+    np.testing.assert_allclose(filled(measured, truth + 0.003, bones, FPS), truth, atol=1e-6)
+    measured[80:120, 3:] += 0.1 * np.arange(1, 6)[:, None]
+    assert np.linalg.norm(filled(measured, truth + 0.003, bones, FPS)[80:120, 2] - truth[0, 2], axis=-1).max() < 0.01
+
+
 @pytest.mark.parametrize("shown", [1, 10, 19])
 def test_a_marker_that_is_hardly_ever_seen_stays_at_the_body(shown):
     """Six neighbours have 18 coordinates, so 19 frames are predicted without any error."""
