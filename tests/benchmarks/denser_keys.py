@@ -1,9 +1,9 @@
-"""Bound what keys gain that are denser in fast motion: ``python -m tests.benchmarks.denser_keys``.
+"""Bound the gain of denser keys in fast motion: ``python -m tests.benchmarks.denser_keys``.
 
-The error is the MPJPE of SIDER-2 through the codes, turns and places of the true poses at the keys of BundleMoCap++.
-There is no noise and no optimiser in it, and keys are placed by the speed of the true joints, so it bounds the gain of
-a placement by measured speed. There are as many keys as published. Four training takes choose the exponent. The twelve
-takes of the comparison report it. Needs the validation motions (MOCAP_SHARED_DATA).
+The error is the MPJPE of SIDER-2 through the true codes, rotations and positions at the keys of BundleMoCap++. It has
+no noise and no optimiser, and keys are placed by the speed of the true joints, so it bounds the gain of a placement by
+measured speed. There are as many keys as published. Four training takes choose the exponent. The twelve takes of the
+comparison report it. Needs the validation motions (MOCAP_SHARED_DATA).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ LEAST_DENSITY = 0.5  # Of keys, as a share of the even density, so that windows 
 
 
 def main() -> int:
-    """Print the errors of every exponent on the training takes, and of the best one on the others."""
+    """Print the errors of every exponent on the training takes, and of the best exponent on the others."""
     people = [cast_person(training_take(*take), np.random.default_rng(n)) for n, take in enumerate(TRAINING)]
     means = {}
     for exponent in EXPONENTS:
@@ -55,7 +55,7 @@ def main() -> int:
 
 
 def curve_mm(person: Person, exponent: float) -> float:
-    """Return the MPJPE of SIDER-2 through the true poses at the keys."""
+    """Return the MPJPE of SIDER-2 through the true poses at the keys in millimetres."""
     prior, joints = load_sposer(), person.landmarks(JointSet.SMPL_24).points
     layout = KeyframeLayout.even(len(joints), BundleMoCapPlusPlus().window)
     layout = denser_where_fast(layout, joints, exponent) if exponent else layout
@@ -75,8 +75,8 @@ def curve_mm(person: Person, exponent: float) -> float:
 def denser_where_fast(layout: KeyframeLayout, points: np.ndarray, exponent: float) -> KeyframeLayout:
     """Return as many windows, with lengths proportional to ``speed ** -exponent`` of the (F, K, 3) points.
 
-    The speed is the mean over the points that two frames share, smoothed over an even window. Windows stay between
-    half and twice the even length.
+    The speed is the mean over the points that two frames share, smoothed over an even window. Windows have between half
+    and twice the even length.
     """
     step = np.linalg.norm(np.diff(points, axis=0), axis=-1)
     shared = np.isfinite(step)
@@ -91,7 +91,7 @@ def denser_where_fast(layout: KeyframeLayout, points: np.ndarray, exponent: floa
 
 
 def codes_mm(person: Person) -> float:
-    """Return the MPJPE of the poses that the codes of all frames decode to."""
+    """Return the MPJPE in millimetres of the poses that the codes of all frames decode to."""
     prior = load_sposer()
     return _error_mm(person, PosedFrames(person.orient, prior.decode(prior.encode(person.local)), person.transl))
 

@@ -1,4 +1,4 @@
-"""How well a solve predicts a camera it has not seen: the test that needs no truth."""
+"""Measure the prediction of a held-out camera, a test that needs no ground truth."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from solver_backend.types import Cameras, Capture
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Distance between what a camera detected and what the others predict there."""
+    """Distance between a camera's detections and their prediction from the other cameras."""
 
     cameras: tuple[str, ...]  # Names of the cameras, each held out once.
     solver_px: np.ndarray  # (C,) median error of the solve.
@@ -29,10 +29,10 @@ def leave_one_camera_out(
     settings: SolveSettings = SolveSettings(),
     report: Callable[[str], None] = lambda line: None,
 ) -> HeldOut:
-    """Solve without each camera in turn and predict it; both methods are judged on the same detections.
+    """Solve without each camera in turn and predict it. Both methods are evaluated on the same detections.
 
     Raises:
-        TooFewViews: the capture has fewer than three cameras, so none can be spared.
+        TooFewViews: the capture has fewer than three cameras, so none can be left out.
     """
     cameras, keypoints = capture.require_multiview()
     ours, theirs = [], []

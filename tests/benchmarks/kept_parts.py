@@ -1,6 +1,6 @@
-"""Parts of a long benchmark, each kept under ``build/bench_parts``: a run that was stopped goes on where it was.
+"""Parts of a long benchmark, stored under ``build/bench_parts``, so that an interrupted run resumes.
 
-A part holds as long as the benchmark, every module that it imports and the weights stay as they are.
+A part is valid while the benchmark, every module that it imports and the weights do not change.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ FOLDER = ROOT / "build" / "bench_parts"
 
 
 def kept(module: str, part: str, measure: Callable[[], Any], folder: Path = FOLDER, *, quiet: bool = False) -> Any:
-    """Return what ``measure`` gives (JSON values) for a part of a benchmark, measured now or by the same code before.
+    """Return the JSON values of ``measure`` for a part of a benchmark, measured now or earlier by the same code.
 
-    ``module`` is the benchmark's full name, ``part`` a name that no other part of it has.
+    ``module`` is the benchmark's full name, and ``part`` a unique name within it.
     """
     version = hashlib.sha256(f"{code_version(module, (*PACKAGES, 'tests'))}\0{part}".encode()).hexdigest()[:16]
     path = folder / f"{module.rpartition('.')[2]}_{version}.json"
@@ -40,5 +40,5 @@ def kept(module: str, part: str, measure: Callable[[], Any], folder: Path = FOLD
 
 
 def kept_metrics(module: str, part: str, measure: Callable[[], list[Metric]]) -> list[Metric]:
-    """Return the figures of a part of a benchmark, measured now or by the same code before; see ``kept``."""
+    """Return the figures of a part of a benchmark, measured now or earlier by the same code. See ``kept``."""
     return [Metric(**row) for row in kept(module, part, lambda: [asdict(metric) for metric in measure()])]

@@ -27,11 +27,11 @@ NIMBLE = ("DJ1", "STS1", "squats1", "static1")
 TEMPERATURES = (0.75, 1.0, 1.25, 1.5, 1.75)
 GHOST_LOGITS = (-1.0, 0.0, 1.0, 2.0)
 _EVERY, _LEAST = 8, -8.0
-"""Frames; and the least log probability of one reading, as labelling has it."""
+"""Frame step, and smallest log probability of a single reading, as in the labelling."""
 
 
 def takes() -> Iterator[MarkerCloud]:
-    """Yield the takes that are here."""
+    """Yield the takes that exist."""
     paths = [folder() / "ui_prmd" / f"{clip}.npz" for clip in CLIPS]
     yield from (ui_prmd(path) for path in paths if path.is_file())
     trials = folder() / "nimble" / "Subject4" / "MarkerData"
@@ -48,7 +48,7 @@ def readings(network: PointNetwork, cloud: MarkerCloud, **spoiled: int) -> tuple
 
 
 def cross_entropy(scores: np.ndarray, truth: np.ndarray, temperature: float, ghost_logit: float) -> float:
-    """Return the mean cross-entropy, nats, of scores that are calibrated so."""
+    """Return the mean cross-entropy in nats of scores with this calibration."""
     z = scores / temperature
     z[:, GHOST] -= ghost_logit
     z -= z.max(axis=1, keepdims=True)

@@ -29,24 +29,24 @@ from solver_backend.synthesis.embedded.demo import DEMO_TAKE
 
 FPS = 120.0
 WITHIN = 1.2
-"""Times the first minute's 99th percentile that the last one's may be."""
+"""Largest ratio of the last minute's 99th percentile to the first minute's."""
 
 
 @dataclass
 class Minute:
-    """What one minute's poses took, kept in 16 bytes each so that what is measured does not grow by it."""
+    """Times of one minute's poses, stored in 16 bytes each, so that the measurement itself does not grow."""
 
     latency_ms: array[float] = field(default_factory=lambda: array("d"))
     cpu_ms: array[float] = field(default_factory=lambda: array("d"))
     memory_mb: float = 0.0
 
     def p99(self) -> tuple[float, float]:
-        """Return the 99th percentiles of latency and of CPU time, ms."""
+        """Return the 99th percentiles of latency and CPU time in ms."""
         return float(np.percentile(self.latency_ms, 99)), float(np.percentile(self.cpu_ms, 99))
 
 
 def main() -> int:
-    """Replay, and print a line for each minute; 1 where the last minute's poses took more CPU time than allowed."""
+    """Replay, and print a line for each minute. Return 1 if the last minute's poses took too much CPU time."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0)
     minutes = parser.parse_args().minutes
@@ -66,7 +66,7 @@ def main() -> int:
 
 
 def replay(folder: Path, seconds: float) -> list[Minute]:
-    """Run the verb's own source, lines and recording for so long, and return what each minute took."""
+    """Run the verb's own source, lines and recording for ``seconds``, and return the times of each minute."""
     cloud = load_capture(DEMO_TAKE).markers
     assert cloud is not None
     write_markers(folder / "take.c3d", replace(cloud, fps=FPS))

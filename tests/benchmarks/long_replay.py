@@ -28,7 +28,7 @@ TOLD = 60  # Lines that are told in all.
 
 
 def main() -> int:
-    """Replay, and tell."""
+    """Replay, and print the memory."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--frames", type=int, default=216_000)
@@ -70,7 +70,7 @@ def _frames(chain: MarkerChain) -> Iterator[PointFrame]:
 
 
 def _resident_mb() -> list[float]:
-    """Return the resident memory of this process and of its sensors'."""
+    """Return the resident memory of this process and of its sensors' processes in MB."""
     pids = [os.getpid(), *sorted(p.pid for p in multiprocessing.active_children() if p.pid is not None)]
     page = os.sysconf("SC_PAGE_SIZE")
     return [int(Path(f"/proc/{pid}/statm").read_text("ascii").split()[1]) * page / 1e6 for pid in pids]

@@ -22,7 +22,7 @@ from tests.support.short_motion import short_motion
 
 FPS = 60.0
 _TIME_AT = 16 + 4 + 20 + 4 + 16
-"""Where the seconds stand in a bundle: after its head, OK, and the address and tags of T."""
+"""Offset of the seconds in a bundle: after its head, OK, and the address and tags of T."""
 
 
 def main() -> int:

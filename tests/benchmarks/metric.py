@@ -1,4 +1,4 @@
-"""A measured figure, and the gate that compares it with its baseline."""
+"""A measured figure, and its comparison with a baseline."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ class Metric:
     value: float
     unit: str
     direction: Literal["lower", "higher"] = "lower"
-    """Which way is better."""
+    """Better direction."""
     rel_tol: float = 0.05
-    """How much worse than the baseline it may be, as a share of the baseline."""
+    """Allowed worsening relative to the baseline."""
     abs_tol: float = 0.0
-    """How much worse than the baseline it may be, in its unit; added to the share."""
+    """Allowed additional worsening in the figure's unit."""
 
     def limit(self, baseline: float) -> float:
         """Return the worst value that still passes."""
@@ -31,7 +31,7 @@ class Metric:
         return baseline + slack if self.direction == "lower" else baseline - slack
 
     def passes(self, baseline: float) -> bool:
-        """Say whether the figure is no worse than the baseline allows; a figure that is no number never passes."""
+        """Return whether the figure is no worse than the baseline allows. NaN never passes."""
         if math.isnan(self.value):
             return False
         limit = self.limit(baseline)
@@ -40,15 +40,15 @@ class Metric:
 
 @dataclass(frozen=True)
 class Verdict:
-    """A figure beside its baseline."""
+    """A figure with its baseline."""
 
     metric: Metric
     baseline: float | None
-    """None where the baseline does not know the figure."""
+    """None if the baseline does not have the figure."""
 
     @property
     def passed(self) -> bool:
-        """True where there is a baseline and the figure is no worse than it allows."""
+        """True if there is a baseline and the figure is no worse than it allows."""
         return self.baseline is not None and self.metric.passes(self.baseline)
 
     def line(self) -> str:
@@ -63,7 +63,7 @@ class Verdict:
 
 
 class BenchmarkSkipped(MocapError):
-    """A benchmark cannot run here; the message says what it lacks."""
+    """A benchmark cannot run here. The message states the missing requirement."""
 
 
 def key_of(label: str) -> str:
@@ -72,7 +72,7 @@ def key_of(label: str) -> str:
 
 
 def judge(metrics: Sequence[Metric], baseline: dict[str, float]) -> tuple[list[Verdict], list[str]]:
-    """Return a verdict for every figure, and the keys of the baseline that were not measured."""
+    """Return a verdict for every figure, and the baseline's keys that were not measured."""
     measured = {metric.key for metric in metrics}
     if len(measured) < len(metrics):
         raise ValueError("Two figures of a benchmark have the same key.")

@@ -1,6 +1,6 @@
-"""Prints how far the body misses a person whom exact detections show: ``python -m tests.benchmarks.model_error``.
+"""Print the body's error for a person with exact detections: ``python -m tests.benchmarks.model_error``.
 
-Held-out motions, which the prior does not know, one strange body each; the takes of other benchmarks are not touched.
+The motions are held out from the prior, with one unfamiliar body each. Takes of other benchmarks are not used.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ TAKES = (("salsa_02", 150, 300), ("salsa_14", 150, 400), ("salsa_26", 150, 500),
 
 
 def main() -> int:
-    """Measure and print a row a keypoint."""
+    """Measure and print a row per keypoint."""
     captures = [exact_capture(take_named(*take), seed) for seed, take in enumerate(TAKES)]
     for part, error in measure_model_error(captures).items():
         sys.stdout.write(f'    "{part}": {error:.1f},\n')

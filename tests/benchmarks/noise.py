@@ -1,4 +1,4 @@
-"""Prints what the detector of a recording does wrong: ``python -m tests.benchmarks.noise [CAPTURE]``."""
+"""Print the errors of a recording's detector: ``python -m tests.benchmarks.noise [CAPTURE]``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.support.recordings import BALANCING_TRIAL, recordings_folder
 
 
 def main(argv: list[str]) -> int:
-    """Measure the given capture, or the balancing trial kept beside the repository."""
+    """Measure the given capture, or the balancing trial stored next to the repository."""
     path = Path(argv[0]) if argv else recordings_folder() / BALANCING_TRIAL
     sys.stdout.write("\n".join(measure_noise(load_capture(path)).lines()) + "\n")
     return 0

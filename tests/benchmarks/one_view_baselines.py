@@ -1,4 +1,4 @@
-"""What else solves a take of one camera: each frame by itself, and Pose-NDF's image fitting, both from the lifter.
+"""Other methods for a take of one camera: separate frames, and Pose-NDF's image fitting, both from the lifter.
 
 MediaPipe's world points are in none of the recordings.
 """
@@ -27,7 +27,7 @@ EVERY = 10  # Frames from one to the next that Pose-NDF fits: it takes a second 
 
 
 def frame_pa_mm(take: OneViewTake) -> float:
-    """Return the error of each frame solved by itself from where the lifter has it, mm after the best similarity."""
+    """Return the error in mm after the best similarity, for separate solves of each frame from the lifter's poses."""
     problem, subject = _problem(take)
     measured = problem.measurements
     rough = _rough(measured)
@@ -39,7 +39,7 @@ def frame_pa_mm(take: OneViewTake) -> float:
 
 
 def manifold_pa_mm(take: OneViewTake) -> float:
-    """Return the error of Pose-NDF's image fitting (Tiwari et al. 2022, eq. 10) from the lifter's poses."""
+    """Return the error in mm of Pose-NDF's image fitting (Tiwari et al. 2022, eq. 10) from the lifter's poses."""
     problem, subject = _problem(take)
     rough = _rough(problem.measurements)
     chosen = np.arange(0, len(rough.frames), EVERY)

@@ -1,10 +1,10 @@
 """Choose the deviations of one camera: ``python -m tests.benchmarks.one_view_deviations``.
 
-Fourteen people do the motion of subjects 08 and 60, and dances unlike all motion that networks were trained on.
+Fourteen people perform the motion of subjects 08 and 60, and dances unlike all motion that networks were trained on.
 
-The constants of ``fitters/one_view/depth.py`` are those with the highest likelihood of the true joints, among those
-with 96 to 97 % of the joints inside their 95 % ellipsoids. The factor of a kind of segment is the least one with 95 %
-of its turns inside theirs. Simulated. ``bench one_camera_people`` proves them on people and motion that were not used.
+The constants of ``fitters/one_view/depth.py`` have the highest likelihood of the true joints, among constants with 96
+to 97 % of the joints inside their 95 % ellipsoids. The factor of a kind of segment is the smallest one with 95 % of its
+rotations inside theirs. All data are simulated. ``bench one_camera_people`` verifies them on other people and motion.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ FACTORS = np.arange(0.0, 4.0, 0.02)
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of a take with the parts of their covariance."""
+    """Errors of a take, with the parts of their covariance."""
 
     off: np.ndarray  # (F, L, 3) metres.
     solved: np.ndarray  # (F, L, 3, 3) covariance of the solve, m².
@@ -83,12 +83,12 @@ def errors_of(take: PersonTake) -> Errors:
 
 
 def outer(vectors: np.ndarray) -> np.ndarray:
-    """Return (..., 3, 3) products of vectors with themselves."""
+    """Return the (..., 3, 3) outer products of vectors with themselves."""
     return vectors[..., :, None] * vectors[..., None, :]
 
 
 def score(takes: list[Errors], alike: float, across_m: float, pose_turns: float) -> tuple[float, float]:
-    """Return the share of joints in their ellipsoids, percent, and the mean negative log-likelihood."""
+    """Return the percentage of joints in their ellipsoids, and the mean negative log-likelihood."""
     inside, cost = list[Any](), list[Any]()
     for take in takes:
         size = take.size_sigma**2 + (pose_turns * take.pose_sigma) ** 2
@@ -101,7 +101,7 @@ def score(takes: list[Errors], alike: float, across_m: float, pose_turns: float)
 
 
 def turn_factor(takes: list[Errors], segments: list[int]) -> float:
-    """Return the least factor that brings 95 % of these segments' turns inside their 95 % ellipsoids."""
+    """Return the smallest factor that brings 95 % of these segments' rotations inside their 95 % ellipsoids."""
     for factor in FACTORS:
         inside = []
         for take in takes:
@@ -115,7 +115,7 @@ def turn_factor(takes: list[Errors], segments: list[int]) -> float:
 
 
 def grid() -> Iterator[tuple[float, float, float]]:
-    """Yield every choice of the constants."""
+    """Yield every combination of the constants."""
     yield from itertools.product(ALIKE, ACROSS_M, TURN_FACTORS)
 
 

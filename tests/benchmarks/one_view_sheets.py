@@ -35,16 +35,16 @@ TRUE, SOLVED, FLOOR = (0.62, 0.64, 0.68), (0.86, 0.55, 0.28), (90, 90, 100)
 
 @dataclass(frozen=True)
 class Scene:
-    """A stretch of a recorded take, and the way it heads as the camera sees it."""
+    """A frame range of a recorded take, and its heading as seen by the camera."""
 
     name: str
     file: str
-    """Under ``motion_cmu``."""
+    """File under ``motion_cmu``."""
     start: int
     frames: int
-    """At 30 a second."""
+    """Number of frames at 30 per second."""
     towards_camera: bool = False
-    """Turned so that the way from the first to the last place leads to the camera; as recorded otherwise."""
+    """Rotate the take so that the path from the first to the last position leads to the camera."""
 
 
 SCENES = (
@@ -54,7 +54,7 @@ SCENES = (
     Scene("sit", "daz_more/13_01", 60, 210),
     Scene("lying", "jump/139_17", 0, 120),
 )
-"""The priors and the lifter have not seen subjects 08 and 13; 16 and 139 they were trained on."""
+"""The priors and the lifter were not trained on subjects 08 and 13. They were trained on 16 and 139."""
 
 
 def filmed(scene: Scene) -> Capture:
@@ -110,7 +110,7 @@ def _flat(ends: np.ndarray) -> np.ndarray:
 
 
 def _turned(take: Take, angle: float) -> Take:
-    """Return a take turned about its vertical axis (Y)."""
+    """Return a take rotated about its vertical axis (Y)."""
     turn = exp_so3(np.array([0.0, angle, 0.0]))
     rotations = take.rotations.copy()
     rotations[:, 0] = turn @ rotations[:, 0]
@@ -118,7 +118,7 @@ def _turned(take: Take, angle: float) -> Take:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Write a picture a scene."""
+    """Write a picture per scene."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER")
     parser.add_argument("--only", nargs="*", default=[scene.name for scene in SCENES], metavar="NAME")

@@ -1,4 +1,4 @@
-"""Takes that one camera sees, with truth or a solve of all cameras to compare with, and how far a result is from it."""
+"""Takes of one camera with truth or a solve of all cameras for comparison, and the errors of a result."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ HELD_OUT = (
     ("135", "asfamc/135_04", 150), ("135", "asfamc/135_07", 100),
 )  # fmt: skip
 """Subject, file under ``motion_cmu`` and first frame: walks over obstacles, exercises, dance and cartwheels, fights.
-The lifter is trained on nobody of them."""
+The lifter is not trained on these subjects."""
 JUMPS = ("asfamc/49_02", "asfamc/49_06", "asfamc/49_11")  # On no floor for a part of the time.
 UNSEEN_CLASS = (
     ("indian", "far/indian_07", 60), ("indian", "far/indian_08", 100), ("indian", "far/indian_13", 60),
     ("indian", "far/indian_15", 60),
 )  # fmt: skip
-"""The same of a class of motion that no network is trained on."""
+"""Takes of a class of motion that no network is trained on, in the same form."""
 TUNING = (("60", "daz/salsa_07", 20), ("60", "daz/salsa_11", 270), ("08", "mb2/08_01", 10), ("08", "mb2/08_03", 10))
-"""The same, to choose constants by."""
+"""Takes for choosing constants, in the same form."""
 TUNING_DANCES = (("indian", "far/indian_04", 60), ("indian", "far/indian_06", 60), ("indian", "far/indian_14", 60))
-"""Other dances of the unseen class, to choose deviations by."""
+"""Other dances of the unseen class, for choosing deviations."""
 FRAMES = 120
 
 
@@ -50,16 +50,16 @@ class OneViewTake:
     name: str
     capture: Capture
     joints: np.ndarray
-    """(F, 24, 3) what is true, or what all cameras say, metres."""
+    """(F, 24, 3) true joints, or joints of a solve of all cameras, in metres."""
     together: np.ndarray
-    """(F, 24, 3) the solve of all cameras, metres."""
+    """(F, 24, 3) joints of a solve of all cameras in metres."""
 
 
 def real_takes() -> Iterator[OneViewTake]:
     """Yield each camera of the balancing trial, with the solve of all four.
 
     Raises:
-        BenchmarkSkipped: the recording is not here.
+        BenchmarkSkipped: the recording is missing.
     """
     folder = recordings_folder() / BALANCING_TRIAL
     if not folder.is_dir():
@@ -72,10 +72,10 @@ def real_takes() -> Iterator[OneViewTake]:
 
 
 def filmed_takes(which: tuple[tuple[str, str, int], ...] = HELD_OUT, views: int = 2) -> Iterator[OneViewTake]:
-    """Yield takes of recorded motion by a simulated detector, each by one camera after the other.
+    """Yield takes of recorded motion with a simulated detector, for each camera in turn.
 
     Raises:
-        BenchmarkSkipped: the motions are not here.
+        BenchmarkSkipped: the motions are missing.
     """
     for number, (subject, file, start) in enumerate(which):
         take = short_take(file, start)
@@ -87,7 +87,7 @@ def filmed_takes(which: tuple[tuple[str, str, int], ...] = HELD_OUT, views: int 
 
 
 def short_take(file: str, start: int) -> Take:
-    """Return ``FRAMES`` frames of a clip at about 30 Hz, or raise BenchmarkSkipped if it is not here."""
+    """Return ``FRAMES`` frames of a clip at about 30 Hz. Raise ``BenchmarkSkipped`` if it is missing."""
     path = recordings_folder() / "motion_cmu" / f"{file}.npz"
     if not path.is_file():
         raise BenchmarkSkipped("The motions are not here.", hint=ABSENT)
@@ -98,7 +98,7 @@ def short_take(file: str, start: int) -> Take:
 
 
 def lifted_pa_mm(take: OneViewTake) -> float:
-    """Return the error of the lifter alone, mm after the best similarity of each frame."""
+    """Return the error in mm of the lifter alone, after the best similarity of each frame."""
     cameras, keypoints = take.capture.require_views()
     body = load_body()
     lifted = lift_take(cameras, keypoints, body, prior_on_body(load_sposer(), body.layout), cameras.R[0, :, 2])

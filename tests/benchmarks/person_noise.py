@@ -1,7 +1,7 @@
-"""Which errors of a detector blur cameras told by a person: ``python -m tests.benchmarks.person_noise [TAKE]``.
+"""Find the detector errors that affect cameras from a person: ``python -m tests.benchmarks.person_noise [TAKE]``.
 
-Cameras of a benchmark take by its keypoints alone, with true lenses, while parts of the detector's error are left out:
-worst camera's centre and direction after a similarity, mean of some seeds.
+Cameras of a benchmark take are estimated from its keypoints alone with true lenses, without parts of the detector's
+error. Figures are the worst camera's centre and direction after a similarity, as means of some seeds.
 """
 
 from __future__ import annotations

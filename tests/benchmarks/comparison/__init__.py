@@ -1,1 +1,1 @@
-"""Methods side by side on benchmark captures: runs that are kept, their judgement, tables and pictures."""
+"""Compare methods on benchmark captures: stored runs, their evaluation, tables and pictures."""

@@ -1,4 +1,4 @@
-"""Cost and gradient of one window as BundleMoCap++ was published: by automatic differentiation in PyTorch."""
+"""Cost and gradient of one window as BundleMoCap++ was published, by automatic differentiation in PyTorch."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ NEAREST = 16  # Vertices that a keypoint is regressed from.
 
 
 def keypoint_regressor(body: Body, points: np.ndarray) -> np.ndarray:
-    """Return (L, V) weights, rows sum to 1, that make (L, 3) points of the body at rest out of the nearest vertices.
+    """Return (L, V) weights, with rows that sum to 1, that give (L, 3) rest points from the nearest vertices.
 
-    So are SMPL's keypoints had: the mesh is posed, keypoints are sums over its vertices.
+    SMPL's keypoints are defined in this way: the mesh is posed, and keypoints are sums over its vertices.
     """
     regressor = np.zeros((len(points), len(body.v_template)))
     for row, point in zip(regressor, points, strict=True):
@@ -38,7 +38,7 @@ def keypoint_regressor(body: Body, points: np.ndarray) -> np.ndarray:
 
 
 def resident(body: Body, like: Any) -> Body:
-    """Return the body with its large arrays as tensors, as SMPL's layer keeps them."""
+    """Return the body with its large arrays as tensors, as in SMPL's layer."""
     kept = copy.copy(body)
     used = 9 * NUM_BODY_JOINTS
     parts = {"v_template": body.v_template, "shapedirs": body.shapedirs, "weights": body.weights}
@@ -49,14 +49,14 @@ def resident(body: Body, like: Any) -> Body:
 
 @dataclass(frozen=True)
 class AutogradWindow:
-    """A window of SPoser's codes whose gradient PyTorch finds."""
+    """A window of SPoser's codes with a gradient from PyTorch."""
 
     window: Window
-    """What is fixed; its root turns by SIDER-2."""
+    """Constant data of the window. Its root rotates by SIDER-2."""
     term: ReprojectionTerm
-    """Data of the window's frames, as tensors."""
+    """Data of the window's frames as tensors."""
     mesh: tuple[Body, Any] | None = None
-    """A resident body and the (L, V) regressor of its keypoints, to pose the whole mesh; None for landmarks alone."""
+    """Body with tensors and (L, V) regressor of its keypoints, to pose the whole mesh. None uses only landmarks."""
 
     def objective(self, state: KeyState) -> tuple[float, KeyState]:
         """Return the cost and its gradient by the free keys: ambient for codes, left tangent for rotations."""

@@ -1,7 +1,7 @@
-"""Benchmark captures by name: made once, kept under ``build/benchmark_captures`` by the hash of what they depend on.
+"""Benchmark captures by name, created once and stored under ``build/benchmark_captures`` by the hash of their inputs.
 
-``python -m tests.benchmarks.comparison.captures [--views N ...] [--takes N] [--bad CASE ...]`` makes them and
-says what is in them.
+``python -m tests.benchmarks.comparison.captures [--views N ...] [--takes N] [--bad CASE ...]`` creates and describes
+them.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ _SOURCES = (
 TAKES = (
     "13_29:600+600", "salsa_07:20+600", "03_03:60+600", "salsa_11:270+600", "13_29:1200+600", "03_04:1200+600",
 )  # fmt: skip
-"""Name, first frame and number of frames: exercises, walking over obstacles, dance. Clear of the T-poses that
-recordings begin with and of the leaps, up to 5,900 m/s² against 100-280 here, that their tracking made."""
+"""Name, first frame and number of frames: exercises, walking over obstacles, dance. They avoid the initial T-poses and
+the tracking jumps of the recordings (up to 5,900 m/s², compared with 100-280 m/s² here)."""
 LONG_TAKE = "13_29:200+2000"
 WALKER = "08_01:10+125"
-"""Who walks through."""
+"""Take of the person who walks through the volume."""
 
 
 def filmed(take: str, settings: BenchmarkSettings = BenchmarkSettings(), bad: str | None = None) -> Capture:
-    """Return the capture of a take, made worse by one of ``BAD`` if asked; from the cache if there.
+    """Return the capture of a take, optionally with one of ``BAD``, from the cache if it is there.
 
     Takes are "NAME:START+FRAMES" or, forwards and backwards in turn, "NAME:START+FRAMES*TIMES".
 
     Raises:
-        BenchmarkSkipped: the validation motions are not here.
+        BenchmarkSkipped: the validation motions are missing.
     """
     path = capture_path(take, settings, bad)
     if path.exists():
@@ -64,13 +64,13 @@ def filmed(take: str, settings: BenchmarkSettings = BenchmarkSettings(), bad: st
 
 
 def capture_path(take: str, settings: BenchmarkSettings, bad: str | None = None) -> Path:
-    """Return where a capture is kept."""
+    """Return the path at which a capture is stored."""
     stem = "_".join(re.split(r"[:+*]", take))
     return FOLDER / f"{stem}_{settings.num_views}views_{_key(take, settings, bad)}.npz"
 
 
 def take_of(spec: str) -> cast.Take:
-    """Return the take that "NAME:START+FRAMES*TIMES" says, see ``filmed``."""
+    """Return the take for "NAME:START+FRAMES*TIMES", see ``filmed``."""
     name, _, part = spec.partition(":")
     start, _, frames = part.partition("+")
     frames, _, times = frames.partition("*")
@@ -78,7 +78,7 @@ def take_of(spec: str) -> cast.Take:
 
 
 def there_and_back(take: cast.Take, times: int) -> cast.Take:
-    """Return a take so many times as long: forwards and backwards in turn."""
+    """Return a take ``times`` as long, played forwards and backwards in turn."""
     order = np.arange(len(take.rotations))
     frames = np.concatenate([order[:: 1 - 2 * (n % 2)] for n in range(times)])
     return replace(take, rotations=take.rotations[frames], root=take.root[frames])
@@ -106,11 +106,11 @@ BAD: dict[str, Callable[[Capture], Capture]] = {
     "mirrored": lambda c: bad_input.mirrored(c, 1),
     "sides_exchanged": lambda c: bad_input.sides_exchanged(c, 1),
 }
-"""What can go wrong, by name."""
+"""Functions that add a fault, by name."""
 
 
 def main(argv: list[str]) -> int:
-    """Make captures and say what is in them."""
+    """Create captures and describe them."""
     parser = argparse.ArgumentParser(prog="captures", description=__doc__)
     parser.add_argument("--views", type=int, nargs="+", default=[4])
     parser.add_argument("--takes", type=int, default=2)
@@ -125,7 +125,7 @@ def main(argv: list[str]) -> int:
 
 
 def describe(capture: Capture) -> str:
-    """Return what was injected into a capture, in a line."""
+    """Return a line about the faults in a capture."""
     truth, seen = capture.truth, capture.require_multiview()[1].confidence > 0
     where = f", view {truth['bad_view'].tolist()} frames {truth['bad_frames'].tolist()}" if "bad_view" in truth else ""
     return (

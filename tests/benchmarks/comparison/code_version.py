@@ -1,4 +1,4 @@
-"""What a method's results depend on besides the capture: every module that it imports, and the weights."""
+"""Version of the code that a method's results depend on: all modules that it imports, and the weights."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ WEIGHTS = ("body_neutral.npz", "sposer.npz", "vposer.npz", "rvposer.npz", "gmm.n
 
 @cache
 def code_version(module: str, packages: tuple[str, ...] = PACKAGES) -> str:
-    """Return the hash of a module, of all of the packages it imports, and of the weights.
+    """Return the hash of a module, of all modules of the packages that it imports, and of the weights.
 
-    Comments, docstrings and line breaks are not part of it.
+    It ignores comments, docstrings and line breaks.
     """
     digest = hashlib.sha256()
     for path in sorted(closure(module, packages)):
@@ -31,9 +31,10 @@ def code_version(module: str, packages: tuple[str, ...] = PACKAGES) -> str:
 
 
 def closure(module: str, packages: tuple[str, ...] = PACKAGES) -> set[Path]:
-    """Return the files of a module and of what it imports from the packages, and so on, wherever the import stands.
+    """Return the files of a module and of its imports from the packages, recursively and wherever the import is.
 
-    A package around a module counts only where something is taken out of it: what it offers to others changes nothing.
+    A package around a module only counts if something is imported from it, because its exports do not affect the
+    module.
     """
     seen: set[Path] = set()
     waiting = [module]
@@ -47,28 +48,28 @@ def closure(module: str, packages: tuple[str, ...] = PACKAGES) -> set[Path]:
 
 
 class _NoDocstrings(ast.NodeTransformer):
-    """Remove every statement that is only a text."""
+    """Remove every statement that is only a string."""
 
     def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:
-        """Drop docstrings of modules, classes, functions and constants."""
+        """Remove the docstrings of modules, classes, functions and constants."""
         is_text = isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
         return None if is_text else node
 
 
 @cache
 def _instructions(source: str) -> str:
-    """Return a module's source without what has no effect when it runs."""
+    """Return a module's source without the parts that have no effect when it runs."""
     return ast.unparse(_NoDocstrings().visit(ast.parse(source)))
 
 
 def _file(module: str) -> Path | None:
-    """Return a module's file; None for what is no module, as a name that ``from ... import`` takes out of one."""
+    """Return a module's file, or None if the name is not a module, as in ``from ... import``."""
     stem = ROOT.joinpath(*module.split("."))
     return next((path for path in (stem.with_suffix(".py"), stem / "__init__.py") if path.is_file()), None)
 
 
 def _imports(path: Path, module: str) -> Iterator[str]:
-    """Yield every name that may be a module: what is imported, and what is taken out of that."""
+    """Yield every name that may be a module: imported modules, and names imported from them."""
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):

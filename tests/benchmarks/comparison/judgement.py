@@ -1,4 +1,4 @@
-"""What a result is worth against the truth of its capture: the measures of thesis 6.3.4, and some of our own."""
+"""Evaluate a result with the truth of its capture, by the measures of thesis 6.3.4 and some of our own."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ COLUMNS = (
     "mpjpe_mm", "pa_mpjpe_mm", "rmse_mm", "mae_deg", "pck3", "pck7", "accel_m_s2", "kp_mpjpe_mm", "kp_accel_m_s2",
     "skating_cm_f", "reproj_px", "undone", "held50", "held80", "held95",
 )  # fmt: skip
-"""``kp`` are the keypoints on the body, for methods without joints; ``undone`` the share of exchanges of three frames
-or more that left no trace; ``held`` the share of true joints inside the told 50, 80 and 95 % ellipsoids."""
+"""``kp`` are the keypoints on the body, for methods without joints. ``undone`` is the share of exchanges of at least
+three frames without a trace. ``held`` is the share of true joints inside the stated 50, 80 and 95 % ellipsoids."""
 HELD = {"held50": 2.366, "held80": 4.642, "held95": 7.815}
 """Quantiles of the chi-square distribution with three degrees of freedom."""
 SHORTEST_EXCHANGE = 3
 TRACE, TRACE_M = 1.5, 0.01
-"""An exchange left a trace where the limb's error is larger than ``TRACE`` times its usual and by ``TRACE_M`` more."""
+"""An exchange leaves a trace if the limb's error exceeds ``TRACE`` times its usual value by ``TRACE_M`` metres."""
 
 
 def judged(capture: Capture, result: BaselineResult) -> Row:
-    """Return the figures of a result; those of joints and angles are NaN for methods without a body."""
+    """Return the figures of a result. Joint and angle figures are NaN for methods without a body."""
     truth, fps = capture.truth, capture.fps
     cameras, keypoints = capture.require_multiview()
     toes = [JointSet.BODY_25.keypoints.index(f"{side}_big_toe") for side in ("left", "right")]
@@ -63,7 +63,7 @@ def judged(capture: Capture, result: BaselineResult) -> Row:
 
 
 def body_points(motion: Motion) -> np.ndarray:
-    """Return the (F, K, 3) keypoints of the solved body itself, without any detector's bias that a method learned."""
+    """Return the (F, K, 3) keypoints of the solved body, without any detector bias that a method learned."""
     body = load_body()
     landmarks = keypoint_landmarks(body, JointSet.BODY_25)
     local = exp_so3(motion.body_pose[:, :63].reshape(-1, 21, 3))
@@ -71,7 +71,7 @@ def body_points(motion: Motion) -> np.ndarray:
 
 
 def by_sight(motion: Motion, joints: np.ndarray) -> Row:
-    """Return the MPJPE of the frames in which the person was seen, and of those that were bridged."""
+    """Return the MPJPE of frames in which the person was visible, and of interpolated frames."""
     if motion.flags is None:
         return {}
     unseen = (motion.flags & FLAG_UNSEEN) > 0
@@ -80,7 +80,7 @@ def by_sight(motion: Motion, joints: np.ndarray) -> Row:
 
 
 def coverage(found: np.ndarray, joints: np.ndarray, covariance: np.ndarray | None) -> Row:
-    """Return the percentage of true joints inside the told ellipsoids; nothing where none are told."""
+    """Return the percentages of true joints inside the stated ellipsoids, empty if none are stated."""
     if covariance is None:
         return {}
     error = (found - joints)[..., None]
@@ -89,7 +89,7 @@ def coverage(found: np.ndarray, joints: np.ndarray, covariance: np.ndarray | Non
 
 
 def exchanges_undone(capture: Capture, points: np.ndarray) -> float:
-    """Return the percentage of exchanges of sides that left no trace in the (F, K, 3) points; NaN without any."""
+    """Return the percentage of side exchanges without a trace in the (F, K, 3) points, NaN without exchanges."""
     swaps = capture.truth.get("swaps", np.zeros((0, 4), dtype=int))
     error = np.linalg.norm(points - capture.truth["keypoints3d"], axis=-1)
     limbs = list(exchanged_columns(JointSet.BODY_25).values())
@@ -106,7 +106,7 @@ def exchanges_undone(capture: Capture, points: np.ndarray) -> float:
 
 
 def worst_joints(capture: Capture, result: BaselineResult, count: int = 4) -> list[tuple[str, float, int]]:
-    """Return the joints with the largest mean error: name, mm, and the frame where each is worst."""
+    """Return the joints with the largest mean error: name, error in mm, and the worst frame of each."""
     if result.motion is None:
         return []
     error = 1000 * np.linalg.norm(result.motion.joints - capture.truth["joints"], axis=-1)

@@ -1,4 +1,4 @@
-"""Measure methods take by take, and keep every finished part in a committed file by the hash of its code."""
+"""Measure methods on each take, and store every finished part in a committed file with the hash of its code."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Part(Protocol):
 
     @property
     def name(self) -> str:
-        """How the table calls the method."""
+        """Name of the method in the table."""
         ...
 
     @property
@@ -44,10 +44,10 @@ class Part(Protocol):
 
 
 def resume(parts: Sequence[Part], path: Path, argv: Sequence[str]) -> Runs:
-    """Measure the parts that the file lacks or that other code measured, and return the figures of all.
+    """Measure parts that the file lacks or other code measured, and return the figures of all parts.
 
-    Every part is written at once. Parts that wait for their measurement keep their old figures. ``--minutes N`` begins
-    no part after so long. ``--seeds`` and ``--methods`` limit what is measured.
+    Every part is written immediately. Parts that wait for their measurement keep their old figures. ``--minutes N``
+    starts no part after that time. ``--seeds`` and ``--methods`` select parts.
     """
     parser = argparse.ArgumentParser(prog=path.stem)
     parser.add_argument("--minutes", type=float, default=math.inf, help="stop after so long. The next call resumes")
@@ -75,7 +75,7 @@ def resume(parts: Sequence[Part], path: Path, argv: Sequence[str]) -> Runs:
 
 
 def in_order(known: Runs, parts: Sequence[Part]) -> Runs:
-    """Return the known figures of the parts in their order, without any other."""
+    """Return only the known figures of the parts, in their order."""
     runs: Runs = {}
     for part in parts:
         row = known.get(part.name, {}).get(part.take, {}).get(str(part.seed))

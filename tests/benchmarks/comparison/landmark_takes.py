@@ -1,4 +1,4 @@
-"""People of random shape who do what was recorded: true markers and joints, and what a solver gets of them."""
+"""People of random shape with recorded motion: true markers and joints, and the inputs of a solver."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from solver_backend.types import SMPL_JOINTS, JointSet
 
 LAYOUT = "MANIFOLD_53"
 NOISES = ("data", "inference", "both")
-"""Columns n_d and n_m of table 5.2: spoiled markers, what the network makes of clean ones, and of spoiled ones."""
+"""Columns n_d and n_m of table 5.2: corrupted markers, and the network's output for clean and for corrupted markers."""
 
 
 @dataclass(frozen=True, eq=False)
 class LandmarkTake:
-    """F frames of a person whose markers and joints are known."""
+    """F frames of a person with known markers and joints."""
 
     name: str
     body: Body
     landmarks: Landmarks
-    """Of the 53 markers, then of the 24 joints."""
+    """Landmarks of the 53 markers, then of the 24 joints."""
     points: np.ndarray
-    """(F, 77, 3) where they are, metres."""
+    """(F, 77, 3) true positions in metres."""
     local: np.ndarray
     """(F, 21, 3, 3) rotations of joints 1..21."""
     fps: float
 
     @classmethod
     def of(cls, take: Take, seed: int) -> LandmarkTake:
-        """Cast a person."""
+        """Perform a take with a random person."""
         person = cast_person(take, np.random.default_rng(seed))
         markers = marker_landmarks(person.body, marker_layout(LAYOUT))
         landmarks = Landmarks.joined((markers, keypoint_landmarks(person.body, JointSet.SMPL_24)))
@@ -48,17 +48,17 @@ class LandmarkTake:
 
     @property
     def joints(self) -> np.ndarray:
-        """(F, 24, 3) metres."""
+        """(F, 24, 3) joint positions in metres."""
         return self.points[:, -len(SMPL_JOINTS) :]
 
     def measured(self, noise: str, *, joints: bool, seed: int) -> Measurements:
-        """Return what a solver gets: markers, with joints or without, made worse by one of ``NOISES``."""
+        """Return the inputs of a solver: markers, optionally with joints, with one of the ``NOISES``."""
         keep = len(self.landmarks) - (0 if joints else len(SMPL_JOINTS))
         points = self.estimated(noise, seed)[:, :keep]
         return measure_landmarks(self.landmarks.part(slice(0, keep)), points, self.fps, np.zeros(1))
 
     def estimated(self, noise: str, seed: int) -> np.ndarray:
-        """Return (F, 77, 3) landmarks, NaN where missing: spoiled, or what the network that ships has for a cloud."""
+        """Return (F, 77, 3) landmarks, NaN if missing: corrupted, or the shipped network's output for a cloud."""
         return _estimated(self, noise, seed)
 
 

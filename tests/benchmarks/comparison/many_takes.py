@@ -1,9 +1,9 @@
 """Compare every method on twelve takes with three noise seeds: ``python -m tests.benchmarks.comparison.many_takes``.
 
-Four kinds of motion have three takes of 300 frames each. Every finished part goes to ``many_takes.json`` at once, with
-the hash of the code that each method imports, so that the command resumes where it was stopped and measures again what
-has changed. ``--minutes``, ``--seeds`` and ``--methods`` limit a call. The takes were chosen by kind alone, before any
-method had solved them. Simulated cameras and detector (``research/simulation/benchmark.py``).
+Four kinds of motion have three takes of 300 frames each. Every finished part is written to ``many_takes.json``
+immediately, with the hash of the code that each method imports, so that the command resumes after an interruption and
+only repeats changed parts. ``--minutes``, ``--seeds`` and ``--methods`` limit a call. The takes were chosen by kind
+only, before any method had solved them. Cameras and detector are simulated (``research/simulation/benchmark.py``).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ second, the others 60. No prior was trained on them."""
 TAKES = tuple(take for takes in KINDS.values() for take in takes)
 SEEDS = (0, 1, 2)  # Of shape, detector noise and camera error.
 COLUMNS = ("mpjpe_mm", "rmse_mm", "mae_deg", "pck3", "pck7", "accel_m_s2", "skating_cm_f", "cpu_s")
-"""Figures of a part. The time is left out while other programs keep the machine's cores busy."""
+"""Figures of a part. Time is omitted if other programs keep the machine's cores busy."""
 METHODS = (
     Method("BundleMoCap"),
     Method(PUBLISHED),
@@ -61,7 +61,7 @@ class Part:
 
     @property
     def name(self) -> str:
-        """How the table calls the method."""
+        """Name of the method in the table."""
         return self.method.name
 
     @property

@@ -1,4 +1,4 @@
-"""Every method of the comparison by name, and its variants by what is changed."""
+"""All methods of the comparison by name, and variants with changed settings."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tests.benchmarks.comparison.truth_prior import TruthPrior
 
 FILTER, PUBLISHED, OURS = "triangulation + Butterworth", "BundleMoCap++", "ours"
 EXACT_PRIOR = "ours, prior without error"
-"""Ours with a prior that reproduces the take's true poses: what is left is not the prior's fault."""
+"""Our method with a prior that reproduces the take's true poses. The prior does not cause the remaining error."""
 BASELINES: dict[str, type[Baseline]] = {
     FILTER: TriangulatedButterworth, "MuVS": MuVS, "DCT": DCT, "ETC": ETC, "DMMR": DMMR, "BundleMoCap": BundleMoCap,
     PUBLISHED: BundleMoCapPlusPlus,
@@ -35,7 +35,7 @@ BASELINES: dict[str, type[Baseline]] = {
 
 @dataclass(frozen=True)
 class Method:
-    """A method with some of its settings changed."""
+    """A method with some changed settings."""
 
     kind: str  # A name of ``BASELINES``, ``OURS`` or ``EXACT_PRIOR``.
     changes: tuple[tuple[str, Any], ...] = ()  # Names and values of the changed settings.
@@ -48,7 +48,7 @@ class Method:
 
     @property
     def name(self) -> str:
-        """How tables call it."""
+        """Name of the method in the tables."""
         return self.label or ", ".join([self.kind, *(f"{key} {value}" for key, value in self.changes)])
 
     @property
@@ -58,7 +58,7 @@ class Method:
 
     @property
     def module(self) -> str:
-        """The module that solves: what it imports decides whether an earlier result still holds."""
+        """Module that solves. Its imports determine whether an earlier result is still valid."""
         return "solver_backend.fitters.pipeline" if self._is_ours else BASELINES[self.kind].__module__
 
     def solver(self) -> Callable[[Capture], BaselineResult]:
@@ -91,7 +91,7 @@ def _exact_prior(capture: Capture) -> TruthPrior:
 
 
 def copied() -> list[Method]:
-    """Return the published method as it reads: keys start as copies of the key before, by either optimiser."""
+    """Return the published method as in its text: keys start as copies of the previous key, with either optimiser."""
     return [
         Method.of(PUBLISHED, "BundleMoCap++, keys copied", start="previous"),
         Method.of(PUBLISHED, "BundleMoCap++, keys copied, L-BFGS", start="previous", optimiser="lbfgs"),
@@ -106,11 +106,11 @@ _SLIDING = (
     ("SIDER-2, root on SE(3)", {"root_curve": "screw"}),
     ("SIDER-3, root on SE(3)", {"interpolation": 3, "window": 30, "root_curve": "screw"}),
 )
-"""Curves of ``solve --method sliding``, by Gauss-Newton steps with a shape and noise that are learned before."""
+"""Curves of ``solve --method sliding``, by Gauss-Newton steps with a shape and noise that are estimated before."""
 
 
 def curves() -> list[Method]:
-    """Return the published method, and ours that slides, with SIDER-n and the root on a screw of SE(3)."""
+    """Return the published method and our sliding method, with SIDER-n and the root on a screw of SE(3)."""
     plain = {"optimiser": "lbfgs"}
     return [
         Method.of(PUBLISHED, "SLERP, a key every 20 frames", interpolation=1, **plain),
@@ -137,7 +137,7 @@ def compared() -> list[Method]:
 
 
 def ablations() -> list[Method]:
-    """Return ours, and ours with each switch turned over; other settings with what they replace."""
+    """Return our method, and variants with each switch inverted or other settings replaced."""
     switches = [f for f in fields(SolveSettings) if isinstance(f.default, bool)]
     turned = [
         Method.of(OURS, f"{'without' if f.default else 'with'} {f.name.replace('_', ' ')}", **{f.name: not f.default})

@@ -1,9 +1,9 @@
-"""Fit markers under three kinds of noise, take by take: ``python -m tests.benchmarks.comparison.noise_takes``.
+"""Fit markers with three kinds of noise on each take: ``python -m tests.benchmarks.comparison.noise_takes``.
 
-Twelve takes have 50 frames at 30 Hz and one simulated body each. They begin where ``many_takes`` begins, so no prior
-and no network was trained on them. Markers are exactly where the layout says. Every finished part goes to
-``noise_takes.json`` at once, as in ``many_takes``. Inference noise has no randomness and therefore one seed. Needs the
-validation motions (MOCAP_SHARED_DATA).
+Twelve takes have 50 frames at 30 Hz and one simulated body each. They start like ``many_takes``, so no prior and no
+network was trained on them. Markers are exactly at the layout's positions. Every finished part is written to
+``noise_takes.json`` immediately, as in ``many_takes``. Inference noise has no randomness and therefore one seed. Needs
+the validation motions (MOCAP_SHARED_DATA).
 """
 
 from __future__ import annotations
@@ -45,15 +45,15 @@ FRAMES, HZ = 50, 30.0
 SEEDS = (0, 1, 2)  # Of the data noise.
 SEARCHED = ("09_01", 20, 24)  # Training clip of the grid search, its first frame, and how many.
 ALPHAS = (-7.0, -4.5, -2.0, -1.0, 0.0, 1.0, 2.0)
-"""The coarse grid within the thesis's range; halves of the way to the best's neighbours follow."""
+"""Coarse grid within the thesis' range. Midpoints between the best value and its neighbours follow."""
 ALPHA = 0.5
-"""Shape of Barron's loss of least error on ``SEARCHED``, as ``best_alpha`` finds it."""
+"""Shape of Barron's loss with the smallest error on ``SEARCHED``, as ``best_alpha`` finds it."""
 PUBLISHED, OURS, LEAST_SQUARES, BARRON = "noise-aware", "ours", "MoSh++", "Barron"
 JOINTS = "markers and joints"
 POINTS = {"markers": (LEAST_SQUARES, BARRON, PUBLISHED, OURS), JOINTS: (PUBLISHED,)}
-"""Landmarks that are fitted, and the methods that fit them. The thesis has joints for its own method alone."""
+"""Fitted landmarks, and the methods that fit them. The thesis has joints only for its own method."""
 NAMELESS = "no names"
-"""Kind of the clouds whose points have no names, moved by up to 2 cm as the network was trained for."""
+"""Kind of the clouds without point names, with markers moved by up to 2 cm as in the network's training."""
 MILD = DataNoise(displacement_m=0.02)
 
 Row = dict[str, float]
@@ -61,7 +61,7 @@ Solver = Callable[[Problem], Motion]
 
 
 def solvers(alpha: float = ALPHA) -> dict[str, Solver]:
-    """Return every method for named points by the name it has in the tables."""
+    """Return every method for named points by its table name."""
     return {
         LEAST_SQUARES: MoSh().motion_of,
         BARRON: AdaptiveRobust(alpha).motion_of,
@@ -71,7 +71,7 @@ def solvers(alpha: float = ALPHA) -> dict[str, Solver]:
 
 
 def cloud_solvers() -> dict[str, Callable[[Capture], Motion]]:
-    """Return the roads from points without names to a motion, which the paper's table 4 compares."""
+    """Return the methods from points without names to a motion, which the paper's table 4 compares."""
     published = SolveSettings(method="noise-aware")
     return {
         "labels first, noise-aware": lambda capture: solve(labelled_capture(capture)[0], published).motion,
@@ -91,7 +91,7 @@ class Part:
 
     @property
     def name(self) -> str:
-        """How the tables call it."""
+        """Name of the part in the tables."""
         return ", ".join(part for part in (self.noise, self.points, self.method) if part)
 
     @property
@@ -113,7 +113,7 @@ class Part:
 
 
 def parts() -> Iterator[Part]:
-    """Yield the parts in order: of one seed before the next, and what is published before the rest."""
+    """Yield the parts in order: all parts of one seed before the next, and published methods before the others."""
     fits = [(noise, points, method) for noise in NOISES for points, methods in POINTS.items() for method in methods]
     fits += [(NAMELESS, "", method) for method in cloud_solvers()]
     published, rest = ([fit for fit in fits if (fit[2] == OURS) is ours] for ours in (False, True))
@@ -125,7 +125,7 @@ def parts() -> Iterator[Part]:
 
 @cache
 def performed(number: int) -> LandmarkTake:
-    """Return the take of this number, performed by a body of random shape."""
+    """Return the take with this number, performed by a body of random shape."""
     name, _, first = TAKES[number].partition(":")
     step = round(take_named(name, 1).fps / HZ)
     take = take_named(name, step * FRAMES, int(first))
@@ -140,7 +140,7 @@ def row_of(take: LandmarkTake, noise: str, joints: bool, solver: Solver, seed: i
 
 
 def of_cloud(take: LandmarkTake, solver: Callable[[Capture], Motion], seed: int) -> Row:
-    """Return the figures of a road on a cloud without names."""
+    """Return the figures of a method on a cloud without names."""
     points = MILD.cloud(take.points[:, : len(MARKERS)], np.random.default_rng(seed))
     return _figures(take, solver(Capture(take.name, markers=MarkerCloud(points, take.fps))))
 
@@ -153,7 +153,7 @@ def _figures(take: LandmarkTake, motion: Motion) -> Row:
 
 @lru_cache(maxsize=1)
 def best_alpha() -> tuple[float, Mapping[float, float]]:
-    """Return the α of least RMSE on a training motion with data noise, and what was tried (thesis figure 5.2)."""
+    """Return the α with the smallest RMSE on a training motion with data noise, and all tried values (figure 5.2)."""
     name, start, count = SEARCHED
     take = LandmarkTake.of(training_take(name, count, start), 9)
     tried: dict[float, float] = {}
@@ -171,7 +171,7 @@ def best_alpha() -> tuple[float, Mapping[float, float]]:
 
 
 def measured(argv: list[str]) -> dict[str, dict[str, dict[str, Any]]]:
-    """Measure what is missing, and return the figures by method, take and seed."""
+    """Measure missing parts, and return the figures by method, take and seed."""
     return resume(list(parts()), RESULTS, argv)
 
 

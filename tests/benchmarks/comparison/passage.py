@@ -1,4 +1,4 @@
-"""A hard passage: where the published methods are worst, cut out of truth and solved motions."""
+"""Select a hard passage, in which the published methods have the largest errors, from truth and solved motions."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ SHOWN = ("MuVS", PUBLISHED, "ours, global")
 
 @dataclass(frozen=True)
 class Passage:
-    """A stretch of a take as the truth and several methods have it."""
+    """A frame range of a take, in the truth and in several methods' motions."""
 
     take: str
     first: int
     """First frame in the take."""
     motions: dict[str, Motion]
-    """By label, the truth first; the very frames of the passage."""
+    """Motions of exactly the passage's frames by label, the truth first."""
 
     def errors_mm(self) -> dict[str, float]:
-        """Return each motion's mean distance of joints from the truth."""
+        """Return each motion's mean joint distance from the truth in millimetres."""
         truth = next(iter(self.motions.values())).joints
         return {
             label: 1000 * float(np.linalg.norm(motion.joints - truth, axis=-1).mean())
@@ -38,7 +38,7 @@ class Passage:
 
 
 def hardest(section: Section, found: Found) -> Passage:
-    """Return the passage in which MuVS and BundleMoCap++ together err most."""
+    """Return the passage with the largest combined error of MuVS and BundleMoCap++."""
     best: tuple[float, Passage] | None = None
     for runs in zip(*(section.rows[label] for label in SHOWN), strict=True):
         capture = filmed(runs[0].take, runs[0].settings)
@@ -63,7 +63,7 @@ def true_motion(capture: Capture) -> Motion:
 
 
 def frames_of(motion: Motion, first: int, stop: int) -> Motion:
-    """Return the pose of some frames, without what else a motion may hold."""
+    """Return the poses of some frames, without other contents of a motion."""
     part = slice(first, stop)
     return Motion(
         motion.betas, motion.global_orient[part], motion.body_pose[part], motion.transl[part], motion.fps, motion.body,

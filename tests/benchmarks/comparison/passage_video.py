@@ -1,7 +1,7 @@
-"""The comparison video: truth and solved motions side by side, the true joints as dots on each.
+"""Render the comparison video: truth and solved motions side by side, with the true joints as dots on each.
 
 ``python -m tests.benchmarks.comparison.passage_video FOLDER OUT.mp4`` renders the motion files ``0_LABEL.npz,
-1_LABEL.npz, ...`` of a folder (``write_passage``), the first being the truth, and a contact sheet ``OUT.png`` of some
+1_LABEL.npz, ...`` of a folder (``write_passage``), with the truth first, and a contact sheet ``OUT.png`` of some
 frames.
 """
 
@@ -19,7 +19,7 @@ from tests.benchmarks.comparison.passage import Passage
 ROOT = Path(__file__).resolve().parents[3]
 PANE = (360, 480)
 STRIDE = 2
-"""Every second frame: 30 a second of a take at 60."""
+"""Every second frame, which gives 30 frames per second for a take at 60."""
 SHEET_FRAMES = 5
 TRUE_JOINT = (0.25, 0.95, 0.65)
 
@@ -35,7 +35,7 @@ def write_passage(passage: Passage, folder: Path) -> None:
 
 
 def render_apart(passage: Passage, out: Path) -> None:
-    """Render in a process of its own: Blender keeps what it once had open."""
+    """Render in a separate process, because Blender keeps data that it opened once."""
     with tempfile.TemporaryDirectory(prefix="passage_") as name:
         write_passage(passage, Path(name))
         command = [sys.executable, "-m", "tests.benchmarks.comparison.passage_video", name, str(out)]
@@ -64,7 +64,7 @@ def render(folder: Path, out: Path) -> None:
 
 
 def _true_view(path: Path):
-    """Return the true joints and a view that holds all of the passage."""
+    """Return the true joints and a view that includes the whole passage."""
     from blender_addon._exchange.motion_file import read_motion
     from blender_addon._exchange.so3 import matrix_from_rotvec
     from blender_addon.body.body_file import default_body_path, pose_joints, read_body

@@ -1,4 +1,4 @@
-"""Plots of the comparison as SVG files: knee flexion through a passage, and error against time."""
+"""Plots of the comparison as SVG files: knee flexion in a passage, and error against time."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def knee_flexion(path: Path, passage: Passage) -> None:
 
 
 def error_against_time(path: Path, rows: dict[str, Row]) -> None:
-    """Write MPJPE against the processor's seconds, on a logarithmic axis (thesis figure 6.5)."""
+    """Write MPJPE against processor seconds on a logarithmic axis (thesis figure 6.5)."""
     shown = {name: row for name, row in rows.items() if np.isfinite(row["mpjpe_mm"])}
     seconds = np.log10([row["cpu_s"] for row in shown.values()])
     error = np.array([row["mpjpe_mm"] for row in shown.values()])
@@ -59,7 +59,7 @@ def error_against_time(path: Path, rows: dict[str, Row]) -> None:
 
 
 def write_svg(path: Path, drawing: str) -> None:
-    """Write a drawing that stands on its own."""
+    """Write a drawing as a complete SVG file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     whole = drawing.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
     path.write_text(re.sub(r"(<svg[^>]*>)", lambda m: m[1] + _STYLE, whole, count=1) + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What ours must reach against the baselines, and what it reached."""
+"""Requirements for our method relative to the baselines, and the measured values."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Tables = dict[str, dict[str, Row]]
 
 @dataclass(frozen=True)
 class Requirement:
-    """A bound and a figure."""
+    """Bounds for a figure."""
 
     text: str
     value: float
@@ -25,7 +25,7 @@ class Requirement:
 
     @property
     def met(self) -> bool:
-        """Whether the figure lies within the bounds."""
+        """Whether the figure is within the bounds."""
         return self.low <= self.value <= self.high
 
     def line(self) -> str:
@@ -36,7 +36,7 @@ class Requirement:
 
 
 def requirements(tables: Tables) -> list[Requirement]:
-    """Return all requirements that the measured tables can judge."""
+    """Return all requirements that the measured tables cover."""
     return [*_accuracy(tables.get("methods", {})), *_views(tables.get("views", {})), *_length(tables.get("length", {}))]
 
 

@@ -1,6 +1,6 @@
-"""One method on one capture, in a process of its own, and kept: ``build/bench_bundle/runs``.
+"""Run one method on one capture in a separate process, and store the result under ``build/bench_bundle/runs``.
 
-A result holds as long as the capture and every module that the method imports stay as they are.
+A result is valid while the capture and every module that the method imports do not change.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ FOLDER = ROOT / "build" / "bench_bundle" / "runs"
 
 @dataclass(frozen=True)
 class Run:
-    """What is run."""
+    """Method, take and settings of a run."""
 
     method: Method
     take: str
@@ -46,7 +46,7 @@ class Run:
 
     @property
     def path(self) -> Path:
-        """Where the result is kept."""
+        """Path of the stored result."""
         parts = [
             code_version(self.method.module), json.dumps(self.method.changes), self.method.kind,
             capture_path(self.take, self.settings, self.bad).name,
@@ -57,7 +57,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of it."""
+    """Result of a run."""
 
     row: Row  # Figures of the judgement, ``seconds``, ``cpu_s`` (which a busy machine does not change) and ``peak_mb``.
     notes: list[str]  # What went wrong, in words.
@@ -66,7 +66,7 @@ class Outcome:
 
 
 def outcome(run: Run) -> Outcome:
-    """Return what came of a run, now or earlier; it is judged anew."""
+    """Return the result of a run, made now or earlier, and evaluate it again."""
     solve_apart(run)
     stored = json.loads(run.path.read_text(encoding="utf-8"))
     capture, path = filmed(run.take, run.settings, run.bad), run.path.with_suffix(".npz")
@@ -82,7 +82,7 @@ def outcome(run: Run) -> Outcome:
 
 
 def solve_apart(run: Run) -> None:
-    """Do a run in a process of its own, unless it was done."""
+    """Execute a run in a separate process, unless it was done."""
     if run.path.exists():
         return
     order = json.dumps({**asdict(run), "out": str(run.path)})
@@ -93,7 +93,7 @@ def solve_apart(run: Run) -> None:
 
 
 def outcomes(runs: list[Run], tell: Callable[[str], None], jobs: int = 1) -> dict[Run, Outcome]:
-    """Return what came of all runs, ``jobs`` at a time; says of each how far it is, and when all will be done."""
+    """Return the results of all runs, ``jobs`` at a time. Report the progress and the remaining time after each."""
     for run in runs:
         filmed(run.take, run.settings, run.bad)
     missing, begin = [run for run in runs if not run.path.exists()], time.monotonic()
@@ -108,7 +108,7 @@ def outcomes(runs: list[Run], tell: Callable[[str], None], jobs: int = 1) -> dic
 
 
 def peak_memory_mb() -> float:
-    """Return the most memory that this process held; ``ru_maxrss`` would count what its parent held when it forked."""
+    """Return the peak memory of this process. ``ru_maxrss`` would include its parent's memory at the fork."""
     status = Path("/proc/self/status")
     if status.exists():
         return int(re.search(r"VmHWM:\s+(\d+)", status.read_text(encoding="ascii"))[1]) / 1024
@@ -116,7 +116,7 @@ def peak_memory_mb() -> float:
 
 
 def main(order: str) -> int:
-    """Do one run, given as JSON, and write what came of it."""
+    """Execute one run, given as JSON, and write its result."""
     asked = json.loads(order)
     method = Method(asked["method"]["kind"], tuple((k, v) for k, v in asked["method"]["changes"]))
     detector = asked["settings"].pop("detector")

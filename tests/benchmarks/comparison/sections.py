@@ -1,4 +1,4 @@
-"""The tables of the comparison: which runs each needs, and what is written in it (analogues of thesis 6.1-6.9)."""
+"""Tables of the comparison: the runs that each needs, and its columns (analogues of thesis 6.1-6.9)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Found = dict[Run, Outcome]
 
 @dataclass(frozen=True)
 class Scope:
-    """On what the tables are measured."""
+    """Takes and settings on which the tables are measured."""
 
     takes: tuple[str, ...] = TAKES[:3]  # As in ``captures.TAKES``; every take has a seed of its own, its number.
     frames: int | None = None  # Cut every take to so many frames.
@@ -30,7 +30,7 @@ class Scope:
     def runs(
         self, methods: list[Method], num_views: int = 4, takes: int | None = None, bad: str | None = None
     ) -> list[Run]:
-        """Return a run of every method on every take (or the first so many)."""
+        """Return a run of every method on every take, or on the first ``takes``."""
         return [
             Run(method, self.cut(take), BenchmarkSettings(num_views=num_views, seed=number), bad)
             for number, take in enumerate(self.takes[:takes])
@@ -48,7 +48,7 @@ class Section:
 
     title: str
     rows: dict[str, list[Run]]
-    """The runs whose medians make each row."""
+    """Runs of each row, which shows their medians."""
     columns: tuple[str, ...]
 
     @property
@@ -57,7 +57,7 @@ class Section:
         return [run for runs in self.rows.values() for run in runs]
 
     def only(self, *labels: str) -> Section:
-        """Return the table with these rows alone."""
+        """Return the table with only these rows."""
         return replace(self, rows={label: self.rows[label] for label in labels})
 
     def medians(self, found: Found) -> dict[str, Row]:
@@ -66,7 +66,7 @@ class Section:
 
 
 def medians(rows: list[Row]) -> Row:
-    """Return the median of every figure over rows, NaN where none has it."""
+    """Return the median of every figure over rows, NaN if no row has it."""
     names = dict.fromkeys(name for row in rows for name in row)
     values = {name: [row[name] for row in rows if np.isfinite(row.get(name, np.nan))] for name in names}
     return {name: float(np.median(found)) if found else float("nan") for name, found in values.items()}
@@ -87,7 +87,7 @@ def methods(scope: Scope) -> Section:
 
 
 def views(scope: Scope) -> Section:
-    """The number of cameras."""
+    """Number of cameras."""
     chosen = [Method("MuVS"), Method(PUBLISHED), Method.of(OURS, "ours, global")]
     rows = {
         f"{method.name}, {count} views": scope.runs([method], count, takes=2) for method in chosen for count in VIEWS
@@ -96,7 +96,7 @@ def views(scope: Scope) -> Section:
 
 
 def windows(scope: Scope) -> Section:
-    """Table 6.8: the length of a window."""
+    """Table 6.8: length of a window."""
     chosen = [Method.of("BundleMoCap", f"SLERP, {n} frames", window=n) for n in WINDOWS[:2]]
     chosen += [Method.of(PUBLISHED, f"SIDER-2, {n} frames", window=n) for n in WINDOWS]
     chosen += [Method.of(OURS, f"ours, {n} frames", refine_window=n, window=max(n, 20)) for n in (5, *WINDOWS)]
@@ -105,7 +105,7 @@ def windows(scope: Scope) -> Section:
 
 
 def root(scope: Scope) -> Section:
-    """Table 6.9: how the root turns between keys."""
+    """Table 6.9: rotation of the root between keys."""
     chosen = [Method.of(PUBLISHED, f"root by {kind}", root=kind) for kind in ("slerp", "sider")]
     return Section(
         "SLERP or SIDER-2 for the root (thesis table 6.9)", _by_method(scope.runs(chosen, takes=2)), ACCURACY
@@ -119,7 +119,7 @@ def interpolation(scope: Scope) -> Section:
 
 
 def optimiser(scope: Scope) -> Section:
-    """Kinder readings of the published method."""
+    """Variants of the published method that favour it."""
     chosen = [
         Method(PUBLISHED), Method.of(PUBLISHED, "keys start at the key before", start="previous"),
         Method.of(PUBLISHED, "L-BFGS", optimiser="lbfgs"),
@@ -130,12 +130,12 @@ def optimiser(scope: Scope) -> Section:
 
 
 def ablation(scope: Scope) -> Section:
-    """What each part of ours is worth."""
+    """Effect of each part of our method."""
     return Section("Parts of ours", _by_method(scope.runs(ablations(), takes=2)), (*ACCURACY, "skating_cm_f", *TIMES))
 
 
 def bad(scope: Scope) -> Section:
-    """What goes wrong on a set."""
+    """Faults during a recording."""
     ours = Method.of(OURS, "ours, global")
     rows = {"as it should be": scope.runs([ours], takes=1)}
     rows |= {name.replace("_", " "): scope.runs([ours], takes=1, bad=name) for name in BAD}
@@ -143,7 +143,7 @@ def bad(scope: Scope) -> Section:
 
 
 def noise(scope: Scope) -> Section:
-    """What is left of the error when a part of the noise is taken away."""
+    """Remaining error without each part of the noise."""
     detector = BenchmarkSettings().detector
     steady = replace(detector, drift_mm=0.0)
     exact = {"anatomy_mm": 0.0, "calibration_mm": 0.0, "detector": replace(detector, view_bias_mm=0.0)}
@@ -165,7 +165,7 @@ def noise(scope: Scope) -> Section:
 
 
 def length(scope: Scope) -> Section:
-    """Time and memory by length, and by arithmetic."""
+    """Time and memory by length and arithmetic."""
     rows, ours = {}, Method.of(OURS, "ours, global")
     lengths = LENGTHS if scope.frames is None else tuple(n for n in LENGTHS if n <= scope.frames)
     for frames in lengths:
@@ -189,5 +189,5 @@ SECTIONS: dict[str, Callable[[Scope], Section]] = {
 
 
 def quick(scope: Scope) -> Scope:
-    """Return the scope of a first look: one take of 200 frames."""
+    """Return the scope of a quick run: one take of 200 frames."""
     return replace(scope, takes=scope.takes[:1], frames=200)

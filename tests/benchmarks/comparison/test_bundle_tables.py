@@ -1,4 +1,4 @@
-"""The method comparison: the truth scores perfectly, what is missing stays empty, runs are kept by their code."""
+"""Test the method comparison: truth scores perfectly, missing figures stay empty, and runs are stored by their code."""
 
 from __future__ import annotations
 

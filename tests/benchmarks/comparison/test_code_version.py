@@ -1,4 +1,4 @@
-"""What a method's results depend on: every module of the package that it imports."""
+"""Test the code version of a method, which includes every module of the package that it imports."""
 
 from __future__ import annotations
 

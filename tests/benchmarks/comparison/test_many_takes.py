@@ -1,4 +1,4 @@
-"""The search of baselines' settings, and the resumption of the comparison."""
+"""Test the search of the baselines' settings, and the resumption of the comparison."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_the_baselines_have_the_settings_that_the_search_chose():
 
 @pytest.fixture
 def one_method(monkeypatch, tmp_path):
-    """Two takes of one method, whose measurement is the number of calls so far."""
+    """Return two takes of one method that is measured by its number of calls."""
     calls: list[str] = []
 
     def measure(part):

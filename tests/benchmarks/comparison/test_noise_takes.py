@@ -1,4 +1,4 @@
-"""Fits of markers take by take: what is measured, what the published rows read, and the medians of the benchmark."""
+"""Test the marker fits on each take: measured parts, rows of the published tables, and medians of the benchmark."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_published_methods_come_before_what_the_tables_do_not_publish():
 
 
 def runs(noise_aware: float) -> dict:
-    """Return figures of which every take has its own size, and ratios between methods are the same everywhere."""
+    """Return figures with a different size for each take, and equal ratios between methods everywhere."""
     share = {"MoSh++": 2.0, "ours": 0.5, "noise-aware": noise_aware}
     found: dict = {}
     for part in parts():

@@ -1,4 +1,4 @@
-"""The hard passage is where the methods err, and its plots and video show it."""
+"""Test that the hard passage has the methods' largest errors, and that plots and video show it."""
 
 from __future__ import annotations
 

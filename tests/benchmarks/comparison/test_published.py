@@ -1,4 +1,4 @@
-"""The gradient that PyTorch finds against the one worked out by hand."""
+"""Compare PyTorch's gradient with the analytic gradient."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The prior without error: true poses come out exactly, and its derivative is right."""
+"""Test the prior without error: true poses are reproduced exactly, and its derivative is correct."""
 
 import numpy as np
 

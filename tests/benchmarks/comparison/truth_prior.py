@@ -1,4 +1,4 @@
-"""A prior without reconstruction error: SPoser bent so that every true pose of a take is exactly one of its poses."""
+"""A prior without reconstruction error: SPoser, corrected to reproduce every true pose of a take exactly."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ SHARPNESS = 2000.0  # Codes further than about 2 degrees from a true pose's no l
 class TruthPrior(AutoencodingPrior):
     """``R_j(z) = exp(ρ_j(z)) G_j(z)`` with ``ρ(z) = Σ_i softmax_i(κ z·z_i) ρ_i`` over the take's poses i.
 
-    G is SPoser's decoder, z_i the code of the i-th true pose and ``ρ_i = log(R_i G(z_i)ᵀ)`` what the decoder gets wrong
-    there: close to z_i the true pose comes out, and frames between true poses are mixtures.
+    G is SPoser's decoder, z_i the code of the i-th true pose and ``ρ_i = log(R_i G(z_i)ᵀ)`` its reconstruction error.
+    Close to z_i the result is the true pose, and frames between true poses are mixtures.
     """
 
     def __init__(self, prior: SPoser, rotations: np.ndarray) -> None:
@@ -31,7 +31,7 @@ class TruthPrior(AutoencodingPrior):
 
     @property
     def latent_dim(self) -> int:
-        """32."""
+        """Length of a code, 32."""
         return self._prior.latent_dim
 
     def encode(self, rotations: Array) -> Array:
@@ -44,18 +44,18 @@ class TruthPrior(AutoencodingPrior):
         return xp.matmul(exp_so3(self._bend(z)[0]), self._prior.decode(z))
 
     def decode_with_jacobian(self, z: Array) -> tuple[Array, Array]:
-        """``J = J_l(ρ) dρ/dz + exp(ρ) J_G`` with ``dρ/dz = κ Σ_i w_i ρ_i (z_i - Σ_k w_k z_k)ᵀ``."""
+        """Return poses and ``J = J_l(ρ) dρ/dz + exp(ρ) J_G`` with ``dρ/dz = κ Σ_i w_i ρ_i (z_i - Σ_k w_k z_k)ᵀ``."""
         xp = array_namespace(z)
         bend, by_code = self._bend(z)
         turn, (decoded, jacobian) = exp_so3(bend), self._prior.decode_with_jacobian(z)
         return xp.matmul(turn, decoded), xp.matmul(left_jacobian_so3(bend), by_code) + xp.matmul(turn, jacobian)
 
     def energy(self, rotations: Array) -> Array:
-        """Return SPoser's."""
+        """Return SPoser's energy."""
         return self._prior.energy(rotations)
 
     def sample(self, count: int, seed: int) -> Any:
-        """Return poses of codes drawn as SPoser draws them, corrected."""
+        """Return corrected poses of codes drawn as in SPoser."""
         return self.decode(self.encode(self._prior.sample(count, seed)))
 
     def _bend(self, z: Array) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Takes no prior was trained on, for benchmark captures: CMU subjects 03, 08, 13, the salsa couple, Indian dances."""
+"""Takes without prior training, for benchmark captures: CMU subjects 03, 08, 13, the salsa couple, Indian dances."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def clip_paths(data: Path | None = None, folders: tuple[str, ...] = FOLDERS) -> 
 
 
 def read_take(path: Path, num_frames: int | None = None, start: int = 0) -> Take:
-    """Return a clip's frames ``start .. start + num_frames - 1`` at its own rate."""
+    """Return a clip's frames ``start .. start + num_frames - 1`` at its own frame rate."""
     clip = read_clip(path)
     rotations = body_rotations(clip)
     rotations = np.concatenate([rotations[:, :1], with_shoulder_rhythm(rotations[:, 1:])], axis=1)
@@ -44,7 +44,7 @@ def read_take(path: Path, num_frames: int | None = None, start: int = 0) -> Take
 
 
 def training_take(name: str, num_frames: int | None = None, start: int = 0) -> Take:
-    """Return a take that priors were trained on, for tuning methods without touching the benchmark's takes.
+    """Return a take that priors were trained on, for tuning methods without the benchmark's takes.
 
     Raises:
         BenchmarkSkipped: it is missing or held out.
@@ -60,7 +60,7 @@ def take_named(name: str, num_frames: int | None = None, start: int = 0, data: P
     """Return the held-out take of this name.
 
     Raises:
-        BenchmarkSkipped: it is not here.
+        BenchmarkSkipped: it is missing.
     """
     for path in clip_paths(data, MORE_FOLDERS):
         if path.stem == name:

@@ -1,1 +1,1 @@
-"""What the benchmark of hands measures on."""
+"""Takes and measurements for the benchmark of hands."""

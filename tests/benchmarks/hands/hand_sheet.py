@@ -1,4 +1,4 @@
-"""A contact sheet of the hands of a real take: every view of some frames, with detections and the solved hand."""
+"""Contact sheet of the hands of a real take: every view of some frames, with detections and the solved hand."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ SOLVED, DETECTED = (0, 255, 0), (255, 60, 60)  # Colours of the lines.
 
 
 def draw_sheet(capture: Capture, px: np.ndarray, path: Path) -> None:
-    """Write a picture with a row for each view and side; green is solved, red detected.
+    """Write a picture with a row for each view and side, with solved hands in green and detections in red.
 
     Args:
-        capture: with footage and hands.
-        px: (C, F, 2, 21, 2) where the solved hands are in the views.
-        path: of the PNG.
+        capture: capture with footage and hands.
+        px: (C, F, 2, 21, 2) pixel positions of the solved hands in the views.
+        path: path of the PNG.
     """
     assert capture.keypoints is not None and capture.keypoints.hands is not None
     hands, views = capture.keypoints.hands, len(px)

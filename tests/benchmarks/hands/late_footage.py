@@ -1,7 +1,8 @@
-"""What the limits of ``footage_shift`` cost: shifts that are found, missed and wrong on takes whose shift is known.
+"""Effect of the limits of ``footage_shift``: found, missed and wrong shifts on takes with a known shift.
 
-``python -m tests.benchmarks.hands.late_footage``: pieces of 1.5 s of the embedded demo with hands, by four seeds of the
-detectors, whose footage is late by -3 to 3 pictures; and hands that rest, seen by the same detectors, as often.
+``python -m tests.benchmarks.hands.late_footage`` uses segments of 1.5 s of the embedded demo with hands, with four
+detector seeds and footage that is late by -3 to 3 pictures, and as many segments of resting hands with the same
+detectors.
 """
 
 from __future__ import annotations
@@ -19,11 +20,11 @@ from tests.support.handed_take import handed_take
 SEEDS, FRAMES, PIECE, SHIFTS = range(4), 180, 45, range(-3, 4)
 MOVES, AGREE = (0.3, 0.5, 0.7, 1.0), (0.0, 0.5, 0.75, 0.9)
 HAND_PX, WRIST_PX = 3.0, 4.0
-"""Standard deviations of a resting hand's wrist and of the body's, per axis: those of the demo's detectors."""
+"""Standard deviations in pixels per axis of a resting hand's wrist and the body's wrist, as in the demo's detectors."""
 
 
 def pieces(seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return hands and wrists of pieces of a take, each moving and at rest."""
+    """Return hands and wrists of segments of a take, each moving and at rest."""
     capture, rng = handed_take(FRAMES, seed=seed).capture, np.random.default_rng(seed)
     assert capture.keypoints is not None and capture.keypoints.hands is not None
     hands, wrists = capture.keypoints.hands, arms_of(capture)[0].detected[:, :, 1]

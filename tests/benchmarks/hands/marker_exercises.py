@@ -17,18 +17,18 @@ from training.hands.train import marker_points
 RIGHT, STRIDE = 1, 3  # All are right hands; 150 Hz is more than fingers need.
 FLEXIONS = np.flatnonzero((FINGER_OF > 0) & (KIND_OF == 0) & (JOINT_OF < 2))
 UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""From y up to z up."""
+"""Rotation from y up to z up."""
 
 
 def exercise_errors(path: Path, layout: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return (F, 8) errors of flexion in degrees: of the markers that a solved hand carries, and of its joints.
+    """Return (F, 8) flexion errors in degrees, of the solved hand's markers and of its joints.
 
-    The first compares like with like: both angles are of markers on the back of the hand. The second holds the
-    constant by which such angles differ from those of the joints below.
+    The first errors compare angles of markers on the back of the hand with each other. The second errors include the
+    constant difference between such angles and those of the joints below.
 
     Args:
-        path: an exercise of 26 markers.
-        layout: those that the solve is given.
+        path: exercise with 26 markers.
+        layout: layout of the markers that the solve uses.
     """
     arrays = dict(np.load(path).items())
     labels = tuple(str(name) for name in arrays["labels"])
@@ -50,7 +50,7 @@ def exercise_errors(path: Path, layout: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _carried(hand: MarkerHand, labels: tuple[str, ...]) -> np.ndarray:
-    """Return (F, L, 3) all markers on a solved hand: calibrated where they were given, at their rule elsewhere."""
+    """Return (F, L, 3) positions of all markers on a solved hand, calibrated if given, otherwise by their rule."""
     every = hand_markers(hand.problem.skeleton, labels)
     offset = every.sites.offset.copy()
     for row, label in enumerate(every.labels):

@@ -1,8 +1,8 @@
-"""How far a detector of hands errs on a real take, as shares of the palm, by how far its views disagree.
+"""Errors of a hand detector on a real take relative to the palm, from the disagreement of its views.
 
-``python -m tests.benchmarks.hands.real_noise CAPTURE``, the capture from ``hands find``. Frames in which three views
-show the hand are triangulated. What a view misses the points by splits into what is constant in the view (its camera's
-own error), what moves the whole hand, and what moves each point; jitter is read off second differences.
+``python -m tests.benchmarks.hands.real_noise CAPTURE`` uses a capture from ``hands find``. Frames with the hand in
+three views are triangulated. The residuals of a view are split into a constant of the view (its camera's error), a
+movement of the whole hand, and movements of single points. Jitter follows from second differences.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MEDIAN = 2.0 * float(np.log(2.0))  # Median of a squared length in two dimension
 
 
 def shares_of(cameras: Cameras, hands: np.ndarray) -> dict[str, float]:
-    """Return the deviations per axis of (C, F, 21, 3) detections of one hand, in palms, means over the views."""
+    """Return the deviations per axis of (C, F, 21, 3) detections of one hand in palm lengths, as view means."""
     shown = np.flatnonzero((hands[..., 2] > 0).any(-1).sum(0) >= 3)
     hands = hands[:, shown].astype(float)
     xy, confidence = hands[..., :2], np.nan_to_num(hands[..., 2])

@@ -42,7 +42,7 @@ class SolvedTake:
 
 
 def solved_take(capture: Capture, motion: Motion) -> SolvedTake:
-    """Return a motion's hands before the cameras of its capture."""
+    """Return a motion's hands in the cameras of its capture."""
     assert capture.cameras is not None
     cameras, body = capture.cameras, load_body_with_hands()
     turns = exp_so3(motion.body_pose.reshape(motion.num_frames, -1, 3))
@@ -61,7 +61,7 @@ def solved_take(capture: Capture, motion: Motion) -> SolvedTake:
 
 
 def figures_of(capture: Capture, take: SolvedTake) -> list[str]:
-    """Return a line for each side."""
+    """Return a line of text for each side."""
     assert capture.keypoints is not None and capture.keypoints.hands is not None
     hands, lines = capture.keypoints.hands, list[str]()
     for side, name in enumerate(SIDES):

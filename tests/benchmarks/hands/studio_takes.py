@@ -1,4 +1,4 @@
-"""People of the studio who move their hands before four cameras, and how near a solve comes to them."""
+"""Studio people who move their hands in front of four cameras, and the errors of a solve."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from solver_backend.synthesis.studio.truth import find_truth, true_motion
 from solver_backend.types import Capture, Motion
 
 FLEXIONS = np.flatnonzero((FINGER_OF > 0) & (KIND_OF == 0) & (JOINT_OF < 2))
-"""Angles of knuckles and middle joints of the four fingers, as the criterion has them."""
+"""Flexion angles of knuckles and middle joints of the four fingers, as the criterion uses them."""
 CHI2_95 = 7.815  # Of three dimensions.
 
 
@@ -42,11 +42,11 @@ class HandTake:
     stage: Stage
     hands: MovingHands
     palm_px: float
-    """Median size of a palm in the pictures."""
+    """Median size of a palm in the pictures, in pixels."""
 
 
 def draw_take(seed: int, frames: int, fps: float, radius_m: float, faults: HandFaults | None = None) -> HandTake:
-    """Return one drawn person of the studio, who does its choreography, in four views that err as detectors do."""
+    """Return a random studio person with its choreography, in four views with detector errors."""
     array = {
         "layout": "ring", "count": 4, "size": [1920, 1080], "radius_m": radius_m,
         "distortion": [-0.09, 0.06, 0.0005, -0.0004, 0.0],
@@ -71,7 +71,7 @@ def draw_take(seed: int, frames: int, fps: float, radius_m: float, faults: HandF
 
 @dataclass(frozen=True)
 class HandErrors:
-    """How far a solve is from the truth, both hands, frames in which two views or more show the hand."""
+    """Errors of a solve of both hands, in frames in which at least two views show the hand."""
 
     tips_mm: np.ndarray  # (n, 5) fingertips in the world.
     own_tips_mm: np.ndarray  # (n, 5) fingertips from the wrist, hands laid over each other at the palm's turn.
@@ -122,9 +122,9 @@ def errors_of(take: HandTake, motion: Motion) -> HandErrors:
 
 
 def sides_right(take: HandTake, motion: Motion) -> tuple[int, int]:
-    """Return how many hands of all views, sorted by the solved wrists, are of the side they count for, and of how many.
+    """Return the numbers of hands with the correct side and of all hands, over all views, sorted by the solved wrists.
 
-    A detected hand is of the side whose true points its own are nearer to, in the mean.
+    A detected hand belongs to the side with the smaller mean distance of its true points.
     """
     cameras, keypoints = take.stage.cameras, take.capture.keypoints
     assert keypoints is not None

@@ -1,1 +1,1 @@
-"""Tables and a picture of landmark networks that ``train model landmarks`` left."""
+"""Tables and a picture of landmark networks trained by ``train model landmarks``."""

@@ -32,7 +32,7 @@ from training.landmarks.rows import CLOUDS, evaluation_clouds, evaluation_poses
 
 
 def main() -> None:
-    """Write the tables, and the picture where poses are given."""
+    """Write the tables, and the picture if poses are given."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("rows", nargs="+", metavar="NAME=FOLDER")
     parser.add_argument("--out", type=Path, default=Path("build/landmark_rows"))
@@ -57,7 +57,7 @@ def main() -> None:
 
 
 def picture(table: PoseTable, models: dict[str, LandmarkModel], out: Path, kind: str) -> None:
-    """Draw two poses of each group of the tail and of the floor: the first row's median and 90th percentile."""
+    """Draw two poses of each tail group and of the floor: the first row's median and 90th percentile."""
     poses = evaluation_poses(table)
     clouds = evaluation_clouds(CloudStream(load_body(), "cpu", CLOUDS.get(kind, Variety())), poses)
     parts = [*clouds["tail"], *clouds["floor"]]

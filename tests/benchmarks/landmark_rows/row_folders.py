@@ -1,4 +1,4 @@
-"""Where trainings of landmark rows lie: build/landmark_rows/ROW_SEED, each with its ``figures.json``."""
+"""Folders of landmark row trainings: build/landmark_rows/ROW_SEED, each with its ``figures.json``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[3] / "build" / "landmark_rows"
 SETS = ("ordinary", "tail", "floor")
-"""Of poses, as ``training.landmarks.rows`` has them, which needs torch."""
+"""Sets of poses, as in ``training.landmarks.rows``, which needs torch."""
 
 
 def folder_of(root: Path, row: str, seed: int) -> Path:
@@ -15,7 +15,7 @@ def folder_of(root: Path, row: str, seed: int) -> Path:
 
 
 def trained(root: Path) -> dict[tuple[str, int], Path]:
-    """Return the folders of the trainings that ended, by row and seed."""
+    """Return the folders of finished trainings, by row and seed."""
     found = {}
     for path in sorted(root.glob("*_*/figures.json")):
         row, _, seed = path.parent.name.rpartition("_")

@@ -1,4 +1,4 @@
-"""Tables 4.1 to 4.6 of the thesis from the figures that trained rows left: a table for every set of poses."""
+"""Tables 4.1 to 4.6 of the thesis from the figures of trained rows, with a table for every set of poses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PCK_LIMITS_CM = (1, 3, 7)
 
 
 def read_figures(folders: Mapping[str, Path]) -> dict[str, dict[str, Any]]:
-    """Return what each row's training left (``figures.json`` of its folder), by row."""
+    """Return the contents of each row's ``figures.json``, by row."""
     return {name: json.loads((folder / "figures.json").read_text()) for name, folder in folders.items()}
 
 
@@ -21,10 +21,10 @@ def row_tables(rows: Mapping[str, Mapping[str, Any]], base: str, kind: str = "fi
     """Return one Markdown table for every set: RMSE and MPJPE (mm), their ratio to the base's, PCK (%).
 
     Args:
-        rows: of ``read_figures``.
-        base: row that ratios are to.
-        kind: ``thesis`` (53 markers under its eqs. 4.20 to 4.27 alone), ``fixed`` (53 markers under ours), or ``any``,
-            which networks of points alone know.
+        rows: rows of ``read_figures``.
+        base: row to which ratios refer.
+        kind: ``thesis`` (53 markers with only its eqs. 4.20 to 4.27), ``fixed`` (53 markers with our corruptions), or
+            ``any``, which only point networks support.
     """
     return "\n\n".join(f"### {where}, clouds: {kind}\n\n{_table(rows, base, f'{kind} {where}')}" for where in SETS)
 

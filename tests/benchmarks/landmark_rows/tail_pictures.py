@@ -1,4 +1,4 @@
-"""A picture of the tail: the cloud that networks are given, the truth, and where each row puts markers and joints."""
+"""Picture of the tail: input cloud, truth, and markers and joints of each row."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ HEIGHT_M = 2.15
 TURN = np.radians(25.0)
 TRUTH, ANSWER, CLOUD, APART = (120, 128, 140), (30, 90, 170), (60, 60, 60), (225, 80, 60)
 SHOWN = (0.5, 0.9)
-"""Which poses of a group are shown, by how many are better told of."""
+"""Quantiles of a group's errors at which its poses are shown."""
 
 
 @torch.no_grad()
 def landmarks(model: LandmarkModel, clouds: Clouds) -> np.ndarray:
-    """Return (B, 77, 3) landmarks, NaN where the network tells of none."""
+    """Return (B, 77, 3) landmarks, NaN if the network does not estimate a landmark."""
     told = np.full((len(clouds.points), len(LANDMARKS), 3), np.nan)
     told[:, list(model.columns)] = model.positions(clouds).numpy()
     return told
 
 
 def representative(error: np.ndarray, groups: np.ndarray) -> list[int]:
-    """Return, group by group, the poses whose errors are its median and its 90th percentile (``SHOWN``)."""
+    """Return the poses of each group with the group's median and 90th percentile errors (``SHOWN``)."""
     rows: list[int] = []
     for group in np.unique(groups):
         mine = np.flatnonzero(groups == group)
@@ -44,14 +44,14 @@ def representative(error: np.ndarray, groups: np.ndarray) -> list[int]:
 def draw_tail(
     path: Path, truth: np.ndarray, points: list[np.ndarray], titles: list[str], answers: Mapping[str, np.ndarray]
 ) -> None:
-    """Write the picture: a row of clouds over the truth, and one for each network.
+    """Write the picture: a row of clouds over the truth, and a row for each network.
 
     Args:
-        path: of the picture.
-        truth: (B, 77, 3) landmarks, metres, Z up.
-        points: (n, 3) each, what networks were given.
-        titles: of the B columns.
-        answers: (B, 77, 3) landmarks by network, NaN where it tells of none.
+        path: path of the picture.
+        truth: (B, 77, 3) landmarks in metres, Z up.
+        points: (n, 3) input points of each cloud.
+        titles: titles of the B columns.
+        answers: (B, 77, 3) landmarks by network, NaN if not estimated.
     """
     sheet = Image.new("RGB", (100 + CELL[0] * len(truth), 24 + CELL[1] * (1 + len(answers))), "white")
     pen = ImageDraw.Draw(sheet)
@@ -85,7 +85,7 @@ def _cell(truth: np.ndarray, answer: np.ndarray | None, points: np.ndarray | Non
 
 
 def _screen(points: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """Return (N, 2) pixels of Z-up points, seen from the front and a little from the side."""
+    """Return (N, 2) pixels of Z-up points, seen from the front and slightly from the side."""
     c, s = np.cos(TURN), np.sin(TURN)
     x, _, z = np.moveaxis(points - middle, -1, 0)
     x = c * x + s * (points - middle)[:, 1]
@@ -94,7 +94,7 @@ def _screen(points: np.ndarray, middle: np.ndarray) -> np.ndarray:
 
 
 def _bones(pen: ImageDraw.ImageDraw, seen: np.ndarray, colour: tuple[int, int, int]) -> None:
-    """Draw bones to the nearest joint above that is told of."""
+    """Draw bones to the nearest estimated ancestor joint."""
     joints = seen[len(MARKERS) :]
     for joint, parent in enumerate(SMPL_PARENTS):
         while parent >= 0 and not np.isfinite(joints[parent]).all():

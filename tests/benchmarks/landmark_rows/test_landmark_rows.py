@@ -1,4 +1,4 @@
-"""What tables and pictures of trained rows say, on figures and poses with known answers."""
+"""Test tables and pictures of trained rows on figures and poses with known answers."""
 
 from __future__ import annotations
 

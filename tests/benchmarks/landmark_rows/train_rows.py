@@ -27,12 +27,14 @@ ROWS = (
     "e(D)+squad", "ortho fading", BY_VPOSER, "democap", "democap bmse", "democap ortho", "coordinates",
 )  # fmt: skip
 WIDTH, RESOLUTION, STEPS, BATCH, RATE = 8, 48, 2000, 64, 3e-3
-"""A quarter of the paper's width and a third of its pixels: what a GPU trains in a minute a row."""
+"""Width, resolution, steps, batch size and learning rate: a quarter of the paper's width and a third of its pixels,
+which a GPU trains in a minute per row.
+"""
 LONGER = 2  # Times as many steps for networks that see one view.
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Train what is not there yet, the first seed of all rows first."""
+    """Train missing rows, the first seed of all rows first."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True, help="folder that holds motion_cmu")
     parser.add_argument("--rows", nargs="+", default=ROWS, choices=ROWS, metavar="ROW")
@@ -52,7 +54,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def train(row: str, seed: int, args: argparse.Namespace) -> None:
-    """Train a row into its folder; its figures are written when it ends."""
+    """Train a row into its folder. Its figures are written at the end."""
     balanced_by: VaeName = "vposer" if row == BY_VPOSER else "rvposer"
     chosen = named_rows(WIDTH, resolution=RESOLUTION)["ortho" if row == BY_VPOSER else row]
     steps = args.steps * (LONGER if chosen.network == "democap" else 1)

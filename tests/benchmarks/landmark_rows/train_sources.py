@@ -29,13 +29,13 @@ from training.landmarks.rows import named_rows, train_row
 
 OUT = ROOT.with_name("landmark_sources")
 NARROW = frozenset({"16", "35"})
-"""Subjects that walk, run and jump in what the corpus has of them."""
+"""Subjects who only walk, run and jump in the corpus."""
 SOURCES = ("many people", "two people")
 STEPS, BATCH, RATE = 500, 64, 3e-3
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Train what is not there yet, the first seed of both sources first."""
+    """Train missing sources, the first seed of both sources first."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True, help="folder that holds motion_cmu")
     parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3])
@@ -58,7 +58,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def train(source: str, seed: int, args: argparse.Namespace) -> dict[str, Any]:
-    """Train on a source into its folder; return the figures."""
+    """Train on a source into its folder, and return the figures."""
     settings = LandmarkTraining(
         steps=args.steps, batch=BATCH, learning_rate=RATE, seed=seed, device=args.device,
         graph=args.device == "cuda", judged=1,
@@ -70,7 +70,7 @@ def train(source: str, seed: int, args: argparse.Namespace) -> dict[str, Any]:
 
 
 def source_tables(data: Path, out: Path) -> dict[str, PoseTable]:
-    """Return a table of each source: as many training poses in both, the same poses to evaluate on; kept in ``out``."""
+    """Return each source's table, with equal numbers of training poses and the same evaluation poses."""
     paths = {source: out / f"{source.replace(' ', '_')}.npz" for source in SOURCES}
     if not all(path.is_file() for path in paths.values()):
         for source, table in evened(load_clips(data, fitted=False), load_far_clips(data)).items():
@@ -79,7 +79,7 @@ def source_tables(data: Path, out: Path) -> dict[str, PoseTable]:
 
 
 def evened(clips: list[Clip], far: list[Clip], narrow: frozenset[str] = NARROW) -> dict[str, PoseTable]:
-    """Return the tables of all clips and of those of some subjects, with as many training poses."""
+    """Return the tables of all clips and of some subjects' clips, with equal numbers of training poses."""
     prior = load_vae("rvposer")
     whole = pose_table(clips, far, prior)
     held = [clip for clip in clips if clip.subject in HELD_OUT or clip.name.startswith(HELD_TAKES)]

@@ -1,1 +1,1 @@
-"""Inputs that are larger than anybody films, and what the program needs for them."""
+"""Unusually large inputs, and the time and memory that the program needs for them."""

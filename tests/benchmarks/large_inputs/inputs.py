@@ -1,4 +1,4 @@
-"""The inputs: each fills a folder and returns the module of the program that reads it, and its arguments."""
+"""Large inputs. Each function fills a folder and returns the program's module and arguments."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tests.support.trial_files import write_detections
 SOLVER, ADDON = "solver_backend", "blender_addon"
 _SOLVED = ("--out", "motion.npz", "--report", "report.html")
 _COLUMNS, _MARKER_FRAMES = 1000, 600
-"""Columns of a take of markers, and its frames."""
+"""Columns and frames of a marker take."""
 _QUICK = {"iterations": 1, "residual_rotations": False, "contacts": False, "learn_noise": False}
 
 
@@ -36,7 +36,7 @@ def _views(count: int, frames: int) -> Callable[[Path], list[str]]:
 
 
 def crowd(folder: Path, count: int = 500, frames: int = 20) -> list[str]:
-    """Write four cameras that each see so many people, one every 0.8 m, as OpenPose's files."""
+    """Write four cameras that each see ``count`` people, 0.8 m apart, as OpenPose files."""
     cameras, rng = ring(4, radius=25.0), np.random.default_rng(0)
     side = int(np.ceil(np.sqrt(count)))
     people = []
@@ -51,12 +51,12 @@ def crowd(folder: Path, count: int = 500, frames: int = 20) -> list[str]:
 
 
 def crowd_to_solve(folder: Path) -> list[str]:
-    """Write the same, of which the main person is solved."""
+    """Write a crowd whose main person is solved."""
     return [SOLVER, "solve", *crowd(folder)[2:], *_SOLVED]
 
 
 def many_files(folder: Path, count: int = 100_000) -> list[str]:
-    """Write four cameras of one person as so many files of OpenPose."""
+    """Write four cameras of one person as ``count`` OpenPose files."""
     cameras = ring(4)
     keypoints = seen_by(cameras, count // len(cameras)).require_multiview()[1]
     write_detections(folder / "pose", cameras.names, [(keypoints.xy, keypoints.confidence)])
@@ -71,18 +71,18 @@ def _describe(folder: Path, cameras: Cameras) -> None:
 
 
 def _worn() -> MarkerCloud:
-    """Return one person's markers, their labels without a prefix."""
+    """Return one person's markers, with labels without a prefix."""
     cloud = record_markers(_MARKER_FRAMES, seed=5).cloud
     return replace(cloud, labels=tuple(label.rpartition(":")[2] for label in cloud.labels or ()))
 
 
 def many_labels(*words: str, known: bool = False, named: bool = True) -> Callable[[Path], list[str]]:
-    """Return what writes a take of one person's markers among strays, 1,000 columns in all, ten seconds of them.
+    """Return a function that writes ten seconds of one person's markers among other points, with 1,000 columns in all.
 
     Args:
-        words: what is typed after the file.
-        known: the person's labels are those of a layout; else of no layout, as the strays' are.
-        named: the points have labels at all.
+        words: words that are typed after the file.
+        known: the person's labels belong to a layout. Otherwise they belong to none, like the other points.
+        named: the points have labels.
     """
 
     def prepare(folder: Path) -> list[str]:
@@ -98,7 +98,7 @@ def many_labels(*words: str, known: bool = False, named: bool = True) -> Callabl
 
 
 def fragments(folder: Path) -> list[str]:
-    """Write one person's markers without names, each piece between two gaps in a column of its own."""
+    """Write one person's markers without names, with each part between two gaps in a separate column."""
     worn = _worn().positions
     pieces = _COLUMNS // worn.shape[1]
     edges = np.linspace(0, len(worn), pieces + 1).astype(int)
@@ -111,7 +111,7 @@ def fragments(folder: Path) -> list[str]:
 
 
 def ten_people(folder: Path) -> list[str]:
-    """Write ten people's markers under prefixes, and as many columns more of fragments that nobody named."""
+    """Write ten people's markers with prefixes, and as many columns of unnamed fragments."""
     worn, rng = _worn(), np.random.default_rng(0)
     own = worn.positions.shape[1]
     places = np.array([[1.5 * (i % 5), 2.0 * (i // 5), 0.0] for i in range(10)])
@@ -128,7 +128,7 @@ def ten_people(folder: Path) -> list[str]:
 
 
 def batch(folder: Path, count: int = 300, frames: int = 16) -> list[str]:
-    """Write so many short captures."""
+    """Write ``count`` short captures."""
     (folder / "captures").mkdir()
     first = folder / "captures" / "000.npz"
     write_capture(first, cut(demo_capture(frames), 0, frames))
@@ -157,4 +157,4 @@ INPUTS: dict[str, Callable[[Path], list[str]]] = {
     "8 views 18000 frames": _views(8, 18_000),
     "8 views 36000 frames": _views(8, 36_000),
 }
-"""By name."""
+"""Inputs by name."""

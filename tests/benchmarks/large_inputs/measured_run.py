@@ -19,23 +19,23 @@ ROOT = Path(__file__).resolve().parents[3]
 
 @dataclass
 class Run:
-    """What a run took."""
+    """Time and memory of a run."""
 
     code: int = 0
     """Exit code."""
     cpu_s: float = 0.0
     peak_mb: float = 0.0
     silence_s: float = 0.0
-    """Longest CPU time without a line of progress."""
+    """Longest CPU time in seconds without a progress line."""
     silent_after: str = ""
-    """Stage whose line was the last before that."""
+    """Stage of the last line before that."""
     ended: str = ""
-    """Message of the error, if it ended in one."""
+    """Message of the error, if the run ended with one."""
     cpu_by_stage: dict[str, float] = field(default_factory=dict)
     """CPU seconds from each stage's line to the next."""
 
     def line(self) -> str:
-        """Return all of it as one line."""
+        """Return all values as one line."""
         stages = ", ".join(
             f"{name} {s:.1f}" for name, s in sorted(self.cpu_by_stage.items(), key=lambda kv: -kv[1])[:6]
         )
@@ -46,7 +46,7 @@ class Run:
 
 
 def run_measured(arguments: Sequence[str], folder: Path) -> Run:
-    """Run a module of Python, the first of the words, with ``--json`` in a folder to its end."""
+    """Run a Python module, named by the first word, with ``--json`` in a folder to its end."""
     process = subprocess.Popen(
         [sys.executable, "-m", *arguments, "--json"], cwd=folder, stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)},
@@ -84,7 +84,7 @@ def _stage_of(event: dict[str, Any], found: Run, stage: str) -> str:
 
 
 def cpu_seconds(pid: int) -> float:
-    """Return the CPU seconds of a process and of its children that have ended; those last known once it is gone."""
+    """Return the CPU seconds of a process and of its ended children, or the last known value if it is gone."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
     except OSError:

@@ -1,1 +1,1 @@
-"""What the benchmark of optical markers measures, one file a question."""
+"""Measurements of the optical marker benchmark, one file per question."""

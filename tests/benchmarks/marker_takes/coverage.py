@@ -1,8 +1,8 @@
-"""Whether the stated ellipsoids hold the true joints of synthetic takes as often as they promise.
+"""Test whether the stated ellipsoids of synthetic takes contain the true joints at the stated rates.
 
-Every take is of another person in one of three layouts, markers stuck on a centimetre off their places, skin sliding.
-``python -m tests.benchmarks.marker_takes.coverage`` prints by joint what does not average out (``OF_MARKERS_M``): the
-level at which a half and four fifths of other takes' errors lie inside.
+Every take is of another person in one of three layouts, with markers placed a centimetre off and sliding skin. ``python
+-m tests.benchmarks.marker_takes.coverage`` prints errors by joint that do not average out (``OF_MARKERS_M``), at the
+level that contains 50 % and 80 % of other takes' errors.
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ from tests.benchmarks.comparison.judgement import HELD, coverage
 from tests.benchmarks.kept_parts import kept
 
 SEEDS, TUNING_SEEDS = (*range(300, 312), *range(400, 424)), (*range(100, 118), *range(200, 212))
-"""A calibration errs alike in all frames, so a take is one sample, whose share inside 95 % varies by 9 points. Seed
-309, whose elbows bend by 5 and 11 degrees in its two seconds, is calibrated 21 mm off in the mean and holds half."""
+"""A calibration has equal errors in all frames, so a take is one sample. Its share inside 95 % varies by 9 points. Seed
+309, with elbows that bend by 5 and 11 degrees in its two seconds, is calibrated 21 mm off in the mean and contains
+half."""
 LAYOUTS = ("CMU_41", "PLUGIN_GAIT_39", "MANIFOLD_53")
 FRAMES, FPS, SCORE_FRAMES = 120, 60.0, 360
 SHAPE_SPREAD = np.repeat([1.0, 0.7, 0.5], (3, 3, 4))
@@ -33,7 +34,7 @@ SHAPE_SPREAD = np.repeat([1.0, 0.7, 0.5], (3, 3, 4))
 
 
 def stranger(seed: int) -> RecordedMarkers:
-    """Return a take of two seconds of somebody else, with its truth."""
+    """Return a take of two seconds of another person, with its truth."""
     body, rng, noise = load_body(), np.random.default_rng(seed), OPTICAL_MARKERS
     betas = SHAPE_SPREAD * rng.normal(size=10)
     motion, first = author_motion(body, betas, SCORE_FRAMES, FPS), (60 * seed) % (SCORE_FRAMES - FRAMES)
@@ -52,7 +53,7 @@ def stranger(seed: int) -> RecordedMarkers:
 
 
 def held() -> dict[str, float]:
-    """Return the percentage of true joints inside the 50, 80 and 95 % ellipsoids, the mean over takes."""
+    """Return the percentages of true joints inside the 50, 80 and 95 % ellipsoids, as means over takes."""
     name = "tests.benchmarks.marker_takes.coverage"
     rows = [kept(name, f"seed {seed}", partial(_held_by, seed), quiet=True) for seed in SEEDS]
     return {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
@@ -66,7 +67,7 @@ def _held_by(seed: int) -> dict[str, float]:
 
 
 def constants_mm() -> dict[str, float]:
-    """Return by joint, sides together, the standard deviation per axis that its errors in other takes suggest."""
+    """Return by joint, with both sides together, the standard deviation per axis in mm of errors in other takes."""
     squares: dict[str, list[np.ndarray]] = {}
     for seed in TUNING_SEEDS:
         take = stranger(seed)

@@ -1,4 +1,4 @@
-"""How near filled gaps are to what was recorded there: 15 % of the samples hidden in bursts of half a second."""
+"""Errors of filled gaps relative to the recording: 15 % of the samples are hidden in bursts of half a second."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from tests.benchmarks.metric import Metric
 
 SHARE, BURST_S = 0.15, 0.5
 BOUNDS = {"mean": 0.55, "p95": 0.4}
-"""Ours against the trade's filling, as a share."""
+"""Upper limits of our error relative to the common filling."""
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Distances of hidden markers to what filled them in, millimetres."""
+    """Distances of hidden markers from their fillings in millimetres."""
 
     rigid: np.ndarray
-    """By a rigid cluster of neighbours."""
+    """Filling by a rigid cluster of neighbours."""
     body: np.ndarray
-    """To where the solved body has them."""
+    """Filling by the solved body."""
     ours: np.ndarray
-    """By the body, joined to both ends of the gap."""
+    """Filling by the body, joined to both ends of the gap."""
     better: np.ndarray
-    """By whichever of the rigid cluster and ours is nearer in the mean of a gap: nobody who fills one can know."""
+    """The rigid or our filling, whichever has the smaller mean error in a gap. This is unknown in practice."""
 
     def figures(self, which: str) -> tuple[float, float, float]:
         """Return mean, median and 95th percentile."""
@@ -37,7 +37,7 @@ class HeldOut:
 
 
 def hidden(cloud: MarkerCloud, seed: int) -> np.ndarray:
-    """Return (F, M) bool: samples that were measured and are hidden."""
+    """Return an (F, M) mask of measured samples that are hidden."""
     rng, seen = np.random.default_rng(seed), np.isfinite(cloud.positions).all(-1)
     length, found = max(2, round(BURST_S * cloud.fps)), np.zeros_like(seen)
     while (found & seen).sum() < SHARE * seen.sum():
@@ -47,7 +47,7 @@ def hidden(cloud: MarkerCloud, seed: int) -> np.ndarray:
 
 
 def held_out(cloud: MarkerCloud, seed: int = 0, settings: SolveSettings = SolveSettings()) -> HeldOut:
-    """Return how near the fillings of one take come, over the markers that the solve takes."""
+    """Return the filling errors of one take, over the markers that the solve uses."""
     hide = hidden(cloud, seed)
     shown = np.where(hide[..., None], np.nan, cloud.positions)
     motion = solve(Capture("take", markers=replace(cloud, positions=shown, residual=None)), settings).motion
@@ -61,7 +61,7 @@ def held_out(cloud: MarkerCloud, seed: int = 0, settings: SolveSettings = SolveS
 
 
 def better_by_gap(one: np.ndarray, other: np.ndarray, judged: np.ndarray) -> np.ndarray:
-    """Return the (F, M) distances of the judged samples, gap by gap of the filling that has the lesser mean there."""
+    """Return the (F, M) distances of the evaluated samples, for each gap from the filling with the smaller mean."""
     found = []
     for m in range(judged.shape[1]):
         for first, last in true_runs(judged[:, m]):
@@ -77,7 +77,7 @@ def pooled(found: list[HeldOut]) -> HeldOut:
 
 
 def report(found: dict[str, HeldOut]) -> tuple[str, list[Metric]]:
-    """Return the table as text, and the shares of ours in the trade's."""
+    """Return the table as text, and our errors relative to the common filling's."""
     lines = [f"{'hidden markers, mm':<22}{'filling':<12}{'mean':>8}{'median':>8}{'95 %':>8}{'of rigid':>14}"]
     metrics: list[Metric] = []
     for layout, item in found.items():

@@ -1,6 +1,6 @@
-"""Knee and elbow flexion of running, walking, squats and jumps beside OpenSim's angles from the same markers.
+"""Knee and elbow flexion of running, walking, squats and jumps, compared with OpenSim's from the same markers.
 
-Of some trials there are two results of that tool, one scaled by a person: how far they are apart is how well it knows.
+Some trials have two OpenSim results, one of them scaled by a person. Their difference shows OpenSim's accuracy.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ TRIALS: dict[str, tuple[str, str]] = {
     "drop jump": ("Subject4/MarkerData/DJ1.trc", "Subject4/IK/DJ1_ik.mot"),
 }
 MANUAL = "_manual_scaling_ik.mot"
-"""Where the second result stands."""
+"""Ending of the second result's file."""
 HINGES = {"knee": ("hip", "knee", "ankle", "knee_angle"), "elbow": ("shoulder", "elbow", "wrist", "elbow_flex")}
 
 
 def flexion_of(motion: Motion, side: str, parts: tuple[str, str, str]) -> np.ndarray:
-    """Return (F,) degrees by which a hinge of the solved body is bent, 0 when straight."""
+    """Return the (F,) flexion of a hinge of the solved body in degrees, 0 when straight."""
     return flexion_deg(*(motion.joints[:, SMPL_JOINTS.index(f"{side}_{part}")] for part in parts))
 
 
 def differences() -> dict[str, dict[str, tuple[float, float]]]:
-    """Return for each trial and angle, over both sides, the mean offset and the RMS around it, degrees."""
+    """Return the mean offset and the RMS around it in degrees for each trial and angle, over both sides."""
     root = folder() / "nimble"
     return {name: _trial(root / take, root / angles) for name, (take, angles) in TRIALS.items()}
 
 
 def apart() -> dict[str, dict[str, float]]:
-    """Return for each trial that OpenSim solved twice the RMS around the offset between its two results, degrees."""
+    """Return the RMS around the offset in degrees between two OpenSim results, for each trial that has both."""
     root, found = folder() / "nimble", {}
     for name, (_, angles) in TRIALS.items():
         again = root / angles.replace("_ik.mot", MANUAL)
@@ -49,7 +49,7 @@ def apart() -> dict[str, dict[str, float]]:
 
 
 def _between(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> dict[str, float]:
-    """Return the RMS by angle, over both sides, at the times that two results share."""
+    """Return the RMS by angle, over both sides, at the common times of two results."""
     times = [np.round(columns["time"], 4) for columns in (one, other)]
     shared = [np.isin(mine, theirs) for mine, theirs in (times, times[::-1])]
     found = {}

@@ -1,4 +1,4 @@
-"""Full takes of markers with the markers of some limbs removed: how the rest does, and how far resting joints are."""
+"""Full marker takes without the markers of some limbs: errors of the other joints, and of resting joints."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ BOUNDS = np.array([2.366, 4.642, 7.815])  # Squared distances of the 50, 80 and 
 _LEG = ("hip", "knee", "ankle", "foot")
 _ARM = ("elbow", "wrist", "hand")
 _SHOULDER = ("SHO", "FSH", "BSH")
-"""Places that stay when an arm's markers go."""
+"""Marker positions that remain when an arm's markers are removed."""
 
 
 @dataclass(frozen=True)
 class Removed:
-    """What a partial take gives beside the whole one."""
+    """Comparison of a partial take with the whole take."""
 
     kind: str  # Which markers were removed.
     squared: np.ndarray  # (n,) squared distances of resting joints from the whole solve's, in deviations.
@@ -40,12 +40,12 @@ def solved(cloud: MarkerCloud) -> Motion:
 
 
 def removed(cloud: MarkerCloud, whole: Motion, kind: str) -> Removed:
-    """Return what is left of a take without some limbs' markers.
+    """Return the remaining take without some limbs' markers.
 
     Args:
         cloud: the whole take.
-        whole: its solve, which states each marker's place.
-        kind: of ``KINDS``.
+        whole: its solve, which states the position of each marker.
+        kind: one of ``KINDS``.
     """
     kept = [label for label, gone in zip(whole.marker_labels or (), _gone(whole, kind), strict=True) if not gone]
     columns = [(cloud.labels or ()).index(label) for label in kept]
@@ -65,13 +65,13 @@ def removed(cloud: MarkerCloud, whole: Motion, kind: str) -> Removed:
 
 
 def at_rate(cloud: MarkerCloud, rate: float, frames: int) -> MarkerCloud:
-    """Return at most so many frames of a take at about so many a second."""
+    """Return at most ``frames`` frames of a take at about ``rate`` frames per second."""
     step = max(1, round(cloud.fps / rate))
     return replace(cloud, positions=cloud.positions[::step][:frames], residual=None, fps=cloud.fps / step)
 
 
 def _gone(whole: Motion, kind: str) -> np.ndarray:
-    """Return (M,) bool: the markers that are removed."""
+    """Return an (M,) mask of the removed markers."""
     places, body = whole.layout or (), load_body()
     carriers = np.argmax(marker_landmarks(body, places).weights, axis=1)
     names = [SMPL_JOINTS[j] for j in carriers]

@@ -1,8 +1,7 @@
-"""How near any rigid bones can come to a recording's own skeleton: its joints in the frames of its own markers.
+"""Limit for rigid bones: the joints of a recording's skeleton in the frames of its markers.
 
-A joint of a rigid body is a fixed point of both bones that meet in it. A cluster of markers on a bone is the bone's
-frame as recorded, without any model; a reference joint that moves in both neighbouring frames is out of reach of every
-skeleton whose bones carry those markers.
+A joint of a rigid body is a fixed point of both adjacent bones. A marker cluster on a bone gives the bone's frame
+without any model. If a reference joint moves in both adjacent frames, no skeleton with these markers can match it.
 """
 
 from __future__ import annotations
@@ -22,13 +21,13 @@ CLUSTERS: dict[str, tuple[tuple[str, ...], ...]] = {
     "elbow": (("{s}SHO", "{s}UPA", "{s}ELB"), ("{s}ELB", "{s}FRM", "{s}WRA", "{s}WRB")),
     "wrist": (("{s}ELB", "{s}FRM", "{s}WRA", "{s}WRB"),),
 }
-"""Markers of the bones that meet in each joint; {s} is the side."""
+"""Markers of the adjacent bones of each joint. {s} is the side."""
 HINGES = {"knee": ("hip", "knee", "ankle"), "elbow": ("shoulder", "elbow", "wrist")}
-"""Joints between which a hinge's flexion is told."""
+"""Joints that define a hinge's flexion."""
 
 
 def motion_in_bones(labels: tuple[str, ...], markers: np.ndarray, joints: dict[str, np.ndarray]) -> dict[str, float]:
-    """Return how far each reference joint moves in the steadiest of its bones' frames, mean millimetres."""
+    """Return the mean movement in millimetres of each reference joint in the frame of its steadiest bone."""
     found = {}
     for name, positions in joints.items():
         side, _, joint = name.partition("_")
@@ -40,9 +39,9 @@ def motion_in_bones(labels: tuple[str, ...], markers: np.ndarray, joints: dict[s
 def flexion_in_bones(
     labels: tuple[str, ...], markers: np.ndarray, joints: dict[str, np.ndarray]
 ) -> dict[str, tuple[float, float]]:
-    """Return how far each hinge's angle is from the reference's where each of its joints stays in one of its bones.
+    """Return the error of each hinge's angle if each joint is fixed in one of its bones.
 
-    The offset and the RMS around it, degrees, of the choice of bones that is nearest, by ``left_knee`` and so on.
+    It has the offset and the RMS around it in degrees for the best choice of bones, by ``left_knee`` and so on.
     """
     found = {}
     for hinge, parts in HINGES.items():
@@ -64,7 +63,7 @@ def _cluster(labels: tuple[str, ...], markers: np.ndarray, names: tuple[str, ...
 
 
 def _fixed(cluster: np.ndarray, joint: np.ndarray) -> np.ndarray:
-    """Return where a (F, 3) joint would be that stayed at its mean in the frame of a (F, n, 3) cluster."""
+    """Return the (F, 3) joint positions if the joint kept its mean position in the frame of an (F, n, 3) cluster."""
     shape = cluster[:1]
     for _ in range(5):
         _, R, t = umeyama(np.broadcast_to(shape, cluster.shape), cluster)

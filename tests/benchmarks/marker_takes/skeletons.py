@@ -1,4 +1,4 @@
-"""Joints of recorded skeletons beside CMU's markers, in the frames of a thinned out take."""
+"""Joints of recorded skeletons for CMU's markers, in the frames of a subsampled take."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from tests.support.cmu_marker_take import read_take
 from tests.support.recordings import recordings_folder
 
 _TO_WALK = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""The walk's skeleton has its axes a quarter turn about the vertical."""
+"""Rotation of the walk's skeleton, which has its axes rotated by 90 degrees about the vertical."""
 _TO_FIGHT = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-"""The fight's has Y up: (X, Y, Z) are the markers' (y, z, x)."""
+"""Rotation of the fight's skeleton, which has Y up: (X, Y, Z) are the markers' (y, z, x)."""
 _FIGHT_EVERY = 4  # Its skeleton has every fourth frame of the markers.
 _BONES = {
     "hip": "femur", "knee": "tibia", "ankle": "foot", "shoulder": "humerus", "elbow": "radius", "wrist": "hand",
@@ -19,12 +19,12 @@ _BONES = {
 
 
 def walk_joints(step: int) -> dict[str, np.ndarray]:
-    """Return (F, 3) metres by joint of CMU 02_01, every so many of its frames."""
+    """Return (F, 3) joint positions in metres of CMU 02_01 for every ``step``-th frame."""
     return {name: (places @ _TO_WALK)[::step] for name, places in read_take(recordings_folder()).joints.items()}
 
 
 def fight_joints(first: int, step: int) -> dict[str, np.ndarray]:
-    """Return (F, 3) metres by joint of CMU 135_02 from a frame of its markers on, every so many (multiples of 4)."""
+    """Return (F, 3) joint positions in metres of CMU 135_02 from a marker frame on. ``step`` must be 4n."""
     with np.load(recordings_folder() / "motion_cmu" / "asfamc" / "135_02.npz") as data:
         names, parents, offsets = [str(name) for name in data["names"]], data["parents"], data["offsets"]
         turns = data["rotvec"].astype(np.float64)

@@ -1,4 +1,4 @@
-"""Frames solved a second: a known person by the bundle, calibration and solve together, and live, frame by frame."""
+"""Frames solved per second: a known person by the bundle, calibration and solve together, and live frames."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def long_take() -> MarkerCloud:
 
 
 def live_ms(steps: int) -> float:
-    """Return the median milliseconds of a core that a frame of 53 markers takes, each from the frame before.
+    """Return the median milliseconds of one core for a live frame of 53 markers, starting from the previous frame.
 
     Args:
-        steps: of Gauss-Newton a frame: one follows at 120 Hz, two at 60.
+        steps: Gauss-Newton steps per frame. One step follows at 120 Hz, two at 60.
     """
     body, places = load_body(), marker_landmarks(load_body(), MARKERS)
     motion = author_motion(body, BETAS, round(LIVE_S * FPS), FPS)
@@ -47,7 +47,7 @@ def live_ms(steps: int) -> float:
 
 
 def measured() -> dict[str, float]:
-    """Return frames a second, by the wall and by the processor (all threads together)."""
+    """Return frames per second of wall-clock time and of processor time (all threads together)."""
     take, settings = long_take(), SolveSettings()
     start = time.perf_counter(), time.process_time()
     person = calibrated([take], load_body(), load_sposer(), np.zeros(1), settings, silent)

@@ -1,4 +1,4 @@
-"""How far joints move when a take is spoiled: noise, missing samples, ghosts and exchanged labels."""
+"""Movement of joints when a take is corrupted with noise, missing samples, ghosts and exchanged labels."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from solver_backend.types import Capture, MarkerCloud
 
 @dataclass(frozen=True)
 class Spoiling:
-    """What is done to a take."""
+    """Settings for corrupting a take."""
 
     noise_m: float = 0.004
     missing: float = 0.1
@@ -23,7 +23,7 @@ class Spoiling:
 
 
 def spoiled(cloud: MarkerCloud, spoiling: Spoiling = Spoiling(), seed: int = 1) -> MarkerCloud:
-    """Return the take with noise, neighbours' labels exchanged, points away from their markers, and gaps."""
+    """Return the take with noise, exchanged labels of neighbours, points away from their markers, and gaps."""
     rng, points = np.random.default_rng(seed), cloud.positions.copy()
     frames, count = points.shape[:2]
     usual = round(spoiling.gap_s * cloud.fps)
@@ -47,6 +47,6 @@ def spoiled(cloud: MarkerCloud, spoiling: Spoiling = Spoiling(), seed: int = 1) 
 
 
 def moved_mm(cloud: MarkerCloud) -> np.ndarray:
-    """Return (F, 24): how far the spoiled take's joints are from the clean take's, millimetres."""
+    """Return the (F, 24) distances in millimetres of the corrupted take's joints from the clean take's."""
     clean, spoilt = (solve(Capture("take", markers=take)).motion for take in (cloud, spoiled(cloud)))
     return 1000 * np.linalg.norm(spoilt.joints - clean.joints, axis=-1)

@@ -1,4 +1,4 @@
-"""Recorded takes of markers, by name."""
+"""Recorded marker takes by name."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ MARKERS = Path("markers")
 
 
 def folder() -> Path:
-    """Return the folder of the recordings of markers.
+    """Return the folder of the marker recordings.
 
     Raises:
-        BenchmarkSkipped: it is not here.
+        BenchmarkSkipped: it is missing.
     """
     path = recordings_folder() / MARKERS
     if not (path / "cmu_pairs").is_dir():
@@ -34,7 +34,7 @@ def cmu(name: str, frames: slice = slice(None)) -> MarkerCloud:
 
 
 def ui_prmd(path: Path) -> MarkerCloud:
-    """Return a UI-PRMD take; missing markers, which the files put at the origin, are NaN."""
+    """Return a UI-PRMD take. Missing markers, which the files put at the origin, are NaN."""
     with np.load(path, allow_pickle=False) as data:
         points = 1e-4 * data["positions_01mm"].astype(np.float64)
         labels, fps = tuple(str(label) for label in data["labels"]), float(data["fps"])
@@ -58,7 +58,7 @@ def held_out_takes() -> dict[str, list[MarkerCloud]]:
 
 
 def takes_of_other_labs() -> list[MarkerCloud]:
-    """Return takes of four laboratories on which no constant of the filling was chosen."""
+    """Return takes of four laboratories that chose no constant of the filling."""
     nimble, frames = folder() / "nimble", slice(0, 800)
     paths = [nimble / "Subject4" / "MarkerData" / f"{name}.trc" for name in ("squats1", "STS1")]
     paths += [nimble / "c3d" / "squat.c3d", folder() / "opensim" / "walking2.c3d"]
