@@ -1,9 +1,8 @@
-"""How far joints at rest are from where people have them: ``python -m tests.benchmarks.resting_spread``.
+"""Deviations of resting joints from the joints of people: ``python -m tests.benchmarks.resting_spread``.
 
-Prints by anchor and joint the standard deviations along the anchor bone's axes that ``SPREAD_MM`` holds, and how many
-of the joints lie inside the 50, 80 and 95 % ellipsoids, for each group of recordings: CMU's skeletons, and takes of
-markers solved with all of them. Needs the recordings (MOCAP_SHARED_DATA) and some minutes; with ``--held`` it measures
-the table as it stands.
+Prints, by anchor and joint, the standard deviations along the anchor bone's axes for ``SPREAD_MM``, and the shares of
+joints inside the 50, 80 and 95 % ellipsoids for each group of recordings: CMU's skeletons, and marker takes solved with
+all markers. Needs the recordings (MOCAP_SHARED_DATA) and some minutes. ``--held`` evaluates the current table instead.
 """
 
 from __future__ import annotations
@@ -33,15 +32,15 @@ UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # The recor
 BOUNDS = np.array([2.366, 4.642, 7.815])  # Squared distances of the 50, 80 and 95 % ellipsoids, in deviations.
 PROMISED, TOLERANCE = np.array([0.50, 0.80, 0.95]), np.array([0.05, 0.05, 0.03])
 WEIGHTS = {"cmu": 0.45, "ui_prmd": 0.40, "nimble": 0.15}
-"""What each group of recordings counts, however many its frames."""
+"""Weight of each group of recordings, independent of its number of frames."""
 STEPS, FACTOR = 400, 3.0  # Tries of the search for three deviations, and how far each may be from the root mean square.
 RATE, FRAMES, KEPT = 25.0, 400, 60
-"""Frames a second and frames at most that are solved of a take, and about as many are looked at."""
+"""Frames per second, maximum number of solved frames per take, and approximate number of evaluated frames."""
 RESTING = {
     "pelvis": ("trunk", "head", "upper_arm", "forearm", "thigh", "shank"), "spine3": ("head", "upper_arm", "forearm"),
     "shoulder": ("forearm",), "hip": ("shank",),
 }  # fmt: skip
-"""Parts that hang on an anchor."""
+"""Body parts that depend on an anchor."""
 NIMBLE = (
     "Sprinter/run0350cms", "Sprinter/run0700cms", "Subject4/MarkerData/squats1", "Subject4/MarkerData/STS1",
     "Subject4/MarkerData/walking1", "Subject4/MarkerData/DJ1",
@@ -57,7 +56,7 @@ class Poses:
 
 
 def joined(takes: list[tuple[np.ndarray, Stance]], every: list[int]) -> Poses:
-    """Return poses of takes, each of which counts every so many frames."""
+    """Return every n-th pose of takes, with n for each take."""
     parts = [
         (rotations[::step], shown.lean[::step], shown.walking[::step], shown.low[::step])
         for (rotations, shown), step in zip(takes, every, strict=True)
@@ -81,7 +80,7 @@ def recorded_poses(data: Path) -> Poses:
 
 
 def solved_poses(takes: Iterator[MarkerCloud]) -> Poses:
-    """Return poses of takes, solved with all their markers."""
+    """Return poses of takes that are solved with all their markers."""
     poses = []
     for cloud in takes:
         step = max(1, int(cloud.fps // RATE))
@@ -94,7 +93,7 @@ def solved_poses(takes: Iterator[MarkerCloud]) -> Poses:
 
 
 def marker_takes(data: Path) -> dict[str, Iterator[MarkerCloud]]:
-    """Return takes by group: two of each of UI-PRMD's movements, by different people, and running laboratories'."""
+    """Return takes by group: two of each UI-PRMD movement by different people, and running laboratories' takes."""
     clips: dict[str, list[Path]] = {}
     for path in sorted((data / "markers" / "ui_prmd").glob("m*_s*_e*.npz")):
         clips.setdefault(path.stem[:3], []).append(path)
@@ -107,9 +106,9 @@ def marker_takes(data: Path) -> dict[str, Iterator[MarkerCloud]]:
 
 
 def distances(recorded: Poses, anchor: str, joint: str) -> np.ndarray:
-    """Return (N, 3) of a joint from its place at rest in the anchor's frame, right sides mirrored.
+    """Return (N, 3) displacements of a joint from its rest position in the anchor's frame, right sides mirrored.
 
-    Metres, divided by ``growth``: as of one who stands upright.
+    They are metres divided by ``growth``, so that they correspond to a person who stands upright.
     """
     poses = recorded.rotations
     body, still = load_body(), (np.zeros(10), poses[:, 0])
@@ -130,13 +129,13 @@ def distances(recorded: Poses, anchor: str, joint: str) -> np.ndarray:
 
 
 def held(away: np.ndarray, weight: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Return (3,) shares inside the 50, 80 and 95 % ellipsoids."""
+    """Return the (3,) shares inside the 50, 80 and 95 % ellipsoids."""
     squared = ((away / sigma) ** 2).sum(axis=-1)
     return np.array([weight @ (squared < bound) for bound in BOUNDS])
 
 
 def spread(away: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return the (3,) standard deviations whose ellipsoids come nearest to what they promise, by random search."""
+    """Return the (3,) standard deviations with the best shares in their ellipsoids, by random search."""
     rms, rng, step = np.sqrt(weight @ away**2), np.random.default_rng(0), 0.6
 
     def miss(sigma: np.ndarray) -> float:

@@ -1,8 +1,8 @@
-"""Characters that play one motion, to look at: ``python -m tests.benchmarks.retarget_sheets --out SHEET.png``.
+"""Render characters that play one motion: ``python -m tests.benchmarks.retarget_sheets --out SHEET.png``.
 
-A row each: our body, then every character of ``bench_retarget``, and with the recordings beside the repository the
-human of Mesh2Motion. Each is mapped without help and seen from the front and left at the same moments. Their skin is a
-bar from bone to bone, flat and broad, so that twist is seen.
+Our body and every character of ``bench_retarget`` have one row each. If the recordings are next to the repository, the
+human of Mesh2Motion has one too. Each is mapped automatically and seen from the front and left at the same times. Their
+skin is a flat bar from bone to bone, so that twist is visible.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ from tests.support.retarget_rigs import map_of_rig, mixamo, rigify
 MOMENTS, SIZE = 8, (190, 250)  # Poses a row; width and height of a picture, pixels.
 _LOOK = RenderQuality(shrink=2, cavity=True, shadows=True)
 _BAR_M = (0.045, 0.02)
-"""Half the breadth and half the thickness of a bar."""
+"""Half the width and half the thickness of a bar in metres."""
 _HUMAN = "mesh2motion_cc0/app_fork_glb/static/rigs/rig-human.glb"
 _FORWARD = -np.pi / 2
-"""Direction that the motion faces at first, radians from +X about Z."""
+"""Initial direction of the motion in radians from +X about Z."""
 
 
 def main() -> int:
@@ -57,7 +57,7 @@ def main() -> int:
 
 
 def figures(motion: MotionFile, body: BodyFile, folder: Path) -> Iterator[tuple[str, bpy.types.Object]]:
-    """Yield each figure with its name, alone in the open file and playing the motion."""
+    """Yield each figure with its name, alone in the open file, while it plays the motion."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     yield "our body", bake_take(bpy.context.scene, motion, body).armature
     for name, make in makers(folder).items():
@@ -70,7 +70,7 @@ def figures(motion: MotionFile, body: BodyFile, folder: Path) -> Iterator[tuple[
 
 
 def makers(folder: Path) -> dict[str, Callable[[], bpy.types.Object]]:
-    """Return what makes each character."""
+    """Return a function that creates each character."""
     found: dict[str, Callable[[], bpy.types.Object]] = {
         "Mixamo": lambda: mixamo()[0], "Rigify": lambda: rigify()[0],
         **{name: lambda character=character: character(folder)[0] for name, character in CHARACTERS.items()},
@@ -89,9 +89,10 @@ def human(archive: Path, folder: Path) -> bpy.types.Object:
 
 
 def draw_bars(rig: bpy.types.Object, mapped: set[str]) -> None:
-    """Give a rig a skin of bars from the head of each bone to those of its children, in place of what it has.
+    """Replace a rig's skin by bars from the head of each bone to the heads of its children.
 
-    Bones that carry the skin are drawn; where that hangs on the mapped bones themselves, these and what is between.
+    Bones with skin weights are drawn. If the mapped bones themselves have the skin, these and the bones between are
+    drawn.
     """
     drawn = {bone.name for bone in rig.data.bones if bone.use_deform}
     if len(drawn & mapped) > len(mapped) / 2:
@@ -125,7 +126,7 @@ _SIDES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), 
 
 
 def _bar(bone: bpy.types.Bone, child: bpy.types.Bone) -> np.ndarray | None:
-    """Return the (8, 3) corners of a bar between two heads at rest, broad along the bone's x; None of no length."""
+    """Return the (8, 3) corners of a bar between two heads at rest, wide along the bone's x, or None without length."""
     start, end = np.array(bone.head_local), np.array(child.head_local)
     scale = 1.0 / _size_m(bone)
     along = end - start
@@ -143,14 +144,14 @@ def _bar(bone: bpy.types.Bone, child: bpy.types.Bone) -> np.ndarray | None:
 
 
 def _size_m(bone: bpy.types.Bone) -> float:
-    """Return metres of the unit that a rig is drawn in, by its height, which is a person's."""
+    """Return the metres per unit of a rig. Its height is assumed to be 1.6 m."""
     rig = bone.id_data
     heights = [other.head_local for other in rig.bones]
     return 1.6 / max(float(np.ptp(np.array(heights), axis=0).max()), 1e-9)
 
 
 def row(title: str, figure: bpy.types.Object, motion: MotionFile, folder: Path) -> np.ndarray:
-    """Return the pictures of a figure at the moments, side by side."""
+    """Return a row of pictures of a figure at the chosen times."""
     scene, width = bpy.context.scene, SIZE[0]
     shown = bpy.data.collections.new("Shown")
     for obj in (figure, *figure.children_recursive):

@@ -1,4 +1,4 @@
-"""How far the ratio of two rows' medians over seeds lies apart by chance."""
+"""Random error of a ratio of two rows' medians over seeds."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import numpy as np
 
 
 def ratio_spread(values: Mapping[str, Sequence[float]], pairs: Sequence[tuple[str, str]]) -> float | None:
-    """Return two standard errors of the ratio of medians, ``2 s √(π / 2n)``, s pooled over pairs of rows.
+    """Return two standard errors of the ratio of medians, ``2 s √(π / 2n)``, with s pooled over pairs of rows.
 
-    s is the standard deviation over seeds of ``log(a / b)``, the rows a and b of one pair trained from the same n
-    seeds; ``√(π / 2n)`` is a median's standard error by a normal's deviation.
+    s is the standard deviation over seeds of ``log(a / b)``. The rows a and b of a pair are trained from the same n
+    seeds. ``√(π / 2n)`` is a median's standard error for unit normal deviation.
 
     Args:
         values: (n,) figures of each row, by seed.
         pairs: rows that are compared.
 
     Returns:
-        None where no pair has two seeds or more.
+        The spread, or None if no pair has two seeds.
     """
     variances, counts = [], []
     for row, base in pairs:

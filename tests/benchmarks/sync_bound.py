@@ -1,16 +1,16 @@
-"""How well the clocks of ``bench_sync`` could be told: ``python -m tests.benchmarks.sync_bound [SEED...]``.
+"""Accuracy limits for the clocks of ``bench_sync``: ``python -m tests.benchmarks.sync_bound [SEED...]``.
 
-The Cramér-Rao bound of delays and drifts, in frames at the worst moment of the take, the errors that the actual
-detections then leave to whoever reaches it, and how likely such an estimate has all cameras within ``BOUND_FRAMES``
-when detections are drawn anew. Known are the detector's noise (its spread in each view and keypoint, its memory, where
-keypoints are hidden, which detections are wrong) and how points move; unknown are the clocks, the poses of the cameras,
-biases by the direction of view and where the points are, anew in every frame. Rows tell one of these as well. The
-prior of the rates pulls towards none, as an estimate's does, not towards the truth.
+The output has the Cramér-Rao bound of delays and drifts, in frames at the worst time of the take. It also has the
+errors of an optimal estimate from the actual detections. The chance is the probability that such an estimate has all
+cameras within ``BOUND_FRAMES`` for new random detections. Known are the motion of points and the detector's noise:
+standard deviation per view and keypoint, correlation time, hidden keypoints, and wrong detections. Unknown are the
+clocks, the cameras' poses, biases by view direction, and the points' positions in every frame. Further rows assume that
+one of these is known. The prior of the rates has mean 0, as in a real estimate.
 
-Noise is white and first-order autoregressive, so a Kalman filter whitens it exactly, gaps included; the points are
-noise without memory of a metre along the cameras' Jacobians.
+Noise is white plus first-order autoregressive, so a Kalman filter whitens it exactly, including gaps. The points have
+white noise of one metre along the cameras' Jacobians.
 
-Reference: Kay 1993, sec. 3.9 (the bound for Gaussian noise); Durbin and Koopman 2012, sec. 6.2 (regression by the
+Reference: Kay 1993, sec. 3.9 (the bound for Gaussian noise), and Durbin and Koopman 2012, sec. 6.2 (regression by the
 filter).
 """
 
@@ -33,15 +33,15 @@ from solver_backend.videos.sync.clocks import RATE_SIGMA
 from tests.benchmarks import bench_sync
 
 BIAS_MM2 = 9.0**2 * np.array([0.2, 0.4, 0.4, 0.4, 0.4])
-"""Variance of a bias by direction: constant, cosine and sine of the angle and of its double."""
+"""Variance of a bias by direction: constant, and cosine and sine of the angle and of its double."""
 TURN_SIGMA, SHIFT_SIGMA_M, POINT_SIGMA_M = 0.02, 0.05, 1.0
-"""Of the cameras' poses and of points, before anything is seen."""
+"""Prior standard deviations of the cameras' poses and of points."""
 KNOWN, DRAWS = 1e6, 100_000  # Factor on the precision of what is told, and how often errors are drawn for the chance.
 
 
 @dataclass(frozen=True)
 class Filmed:
-    """A seed's detections and what is true of them; lengths in millimetres at the person, F moments that all see."""
+    """Detections of a seed with their truth, in millimetres at the person, in the F frames that all cameras see."""
 
     error: np.ndarray  # (C, F, K, 2) NaN where missing or elsewhere.
     spread: np.ndarray  # (C, F, K) of the noise, in standard deviations of the detector's model.
@@ -54,7 +54,7 @@ class Filmed:
 
 
 def filmed(seed: int) -> Filmed:
-    """Return what ``bench_sync`` films with this seed."""
+    """Return the recording that ``bench_sync`` simulates for this seed."""
     kept: list[tuple[Person, Cameras, FilmSettings, DetectorOutput]] = []
     hidden: list[np.ndarray] = []
     film, out_of_sight = filming.film, filming._out_of_sight
@@ -99,7 +99,7 @@ def filmed(seed: int) -> Filmed:
 
 
 def information(take: Filmed, model: DetectorFaults, *, free: bool) -> np.ndarray:
-    """Return (K, 1 + N, 1 + N) of errors and N unknowns: delays C, drifts C, poses 6 C, biases 10."""
+    """Return (K, 1 + N, 1 + N) information about errors and N unknowns: delays C, drifts C, poses 6 C, biases 10."""
     views, frames, keypoints = take.error.shape[:3]
     rows, place = 2 * views, np.linspace(-1.0, 1.0, frames)
     memory = float(np.exp(-1.0 / (model.drift_s * take.fps)))
@@ -143,10 +143,10 @@ def information(take: Filmed, model: DetectorFaults, *, free: bool) -> np.ndarra
 
 
 def bound_frames(take: Filmed, total: np.ndarray, told: str = "") -> tuple[np.ndarray, np.ndarray, float]:
-    """Return (C - 1,) deviations of the cameras after the first, the best estimate's errors, the chance of the bound.
+    """Return the (C - 1,) deviations and estimated errors of the other cameras' clocks, and the chance of the bound.
 
-    With the information ``I`` of the detections, the prior's ``P`` and true drifts x the error is
-    ``(I + P)⁻¹ (g - P x)``, of which g has the covariance I. ``told``: "biases", "cameras", "rates" or nothing.
+    With the information ``I`` of the detections, the prior's ``P`` and true drifts x, the error is ``(I + P)⁻¹ (g - P
+    x)``. g has the covariance I. ``told`` is the known part: "biases", "cameras", "rates" or nothing.
     """
     views, size = len(take.error), 1 + 8 * len(take.error)
     known = {what: KNOWN if what == told else 1.0 for what in ("biases", "cameras", "rates")}
@@ -178,7 +178,7 @@ def bound_frames(take: Filmed, total: np.ndarray, told: str = "") -> tuple[np.nd
 
 
 def main(argv: list[str]) -> int:
-    """Print the bounds of the given seeds, or of all, and the chance that all these are within the bound."""
+    """Print the bounds of the given seeds, or of all, and the chance that all of them are within the bound."""
     model = MEASURED_DETECTOR
     chances: dict[str, float] = {}
     for seed in map(int, argv or range(bench_sync.SEEDS)):

@@ -1,4 +1,4 @@
-"""A trial with bystanders can be cut into halves, of which a calibration sees one."""
+"""Test that a trial with bystanders can be split into halves, one of them for calibration."""
 
 from __future__ import annotations
 

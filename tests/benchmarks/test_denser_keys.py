@@ -1,4 +1,4 @@
-"""Keys that stand closer where a motion is fast."""
+"""Test keys that are closer together where a motion is fast."""
 
 from __future__ import annotations
 

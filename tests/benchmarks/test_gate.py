@@ -1,4 +1,4 @@
-"""The gate: what passes, what does not, and what is said."""
+"""Test the comparison with baselines: figures that pass or fail, and the output."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_new_and_lost_figures_do_not_pass():
 
 @pytest.fixture
 def figures(monkeypatch):
-    """Put a benchmark in place whose figures the test sets."""
+    """Install a benchmark with figures that the test sets."""
     values: dict[str, float] = {"error_mm": 10.0}
 
     class Module:

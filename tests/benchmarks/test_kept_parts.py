@@ -1,4 +1,4 @@
-"""A long benchmark goes on where it was stopped, and measures anew what other code would give."""
+"""Test that a long benchmark resumes after an interruption, and repeats parts that other code measured."""
 
 from __future__ import annotations
 

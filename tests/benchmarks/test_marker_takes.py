@@ -1,4 +1,4 @@
-"""What the markers' benchmark measures by: joints fixed in frames of markers, and the better of two fillings."""
+"""Test measures of the markers' benchmark: joints fixed in frames of markers, and the better of two fillings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FRAMES = 60
 
 
 def limbs(rng: np.random.Generator, shift: float) -> tuple[tuple[str, ...], np.ndarray, dict[str, np.ndarray]]:
-    """Return labels, markers and joints of four limbs of rigid bones; hinges may be shifted against their markers."""
+    """Return labels, markers and joints of four limbs with rigid bones. ``shift`` moves hinges against markers."""
     names = sorted({m.format(s=s) for found in CLUSTERS.values() for c in found for m in c for s in "LR"})
     markers, joints = np.zeros((FRAMES, len(names), 3)), {}
     angle = 0.6 + 0.5 * np.sin(np.linspace(0, 9, FRAMES))

@@ -1,4 +1,4 @@
-"""Reading OpenSim's angles, and comparing them."""
+"""Test that OpenSim's angles are read and compared."""
 
 from __future__ import annotations
 

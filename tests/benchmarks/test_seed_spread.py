@@ -1,4 +1,4 @@
-"""The error of a ratio of medians over seeds, against draws with a known spread."""
+"""Test the error of a ratio of medians over seeds with random values of a known spread."""
 
 from __future__ import annotations
 

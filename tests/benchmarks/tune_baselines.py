@@ -1,13 +1,13 @@
 """Choose the baselines' weights on training motions: ``python -m tests.benchmarks.tune_baselines [METHOD ...]``.
 
-Every method may try the same number of settings on the same captures. A search by coordinates begins at the settings
-in use and ends where both neighbours of every field are worse. The measure is the sum of MPJPE and acceleration error,
-each in units of its best value. The best setting replaces the one in use if its gain is larger than the standard error
+Every method has the same number of trials on the same captures. A search by coordinates starts from the current
+settings and ends when both neighbours of every field are worse. The measure is the sum of MPJPE and acceleration error,
+each in units of its best value. The best setting replaces the current one if its gain is larger than the standard error
 of the gain over the takes. The takes of the comparison are not used.
 
-Every setting goes to ``tuned_baselines.json`` as it is measured, so that a search resumes. A test compares the chosen
-settings with the ones in use. Without names, the methods that have no chosen setting in the file are searched. Delete
-the file after a change of a method.
+Every setting is written to ``tuned_baselines.json`` when it is measured, so that a search can resume. A test compares
+the chosen settings with the current ones. Without names, the methods without a chosen setting in the file are searched.
+Delete the file after a change of a method.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ RESULTS = Path(__file__).with_name("tuned_baselines.json")
 TAKES = (("49_02", 40, 600), ("06_02", 40, 60), ("02_01", 40, 60), ("14_14", 40, 290))
 """Name, frames, first frame: dance, basketball, walking, and exercises on the floor. None is in the comparison."""
 BUDGET = 10
-"""Settings that every method may try."""
+"""Number of settings that every method may try."""
 FACTOR = 2.0
-"""Step of a setting's search."""
+"""Factor between adjacent values of a setting."""
 STARTS: dict[str, tuple[BodyBaseline, tuple[str, ...]]] = {
     "MuVS": (MuVS(), ("latent_weight",)),
     "DCT": (DCT(), ("latent_weight", "sigma_m")),
@@ -44,7 +44,7 @@ STARTS: dict[str, tuple[BodyBaseline, tuple[str, ...]]] = {
     "BundleMoCap": (BundleMoCap(), ("latent_weight", "scale")),
     "BundleMoCap++": (BundleMoCapPlusPlus(), ("scale",)),
 }
-"""Where each search begins, and the fields that it changes."""
+"""Start of each search, and the fields that it changes."""
 
 Table = list[list[float]]  # MPJPE and acceleration error of each take.
 Steps = tuple[int, ...]  # How often each field is multiplied by ``FACTOR``.
@@ -107,15 +107,15 @@ def _write(stored: dict[str, Any]) -> None:
 
 
 def values_of(start: BodyBaseline, fields: tuple[str, ...], steps: Steps) -> dict[str, float]:
-    """Return the fields of a setting so many steps away."""
+    """Return the fields of a setting after these numbers of steps."""
     pairs = zip(fields, steps, strict=True)
     return {name: float(f"{getattr(start, name) * FACTOR**step:.6g}") for name, step in pairs}
 
 
 def search(errors: Callable[[Steps], tuple[float, float]], fields: int) -> tuple[Steps, bool]:
-    """Return the best steps, and whether every neighbour of theirs was tried.
+    """Return the best steps, and whether all their neighbours were tried.
 
-    Neighbours of the best setting so far are tried until all of them are worse, or ``BUDGET`` is used up. Settings are
+    Neighbours of the best setting so far are tried until all of them are worse, or ``BUDGET`` is reached. Settings are
     compared by the sum of both errors in units of the smallest one found, so the best may change with every trial.
     """
     found = {(0,) * fields: errors((0,) * fields)}
@@ -130,7 +130,7 @@ def search(errors: Callable[[Steps], tuple[float, float]], fields: int) -> tuple
 
 
 def figures(baseline: BodyBaseline, prepared: Prepared, capture: Capture) -> tuple[float, float]:
-    """Return MPJPE and acceleration error of a fit."""
+    """Return MPJPE in mm and acceleration error in m/s² of a fit."""
     motion = baseline.fit(prepared).motion
     assert motion is not None
     truth = capture.truth["joints"]

@@ -1,1 +1,1 @@
-"""Figures and pictures of pose priors, and fits that use them alone."""
+"""Figures and pictures of pose priors, and fits that use priors alone."""

@@ -1,4 +1,4 @@
-"""Whether a prior holds feet, toes and hands at the ends of their ranges."""
+"""Test whether a prior reproduces feet, toes and hands at the limits of their ranges."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ _ENDS = {
     "toes curled": ("left_foot", 0, 1), "hand bent up": ("left_wrist", 2, 1), "hand bent down": ("left_wrist", 2, 0),
     "hand to the thumb": ("left_wrist", 1, 0), "hand to the little finger": ("left_wrist", 1, 1),
 }  # fmt: skip
-"""Joint, angle about x, y or z, and whether its least or greatest."""
+"""Joint, index of the angle (x, y or z), and 0 for its minimum or 1 for its maximum."""
 
 
 def ends() -> Iterator[tuple[str, int, int, float]]:
-    """Yield each end's name, its joint's row of a pose, the angle's axis, and the angle in rad, without the margin."""
+    """Yield each limit: name, row of the joint in a pose, axis, and the angle in rad without the margin."""
     for name, (joint, axis, side) in _ENDS.items():
         column = SMPL_JOINTS.index(joint) - 1
         yield name, column, axis, float(JOINT_LIMITS[column, axis, side] - np.radians(MARGIN_DEG) * (2 * side - 1))
 
 
 def held_at_ends(prior: AutoencodingPrior, poses: np.ndarray) -> Table:
-    """Return for the left foot and hand the angle of a range's end, in degrees, and what of it is decoded.
+    """Return each limit's angle for the left foot and hand, and the decoded angles, in degrees.
 
     Args:
-        prior: what encodes and decodes.
-        poses: (N, 21, 3, 3), in which one angle at a time is put to its end, without the ranges' margin.
+        prior: encoder and decoder.
+        poses: (N, 21, 3, 3) rotations. In each row, one angle of them is set to its limit, without the margin.
     """
     rows: Table = {}
     for name, column, axis, end in ends():

@@ -1,4 +1,4 @@
-"""Single-view fits to 2D keypoints, camera known: Pose-NDF's prior against VPoser's (Tiwari et al. 2022, table 3)."""
+"""Fits to 2D keypoints from one known camera: Pose-NDF's prior and VPoser's (Tiwari et al. 2022, table 3)."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ from solver_backend.types import Cameras, JointSet, Keypoints2D
 JOINTS = JointSet.BODY_25
 NOISE_PX, DISTANCE_M, FOCAL_PX = 5.0, 4.5, 1400.0
 TURN_DEG, SHIFT_M = 15.0, 0.1
-"""How far off the person's facing and place are at the start, one sigma about each axis."""
+"""Standard deviations of the initial errors of the person's rotation and position, per axis."""
 _BODY = load_body()
 
 
 @dataclass(frozen=True)
 class Sighting:
-    """A few poses of one person before one camera."""
+    """Some poses of one person, seen by one camera."""
 
     truth: PosedFrames
     betas: np.ndarray
     term: ReprojectionTerm
     start: PosedFrames
-    """The same rest pose everywhere, turned and placed about as the person is."""
+    """Equal rest poses with approximately the person's rotations and positions."""
 
 
 def sighting(frames: PosedFrames, rest: np.ndarray, seed: int) -> Sighting:
-    """Film F poses (Y up) from the front of where they were recorded, with normal noise on every keypoint."""
+    """Simulate a front camera for F recorded poses (Y up), with normal noise on every keypoint."""
     rng = np.random.default_rng(seed)
     betas = rng.standard_normal(10)
     middle = frames.transl.mean(axis=0)
@@ -63,13 +63,13 @@ def sighting(frames: PosedFrames, rest: np.ndarray, seed: int) -> Sighting:
 
 
 def manifold_fit(prior: PoseNDF, seen: Sighting, settings: KeypointSettings) -> float:
-    """Return the error of the fit by (10) with Pose-NDF's term, mm."""
+    """Return the error in mm of the fit by equation (10) with Pose-NDF's term."""
     found = fit_keypoints(_person(np.zeros(10)), prior, seen.term, seen.start, settings)
     return _error_mm(seen, found.frames, found.betas)
 
 
 def latent_fit(prior: PosePrior, seen: Sighting, pull: float, settings: KeypointSettings) -> float:
-    """Return the error of the fit by (10) with ``λ_θ |z|²`` over codes, as VPoser's authors fit, mm."""
+    """Return the error in mm of the fit by (10) with ``λ_θ |z|²`` over codes, as fitted by VPoser's authors."""
     z = np.tile(prior.encode(seen.start.local[:1]), (len(seen.start.root), 1))
     state: _State = (PosedFrames(seen.start.root, prior.decode(z), seen.start.transl), z, np.zeros(10))
     for scale in graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3):
@@ -93,7 +93,7 @@ class _LatentObjective:
     scale: float
 
     def linearise(self, state: _State) -> tuple[np.ndarray, Arrowhead]:
-        """Return the cost and its equations: root 3, code d and place 3 of each frame, and the shape of all."""
+        """Return the cost and its equations: root (3), code (d) and position (3) per frame, and the common shape."""
         frames, z, betas = state
         _, by_code = self.prior.decode_with_jacobian(z)
         posed = pose(_person(betas), frames, jacobian=True)
@@ -117,7 +117,7 @@ class _LatentObjective:
         return np.array([cost]), Arrowhead(H[:, :n, :n], H[:, :n, n:], shared, g[:, :n], g_shared)
 
     def retract(self, state: _State, step: np.ndarray) -> _State:
-        """Return the state moved by (1, 10 + F (6 + d)) steps, the shape first."""
+        """Return the state after (1, 10 + F (6 + d)) steps, starting with the shape."""
         frames, z, betas = state
         moves = step[0, 10:].reshape(len(z), -1)
         codes = z + moves[:, 3:-3]

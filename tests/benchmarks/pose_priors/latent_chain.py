@@ -1,4 +1,4 @@
-"""Denoising and completion with a variational autoencoder, as Pose-NDF's authors set VPoser up to compare (eq. 9)."""
+"""Denoising and completion with a variational autoencoder, as Pose-NDF's authors use VPoser for comparison (eq. 9)."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ class LatentChain:
     root: np.ndarray
     transl: np.ndarray
     observed: np.ndarray
-    """(F, L, 3)."""
+    """(F, L, 3) observed landmarks in metres."""
     seen: np.ndarray
-    """(F, L)."""
+    """(F, L) mask of observed landmarks."""
     encoded: np.ndarray
     """(F, d) codes of the input."""
     pull: float
     smoothness: float
 
     def solve(self, iterations: int = 15) -> np.ndarray:
-        """Return the decoded poses (F, 21, 3, 3)."""
+        """Return the decoded (F, 21, 3, 3) rotations."""
         found = levenberg_marquardt(
             self.encoded, self.linearise, lambda z, step: z + step.reshape(z.shape),
             LMSettings(max_iterations=iterations, tolerance=1e-5),

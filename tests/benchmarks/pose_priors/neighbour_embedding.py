@@ -1,4 +1,4 @@
-"""Points of many dimensions on a plane so that neighbours stay neighbours: t-SNE (van der Maaten and Hinton 2008)."""
+"""Project points of many dimensions onto a plane and preserve neighbours: t-SNE (van der Maaten and Hinton 2008)."""
 
 from __future__ import annotations
 
@@ -8,20 +8,21 @@ PERPLEXITY = 30.0  # Neighbours that count for a point, about; the paper's range
 ITERATIONS, EXAGGERATED = 500, 120  # Steps in all, and of the first ones, in which likenesses count four times.
 _EXAGGERATION = 4.0
 _HALVINGS = 50
-"""Steps of the search for a point's width."""
+"""Bisection steps for a point's width."""
 _EARLY, _LATE = 0.5, 0.8  # Momentum during the exaggeration and afterwards.
 
 
 def neighbours_on_a_plane(
     points: np.ndarray, perplexity: float = PERPLEXITY, iterations: int = ITERATIONS
 ) -> np.ndarray:
-    """Return (N, 2) places, unit-free, whose likenesses follow those of the points: the least KL(P || Q).
+    """Return (N, 2) positions without units that minimise KL(P || Q).
 
-    ``p_ij`` are Gaussian with a width for each point, ``q_ij`` Student's t; it starts at the two principal axes.
+    ``p_ij`` are Gaussian with a width for each point, ``q_ij`` follow Student's t. The start is the projection onto the
+    two principal axes.
 
     Args:
-        points: (N, d).
-        perplexity: less than N.
+        points: (N, d) points.
+        perplexity: effective number of neighbours, less than N.
         iterations: gradient steps.
     """
     likeness = _likenesses(points, min(perplexity, (len(points) - 1) / 3))
@@ -44,7 +45,7 @@ def neighbours_on_a_plane(
 
 
 def _likenesses(points: np.ndarray, perplexity: float) -> np.ndarray:
-    """Return (N, N) symmetric likenesses that sum to 1: each row's entropy is the logarithm of the perplexity."""
+    """Return (N, N) symmetric likenesses with sum 1. The entropy of each row is the perplexity's logarithm."""
     squared = _squared(points)
     np.fill_diagonal(squared, np.inf)
     squared -= squared.min(axis=1, keepdims=True)

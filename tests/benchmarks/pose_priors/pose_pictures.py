@@ -1,4 +1,4 @@
-"""Strips of poses, one row a method, drawn with our body."""
+"""Strips of poses, with one row per method, drawn with our body."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _COLUMNS = 6
 
 
 def draw_strips(body: Body, shown: dict[str, np.ndarray], folder: Path) -> None:
-    """Write one picture a use, rows in the order they were shown, and one sheet of samples a prior.
+    """Write one picture per use, with rows in the given order, and one sheet of samples per prior.
 
     Args:
-        body: drawn with its mean shape.
-        shown: rows by name, (n, 21, 3, 3) each.
-        folder: where the pictures go.
+        body: body that is drawn with its mean shape.
+        shown: (n, 21, 3, 3) rotations of each row, by name.
+        folder: output folder.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for group in _GROUPS:
@@ -33,7 +33,7 @@ def draw_strips(body: Body, shown: dict[str, np.ndarray], folder: Path) -> None:
 
 
 def _row(body: Body, local: np.ndarray, most: int = _COLUMNS) -> list[np.ndarray]:
-    """Return pictures of poses spread over the row."""
+    """Return pictures of poses distributed over the row."""
     chosen = local[np.linspace(0, len(local) - 1, min(most, len(local))).round().astype(int)]
     count = len(chosen)
     vertices = pose_mesh(body, np.zeros(10), np.tile(np.eye(3), (count, 1, 1)), chosen, np.zeros((count, 3)))

@@ -20,7 +20,7 @@ _TURN = np.radians(25.0)
 
 
 def pose_grid(path: Path, body: Body, rows: dict[str, np.ndarray]) -> None:
-    """Draw (n, 21, 3, 3) poses, a row for every name."""
+    """Draw (n, 21, 3, 3) poses, one row per name."""
     width = max(len(poses) for poses in rows.values())
     sheet = Image.new("RGB", (100 + CELL[0] * width, CELL[1] * len(rows)), "white")
     for number, (name, poses) in enumerate(rows.items()):
@@ -31,7 +31,7 @@ def pose_grid(path: Path, body: Body, rows: dict[str, np.ndarray]) -> None:
 
 
 def embedding(path: Path, real: np.ndarray, generated: dict[str, np.ndarray]) -> None:
-    """Draw (N, d) features on a plane that keeps neighbours: a panel for every prior, real ones grey, its own red."""
+    """Draw (N, d) features with a t-SNE panel per prior: real poses grey, the prior's poses red."""
     size = 320
     sheet = Image.new("RGB", (size * len(generated), size + 20), "white")
     draw = ImageDraw.Draw(sheet)
@@ -55,7 +55,7 @@ def _vertices(body: Body, poses: np.ndarray) -> np.ndarray:
 
 
 def _drawn(vertices: np.ndarray, faces: np.ndarray) -> Image.Image:
-    """Return a picture from the front, far triangles first, shaded by their slope."""
+    """Return a picture from the front with far triangles drawn first, shaded by their slope."""
     scale = CELL[1] / _VIEW_M
     centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
     screen = np.array(CELL) / 2 + (vertices - centre)[:, :2] * np.array([scale, -scale])

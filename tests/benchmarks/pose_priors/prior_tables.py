@@ -1,4 +1,4 @@
-"""Figures of pose priors: how they sample, reconstruct, remove noise and interpolate."""
+"""Figures of pose priors: sampling, reconstruction, denoising and interpolation."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ POSE_ITSELF = ("gmm", "pose_ndf")  # Priors whose code is the pose: they reconst
 NOISE_DEG = (5.0, 10.0, 20.0)
 NOISY_JOINTS = 20
 Table = dict[str, dict[str, float]]
-"""Rows of figures."""
+"""Rows of figures by name."""
 
 
 def features(rotations: np.ndarray) -> np.ndarray:
-    """Return (N, 69) positions of joints 1..23 about an unturned pelvis, dm."""
+    """Return (N, 69) positions of joints 1..23 in decimetres, with an unrotated pelvis at the origin."""
     return 10.0 * rotation_points(rotations)[:, 1:24].reshape(len(rotations), -1)
 
 
 def average_pairwise_mm(f: np.ndarray, seed: int, pairs: int = 3000) -> float:
-    """Return the mean distance of joints between random pairs of poses, mm."""
+    """Return the mean joint distance in mm between random pairs of poses."""
     rng = np.random.default_rng(seed)
     joints = f.reshape(len(f), -1, 3)
     first, second = joints[rng.integers(len(f), size=pairs)], joints[rng.integers(len(f), size=pairs)]
@@ -40,9 +40,9 @@ def average_pairwise_mm(f: np.ndarray, seed: int, pairs: int = 3000) -> float:
 
 
 def synthesis(rotations: np.ndarray, real: np.ndarray, seed: int) -> dict[str, float]:
-    """Return FID, DIV, APD and the share of implausible poses of (N, 21, 3, 3) samples against real features.
+    """Return FID, DIV, APD and the share of implausible poses of (N, 21, 3, 3) samples, compared with real features.
 
-    FID and DIV by positions, which no prior was trained to spread; the thesis has them by codes (``code_synthesis``).
+    FID and DIV use positions, because no prior was trained to spread these. The thesis uses codes (``code_synthesis``).
     """
     f = features(rotations)
     return {
@@ -52,9 +52,9 @@ def synthesis(rotations: np.ndarray, real: np.ndarray, seed: int) -> dict[str, f
 
 
 def code_synthesis(rotations: np.ndarray, real_codes: np.ndarray, encoder: PosePrior, seed: int) -> dict[str, float]:
-    """Return FID and DIV of (N, 21, 3, 3) samples as the thesis has them, by the codes of one encoder (VPoser's).
+    """Return FID and DIV of (N, 21, 3, 3) samples as in the thesis, with the codes of one encoder (VPoser's).
 
-    Their quotient is the indicator by which the paper chooses its model (supplement, eq. 17).
+    The paper chooses its model by their quotient (supplement, eq. 17).
     """
     codes = np.asarray(encoder.encode(rotations))
     fid, div = frechet_distance(codes, real_codes), diversity(codes, seed)
@@ -62,7 +62,7 @@ def code_synthesis(rotations: np.ndarray, real_codes: np.ndarray, encoder: PoseP
 
 
 def reconstruction(prior: PosePrior, truth: np.ndarray) -> dict[str, float]:
-    """Return the errors of decoded codes of (N, 21, 3, 3) poses; none for priors whose code is the pose."""
+    """Return the errors of decoded codes of (N, 21, 3, 3) poses, none for a prior with poses as codes."""
     if prior.name in POSE_ITSELF:
         return {}
     decoded = prior.decode(prior.encode(truth))
@@ -75,7 +75,7 @@ def reconstruction(prior: PosePrior, truth: np.ndarray) -> dict[str, float]:
 
 
 def noisy(truth: np.ndarray, sigma_deg: float, seed: int) -> np.ndarray:
-    """Turn 20 random joints of every pose by a normal rotation vector, ``sigma_deg`` about each axis."""
+    """Rotate 20 random joints of every pose by a normal rotation vector with ``sigma_deg`` per axis."""
     rng = np.random.default_rng(seed)
     turn = np.radians(sigma_deg) * rng.standard_normal((len(truth), truth.shape[1], 3))
     spared = np.argsort(rng.random(turn.shape[:2]), axis=1)[:, NOISY_JOINTS:]
@@ -84,7 +84,7 @@ def noisy(truth: np.ndarray, sigma_deg: float, seed: int) -> np.ndarray:
 
 
 def denoised(prior: PosePrior, poses: np.ndarray, sigma_deg: float) -> np.ndarray:
-    """Return what a prior makes of noisy poses: its projection, posterior mean or reconstruction."""
+    """Return a prior's estimates for noisy poses: its projection, posterior mean or reconstruction."""
     if isinstance(prior, PoseNDF):
         return prior.project(poses, ProjectionSettings(level=RECORDED_RAD))
     if isinstance(prior, GaussianMixture):
@@ -93,7 +93,7 @@ def denoised(prior: PosePrior, poses: np.ndarray, sigma_deg: float) -> np.ndarra
 
 
 def denoising(prior: PosePrior, truth: np.ndarray, seed: int) -> dict[str, float]:
-    """Return the joint error after over before for every noise."""
+    """Return, for every noise level, the ratio of the joint error after denoising to the error before."""
     ratios = {}
     for sigma in NOISE_DEG:
         poses = noisy(truth, sigma, seed)
@@ -104,14 +104,14 @@ def denoising(prior: PosePrior, truth: np.ndarray, seed: int) -> dict[str, float
 
 @dataclass(frozen=True)
 class Keys:
-    """Four neighbouring keys of motions, and what lies in the middle of them."""
+    """Four successive keys of motions, and the frame in the middle of each."""
 
     poses: np.ndarray  # (N, 4, 21, 3, 3)
     middle: np.ndarray  # (N, 21, 3, 3) halfway between the second and the third.
 
 
 def draw_keys(corpus: Corpus, spacing: int, count: int, seed: int) -> Keys:
-    """Return keys ``spacing`` frames apart (an even number) about random frames of a corpus."""
+    """Return keys around random frames of a corpus, ``spacing`` frames apart (an even number)."""
     reach = spacing + spacing // 2
     frame = np.arange(corpus.num_frames)
     frame = frame[(frame - reach >= corpus.clip_start) & (frame + reach < corpus.clip_end)]
@@ -138,11 +138,11 @@ SCHEMES: dict[str, Scheme] = {
     "SIDER2": lambda k: sider2(k[:, 0], k[:, 1], k[:, 2], 0.75),
     "SIDER3": lambda k: sider_n(k, 0.5),
 }
-"""Ways to the frame in the middle; LERP and SLERP see two keys, SIDER2 three, the others four."""
+"""Interpolations of the middle frame. LERP and SLERP use two keys, SIDER2 three, the others four."""
 
 
 def interpolation(prior: PosePrior | None, keys: Keys) -> dict[str, float]:
-    """Return the joint error of the middle frame in mm by scheme: of codes, or of the joints' quaternions."""
+    """Return the middle frame's joint error in mm by scheme, for interpolated codes, or quaternions without a prior."""
     count = len(keys.poses)
     if prior is None:
         return {name: _error_mm(keys, _in_quaternions(keys.poses, scheme)) for name, scheme in SCHEMES.items()}
@@ -172,7 +172,7 @@ def _error_mm(keys: Keys, decoded: np.ndarray) -> float:
 
 
 def text_table(title: str, rows: Table) -> str:
-    """Return rows of figures as Markdown."""
+    """Return rows of figures as a Markdown table."""
     columns = list(dict.fromkeys(name for row in rows.values() for name in row))
     lines = [f"{title}\n", "| | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
     for name, row in rows.items():

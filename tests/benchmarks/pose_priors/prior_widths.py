@@ -1,4 +1,4 @@
-"""How wide SPoser's decoder has to be: accuracy after short trainings alike, and the price of its Jacobian."""
+"""Width of SPoser's decoder: accuracy after short, equal trainings, and the time for its Jacobian."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ DECODED, REPEATS = 2000, 3
 
 
 def width_table(training: Corpus, validation: Corpus, truth: np.ndarray, folder: Path) -> Table:
-    """Return the medians of three seeds for every width; trainings in ``folder`` are gone on with, not repeated.
+    """Return the medians of three seeds for every width. Trainings in ``folder`` are continued.
 
     Args:
-        training: corpus.
-        validation: corpus that a training reports on.
-        truth: (N, 21, 3, 3) validation poses that are measured on.
-        folder: checkpoints.
+        training: corpus for training.
+        validation: corpus for a training's reports.
+        truth: (N, 21, 3, 3) validation poses for the measurement.
+        folder: folder of the checkpoints.
     """
     rows: Table = {}
     for width in WIDTHS:
@@ -49,7 +49,7 @@ def width_table(training: Corpus, validation: Corpus, truth: np.ndarray, folder:
 
 
 def jacobian_times(prior: SPoser) -> dict[str, float]:
-    """Return processor seconds of rotations and Jacobians of 2,000 poses on one thread, the least of three."""
+    """Return the processor seconds for rotations and Jacobians of 2,000 poses on one thread, as minimum of three."""
     codes = spherical_normalisation(np.random.default_rng(0).standard_normal((DECODED, prior.latent_dim)))
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
@@ -72,7 +72,7 @@ def _seconds(work: Callable[[], object]) -> float:
 def trained(
     training: Corpus, validation: Corpus, settings: SPoserSettings, seed: int, folder: Path, steps: int = STEPS
 ) -> SPoser:
-    """Return a short training of SPoser, made now or before in ``folder``."""
+    """Return SPoser after a short training, from ``folder`` if it is complete there."""
     run = TrainingSettings(steps=steps, seed=seed, evaluate_every=steps)
     task = SPoserTask(training, validation, settings, run.batch, seed)
     model = cast(SphericalAutoencoder, run_training(task, run, folder))
@@ -81,7 +81,7 @@ def trained(
 
 
 def stack(layers: nn.Sequential, activation: str) -> DenseStack:
-    """Return the layers of a network as the solver reads them."""
+    """Return the layers of a network in the solver's format."""
     linear = linear_layers(layers)
     weights, biases = (tuple(a.detach().numpy().astype(np.float64) for a in arrays)
                        for arrays in zip(*((x.weight, x.bias) for x in linear), strict=True))  # fmt: skip

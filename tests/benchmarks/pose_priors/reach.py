@@ -1,4 +1,4 @@
-"""How far an autoencoder reaches: errors of poses as encoded and at their nearest codes, over all and by joint."""
+"""Poses that an autoencoder can represent: errors of encoded poses and of the nearest codes, overall and by joint."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from training.engine.accuracy import joint_distances, residual_rotvecs
 
 _STEPS = 150
 _RATE = 0.003
-"""Height of Adam's rate, in units of codes of length one; twice the steps change the mean error by 0.01 mm."""
+"""Adam's initial learning rate for codes of length one. Doubling the steps changes the mean error by 0.01 mm."""
 
 
 def nearest_codes(prior: SPoser, truth: np.ndarray) -> np.ndarray:
-    """Return (N, 32) codes whose decoded points are nearest to those of (N, 21, 3, 3) poses, begun at the encoder's."""
+    """Return (N, 32) codes with decoded points nearest to (N, 21, 3, 3) poses, starting from the encoder's codes."""
     points = rotation_points(torch.as_tensor(truth, dtype=torch.float32))
     free = torch.as_tensor(prior.encode(truth), dtype=torch.float32).requires_grad_(True)
     optimizer = torch.optim.Adam([free], lr=_RATE)
@@ -34,7 +34,7 @@ def nearest_codes(prior: SPoser, truth: np.ndarray) -> np.ndarray:
 
 
 def pose_errors(truth: np.ndarray, decoded: np.ndarray) -> dict[str, float]:
-    """Return mean, median and worst twentieth of the poses' mean joint distances, mm."""
+    """Return mean, median, and mean of the worst 5 % of the poses' mean joint distances in mm."""
     per_pose = np.sort(1000.0 * joint_distances(truth, decoded).mean(axis=1))
     worst = per_pose[-max(1, len(per_pose) // 20) :]
     figures = {"mean mm": per_pose.mean(), "median mm": np.median(per_pose), "worst 5 % mm": worst.mean()}
@@ -42,7 +42,7 @@ def pose_errors(truth: np.ndarray, decoded: np.ndarray) -> dict[str, float]:
 
 
 def joint_errors(truth: np.ndarray, decoded: np.ndarray) -> Table:
-    """Return for every joint its mean distance, that of the worst twentieth of poses, and its rotation's angle."""
+    """Return each joint's mean distance, its mean in the worst 5 % of the poses, and its rotation error."""
     distance = 1000.0 * joint_distances(truth, decoded)
     worst = np.argsort(distance.mean(axis=1))[-max(1, len(distance) // 20) :]
     angle = np.degrees(np.linalg.norm(residual_rotvecs(truth, decoded), axis=-1)).mean(axis=0)

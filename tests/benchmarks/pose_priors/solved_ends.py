@@ -1,4 +1,4 @@
-"""Whether a solve finds feet, toes and hands at the ends of their ranges: its residual rotations go past its prior."""
+"""Test whether a solve reaches the limits of feet, toes and hands. Its residual rotations extend its prior."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from tests.benchmarks.pose_priors.prior_tables import Table
 
 _FRAMES, _FPS = 120, 60.0
 _HELD = slice(48, 73)
-"""The angle is at its end from frame 40 to 80, and these frames are looked at."""
+"""Evaluated frames. The angle is at its limit in frames 40 to 80."""
 _NOISE = replace(DEMO_DETECTOR, drift_mm=6.25, missing=0.02, outliers=0.0)
 _LAYOUT, _STRAY_M, _SHIVER_M = "CMU_41", 0.008, 0.0005
 
 
 def solved_at_ends(prior: SPoser) -> Table:
-    """Return for the left foot and hand the angle of a range's end, in degrees, and what solves of a take find of it.
+    """Return each limit's angle for the left foot and hand, and the angles that solves of a take find, in degrees.
 
-    Somebody in whom one angle goes to its end and stays for 0.7 s: seen by four cameras with 2 px of noise (BODY_25,
-    which has no point on the hand), and in CMU's 41 markers, 8 mm beside their places, calibrated in the same take
-    with that angle at 0.
+    One angle moves to its limit and stays there for 0.7 s. Four cameras with 2 px of noise see the person (BODY_25,
+    without points on the hand). In CMU's 41 markers, placed 8 mm off, the person is calibrated from the same take with
+    that angle at 0.
     """
     rows: Table = {}
     for name, column, axis, end in ends():
@@ -52,7 +52,7 @@ def solved_at_ends(prior: SPoser) -> Table:
 
 
 def _take(column: int, axis: int, end: float) -> tuple[np.ndarray, PosedFrames]:
-    """Return a shape, and the demo's first two seconds with one angle at its end in the middle."""
+    """Return a shape, and the demo's first two seconds with one angle at its limit in the middle."""
     truth, chosen = demo_capture().truth, slice(0, _FRAMES)
     local = exp_so3(truth["body_pose"][chosen, :63].reshape(-1, 21, 3))
     share = np.clip((40 - np.abs(np.arange(_FRAMES) - 60)) / 20, 0.0, 1.0)
@@ -63,7 +63,7 @@ def _take(column: int, axis: int, end: float) -> tuple[np.ndarray, PosedFrames]:
 
 
 def _seen(betas: np.ndarray, frames: PosedFrames) -> Capture:
-    """Return the take as a detector sees it."""
+    """Return the take as a detector's keypoints."""
     body, cameras = load_body(), demo_capture().cameras
     assert cameras is not None
     landmarks = keypoint_landmarks(body, JointSet.BODY_25)

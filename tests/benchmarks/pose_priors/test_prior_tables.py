@@ -1,4 +1,4 @@
-"""The figures of priors on cases with known answers."""
+"""Test the figures of priors on cases with known answers."""
 
 from __future__ import annotations
 

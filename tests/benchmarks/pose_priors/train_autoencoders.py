@@ -1,8 +1,8 @@
-"""Trains the autoencoders of tables 4.5 and 6.5 from other seeds than the ones that ship, for `bench autoencoders`.
+"""Train the autoencoders of tables 4.5 and 6.5 with other seeds than the shipped ones, for `bench autoencoders`.
 
     python -m tests.benchmarks.pose_priors.train_autoencoders --data DATA [--rows ROW ...] [--seeds 1 2]
 
-A training that was broken off goes on from its checkpoint. One takes two to four minutes of two cores, SPoser's eight.
+An interrupted training continues from its checkpoint. A training takes two to four minutes on two cores, SPoser eight.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from training.train import train
 
 ROOT = Path(__file__).resolve().parents[3] / "build" / "autoencoder_rows"
 STEPS = {"sposer": 6000}
-"""Of the trainings that ship; 3,000 of the others."""
+"""Steps of the shipped trainings. The others have 3,000."""
 HIDDEN = 256  # Width of SPoser's decoder, as it ships.
 ROWS = ("vposer", "rvposer", "sposer", "vposer_worded", "svae", "lie_vae", "rvposer_second_norm")
-"""The last ships with no weights: its seeds are 0, 1 and 2."""
+"""Trained rows. The last one has no shipped weights, so its seeds are 0, 1 and 2."""
 
 
 def folder_of(root: Path, row: str, seed: int) -> Path:
@@ -29,13 +29,13 @@ def folder_of(root: Path, row: str, seed: int) -> Path:
 
 
 def trained(root: Path) -> dict[tuple[str, int], Path]:
-    """Return the weights of the trainings that ended, by row and seed."""
+    """Return the weights of complete trainings by row and seed."""
     paths = {(row, seed): folder_of(root, row, seed) / f"{row}.npz" for row in ROWS for seed in range(10)}
     return {key: path for key, path in paths.items() if path.is_file()}
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Train what is not there yet."""
+    """Train missing rows."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True, help="folder that holds motion_cmu")
     parser.add_argument("--rows", nargs="+", default=ROWS, choices=ROWS, metavar="ROW")

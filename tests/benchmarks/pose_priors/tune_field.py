@@ -1,8 +1,8 @@
-"""Weights of Pose-NDF's uses: ``python -m tests.benchmarks.pose_priors.tune_field [--weights NPZ] [--use USE ...]``.
+"""Tune Pose-NDF's weights: ``python -m tests.benchmarks.pose_priors.tune_field [--weights NPZ] [--use USE ...]``.
 
-Every weight is tried on the same training takes, as `bench pose_ndf` does with takes that are held out: denoising of
-clean and noisy takes (mean of both, cm), completion of three limbs (cm), fits to keypoints by a constant and by the
-adaptive weight (mm). Printed is the mean error, the best of each use marked, and what ships named.
+Every weight is tried on the same training takes, as `bench pose_ndf` does on held-out takes: denoising of clean and
+noisy takes (mean error, cm), completion of three limbs (cm), and fits to keypoints with a constant and with the
+adaptive weight (mm). The output marks each use's best weight and the shipped weight.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ CONSTANTS, ADAPTIVES = (3.0, 10.0, 30.0, 100.0), (10.0, 30.0, 100.0, 300.0)
 
 
 def denoising(prior: PoseNDF, manifold: float) -> float:
-    """Denoise takes as they are and with turned joints; mean of both errors, cm."""
+    """Return the mean error in cm of denoising, over unchanged takes and takes with rotated joints."""
     settings = DenoiseSettings(replace(WEIGHTS, manifold=manifold), iterations=12, move_root=False)
     return float(np.mean([error_cm(denoise(SUBJECT, prior, start, FPS, settings), truth) for start, truth in _noisy()]))
 
 
 def completion(prior: PoseNDF, smoothness: float) -> float:
-    """Complete three limbs, cm."""
+    """Return the mean error in cm of completing three limbs."""
     errors = []
     for truth in _takes():
         for limbs in OCCLUSIONS.values():
@@ -66,7 +66,7 @@ def completion(prior: PoseNDF, smoothness: float) -> float:
 
 
 def keypoints(prior: PoseNDF, manifold: float, settings: KeypointSettings = KEYPOINT_SETTINGS) -> float:
-    """Fit to keypoints before one camera, mm."""
+    """Return the mean error in mm of fits to one camera's keypoints."""
     chosen = replace(settings, manifold=manifold)
     return float(np.mean([manifold_fit(prior, seen, chosen) for seen in sightings()]))
 
@@ -79,7 +79,7 @@ USES: dict[str, tuple[Use, tuple[float, ...], float]] = {
         partial(keypoints, settings=replace(KEYPOINT_SETTINGS, adaptive=False)), CONSTANTS, CONSTANT_WEIGHT
     ),
 }  # fmt: skip
-"""What is tried, the weights, and the one that ships."""
+"""Function of each use, tried weights, and the shipped weight."""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -101,14 +101,14 @@ def main(argv: list[str] | None = None) -> int:
 
 @cache
 def _takes() -> list[PosedFrames]:
-    """Return the takes at 30 frames a second."""
+    """Return the takes at 30 frames per second."""
     takes = [training_take(name, FRAMES, start) for name, start in TAKES]
     return [PosedFrames(t.rotations[::2, 0], t.rotations[::2, 1:22], t.root[::2]) for t in takes]
 
 
 @cache
 def _noisy() -> list[tuple[PosedFrames, PosedFrames]]:
-    """Return each take as it is and with turned joints, beside the truth."""
+    """Return each take unchanged and with rotated joints, each with the truth."""
     rng, pairs = np.random.default_rng(0), []
     for truth in _takes():
         turn = exp_so3(np.radians(NOISE_DEG) * rng.standard_normal((*truth.local.shape[:2], 3)))

@@ -1,7 +1,7 @@
-"""Weights of codes in fits to keypoints: ``python -m tests.benchmarks.pose_priors.tune_pulls [PRIOR ...]``.
+"""Tune the weights of codes in keypoint fits: ``python -m tests.benchmarks.pose_priors.tune_pulls [PRIOR ...]``.
 
-Every weight fits the same ten frames of each training take, as `bench pose_ndf` does with takes that are held out;
-printed is the mean error in mm, and the best of each prior is marked.
+Every weight fits the same ten frames of each training take, as `bench pose_ndf` does on held-out takes. The output is
+the mean error in mm, with the best weight of each prior marked.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ PULLS = (0.1, 0.3, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 
 
 def main(names: list[str]) -> int:
-    """Try every weight with the named priors, or all."""
+    """Try every weight with the named priors, or with all."""
     chosen: list[VaeName] = [name for name in VAES if not names or name in names]
     for name in chosen:
         prior = load_vae(name)
@@ -40,7 +40,7 @@ def main(names: list[str]) -> int:
 
 @cache
 def sightings() -> list[Sighting]:
-    """Return the takes' frames before one camera each."""
+    """Return the takes' frames, each seen by one camera."""
     mixture = load_gmm()
     shares, means, _, _ = read_mixture()
     rest = mixture.decode((shares[:, None] * means).sum(axis=0)[None])[0]

@@ -1,1 +1,1 @@
-"""Captures of several views spoiled as people's are, and what becomes of them."""
+"""Captures of several views with typical faults, and their results."""

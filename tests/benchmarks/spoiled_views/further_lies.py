@@ -1,4 +1,4 @@
-"""Further recordings that are valid and wrong: a camera that was moved, frames out of order, names exchanged."""
+"""Further recordings that are valid but wrong: a moved camera, frames in a wrong order, exchanged names."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from tests.benchmarks.spoiled_views.kinds import Recording
 
 MOVED_M = (0.2, 0.0, 0.0)  # By how much somebody who stumbled over a tripod moved a camera after it was calibrated.
 POSTER_PX, POSTER_CONFIDENCE = (300.0, 20.0), 0.9
-"""Where a picture of somebody hangs beside the person, and how sure the detector is of it."""
+"""Offset in pixels of a pictured person from the real one, and the detector's confidence for it."""
 LEGS = (("left_knee", "right_knee"), ("left_ankle", "right_ankle"))
 FOREARMS = (("left_elbow", "left_wrist"),)
-"""Pairs of keypoints that bear each other's names."""
+"""Pairs of keypoints with exchanged names."""
 
 
 def moved(recording: Recording, camera: int) -> Recording:
-    """Return the recording of which one camera stood elsewhere than its calibration states."""
+    """Return the recording with one camera away from its calibrated position."""
     cameras = recording.cameras
     t = cameras.t.copy()
     t[camera] -= cameras.R[camera] @ np.array(MOVED_M)
@@ -27,13 +27,13 @@ def moved(recording: Recording, camera: int) -> Recording:
 
 
 def sorted_as_text(recording: Recording) -> Recording:
-    """Return the recording whose frames are in the order of their numbers as texts: 0, 1, 10, 100."""
+    """Return the recording with its frames in the order of their numbers as texts: 0, 1, 10, 100."""
     order = sorted(range(recording.xy.shape[1]), key=str)
     return replace(recording, xy=recording.xy[:, order], confidence=recording.confidence[:, order])
 
 
 def poster(recording: Recording, camera: int) -> Recording:
-    """Return the recording of which one camera takes a picture on the wall for the person, for a third of the take."""
+    """Return the recording in which one camera detects a picture on the wall for a third of the take."""
     xy, confidence = recording.xy.copy(), recording.confidence.copy()
     third = slice(xy.shape[1] // 3, 2 * xy.shape[1] // 3)
     xy[camera, third], confidence[camera, third] = xy[camera, :1] + POSTER_PX, POSTER_CONFIDENCE
@@ -41,7 +41,7 @@ def poster(recording: Recording, camera: int) -> Recording:
 
 
 def names_exchanged(recording: Recording, pairs: Sequence[tuple[str, str]]) -> Recording:
-    """Return the recording whose keypoints of these pairs bear each other's names, in all views and frames."""
+    """Return the recording with the names of these keypoint pairs exchanged in all views and frames."""
     order = list(range(recording.xy.shape[2]))
     for pair in pairs:
         a, b = (JointSet.BODY_25.keypoints.index(name) for name in pair)
@@ -56,4 +56,4 @@ FURTHER_LIES: dict[str, Callable[[Recording, np.random.Generator, int], Recordin
     "lower legs exchanged": lambda r, g, seed: names_exchanged(r, LEGS),
     "elbow and wrist exchanged": lambda r, g, seed: names_exchanged(r, FOREARMS),
 }
-"""What is wrong with a recording, given randomness and the seed."""
+"""Faults by name. Each function gets a random generator and the seed."""

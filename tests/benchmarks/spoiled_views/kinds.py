@@ -1,4 +1,4 @@
-"""Ways in which a recording or its calibration is not as it should be, one or two at once."""
+"""Faults of a recording or its calibration, one or two at once."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from solver_backend.types import Cameras
 
 METRES_PER_INCH = 0.0254
 OWN_UNITS = 3.3
-"""Units a metre of a calibration in squares of a board."""
+"""Units per metre of a calibration that counts squares of a board."""
 TILT = np.radians(35.0)
 LATEST_FRAMES = 600
-"""By how much cameras start apart at most: 10 s at 60 frames a second."""
+"""Maximum delay between the cameras' starts: 10 s at 60 frames per second."""
 
 
 @dataclass(frozen=True)
 class Recording:
-    """What lies in a folder: pixels of C cameras, their calibration, and what the user adds to the command."""
+    """Contents of a folder: pixels of C cameras, their calibration, and how they are written."""
 
     xy: np.ndarray  # (C, F, K, 2) px, NaN where unseen.
     confidence: np.ndarray  # (C, F, K).
@@ -38,7 +38,7 @@ def half_size(recording: Recording, chosen: np.ndarray | slice = slice(None)) ->
 
 
 def quarter_turn(recording: Recording, chosen: np.ndarray, clockwise: bool) -> Recording:
-    """Return the recording detected in pictures turned by 90°, calibrated as they were."""
+    """Return the recording detected in pictures rotated by 90°, with the original calibration."""
     xy = recording.xy.copy()
     for c in chosen:
         width, height = recording.cameras.image_size[c]
@@ -48,18 +48,18 @@ def quarter_turn(recording: Recording, chosen: np.ndarray, clockwise: bool) -> R
 
 
 def in_unit(recording: Recording, units_per_metre: float) -> Recording:
-    """Return the recording calibrated in another unit."""
+    """Return the recording with its calibration in another unit."""
     return replace(recording, cameras=replace(recording.cameras, t=recording.cameras.t * units_per_metre))
 
 
 def camera_to_world(recording: Recording) -> Recording:
-    """Return the recording whose calibration holds the cameras' axes and places."""
+    """Return the recording with the cameras' axes and positions in its calibration."""
     cameras = recording.cameras
     return replace(recording, cameras=replace(cameras, R=cameras.R.swapaxes(1, 2), t=cameras.centres))
 
 
 def tilted(recording: Recording, rng: np.random.Generator) -> Recording:
-    """Return the recording in a world that leans by ``TILT`` and whose floor is somewhere else."""
+    """Return the recording in a world tilted by ``TILT``, with its floor at another height."""
     heading = rng.uniform(0, 2 * np.pi)
     turn = exp_so3(TILT * np.array([np.cos(heading), np.sin(heading), 0.0]))
     R = recording.cameras.R @ turn.T
@@ -68,7 +68,7 @@ def tilted(recording: Recording, rng: np.random.Generator) -> Recording:
 
 
 def started_apart(recording: Recording, rng: np.random.Generator) -> Recording:
-    """Return the recording whose cameras were started by hand, the last ``LATEST_FRAMES`` after the first at most."""
+    """Return the recording with cameras that were started by hand within ``LATEST_FRAMES``."""
     starts = np.round(rng.uniform(0, LATEST_FRAMES, len(recording.cameras))).astype(int)
     return replace(recording, starts=starts - starts.min())
 
@@ -83,7 +83,7 @@ _WORDS = "front", "back", "left", "right", "top", "door", "window", "wall"
 
 
 def prefixed(recording: Recording, seed: int) -> Recording:
-    """Return the recording whose folders are named by take and camera, its calibration by camera alone."""
+    """Return the recording with folders named by take and camera, and a calibration named by camera alone."""
     recorded, calibrated = _PREFIXED[seed % len(_PREFIXED)]
 
     def named(pattern: str) -> tuple[str, ...]:
@@ -117,4 +117,4 @@ KINDS: dict[str, Callable[[Recording, np.random.Generator, int], Recording]] = {
     "cm, camera to world": lambda r, g, seed: in_unit(camera_to_world(r), 100.0),
     "tilt, inch": lambda r, g, seed: in_unit(tilted(r, g), 1 / METRES_PER_INCH),
 }
-"""What is done to a recording, given randomness and the seed."""
+"""Faults by name. Each function gets a random generator and the seed."""

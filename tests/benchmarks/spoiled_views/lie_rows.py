@@ -1,4 +1,4 @@
-"""The table of valid but wrong recordings: how each is made of the demo's, and what stands everywhere of it."""
+"""The table of valid but wrong recordings: how each is made from the demo's, and what the outputs state."""
 
 from __future__ import annotations
 
@@ -28,50 +28,50 @@ from tests.support.trial_files import write_trial
 
 FRAMES, FPS = 120, 60.0
 SQUAT = 63
-"""Frame of the demo in which the hips are lowest, 0.63 m over the floor."""
+"""Frame of the demo with the lowest hips, 0.63 m above the floor."""
 SCALED, SLIGHTLY_SCALED, FULL = 1.25, 1.1, "as it should be"
 AS_TEXT = tuple(sorted(range(FRAMES), key=str))
-"""Frames in the order of texts."""
+"""Frames in the order of their numbers as texts."""
 _BEGIN = 24  # Letters of a sentence by which it is found again in a text that breaks lines.
 Spoil = Callable[[Recording, np.random.Generator], Recording]
 
 
 @dataclass(frozen=True)
 class Lie:
-    """One row: how a recording becomes wrong without becoming invalid."""
+    """One row: the change that makes a recording wrong but not invalid."""
 
     spoil: Spoil
     fps: float = FPS
-    """What its configuration says; the true rate is ``FPS``."""
+    """Frame rate in its configuration. The true rate is ``FPS``."""
     of_time: bool = False
-    """Whether time is what is wrong, which poses laid over the truth frame by frame do not show."""
+    """Whether only times are wrong. Poses compared with the truth frame by frame do not show this."""
     of_size: bool = False
-    """Whether the size alone is wrong, and still a person's."""
+    """Whether only the size is wrong, and is still plausible for a person."""
     words: tuple[str, ...] = ()
-    """What is added to the command."""
+    """Words that are added to the command."""
     order: tuple[int, ...] | None = None
-    """Frames of the truth, where they are not all in their order."""
+    """Frames of the truth, if they are in another order."""
     held: int | None = None
-    """Frame that the person holds, where the truth is that frame throughout."""
+    """Frame that is the truth throughout, if the person holds it."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """What became of a row."""
+    """Result of a row."""
 
     refused: bool = False
     error_mm: float = float("nan")
-    """Joints off the truth, laid over it rigidly; NaN where it was refused."""
+    """Joint error after rigid alignment with the truth, NaN if the recording was refused."""
     named: tuple[str, ...] = ()
-    """Codes of warnings and notes, or the error's name."""
+    """Codes of warnings and notes, or the error's code."""
     missing: tuple[str, ...] = field(default=())
-    """Where a warning does not stand, of console, report and JSON."""
+    """Warnings that are missing in console, report or JSON."""
     says: str = ""
-    """First sentence of the first one."""
+    """First sentence of the first warning, or the error's message."""
     length_stated: bool = False
-    """Whether console, report and JSON each state how long the take is at which rate, and where the rate is from."""
+    """Whether console, report and JSON state the take's length, its rate, and the rate's origin."""
     size_stated: bool = False
-    """Whether console, report and JSON each state how tall the person is."""
+    """Whether console, report and JSON state the person's height."""
 
 
 def _known(name: str) -> Spoil:
@@ -80,7 +80,7 @@ def _known(name: str) -> Spoil:
 
 
 def _moved_numbers(recording: Recording, rng: np.random.Generator) -> Recording:
-    """Return the recording calibrated with the numbers of other cameras: each has its neighbour's."""
+    """Return the recording with each camera's calibration number exchanged for its neighbour's."""
     cameras = recording.cameras
     order = np.roll(np.arange(len(cameras)), 1)
     return replace(recording, cameras=replace(cameras, K=cameras.K[order], R=cameras.R[order], t=cameras.t[order]))
@@ -126,11 +126,11 @@ ROWS: dict[str, Lie] = {
     "squat": Lie(_squat, held=SQUAT),
     "other layout": Lie(_known("other layout")),
 }
-"""By name, the first as it should be."""
+"""Rows by name. The first one is without a fault."""
 
 
 def found_of(lie: Lie, folder: Path) -> Found:
-    """Return what becomes of a row: the demo's recording, spoiled, written as files and solved without options."""
+    """Return the result of a row: the demo's recording, changed, written as files and solved without options."""
     capture = demo_capture(FRAMES, FPS)
     cameras, keypoints = capture.require_multiview()
     whole = Recording(keypoints.xy, keypoints.confidence, cameras, cameras.names)
@@ -162,7 +162,7 @@ def found_of(lie: Lie, folder: Path) -> Found:
 
 
 def _states_length(outcome: Outcome, page: str, fps: float) -> bool:
-    """Return whether console, report and JSON state the take's seconds, its rate and where that is from."""
+    """Return whether console, report and JSON state the take's seconds, its rate and the rate's origin."""
     seconds, origin = FRAMES / fps, f"{fps:g} frames per second, from "
     console = (
         f"{FRAMES} frames, {seconds:.1f} s at {fps:g} frames per second" in outcome.text and origin in outcome.text
@@ -173,7 +173,7 @@ def _states_length(outcome: Outcome, page: str, fps: float) -> bool:
 
 
 def _states_size(outcome: Outcome, page: str) -> bool:
-    """Return whether console, report and JSON state the person's stature."""
+    """Return whether console, report and JSON state the person's height."""
     diagnostics = read_diagnostics(outcome.data["diagnostics"])
     tall = [item.values["stature"] for item in diagnostics if item.code == "person_triangulated"]
     texts = [f"the person is about {stature:.2f} m tall" for stature in tall]

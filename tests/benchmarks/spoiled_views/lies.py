@@ -1,4 +1,4 @@
-"""Recordings that are valid and wrong: what a detector, a synchroniser or a person got wrong without an error."""
+"""Recordings that are valid but wrong: mistakes of a detector, a synchroniser or a person that raise no error."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from tests.benchmarks.spoiled_views.kinds import Recording
 
 FOCAL_ERROR = 1.10  # Times the true focal length: a zoom that moved, or another mode of the camera.
 LEFT_SHARE, DROPPED = 0.4, 0.15
-"""Share of the take in which the person is away; share of the pictures of one camera that are missing."""
+"""Share of the take without the person, and share of missing pictures of one camera."""
 TREMBLING_PX = 3.0  # Standard deviation of detections of somebody who does not move.
 
 
 def flat_confidence(recording: Recording, value: float) -> Recording:
-    """Return the recording of a detector that is equally sure of everything."""
+    """Return the recording of a detector with one confidence for everything."""
     return replace(recording, confidence=np.where(recording.confidence > 0, value, 0.0))
 
 
@@ -30,14 +30,14 @@ def longer_lenses(recording: Recording, chosen: slice | np.ndarray = slice(None)
 
 
 def upside_down(recording: Recording) -> Recording:
-    """Return the recording whose v counts from the bottom of the picture."""
+    """Return the recording with v counted from the bottom of the picture."""
     xy = recording.xy.copy()
     xy[..., 1] = recording.cameras.image_size[:, None, None, 1] - 1 - xy[..., 1]
     return replace(recording, xy=xy)
 
 
 def mirrored(recording: Recording, chosen: np.ndarray) -> Recording:
-    """Return the recording in which cameras mirrored their pictures, so that a detector finds the other sides."""
+    """Return the recording with mirrored pictures of some cameras, so that the detector exchanges sides."""
     xy, order = recording.xy.copy(), list(JointSet.BODY_25.mirrored())
     for c in chosen:
         xy[c, ..., 0] = recording.cameras.image_size[c, 0] - 1 - xy[c, ..., 0]
@@ -47,13 +47,13 @@ def mirrored(recording: Recording, chosen: np.ndarray) -> Recording:
 
 
 def sides_exchanged(recording: Recording) -> Recording:
-    """Return the recording whose detector calls left right, in all views and frames."""
+    """Return the recording of a detector that exchanges left and right in all views and frames."""
     order = list(JointSet.BODY_25.mirrored())
     return replace(recording, xy=recording.xy[:, :, order], confidence=recording.confidence[:, :, order])
 
 
 def exchanged(recording: Recording, rng: np.random.Generator) -> Recording:
-    """Return the recording of which two cameras bear each other's names."""
+    """Return the recording with the names of two cameras exchanged."""
     a, b = rng.permutation(len(recording.cameras))[:2]
     xy, confidence = recording.xy.copy(), recording.confidence.copy()
     xy[[a, b]], confidence[[a, b]] = xy[[b, a]], confidence[[b, a]]
@@ -61,7 +61,7 @@ def exchanged(recording: Recording, rng: np.random.Generator) -> Recording:
 
 
 def dropped_pictures(recording: Recording, camera: int, rng: np.random.Generator) -> Recording:
-    """Return the recording of which one camera left out pictures without numbers: what follows moves up."""
+    """Return the recording of one camera that omitted unnumbered pictures, so that later ones move up."""
     xy, confidence = recording.xy.copy(), recording.confidence.copy()
     kept = np.flatnonzero(rng.uniform(size=xy.shape[1]) >= DROPPED)
     xy[camera, : len(kept)], confidence[camera, : len(kept)] = xy[camera, kept], confidence[camera, kept]
@@ -79,14 +79,14 @@ def person_away(recording: Recording, rng: np.random.Generator) -> Recording:
 
 
 def late(recording: Recording, camera: int, frames: int) -> Recording:
-    """Return the recording of which one camera shows what was so many frames before."""
+    """Return the recording with one camera delayed by some frames."""
     xy, confidence = recording.xy.copy(), recording.confidence.copy()
     xy[camera, frames:], confidence[camera, frames:] = xy[camera, :-frames], confidence[camera, :-frames]
     return replace(recording, xy=xy, confidence=confidence)
 
 
 def still(recording: Recording, rng: np.random.Generator) -> Recording:
-    """Return the recording of a person who stands as in the first frame, seen by a detector that trembles."""
+    """Return the recording of a person who holds the first frame's pose, with noisy detections."""
     xy = recording.xy[:, :1] + rng.normal(0.0, TREMBLING_PX, recording.xy.shape)
     confidence = np.broadcast_to(recording.confidence[:, :1], recording.confidence.shape).copy()
     return replace(recording, xy=xy, confidence=confidence)
@@ -111,4 +111,4 @@ LIES: dict[str, Callable[[Recording, np.random.Generator, int], Recording]] = {
     "still": lambda r, g, seed: still(r, g),
     "one late": lambda r, g, seed: late(r, _one(g, r), 7),
 }
-"""What is wrong with a recording, given randomness and the seed."""
+"""Faults by name. Each function gets a random generator and the seed."""

@@ -1,4 +1,4 @@
-"""More recordings that are valid and wrong: another rate, somebody who crosses, keypoints of another layout."""
+"""More recordings that are valid but wrong: another rate, a crossing person, keypoints in another order."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from tests.benchmarks.spoiled_views.kinds import Recording
 
 RATE_FACTOR = 2  # Times the true rate that the recording is said to have.
 CROSSING_SHARE, CROSSING_PX = 0.25, 260.0
-"""Share of the take in which a view follows somebody else, and how far beside the person that one walks, px."""
+"""Share of the take in which a view follows another person, and that person's offset in pixels."""
 
 
 def rate_doubled(recording: Recording) -> Recording:
-    """Return the recording of every second frame, whose rate is still said to be that of all of them."""
+    """Return the recording with every second frame, at the unchanged stated rate."""
     xy, confidence = recording.xy[:, ::RATE_FACTOR], recording.confidence[:, ::RATE_FACTOR]
     return replace(recording, xy=xy, confidence=confidence)
 
 
 def crossed(recording: Recording, rng: np.random.Generator) -> Recording:
-    """Return the recording of which one view follows somebody who crosses, for a quarter of the take."""
+    """Return the recording of one view that follows a crossing person for a quarter of the take."""
     xy = recording.xy.copy()
     camera, frames = int(rng.integers(len(recording.cameras))), xy.shape[1]
     length = int(CROSSING_SHARE * frames)
@@ -32,7 +32,7 @@ def crossed(recording: Recording, rng: np.random.Generator) -> Recording:
 
 
 def other_layout(recording: Recording) -> Recording:
-    """Return the recording whose keypoints are in another order than the set of so many keypoints has."""
+    """Return the recording with its keypoints in another order than in the set of the same size."""
     order = np.roll(np.arange(recording.xy.shape[2]), 3)
     return replace(recording, xy=recording.xy[:, :, order], confidence=recording.confidence[:, :, order])
 
@@ -42,4 +42,4 @@ MORE_LIES: dict[str, Callable[[Recording, np.random.Generator, int], Recording]]
     "somebody crosses": lambda r, g, seed: crossed(r, g),
     "other layout": lambda r, g, seed: other_layout(r),
 }
-"""What is wrong with a recording, given randomness and the seed."""
+"""Faults by name. Each function gets a random generator and the seed."""

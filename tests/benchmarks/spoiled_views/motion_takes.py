@@ -1,7 +1,7 @@
-"""Takes of recorded motions that cameras see with a detector's noise: eleven fit constants, eleven are held out.
+"""Takes of recorded motions, seen by cameras with a detector's noise: eleven to fit constants, eleven held out.
 
-Keypoints are the joints of the recorded skeletons, not of the project's body. Errors of a detector are simulated: they
-last several frames, differ by keypoint and view, and are sometimes far off.
+Keypoints are the joints of the recorded skeletons, not of the project's body. Errors of a detector are simulated. They
+last several frames, differ by keypoint and view, and are sometimes large.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from tests.support.recordings import recordings_folder
 FPS = 60.0
 SIZE = (1920, 1080)
 NOISE, OFFSET, OUTLIERS = 0.012, 0.008, 0.02
-"""Standard deviations of a detector by the person's height in the picture, of errors and of constant offsets; rate of
-errors ten times as large."""
+"""Standard deviations of a detector's errors and of its constant offsets, relative to the person's height in the
+picture, and the share of errors that are ten times as large."""
 CORRELATION = 0.8  # Of a detector's errors from one frame to the next.
 _JOINTS = {
     "right_shoulder": "rhumerus", "right_elbow": "rradius", "right_wrist": "rhand", "left_shoulder": "lhumerus",
@@ -31,28 +31,28 @@ _JOINTS = {
 }  # fmt: skip
 _FACE = {"nose": (0.0, 0.10), "right_eye": (-0.03, 0.08), "left_eye": (0.03, 0.08), "right_ear": (-0.07, 0.0),
          "left_ear": (0.07, 0.0)}  # fmt: skip
-"""Metres to the left and forward of the head's middle."""
+"""Metres to the left and forward of the head's centre."""
 
 
 @dataclass(frozen=True)
 class MotionTake:
-    """One take."""
+    """One take of a recorded motion."""
 
     clip: str
     """File of ``motion_cmu/asfamc``."""
     layout: str = "ring 4"
     """One of ``LAYOUTS``."""
     noise: float = 1.0
-    """Times the detector's usual noise."""
+    """Factor on the detector's usual noise."""
     frames: int = 240
     size: float = 1.0
-    """Of the person: children are smaller."""
+    """Factor on the person's size. Children are smaller."""
     missing: float = 0.0
-    """Share of the keypoints that are not detected."""
+    """Share of keypoints that are not detected."""
     start: int = 60
     """First frame of the clip at 60 Hz."""
     standing: bool = False
-    """The person holds the first pose and sways."""
+    """Whether the person holds the first pose and sways."""
     company: str = ""
     """Clip of a second person, 1.3 m to the side."""
 
@@ -73,17 +73,17 @@ HELD_OUT = (
 
 @dataclass(frozen=True)
 class Filmed:
-    """A take as it is filmed."""
+    """A simulated recording of a take."""
 
     recording: Recording  # (C, F, 25 or 50, 2): a second person's keypoints follow.
     truth: np.ndarray  # (F, 25, 3) metres of the first person; NaN for keypoints that skeletons lack.
 
 
 def film(take: MotionTake, seed: int) -> Filmed:
-    """Return a take as its cameras see it.
+    """Return the simulated recording of a take.
 
     Raises:
-        BenchmarkSkipped: the motions are not here.
+        BenchmarkSkipped: the motions are missing.
     """
     rng = np.random.default_rng(seed)
     truth = take.size * keypoints_of(take.clip, take.start, take.frames)
@@ -104,7 +104,7 @@ def film(take: MotionTake, seed: int) -> Filmed:
 def detect(
     cameras: Cameras, points: np.ndarray, take: MotionTake, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return xy (C, F, 25, 2) and confidence (C, F, 25) of points (F, 25, 3) by a detector that errs."""
+    """Return noisy (C, F, 25, 2) pixels and (C, F, 25) confidences of (F, 25, 3) points."""
     xy = project(cameras, points)
     xy = np.asarray(xy).reshape(len(cameras), *points.shape[:2], 2)
     seen = np.isfinite(xy).all(-1) & ((xy >= 0) & (xy < SIZE)).all(-1)
@@ -125,7 +125,7 @@ def detect(
 
 
 def cameras_of(layout: str) -> Cameras:
-    """Return the cameras of a layout, which look at the middle of the floor from 4 m."""
+    """Return the cameras of a layout. They look at a point 0.95 m above the floor's centre."""
     place = {
         "ring 4": [(90 * k + 20, 4.2, 1.6 + 0.2 * k) for k in range(4)],
         "ring 8": [(45 * k + 10, 4.5, 1.4 + 0.1 * k) for k in range(8)],
@@ -151,7 +151,7 @@ def cameras_of(layout: str) -> Cameras:
 
 
 def keypoints_of(clip: str, start: int, frames: int) -> np.ndarray:
-    """Return (F, 25, 3) BODY_25 keypoints of a clip at 60 Hz, metres, Z up; played there and back if it is short."""
+    """Return (F, 25, 3) BODY_25 keypoints of a clip at 60 Hz in metres, Z up, repeated backwards if it is short."""
     path = recordings_folder() / "motion_cmu" / "asfamc" / f"{clip}.npz"
     if not path.is_file():
         raise BenchmarkSkipped("The recorded motions are not here.", hint="Set MOCAP_SHARED_DATA to their folder.")

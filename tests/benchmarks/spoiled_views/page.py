@@ -1,4 +1,4 @@
-"""The page on spoiled captures: a row for each kind, made of the lines that ``bench_spoiled`` records."""
+"""The page on captures with faults, with a row for each kind, from the lines that ``bench_spoiled`` records."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _STATES = "solved", "warned", "refused", "silent"
 
 
 def page_of(rows: Sequence[dict[str, Any]]) -> str:
-    """Return the page.
+    """Return the page as Markdown.
 
     Args:
         rows: lines of a record, see ``bench_spoiled.row_of``.

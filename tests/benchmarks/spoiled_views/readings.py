@@ -1,4 +1,4 @@
-"""Whether a spoiled recording is read as the unspoiled one: what is read alike is solved alike."""
+"""Test whether a recording with faults is read like the original. If so, its solve is the same."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from solver_backend.geometry.alignment import umeyama
 from solver_backend.types import Capture
 
 ALIKE_MM, ALIKE_SCALE, ALIKE_DEG = 0.1, 1e-4, 0.2
-"""Up to which two readings are the same; solves are off by 8 to 25 mm."""
+"""Maximum differences of equal readings. Errors of solves are 8 to 25 mm."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """How one reading's person lies in comparison with another's."""
+    """Difference between the person of one reading and that of another."""
 
     off_mm: float  # Mean distance of points after a similarity.
     scale: float  # Of the other against this one.
@@ -24,18 +24,18 @@ class Difference:
 
     @property
     def alike(self) -> bool:
-        """Whether the two are the same reading."""
+        """Whether the two readings are equal."""
         return self.off_mm < ALIKE_MM and abs(self.scale - 1) < ALIKE_SCALE and self.tilt_deg < ALIKE_DEG
 
 
 def points_of(capture: Capture) -> np.ndarray:
-    """Return the keypoints that the cameras triangulate, (F, K, 3) metres."""
+    """Return the (F, K, 3) triangulated keypoints in metres."""
     cameras, keypoints = capture.require_multiview()
     return np.asarray(triangulate(cameras, keypoints.xy, keypoints.confidence).points)
 
 
 def difference(points: np.ndarray, others: np.ndarray) -> Difference | None:
-    """Return how points (F, K, 3) differ from others of the same frames, None where frames are of another number."""
+    """Return the difference between two (F, K, 3) arrays of points, or None for different numbers of frames."""
     if points.shape != others.shape:
         return None
     both = np.isfinite(points).all(-1) & np.isfinite(others).all(-1)

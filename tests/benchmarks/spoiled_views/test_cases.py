@@ -1,4 +1,4 @@
-"""Inputs of strangers that failed once are solved to their known truth, and real captures are left as they are."""
+"""Test that former failures are solved with their known truth, and that real captures stay unchanged."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ pytestmark = [pytest.mark.shared, pytest.mark.slow]
 
 FRAMES = 0, 29
 LIMIT_MM, FEW_KEYPOINTS_MM = 12.0, 20.0
-"""Over thirty frames; the whole demo unspoiled has 8.7 mm, and 10 to 17 with the keypoints of COCO and of MPII."""
+"""Limits for thirty frames. The complete demo has 8.7 mm, and 10 to 17 mm with COCO's or MPII's keypoints."""
 LEVEL_DEG = 3.0
 
 
 @dataclass(frozen=True)
 class Case:
-    """A folder of an archive, and what is right."""
+    """A folder of an archive, and its expected result."""
 
     path: str
     changes: frozenset[str] = frozenset()
-    """Codes of ``CHANGES`` that are reported."""
+    """Codes of ``CHANGES`` that must be reported."""
     limit_mm: float = LIMIT_MM
 
 
@@ -67,7 +67,7 @@ REAL = (
 
 @pytest.fixture(scope="module")
 def cases(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder of its own in which the archives are unpacked."""
+    """Return a temporary folder with the extracted archives."""
     archives = sorted((shared_data / "cases" / "multiview").glob("*.tar.xz"))
     if not archives:
         pytest.skip("the recordings hold no cases")

@@ -1,4 +1,4 @@
-"""What becomes of a lie follows from its error, its time and what is named of it."""
+"""Test the verdict on a wrong recording, which follows from its error, its times and its warnings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recordings that are valid and wrong, by the command line: the cause is in JSON and report, and the body is right."""
+"""Test on the command line that wrong recordings are solved, and that JSON and report state the cause."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ pytestmark = pytest.mark.slow
 
 FRAMES = 120
 LIMIT_MM = 10.0
-"""Unspoiled, these frames have 8.4 mm."""
+"""Limit of the error. Without faults, these frames have 8.4 mm."""
 NAMED = {
     "cameras exchanged": "camera_names_exchanged", "sides exchanged": "detections_corrected",
     "v from below": "detections_corrected", "one late": "camera_late", "half size": "calibration_corrected",
     "cm": "unit_by_person", "one mirrored": "image_mirrored", "confidence 0.01": "confidence_rescaled",
 }  # fmt: skip
-"""What is wrong, and the diagnostic that names it."""
+"""Fault, and the code of its diagnostic."""
 
 
 def solved(kind: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict]:
-    """Solve the demo's recording, spoiled, without options; return exit code and the last event."""
+    """Solve the changed recording of the demo without options, and return exit code and last event."""
     cameras, keypoints = demo_capture(FRAMES, 60.0).require_multiview()
     whole = Recording(keypoints.xy, keypoints.confidence, cameras, cameras.names)
     spoiled = (KINDS | LIES | MORE_LIES)[kind](whole, np.random.default_rng(0), 0)

@@ -1,4 +1,4 @@
-"""A spoiled recording written as a trial of Pose2Sim, read and solved as a stranger's, and held against the truth."""
+"""Write a recording with faults as a trial of Pose2Sim, read and solve it, and compare the result with the truth."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ CHANGES = {
     "unit_by_person", "detections_corrected", "person_mirrored", "starts_apart", "start_left_out", "names_exchanged",
     "image_mirrored", "camera_rates_differ", "frame_rate_ambiguous", "focal_lengths_off", "cameras_shifted",
 }  # fmt: skip
-"""What is changed in captures, or would be by the user because of it."""
+"""Diagnostics of a change in a capture, or of one that the user should make."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """What became of a recording."""
+    """Result of a recording."""
 
     error_mm: float  # Mean error of the joints, the take laid over the truth rigidly; NaN where it was refused.
     warnings: tuple[str, ...]  # What the solve warned of.
@@ -44,7 +44,7 @@ class Result:
 
     @property
     def silent(self) -> bool:
-        """Whether a result came without a warning."""
+        """Whether there is a result without a warning."""
         return not self.warnings and not self.refused
 
 
@@ -54,13 +54,13 @@ Known = Callable[[Capture], Result | None]  # Gives what is known to become of a
 def result_of(
     capture: Capture, recording: Recording, joints: np.ndarray, known: Known = lambda read: None, **options: Any
 ) -> Result:
-    """Return what becomes of a recording in a folder of its own.
+    """Return the result of a recording in a temporary folder.
 
     Args:
-        capture: gives confidences, joint set and frame rate.
-        recording: what is written.
-        joints: (F, 24, 3) of the whole film, metres; the take is laid over the part that it fits best.
-        known: what becomes of readings that need no solve.
+        capture: origin of the frame rate.
+        recording: recording that is written.
+        joints: (F, 24, 3) joints of the complete film in metres. The take is compared with the best part of it.
+        known: returns the result of a reading that needs no solve, otherwise None.
         options: fields of ``ReadOptions``.
     """
     with tempfile.TemporaryDirectory() as folder:
@@ -70,10 +70,10 @@ def result_of(
 
 
 def result_of_folder(path: Path, joints: np.ndarray, known: Known = lambda read: None, **options: Any) -> Result:
-    """Return what becomes of a recording that is read and solved.
+    """Return the result of reading and solving a recording.
 
     Args:
-        path: its folder.
+        path: folder of the recording.
         joints, known, options: see ``result_of``.
     """
     try:
@@ -92,7 +92,7 @@ def result_of_folder(path: Path, joints: np.ndarray, known: Known = lambda read:
 
 
 def write_recording(path: Path, capture: Capture, recording: Recording) -> None:
-    """Write a recording as a trial of Pose2Sim; ``capture`` gives the frame rate."""
+    """Write a recording as a trial of Pose2Sim with the frame rate of ``capture``."""
     keypoints = capture.keypoints
     assert keypoints is not None
     count, total = recording.xy.shape[:2]
@@ -112,19 +112,19 @@ def write_recording(path: Path, capture: Capture, recording: Recording) -> None:
 
 
 def error_mm(found: np.ndarray, joints: np.ndarray) -> float:
-    """Return the mean distance of joints (N, 24, 3) from those of the best N of F frames (F, 24, 3), laid over them."""
+    """Return the mean distance in mm of (N, 24, 3) joints, aligned rigidly with the best N of (F, 24, 3) truth."""
     part = _shown_part(found, joints)
     return float("nan") if part is None else 1e3 * _laid_over(found, part)[0]
 
 
 def tilt_deg(found: np.ndarray, joints: np.ndarray) -> float:
-    """Return the angle between the up axes of the two, degrees; of a result that nothing levels it is the world's."""
+    """Return the angle in degrees between both up axes. If nothing levels the result, this is the world's tilt."""
     part = _shown_part(found, joints)
     return float("nan") if part is None else float(np.degrees(np.arccos(np.clip(_laid_over(found, part)[1], -1, 1))))
 
 
 def scale_of(found: np.ndarray, joints: np.ndarray) -> float:
-    """Return how large the truth is against a result, by their joints' spread."""
+    """Return the scale of the truth relative to a result, from the spread of their joints."""
     part = _shown_part(found, joints)
     if part is None:
         return float("nan")
@@ -136,7 +136,7 @@ _COMPARED = 12  # Frames by which the take is found in the film.
 
 
 def _shown_part(found: np.ndarray, joints: np.ndarray) -> np.ndarray | None:
-    """Return the N of F frames that N frames fit best, None where there are fewer."""
+    """Return the N of F frames with the best fit to N frames, or None if there are fewer."""
     few = np.unique(np.linspace(0, len(found) - 1, _COMPARED).astype(int))
     shifts = range(len(joints) - len(found) + 1)
     best = min(shifts, key=lambda shift: _laid_over(found[few], joints[shift + few])[0], default=None)
@@ -144,7 +144,7 @@ def _shown_part(found: np.ndarray, joints: np.ndarray) -> np.ndarray | None:
 
 
 def _laid_over(found: np.ndarray, joints: np.ndarray) -> tuple[float, float]:
-    """Return the mean distance after the rigid motion that lays one over the other (Umeyama 1991), and z of its up."""
+    """Return the mean distance after the best rigid motion (Umeyama 1991), and the Z component of the moved up axis."""
     a, b = (points[:, :24].reshape(-1, 3) for points in (found, joints))
     _, R, t = umeyama(a, b)
     return float(np.linalg.norm(a @ R.T + t - b, axis=-1).mean()), float(R[2, 2])

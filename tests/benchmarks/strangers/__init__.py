@@ -1,1 +1,1 @@
-"""Recordings as strangers bring them: other programs' files, and what people get wrong, one or two at once."""
+"""Recordings in files of other programs and with typical user mistakes, one or two at once."""

@@ -1,4 +1,4 @@
-"""Calibrations in conventions of other programs, by what people copy out of them."""
+"""Calibrations in other programs' conventions. Each function writes a take with one of them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.benchmarks.strangers.take import FPS, Take, demo_take, write_openpose
 
 
 def _recorded(folder: Path, take: Take) -> Path:
-    """Write all but the calibration, and return its folder."""
+    """Write everything except the calibration, and return the calibration's folder."""
     for c, name in enumerate(take.names):
         write_openpose(folder, name, [take.points[c]])
     write_rate(folder)
@@ -33,7 +33,7 @@ def _changed(take: Take, **values: np.ndarray) -> Cameras:
 
 
 def panoptic(folder: Path, take: Take) -> None:
-    """CMU Panoptic Studio's JSON: name, K, distCoef, R, t in cm, y down."""
+    """Write CMU Panoptic Studio's JSON: name, K, distCoef, R, and t in cm, with Y down."""
     to_file = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     cameras = replace(take.cameras, R=take.cameras.R @ to_file.T)
     _json(folder, take, {"calibDataSource": "160906", "cameras": [
@@ -44,7 +44,7 @@ def panoptic(folder: Path, take: Take) -> None:
 
 
 def aist(folder: Path, take: Take) -> None:
-    """AIST++: a list with name, size, matrix, rotation (vector), translation in cm, distortions."""
+    """Write AIST++'s list with name, size, matrix, rotation (vector), translation in cm, and distortions."""
     cameras = take.cameras
     _json(folder, take, [
         {"name": n, "size": cameras.image_size[c].tolist(), "matrix": cameras.K[c].tolist(),
@@ -54,7 +54,7 @@ def aist(folder: Path, take: Take) -> None:
 
 
 def zju(folder: Path, take: Take) -> None:
-    """ZJU-MoCap: K, D, R, T (mm) as lists over the cameras, without names."""
+    """Write ZJU-MoCap's lists K, D, R and T (mm) over the cameras, without names."""
     cameras = take.cameras
     _json(folder, take, {"cams": {
         "K": cameras.K.tolist(), "D": cameras.distortion[:, :5, None].tolist(), "R": cameras.R.tolist(),
@@ -62,7 +62,7 @@ def zju(folder: Path, take: Take) -> None:
 
 
 def xrprimer(folder: Path, take: Take) -> None:
-    """XRPrimer, one JSON a camera: camera to world, intrinsic of 4 x 4."""
+    """Write XRPrimer's JSON per camera: camera to world, and a 4 x 4 intrinsic matrix."""
     place, cameras = _recorded(folder, take), take.cameras
     for c, name in enumerate(take.names):
         K = np.eye(4)
@@ -77,7 +77,7 @@ def xrprimer(folder: Path, take: Take) -> None:
 
 
 def kalibr(folder: Path, take: Take) -> None:
-    """Kalibr's camchain: each camera's pose from the one before, no names but cam0 to cam3."""
+    """Write Kalibr's camchain: each camera's pose relative to the previous one, with the names cam0 to cam3."""
     lines, cameras = [], take.cameras
     whole = np.tile(np.eye(4), (len(cameras), 1, 1))
     whole[:, :3, :3], whole[:, :3, 3] = cameras.R, cameras.t
@@ -93,7 +93,7 @@ def kalibr(folder: Path, take: Take) -> None:
 
 
 def quaternions(folder: Path, take: Take) -> None:
-    """JSON of a script: place in m and quaternion w, x, y, z of the camera in the world, f and centre in px."""
+    """Write a script's JSON: position (m) and quaternion (w, x, y, z) in the world, f and principal point in px."""
     cameras, listed = take.cameras, {}
     for c, name in enumerate(take.names):
         vector = np.asarray(log_so3(cameras.R[c].T))
@@ -108,7 +108,7 @@ def quaternions(folder: Path, take: Take) -> None:
 
 
 def matlab_rows(folder: Path, take: Take) -> None:
-    """MATLAB's camera parameters as JSON: K and R transposed (row vectors), t in mm."""
+    """Write MATLAB's camera parameters as JSON: transposed K and R (row vectors), t in mm."""
     cameras = take.cameras
     _json(folder, take, {n: {
         "IntrinsicMatrix": cameras.K[c].T.tolist(), "RotationMatrix": cameras.R[c].T.tolist(),
@@ -118,14 +118,14 @@ def matlab_rows(folder: Path, take: Take) -> None:
 
 
 def projections_by_name(folder: Path, take: Take) -> None:
-    """One JSON: a 3 x 4 projection matrix by camera, mm."""
+    """Write one JSON with a 3 x 4 projection matrix per camera in mm."""
     cameras = take.cameras
     P = cameras.K @ np.concatenate([cameras.R, 1000 * cameras.t[..., None]], axis=2)
     _json(folder, take, {n: P[c].tolist() for c, n in enumerate(take.names)}, "projections.json")
 
 
 def degrees_for_radians(folder: Path, take: Take) -> None:
-    """Rotation vectors in degrees."""
+    """Write rotation vectors in degrees."""
     cameras = take.cameras
     text = [f'[{n}]\nname = "{n}"\nsize = [1920.0, 1080.0]\nmatrix = {cameras.K[c].tolist()}\n'
             f"distortions = {cameras.distortion[c, :4].tolist()}\n"
@@ -136,36 +136,36 @@ def degrees_for_radians(folder: Path, take: Take) -> None:
 
 
 def rotations_alone_transposed(folder: Path, take: Take) -> None:
-    """R from camera to world beside t from world to camera."""
+    """Write R from camera to world with t from world to camera."""
     write_take(folder, take, calibration=_changed(take, R=take.cameras.R.swapaxes(1, 2)))
 
 
 def places_beside_right_rotations(folder: Path, take: Take) -> None:
-    """Positions negated: R and -C."""
+    """Write negated positions: R and -C."""
     write_take(folder, take, calibration=_changed(take, t=-take.cameras.centres))
 
 
 def centre_from_the_middle(folder: Path, take: Take) -> None:
-    """Principal points as offsets from the middle of the picture."""
+    """Write principal points as offsets from the centre of the picture."""
     K = take.cameras.K.copy()
     K[:, :2, 2] -= (take.cameras.image_size - 1) / 2
     write_take(folder, take, calibration=_changed(take, K=K))
 
 
 def focal_in_mm(folder: Path, take: Take) -> None:
-    """Focal lengths in mm of a sensor 36 mm wide."""
+    """Write focal lengths in mm for a sensor width of 36 mm."""
     K = take.cameras.K.copy()
     K[:, [0, 1], [0, 1]] *= 36.0 / 1920.0
     write_take(folder, take, calibration=_changed(take, K=K))
 
 
 def portrait_in_the_file(folder: Path, take: Take) -> None:
-    """Image sizes written as height and width."""
+    """Write image sizes as height and width."""
     write_take(folder, take, calibration=_changed(take, image_size=take.cameras.image_size[:, ::-1].copy()))
 
 
 def calibrated_small(folder: Path, take: Take) -> None:
-    """Calibrated in pictures of 960 x 540, recorded at 1920 x 1080."""
+    """Write a calibration of pictures of 960 x 540 pixels for a recording of 1920 x 1080."""
     K = take.cameras.K.copy()
     K[:, :2, 2] = (K[:, :2, 2] + 0.5) / 2 - 0.5
     K[:, [0, 1], [0, 1]] /= 2
@@ -174,7 +174,7 @@ def calibrated_small(folder: Path, take: Take) -> None:
 
 
 def an_old_calibration_beside(folder: Path, take: Take) -> None:
-    """The calibration of last week, when two cameras stood elsewhere, in the same folder."""
+    """Write two calibrations. In last week's, two cameras have other positions."""
     write_take(folder, take)
     t = take.cameras.t.copy()
     t[[0, 2]] += [0.4, 0.1, -0.3]
@@ -183,27 +183,27 @@ def an_old_calibration_beside(folder: Path, take: Take) -> None:
 
 
 def one_in_another_unit(folder: Path, take: Take) -> None:
-    """One camera, calibrated by itself, in mm beside the others' metres."""
+    """Write one separately calibrated camera in mm, the others in metres."""
     t = take.cameras.t.copy()
     t[1] *= 1000
     write_take(folder, take, calibration=_changed(take, t=t))
 
 
 def one_camera_to_world(folder: Path, take: Take) -> None:
-    """One camera's pose from camera to world beside the others' from world to camera."""
+    """Write one camera's pose from camera to world, the others from world to camera."""
     R, t = take.cameras.R.copy(), take.cameras.t.copy()
     R[3], t[3] = R[3].T, take.cameras.centres[3]
     write_take(folder, take, calibration=_changed(take, R=R, t=t))
 
 
 def mm_camera_to_world_half(folder: Path, take: Take) -> None:
-    """Three at once: camera to world, mm, pictures of half the size."""
+    """Write poses from camera to world in mm, with pictures of half the size."""
     cameras = _changed(take, R=take.cameras.R.swapaxes(1, 2), t=1000 * take.cameras.centres)
     write_take(folder, all_of(take, half), calibration=cameras)
 
 
 def turned_tilted(folder: Path, take: Take) -> None:
-    """The first camera as the world, all pictures turned."""
+    """Write the first camera as the world, with all pictures rotated."""
     cameras = take.cameras
     R = cameras.R @ cameras.R[0].T
     t = cameras.t - (R @ cameras.t[0])
@@ -211,7 +211,7 @@ def turned_tilted(folder: Path, take: Take) -> None:
 
 
 def apart_and_turned(folder: Path, take: Take) -> None:
-    """Started up to 60 frames apart, pictures turned, in mm."""
+    """Write cameras started up to 60 frames apart, with rotated pictures, in mm."""
     long = all_of(demo_take(0, 360), turned)
     for c, start in enumerate((0, 60, 25, 10)):
         write_openpose(folder, take.names[c], [long.points[c, start : start + 290]])
@@ -228,4 +228,4 @@ CONVENTIONS: dict[str, Callable[[Path, Take], None]] = {
         mm_camera_to_world_half, turned_tilted, apart_and_turned,
     )
 }  # fmt: skip
-"""By what they are called."""
+"""Functions that write a case, by name."""

@@ -1,4 +1,4 @@
-"""What people get wrong when they record, one or two things at once, and what detectors do to it."""
+"""Mistakes in recordings and detections, one or two at once. Each function writes a take with them."""
 
 from __future__ import annotations
 
@@ -54,62 +54,62 @@ def all_of(take: Take, change: Callable[[Take, int], Take]) -> Take:
 
 
 def turned_and_half(folder: Path, take: Take) -> None:
-    """All pictures turned and half as large."""
+    """Write all pictures rotated and half as large."""
     write_take(folder, all_of(all_of(take, turned), half))
 
 
 def one_turned_one_half(folder: Path, take: Take) -> None:
-    """One camera turned, another of half the size."""
+    """Write one camera rotated, and another with half the size."""
     write_take(folder, half(turned(take, 0), 2))
 
 
 def one_two_thirds(folder: Path, take: Take) -> None:
-    """One camera recorded 720 rows where 1080 are calibrated."""
+    """Write one camera with 720 rows instead of the calibrated 1080."""
     write_take(folder, half(take, 1, 2 / 3))
 
 
 def odd_size(folder: Path, take: Take) -> None:
-    """Pictures scaled by 0.4375 (1080 to 472.5 rows): no common size."""
+    """Write pictures scaled by 0.4375 (1080 to 472.5 rows), which is no common size."""
     write_take(folder, all_of(take, lambda t, c: half(t, c, 0.4375)))
 
 
 def cropped(folder: Path, take: Take) -> None:
-    """One camera's pictures cut by 200 px on the left and 40 px at the top."""
+    """Write one camera's pictures cropped by 200 px on the left and 40 px at the top."""
     write_take(folder, take.mapped(3, take.points[3, ..., :2] - [200, 40]))
 
 
 def anamorphic(folder: Path, take: Take) -> None:
-    """All pictures squeezed to 3/4 of their width: 1440 by 1080."""
+    """Write all pictures compressed to 3/4 of their width: 1440 x 1080."""
     write_take(folder, all_of(take, lambda t, c: t.mapped(c, t.points[c, ..., :2] * [0.75, 1.0])))
 
 
 def one_anamorphic(folder: Path, take: Take) -> None:
-    """One camera's pictures squeezed to 3/4 of their width."""
+    """Write one camera's pictures compressed to 3/4 of their width."""
     write_take(folder, take.mapped(1, take.points[1, ..., :2] * [0.75, 1.0]))
 
 
 def square_letterboxed(folder: Path, take: Take) -> None:
-    """Pictures scaled into a square of 640 with black bars, as detectors take them."""
+    """Write pictures scaled into a square of 640 pixels with black bars, as detectors use them."""
     write_take(folder, all_of(take, lambda t, c: t.mapped(c, t.points[c, ..., :2] / 3 + [0, 140])))
 
 
 def one_mirrored(folder: Path, take: Take) -> None:
-    """One camera mirrors its pictures."""
+    """Write one camera's pictures mirrored."""
     write_take(folder, mirrored(take, 2))
 
 
 def mirrored_and_half(folder: Path, take: Take) -> None:
-    """One camera mirrors its pictures; all are half as large as calibrated."""
+    """Write one camera's pictures mirrored, and all half as large as calibrated."""
     write_take(folder, all_of(mirrored(take, 2), half))
 
 
 def one_upside_down(folder: Path, take: Take) -> None:
-    """One camera hangs upside down, its picture turned by 180 degrees."""
+    """Write one camera upside down, with its picture rotated by 180 degrees."""
     write_take(folder, take.mapped(0, take.cameras.image_size[0] - 1 - take.points[0, ..., :2]))
 
 
 def two_takes(folder: Path, take: Take) -> None:
-    """Two takes of each camera in one folder of files."""
+    """Write two takes of each camera in one folder of files."""
     for c, name in enumerate(take.names):
         for number in (1, 2):
             place = folder / "pose" / f"{name}_json"
@@ -122,13 +122,13 @@ def two_takes(folder: Path, take: Take) -> None:
 
 
 def two_takes_on(folder: Path, take: Take) -> None:
-    """Two takes that follow one another in each folder, numbered on: the person jumps."""
+    """Write two successive takes in each folder, numbered continuously, so that the person jumps."""
     other = demo_take(240, 100)
     write_take(folder, replace(take, points=np.concatenate([take.points, other.points], 1)))
 
 
 def animal(folder: Path, take: Take) -> None:
-    """A dog in DeepLabCut's SuperAnimal names."""
+    """Write a dog with DeepLabCut's SuperAnimal names."""
     names = ["nose", "left_eye", "right_eye", "left_ear", "right_ear", "neck_base", "tail_base", "back_middle",
              "front_left_thai", "front_left_knee", "front_left_paw", "front_right_thai", "front_right_knee",
              "front_right_paw", "back_left_thai", "back_left_knee", "back_left_paw", "back_right_thai",
@@ -143,7 +143,7 @@ def animal(folder: Path, take: Take) -> None:
 
 
 def animal_unnamed(folder: Path, take: Take) -> None:
-    """A quadruped in MMPose's AP-10K: 17 points, as many as COCO's, without names."""
+    """Write a quadruped in MMPose's AP-10K without names: 17 points, as many as in COCO."""
     coco = take.coco()
     spine = np.concatenate([coco[:, :, [1, 2, 0, 5, 11, 5, 7, 9, 6, 8, 10, 11, 13, 15, 12, 14, 16]]], -1)
     for c, name in enumerate(take.names):
@@ -153,21 +153,21 @@ def animal_unnamed(folder: Path, take: Take) -> None:
 
 
 def half_body(folder: Path, take: Take) -> None:
-    """Cameras that see nothing below the hips."""
+    """Write cameras that see nothing below the hips."""
     points = take.points.copy()
     points[:, :, _LEGS] = 0.0
     write_take(folder, replace(take, points=points))
 
 
 def half_body_turned(folder: Path, take: Take) -> None:
-    """The same, with two cameras turned."""
+    """Write cameras that see nothing below the hips, two of them rotated."""
     points = take.points.copy()
     points[:, :, _LEGS] = 0.0
     write_take(folder, turned(turned(replace(take, points=points), 1), 3))
 
 
 def missing_files(folder: Path, take: Take) -> None:
-    """Files missing in the middle, others for each camera."""
+    """Write takes with missing files in the middle, different ones for each camera."""
     write_take(folder, take)
     rng = np.random.default_rng(3)
     for place in sorted((folder / "pose").iterdir()):
@@ -177,7 +177,7 @@ def missing_files(folder: Path, take: Take) -> None:
 
 
 def empty_people(folder: Path, take: Take) -> None:
-    """Nobody, {} and all-zero people in a fifth of the files."""
+    """Write no people, {} or all-zero people in a fifth of the files."""
     write_take(folder, take)
     rng = np.random.default_rng(4)
     for path in sorted((folder / "pose").rglob("*.json")):
@@ -187,24 +187,24 @@ def empty_people(folder: Path, take: Take) -> None:
 
 
 def empty_files(folder: Path, take: Take) -> None:
-    """A few files of no bytes at all, as a full disk leaves them."""
+    """Write some files without any bytes, as a full disk leaves them."""
     write_take(folder, take)
     for path in sorted((folder / "pose" / "cam02_json").iterdir())[30:34]:
         path.write_text("")
 
 
 def from_one(folder: Path, take: Take) -> None:
-    """Frames numbered from 1 in two cameras, from 1000 in the others, all in step."""
+    """Number frames from 1 in two cameras and from 1000 in the others, all synchronous."""
     _numbered(folder, take, (1, 1, 1000, 1000))
 
 
 def from_thousand(folder: Path, take: Take) -> None:
-    """Frames of all cameras numbered from 1000."""
+    """Number the frames of all cameras from 1000."""
     _numbered(folder, take, (1000, 1000, 1000, 1000))
 
 
 def one_from_one(folder: Path, take: Take) -> None:
-    """One camera's frames numbered from 1, the others' from 0, all in step."""
+    """Number one camera's frames from 1, the others' from 0, all synchronous."""
     _numbered(folder, take, (0, 1, 0, 0))
 
 
@@ -216,7 +216,7 @@ def _numbered(folder: Path, take: Take, firsts: tuple[int, ...]) -> None:
 
 
 def every_second_number(folder: Path, take: Take) -> None:
-    """One camera at half the frame rate: 60 files where the others have 120."""
+    """Write one camera at half the frame rate: 60 files instead of 120."""
     for c, name in enumerate(take.names):
         write_openpose(folder, name, [take.points[c][:: 2 if c == 1 else 1]])
     write_toml(folder, take.cameras)
@@ -224,11 +224,11 @@ def every_second_number(folder: Path, take: Take) -> None:
 
 
 def _beside(take: Take, path_m: np.ndarray) -> Take:
-    """Return somebody who does what the person does later, elsewhere, seen by the same cameras.
+    """Return a second person, seen by the same cameras, who performs later motion at another position.
 
     Args:
-        take: F frames of the person.
-        path_m: (F, 2) or (2,) by how much they are moved over the floor.
+        take: F frames of the first person.
+        path_m: (F, 2) or (2,) shift on the floor in metres.
     """
     frames = take.points.shape[1]
     world = np.asarray(demo_capture(LENGTH, FPS).truth["keypoints3d"])[200 : 200 + frames].copy()
@@ -237,7 +237,7 @@ def _beside(take: Take, path_m: np.ndarray) -> Take:
 
 
 def _seen(take: Take, world: np.ndarray, confidence: float) -> np.ndarray:
-    """Return (C, F, K, 3) detections of points (F, K, 3) that err by 3 px; zeros outside the pictures."""
+    """Return (C, F, K, 3) detections of (F, K, 3) points with errors of 3 px, zero outside the pictures."""
     cameras = take.cameras
     xy = project(cameras, world)
     xy = xy + np.random.default_rng(6).normal(0, 3, xy.shape)
@@ -246,7 +246,7 @@ def _seen(take: Take, world: np.ndarray, confidence: float) -> np.ndarray:
 
 
 def crossing(folder: Path, take: Take) -> None:
-    """Somebody who passes half a metre from the person; their places in the lists are exchanged from then on."""
+    """Write a second person who passes the first at half a metre. Then their order in the lists is exchanged."""
     frames = take.points.shape[1]
     path = np.column_stack([np.linspace(1.6, -1.6, frames), np.full(frames, 0.5)])
     a, b = take.points.copy(), _beside(take, path).points
@@ -256,7 +256,7 @@ def crossing(folder: Path, take: Take) -> None:
 
 
 def ids_swap(folder: Path, take: Take) -> None:
-    """Two people whose places in the lists are exchanged at random."""
+    """Write two people with a random order in the lists."""
     other = _beside(take, np.array([0.9, 0.5]))
     rng = np.random.default_rng(5)
     swap = rng.uniform(size=take.points.shape[:2]) < 0.5
@@ -266,7 +266,7 @@ def ids_swap(folder: Path, take: Take) -> None:
 
 
 def mirror_behind(folder: Path, take: Take) -> None:
-    """A mirror behind the person: two cameras see the image in it too, with exchanged sides."""
+    """Write a mirror behind the person. Two cameras also see the reflection, with exchanged sides."""
     frames = take.points.shape[1]
     world = np.asarray(demo_capture(LENGTH, FPS).truth["keypoints3d"])[60 : 60 + frames].copy()
     world[..., 1] = 2 * (world[..., 1].max() + 0.8) - world[..., 1]
@@ -276,7 +276,7 @@ def mirror_behind(folder: Path, take: Take) -> None:
 
 
 def ghosts(folder: Path, take: Take) -> None:
-    """Two people of random points in every picture."""
+    """Add two people of random points to every picture."""
     rng = np.random.default_rng(7)
     ghost = [
         np.concatenate(
@@ -289,19 +289,19 @@ def ghosts(folder: Path, take: Take) -> None:
 
 
 def truncated_focal(folder: Path, take: Take) -> None:
-    """Calibration of other pictures: K of half the size, image size of the full one."""
+    """Write a calibration of other pictures: K for half the size, image size of the full one."""
     K = take.cameras.K.copy()
     K[:, :2] *= 0.5
     write_take(folder, take, calibration=replace(take.cameras, K=K))
 
 
 def cm_and_turned(folder: Path, take: Take) -> None:
-    """Calibrated in cm, all pictures turned."""
+    """Write a calibration in cm, with all pictures rotated."""
     write_take(folder, all_of(take, turned), calibration=replace(take.cameras, t=take.cameras.t * 100))
 
 
 def apart_and_half(folder: Path, take: Take) -> None:
-    """Started up to 70 frames apart, pictures half as large."""
+    """Write cameras started up to 70 frames apart, with pictures half as large."""
     long = all_of(demo_take(0, 360), half)
     for c, start in enumerate((0, 70, 33, 12)):
         write_openpose(folder, take.names[c], [long.points[c, start : start + 280]])
@@ -310,31 +310,31 @@ def apart_and_half(folder: Path, take: Take) -> None:
 
 
 def y_up(folder: Path, take: Take) -> None:
-    """A calibration whose y points up."""
+    """Write a calibration with Y up."""
     to_z = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     write_take(folder, take, calibration=replace(take.cameras, R=take.cameras.R @ to_z))
 
 
 def y_down_half(folder: Path, take: Take) -> None:
-    """A calibration whose y points down (OpenCV's), pictures half as large."""
+    """Write a calibration with Y down (as in OpenCV), and pictures half as large."""
     to_z = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
     write_take(folder, all_of(take, half), calibration=replace(take.cameras, R=take.cameras.R @ to_z))
 
 
 def rate_doubled(folder: Path, take: Take) -> None:
-    """Config says 120 frames a second of 60."""
+    """Write a configuration of 120 frames per second for a recording of 60."""
     write_take(folder, take)
     write_rate(folder, 120.0)
 
 
 def wrong_joint_set(folder: Path, take: Take) -> None:
-    """Config names COCO's 18 points where 25 are written."""
+    """Write a configuration with COCO's 17 points for a recording of 25."""
     write_take(folder, take)
     (folder / "Config.toml").write_text('[project]\nframe_rate = 60\n[pose]\npose_model = "COCO_17"\n')
 
 
 def shuffled_points(folder: Path, take: Take) -> None:
-    """17 points in an order of the user's own."""
+    """Write 17 points in a random order."""
     order = np.random.default_rng(8).permutation(17)
     for c, name in enumerate(take.names):
         write_openpose(folder, name, [take.coco()[c][:, order]])
@@ -343,14 +343,14 @@ def shuffled_points(folder: Path, take: Take) -> None:
 
 
 def two_cameras_one_name(folder: Path, take: Take) -> None:
-    """Two views are copies of one camera's detections."""
+    """Write two views as copies of one camera's detections."""
     points = take.points.copy()
     points[3] = points[2]
     write_take(folder, replace(take, points=points))
 
 
 def four_of_eight_two_moved(folder: Path, take: Take) -> None:
-    """Two of four cameras were moved after the calibration."""
+    """Write a calibration with two of four cameras moved."""
     R, t = take.cameras.R.copy(), take.cameras.t.copy()
     for c, turn in ((1, [0.0, 0.15, 0.02]), (2, [0.1, -0.1, 0.0])):
         R[c], t[c] = exp_so3(np.array(turn)) @ R[c], exp_so3(np.array(turn)) @ t[c] + [0.2, 0, 0]
@@ -368,4 +368,4 @@ FAULTS: dict[str, Callable[[Path, Take], None]] = {
         four_of_eight_two_moved,
     )
 }  # fmt: skip
-"""By what they are called."""
+"""Functions that write a case, by name."""

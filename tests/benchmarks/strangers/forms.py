@@ -1,4 +1,4 @@
-"""Detections and calibrations in forms that programs and scripts write."""
+"""Detections and calibrations in formats of programs and scripts. Each function writes a take in one of them."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ def _by_name(person: np.ndarray, names: Sequence[str] = COCO) -> dict[str, list[
 
 
 def objects_by_name(folder: Path, take: Take) -> None:
-    """One file a camera: a list of frames, each an object of points by name."""
+    """Write one file per camera: a list of frames, each an object of points by name."""
     for c, name in enumerate(take.names):
         _json(folder / f"{name}.json", [_by_name(person) for person in take.coco()[c]])
     write_toml(folder, take.cameras)
 
 
 def objects_by_name_a_frame(folder: Path, take: Take) -> None:
-    """One file a picture: an object of points by name."""
+    """Write one file per picture: an object of points by name."""
     for c, name in enumerate(take.names):
         for f, person in enumerate(take.coco()[c]):
             _json(folder / name / f"{f:04d}.json", _by_name(person))
@@ -40,7 +40,7 @@ def objects_by_name_a_frame(folder: Path, take: Take) -> None:
 
 
 def objects_in_keypoints(folder: Path, take: Take) -> None:
-    """One file a camera: frames with their number and points by name as x, y, score."""
+    """Write one file per camera: frames with their number, and points by name as x, y, score."""
     for c, name in enumerate(take.names):
         frames = [
             {"frame": f, "keypoints": {n: {"x": p[0], "y": p[1], "score": p[2]} for n, p in _by_name(person).items()}}
@@ -51,14 +51,14 @@ def objects_in_keypoints(folder: Path, take: Take) -> None:
 
 
 def objects_by_camera(folder: Path, take: Take) -> None:
-    """One file of all: cameras by name, each a list of frames of points by name."""
+    """Write one common file: cameras by name, each a list of frames of points by name."""
     _json(folder / "walk.json",
           {name: [_by_name(person) for person in take.coco()[c]] for c, name in enumerate(take.names)})  # fmt: skip
     write_toml(folder, take.cameras)
 
 
 def openpose_lines(folder: Path, take: Take) -> None:
-    """One file a camera: an OpenPose document a line."""
+    """Write one file per camera with an OpenPose document per line."""
     for c, name in enumerate(take.names):
         lines = [
             json.dumps({"version": 1.3, "people": [{"pose_keypoints_2d": person.ravel().tolist()}]})
@@ -70,7 +70,7 @@ def openpose_lines(folder: Path, take: Take) -> None:
 
 
 def openpose_list(folder: Path, take: Take) -> None:
-    """One file a camera: a list of OpenPose documents."""
+    """Write one file per camera: a list of OpenPose documents."""
     for c, name in enumerate(take.names):
         people = [{"people": [{"pose_keypoints_2d": person.ravel().tolist()}]} for person in take.points[c]]
         _json(folder / f"{name}.json", people)
@@ -78,17 +78,17 @@ def openpose_list(folder: Path, take: Take) -> None:
 
 
 def dlc_other_parts(folder: Path, take: Take) -> None:
-    """DeepLabCut tables of which one camera's lacks two body parts and lists the others in another order."""
+    """Write DeepLabCut tables. One camera's table lacks two body parts and has another order."""
     dlc(folder, take, lambda c: [n for n in reversed(COCO) if n not in ("left_ear", "right_ear")] if c == 1 else COCO)
 
 
 def dlc_few_parts(folder: Path, take: Take) -> None:
-    """DeepLabCut tables of which two cameras' hold other body parts, none in common."""
+    """Write DeepLabCut tables with no common body parts between two pairs of cameras."""
     dlc(folder, take, lambda c: COCO[:8] if c % 2 else COCO[8:])
 
 
 def dlc_limbs(folder: Path, take: Take) -> None:
-    """DeepLabCut tables with names as people give them."""
+    """Write DeepLabCut tables with informal names."""
     spelled = {"left": "L", "right": "R"}
     names = ["".join(spelled.get(p, p.capitalize()) for p in n.split("_")) for n in COCO]
     dlc(folder, take, lambda c: COCO, names)
@@ -108,37 +108,37 @@ def dlc(folder: Path, take: Take, parts: Callable[[int], Sequence[str]], spelled
 
 
 def swapped_axes(folder: Path, take: Take) -> None:
-    """Rows and columns instead of x and y."""
+    """Write rows and columns instead of x and y."""
     points = take.points.copy()
     points[..., :2] = points[..., [1, 0]]
     _openpose(folder, replace(take, points=points))
 
 
 def normalised(folder: Path, take: Take) -> None:
-    """Coordinates as shares of the picture."""
+    """Write coordinates as fractions of the picture."""
     size = take.cameras.image_size[:, None, None]
     _openpose(folder, replace(take, points=np.concatenate([take.points[..., :2] / size, take.points[..., 2:]], -1)))
 
 
 def centred_shares(folder: Path, take: Take) -> None:
-    """Coordinates from -1 to 1 over the picture (OpenPose's ``--keypoint_scale 4``)."""
+    """Write coordinates from -1 to 1 over the picture (OpenPose's ``--keypoint_scale 4``)."""
     size = take.cameras.image_size[:, None, None]
     xy = np.where(take.points[..., 2:] > 0, 2 * take.points[..., :2] / size - 1, 0.0)
     _openpose(folder, replace(take, points=np.concatenate([xy, take.points[..., 2:]], -1)))
 
 
 def per_cent(folder: Path, take: Take) -> None:
-    """Confidences in per cent."""
+    """Write confidences in per cent."""
     _openpose(folder, replace(take, points=take.points * [1, 1, 100]))
 
 
 def eight_bit(folder: Path, take: Take) -> None:
-    """Confidences from 0 to 255."""
+    """Write confidences from 0 to 255."""
     _openpose(folder, replace(take, points=(take.points * [1, 1, 255]).round(1)))
 
 
 def origin_with_confidence(folder: Path, take: Take) -> None:
-    """What is unseen stands at (0, 0) with confidence 1."""
+    """Write unseen points at (0, 0) with confidence 1."""
     points = take.points.copy()
     rng = np.random.default_rng(0)
     points[(rng.uniform(size=points.shape[:-1]) < 0.1) | (points[..., 2] == 0)] = [0, 0, 1.0]
@@ -146,7 +146,7 @@ def origin_with_confidence(folder: Path, take: Take) -> None:
 
 
 def minus_one(folder: Path, take: Take) -> None:
-    """What is unseen stands at (-1, -1) with confidence 1."""
+    """Write unseen points at (-1, -1) with confidence 1."""
     points = take.points.copy()
     rng = np.random.default_rng(0)
     points[(rng.uniform(size=points.shape[:-1]) < 0.1) | (points[..., 2] == 0)] = [-1, -1, 1.0]
@@ -154,7 +154,7 @@ def minus_one(folder: Path, take: Take) -> None:
 
 
 def constant_far_away(folder: Path, take: Take) -> None:
-    """What is unseen stands in the lower right corner with confidence 0.3."""
+    """Write unseen points in the lower right corner with confidence 0.3."""
     points = take.points.copy()
     rng = np.random.default_rng(0)
     points[rng.uniform(size=points.shape[:-1]) < 0.15] = [1919, 1079, 0.3]
@@ -169,7 +169,7 @@ def _openpose(folder: Path, take: Take, calibration: Cameras | None = None) -> N
 
 
 def anipose_extra(folder: Path, take: Take) -> None:
-    """Anipose's TOML of eight cameras for four recorded, in mm, called A to H; recorded as calib_A."""
+    """Write Anipose's TOML in mm with eight cameras. The four recorded ones are called A to D in it."""
     more = with_more(take.cameras, 8)
     more = replace(more, names=tuple("HGFEABCD"))
     (folder / "calibration").mkdir(parents=True, exist_ok=True)
@@ -180,7 +180,7 @@ def anipose_extra(folder: Path, take: Take) -> None:
 
 
 def with_more(cameras: Cameras, count: int) -> Cameras:
-    """Return cameras of which the last are those given, the others standing elsewhere."""
+    """Return ``count`` cameras: some at other positions, then the given ones."""
     more = count - len(cameras)
     turn = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
     doubled = {name: np.concatenate([value[:more], value]) for name in ("K", "distortion", "R", "t", "image_size")
@@ -191,7 +191,7 @@ def with_more(cameras: Cameras, count: int) -> Cameras:
 
 
 def serial_numbers(folder: Path, take: Take) -> None:
-    """Folders by serial number, calibration with a serial number and a model; eight calibrated."""
+    """Write folders named by serial number, and a calibration of eight cameras named by model and serial number."""
     more = replace(with_more(take.cameras, 8), names=tuple(f"FLIR_BFS-U3_1930{i}47{i}" for i in range(8)))
     for c in range(4):
         write_openpose(folder, f"1930{c + 4}47{c + 4}", [take.points[c]])
@@ -200,7 +200,7 @@ def serial_numbers(folder: Path, take: Take) -> None:
 
 
 def camera_order_only(folder: Path, take: Take) -> None:
-    """Calibration by words, recorded by letters: nothing but the views says which is which."""
+    """Write a calibration named by words for folders named by letters. Only the views show which belong together."""
     for letter, c in zip("abcd", (2, 0, 3, 1), strict=True):
         write_openpose(folder, letter, [take.points[c]])
     write_toml(folder, replace(take.cameras, names=("window", "door", "stage", "balcony")))
@@ -208,7 +208,7 @@ def camera_order_only(folder: Path, take: Take) -> None:
 
 
 def rodrigues_json(folder: Path, take: Take) -> None:
-    """JSON of a script: a list of cameras with rvec and tvec as columns, mm."""
+    """Write a script's JSON: a list of cameras with rvec and tvec as columns, in mm."""
     cameras = take.cameras
     _json(folder / "calibration" / "cams.json", {"cameras": [
         {"id": name, "intrinsics": cameras.K[c].tolist(), "dist_coeffs": [cameras.distortion[c, :5].tolist()],
@@ -221,7 +221,7 @@ def rodrigues_json(folder: Path, take: Take) -> None:
 
 
 def xcp(folder: Path, take: Take) -> None:
-    """Vicon's cameras: quaternion from world to camera (x, y, z, w), place in mm."""
+    """Write Vicon's cameras: quaternion from world to camera (x, y, z, w), position in mm."""
     rows = []
     for c, name in enumerate(take.names):
         K = take.cameras.K[c]
@@ -249,7 +249,7 @@ def _quaternion(R: np.ndarray) -> tuple[float, float, float, float]:
 
 
 def own_table_of_all(folder: Path, take: Take) -> None:
-    """One table of all: camera, frame, keypoint, x, y, confidence in a row each."""
+    """Write one common table with camera, frame, keypoint, x, y and confidence in each row."""
     folder.mkdir(parents=True, exist_ok=True)
     rows = ["camera,frame,keypoint,x,y,confidence"]
     coco = take.coco()
@@ -261,21 +261,21 @@ def own_table_of_all(folder: Path, take: Take) -> None:
 
 
 def one_array(folder: Path, take: Take) -> None:
-    """One array of all cameras, (C, F, K, 3), in .npy."""
+    """Write one (C, F, K, 3) array of all cameras as .npy."""
     folder.mkdir(parents=True, exist_ok=True)
     np.save(folder / "keypoints.npy", take.coco())
     write_toml(folder, take.cameras)
 
 
 def one_archive(folder: Path, take: Take) -> None:
-    """One .npz, an array of each camera."""
+    """Write one .npz with an array per camera."""
     folder.mkdir(parents=True, exist_ok=True)
     np.savez(folder / "keypoints.npz", **dict(zip(take.names, take.coco(), strict=True)))
     write_toml(folder, take.cameras)
 
 
 def mediapipe_landmarks(folder: Path, take: Take) -> None:
-    """A list of frames a camera, each a list of x, y, z, visibility as shares: COCO's points only."""
+    """Write one list of frames per camera, each with x, y (fractions), z and visibility of COCO's points."""
     for c, name in enumerate(take.names):
         width, height = take.cameras.image_size[c].tolist()
         _json(folder / f"{name}.json", {"fps": FPS, "frames": [
@@ -294,4 +294,4 @@ FORMS: dict[str, Callable[[Path, Take], None]] = {
         camera_order_only, rodrigues_json, xcp, own_table_of_all, one_array, one_archive, mediapipe_landmarks,
     )
 }  # fmt: skip
-"""By what they are called."""
+"""Functions that write a case, by name."""

@@ -1,4 +1,4 @@
-"""Folders as other programs and people's habits lay them out, and detections as other programs write them."""
+"""Folder layouts and detections of other programs and of users. Each function writes a take with one of them."""
 
 from __future__ import annotations
 
@@ -35,37 +35,37 @@ def _files(take: Take, place: Callable[[str, int], Path], step: int = 1) -> None
 
 
 def deeper(folder: Path, take: Take) -> None:
-    """One folder a camera, the files two folders deeper."""
+    """Write one folder per camera, with the files two folders deeper."""
     _files(take, lambda name, f: folder / name / "openpose" / "json" / f"{name}_{f:012d}_keypoints.json")
     _calibrated(folder, take)
 
 
 def frame_before_camera(folder: Path, take: Take) -> None:
-    """All in one folder, called by frame and then camera."""
+    """Write all files into one folder, named by frame and then camera."""
     _files(take, lambda name, f: folder / "pose" / f"{f:06d}_{name}.json")
     _calibrated(folder, take)
 
 
 def a_folder_a_frame(folder: Path, take: Take) -> None:
-    """A folder for each frame, in it a file for each camera."""
+    """Write a folder per frame with a file per camera."""
     _files(take, lambda name, f: folder / "pose" / f"frame_{f:05d}" / f"{name}.json")
     _calibrated(folder, take)
 
 
 def by_timestamp(folder: Path, take: Take) -> None:
-    """Files called by milliseconds since 1970, as industrial cameras' recorders name them."""
+    """Write files named by milliseconds since 1970, as recorders of industrial cameras do."""
     _files(take, lambda name, f: folder / "pose" / name / f"{1714552000000 + round(1000 * f / FPS)}.json")
     _calibrated(folder, take)
 
 
 def global_counter(folder: Path, take: Take) -> None:
-    """One counter over all cameras: cam01 has 0, 4, 8, cam02 1, 5, 9."""
+    """Write files with one counter over all cameras: 0, 4, 8 for cam01, and 1, 5, 9 for cam02."""
     _files(take, lambda name, f: folder / "pose" / name / f"{name}_{4 * f + take.names.index(name):07d}.json")
     _calibrated(folder, take)
 
 
 def zipped(folder: Path, take: Take) -> None:
-    """Each camera's files in a zip."""
+    """Write each camera's files into a zip file."""
     (folder / "pose").mkdir(parents=True)
     for c, name in enumerate(take.names):
         with zipfile.ZipFile(folder / "pose" / f"{name}_json.zip", "w") as archive:
@@ -75,7 +75,7 @@ def zipped(folder: Path, take: Take) -> None:
 
 
 def gzipped(folder: Path, take: Take) -> None:
-    """Every file compressed: .json.gz."""
+    """Write every file compressed as .json.gz."""
     for c, name in enumerate(take.names):
         (folder / "pose" / name).mkdir(parents=True)
         for f, person in enumerate(take.points[c]):
@@ -85,7 +85,7 @@ def gzipped(folder: Path, take: Take) -> None:
 
 
 def openpose_yml(folder: Path, take: Take) -> None:
-    """OpenPose's ``--write_keypoint``: a matrix of OpenCV's YAML a picture."""
+    """Write OpenPose's ``--write_keypoint`` format: a matrix in OpenCV's YAML per picture."""
     for c, name in enumerate(take.names):
         (folder / "pose" / name).mkdir(parents=True)
         for f, person in enumerate(take.points[c]):
@@ -98,7 +98,7 @@ def openpose_yml(folder: Path, take: Take) -> None:
 
 
 def results_of_two_people(folder: Path, take: Take) -> None:
-    """DeepLabCut of several animals, maDLC: two people, one of them away in half of the frames."""
+    """Write DeepLabCut's result for several animals (maDLC): two people, one of them absent in half of the frames."""
     other = replace(take, points=take.points[:, ::-1].copy())
     for c, name in enumerate(take.names):
         columns = [("DLC", who, part, coord) for who in ("ind1", "ind2") for part in COCO
@@ -116,7 +116,7 @@ def results_of_two_people(folder: Path, take: Take) -> None:
 
 
 def whole_bodies(folder: Path, take: Take) -> None:
-    """RTMPose's whole body of 133 points in OpenPose's JSON."""
+    """Write RTMPose's 133 points of the whole body in OpenPose's JSON."""
     points = np.zeros((*take.points.shape[:2], 133, 3))
     points[:, :, :17] = take.coco()
     feet = [f"{side}_{part}" for side in ("left", "right") for part in ("big_toe", "small_toe", "heel")]
@@ -127,7 +127,7 @@ def whole_bodies(folder: Path, take: Take) -> None:
 
 
 def pickled(folder: Path, take: Take) -> None:
-    """Results in Python's pickle, as MMPose and HybrIK leave them."""
+    """Write results in Python's pickle format, as MMPose and HybrIK do."""
     (folder / "pose").mkdir(parents=True)
     for name in take.names:
         (folder / "pose" / f"{name}.pkl").write_bytes(b"\x80\x04\x95\x10\x00\x00\x00\x00\x00\x00\x00}\x94.")
@@ -135,7 +135,7 @@ def pickled(folder: Path, take: Take) -> None:
 
 
 def spaces_and_umlauts(folder: Path, take: Take) -> None:
-    """Cameras called as people call them."""
+    """Write cameras with informal names."""
     names = ("Kamera links", "Kamera rechts", "Tür", "über Fenster #2")
     for c, name in enumerate(names):
         write_openpose(folder, name, [take.points[c]])
@@ -144,7 +144,7 @@ def spaces_and_umlauts(folder: Path, take: Take) -> None:
 
 
 def one_starts_numbered_later(folder: Path, take: Take) -> None:
-    """One camera's first 30 files were deleted and the others renumbered from 0; all pictures half as large."""
+    """Delete one camera's first 30 files and renumber the others from 0, with all pictures half as large."""
     small = all_of(take, half)
     for c, name in enumerate(take.names):
         write_openpose(folder, name, [small.points[c, 30 if c == 2 else 0 :]])
@@ -152,7 +152,7 @@ def one_starts_numbered_later(folder: Path, take: Take) -> None:
 
 
 def others_left_over(folder: Path, take: Take) -> None:
-    """Files of an earlier, longer take that the new ones overwrote only in part."""
+    """Add the last files of an earlier, longer take that the new files did not overwrite."""
     write_take(folder, take)
     for c, name in enumerate(take.names):
         place = folder / "pose" / f"{name}_json"
@@ -163,21 +163,21 @@ def others_left_over(folder: Path, take: Take) -> None:
 
 
 def one_of_another_take(folder: Path, take: Take) -> None:
-    """One camera's folder is that of another take."""
+    """Write one camera's folder from another take."""
     points = take.points.copy()
     points[1] = points[1, ::-1]
     write_take(folder, replace(take, points=points))
 
 
 def two_of_another_take(folder: Path, take: Take) -> None:
-    """Two cameras' folders are those of another take."""
+    """Write two cameras' folders from another take."""
     points = take.points.copy()
     points[:2] = points[:2, ::-1]
     write_take(folder, replace(take, points=points))
 
 
 def clipped_scores(folder: Path, take: Take) -> None:
-    """A detector that places unseen points anyhow, with a confidence of 0.5 for all."""
+    """Write a detector that also locates unseen points, with a confidence of 0.5 for all."""
     rng = np.random.default_rng(0)
     points = take.points.copy()
     hidden = points[..., 2] == 0
@@ -189,19 +189,19 @@ def clipped_scores(folder: Path, take: Take) -> None:
 
 
 def mirrored_selfies(folder: Path, take: Take) -> None:
-    """All cameras are phones that mirror, and the detections are half as large."""
+    """Write mirrored pictures of all cameras, as phones do, with detections half as large."""
     write_take(folder, all_of(all_of(take, mirrored), half))
 
 
 def frozen(folder: Path, take: Take) -> None:
-    """One camera froze after a third: the same detections until the end."""
+    """Write one camera that repeats the same detections after a third of the take."""
     points = take.points.copy()
     points[2, 40:] = points[2, 40]
     write_take(folder, replace(take, points=points))
 
 
 def doubled_frames(folder: Path, take: Take) -> None:
-    """One camera at 30 Hz, each picture written twice to match the others' 60."""
+    """Write one camera at 30 Hz with each picture repeated, to match the others' 60 Hz."""
     points = take.points.copy()
     points[1] = points[1, np.arange(points.shape[1]) // 2 * 2]
     write_take(folder, replace(take, points=points))
@@ -215,4 +215,4 @@ LAYOUTS: dict[str, Callable[[Path, Take], None]] = {
         one_of_another_take, two_of_another_take, clipped_scores, mirrored_selfies, frozen, doubled_frames,
     )
 }  # fmt: skip
-"""By what they are called."""
+"""Functions that write a case, by name."""

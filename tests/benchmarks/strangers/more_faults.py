@@ -1,4 +1,4 @@
-"""More of what people bring: calibrations written in other ways, files of other habits, two faults at once."""
+"""More mistakes: unusual calibrations and files, and two faults at once. Each function writes a take with them."""
 
 from __future__ import annotations
 
@@ -27,35 +27,35 @@ def _world(take: Take, axes: np.ndarray) -> Cameras:
 
 
 def in_feet(folder: Path, take: Take) -> None:
-    """A calibration in feet: the person would be 5.8 of them."""
+    """Write a calibration in feet. The person is 5.8 units tall."""
     write_take(folder, take, calibration=_as_written(take, t=take.cameras.t / METRES_PER_FOOT))
 
 
 def cm_and_y_up(folder: Path, take: Take) -> None:
-    """Unity's and Maya's world: y up, cm."""
+    """Write the world of Unity and Maya: Y up, in cm."""
     cameras = _world(take, np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]))
     write_take(folder, take, calibration=replace(cameras, t=cameras.t * 100))
 
 
 def graphics_in_mm(folder: Path, take: Take) -> None:
-    """Camera axes of OpenGL, lengths in mm."""
+    """Write OpenGL's camera axes with lengths in mm."""
     flip = np.diag([1.0, -1.0, -1.0])
     cameras = take.cameras
     write_take(folder, take, calibration=replace(cameras, R=flip @ cameras.R, t=(flip @ cameras.t.T).T * 1000))
 
 
 def places_in_cm(folder: Path, take: Take) -> None:
-    """Translations are the cameras' positions, in cm."""
+    """Write the cameras' positions in cm as translations."""
     write_take(folder, take, calibration=_as_written(take, t=take.cameras.centres * 100))
 
 
 def z_down(folder: Path, take: Take) -> None:
-    """A world whose z points down, as aircraft have it."""
+    """Write a world with Z down, as in aeronautics."""
     write_take(folder, take, calibration=_world(take, np.diag([1.0, -1.0, -1.0])))
 
 
 def left_handed(folder: Path, take: Take) -> None:
-    """A world whose x is mirrored, as Unreal's: matrices of determinant -1."""
+    """Write a world with mirrored X, as in Unreal: matrices with determinant -1."""
     cameras = take.cameras
     R = cameras.R @ np.diag([-1.0, 1.0, 1.0])
     listed = [{"id": name, "K": cameras.K[c].tolist(), "distortion": cameras.distortion[c, :5].tolist(),
@@ -69,43 +69,43 @@ def left_handed(folder: Path, take: Take) -> None:
 
 
 def no_middle(folder: Path, take: Take) -> None:
-    """Principal points left at 0."""
+    """Write principal points at 0."""
     K = take.cameras.K.copy()
     K[:, :2, 2] = 0.0
     write_take(folder, take, calibration=_as_written(take, K=K))
 
 
 def shares_in_K(folder: Path, take: Take) -> None:
-    """Focal lengths and principal points as shares of the picture."""
+    """Write focal lengths and principal points as fractions of the picture."""
     K = take.cameras.K.copy()
     K[:, :2] /= take.cameras.image_size[:, :, None]
     write_take(folder, take, calibration=_as_written(take, K=K))
 
 
 def one_zoomed(folder: Path, take: Take) -> None:
-    """One camera zoomed in by a third after the calibration."""
+    """Write one camera zoomed in by a third after the calibration."""
     centre = take.cameras.K[2, :2, 2]
     write_take(folder, take.mapped(2, (take.points[2, ..., :2] - centre) * 1.33 + centre))
 
 
 def one_half_and_mirrored(folder: Path, take: Take) -> None:
-    """The same camera mirrors its pictures and records half their size."""
+    """Write one camera's pictures mirrored and half as large."""
     write_take(folder, half(mirrored(take, 2), 2))
 
 
 def one_upside_down_others_half(folder: Path, take: Take) -> None:
-    """One camera hangs upside down; all pictures are half as large."""
+    """Write one camera upside down, and all pictures half as large."""
     points = take.mapped(0, take.cameras.image_size[0] - 1 - take.points[0, ..., :2])
     write_take(folder, all_of(points, half))
 
 
 def one_swapped_axes(folder: Path, take: Take) -> None:
-    """One camera's x and y exchanged."""
+    """Write one camera's x and y exchanged."""
     write_take(folder, take.mapped(1, take.points[1][..., [1, 0]]))
 
 
 def half_body_turned_half(folder: Path, take: Take) -> None:
-    """Nothing below the hips, all pictures turned and half as large."""
+    """Write nothing below the hips, with all pictures rotated and half as large."""
     points = take.points.copy()
     names = JointSet.BODY_25.keypoints
     points[:, :, [i for i, n in enumerate(names) if any(p in n for p in ("knee", "ankle", "toe", "heel"))]] = 0.0
@@ -113,13 +113,13 @@ def half_body_turned_half(folder: Path, take: Take) -> None:
 
 
 def two_cameras_turned(folder: Path, take: Take) -> None:
-    """Two cameras alone, both turned."""
+    """Write only two cameras, both rotated."""
     two = replace(all_of(take, turned), points=all_of(take, turned).points[:2], cameras=take.cameras.subset([0, 1]))
     write_take(folder, two)
 
 
 def unpadded_numbers(folder: Path, take: Take) -> None:
-    """Files numbered without zeros: frame_1.json, frame_10.json, frame_2.json."""
+    """Number files without leading zeros: frame_1.json, frame_10.json, frame_2.json."""
     for c, name in enumerate(take.names):
         write_openpose(folder, name, [take.points[c]], 1, digits=1)
     write_toml(folder, take.cameras)
@@ -127,7 +127,7 @@ def unpadded_numbers(folder: Path, take: Take) -> None:
 
 
 def numbered_in_twos(folder: Path, take: Take) -> None:
-    """Every second frame kept with its number, at the full rate."""
+    """Write every second frame with its original number, at the full rate."""
     for c, name in enumerate(take.names):
         place = folder / "pose" / f"{name}_json"
         place.mkdir(parents=True)
@@ -139,13 +139,13 @@ def numbered_in_twos(folder: Path, take: Take) -> None:
 
 
 def a_fifth_camera(folder: Path, take: Take) -> None:
-    """Five recorded cameras, four calibrated."""
+    """Write five recorded cameras with four calibrated ones."""
     write_take(folder, take)
     write_openpose(folder, "cam05", [take.points[0]])
 
 
 def numbers_of_others(folder: Path, take: Take) -> None:
-    """Recorded as cam1 to cam4, which are the calibration's cam5 to cam8."""
+    """Name folders cam1 to cam4, although these cameras are cam5 to cam8 in the calibration."""
     more = replace(with_more(take.cameras, 8), names=tuple(f"cam{i + 1}" for i in range(8)))
     for c in range(4):
         write_openpose(folder, f"cam{c + 1}", [take.points[c]])
@@ -154,21 +154,21 @@ def numbers_of_others(folder: Path, take: Take) -> None:
 
 
 def one_empty(folder: Path, take: Take) -> None:
-    """One camera sees nobody."""
+    """Write one camera that sees nobody."""
     points = take.points.copy()
     points[3] = 0.0
     write_take(folder, replace(take, points=points))
 
 
 def missing_stretch(folder: Path, take: Take) -> None:
-    """One camera lost 15 frames in the middle, and numbers on."""
+    """Remove 15 frames from one camera's middle, and number the later ones continuously."""
     points = take.points.copy()
     points[1, 60:-15], points[1, -15:] = points[1, 75:].copy(), 0.0
     write_take(folder, replace(take, points=points))
 
 
 def runs_fast(folder: Path, take: Take) -> None:
-    """One camera's clock runs 5 % fast."""
+    """Write one camera with a clock that runs 5 % fast."""
     rows = np.minimum(np.round(np.arange(take.points.shape[1]) / 1.05).astype(int), take.points.shape[1] - 1)
     points = take.points.copy()
     points[2] = take.points[2, rows]
@@ -176,19 +176,19 @@ def runs_fast(folder: Path, take: Take) -> None:
 
 
 def smoothed_late(folder: Path, take: Take) -> None:
-    """One camera's detections went through a filter that lags by six frames."""
+    """Delay one camera's detections by six frames, as a filter does."""
     points = take.points.copy()
     points[0, 6:] = take.points[0, :-6]
     write_take(folder, replace(take, points=points))
 
 
 def heat_scores(folder: Path, take: Take) -> None:
-    """Confidences are heat of 0 to 8, which are no shares."""
+    """Write confidences as heat map values from 0 to 8."""
     write_take(folder, replace(take, points=take.points * [1, 1, 8.0]))
 
 
 def texts_for_numbers(folder: Path, take: Take) -> None:
-    """Coordinates as texts in the JSON."""
+    """Write coordinates as strings in the JSON."""
     for c, name in enumerate(take.names):
         place = folder / "pose" / f"{name}_json"
         place.mkdir(parents=True)
@@ -200,7 +200,7 @@ def texts_for_numbers(folder: Path, take: Take) -> None:
 
 
 def nulls_for_unseen(folder: Path, take: Take) -> None:
-    """Unseen points are null in the lists."""
+    """Write unseen points as null."""
     for c, name in enumerate(take.names):
         place = folder / "pose" / f"{name}_json"
         place.mkdir(parents=True)
@@ -212,7 +212,7 @@ def nulls_for_unseen(folder: Path, take: Take) -> None:
 
 
 def decimal_commas(folder: Path, take: Take) -> None:
-    """Tables of a German spreadsheet: semicolons and decimal commas."""
+    """Write tables of a German spreadsheet, with semicolons and decimal commas."""
     folder.mkdir(parents=True, exist_ok=True)
     heading = ";".join(["frame", *(f"{n}_{x}" for n in COCO for x in ("x", "y", "score"))])
     for c, name in enumerate(take.names):
@@ -223,14 +223,14 @@ def decimal_commas(folder: Path, take: Take) -> None:
 
 
 def dlc_twice(folder: Path, take: Take) -> None:
-    """DeepLabCut's tables and the filtered ones beside them."""
+    """Write DeepLabCut's tables and the filtered ones next to them."""
     dlc(folder, take, lambda c: COCO)
     for path in sorted(folder.glob("*.csv")):
         path.with_name(f"{path.stem}_filtered.csv").write_text(path.read_text())
 
 
 def dlc_two_takes(folder: Path, take: Take) -> None:
-    """DeepLabCut's tables of two takes in one folder."""
+    """Write DeepLabCut's tables of two takes in one folder."""
     dlc(folder, take, lambda c: COCO)
     for path in sorted(folder.glob("*.csv")):
         path.with_name(f"walk2_{path.name}").write_text(path.read_text())
@@ -238,7 +238,7 @@ def dlc_two_takes(folder: Path, take: Take) -> None:
 
 
 def h5_without_the_extra(folder: Path, take: Take) -> None:
-    """DeepLabCut's HDF5, no h5py."""
+    """Write DeepLabCut's HDF5 files, which need h5py."""
     folder.mkdir(parents=True, exist_ok=True)
     for name in take.names:
         (folder / f"{name}DLC_resnet50_walk.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(2000))
@@ -246,19 +246,19 @@ def h5_without_the_extra(folder: Path, take: Take) -> None:
 
 
 def late_in_the_take(folder: Path, take: Take) -> None:
-    """Somebody who enters for the last third."""
+    """Write a person who enters for the last third."""
     points = take.points.copy()
     points[:, :80] = 0.0
     write_take(folder, replace(take, points=points))
 
 
 def short(folder: Path, take: Take) -> None:
-    """Eight frames."""
+    """Write eight frames."""
     write_take(folder, replace(take, points=take.points[:, :8]))
 
 
 def two_thirds_and_apart(folder: Path, take: Take) -> None:
-    """Started up to 60 frames apart, one camera at two thirds of the size."""
+    """Write cameras started up to 60 frames apart, one of them at two thirds of the size."""
     long = half(demo_take(0, 360), 1, 2 / 3)
     for c, start in enumerate((0, 60, 25, 10)):
         write_openpose(folder, take.names[c], [long.points[c, start : start + 290]])
@@ -276,4 +276,4 @@ MORE: dict[str, Callable[[Path, Take], None]] = {
         dlc_twice, dlc_two_takes, h5_without_the_extra, late_in_the_take, short, two_thirds_and_apart,
     )
 }  # fmt: skip
-"""By what they are called."""
+"""Functions that write a case, by name."""

@@ -1,4 +1,4 @@
-"""Keypoints in the orders of other datasets and sensors, unnamed in OpenPose's JSON."""
+"""Keypoints in the orders of other datasets and sensors, without names in OpenPose's JSON."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _BETWEEN = {
     "right_collar": ("neck", "right_shoulder"), "left_foot": ("left_big_toe",), "right_foot": ("right_big_toe",),
     "left_hand": ("left_wrist",), "right_hand": ("right_wrist",),
 }  # fmt: skip
-"""Points that BODY_25 lacks, as means of those it has."""
+"""Points that BODY_25 lacks, as means of its points."""
 
 
 def _sides(text: str) -> list[str]:
-    """Return names of a text in which a leading l or r and a dot stand for a side."""
+    """Return the names in a text. A leading ``l.`` or ``r.`` means left or right."""
     sides = {"l": "left_", "r": "right_"}
     return [sides[name[0]] + name[2:] if name[1:2] == "." else name for name in text.split()]
 
@@ -52,11 +52,11 @@ ORDERS: dict[str, Sequence[str]] = {
     "mediapipe 12": _sides("l.shoulder r.shoulder l.elbow r.elbow l.wrist r.wrist l.hip r.hip l.knee r.knee l.ankle "
                            "r.ankle"),
 }  # fmt: skip
-"""By dataset and number of points; JTA, PoseTrack and others are among these but for a point."""
+"""Orders by dataset and number of points. Those of JTA, PoseTrack and others differ from these by at most one point."""
 
 
 def in_order(names: Sequence[str], folder: Path, take: Take) -> None:
-    """Keypoints in this order."""
+    """Write keypoints in this order."""
     columns = JointSet.BODY_25.keypoints
     found = [[columns.index(part) for part in _BETWEEN.get(name, (name,))] for name in names]
     points = np.stack([_mean(take.points[:, :, rows]) for rows in found], axis=2)
@@ -67,10 +67,10 @@ def in_order(names: Sequence[str], folder: Path, take: Take) -> None:
 
 
 def _mean(points: np.ndarray) -> np.ndarray:
-    """Return (C, F, 3) the mean of points (C, F, N, 3), zeros where any is unseen."""
+    """Return the (C, F, 3) mean of (C, F, N, 3) points, zero if any point is unseen."""
     seen = (points[..., 2] > 0).all(-1, keepdims=True)
     return np.where(seen, points.mean(2), 0.0)
 
 
 IN_ORDER: dict[str, Callable[[Path, Take], None]] = {name: partial(in_order, names) for name, names in ORDERS.items()}
-"""By what they are called."""
+"""Functions that write a case, by name."""

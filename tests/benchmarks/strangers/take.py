@@ -1,4 +1,4 @@
-"""The take that strangers bring: the demo's person for two seconds, and how its files are usually written."""
+"""Two seconds of the demo's person, and functions that write the usual files of a take."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ COCO = JointSet.COCO_17.keypoints
 
 @dataclass(frozen=True)
 class Take:
-    """What is recorded, its cameras, and the truth."""
+    """Detections of a take, its cameras, and the truth."""
 
     points: np.ndarray
-    """(C, F, 25, 3) u, v, confidence of BODY_25; zeros where unseen."""
+    """(C, F, 25, 3) u, v and confidence of BODY_25, zero if unseen."""
     cameras: Cameras
     joints: np.ndarray
-    """(N, 24, 3) of the whole demo."""
+    """(N, 24, 3) true joints of the whole demo in metres."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -32,18 +32,18 @@ class Take:
         return self.cameras.names
 
     def coco(self) -> np.ndarray:
-        """Return (C, F, 17, 3) of COCO."""
+        """Return the (C, F, 17, 3) keypoints of COCO."""
         return self.points[:, :, [JointSet.BODY_25.keypoints.index(name) for name in COCO]]
 
     def mapped(self, c: int, xy: np.ndarray) -> Take:
-        """Return the take with other pixels (F, 25, 2) of one camera where it sees something."""
+        """Return the take with other (F, 25, 2) pixels in one camera, for the points that it sees."""
         points = self.points.copy()
         points[c, ..., :2] = np.where(points[c, ..., 2:] > 0, xy, 0.0)
         return replace(self, points=points)
 
 
 def demo_take(first: int = 60, frames: int = FRAMES) -> Take:
-    """Return frames of the demo."""
+    """Return some frames of the demo."""
     capture = demo_capture(LENGTH, FPS)
     cameras, keypoints = capture.require_multiview()
     seen = (keypoints.confidence > 0)[..., None]
@@ -52,19 +52,19 @@ def demo_take(first: int = 60, frames: int = FRAMES) -> Take:
 
 
 def write_toml(folder: Path, cameras: Cameras, scale: float = 1.0) -> None:
-    """Write the calibration as Pose2Sim does, lengths times ``scale``."""
+    """Write the calibration as Pose2Sim does, with lengths multiplied by ``scale``."""
     (folder / "calibration").mkdir(parents=True, exist_ok=True)
     (folder / "calibration" / "Calib.toml").write_text(toml_text(cameras, scale=scale), encoding="utf-8")
 
 
 def write_rate(folder: Path, fps: float = FPS) -> None:
-    """Write the frame rate as Pose2Sim's settings."""
+    """Write the frame rate in Pose2Sim's settings."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "Config.toml").write_text(f"[project]\nframe_rate = {fps:g}\n", encoding="utf-8")
 
 
 def write_openpose(folder: Path, name: str, people: list[np.ndarray], first: int = 0, digits: int = 12) -> None:
-    """Write a camera's folder of OpenPose files: people as (F, K, 3), a frame of nothing but zeros is nobody."""
+    """Write a camera's folder of OpenPose files for people of (F, K, 3). A person with only zeros is omitted."""
     place = folder / "pose" / f"{name}_json"
     place.mkdir(parents=True, exist_ok=True)
     for f in range(len(people[0])):
@@ -73,7 +73,7 @@ def write_openpose(folder: Path, name: str, people: list[np.ndarray], first: int
 
 
 def write_take(folder: Path, take: Take, *others: Take, calibration: Cameras | None = None) -> None:
-    """Write everything as Pose2Sim keeps it: the take's person and others in the same views."""
+    """Write a take in Pose2Sim's layout, with other people in the same views."""
     for c, name in enumerate(take.names):
         write_openpose(folder, name, [take.points[c], *(other.points[c] for other in others)])
     write_toml(folder, take.cameras if calibration is None else calibration)

@@ -1,4 +1,4 @@
-"""Two people who pass each other, and change places in every list as they do, stay who they are."""
+"""Test that two people who pass each other keep their identities if their order in the lists changes."""
 
 from __future__ import annotations
 

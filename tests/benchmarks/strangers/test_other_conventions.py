@@ -1,4 +1,4 @@
-"""Calibrations and folders of other programs and habits: cameras and detections come back as they were."""
+"""Test that calibrations and folders of other programs and users are read back unchanged."""
 
 from __future__ import annotations
 
