@@ -27,9 +27,7 @@ MEAN_STATURE_M, STATURE_SPREAD_M = 1.71, 0.09  # Of adults with unknown stature 
 STATURES_M = (1.0, 2.3)  # Plausible statures, which confirm a unit, an image size or a rotation.
 POSSIBLE_M = (0.6, 2.9)  # Limits of human stature, which confirm the unit suggested by the cameras' distance.
 PROPORTION_SPREAD, SIDE_SPREAD = 0.2, 0.1
-"""Standard deviations of log proportions among people, including joint definitions, and between a person's two
-sides.
-"""
+"""Standard deviations of log proportions among people, including joint definitions, and between a person's sides."""
 LEVEL_CONCENTRATION, LEVEL_OUTLIERS = 4.0, 0.03
 """Concentration of the trunk's direction in upright images (von Mises), and share of tilted cameras."""
 FORWARD_WRONG = 0.01  # Probability that a joint is defined on the wrong side of the body.

@@ -26,20 +26,15 @@ from solver_backend.types import Cameras, Keypoints2D
 FACTOR_SPREAD, TURN_SPREAD_RAD = 0.3, 0.005  # Prior deviations of the factor's logarithm and of a camera's rotation.
 OFF_PERSON = 0.006  # Smallest deviation of detections relative to the person's image size, for a still person.
 MOMENTS = 6
-"""Number of independent frames in a take, chosen so that ten simulated takes vary as their standard deviations
-state.
-"""
+"""Number of independent frames in a take, chosen so that ten simulated takes vary as their deviations state."""
 CONVERGED = 1e-3
-"""Largest last step. Focal lengths and rotations are correlated, so each step reduces the error by a quarter. 16 are
-usual.
-"""
+"""Largest last step. Lengths and rotations are correlated, so a step removes a quarter of the error. 16 are usual."""
 FRAMES = 24  # Frames to sample.
 EPIPOLE_ANGLE = np.radians(20.0)  # Smallest angle between a ray and the line through two cameras.
 SEEN = 0.3  # Smallest confidence of a keypoint. Larger ones bring recorded takes closer to their true lenses.
 OFF = 0.05
 """Smallest logarithm of a reported factor, which must also exceed ``INLIER_SIGMAS`` deviations. Correct lenses reach
-2.5 in ten simulated takes, the demo and recorded takes. Lenses that are 10 % too long reach 3.9 in nine of ten
-simulated takes."""
+2.5 in ten simulated takes, the demo and recorded takes. Lenses 10 % too long reach 3.9 in nine of ten."""
 GAIN = 8.0
 """Smallest doubled log-likelihood ratio of views without distortion. Five recorded takes and the demo with correct
 lenses (k1 from -0.32 to 0.2) reach 4.7. Undistorted pixels reach 9 to 33 if a person walks to an image edge with 9 px
@@ -153,8 +148,7 @@ class ComparedViews:
     def _off_epipoles(self) -> np.ndarray:
         """(C, C, F, J) mask of points with rays at a sufficient angle to the line through two cameras.
 
-        Near an epipole every point is near its epipolar line for any lens. This occurs for opposite cameras of a
-        ring.
+        Near an epipole every point is near its epipolar line for any lens, as for opposite cameras of a ring.
         """
         ways = _rays(self.cameras, self.xy, 0.0) @ self.cameras.R[:, None]
         ways = ways / np.linalg.norm(ways, axis=-1, keepdims=True)

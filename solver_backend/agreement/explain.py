@@ -41,12 +41,11 @@ JUDGED, SHORTLIST = 14, 28
 """Number of most likely interpretations to triangulate, and number to rank with all poses, after a ranking with few."""
 AS_NOISY = 1.15  # Largest ratio of noise at which the simpler of two interpretations with one body wins.
 AS_EXACT = 0.2
-"""Largest deficit of the mean log density of a fitted view in nats, a noise ratio of 1.2. It separates 48 simulated
-moved cameras of eight tuning takes, with at most 0.18, from 21 of 24 cameras of another take, with at least 0.23. The
-other three have less than 0.2."""
+"""Largest deficit of the mean log density of a fitted view in nats, or a noise ratio of 1.2. It separates 48 simulated
+moved cameras of eight tuning takes, with at most 0.18, from 21 of 24 cameras of another, with at least 0.23. The other
+three have less."""
 AGREED_NOISE, AGREED_TIMES, AGREED_OUTLIERS = 0.035, 1.6, 0.15
-"""Limits for pairs of views that agree: noise in person sizes, ratio to the best pair, and outlier rate. If all pairs
-agree, there is no search."""
+"""Limits for agreeing pairs of views: noise in person sizes, ratio to the best pair, and outlier rate."""
 AGREED_BODY = {"upright": -6.0, "handed": -8.0}
 """Smallest log-likelihoods of the body if all pairs agree. Rotated images reach -8, mirror images at most -9."""
 _PHRASES = {

@@ -48,10 +48,9 @@ class LabelSwap(ViewRange):
 def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[LabelSwap]:
     """Find and undo swaps of left and right limbs in single views.
 
-    Each view and pair of limbs has a two-state Markov chain over the frames. The cost of a state is the distance of the
-    detections from the predictions of other views. The cost of a transition is the jump of the detections. If swaps of
-    several views overlap, the best one is undone first and the others are evaluated again. The result is ordered by
-    view, limb and frame.
+    Each view and pair of limbs has a two-state Markov chain over the frames. The cost of a state is the distance of
+    detections from other views' predictions. The cost of a transition is the jump of the detections. If swaps of
+    several views overlap, the best one is undone first and the others are evaluated again.
 
     Reference: Viterbi 1967 (the best states of a chain).
     """

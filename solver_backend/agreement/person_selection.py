@@ -154,9 +154,7 @@ def _accepted(
 
 
 LEAST_AGREEMENT = 0.4
-"""Smallest mean of 1 - distance / tolerance over a person's views. Rays of different people meet by chance, but less
-closely.
-"""
+"""Smallest mean of 1 - distance / tolerance over a person's views. Different people's rays meet less closely."""
 AGREEING_SHARE = 0.65  # Smallest share of agreeing views among the views that show a person.
 
 

@@ -19,17 +19,14 @@ from solver_backend.types.shapes import Bool
 LONGEST = 5  # Longest run of repeated frames to interpolate.
 LEAST_REPEATED = 1.0  # Percentage of repeated frames that is reported. Fewer are interpolated silently.
 LONGEST_SKIP, LEAST_SKIPPED = 2, 0.1
-"""Largest number of consecutive skipped frames, and smallest share of them, for a detector that processes every second
-or third frame.
-"""
+"""Largest number of consecutive skipped frames, and smallest share of them, for a detector that skips frames."""
 STEP_PX = 0.5  # Movement of half of the keypoints next to a repetition. A person who stands still is no repetition.
 
 
 def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
     """Return a (C, F) mask of exact repetitions of the previous frame in a view while the person moves.
 
-    A run of equal frames is a repetition if the view moves in the step after it, or before it at the end of the
-    take.
+    A run of equal frames is a repetition if the view moves in the step after it, or before it at the take's end.
     """
     xy, seen = keypoints.xy, keypoints.confidence > 0
     views, frames = seen.shape[:2]
@@ -48,8 +45,7 @@ def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
 
 
 STRAIGHT_PX, LEAST_FILLED = 0.02, 10
-"""Largest distance from a straight line of interpolated keypoints in files with two decimals, and fewest frames.
-Detected keypoints vary more."""
+"""Largest distance of interpolated keypoints from a line in files with two decimals, and fewest frames."""
 
 
 def filled_frames(keypoints: Keypoints2D) -> np.ndarray:

@@ -278,8 +278,7 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
 def _rivals(gains: _PairGains, best: np.ndarray, sure: np.ndarray, near: int) -> dict[int, tuple[int, int]]:
     """Return the two best offsets, relative to the first camera, of each camera with a distant alternative.
 
-    Cameras are shifted singly and in pairs, because two cameras on opposite sides may agree with the others at several
-    offsets.
+    Cameras are shifted singly and in pairs, because two opposite cameras may agree with the others at several offsets.
     """
     reach = 2 * (len(next(iter(gains.gains.values()))) // 2)
     changes = np.arange(-reach, reach + 1)

@@ -190,9 +190,8 @@ def estimate_delays(
     """Estimate the relative delays of all cameras together.
 
     The likelihood of epipolar distances over all pairs of views gives the delays in whole frames. Gauss-Newton steps on
-    the reprojection error (``delay_step``) refine them. Both ignore constant offsets of a keypoint between two views,
-    which come from calibration errors. A delay must be better than zero delay in consecutive time blocks. Only frames
-    with two or more views are used.
+    the reprojection error (``delay_step``) refine them. Both ignore constant offsets of a keypoint between views
+    (calibration errors). A delay must be better than zero delay in consecutive time blocks. Frames need two views.
 
     Args:
         xy: (C, F, K, 2) px of limbs of one or more people, NaN where missing.
@@ -294,8 +293,7 @@ class _Rays:
         """Return a (C,) mask of (C, N) delays that explain the views better than none, in most time blocks.
 
         With slow movement the likelihood is flat, and its maximum is not significant although the slopes suggest it. A
-        view in only one or two time blocks has no known deviation. It is accepted only if its delay is long enough to
-        be tested and is better than none.
+        view in one or two time blocks has no known deviation, so its delay must be testable and better than none.
         """
         count = len(late)
         late = late - _median(late.mean(axis=1))

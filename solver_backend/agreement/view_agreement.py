@@ -2,8 +2,7 @@
 
 Rays of every pair of detections from two views are intersected at the midpoint of their shortest segment. Pairs with
 intersecting rays are projected into all other views, and the nearest detection in each is added. Distances are in
-metres at the person's depth, so one tolerance fits every lens and distance. Each comparison also tries swapped
-sides.
+metres at the person's depth, so one tolerance fits all lenses. Each comparison also tries swapped sides.
 """
 
 from __future__ import annotations
@@ -46,8 +45,7 @@ class PeopleInSpace:
 def candidates(seen: Sightings) -> Iterator[tuple[int, PeopleInSpace]]:
     """Yield the number of finished frames and all candidates, for each block of frames.
 
-    Groups may share detections, because two rays of different people can meet by chance. ``assigned_exclusively``
-    resolves this.
+    Groups may share detections, as rays of different people can meet by chance. ``assigned_exclusively`` resolves this.
     """
     frames = seen.xy.shape[1]
     for start in range(0, frames, _FRAMES_AT_A_TIME):
@@ -117,8 +115,7 @@ def gather(seen: Sightings, frame: np.ndarray, points: np.ndarray) -> tuple[np.n
         points: (N, J, 3) world metres, NaN where unknown.
 
     Returns:
-        Members (N, C), -1 without a detection within the tolerance, a mask (N, C) of swapped left and right, and score
-            (N,) as in ``PeopleInSpace``.
+        Members (N, C), -1 without a detection, mask (N, C) of swapped sides, and score (N,) as in ``PeopleInSpace``.
     """
     members = np.full((len(frame), len(seen.cameras)), -1)
     swaps = np.zeros(members.shape, bool)
@@ -144,8 +141,7 @@ def detection_distances(
 
     Returns:
         (N, P) number of keypoints at their expected positions (a soft count), (N, P) median distance in metres at the
-            person's depth, infinity if too few keypoints can be compared, and an (N, P) mask of swapped left and
-            right.
+            person's depth, infinity for too few keypoints, and an (N, P) mask of swapped left and right.
     """
     local = points @ seen.cameras.R[c].T + seen.cameras.t[c]
     depth = np.where(local[..., 2] > 0.05, local[..., 2], np.nan)

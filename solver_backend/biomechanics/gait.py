@@ -198,8 +198,7 @@ def _strides(
 def mean_cycles(angles: Angles, gait: Gait, fps: float) -> dict[str, Float[np.ndarray, "points 2"]]:
     """Return the (101, 2) mean and standard deviation over the cycles in degrees, by angle.
 
-    Angles of one side are averaged over the cycles of its foot, all others over those of the right foot. Angles
-    without a cycle are absent.
+    Angles of a side are averaged over its cycles, all others over the right foot's. Without cycles angles are absent.
     """
     share, times, found = np.linspace(0.0, 1.0, CYCLE_POINTS), np.arange(len(angles.degrees)) / fps, {}
     for k, name in enumerate(angles.names):

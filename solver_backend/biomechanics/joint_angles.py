@@ -17,8 +17,7 @@ FLEXION = (Z, X, Y)
 ELEVATION = (Y, X, Y)
 """Plane of elevation, elevation and axial rotation of the upper arm (Wu et al. 2005, section 2.4.7)."""
 HEADING = (Y, X, Z)
-"""Rotation, list and tilt of the pelvis. Only with the vertical axis first are list and tilt independent of the heading
-(Baker 2001)."""
+"""Rotation, list and tilt of the pelvis. With Y first, list and tilt are independent of the heading (Baker 2001)."""
 _STEPS = 6  # Newton steps. Angles of oblique axes converge to 1e-12 in four.
 
 

@@ -49,17 +49,14 @@ LINES = {
     "forearm": (0.0155, 0.2488, -0.0397),
 }  # fmt: skip
 """Vector from the lower to the upper joint centre of the models' right segments at zero angles, in the segment's axes,
-in metres. It is the y axis of the ISB, so the models' hinges have other zeros: by 2 degrees at the knee, 6 at the
-elbow."""
+in metres. It is the y axis of the ISB, so the models' hinges are offset by 2 degrees (knee) and 6 (elbow)."""
 HINGE_DEG = 13.0  # Rotation of the elbow's hinge from the models' z axis of the upper arm towards x, in degrees.
 PELVIS_PITCH_DEG, TORSO_PITCH_DEG = 6.0, -6.0
 """Rotation about z from the ISB axes of pelvis and thorax to the models', in degrees. In the models, the posterior
 iliac spines are 17 mm above the anterior ones over 165 mm. In the ISB axes they are level. The line from C7 to the
 jugular notch falls by 24 degrees in the models, and by 30 in the ISB axes of the average body."""
 HIPS_TO_ORIGIN = (0.364, 0.508, 0.0)
-"""Vector from the midpoint of the hips to the origin of the models' pelvis, as a fraction of the distance of the
-hips.
-"""
+"""Vector from the midpoint of the hips to the models' pelvis origin, as a fraction of the distance of the hips."""
 
 
 @dataclass(frozen=True)

@@ -46,8 +46,7 @@ def turn_covariance(
 
     ``C = A P Aᵀ + c² I`` with the covariance P of the pose. A combines the rotations d of the joints between the two
     segments, ``d = Σ_k R_1 … R_{k-1} d_k``. c is the rotation from constant errors of both ends of the segment's bone.
-    Axes are those of the parent segment's joint, and the world's for the pelvis. Joints that are not in the pose add
-    nothing.
+    Axes are those of the parent segment's joint, and the world's for the pelvis. Joints outside the pose add nothing.
 
     Args:
         local: rotations of the joints 1..n.
@@ -125,18 +124,14 @@ def anatomical_frames(
 ) -> dict[str, Float[np.ndarray, "3 3"]]:
     """Return the axes of each segment in the body's rest frame as columns: x forward, y up, z to the right.
 
-    - Pelvis: z through the anterior iliac spines, x in the plane with the middle of the posterior ones (Wu et al. 2002,
-      hip).
-    - Thorax: y from the middle of xiphoid process and T8 to the middle of the jugular notch and C7 (Wu et al. 2005,
-      section 2.3.1).
+    - Pelvis: z through the anterior iliac spines, x in the plane with the posterior ones' middle (Wu et al. 2002, hip).
+    - Thorax: y from the middle of xiphoid process and T8 to that of jugular notch and C7 (Wu et al. 2005, 2.3.1).
     - Thigh, shank, upper arm, forearm: y along the line of the joint centres, z along the hinge below. The z axes of
-      forearm and hand point to the right at full supination (Wu et al. 2002, hip and ankle, and 2005, sections
-      2.3.4 and 2.3.6).
+      forearm and hand point to the right at full supination (Wu et al. 2002, hip and ankle, and 2005, 2.3.4 and 2.3.6).
     - Foot and toes: level and straight ahead, as in the rest pose (Wu et al. 2002, ankle).
 
     The standards define these axes by palpated landmarks. Markers on such landmarks use the person's positions, which
-    changes the plane of the pelvis, the thorax, and the centres of knee, ankle and elbow. Other landmarks are the
-    body's.
+    changes the plane of the pelvis, the thorax, and the centres of knee, ankle and elbow. Others are from the body.
 
     Args:
         worn: (3,) offset in the rest frame from the body's landmark to the person's, in metres, by location.
@@ -233,15 +228,13 @@ class PosedSegments:
 
 BENT_DEG, HINGE_DEG = 15.0, 25.0
 """Smallest mean bend of an elbow that shows its hinge, and otherwise the hinge's rotation from the vertical of the
-level rest pose: 20 to 34 degrees in four arms of two walkers (``PiG_Motion-FlatFoot-*`` of the Biomechanical Toolkit's
-test data)."""
+level rest pose: 20 to 34 degrees in four arms (``PiG_Motion-FlatFoot-*``, Biomechanical Toolkit's test data)."""
 
 
 def _hinge_turn(upper: np.ndarray, forearm: np.ndarray, sign: float) -> np.ndarray:
     """Return the (3, 3) rotation about the upper arm's y axis that aligns its z axis with the elbow's hinge.
 
-    The hinge is perpendicular to both long axes (Wu et al. 2005, section 2.3.5), averaged over the take with the sine
-    of the bend as weight.
+    The hinge is perpendicular to both long axes (Wu et al. 2005, 2.3.5), averaged with the sine of the bend as weight.
     """
     normal = np.cross(upper[..., 1], forearm[..., 1])
     bend = np.linalg.norm(normal, axis=-1).mean()

@@ -47,8 +47,7 @@ class Support:
 def find_support(motion: Motion, body: Body) -> Support | None:
     """Return the contacts and balance of a motion, None if its floor is not at z = 0.
 
-    A part touches with the probability ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)`` of its most likely point, with its
-    height z and speed v.
+    Its probability is ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)`` for a part's likeliest point at height z, speed v.
     """
     frames = motion.num_frames
     own = np.arange(0, frames, -(-frames // MOST_SAMPLES))

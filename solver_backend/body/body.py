@@ -26,8 +26,7 @@ _READ_KEYS = frozenset({*REQUIRED_KEYS, *_LAYOUT_KEYS, "posedirs", "body_id"})
 class Body:
     """Skinned body with shape and pose correctives, in metres, with Y up, facing +Z and its left side at +X.
 
-    ``v(betas) = v_template + shapedirs @ betas`` and ``J(betas) = J_regressor @ v(betas)``
-    (Loper et al. 2015, eqs. 8, 10).
+    ``v(betas) = v_template + shapedirs @ betas`` and ``J(betas) = J_regressor @ v(betas)`` (Loper et al. 2015).
     """
 
     id: str

@@ -64,8 +64,7 @@ def joint_rotations(angles: Float[np.ndarray, "n a"], side: int) -> Float[np.nda
 def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndarray, "n a"]:
     """Return (n, A) angles in radians of (n, 21, 3) ``HAND_POINTS``. Missing points are NaN, and twist is 0.
 
-    For a bone with direction v in the previous segment's frame, ``flexion = atan2(-v_y, v_x)`` and ``spread = asin(-σ
-    v_z)``.
+    For a bone along v in the previous segment's frame, ``flexion = atan2(-v_y, v_x)`` and ``spread = asin(-σ v_z)``.
     """
     frames = palm_frames(points, side)
     bones = _unit(np.diff(points[:, 1:].reshape(len(points), 5, 4, 3), axis=2))
@@ -201,8 +200,7 @@ class HandSkeleton:
     ) -> Float[np.ndarray, "n sites 3 a"]:
         """Return the (F, L, 3, A) derivatives ``R (axis × (point - joint))`` by the angles between palm and segment.
 
-        ``points`` (F, L, 3) are in metres in the hand's frame. ``turn`` (F, 3, 3) is the rotation R from it to the
-        output frame.
+        ``points`` (F, L, 3) are in metres in the hand's frame. ``turn`` (F, 3, 3) is R from it to the output.
         """
         site, angle = np.nonzero((sites.finger[:, None] == FINGER_OF) & (sites.segment[:, None] > JOINT_OF))
         turn_T = np.swapaxes(turn, 1, 2)

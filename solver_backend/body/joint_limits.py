@@ -1,8 +1,7 @@
 """Measure how far the body joints of the SMPL family exceed the limits of their layout.
 
 A rotation is split into a twist about the bone and a swing (Grassia 1998). This gives three angles about the axes of
-the T-pose (x to the left, y up, z forward). One is the twist, the others are components of the swing's rotation
-vector.
+the T-pose (x to the left, y up, z forward). One is the twist, and the others form the swing's rotation vector.
 """
 
 from __future__ import annotations
@@ -26,10 +25,9 @@ def excess_deg(local: Array) -> Array:
 def posture_excess_deg(local: Array) -> Array:
     """Return (N, 21) excess degrees with a measure that suits deep knee bends.
 
-    People who sit cross-legged or kneel bend their knees to 157 +- 6 degrees (Hemmerich et al. 2006, squatting with
-    heels up), and the swing axis tilts. Near 180 degrees a tilted axis barely moves the shin sideways. The shin's
-    direction d is therefore used for knees: flexion ``atan2(-d_z, -d_y)`` and sideways ``asin(d_x)``. Priors and
-    training use ``excess_deg``.
+    People who sit cross-legged or kneel bend their knees to 157 +- 6 degrees (Hemmerich et al. 2006, heels up), and the
+    swing axis tilts. Near 180 degrees a tilted axis barely moves the shin sideways. Knees use the shin's direction d:
+    flexion ``atan2(-d_z, -d_y)`` and sideways ``asin(d_x)``. Priors and training use ``excess_deg``.
     """
     xp = array_namespace(local)
     if local.shape[0] > _POSES:

@@ -11,8 +11,7 @@ Detectors reproduce the points that annotators clicked, which are not joint cent
   midline, thigh 443, shank 454, spine 233 above the hips, thorax 257 above that, shoulders 151 from the midline, upper
   arm 279, forearm 252, nose 121 above the thorax, and a "head" 115 above that, which is the forehead. Its legs are a
   tenth longer than the body's, so its person is taller. Hip breadth, spine, nose and head are defined here.
-- MediaPipe's hand points are the first knuckles of little and index finger and the thumb's second (Google's landmark
-  list of BlazePose GHUM).
+- MediaPipe's hand points are the first knuckles of little and index finger and the thumb's second (BlazePose GHUM).
 
 The solver learns the remaining difference between detector and person per take, as an offset of each landmark.
 """

@@ -126,8 +126,7 @@ def rotation_jacobian(
     ``r_lk = sum_{c below k} G_c h_lc``. This is ``y_l - p_k`` if the whole landmark is below k. A pose corrective D
     moves the rest point by ``D_k vec([d]x R_k)``.
 
-    ``points`` are the posed landmarks, ``levers`` depend on the shape, ``correction`` are correctives in the rest
-    frame.
+    ``points`` are the posed landmarks, ``levers`` depend on the shape, ``correction`` correctives in the rest frame.
     """
     xp = array_namespace(points)
     pairs = _pairs(body.parents, landmarks, count)
@@ -315,8 +314,7 @@ def _levers(xp: Any, body: Body, landmarks: Landmarks, betas: Array, offsets: Ar
 def _constant_levers(body: Body, weights: np.ndarray, anchors: np.ndarray, joints: np.ndarray) -> np.ndarray:
     """Return ``h_lc = a_lc - w_lc J_c + sum_{j child of c} s_lj (J_j - J_c)`` with s the weight at or below a joint.
 
-    ``joints`` (J, ...) are rest joints or their derivatives by the shape. ``anchors`` (L, J, ...) correspond to
-    them.
+    ``joints`` (J, ...) are rest joints or derivatives by the shape. ``anchors`` (L, J, ...) correspond to them.
     """
     extra = (1,) * (joints.ndim - 1)
     levers = anchors - weights.reshape(*weights.shape, *extra) * joints

@@ -84,8 +84,7 @@ def load_layouts(path: Path = DEFAULT) -> LayoutFile:
 
     Raises:
         FileMissing, FileDamaged: the file does not exist, or is not JSON.
-        BodyInvalid: the file has another format, an ambiguous name, or a location without rule or of an unknown
-            kind.
+        BodyInvalid: the file has another format, an ambiguous name, or a location of an unknown kind or rule.
     """
     values = read_json_file(path)
     if not isinstance(values, dict) or (values.get("format"), values.get("version")) != (FORMAT, VERSION):

@@ -237,8 +237,7 @@ AnyCameras = Cameras | CameraArrays
 def project(cameras: AnyCameras, points: Points) -> ImagePoints:
     """Return the (C, ..., 2) pixels of world points (..., 3) in every camera: ``K distort((R x + t)/z)``.
 
-    For moving cameras the points are (F, ..., 3), one row per frame of the path. Pixels are NaN where not visible (see
-    the module).
+    Moving cameras take points (F, ..., 3), one row per frame. Pixels are NaN where not visible (see the module).
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 6.1, with lens distortion.
     """

@@ -42,8 +42,7 @@ class UndistortedViews:
     def candidates(self) -> list[tuple[Array, Array, Array, Array]]:
         """Linear triangulations (3, N) of subsets of the views, and a mask (N,) of those that exist.
 
-        Each also has squared residuals (C, N) in px² for every view, and a mask (C, N) of points in front of the
-        view.
+        Each also has squared residuals (C, N) in px² for every view, and a mask (C, N) of points in front.
         """
         xp = array_namespace(self.weight)
         equations = _ray_equations(self)
@@ -85,8 +84,7 @@ def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
 def _ray_equations(views: UndistortedViews) -> Array:
     """Return (9, C, N): the six entries of ``Q = w (I - d dᵀ)`` and ``Q o`` for rays ``o + s d``.
 
-    ``Σ Q x = Σ Q o`` gives the point with the least squared distance from the rays in metres (midpoint method, Hartley
-    and Sturm 1997).
+    ``Σ Q x = Σ Q o`` gives the point with least squared distance from the rays (midpoints, Hartley and Sturm 1997).
     """
     xp = array_namespace(views.weight)
     w = xp.where(views.weight > 0, xp.ones_like(views.weight), xp.zeros_like(views.weight))
@@ -363,8 +361,7 @@ def triangulate(
     A⁻¹`` with ``A = Σ c JᵀJ`` over the inliers. Points are NaN if fewer than two views agree, or if the standard
     deviation along the worst axis exceeds ``LARGEST_SIGMA_M`` (nearly parallel rays).
 
-    If one of three views is wrong along an epipolar line, two pairs agree equally well, and the more confident pair
-    wins.
+    If one of three views is wrong along an epipolar line, two pairs agree equally well, and the more confident wins.
 
     Args:
         cameras: C cameras.
@@ -446,9 +443,7 @@ class Predictions:
     px: np.ndarray
     """(C, F, K, 2) pixels, NaN if no other view shows the keypoint."""
     covariance: np.ndarray
-    """(C, F, K, 2, 2) covariance in px² of a detection's distance from its prediction, including the detection's
-    noise.
-    """
+    """(C, F, K, 2, 2) covariance in px² of a detection's distance from its prediction, with the detection's noise."""
 
 
 def predict_views(

@@ -53,9 +53,8 @@ def bridged(points: np.ndarray) -> np.ndarray:
 def butterworth(signal: np.ndarray, fps: float, cutoff_hz: float) -> np.ndarray:
     """Return a signal (F, ...) after a fourth-order Butterworth low-pass filter without phase shift.
 
-    A second-order section runs forwards and backwards over the signal, extended by its point reflection at both ends.
-    The cut-off is corrected, so that the two passes together are 3 dB down at ``cutoff_hz`` (Winter 2009, "Biomechanics
-    and Motor Control", 3.4).
+    A second-order section runs forwards and backwards over the signal, extended by point reflection. With the corrected
+    cut-off, both passes are 3 dB down at ``cutoff_hz`` (Winter 2009, "Biomechanics and Motor Control", 3.4).
     """
     if len(signal) < 4 or cutoff_hz >= 0.45 * fps:
         return signal.copy()

@@ -33,8 +33,7 @@ UserLabels = Mapping[tuple[int, int], str]  # Marker's name by (column, frame), 
 
 LEAST_NAMED = 0.75
 """Share of points that the network must name to use its labels for a take with unknown names. It names 83 and 100 % of
-whole bodies (btkdata's mocap36, badParameterOffset), but at most 61 % of clusters or of legs alone, and these wrongly
-(c3d.org's sample 2)."""
+whole bodies (btkdata's mocap36, badParameterOffset), but at most 61 % of clusters or legs (c3d.org's sample 2)."""
 
 
 LEAST_UNNAMED = 0.5
@@ -44,8 +43,7 @@ points (c3d.org's samples 13 and 20), but 27 % of a body with 57 markers in clus
 
 UNSURE_M = 0.13
 """Largest mean deviation of the network's positions for a person. The network states 8 to 94 mm in 12 takes of people
-in which it names half the points, and 178 to 514 mm in 60 sets of 40 to 100 random points, still, swaying or
-walking."""
+with half the points named, and 178 to 514 mm in 60 sets of 40 to 100 random points, still, swaying or walking."""
 
 
 def needs_labels(cloud: MarkerCloud) -> bool:

@@ -32,8 +32,7 @@ LEAST_POINTS = 6  # Fewest points to place a frame's result in front of the came
 FITS_M, CHANCE = 0.12, 0.7
 """Largest distance of points from their rays for a match in metres, or relative to the distance in other alignments."""
 DOUBTED = 1.5
-"""Factor on the deviations of the lifted pose and of triangulated points, which have rare large errors. Chosen on takes
-of subjects 08 and 60."""
+"""Factor on deviations of the lifted pose and triangulated points, for rare large errors. From subjects 08 and 60."""
 BETTER = 0.85  # Another alignment replaces the file's frame numbers if its distance is below this share.
 SIZE_ALIKE = (0.8, 1.25)  # Scale factors within these limits leave the result's size unchanged.
 _SCAN_FRAMES, _SCAN_SHIFTS = 60, 900  # Frames to compare per shift, and largest shift in frames.

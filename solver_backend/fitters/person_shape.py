@@ -252,8 +252,7 @@ def find_contacts(
         points: (F, L, 3) solved positions in metres, Z up.
         fixed: (F,) bool, frames that will not move. They define the anchor of a contact that includes some of them.
         sight: (F, 3) unit viewing direction of a single camera, None for several cameras.
-        heights: (L,) heights of a planted foot's points above a known floor, which their anchors get. NaN for other
-            points.
+        heights: (L,) heights of a planted foot's points above a known floor, for their anchors. NaN elsewhere.
     """
     fixed = np.zeros(len(points), dtype=bool) if fixed is None else fixed
     columns = _foot_columns(names) if heights is None else [int(k) for k in np.flatnonzero(np.isfinite(heights))]
@@ -346,8 +345,7 @@ def with_window_variances(
         points: (F, L, 3) landmarks of a solution in metres.
         scale: landmarks beyond this many standard deviations are excluded.
         dof: unknowns of the solution per frame.
-        looked_at: (T,) bool, frames of the term with points. None for all. A window without any gets the landmark's
-            mean.
+        looked_at: (T,) bool, frames of the term with points, None for all. A window without any gets the mean.
     """
     looked_at = np.ones(len(points), dtype=bool) if looked_at is None else looked_at
     found = term.select(np.flatnonzero(looked_at)).residuals(points)

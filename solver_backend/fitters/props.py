@@ -239,8 +239,7 @@ LEAST_SHARE, LEAST_M, LEAST_RAD = 0.02, 2e-4, 2e-3  # Least unrest relative to t
 def unrest_of(start: PropStart, fps: float) -> np.ndarray:
     """Return (F - 1, 2) power densities of the angular acceleration (rad²/s³) and of the acceleration (m²/s³).
 
-    For white-noise acceleration of density q, the change of displacement over two spans of length h has the variance
-    ``⅔ q h³`` per axis.
+    With white-noise acceleration of density q, the displacements of two spans h differ by variance ``⅔ q h³``.
     """
     frames = len(start.t)
     lag = max(1, min(round(LAG_S * fps), (frames - 1) // 2))

@@ -53,12 +53,11 @@ BESIDE_MM: dict[str, dict[str, float]] = {
 """Additional deviation per axis in mm of joints beside a resting part, by part without side. The part's markers would
 have shown the lean of the pelvis and the person's size. Two resting thighs both count."""
 TILT_DEG, MOST_DEG = 15.0, 60.0
-"""Lean of the pelvis that doubles the spread of trunk, head and legs, and its limit, as people who sit or kneel vary
-more."""
+"""Lean of the pelvis that doubles the spread of trunk, head and legs, and its limit, as people who sit or kneel
+vary more."""
 ARM_TILT_DEG, ARM_MOST_DEG = 100.0, 45.0
-"""The same for arms beyond ``TILT_DEG``. Otherwise ellipsoids are 1.1, 1.3 and 1.5 times too small at 25, 40 and 60
-degrees.
-"""
+"""The same for arms beyond ``TILT_DEG``. Without it ellipsoids are 1.1, 1.3 and 1.5 times too small at 25, 40
+and 60 degrees."""
 SLOW_M_S, FAST_M_S, WINDOW_S = 0.3, 0.8, 0.5
 """Largest ground speed of a stationary pelvis, smallest speed of a walk, and averaging time."""
 WALKING = {"arm": 0.62, "upper": 0.75}
@@ -66,9 +65,7 @@ WALKING = {"arm": 0.62, "upper": 0.75}
 contain 50, 80 and 95 % of CMU's walks are 0.47, 0.66 and 0.81 times as large for arms, and 0.74, 0.73 and 0.75 for the
 upper body."""
 LOW_M, LOWEST_M, LOW = 0.03, 0.14, 1.35
-"""Drops of the pelvis at which the legs' spread starts and stops to grow, and its largest factor (1.2 to 1.4 in CMU's
-clips).
-"""
+"""Drops of the pelvis at which the legs' spread starts and stops to grow, and its largest factor (CMU: 1.2 to 1.4)."""
 _ARM, _LEG, _UPPER = ("elbow", "wrist", "hand"), ("knee", "ankle", "foot"), ("neck", "head", "collar", "shoulder")
 
 
@@ -137,8 +134,8 @@ def growth(shown: Stance, anchor: str, joint: str) -> np.ndarray:
     """Return the factor on a joint's spread about its anchor, relative to an upright person. Names have no sides.
 
     ``1 + min(θ, MOST_DEG) / TILT_DEG`` for trunk, head and legs, ``1 + clip(θ - TILT_DEG, 0, ARM_MOST_DEG) /
-    ARM_TILT_DEG`` for arms, and 1 for a head on an observed chest, times ``WALKING``, and for legs times ``LOW``. θ is
-    the lean of the pelvis.
+    ARM_TILT_DEG`` for arms, and 1 for a head on an observed chest, times ``WALKING``, and legs ``LOW``. θ is the
+    pelvis's lean.
     """
     if joint in _ARM:
         leaning = 1.0 + np.clip(shown.lean - TILT_DEG, 0.0, ARM_MOST_DEG) / ARM_TILT_DEG
@@ -158,8 +155,7 @@ def _bare(name: str) -> str:
 CORE = ("pelvis", "spine1", "spine2", "spine3", "neck", "head")  # A measurement of one of these locates the body.
 NEAR_M, NEAR_HIP_M = 0.13, 0.17
 """Largest distance of a landmark from a joint that it measures. The pelvis markers are 114 mm from the pelvis joint and
-150 mm from the hips. The acromion marker is 153 mm from the neck. A wand on the thigh is 230 mm from the hip and does
-not measure it."""
+150 mm from the hips. The acromion marker is 153 mm from the neck. A wand, 230 mm from the hip, does not measure it."""
 BEYOND_CHEST_RAD, BEYOND_LIMBS_RAD, BEYOND_LIMB_RAD = 0.15, 0.25, 0.60
 """Deviation per axis of an assumed joint, per metre from the nearest landmark: with a measured trunk or head, with two
 measured limbs, and with one. In six takes of CMU and UI-PRMD the pelvis has RMS errors per axis of 33 mm below a chest,
@@ -252,7 +248,7 @@ have 53 mm about the lowest spine joint, C7 31 mm about the neck, and the acromi
 HOLD_S, FADE_S = 0.5, 0.5  # Time for which an uninformed part follows the fit, and time of its transition to rest.
 UNKNOWN_S = 0.5
 """Time after the informed frames in which a part's deviation rises to that at rest. Arms have errors of 29 to 242 mm
-after 0.5 s without markers (CMU, UI-PRMD), but the fit states 14 to 26 mm. The fit is still more precise than the rest
+after 0.5 s without markers (CMU, UI-PRMD), but the fit states 14 to 26 mm. The fit is still better than the rest
 pose."""
 
 

@@ -134,9 +134,7 @@ _START_POSES: tuple[dict[str, Angles], ...] = (
     {**_legs(-0.7, 0.3, 0.4, 0.6), **_WALKING},
     {**_legs(0.3, -0.7, 0.6, 0.4), **_WALKING},
 )
-"""Axis-angle rotations in radians of start poses: standing, arms up, arms forward, squatting, two steps. Chosen by
-hand.
-"""
+"""Axis-angle rotations in rad of start poses: standing, arms up, arms forward, squatting, two steps. Chosen by hand."""
 STAGE = "Fitting single frames"
 POSE_SIGMA_M = 0.03
 """Error in metres of points on a body of unknown shape, added to their own error."""

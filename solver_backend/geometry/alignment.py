@@ -54,8 +54,7 @@ def umeyama(
 def look_at(centres: Float[np.ndarray, "n 3"], target: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "n 3 3"]:
     """Return (n, 3, 3) rotations from world (Z up) to upright cameras at ``centres`` that look at a target.
 
-    Rows are right, down and forward. The image top of a camera that looks straight up or down points towards -y or
-    y.
+    Rows are right, down and forward. The image top of a camera that looks straight up or down points to -y or y.
     """
     forward = target - centres
     forward = forward / np.linalg.norm(forward, axis=1, keepdims=True)

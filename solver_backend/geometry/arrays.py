@@ -130,9 +130,8 @@ def quantile(
 ) -> np.ndarray:
     """Return the quantile of the finite values along axes, NaN if there are none (without a warning).
 
-    The result is that of ``numpy.nanquantile`` for the finite values: the value at position ``(n - 1) share`` among n
-    sorted values. Between two values it is interpolated (Hyndman and Fan 1996, definition 7), or ``method`` selects one
-    of them.
+    The result is ``numpy.nanquantile`` of the finite values: the value at position ``(n - 1) share`` among n sorted
+    values. Between two values it is interpolated (Hyndman and Fan 1996, definition 7), or ``method`` selects one.
     """
     axes = (axis,) if isinstance(axis, int) else axis
     moved = np.moveaxis(values, axes, range(-len(axes), 0))

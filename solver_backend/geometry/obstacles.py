@@ -47,8 +47,7 @@ class Obstacles:
         """Return the signed distance (...) of points (..., 3) from the nearest obstacle, and its normal (..., 3) there.
 
         Distances are negative inside. Beyond ``reach`` from a mesh they are infinite if there is no plane. A point is
-        inside a mesh if the nearest triangle faces away from it. Among equally near triangles the most perpendicular
-        one counts.
+        inside a mesh if the nearest triangle faces away from it. Of equally near ones the most perpendicular counts.
         """
         flat = points.reshape(-1, 3)
         heights = flat @ self.planes[:, :3].T - self.planes[:, 3]
@@ -108,8 +107,7 @@ def read_obstacles(path: Path | str) -> Obstacles:
     """Read a file of objects, ``{"planes": [...], "boxes": [...], "meshes": [...]}``, and add the floor z = 0.
 
     A plane has a ``point`` and a ``normal`` towards free space. A box has a ``centre``, a ``size`` and optionally
-    ``turn_deg`` about the vertical. A mesh is the path of a Wavefront OBJ file relative to this file. Everything is in
-    metres with Z up.
+    ``turn_deg`` about the vertical. A mesh is the relative path of a Wavefront OBJ file. All are in metres, Z up.
 
     Raises:
         FileDamaged: the file or a mesh is damaged, or a value is invalid.

@@ -49,8 +49,7 @@ def _collected(results: Iterable[Result], done: Callable[[int], None]) -> list[R
 def usable_cores() -> int:
     """Return the number of cores that this process may use, at most ``MANIFOLD_MOCAP_THREADS``.
 
-    A batch pins its solvers to cores, and a container has a limit. Additional threads would evict each other's blocks
-    from the cache.
+    A batch pins its solvers to cores, and a container has a limit. More threads would evict each other's cache.
 
     Raises:
         CommandLineInvalid: the environment variable is not a positive whole number.

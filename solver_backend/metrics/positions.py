@@ -123,9 +123,8 @@ def world_mpjpe_mm(found: Track, truth: Track, fitted: int = WORLD_FRAMES) -> fl
 def pck_percent(found: Points, truth: Points, threshold_m: float) -> float:
     """Return the percentage of points (..., N, 3) within ``threshold_m`` of the truth, without alignment.
 
-    A missing point counts as wrong if its truth is known. Points without truth are excluded. The thesis (6.3.4, eq.
-    4.29) reports 3 and 7 cm. Reference: Yang and Ramanan 2013, "Articulated human detection with flexible mixtures of
-    parts".
+    Missing points with known truth count as wrong. Points without truth are excluded. The thesis (6.3.4, eq. 4.29)
+    reports 3 and 7 cm. Reference: Yang and Ramanan 2013, "Articulated human detection with flexible mixtures of parts".
     """
     distance = distances_m(found, truth)
     known = np.isfinite(truth).all(-1)
@@ -220,9 +219,8 @@ Features = Float[np.ndarray, "samples features"]
 def frechet_distance(generated: Features, real: Float[np.ndarray, "others features"]) -> float:
     """Return FID, ``|μ_a - μ_b|² + Tr(Σ_a + Σ_b - 2 (Σ_a Σ_b)^½)``, in the squared unit of the features.
 
-    Both are (N, D) features of two or more samples. The trace of the root is that of the symmetric ``(Σ_a^½ Σ_b
-    Σ_a^½)^½``. Reference: Heusel et al. 2017, "GANs trained by a two time-scale update rule", eq. 6
-    (thesis eqs. 4.30, 6.11).
+    Both are (N, D) features. The trace of the root is computed from the symmetric ``(Σ_a^½ Σ_b Σ_a^½)^½``. Reference:
+    Heusel et al. 2017, "GANs trained by a two time-scale update rule", eq. 6 (thesis eqs. 4.30, 6.11).
 
     Raises:
         ShapeMismatch: the features are not (N, D) arrays of one D, or contain NaN.

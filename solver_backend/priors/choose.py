@@ -26,8 +26,7 @@ class GaussianOnSphere(AutoencodingPrior):
     """Gaussian prior with unit codes of zero mean: ``u = B (z, s) / |(z, s)|`` with ``s = √d``.
 
     B (d + 2, d + 1) spans the vectors of zero mean. The inverse is the central projection ``z = s a / b`` of ``(a, b) =
-    Bᵀ u``. It maps great circles to straight lines, so that SLERP between codes follows the segment between Gaussian
-    codes.
+    Bᵀ u``. It maps great circles to straight lines, so that SLERP follows the segment between Gaussian codes.
     """
 
     def __init__(self, prior: GaussianVAE) -> None:

@@ -27,8 +27,7 @@ _NEAREST_M = 0.3  # Smallest depth of a person in front of a camera, metres. Cho
 def place_before_camera(points: np.ndarray, image: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Return (F, 3) shifts t in camera axes that bring points closest to their rays, NaN without points.
 
-    The residuals of ``Σ_i w_i |(p_i + t)_xy - x_i (p_i + t)_z|²`` are linear in t. Points far from their rays are
-    downweighted.
+    The residuals of ``Σ_i w_i |(p_i + t)_xy - x_i (p_i + t)_z|²`` are linear in t. Points far from rays lose weight.
 
     Args:
         points: (F, L, 3) points in camera axes, metres.
@@ -127,8 +126,7 @@ def lift_take(
 
 
 BRIDGED_S, BRIDGED_CONFIDENCE = 1.0, 0.3
-"""Longest gap of a keypoint, in seconds, that is interpolated for the lifter, and confidence of the interpolated
-points, like a detector's guesses."""
+"""Longest gap of a keypoint in seconds that is interpolated, and the points' confidence, like a detector's guesses."""
 
 
 def bridge_gaps(image: np.ndarray, confidence: np.ndarray, longest: int) -> tuple[np.ndarray, np.ndarray]:

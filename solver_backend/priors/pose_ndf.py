@@ -263,8 +263,7 @@ class ProjectionSettings:
 class PoseNDF(PosePrior):
     """Distance of a pose to the manifold of plausible poses in radians, in the metric of ``pose_distance``.
 
-    It is zero on the manifold (Tiwari et al. 2022, eq. 1). Quaternions are given with ``w >= 0``, so that q and -q are
-    the same pose by construction.
+    It is zero on the manifold (Tiwari et al. 2022, eq. 1). Quaternions have ``w >= 0``, so q and -q are the same pose.
     """
 
     def __init__(self, field: PoseField, spread: JointSpread, metadata: dict[str, Any]) -> None:
@@ -337,9 +336,8 @@ class PoseNDF(PosePrior):
         """Return (N, 21, 3, 3) poses moved down the field by ``θ - α f ∇f``, with quaternions normalised.
 
         The gradient is taken in the metric: ``2/w_k`` times the part tangent to each joint's sphere. With α = 1 one
-        step reaches zero if the field is a distance. A step that would raise a pose's distance is halved, and then α
-        grows again. No pose moves farther than ``reach`` times its first distance (Tiwari et al. 2022, eqs. 5 and
-        6).
+        step reaches zero if the field is a distance. A step that would raise a pose's distance is halved, then α grows
+        again. No pose moves farther than ``reach`` times its first distance (Tiwari et al. 2022, eqs. 5 and 6).
         """
         xp = array_namespace(rotations)
         check_rotations(rotations)

@@ -49,9 +49,8 @@ def _step(truth: Poses, decoded: Poses, by_code: CodeJacobian) -> Codes:
 def misfit(truth: Poses, decoded: Poses, by_code: CodeJacobian) -> tuple[Array, Array]:
     """Return the differences r (N, 132) in metres of decoded poses from the truth, and J (N, 132, d), ``-dr/dz``.
 
-    Joints 1..23 come first, then rotations of the joints 1..21. Velocities propagate down the tree: ``ω_j = ω_p + G_p
-    J_j`` and ``v_j = v_p + ω_p x (p_j - p_p)``. ``truth`` and ``decoded`` are (N, 21, 3, 3), ``by_code`` is (N, 21, 3,
-    d) left tangents.
+    Joints 1..23 come first, then rotations of joints 1..21. Velocities propagate down the tree: ``ω_j = ω_p + G_p J_j``
+    and ``v_j = v_p + ω_p x (p_j - p_p)``. ``truth`` and ``decoded`` are (N, 21, 3, 3), ``by_code`` is (N, 21, 3, d).
     """
     xp = array_namespace(decoded)
     eye, rest = xp.zeros_like(decoded[:, 0]) + identity(3, decoded), constant(REST_JOINTS, decoded)

@@ -135,8 +135,7 @@ class LiftedView:
 def look_at(points: Array, confidence: Array) -> LookAt:
     """Return the camera that looks at the person at the middle of each window.
 
-    ``points`` (N, 27, 19, 2) are in focal lengths from the principal point, finite. ``confidence`` (N, 27, 19) is 0 for
-    missing ones.
+    ``points`` (N, 27, 19, 2) are in focal lengths from the principal point. ``confidence`` (N, 27, 19) is 0 if missing.
     """
     xp = array_namespace(points)
     weight = _weights(confidence)

@@ -21,9 +21,7 @@ _SPREAD_RAD = {
     "spine1": 0.26, "spine2": 0.26, "spine3": 0.26, "neck": 0.39, "head": 0.52, "collar": 0.32, "shoulder": 1.55,
     "elbow": 1.55, "wrist": 0.32, "hip": 1.55, "knee": 1.55, "ankle": 0.52, "foot": 0.6,
 }  # fmt: skip
-"""Standard deviation of each joint's rotation from rest, in radians. Few people stand upright in the mixture's
-recordings.
-"""
+"""Standard deviation of each joint's rotation from rest, in radians. The mixture contains few upright people."""
 
 
 _UNKNOWN_SPREAD_RAD = 0.5  # For joints outside the table, without prior: a weak pull to rest. Not tuned.
@@ -104,8 +102,7 @@ class PoseMixtureTerm:
     def __call__(self, local: Array) -> PoseEvidence:
         """Return the evidence at (F, J, 3, 3) rotations. Its factors are the (F, K) shares that make the Hessian.
 
-        With the components' shares r_k of the sum, ``dE/dx_c = s Σ_k r_k P_k (x_c - μ_k)``, plus Q x, and ``dx =
-        J_l(x)⁻¹ δ``.
+        With the shares r_k of the sum, ``dE/dx_c = s Σ_k r_k P_k (x_c - μ_k)``, plus Q x, and ``dx = J_l(x)⁻¹ δ``.
         """
         xp = array_namespace(local)
         mixture, count = self.mixture, local.shape[0]

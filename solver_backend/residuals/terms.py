@@ -116,9 +116,8 @@ class PoseTerm(FrameTerm, Protocol):
 def geman_mcclure(squared: Array, scale: float) -> tuple[Array, Array]:
     """Return penalty ``s² r² / (r² + s²)`` and IRLS weight ``(s² / (r² + s²))²`` of squared residuals r², in variances.
 
-    Residuals far beyond the scale s have no effect. With a large scale the penalty is a plain square, the start of
-    graduated non-convexity (Geman and McClure 1987; Yang et al. 2020, "Graduated non-convexity for robust spatial
-    perception").
+    Residuals far beyond the scale s have no effect. A large scale gives a plain square, the start of graduated
+    non-convexity (Geman and McClure 1987; Yang et al. 2020, "Graduated non-convexity for robust spatial perception").
     """
     share = scale * scale / (squared + scale * scale)
     return squared * share, share * share

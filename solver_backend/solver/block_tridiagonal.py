@@ -31,8 +31,7 @@ class BlockTridiagonal:
     def solve(self, damping: Array) -> Array:
         """Return the (1, N·n) step that solves ``(H + damping diag(H)) step = -g``.
 
-        ``damping`` is (1,) for all blocks, or (1, N) or (1, N - 1) by block. Of N - 1 values the last one is
-        repeated.
+        ``damping`` is (1,) for all blocks, (1, N) or (1, N - 1) by block. The last of N - 1 values is repeated.
         """
         xp = array_namespace(self.g)
         damping = _by_block(damping if damping.ndim == 1 else damping[0], self.g)
@@ -62,9 +61,8 @@ class BlockTridiagonal:
         """Return the blocks of ``H⁻¹`` on and above the diagonal, (N, n, n) and (N - 1, n, m).
 
         From the middle outwards: ``H⁻¹_ij = -X_i H⁻¹_jj`` and ``H⁻¹_ii = S_i⁻¹ - H⁻¹_ij X_iᵀ`` with the neighbour j
-        that was eliminated later and ``X_i = S_i⁻¹ H_ij`` (Takahashi, Fagan and Chin 1973). A diagonal load of ``n ε
-        diag(H)`` keeps the rounded matrix positive definite (Higham 2002, theorem 10.7), so that no variance is
-        negative.
+        eliminated later and ``X_i = S_i⁻¹ H_ij`` (Takahashi, Fagan and Chin 1973). A diagonal load of ``n ε diag(H)``
+        keeps the rounded matrix positive definite (Higham 2002, theorem 10.7), so no variance is negative.
         """
         xp = array_namespace(self.g)
         rounding = self.g.shape[1] * float(xp.finfo(self.diagonal.dtype).eps)

@@ -163,8 +163,7 @@ def levenberg_marquardt(
     ``(H + λ diag H) δ = -g``. ``x ← retract(x, δ)`` if the cost falls, otherwise λ grows (Levenberg 1944, Marquardt
     1963). A problem may return the costs of its P consecutive parts, each with its own λ. A part that a step makes
     worse keeps its λ and that of the next part, with which it shares unknowns, and both grow if the step is rejected.
-    Steps are accepted or rejected as a whole. A step that promises too little ends the minimisation untried (predicted
-    reduction, Moré 1978, section 7).
+    Steps are accepted as a whole or rejected. Steps that promise too little end the minimisation (Moré 1978).
 
     Args:
         linearise: maps a state to the (B,) costs of problems, or (B, P) of their parts, and to the normal equations.

@@ -1,8 +1,7 @@
 """Define the manifolds of the minimisers: code spheres, SO(3), flat space and products of them.
 
 A state of shape (..., a) is a power of the manifold. Points have leading axes, and inner products sum over all of them.
-A state on a product is a tuple. Tangent vectors have the shape of the point, except on SO(3), where they are left
-rotation vectors (..., 3).
+A state on a product is a tuple. Tangent vectors have the point's shape, but on SO(3) are left rotation vectors.
 """
 
 from __future__ import annotations

@@ -69,9 +69,7 @@ class Unknowns:
 
     poses: Bool[np.ndarray, " cameras"]  # (C,) cameras with an unknown pose.
     lens: Bool[np.ndarray, "cameras 12"] | None = None
-    """(C, 12) mask of the unknown parameters of each lens, None if all are fixed. The ratio of fx and fy is
-    constant.
-    """
+    """(C, 12) mask of unknown parameters of each lens, None if all are fixed. The ratio of fx and fy is constant."""
     lens_sigma: Float[np.ndarray, "cameras 12"] | None = None  # (C, 12) expected deviations. None for no limit.
     delays: Bool[np.ndarray, " cameras"] | None = None  # (C,) cameras with an unknown delay. None for no camera.
     held: Held | None = None  # Expected poses. A camera that is far from its own is released (Cauchy).

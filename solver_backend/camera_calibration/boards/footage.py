@@ -59,8 +59,7 @@ def board_cameras(folder: Path, *, nested: bool = True) -> dict[str, Path]:
     """Return the footage of each camera in a folder.
 
     A camera is a video, a folder with images or one video, or a folder that contains one such folder. ``int_cam01_img``
-    is camera ``cam01``, and chapters of an action camera are one video. A folder is skipped if its camera is found in
-    another spelling.
+    is camera ``cam01``, and chapters of an action camera are one video. A folder is skipped if another has its camera.
 
     Args:
         nested: also look into the folder within a camera's folder.

@@ -45,8 +45,7 @@ def essential_matrix(
 ) -> tuple[Float[np.ndarray, "3 3"], Bool[np.ndarray, " n"]]:
     """Return E with ``x2ᵀ E x1 = 0``, and a mask of inliers.
 
-    Samples of eight points give hypotheses. Cauchy's penalty of the Sampson distance selects one, and reweighting
-    refines it.
+    Samples of eight points give hypotheses. Cauchy's penalty of the Sampson distance selects one to be refined.
 
     Args:
         first: at least eight points.
@@ -165,8 +164,7 @@ def resected_pose(
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"], float]:
     """Return rotation, translation, and the share of points within three scales.
 
-    Samples of six points give hypotheses by the direct linear transform. Cauchy's penalty selects one, and reweighting
-    refines it.
+    Samples of six points give hypotheses by the direct linear transform. Cauchy's penalty selects one to be refined.
 
     Args:
         points: at least six points that are not in one plane.

@@ -208,8 +208,7 @@ def _held_out(
 def choose_family(lenses: Mapping[str, CameraLens], models: Sequence[str]) -> str | None:
     """Return the distortion model with the best prediction for all cameras together, None if one of them lacks it.
 
-    The evidence of a camera is ``-n log σ`` if its best model predicts the corners of n images to σ px and errors are
-    normally distributed.
+    The evidence of a camera is ``-n log σ`` if its best model predicts corners of n images to σ px, with normal errors.
     """
     costs: dict[str, float] = {}
     for family in sorted({LENS_MODELS[name].distortion_model for name in models}):

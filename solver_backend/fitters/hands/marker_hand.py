@@ -133,8 +133,7 @@ def attach_markers(
 ) -> Extra:
     """Attach markers to the hand segments that they move with: ``o_s = median_f G_sᵀ (x - p_s)``.
 
-    Of the segments with nearly constant offsets, the nearest is chosen. ``states`` are (F, D), ``positions`` (F, N, 3)
-    in metres, NaN where missing.
+    The nearest segment with nearly constant offsets is chosen. ``states`` are (F, D), ``positions`` (F, N, 3).
     """
     posed = problem.skeleton.pose(states[:, FINGERS])
     R = exp_so3(states[:, :3]) @ problem.wrist.rotations

@@ -166,8 +166,7 @@ def hand_noise(views: HandViews, xy: np.ndarray, found: Triangulation) -> HandNo
     """Estimate the noise of one hand's detections ``xy`` (C, n, 21, 2) in pixels.
 
     The mean residual of a view's hand gives its offset, and the rest gives the noise of points. Triangulating a point
-    absorbs 3 of its 2 V errors in V views. Both variances are therefore scaled by ``2 V / (2 V - 3)``. Medians of
-    squares exclude outliers.
+    absorbs 3 of its 2 V errors in V views. Both variances are scaled by ``2 V / (2 V - 3)``.
     """
     cameras, used = views.cameras, np.asarray(found.inliers)
     kept = np.sqrt(1.0 - 3.0 / (2.0 * np.maximum(used.sum(axis=0), 2.0)))[None, ..., None]
@@ -204,8 +203,7 @@ ALONE = 0.04  # Weight of a hand seen by one view only, which cannot distinguish
 def hand_term(views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"], noise: HandNoise) -> HandViewTerm:
     """Return the data term of one hand (side 0 left, 1 right) for (F, 3) wrist positions in metres.
 
-    ``σ² = (σ_l max(1, (15 / s)²))² + (f m / z)²`` px² with a palm of s = f 0.09 m / z px at the wrist's depth z and the
-    model error m.
+    ``σ² = (σ_l max(1, (15 / s)²))² + (f m / z)²`` px² for a palm of s = f 0.09 m / z px at depth z and model error m.
     """
     px_per_m = pixels_per_metre(views, wrists)[..., None]
     small = np.maximum(1.0, (SMALL_PX / (PALM_M * px_per_m)) ** 2)

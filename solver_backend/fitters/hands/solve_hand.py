@@ -107,9 +107,7 @@ def contact_equations(
 SIZES = (0.75, 1.35)  # Limits of a hand's size relative to the body's shape: seven deviations. Others are errors.
 TURN_SIGMA = float(np.deg2rad(35.0))  # Deviation of the wrist's rotation from the body's, whose twist is uncertain.
 ACCELERATION = {"turn": 120.0, "shift": 12.0, "fingers": 30.0}
-"""Standard deviations of accelerations over 0.1 s, in rad/s² and m/s². Recorded fingers (Ganguly et al. 2021) have an
-RMS of 5 rad/s².
-"""
+"""Standard deviations of accelerations over 0.1 s, rad/s² and m/s². Fingers: 5 rad/s² RMS (Ganguly et al. 2021)."""
 
 
 @dataclass(frozen=True)
@@ -342,9 +340,7 @@ def _means(near: np.ndarray, values: np.ndarray, otherwise: np.ndarray) -> np.nd
 WINDOW = 12  # Frames at 60 Hz of a window with three keys. Fingers open and close in a fifth of a second.
 INFORMED = 0.7  # Largest deviation of the knuckle's bend of an observed finger, relative to the prior's.
 CALIBRATION = 0.5
-"""Factor on the posterior variance. With it, 95 % ellipsoids contain 90 % of simulated finger joints
-(docs/research-log/hands.md).
-"""
+"""Factor on the posterior variance, so that 95 % ellipsoids contain 90 % of simulated joints (see hands.md)."""
 CONSTANT_M = 0.004  # Deviation per axis of errors that do not average out: bone lengths, calibration, detector bias.
 THROUGH_M = 0.006  # Overlap of two fingers that soft skin cannot explain: a third of a finger's breadth.
 

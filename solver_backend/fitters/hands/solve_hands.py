@@ -242,9 +242,7 @@ def finger_turns_of(motion: Motion) -> Float[np.ndarray, "frames 30 3"] | None:
 
 STEPS = 6  # Gauss-Newton steps. Shifts are at most a few centimetres. Three steps are enough for bent arms.
 COLLAR = 0.1
-"""Ease of rotating the collar relative to shoulder and elbow, chosen by hand. Pose2Sim's balancing trial needs 11
-degrees of collar rotation.
-"""
+"""Ease of rotating the collar relative to shoulder and elbow. By hand: Pose2Sim's balancing trial needs 11 degrees."""
 PRONATION = 0.5  # The elbow's share of a hand's twist about the forearm, as in the recordings of the pose prior.
 LOADING_M2 = 1e-4  # Damping of the normal matrix in m², for wrists beyond the reach of arm and collar.
 
@@ -259,8 +257,7 @@ def follow_hand(
 ) -> PosedFrames:
     """Return the poses with one wrist rotated (world rotation vectors) and shifted. Other joints do not change.
 
-    ``ω = W Jᵀ (J W Jᵀ + λ)⁻¹ (p + δ - p(ω))``, the smallest rotations of collar, shoulder and elbow (damped least
-    squares, Whitney 1969).
+    ``ω = W Jᵀ (J W Jᵀ + λ)⁻¹ (p + δ - p(ω))``, the smallest rotations of the arm's joints (Whitney 1969).
     """
     names = body.layout.joints
     chain = [names.index(f"{SIDES[side]}_{part}") for part in ("collar", "shoulder", "elbow")]

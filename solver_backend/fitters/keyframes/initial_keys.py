@@ -69,8 +69,7 @@ def _neighbours(seen: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.nda
 
 CALM_M_S2 = 5.2  # Mean acceleration of landmarks up to which the settings' window is kept. Walking has 2 to 5.
 CLOSEST = 0.6
-"""Smallest window relative to the settings' window, used for dances at 15 m/s². ``bench floor`` on salsa_07 improves
-from 4.93 to 2.93 mm."""
+"""Smallest window relative to the settings' one, for dances: ``bench floor`` on salsa_07 falls from 4.93 to 2.93 mm."""
 
 
 def dense_layout(
@@ -92,8 +91,7 @@ def dense_layout(
 def paces(points: np.ndarray, fps: float, apart: int) -> tuple[float, float]:
     """Return the mean and the 95th percentile of the points' acceleration in m/s², over ``apart`` frames.
 
-    ``|x(t - h) - 2 x(t) + x(t + h)| / h²`` of (F, L, 3) points in metres, NaN where missing. For the spacing h of keys,
-    noise of 4 mm adds 2.2 m/s².
+    ``|x(t - h) - 2 x(t) + x(t + h)| / h²`` for (F, L, 3) points in metres. With spacing h, 4 mm of noise adds 2.2 m/s².
     """
     apart = max(1, min(apart, (len(points) - 1) // 2))
     around = points[2 * apart :] - 2 * points[apart:-apart] + points[: -2 * apart]
@@ -183,8 +181,7 @@ def resolve_lost_limbs(
     """Solve lost limbs again if that lowers the cost. Return the same keys if nothing changes.
 
     Points that are wrong for some frames look like a lost limb, and only the cost distinguishes them. Runs longer than
-    a chunk are not lost limbs and are kept. ``points`` are (F, L, 3) landmarks of the body, ``frames`` their frame
-    numbers, by default all.
+    a chunk are kept. ``points`` are (F, L, 3) landmarks of the body, ``frames`` their frame numbers, by default all.
     """
     lost = _lost_windows(measurements, layout, points, frames)
     for windows in ranges_around(lost):

@@ -198,8 +198,7 @@ class BundleModel:
     ) -> PosedFrames:
         """Return the poses of the given frames, by default of all frames of the layout.
 
-        The poses are on the curves of single windows, which the solver uses, or on the spline of control points, which
-        is the result.
+        Poses are on the curves of single windows (in the solver) or on the spline of control points (the result).
         """
         turned = bool(self.free.turned)
         return key_poses(self.prior, keys, layout, frames, residuals=turned, spline=spline, screw=self.screw)
@@ -427,8 +426,7 @@ class MotionPrior:
     """Gaussian priors on keyframes: ``E = 1/2 sum_k |x_{k-1} - 2 x_k + x_{k+1}|² / s²``.
 
     A prior on acceleration alone preserves speed through a gap, so that people drift. Between unobserved keys with
-    spacing h, ``1/2 sum_k |x_{k+1} - x_k|² h² / (s tau)²`` also penalises speed, which then decays as ``exp(-t /
-    tau)``.
+    spacing h, ``1/2 sum_k |x_{k+1} - x_k|² h² / (s tau)²`` penalises speed, which decays as ``exp(-t / tau)``.
     """
 
     spacing_s: float  # Time between keys.
@@ -482,12 +480,10 @@ class MotionPrior:
 
 REACH = 3.0
 """Standard deviations of a joint's angle beyond which the prior's force barely grows. On nine takes of unusual bodies 3
-reduces point errors by 1.5 %. A toe bent by 70 degrees (9 deviations) reaches 44 degrees instead of 25. 2.5 adds
-jitter."""
+reduces point errors by 1.5 %. A toe bent by 70 degrees reaches 44 instead of 25. 2.5 adds jitter."""
 STEADINESS = 0.15
 """Precision of the second difference of residual rotations over three keys, relative to a frame's precision. 0.15
-reduces acceleration errors by 3 % and point errors by 0.7 % compared with a Gaussian. 0.3 removes the remaining jitter
-and the gain."""
+reduces acceleration errors by 3 % and point errors by 0.7 % compared with a Gaussian. 0.3 removes jitter and gain."""
 
 
 @dataclass(frozen=True)

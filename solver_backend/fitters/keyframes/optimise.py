@@ -216,9 +216,8 @@ def solve_long(
     """Solve all keys in two rounds of chunks: every other chunk with an overlap, then the others with fixed ends.
 
     Chunks of the second round begin and end at keys of their neighbours, so that curves and second differences join
-    exactly. Chunks of one round are independent. The result does not depend on the process or the order of their solves
-    (red-black Gauss-Seidel, see Young 1971). The first round adds ``overlap`` windows on both sides of a chunk of
-    ``windows``.
+    exactly. Chunks of one round are independent. The result does not depend on processes or order (red-black
+    Gauss-Seidel, Young 1971). The first round adds ``overlap`` windows on both sides of a chunk of ``windows``.
     """
     keys, found = hemisphere_aligned(start), []
     for first, beyond in ((0, overlap), (1, 1)):

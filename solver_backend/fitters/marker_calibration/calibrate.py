@@ -153,10 +153,9 @@ SPREAD_M = 0.03  # Deviation of joints from the scaled mean body, weighed agains
 def first_shape(body: Body, landmarks: Landmarks, points: np.ndarray) -> np.ndarray:
     """Return the (10,) initial shape: the mean body scaled to the markers, or zeros if its size fits.
 
-    The size s is the median of ``d / r``, weighted by r, over pairs of markers with a distance that no pose changes. d
-    is the recorded distance and r that on the mean body. The shape is ``argmin |D b - (s - 1) J|² / SPREAD_M² + |b|²``
-    with joints J and their derivatives D, both relative to the pelvis. ``points`` are (F, L, 3) in metres, NaN where
-    missing.
+    The size s is the median of ``d / r``, weighted by r, over marker pairs with a distance that no pose changes. d is
+    the recorded distance, r the mean body's. The shape is ``argmin |D b - (s - 1) J|² / SPREAD_M² + |b|²`` with joints
+    J and their derivatives D, both relative to the pelvis. ``points`` are (F, L, 3) in metres, NaN where missing.
     """
     nothing = np.zeros(body.joints_shapedirs.shape[-1])
     rest = landmarks.anchors.sum(axis=1)
@@ -193,9 +192,8 @@ LEAST_SEEN = 0.6  # A chosen frame shows at least this share of the largest numb
 def varied_frames(points: np.ndarray, count: int) -> np.ndarray:
     """Return the numbers of up to ``count`` frames with the most different poses, in ascending order.
 
-    Distances between markers describe a pose without position and heading. Each next frame is the farthest from all
-    chosen ones (Gonzalez 1985, "Clustering to minimize the maximum intercluster distance"). ``points`` are (F, L,
-    3).
+    Distances between markers describe a pose without position and heading. The next frame is farthest from all chosen
+    ones (Gonzalez 1985, "Clustering to minimize the maximum intercluster distance"). ``points`` are (F, L, 3).
     """
     seen = np.isfinite(points).all(-1).sum(-1)
     candidates = np.unique(np.linspace(0, len(points) - 1, min(CANDIDATES, len(points))).astype(int))

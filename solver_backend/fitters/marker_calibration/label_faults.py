@@ -58,8 +58,7 @@ def clean_labels(
     """Correct swapped labels and exclude ghosts.
 
     For two neighbours a and b, ``g(t) = ρ(x_a - y_a) + ρ(x_b - y_b) - ρ(x_a - y_b) - ρ(x_b - y_a)`` is the gain of
-    swapping their labels. They are swapped if its mean over a window is large. If only one of them is visible, its
-    label changes.
+    swapping their labels. They are swapped if a window's mean is large. If one is hidden, the other's label changes.
 
     Args:
         points: (F, M, 3) measured markers x in metres, NaN where missing.

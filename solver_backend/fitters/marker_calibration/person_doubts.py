@@ -21,8 +21,7 @@ MISPLACED, TWO_PLACES, EXCHANGED = "misplaced", "two_places", "exchanged"
 """Keys of a person's provenance: unused names (``label``, ``place``, ``off_m``), labels at two positions (``label``,
 ``apart_m``, ``take`` and ``other`` from 1), and pairs of swapped labels."""
 NAMES_OVER_TAKES, SIDE_FOUND = "names_over_takes", "side_found"
-"""Keys for names swapped in one take (``take`` from 1, ``labels``, ``corrected``), and for labels without a side
-(``label``, ``place``)."""
+"""Keys for swapped names (``take`` from 1, ``labels``, ``corrected``) and sideless labels (``label``, ``place``)."""
 
 
 def doubts_of(person: MarkerSubject) -> list[Diagnostic]:

@@ -142,9 +142,8 @@ def common_bones(
 ) -> dict[str, str]:
     """Return the joint of the bone for each unknown marker of a rigid group, by label.
 
-    The markers of a rigid plate are on one bone: a possible bone of the group's known markers, or else any. The bone
-    with the most constant offsets of the whole group is chosen, because a single marker may fit a neighbouring bone as
-    well.
+    The markers of a rigid plate are on one bone: a possible one of the group's known markers, or else any. The bone
+    with the most constant offsets of the whole group is chosen, as single markers may also fit a neighbouring bone.
 
     Args:
         points: (F, N, 3) metres, NaN where missing.

@@ -18,9 +18,8 @@ ROWS, WINDOW_S = 300, 10.0  # Number of training frames of a gap, and time span 
 NOISE_M = 0.00055  # Noise of a neighbour's position in metres, as of an optical tracker.
 ROWS_BY_NEIGHBOUR = 3  # Smallest number of frames per neighbour, because each has three unknowns.
 HIDDEN = 5.0  # Ratio of a hidden marker's error to a visible one's, which attracts the body.
-"""The constants were chosen on 19 fillings of 12 takes. Half the window, 0.3 mm, 8 neighbours or a factor of 2 raise
-the mean error by 3 to 7 %, a ``FAR`` of 0.005 by 2 %, a ``MOSTLY`` of 1 by 3 %. See "Neighbours of hidden markers" in
-docs/research-log/marker_files.md."""
+"""Chosen on 19 fillings of 12 takes (marker_files.md). Half the window, 0.3 mm, 8 neighbours or a factor of 2 raise the
+mean error by 3 to 7 %, a ``FAR`` of 0.005 by 2 %, a ``MOSTLY`` of 1 by 3 %."""
 
 
 def steadiest_first(points: np.ndarray, pool: np.ndarray) -> np.ndarray:
@@ -107,8 +106,7 @@ def filled(
     The first prediction is the marker y on the body, corrected to meet the measurements at both ends a and b of the
     gap: ``x(t) = y(t) + B(t) [ sinh((b - t) / τ) d_a + sinh((t - a) / τ) d_b ] / sinh((b - a) / τ)``. The errors ``d =
     B⁻¹ (x - y)`` at the ends are in the frame B of the marker's bones. This is the mean of an Ornstein-Uhlenbeck
-    process, which is ``d_a e^{-(t - a) / τ}`` for a gap with one end. The correlation time τ is estimated from the
-    take.
+    process, which is ``d_a e^{-(t - a) / τ}`` for a gap with one end. The take gives the correlation time τ.
 
     The second prediction follows from the neighbours (see ``among``). Frames around the gap give the mean squared
     errors ``e²`` of both. The second has the weight ``e_1² / (e_1² + e_2²)``. If both predictions differ by more than

@@ -60,8 +60,7 @@ def check_capture(
 ) -> CheckedCapture:
     """Find faults of single views and repair them.
 
-    Repeated frames are handled first, then whole views (swapped, mirrored or rotated), delays, bystanders and limbs.
-    Remaining faults are excluded.
+    The order is: repeated frames, whole views, delays, bystanders, limbs. Remaining faults are excluded.
 
     Args:
         triangulation: triangulation of the unrepaired capture.

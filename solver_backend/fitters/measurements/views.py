@@ -60,8 +60,7 @@ OF_MARKERS_M = {
     "elbow": 0.0083, "wrist": 0.0054, "hand": 0.0066,
 }  # fmt: skip
 """The same deviations by joint for markers of a calibrated person. Four fifths of the error comes from the calibration
-and is the same in all frames. Measured with ``python -m tests.benchmarks.marker_takes.coverage`` on takes outside all
-result tables."""
+and is the same in all frames. Measured with ``python -m tests.benchmarks.marker_takes.coverage`` on other takes."""
 
 
 class _Points(PointSource):

@@ -45,8 +45,7 @@ def decoded_with_vjp(
 ) -> tuple[Array, Callable[[Array], tuple[Array, Array | None]]]:
     """Return ``decoded`` rotations and their vector-Jacobian product.
 
-    The product maps (F, 21, 3) derivatives by left tangents to those by codes (F, d) and by residuals (F, 21, 3) or
-    None.
+    It maps (F, 21, 3) derivatives by left tangents to derivatives by codes (F, d) and residuals (F, 21, 3) or None.
     """
     xp = array_namespace(z)
     local, decoder_vjp = prior.decode_with_vjp(z)

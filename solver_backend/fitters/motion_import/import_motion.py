@@ -126,14 +126,10 @@ def _along(line: list[np.ndarray], share: float) -> np.ndarray:
 
 
 _PLACED = SMPL.both("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
-"""Limb joints, whose positions are fitted. For head and toes only rotations count, because programs place them
-differently.
-"""
+"""Limb joints, whose positions are fitted. Programs place head and toes differently, so only their rotations count."""
 _PLACE_SIGMA_M = 0.004  # Deviation of a limb joint from the skeleton's, in metres.
 _TURN_SIGMA = np.full(NUM_TURNED, 0.12)
-"""Standard deviation of rotations in radians. The pelvis has less because of its tilt. Collars have more because
-programs place them differently.
-"""
+"""Standard deviation of rotations in radians: less for the tilted pelvis, more for collars placed differently."""
 _TURN_SIGMA[0], _TURN_SIGMA[[13, 14]] = 0.06, 0.2
 _ROUNDS, _BLOCK = 20, 256
 _DAMPING, _EASED, _STIFFENED = 1e-3, 0.2, 8.0
@@ -147,9 +143,8 @@ _MOVED = _ABOVE & ~np.eye(NUM_JOINTS, NUM_TURNED, dtype=bool)  # (24, 22) joints
 def fit_poses(rest: np.ndarray, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
     """Return global rotations (F, 22, 3, 3) and positions (F, 24, 3) of the body's joints, by Levenberg-Marquardt.
 
-    A world rotation δ of a joint moves all joints below it. Positions move by ``Σ δ_i × (p_k - p_i)`` and rotations by
-    ``Σ δ_i`` over the joints above. Both are linear in δ and in the root's position. ``rest`` (24, 3) are the joints of
-    the shaped body at rest in metres.
+    A world rotation δ of a joint moves positions below it by ``Σ δ_i × (p_k - p_i)`` and rotations by ``Σ δ_i``. Both
+    are linear in δ and the root's position. ``rest`` (24, 3) are the shaped body's rest joints in metres.
     """
     parts = [
         _fit_block(rest, measured.places[at : at + _BLOCK], measured.turns[at : at + _BLOCK])
@@ -270,9 +265,7 @@ _PAIRS = (
 )  # Ends of compared lengths: bones of limbs, widths, trunk, and shoulders to head, or the middle of joints.
 _STARTS, _ENDS = (np.array([(pair[end][0], pair[end][-1]) for pair in _PAIRS]) for end in (0, 1))  # (12, 2) joints.
 _SIGMA_M = np.array([0.004] * 8 + [0.008, 0.006, 0.008, 0.04])
-"""Standard deviation of lengths in metres. Widths and trunk have small values to keep collars from folding. Heads
-differ between skeletons.
-"""
+"""Standard deviation of lengths in metres, small for widths and trunk to keep collars from folding. Heads differ."""
 _SHAPE_ROUNDS = 4
 _EXACT, _SAME_M, _PLAUSIBLE = 16.0, 0.001, 5.0
 """Weight factor, largest error in metres and largest shape coefficient that identify a skeleton made from this body."""
@@ -356,8 +349,7 @@ _NEAR_M, _STILL_M_S = 0.04, 0.3  # Largest height of a standing ball of the foot
 def floor_height(body: Body, betas: np.ndarray, joints: np.ndarray) -> float:
     """Return the height of the lowest soles in metres.
 
-    A sole is below ankle and ball of the foot by their height in the shaped body at rest. ``joints`` are (F, 24, 3) in
-    world metres.
+    A sole is below ankle and ball of the foot by their height in the rest pose. ``joints`` are (F, 24, 3), metres.
     """
     above = _rest_heights(body, betas)
     lowest = np.min([joints[:, joint, 2] - above[joint] for foot in _FEET for joint in foot], axis=0)

@@ -29,8 +29,7 @@ from solver_backend.residuals.terms import DataTerm, PointTerm
 from solver_backend.types import Keypoints2D, Motion
 
 CUT_SHARE, CUT_TIMES = 0.3, 6.0
-"""Jump of keypoints at a cut, relative to the person's extent and to the usual step. A sprinter moves by 0.15 of the
-extent per frame at 30 fps."""
+"""Jump at a cut, relative to the person's extent and usual step. Sprinters move 0.15 extents per frame at 30 fps."""
 CUT_POINTS, USUAL_S = 4, 0.5  # Keypoints that both frames must show, and time around them for the usual step.
 GLIDE_M_S, GLIDE_S, GLIDE_SHARE = 0.35, 0.7, 0.5
 """A person glides if the body moves faster than this for this time, and the feet move relative to it at less than this
@@ -111,9 +110,7 @@ LIMBS = {
 LEAST_PAIRS = 2  # Pairs of keypoints that must jump at once. A single pair may be an outlier, and only ends a swap.
 CROSSED_SHARE = 0.5  # A swap must leave less than this share of the jump.
 JUMP_SHARE = 0.1
-"""Smallest improvement by a swap relative to the person's extent, per keypoint: mean over a limb, and of a single
-pair.
-"""
+"""Smallest gain of a swap relative to the person's extent, per keypoint: mean over a limb, and of a single pair."""
 LONGEST_S = 1.5  # Longest swap. In longer ranges the correct side is unknown.
 SEEN_BEFORE_S = 0.2  # A keypoint's last position is used for this long.
 
@@ -265,9 +262,7 @@ class OneView:
     up_from_person: bool  # Up and floor were estimated from the person.
     sight: np.ndarray  # (F, 3) unit direction from the camera to the person.
     sight_sigma_m: np.ndarray
-    """(F, J) lifter's standard deviation of each recorded joint along the line of sight, relative to the body's
-    centre.
-    """
+    """(F, J) lifter's standard deviation of joints along the line of sight, relative to the body's centre."""
     slant_chances: np.ndarray
     """(F, 8, 3) probabilities that each limb bone points towards the camera, across, or away from it."""
 

@@ -220,8 +220,7 @@ def lift_on_sides(
 ) -> tuple[Keypoints2D, LiftedTake, list[Diagnostic]]:
     """Return the detections with swapped limbs corrected, the lifted take, and diagnostics.
 
-    Limbs that pass each other fast also look swapped. A part is kept as detected if the lifted body then fits
-    better.
+    Limbs that pass each other fast also look swapped. A part stays as detected if the body then fits better.
     """
     restored, found = restore_sides(camera, detected)
     take, repaired = lift(restored), [item for item in found if item.remedy is Remedy.REPAIRED]

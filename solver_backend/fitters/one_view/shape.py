@@ -138,8 +138,7 @@ def fit_shape(
 
     Args:
         turn_sigma: (F, 1 + J) deviations of the lifted turns of the root and the solved joints, radians.
-        floor: camera poses over a floor at z = 0: rotations (F, 3, 3) from the world and centres (F, 3) in metres. None
-            if unknown.
+        floor: camera rotations (F, 3, 3) from the world and centres (F, 3) in metres, over a floor at z = 0, or None.
         stature_m: given stature in metres, 0 if unknown.
     """
     weight = np.where(np.isfinite(take.image).all(-1), take.confidence, 0.0)

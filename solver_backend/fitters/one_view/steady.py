@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
 DEPTH_S, ACROSS_S = 0.067, 0.023
 """Standard deviations of the temporal Gaussian filters along and across the line of sight, seconds. For a bone nearly
-parallel to the image, pixel noise becomes centimetres of depth. With 0.05 and 0.1 s joint errors are the same to 0.3
-mm."""
+parallel to the image, pixel noise becomes centimetres of depth. 0.05 and 0.1 s change joint errors by < 0.3 mm."""
 _LEAST = 1e-6  # Regularises joints without bones, and sigmas of 0.
 
 
@@ -196,8 +195,7 @@ def _with_ankle_moved(
 ) -> np.ndarray:
     """Return (F, J, 3, 3) joint rotations with one ankle moved by (F, 3) metres and the foot's orientation kept.
 
-    The knee bends to match the distance from hip to ankle, and the smallest rotation of the leg aims it at the
-    ankle.
+    The knee bends to match the distance of hip and ankle, and the smallest leg rotation aims it at the ankle.
     """
     hip, knee, ankle = chain
     above = root

@@ -177,8 +177,7 @@ class PoseSequence:
 
         ``E = 1/2 Σ_t [λ_v/L Σ_l s |y - o|² + w e² + λ_t/L Σ_l |y_t - y_{t-1}|²]`` with ``e = max(f - level, 0)``. These
         are L_v, L_θ and L_t of Pose-NDF's eqs. 7 and 8, with landmarks instead of the mesh and all frames at once. The
-        prior's residual is the vector to the manifold, not only its length, so that ``e²/2`` has the curvature of the
-        metric.
+        prior's residual is the vector to the manifold, not its length, so that ``e²/2`` has the metric's curvature.
         """
         posed = pose(self.subject, frames, jacobian=True)
         xp = array_namespace(posed.points)
@@ -386,8 +385,7 @@ def interpolate_poses(
 ) -> Array:
     """Interpolate (N, count, 21, 3, 3) poses on the manifold between pairs of (N, 21, 3, 3) poses, without the ends.
 
-    ``θ_t = θ'_{t-1} + τ (θ'_T - θ'_{t-1})`` with ``τ = 1/(T - t + 1)`` along each joint's geodesic. θ' is projected
-    with eq. 6.
+    ``θ_t = θ'_{t-1} + τ (θ'_T - θ'_{t-1})`` with ``τ = 1/(T - t + 1)`` along geodesics. θ' is projected with eq. 6.
 
     Raises:
         PoseInvalid: poses are NaN or not in SO(3).

@@ -67,8 +67,7 @@ if TYPE_CHECKING:
 
 FIXED_CODES = (ROOT, TRANSL, UNCOVERED, RESIDUAL)
 """Free blocks of a pass with fixed codes. Joints start on the manifold and may leave it. Precise markers of a known
-person determine a pose through its joints. Free codes in addition to residual rotations would be redundant, and
-Gauss-Newton would overshoot."""
+person determine joints. Free codes besides residual rotations would let Gauss-Newton overshoot."""
 Solve = Callable[..., KeySolution]  # Minimises (model, layout, start, schedule) over the keys, and calls ``alive``.
 
 
@@ -284,8 +283,7 @@ def holds_skin(problem: Problem, settings: SolveSettings) -> bool:
 def hold_skin(bundle: Bundle) -> Bundle:
     """Solve again with the skin outside of floor and objects, and fixed where it touches, unless only feet touch.
 
-    If the measurements contradict the objects, only the floor is used. If they contradict the floor, nothing is
-    used.
+    If measurements contradict the objects, only the floor is used. If they contradict the floor, nothing is used.
     """
     if not holds_skin(bundle.problem, bundle.settings):
         return bundle

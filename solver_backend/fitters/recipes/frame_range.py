@@ -248,8 +248,7 @@ def solve_range(
 
     Keys are at the range's ends, at the pins, which have fixed poses, and evenly spaced between. A fixed window on both
     sides of the range preserves speed and direction. The solve starts from the motion and from fits of single frames,
-    and keeps the better result. Then planted feet are locked. Feet that are also planted outside the range keep their
-    position.
+    and keeps the better result. Then planted feet are locked. Feet also planted outside it keep their position.
 
     Raises:
         JobInvalid: the frame range is outside the take.
