@@ -38,7 +38,7 @@ _HOMES = {
     "synthesis.embedded.demo": ("demo_capture",),
     "types": ("Cameras", "Capture", "JointSet", "Keypoints2D", "MarkerCloud", "Motion"),
 }
-"""Module -> public names that live there."""
+"""Public names by the module that defines them."""
 
 __all__ = [
     "AutoencodingPrior", "Body", "Cameras", "Capture", "FrameRange", "JointSet", "Keypoints2D", "MarkerCloud",

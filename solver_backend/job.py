@@ -26,7 +26,7 @@ PATHS: dict[str, Callable[[str], bool]] = {
     for name, row in settings_of_class(SolveSettings).items()
     if row.kind in ("file", "name_or_file")
 }
-"""Settings that may be paths, and a test whether a text is one."""
+"""Settings that may be paths, and a function that tests whether a text is one."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,11 @@ class Job(JobFile):
         """Build a job from the plain values of a job file.
 
         Args:
-            values: ``version``, ``capture``, ``out`` and any other field. ``settings`` holds the settings of the solve.
+            values: ``version``, ``capture``, ``out`` and any other field. ``settings`` has the settings of the solve.
             folder: base of relative paths.
 
         Raises:
-            JobInvalid: the version is another one, a key is unknown or missing, or a value is of the wrong type.
+            JobInvalid: the version differs, a key is unknown or missing, or a value has the wrong type.
         """
         known = {"version", *cls.__dataclass_fields__}
         if unknown := sorted(set(values) - known):
@@ -90,10 +90,10 @@ class Job(JobFile):
         """Read a job file. Relative paths start at its folder.
 
         Args:
-            allow_outside: the job may write outside this folder.
+            allow_outside: True if the job may write outside this folder.
 
         Raises:
-            JobInvalid: see ``from_dict``, or the job would write outside its folder.
+            JobInvalid: see ``from_dict``. The job may also write outside its folder without permission.
         """
         values = read_json(path)
         if not isinstance(values, dict):
@@ -114,13 +114,13 @@ class Job(JobFile):
 
 
 def _beside(text: str, folder: Path) -> str:
-    """Return ``[CAMERA=]FILE`` with a path that starts at a folder."""
+    """Return ``[CAMERA=]FILE`` with a path relative to a folder."""
     camera, file = start_of(text, folder)
     return f"{camera}={file}" if camera else str(file)
 
 
 def joint_set_named(name: str) -> JointSet:
-    """Return the joint set of this name.
+    """Return the joint set with this name.
 
     Raises:
         JobInvalid: the name is unknown. The hint lists the names.
@@ -133,14 +133,14 @@ def joint_set_named(name: str) -> JointSet:
 
 
 def positive_fps(value: float) -> float:
-    """Return a frame rate that is positive and finite, or raise ``JobInvalid``."""
+    """Return a frame rate if it is positive and finite. Raise ``JobInvalid`` otherwise."""
     if not 0 < value <= sys.float_info.max:
         raise JobInvalid(f"The frame rate must be a positive number, not {value}.", where="fps")
     return float(value)
 
 
 def settings_of(values: Mapping[str, Any], folder: Path) -> SolveSettings:
-    """Return the settings of plain values. Relative paths of body, layout and noise map start at the folder."""
+    """Build solve settings from plain values. Relative paths of body, layout and noise map start at the folder."""
     settings = SolveSettings.from_dict(values)
     given = {name: getattr(settings, name) for name in PATHS}
     if any("\0" in text for text in given.values()):
@@ -172,7 +172,7 @@ def _resolve(values: Mapping[str, Any] | None, folder: Path) -> Resolve | None:
 
 
 def _typed(values: Mapping[str, Any], key: str, kind: Any) -> Any:
-    """Return the value of a key, or None, after checking its type. ``True`` and ``False`` are not numbers."""
+    """Return the value of a key, or None, after checking its type. True and False are not numbers."""
     value = values.get(key)
     if value is None or (isinstance(value, kind) and (kind is bool or not isinstance(value, bool))):
         return value

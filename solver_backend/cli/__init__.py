@@ -1,1 +1,1 @@
-"""The command line: verbs, exit codes, progress lines. Every verb calls one function of the packages below."""
+"""Implement the command line: verbs, exit codes, progress lines. Each verb calls one function of other packages."""

@@ -19,21 +19,21 @@ if TYPE_CHECKING:
     from solver_backend.types import Capture
 
 EVERYBODY = "all"
-"""Value of ``--person`` for every person of a capture."""
+"""Value of ``--person`` for all people in a capture."""
 
 
 def given_settings(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the solver settings of a command line by name."""
+    """Return the solver settings in parsed arguments, by name."""
     return {**PRESETS.get(getattr(args, "preset", None) or "", {}), **_given(args, settings_of_class(SolveSettings))}
 
 
 def given_reading(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the reading options of a command line by name."""
+    """Return the reading options in parsed arguments, by name."""
     return {name: tuple(value) if is_list(value) else value for name, value in _given(args, READING_ROWS).items()}
 
 
 def given_world(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the world settings of a command line by name."""
+    """Return the world settings in parsed arguments, by name."""
     return _given(args, settings_of_class(WorldSettings))
 
 
@@ -43,7 +43,7 @@ def _given(args: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
 
 
 def reading(args: argparse.Namespace) -> dict[str, Any]:
-    """Return a command line's arguments of ``load_capture``."""
+    """Return the arguments of ``load_capture`` from parsed arguments."""
     from solver_backend.job import joint_set_named, positive_fps
 
     convert = {"fps": positive_fps, "joint_set": joint_set_named}
@@ -65,12 +65,12 @@ def load(path: Path, options: dict[str, Any], progress: Progress) -> Capture:
 
 
 def loaded(args: argparse.Namespace, progress: Progress) -> Capture:
-    """Return the capture of a command line."""
+    """Read the capture that the parsed arguments name."""
     return load(args.capture, reading(args), progress)
 
 
 def calibration_of(path: Path, names: Sequence[str], called: str, hint: str) -> Calibration:
-    """Return the calibration of cameras with these names, in their order, or refuse it with a hint."""
+    """Return the calibration of cameras with these names, in that order. Reject others with a hint."""
     from solver_backend.io.calibration.read import read_calibration
     from solver_backend.io.calibration.search import ordered
     from solver_backend.io.camera_names import listing, match_names
@@ -84,7 +84,7 @@ def calibration_of(path: Path, names: Sequence[str], called: str, hint: str) -> 
 
 
 def trials_of(path: Path) -> list[Path]:
-    """Return the recordings of a session's folder, none for any other path."""
+    """Return the recordings in a session folder, none for any other path."""
     if not path.is_dir():
         return []
     from solver_backend.io.detections.search import camera_sources, trials_below

@@ -29,12 +29,12 @@ from solver_backend.videos.detect.detector import DetectorProcess, chosen_detect
 from solver_backend.videos.streaming.moments import LiveMoments, PictureSource, ReplayedVideo, Webcam
 from solver_backend.videos.streaming.recording import ViewsRecording, motion_of, run_recorded
 
-MOST_CAMERAS = 4  # More are no help to one person, and a load, chosen by hand.
-_SWITCH_S = 5e-4  # Seconds after which one thread lets another one on, chosen by hand.
+MOST_CAMERAS = 4  # More cameras do not improve one person's pose, but take time. Chosen by hand.
+_SWITCH_S = 5e-4  # Seconds after which one thread yields to another, chosen by hand.
 
 
 def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Run until the cameras end, the time is over, or a signal stops it, and keep recordings."""
+    """Run until the cameras end, the time is over, or a signal arrives, and keep recordings."""
     if not 2 <= len(args.sources) <= MOST_CAMERAS:
         message = f"Live poses need two to {MOST_CAMERAS} cameras, not {len(args.sources)}."
         raise CommandLineInvalid(message, hint="Name a video, webcam:NUMBER or oak:ID for each.")
@@ -72,7 +72,7 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
-    """Return the cameras or videos of texts ``[NAME=]SOURCE``, not yet opened."""
+    """Return unopened cameras or videos for texts ``[NAME=]SOURCE``."""
     found: list[PictureSource] = []
     for number, text in enumerate(texts):
         name, _, source = text.rpartition("=") if not Path(text).exists() else ("", "", text)
@@ -95,7 +95,7 @@ def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
 def _lines(
     live: LiveMoments, session: ViewsSession, recorder: Recorder[...] | None, args: argparse.Namespace
 ) -> Iterator[LiveLine]:
-    """Yield the lines of moments, each after its recording, until the time is over."""
+    """Yield the lines of moments until the time is over. Each moment is recorded first."""
     for moment in live.moments():
         for line in [moment] if isinstance(moment, dict) else run_recorded(session, moment, recorder):
             if "event" not in line:

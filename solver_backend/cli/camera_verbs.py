@@ -1,4 +1,4 @@
-"""Run the verbs of cameras: a board to print, calibrations of cameras and sensors, and checks of them."""
+"""Run the camera verbs: a board to print, calibrations of cameras and sensors, and their checks."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def board(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Find cameras by a board, a person or clicked points, or refine them, and write them."""
+    """Calibrate cameras from a board, a person or clicked points, or refine them, and write them."""
     import numpy as np
 
     from solver_backend.camera_calibration.formats import write_calibration
@@ -73,7 +73,7 @@ def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _format_of_output(args: argparse.Namespace) -> str:
-    """Return the format of the calibration to write, and check that its file is free."""
+    """Return the format of the calibration to write, and check that the file can be written."""
     from solver_backend.camera_calibration.formats import format_of
 
     kind = args.format or format_of(args.out)
@@ -83,7 +83,7 @@ def _format_of_output(args: argparse.Namespace) -> str:
 
 
 def _lenses(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Find the lenses alone and add them to a library."""
+    """Calibrate only the lenses and add them to a library."""
     from solver_backend.camera_calibration.intrinsics.known_lenses import keep_lenses
     from solver_backend.cli.camera_sources import calibrated_lenses
 
@@ -150,7 +150,7 @@ def fit_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Find sensors by a wand, align them with the floor by a Γ, and write them."""
+    """Calibrate sensors from a wand, align them with the floor by a Γ, and write them."""
     from solver_backend.camera_calibration.formats import write_calibration
     from solver_backend.sensors.chain import triggered
     from solver_backend.sensors.wand.evaluation import WandOptions, in_world

@@ -1,4 +1,4 @@
-"""Run the verbs that cut, loop, mirror, join and retime motions. Each one writes a new file."""
+"""Run the verbs that cut, loop, mirror, join and retime motions. Each writes a new file."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def mirror(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def join(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Play a second motion after the first one."""
+    """Append a second motion to the first one."""
     first, second = _read(args, args.motion), _read(args, args.second)
     joined, seam = seams.join(first, second, args.blend)
     notes = (row for note in seams.join_notes(first, second) for row in rows("note", note))
@@ -44,7 +44,7 @@ def join(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def retime(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Play faster or slower at the same frame rate."""
+    """Change the playing speed at the same frame rate."""
     motion = _read(args, args.motion)
     if (args.speed is None) == (args.seconds is None):
         raise CommandLineInvalid("Give --speed or --seconds.", where=args.verb)
@@ -60,12 +60,12 @@ def resample(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def in_place(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Remove the travel over the ground."""
+    """Remove the travel on the ground."""
     return _write(args, clips.in_place(_read(args, args.motion)))
 
 
 def root_motion(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Add the travel over the ground as the path of a root bone."""
+    """Add the travel on the ground as the path of a root bone."""
     return _write(args, clips.root_motion(_read(args, args.motion)))
 
 

@@ -13,12 +13,12 @@ from solver_backend.exchange.errors import CommandLineInvalid, MocapError
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.verb import suggest
 
-_LIKENESS = 0.85  # Of a code to the one that the hint suggests: codes share many words.
+_LIKENESS = 0.85  # Smallest similarity of a suggested code. Codes share many words.
 _PARTS = (
     "sensors.devices.device", "sensors.wand.gamma", "sensors.wand.views", "synthesis.studio.checked_values",
     "videos.detect.detector", "videos.files.video", "videos.pipeline.layout", "videos.sync.clocks",
 )  # fmt: skip
-"""Modules with errors of their own."""
+"""Modules that define errors."""
 _VALUE = re.compile(r"\{(\w+)[^}]*\}")
 
 
@@ -26,7 +26,7 @@ def explain(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Explain a code from a report, the panel or ``--json``. Without a code, list all of them.
 
     Raises:
-        CommandLineInvalid: no diagnostic and no error has this code. The hint is the nearest one.
+        CommandLineInvalid: no diagnostic and no error has this code. The hint is the most similar code.
     """
     table, named = load_table(), list_errors()
     if not args.code:
@@ -42,7 +42,7 @@ def explain(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def list_errors() -> dict[str, type[MocapError]]:
-    """Return the errors that end a verb of the solver, by their codes."""
+    """Return the errors that can end a verb of the solver, by code."""
     for name in _PARTS:
         import_module(f"solver_backend.{name}")
     return {kind.code: kind for kind in sorted(_kinds(MocapError), key=lambda kind: kind.code) if "code" in vars(kind)}

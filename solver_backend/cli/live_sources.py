@@ -32,12 +32,12 @@ from solver_backend.live.session import LiveSession, person_fit, with_display
 from solver_backend.live.vmc_source import BonesOnBody, FrameAssembly, pose_lines
 
 FOREIGN_CLIPS = (".bvh", ".mvnx")
-"""Endings of motions of other skeletons, which are fitted by our body before they are replayed."""
+"""Suffixes of motions with other skeletons, which are fitted by our body before they are replayed."""
 
 
 @dataclass(frozen=True)
 class LiveSource:
-    """Source of a live run's lines."""
+    """Source of the lines of a live run."""
 
     lines: Iterator[LiveLine]
     proportions: Proportions
@@ -47,7 +47,7 @@ class LiveSource:
 
 
 def open_source(args: argparse.Namespace, progress: Progress) -> LiveSource:
-    """Return the source of the command line, ready to begin."""
+    """Return the source that the arguments name, ready to start."""
     if is_address(args.source):
         if args.repeat or args.fast:
             raise CommandLineInvalid("--fast and --repeat work with a file, but the source is another program.")
@@ -87,7 +87,7 @@ def _refuse_ending(path: Path | None, what: str, ending: str) -> None:
 
 
 def _poses(args: argparse.Namespace) -> LiveSource:
-    """Return poses that other programs send to a port."""
+    """Return the poses that other programs send to a port."""
     _refuse_ending(args.record, "Poses are recorded as a motion", ".npz")
     address, assembly = read_address(args.source), FrameAssembly()
     onto = BonesOnBody(load_body(), None if args.subject is None else read_subject(args.subject).betas)
@@ -117,7 +117,7 @@ def _face(args: argparse.Namespace) -> LiveSource:
 
 
 def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
-    """Return points of a take, or of lines, with a fit that turns them into poses."""
+    """Return the points of a take, or of lines, with a fit that converts them to poses."""
     network, fit = person_fit(args.subject)
     if args.source == "-":
         session, fps = LiveSession(network, fit, unit=args.unit, up_axis=args.up_axis), args.fps
@@ -145,7 +145,7 @@ def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
 
 
 def _with_points(session: LiveSession, lines: Iterator[Any], keep_up: Any, *, shown: bool) -> Iterator[LiveLine]:
-    """Yield lines with the fitted points and the number of dropped frames, and an event at the first drop."""
+    """Yield lines with fitted points and the number of dropped frames, and an event at the first drop."""
     named = False
     for line in lines:
         if "frame" not in line:
@@ -160,12 +160,12 @@ def _with_points(session: LiveSession, lines: Iterator[Any], keep_up: Any, *, sh
 
 
 def make_ready(session: LiveSession) -> None:
-    """Do the preparations that would make the first frames late."""
+    """Prepare everything that would delay the first frames."""
     session.warm_up()
     settle_memory()
 
 
 def settle_memory() -> None:
-    """Exempt all present objects from garbage collection, which would make frames late."""
+    """Exclude all present objects from garbage collection, which would delay frames."""
     gc.collect()
     gc.freeze()

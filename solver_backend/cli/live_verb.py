@@ -1,4 +1,4 @@
-"""Run the verb ``live stream``, and write the outputs of every live run: lines, poses for a receiver, recordings."""
+"""Run the verb ``live stream``, and write the outputs of all live runs: lines, poses for a receiver, recordings."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def live_text(args: argparse.Namespace, data: Mapping[str, object]) -> str:
-    """Return the result of a live run in words."""
+    """Return the result of a live run as text."""
     return f"{args.verb}: {', '.join(f'{name} {value}' for name, value in data.items())}"
 
 
@@ -51,7 +51,7 @@ class LiveOutput:
     """The outputs of a live run, as a context manager.
 
     Args:
-        proportions: of the person, to send and count poses, or None.
+        proportions: layout and rest joints of the person, for sending and counting poses, or None.
         recorders: the first one records this run, and its file is reported.
     """
 
@@ -84,10 +84,10 @@ class LiveOutput:
         self._stack.__exit__(*raised)
 
     def run(self, lines: Iterable[LiveLine], hold: Callable[[], None]) -> None:
-        """Send and write lines until the source ends or a signal stops it.
+        """Send and write lines until the source ends or a signal arrives.
 
         Args:
-            hold: makes later signals wait until recordings are written.
+            hold: delays later signals until recordings are written.
         """
         try:
             for line in lines if self._sender is None else self._sender.watched(lines):
@@ -102,7 +102,7 @@ class LiveOutput:
             self.stopped = True
 
     def finish(self) -> dict[str, object]:
-        """Return plain values about the run that has ended: stopped or not, recordings, and poses sent.
+        """Return plain values about the finished run: whether it was stopped, recordings, and poses sent.
 
         Raises:
             OutputNotWritable: lines were lost.
@@ -113,7 +113,7 @@ class LiveOutput:
 
 
 def recorded(recorder: Recorder[...] | None) -> dict[str, str]:
-    """Return the files of a recorder that has finished.
+    """Return the files of a finished recorder.
 
     ``recovered`` is the recording of an earlier run that was killed. ``not_recorded`` is a file without content.
     """
@@ -125,9 +125,9 @@ def recorded(recorder: Recorder[...] | None) -> dict[str, str]:
 
 
 class Lines:
-    """A file of JSON lines, or the process's own standard output, which verbs do not print to.
+    """A file of JSON lines, or the process's standard output, to which verbs do not print.
 
-    Each line is written in one piece, and a failure to write does not end the run.
+    Each line is written in one piece, and a write failure does not end the run.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -143,11 +143,11 @@ class Lines:
         self._file = AppendedFile(handle, "standard output")
 
     def write(self, line: Mapping[str, object]) -> None:
-        """Write a line. On a full disk the line is lost, and counted."""
+        """Write a line. On a full disk the line is lost and counted."""
         self._file.append(json.dumps(as_plain(line), allow_nan=False).encode() + b"\n")
 
     def end_line(self) -> None:
-        """End a line that a signal may have cut."""
+        """End a line that a signal may have truncated."""
         self._file.append(b"\n")
 
     def require_whole(self) -> None:

@@ -1,4 +1,4 @@
-"""The solver's command line: run one verb, report how it went, and return the exit code."""
+"""Run the solver's command line: one verb, its report and the exit code."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the command line, the process's own by default, and return its exit code (see ``ExitCode``)."""
+    """Run a command line, by default the process's own, and return its exit code (see ``ExitCode``)."""
     argv = sys.argv[1:] if argv is None else argv
     open_standard_streams()
     report = Report(sys.stdout, sys.stderr, as_json="--json" in argv)
@@ -61,7 +61,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _run_blender_half(argv: list[str], report: Report) -> int:
-    """Run the add-on's command line, a program of its own that the solver does not import, and end like it."""
+    """Run the add-on's command line, a separate program that the solver does not import, with its exit code."""
     if find_spec("blender_addon") is None:
         hint = "Run it where the package blender_addon is, or inside Blender: blender --command manifold_mocap"
         return report.error(CommandLineInvalid("The Blender half is not installed here.", where="blender", hint=hint))
@@ -81,7 +81,7 @@ def _show(report: Report, outcome: Outcome) -> int:
 
 
 def _report_as_text(error: MocapError) -> int:
-    """Report an error to people where standard output takes no JSON lines."""
+    """Report an error as text if standard output must not contain JSON lines."""
     _silence(sys.stdout)
     return Report(sys.stderr, sys.stderr, as_json=False).error(error)
 
@@ -108,7 +108,7 @@ def function_of(name: str) -> Callable[..., Any]:
 
 
 def _silence(stream: TextIO) -> None:
-    """Drop the rest of a stream's buffer. Flushing it at exit would fail again."""
+    """Discard the rest of a stream's buffer, because flushing it at exit would fail again."""
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     except (OSError, ValueError):

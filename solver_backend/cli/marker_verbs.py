@@ -1,4 +1,4 @@
-"""Run the verbs of markers: label a take, write a motion's markers for other programs, draw a layout."""
+"""Run the marker verbs: label a take, write a motion's markers for other programs, draw a layout."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from solver_backend.types import Capture
 
 CONTENTS = {"cleaned": "cleaned_markers", "solved": "markers"}
-"""Arrays of a motion file: measured markers with gaps filled and swaps undone, or markers of the solved body."""
+"""Arrays of a motion file: measured markers with gaps filled and swaps corrected, or markers of the solved body."""
 
 
 def label(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Name the points of a take and write them as markers, or as our capture, which keeps their covariances."""
+    """Label the points of a take and write them as markers, or as our capture, which keeps covariances."""
     from solver_backend.cli.arguments import loaded
     from solver_backend.exchange.errors import NoDetections
     from solver_backend.fitters.label_after import labelled_as_person
@@ -78,7 +78,7 @@ def _write(path: Path, labelled: Capture, *, overwrite: bool) -> None:
 
 
 def summary(take: LabelledTake) -> dict[str, object]:
-    """Return plain values about a labelled take: shares in percent, and each tracklet's label and confidence."""
+    """Return plain values about a labelled take: percentages, and each tracklet's label and confidence."""
     import numpy as np
 
     from solver_backend.labelling.outputs import GHOST, MARKERS
@@ -101,7 +101,7 @@ def summary(take: LabelledTake) -> dict[str, object]:
 
 
 def export_markers(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write the markers of a motion in the format that the file's ending names."""
+    """Write the markers of a motion in the format that the file suffix names."""
     from solver_backend.io.markers.read import write_markers
     from solver_backend.types import MarkerCloud
 
@@ -116,7 +116,7 @@ def export_markers(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def marker_places(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Draw the places of a layout's markers and write the picture."""
+    """Draw a layout's markers on the body and write the image."""
     from solver_backend.body.files.choices import load_chosen_body
     from solver_backend.body.marker_layouts import load_layouts
     from solver_backend.io.png import png_bytes
@@ -136,7 +136,7 @@ def _markers(path: Path, contents: str) -> tuple[Any, tuple[str, ...], float]:
     """Return positions (F, M, 3) in metres, labels and frames per second.
 
     Raises:
-        MotionInvalid: it was not solved from markers, or lacks the wanted contents.
+        MotionInvalid: the motion was not solved from markers, or lacks the requested contents.
     """
     from solver_backend.exchange.motion_file import FORMAT, STORED, VERSION
     from solver_backend.exchange.plausible import require_rate

@@ -27,16 +27,16 @@ from solver_backend.io.markers.c3d import PER_PARAMETER, write_c3d
 from solver_backend.io.markers.camera_systems import trc_text
 from solver_backend.types import FLAG_UNSEEN
 
-MODEL = "Rajagopal2016.osim"  # Generic model that the setup of the Scale Tool names.
+MODEL = "Rajagopal2016.osim"  # Generic model that the Scale Tool setup names.
 ENDINGS = (".mot", "_markers.trc", "_scale.xml", "_ik.xml", "_angles.csv")
-GAIT_ENDINGS = ("_events.c3d", "_gait.csv", "_cycles.csv")  # Also written of a person who walks or runs.
+GAIT_ENDINGS = ("_events.c3d", "_gait.csv", "_cycles.csv")  # Suffixes of further files for a person who walks or runs.
 TREADMILL = "no length and speed on a treadmill"
 OLD = "This motion has no steps. {} in the folder came from an earlier export."
 TOO_MANY = f"The C3D file has the first {PER_PARAMETER} of {{}} events. The table of the gait has all."
 
 
 def export_motion(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write a motion's joint angles and gait, OpenSim's coordinates, virtual markers and the setups of its tools."""
+    """Write a motion's joint angles and gait, OpenSim's coordinates, virtual markers and tool setups."""
     if args.model is not None and not args.model.is_file():
         raise FileMissing("The OpenSim model does not exist.", where=str(args.model), hint="Give an .osim file.")
     body = load_chosen_body(args.body)
@@ -92,9 +92,9 @@ def _ranges(angles: Angles) -> list[str]:
 
 
 def angles_text(angles: Angles, fps: float, flags: np.ndarray | None) -> str:
-    """Return a table of angles: a row for each frame, two columns for each angle. Unknown deviations are empty.
+    """Return a table of angles with a row per frame and two columns per angle. Unknown standard deviations are empty.
 
-    The column ``interpolated`` is 1 in frames without measurements (``FLAG_UNSEEN`` of the motion's (F,) flags).
+    The column ``interpolated`` is 1 in frames without measurements (``FLAG_UNSEEN`` in the motion's (F,) flags).
     """
     unseen = np.zeros(len(angles.degrees)) if flags is None else (flags & FLAG_UNSEEN > 0).astype(float)
     names = [f"{name}{column}" for name in angles.names for column in ("_deg", "_sd_deg")]
@@ -114,7 +114,7 @@ def _cell(value: float) -> str:
 
 
 def gait_lines(gait: Gait) -> list[str]:
-    """Return the mean of every stride value by side, with its standard deviation if there are two strides."""
+    """Return the mean of every stride value by side, and its standard deviation if there are several strides."""
     lines = []
     for side in SIDES:
         strides = [stride for stride in gait.strides if stride.side == side]
@@ -131,7 +131,7 @@ def gait_lines(gait: Gait) -> list[str]:
 
 
 def gait_text(gait: Gait) -> str:
-    """Return a table with a row for each event, then one for each stride."""
+    """Return a table with a row per event, then a row per stride."""
     events = [f"event,{side.lower()},{name},{time:.4f},,,,,," for time, side, name in gait.events()]
     strides = [
         f"stride,{s.side},,{s.strike_s:.4f},{s.off_s:.4f}," + ",".join(_cell(getattr(s, key)) for key in MEASURES)
@@ -142,7 +142,7 @@ def gait_text(gait: Gait) -> str:
 
 
 def cycles_text(cycles: dict[str, np.ndarray]) -> str:
-    """Return a table of mean curves: a row for each per cent of the cycle, mean and deviation of each angle."""
+    """Return a table of mean curves: a row per percent of the cycle, mean and standard deviation of each angle."""
     names = [f"{name}{column}" for name in cycles for column in ("_mean_deg", "_sd_deg")]
     values = np.concatenate([np.linspace(0, 100, CYCLE_POINTS)[:, None], *cycles.values()], axis=1)
     return _table(["percent", *names], values)

@@ -27,25 +27,25 @@ from solver_backend.io.motions.network_results import is_network_result, read_ne
 from solver_backend.types import Motion, SkeletonMotion
 from solver_backend.types.network_result import CAMERA_TO_Z_UP, NUM_TURNED, NetworkResult
 
-_FAR_MM = 20.0  # Least mean distance of a joint from its source that is noted, chosen by hand.
-_RAISED_M = 0.02  # Least change of a motion's height that is noted, metres, chosen by hand.
-_STRANGE = 5.0  # Standard deviations of a rare shape coefficient, chosen by hand.
-_FITS_MM = 12.0  # Distance from the skeleton's limbs up to which a rare shape is that of the skeleton, chosen by hand.
-_LOOSE = ("_toe", "head")  # Joints that are not fitted by place.
+_FAR_MM = 20.0  # Smallest mean distance of a joint from its source that causes a note, chosen by hand.
+_RAISED_M = 0.02  # Smallest change of a motion's height in metres that causes a note, chosen by hand.
+_STRANGE = 5.0  # Size of a rare shape coefficient in standard deviations, chosen by hand.
+_FITS_MM = 12.0  # Largest limb distance from the skeleton at which a rare shape fits it, chosen by hand.
+_LOOSE = ("_toe", "head")  # Joints whose positions are not fitted.
 
 
 def any_motion(path: Path, choice: str, *, keep_shape: bool = True, fps: float | None = None) -> Motion:
-    """Return the motion of a motion file, or of an AMASS file or a network's result on a body.
+    """Read a motion file, an AMASS file or a network result as a motion of a body.
 
     A body with finger joints keeps the fingers of an AMASS file.
 
     Args:
         choice: name or path of the body.
         keep_shape: use the shape coefficients of an AMASS file, which belong to the body of its fit.
-        fps: frames per second of an AMASS file, instead of its own.
+        fps: frame rate that replaces the one in an AMASS file.
 
     Raises:
-        MotionInvalid: it is neither.
+        MotionInvalid: the file has none of these formats.
     """
     if is_network_result(path):
         return network_motion(read_network_result(path), load_chosen_body(choice))[0]
@@ -75,16 +75,16 @@ def any_motion(path: Path, choice: str, *, keep_shape: bool = True, fps: float |
 
 @dataclass(frozen=True)
 class ForeignMotion:
-    """A clip on our body."""
+    """A clip of another skeleton on our body."""
 
-    source: SkeletonMotion  # The clip as its file has it.
-    roles: dict[str, str]  # Its joints by role.
-    done: ImportedMotion  # On our body.
-    diagnostics: tuple[Diagnostic, ...]  # Of the file and the fit.
+    source: SkeletonMotion  # The clip as stored in its file.
+    roles: dict[str, str]  # Joints of the clip by role.
+    done: ImportedMotion  # Result on our body.
+    diagnostics: tuple[Diagnostic, ...]  # Diagnostics of the file and the fit.
 
     @property
     def limbs_mm(self) -> float:
-        """Root mean square distance of the limbs' joints from the skeleton's."""
+        """RMS distance between the limb joints of body and skeleton."""
         return _limbs_mm(self.done)
 
 
@@ -103,10 +103,10 @@ def read_foreign_motion(
     Args:
         path: BVH, MVNX, ASF or AMC, or C3D with rotations.
         body: name or path of the body.
-        unit: length unit of the clip. It is estimated from the legs if empty.
-        up_axis: axis that points up in the clip. It is detected if empty.
-        keep_height: do not put the lowest soles on the floor.
-        fps: frames per second of an AMC, which states none.
+        unit: length unit of the clip. If empty, it is estimated from the legs.
+        up_axis: axis that points up in the clip. If empty, it is detected.
+        keep_height: do not move the lowest soles to the floor.
+        fps: frame rate of an AMC file, which does not state it.
     """
     progress("reading the clip", 0, 1)
     source, roles, found = read_foreign_clip(path, unit, up_axis, fps)
@@ -118,7 +118,7 @@ def read_foreign_motion(
 
 
 def network_of_bvh(path: Path, body: str, progress: Progress) -> NetworkResult:
-    """Return a BVH in a camera's axes with Y up, as SAM3DBody-cpp d9a5143 writes it, as a network's result."""
+    """Return a BVH in camera axes with Y up, as written by SAM3DBody-cpp d9a5143, as a network result."""
     motion = read_foreign_motion(path, body, progress, up_axis="y", keep_height=True).done.motion
     turns = np.concatenate([motion.global_orient, motion.body_pose], axis=1).reshape(motion.num_frames, -1, 3)
     local = np.asarray(exp_so3(turns[:, :NUM_TURNED]))

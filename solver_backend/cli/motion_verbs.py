@@ -1,4 +1,4 @@
-"""Run the verbs that write motions from other files: clips, hands of gloves, Pose-NDF, props as JSON."""
+"""Run the verbs that write motions from other files: clips, glove recordings, Pose-NDF, props as JSON."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ PROPS_FORMAT, PROPS_VERSION = "manifold_mocap_props", 1
 
 
 def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write a foreign skeleton's motion as a motion of our body, with the shape of its bones."""
+    """Write the motion of another skeleton as a motion of our body, with the shape of its bones."""
     of_skeletons = {"--unit": args.unit, "--up-axis": args.up_axis, "--keep-height": args.keep_height}
     if is_network_result(args.clip):
         _refuse_unused(args.clip, of_skeletons)
@@ -71,7 +71,7 @@ def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _refuse_unused(clip: Path, options: dict[str, object]) -> None:
-    """Raise an error that names an option of other kinds of clips."""
+    """Raise an error that names an option of another kind of clip."""
     for name, value in options.items():
         if value:
             raise CommandLineInvalid(
@@ -80,7 +80,7 @@ def _refuse_unused(clip: Path, options: dict[str, object]) -> None:
 
 
 def _amass(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write AMASS poses as a motion of our mean shape. AMASS' shape coefficients describe other bodies."""
+    """Write AMASS poses as a motion of our mean shape, because AMASS' shape coefficients describe other bodies."""
     progress("reading the clip", 0, 1)
     clip = any_motion(args.clip, args.body, keep_shape=False, fps=args.fps)
     write_motion(args.out, clip, overwrite=args.overwrite, name=args.clip.stem)
@@ -93,7 +93,7 @@ def _amass(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _network(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write one person of a network's result as a motion of our body."""
+    """Write one person of a network result as a motion of our body."""
     people = read_network_result(args.clip)
     settings = SolveSettings(body=args.body)
     made, found = network_motion(
@@ -107,7 +107,7 @@ def _network(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def add_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write a motion with the fingers of glove recordings, synchronised with it."""
+    """Write a motion with fingers from glove recordings, synchronised with it."""
     motion, body = any_motion(args.motion, args.body), load_chosen_body(args.body)
     found: list[Diagnostic] = []
     lines = [f"Motion {args.motion.stem}: {motion.num_frames} frames at {motion.fps:g} Hz"]
@@ -138,7 +138,7 @@ def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def complete(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Find unknown rotations of joints."""
+    """Estimate unknown joint rotations."""
     missing, settings = tuple(args.missing), CompleteSettings(seed=args.seed)
     missing_joints(missing)
     return _by_pose_ndf(
@@ -156,7 +156,7 @@ def fit_keypoints(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def sample(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write plausible poses drawn at random."""
+    """Write random plausible poses."""
     progress("Sampling", 0, args.count)
     outcome = _by_pose_ndf(args, lambda body, prior: edit_motion.sampled_motion(body, prior, args.count, args.seed))
     progress("Sampling", args.count, args.count)

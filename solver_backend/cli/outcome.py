@@ -1,4 +1,4 @@
-"""Return the result of a verb as text for users and as values for programs."""
+"""Hold the result of a verb as text for users and as values for programs."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ from solver_backend.exchange.diagnostics import Diagnostic, notes_in, sentence, 
 from solver_backend.exchange.verb_results import Remarks
 
 Data = TypeVar("Data", bound=Mapping[str, object], covariant=True)
-"""Of an outcome: one of ``exchange.verb_results``, or any plain values."""
+"""Type of an outcome's data: one of ``exchange.verb_results``, or any plain values."""
 
 
 @dataclass(frozen=True)
 class Outcome(Generic[Data]):
     """The result of a verb."""
 
-    text: str  # For people. Printed to standard output.
-    data: Data  # For programs: plain JSON values of the result event.
+    text: str  # Text for people, printed to standard output.
+    data: Data  # Plain JSON values of the result event, for programs.
     summary: tuple[str, ...] = ()
-    """For people, on standard error after the text: every warning, and a last line to trust."""
+    """Text for people on standard error: every warning, and a last summary line."""
 
     def written(self, key: str, path: Path) -> Outcome[dict[str, object]]:
-        """Return the outcome with a file that the verb wrote, as a last line and under a key."""
+        """Add a file that the verb wrote, as a last line and under a key."""
         return Outcome("\n".join([self.text, *rows("written", path)]), {key: str(path), **self.data}, self.summary)
 
 
 def rows(word: str, *items: object) -> list[str]:
-    """Return a line of an outcome's text for each item, such as a file or a diagnostic, after a word."""
+    """Return a line of text per item, such as a file or a diagnostic, that starts with ``word``."""
     return [f"  {word:<11} {sentence(item) if isinstance(item, Diagnostic) else item}" for item in items]
 
 
 def found_lines(found: Sequence[Diagnostic]) -> list[str]:
-    """Return diagnostics as lines of an outcome's text, warnings first."""
+    """Return diagnostics as lines of text, warnings first."""
     return rows("warning", *warnings_in(found)) + rows("note", *notes_in(found))
 
 

@@ -1,4 +1,4 @@
-"""Run the verbs of recorded sensors and OAK cameras: point clouds, recordings of pictures, colour video."""
+"""Run the verbs of recorded sensors and OAK cameras: point clouds, image recordings, colour video."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from solver_backend.types import Cameras
 
 
 def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Find markers in the frames of several sensors and write their points in a format of markers or as our capture."""
+    """Find markers in the frames of several sensors, and write their points in a marker format or as our capture."""
     folder = folder_of(args)
     take = cloud_of(folder, masks=mask_of(args), clusters=args.clusters, progress=progress)
     if args.out.suffix.lower() == ".npz":
@@ -62,7 +62,7 @@ def sensors_record(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None, *, live: bool) -> MarkerChain:
-    """Return the chain of a folder: at its recorded rate, or all frames at full speed."""
+    """Return the chain of a folder, at its recorded rate or with all frames at full speed."""
     masks, recording = mask_of(args), None
     devices = [replace(device, repeat=live and args.repeat) for device in folder.devices]
     if record is not None:
@@ -75,17 +75,17 @@ def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None
 
 
 def folder_of(args: argparse.Namespace, path: Path | None = None) -> SensorFolder:
-    """Open the folder of sensors of a command line."""
+    """Open the sensor folder that the arguments name."""
     return open_folder(args.source if path is None else path, args.calibration)
 
 
 def mask_of(args: argparse.Namespace) -> dict[str, Any]:
-    """Return each sensor's mask of bright places in the empty scene, none without a recording of it."""
+    """Return each sensor's mask of bright areas in the empty scene, none without a recording of it."""
     return {} if args.empty is None else masks_of(folder_of(args, args.empty))
 
 
 def chain_summary(chain: MarkerChain) -> dict[str, object]:
-    """Return plain values about a chain that has ended."""
+    """Return plain values about a finished chain."""
     ends = {
         name: {"frames": end.frames, "cpu_s": round(end.cpu_s, 3), "written": end.written, "dropped": end.dropped}
         for name, end in chain.ends.items()
@@ -94,16 +94,16 @@ def chain_summary(chain: MarkerChain) -> dict[str, object]:
 
 
 def oaks(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """List the OAKs."""
+    """List the available OAK devices."""
     found = listed_oaks()
     return Outcome("\n".join(found) or "No OAK camera was found.", {"oaks": found})
 
 
 def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Record infrared and depth of OAK cameras, and report the visible markers meanwhile."""
+    """Record infrared and depth from OAK cameras, and report the visible markers meanwhile."""
     oaks, cameras = oak_devices(args)
     recording = Recording(args.folder, "raw", args.fps, cameras, overwrite=args.overwrite)
-    # Slaves first, so that they wait when the master begins.
+    # Start slaves first, so that they wait when the master begins.
     tasks = [SensorTask(oak, cameras, record=args.folder) for oak in reversed(oaks)]
     findings, points, begin = [], [], 0.0
     with MarkerChain(tasks, args.fps, recording=recording) as chain:
@@ -135,7 +135,7 @@ def not_recorded(counts: Mapping[str, int]) -> list[Diagnostic]:
 
 
 def oak_devices(args: argparse.Namespace) -> tuple[list[Oak], Cameras]:
-    """Return the closed cameras of a command line and their calibration. The first one gives the pulse."""
+    """Return the unopened cameras in the arguments and their calibration. The first one sends the pulse."""
     given = _named(args)
     oak.depthai()  # reported now, not by each camera's process again and again
     roles = {"wire": ("master", "slave")}.get(args.sync, (args.sync, args.sync))
@@ -147,7 +147,7 @@ def oak_devices(args: argparse.Namespace) -> tuple[list[Oak], Cameras]:
 
 
 def _named(args: argparse.Namespace) -> dict[str, str]:
-    """Return the identifiers of the cameras by their names.
+    """Return the identifiers of the cameras by name.
 
     Raises:
         SensorUnknown: a camera is of another kind, or has no identifier.
@@ -160,7 +160,7 @@ def _named(args: argparse.Namespace) -> dict[str, str]:
 
 
 def record_colour(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Record colour video of OAKs."""
+    """Record colour video from OAK devices."""
     roles = ("master", "slave") if args.wire else ("none", "none")
     cameras = {
         name: OakColour(name, identifier, fps=args.fps, role=roles[c > 0])

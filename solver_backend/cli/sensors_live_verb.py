@@ -1,4 +1,4 @@
-"""Run the verb ``sensors live``: points, poses or the wand's coverage from running sensors, one line per moment."""
+"""Run the verb ``sensors live``: points, poses or wand coverage from running sensors, one line per moment."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from solver_backend.sensors.chain import LiveMoment, MarkerChain, SensorTask, ca
 from solver_backend.sensors.devices.recorded import Recording, open_folder
 from solver_backend.sensors.wand.views import Coverage
 
-COVERAGE_INTERVAL_S = 0.5  # Seconds between two reports of the wand's coverage, chosen by hand.
+COVERAGE_INTERVAL_S = 0.5  # Seconds between reports of the wand's coverage, chosen by hand.
 
 
 def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Run until the sensors end, the time is over, or a signal stops it, and keep recordings."""
+    """Run until the sensors end, the time is over, or a signal arrives, and keep recordings."""
     _check(args)
     session = None
     if args.poses:  # made before the sensors begin, as it takes time
@@ -63,12 +63,12 @@ def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         if written and args.solve is not None and not output.stopped:
             data["solved"] = _solved(args.record, args.solve, progress, overwrite=args.overwrite)
     data |= output.finish()  # last: lines that a full disk lost must not keep the recording from being solved
-    # Standard output may be another program's points: for people it holds nothing else.
+    # Standard output may contain points for another program, so nothing else is printed there.
     return Outcome("" if args.lines is None else live_text(args, data), data)
 
 
 def _check(args: argparse.Namespace) -> None:
-    """Refuse options that contradict each other, before any sensor is opened."""
+    """Reject contradictory options before any sensor is opened."""
     if (args.source is None) == (args.oak is None):
         raise CommandLineInvalid("Give either a FOLDER or cameras, --oak ID=NAME.")
     if args.subject is not None and not args.poses:
@@ -99,7 +99,7 @@ def _chain(args: argparse.Namespace) -> MarkerChain:
 def _moments(
     chain: MarkerChain, write: Callable[[dict[str, object]], None], until: float | None, progress: Progress
 ) -> Iterator[LiveMoment]:
-    """Yield moments until the time is over. Events of sensors are written at once."""
+    """Yield moments until the time is over. Sensor events are written immediately."""
     for moment in chain.moments(float("inf") if until is None else until):
         progress("Live", 0, 1)
         if isinstance(moment, LiveMoment):
@@ -116,7 +116,7 @@ def _frame(moment: LiveMoment) -> PointFrame:
 
 
 def _waved(chain: MarkerChain, moments: Iterator[LiveMoment]) -> Iterator[LiveLine]:
-    """Yield a line per ``COVERAGE_INTERVAL_S``: the visited part of every picture, and the next place."""
+    """Yield a line per ``COVERAGE_INTERVAL_S``: the covered part of every image, and the next position."""
     cameras = chain.cameras
     coverage, reported, number, moment = Coverage(cameras.names, cameras.image_size), 0.0, 0, None
     for moment in moments:

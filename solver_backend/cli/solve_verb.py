@@ -51,7 +51,7 @@ def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 @contextmanager
 def _stretches(scheduler: str | None, tls: Path | None) -> Iterator[Stretches]:
-    """Yield the solver of a long take's segments: this process, or a cluster."""
+    """Yield the solver for the segments of a long take: this process, or a cluster."""
     from solver_backend.fitters.keyframes.optimise import in_turn
 
     if scheduler is None:
@@ -75,7 +75,7 @@ def _check(job: Job) -> None:
 
 
 def _resolve_alone(job: Job, progress: Progress) -> Outcome[SolveResult]:
-    """Solve frames of a motion again that has no recording: AMASS, or one of ours."""
+    """Solve frames of a motion without a recording again: from AMASS, or one of ours."""
     from solver_backend.cli.motion_reading import any_motion
     from solver_backend.fitters.pipeline import resolve_motion
     from solver_backend.io.motions.motion_checks import check_motion
@@ -143,7 +143,7 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
 
 
 def _starts(job: Job, progress: Progress) -> tuple[Motion | None, list[StartingResult]]:
-    """Return the earlier motion and the networks' results of ``[CAMERA=]FILE``. A BVH is a network's, of SAM3DBody."""
+    """Return the earlier motion and the network results of ``[CAMERA=]FILE``. A BVH is a result of SAM3DBody."""
     if not job.start_from:
         return None, []
     from solver_backend.cli.motion_reading import network_of_bvh
@@ -169,7 +169,7 @@ def _starts(job: Job, progress: Progress) -> tuple[Motion | None, list[StartingR
 def _finish(
     job: Job, motion: Motion, found: Sequence[Diagnostic], solve_s: float, write: Callable[[Motion], object]
 ) -> Outcome[SolveResult]:
-    """Write a motion with its diagnostics, and return the report of it.
+    """Write a motion with its diagnostics, and return the outcome.
 
     Raises:
         WarningsRefused: the job is strict, and there are warnings.
@@ -233,10 +233,10 @@ def _write_page(page: Path, job: Job, capture: Capture, motion: Motion, progress
 
 
 def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[TakesResult]:
-    """Solve jobs one after another, for all people if a job asks for that. A failure does not stop the others.
+    """Solve jobs one after another, for all people if a job requests it. A failure does not stop the others.
 
-    The result has ``takes``, each as ``solve`` reports it, and ``failed``: capture, person and the error's fields.
-    Nothing but failures raises the first error.
+    The result has ``takes``, each as reported by ``solve``, and ``failed`` with capture, person and the error's fields.
+    If all fail, the first error is raised.
     """
     texts: list[str] = []
     summary: list[str] = []
@@ -278,7 +278,7 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[Ta
 
 
 def _parts(job: Job, progress: Progress) -> Iterator[tuple[Job, Capture]]:
-    """Yield jobs with their captures: the capture's person, or all people with files of their own."""
+    """Yield jobs with their captures: for the capture's person, or for all people with separate files."""
     if job.person == EVERYBODY and job.resolve is not None:
         raise CommandLineInvalid("Only one person can be solved again at a time.", hint="--person NAME")
     if job.person != EVERYBODY:
@@ -304,7 +304,7 @@ def _own_files(job: Job, person: str) -> Job:
 
 
 def _jobs(args: argparse.Namespace) -> list[Job]:
-    """Return the jobs of the command line: job files, a session's trials, or the options as one job."""
+    """Return the jobs in the arguments: job files, the trials of a session, or the options as one job."""
     if args.job is not None:
         given = [
             name for name in VERBS["solve"].given(args) if name not in ("job", "allow_outside", "scheduler", "tls")

@@ -1,6 +1,6 @@
 """Solve the segments of a long take on the workers of a Dask cluster (Rocklin 2015). Dask is optional.
 
-Dask pickles everything that it sends, so a scheduler must be as trusted as the machine itself.
+Dask pickles everything that it sends, so a scheduler must be trusted as much as this machine.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from solver_backend.priors.base import PosePrior
 logger = logging.getLogger("solver_backend")
 _CONNECT_S, _POLL_S = 10.0, 0.05
 _RETRIES = 2
-"""Attempts at a segment after its worker died, chosen by hand."""
+"""Most attempts at a segment after its worker died, chosen by hand."""
 
 
 class VersionsDiffer(Exception):
-    """A worker has another version."""
+    """A worker has another program version."""
 
 
 class ClusterStretches:
     """Solves segments on a cluster, or in this process if the cluster fails.
 
     Args:
-        address: of the scheduler, or the name of its file.
+        address: address of the scheduler, or name of a file that contains it.
 
     Raises:
-        SchedulerUnsafe: the scheduler is on another host, without TLS, or certificates for TLS are missing.
+        SchedulerUnsafe: the scheduler is on another host without TLS, or certificates are missing.
     """
 
     def __init__(self, address: str) -> None:
@@ -56,7 +56,7 @@ class ClusterStretches:
             hint = "Start one with 'dask scheduler', or leave out --scheduler."
             raise CommandLineInvalid(message, where=address, hint=hint) from error
         self.solved_there = 0
-        """Segments that workers have solved."""
+        """Number of segments that workers have solved."""
 
     def __call__(self, stretches: Sequence[Stretch], alive: Callable[[], None]) -> list[KeySolution]:
         """Return the solution of each segment. A single segment is solved here."""
@@ -72,11 +72,11 @@ class ClusterStretches:
                 future.release()
 
     def close(self) -> None:
-        """Leave the cluster."""
+        """Disconnect from the cluster."""
         self._client.close(timeout=2)
 
     def _sent_ahead(self, common: tuple[Subject, PosePrior]) -> Any:
-        """Send the common data of all segments to the workers, which is most of the data."""
+        """Send the data that all segments share, which is most of the data, to the workers."""
         try:
             return self._client.scatter(common, broadcast=True, hash=False)
         except Exception:

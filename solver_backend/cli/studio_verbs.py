@@ -1,4 +1,4 @@
-"""Run the verbs of the studio: make a data set, compare solves on it, and predict the errors of camera arrays."""
+"""Run the studio verbs: make a data set, compare solves on it, and predict the errors of camera arrays."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def studio_benchmark(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Solve a data set by some methods, compare with its truth, and write a page."""
+    """Solve a data set by several methods, compare with its ground truth, and write a page."""
     spec, _ = data_set.read_data_set(args.data_set)
     settings = SolveSettings() if args.settings is None else _settings(args.settings)
     verdicts = solve_and_compare(args.data_set, args.methods, args.inputs, args.faults, progress, settings)
@@ -69,7 +69,7 @@ def studio_benchmark(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def studio_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Map the errors of a description's camera arrays over the floor."""
+    """Map the errors over the floor for the camera arrays in a description."""
     spec = read_spec(args.description)
     faults = {f", {name}": read_faults(name) for name in args.faults} or {"": spec.perturb}
     places = [

@@ -1,4 +1,4 @@
-"""Run the verbs of captures. Heavy modules are imported inside a verb, so that light verbs start at once."""
+"""Run the capture verbs. Large modules are imported inside a verb, so that small verbs start quickly."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from solver_backend.types import Capture
 
 
 def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Learn a person from one or several marker takes and write the subject file."""
+    """Calibrate a person from one or several marker takes and write the subject file."""
     captures = [load(path, reading(args), progress) for path in args.captures]
     from solver_backend.cli.describe_markers import describe_person
     from solver_backend.fitters.label_after import person_of_nameless
@@ -43,7 +43,7 @@ def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write the place of each marker's label as a file to be edited."""
+    """Write the landmark of each marker label to a file for editing."""
     capture = loaded(args, progress)
     if capture.markers is None or capture.markers.labels is None:
         raise MarkersUnknown("The capture has no labelled markers.", where=capture.name, hint="Choose a labelled take.")
@@ -66,9 +66,9 @@ def info(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write any capture to a file of this program, or each trial of a session to its own file.
+    """Write any capture to a file of this program, or each trial of a session to a separate file.
 
-    The default detector makes a capture of a folder of videos. A recording of sensors becomes one of markers.
+    A folder of videos is processed by the default detector. A sensor recording becomes a marker capture.
     """
     trials = trials_of(args.capture)
     if not trials:
@@ -108,7 +108,7 @@ def _converted(args: argparse.Namespace, progress: Progress) -> Capture:
 
 
 def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Correct camera poses by the people they film, and write the capture with them."""
+    """Refine camera poses from the people in the views, and write the capture with them."""
     capture = loaded(args, progress)
     from solver_backend.cameras.refinement import refine_calibration
 
@@ -148,7 +148,7 @@ def bodies(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def demo_capture(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write the simulated demo capture with its ground truth, or the demo take of markers."""
+    """Write the simulated demo capture with its ground truth, or the demo marker recording."""
     if args.markers:
         from solver_backend.synthesis.embedded.demo import DEMO_TAKE, record_markers
 
@@ -160,7 +160,7 @@ def demo_capture(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def evaluate(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Compare a motion with the truth of a synthetic capture and, for views, with triangulation and a low-pass."""
+    """Compare a motion with the ground truth of a synthetic capture and, for views, with low-pass triangulation."""
     from solver_backend.evaluation.evaluate import evaluate as compare
     from solver_backend.io.native.motion_file import read_motion
 

@@ -1,4 +1,4 @@
-"""Run the verbs of videos."""
+"""Run the video verbs."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from solver_backend.videos.sync.synchronise import synchronise
 
 
 def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Find keypoints in videos and write them as a capture."""
+    """Detect keypoints in videos and write them as a capture."""
     for video in args.videos:
         require_path(video, "video")
     choice = _choice(args)
@@ -120,7 +120,7 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _summary(found: dict[str, tuple[Diagnostic, ...]], failed: list[str]) -> tuple[str, ...]:
-    """Return a line for each warning and a last line. Of several takes the last line names those to check."""
+    """Return a line per warning and a last line. For several takes, the last line lists those to check."""
     if len(found) + len(failed) == 1:
         return tuple(line for items in found.values() for line in summarise(items))
     doubtful = {name: summarise(items)[:-1] for name, items in found.items()}
@@ -130,7 +130,7 @@ def _summary(found: dict[str, tuple[Diagnostic, ...]], failed: list[str]) -> tup
 
 
 def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | None:
-    """Return the capture of the only take in a folder of videos, by the default detector, None without videos.
+    """Return the capture of the only take in a folder of videos, by the default detector. None without videos.
 
     Args:
         out: folder for detections and clocks.
@@ -148,7 +148,7 @@ def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | 
 
 
 def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Measure a detector's scatter by its confidence on captures of known cameras."""
+    """Measure a detector's standard deviation by confidence on captures with known cameras."""
     import json
 
     from solver_backend.io.load import load_capture
@@ -170,7 +170,7 @@ def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def find_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Find the hands of a capture's person in its footage."""
+    """Detect the hands of a capture's person in its footage."""
     from solver_backend.io.load import load_capture
     from solver_backend.videos.detect.detector import chosen_hand_detector
 

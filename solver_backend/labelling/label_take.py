@@ -103,7 +103,7 @@ def seen_together(tracklets: Tracklets) -> np.ndarray:
     return together
 
 
-AROUND = tuple(MARKERS.index(name) for name in ("LFHD", "RFHD", "RBHD", "LBHD"))  # The head's markers, in order.
+AROUND = tuple(MARKERS.index(name) for name in ("LFHD", "RFHD", "RBHD", "LBHD"))  # The head's markers in cyclic order.
 _PAIRS = tuple((MARKERS.index("L" + name), MARKERS.index("R" + name)) for name in ("SHO", "FWT", "BWT"))
 SIDEWAYS = np.radians(70.0)
 """Smallest mean rotation of a head relative to shoulders and waist that reveals wrong names. In 158 takes of UI-PRMD

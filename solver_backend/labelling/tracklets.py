@@ -231,7 +231,7 @@ _SIDE = np.array([{"L": 1, "R": -1}.get(name[0], 0) * (other_side(name) != name)
 
 @dataclass(frozen=True)
 class DistanceTable:
-    """Normal distributions of P places' distances in windows of takes: the markers, then places of other layouts."""
+    """Normal distributions of distances between P landmarks in time windows: markers, then those of other layouts."""
 
     mean: np.ndarray  # (P, P) mean distances in metres for a person of average size.
     spread: np.ndarray  # (P, P) standard deviations in metres between people, placements and windows.

@@ -1,4 +1,4 @@
-"""Write the sections with pictures of the body: poses of the take, and the markers on the body."""
+"""Write the sections with images of the body: poses of the take, and the markers on the body."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from solver_backend.report.markup import figure, number, section, text
 from solver_backend.report.plots import WIDTH, draw_line, moments
 from solver_backend.types import Motion
 
-TONES = 4  # Shades of the body, by how far its surface is turned away.
-BEHIND_M = 0.03  # A marker that lies so far behind the visible surface is on the other side.
-CELL_PX = 1.98  # Size of a raster cell in a drawing.
-FAR_M = 2.0  # Height of the body without a picture of the floor, metres. Chosen by hand.
-MARGIN_M = 0.1  # Around the body, metres. Chosen by hand.
+TONES = 4  # Number of shades of the body, by the angle between surface and viewer.
+BEHIND_M = 0.03  # A marker this far behind the visible surface is on the other side, metres.
+CELL_PX = 1.98  # Size of a raster cell in a drawing, pixels.
+FAR_M = 2.0  # Height of the body in the drawing without a floor, metres. Chosen by hand.
+MARGIN_M = 0.1  # Margin around the body, metres. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class SurfaceView:
-    """The body from one side: a raster of the surface nearest to the viewer."""
+    """View of the body from one side: a raster of the surface nearest to the viewer."""
 
     title: str
     side: float  # 1 from the front, -1 from behind.
     cell_m: float  # Size of a cell in metres.
-    low: np.ndarray  # (2,) metres, the raster's corner.
-    depth: np.ndarray  # (H, W) metres towards the viewer, -inf where there is no body. Rows from below.
-    tone: np.ndarray  # (H, W) 0..1, how much the surface faces the viewer.
+    low: np.ndarray  # (2,) lower corner of the raster in metres.
+    depth: np.ndarray  # (H, W) depth in metres towards the viewer, -inf outside the body. The first row is the lowest.
+    tone: np.ndarray  # (H, W) brightness 0..1, from the angle between surface and viewer.
 
     @classmethod
     def of(cls, title: str, side: float, vertices: np.ndarray, faces: np.ndarray, cell_m: float = 0.006) -> SurfaceView:
-        """Return the view of a mesh (V, 3) that faces +Z, Y up."""
+        """Render a mesh (V, 3) that faces +Z with Y up."""
         corners = (vertices * [side, 1.0, side])[faces]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         facing = normal[:, 2] / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
@@ -62,11 +62,11 @@ class SurfaceView:
 
     @property
     def size_px(self) -> tuple[float, float]:
-        """Height and width of the drawing."""
+        """Height and width of the drawing in pixels."""
         return CELL_PX * self.depth.shape[0], CELL_PX * self.depth.shape[1]
 
     def place(self, point: np.ndarray) -> tuple[float, float]:
-        """Return the drawing's place of a point (3,) of the body."""
+        """Return the position of a body point (3,) in the drawing."""
         x, y = (point[:2] * [self.side, 1.0] - self.low) * CELL_PX / self.cell_m
         return round(float(x), 1), round(float(self.size_px[0] - y), 1)
 
@@ -79,7 +79,7 @@ class SurfaceView:
         return bool(point[2] * self.side > self.depth[row, column] - BEHIND_M)
 
     def silhouette(self) -> list[str]:
-        """Return the body as a path of horizontal strokes for each tone."""
+        """Return the body as one path of horizontal strokes per shade."""
         rows = self.depth.shape[0]
         there = np.isfinite(self.depth)
         level = np.minimum((self.tone * TONES).astype(int), TONES - 1)
@@ -94,14 +94,14 @@ class SurfaceView:
         return paths
 
 
-POSES = 6  # Moments that are drawn, one of each equal part of the take: where hands and feet reach farthest.
-POSE_CELL_M = 0.012  # Size of their raster's cells.
-TURNED_DEG = 30.0  # The viewer is this far to the side of the person's mean front.
+POSES = 6  # Number of drawn poses, one in each equal part of the take, where hands and feet reach furthest.
+POSE_CELL_M = 0.012  # Cell size of their raster in metres.
+TURNED_DEG = 30.0  # Angle between the viewer and the person's mean forward direction.
 CAPTION, MOST_SCALE = 18.0, 1.0  # Height of the captions, and the largest scale of a picture.
 
 
 def poses_section(motion: Motion) -> str:
-    """Return the solved body at some moments, seen from one direction, with the floor. Fingers are relaxed."""
+    """Draw the solved body in some frames from one direction, with the floor. Fingers are relaxed."""
     body = load_body()
     if motion.body != body.id or not motion.num_frames:
         return ""
@@ -142,7 +142,7 @@ def poses_section(motion: Motion) -> str:
 
 
 def rest_pose_section(motion: Motion) -> str:
-    """Return the body in the rest pose with its markers at their found places, and at their expected ones."""
+    """Draw the body in the rest pose with its markers at their found and at their expected positions."""
     body = load_body()
     if motion.offsets is None or motion.layout is None or motion.marker_labels is None or motion.body != body.id:
         return ""
@@ -163,7 +163,7 @@ def rest_pose_section(motion: Motion) -> str:
 
 
 def rest_markers(body: Body, motion: Motion, offsets: np.ndarray) -> np.ndarray:
-    """Return (M, 3) metres: the markers on the body in its rest pose, Y up, facing +Z, at offsets from their rules."""
+    """Return (M, 3) marker positions (m) on the rest pose, Y up, facing +Z, with offsets from nominal positions."""
     assert motion.layout is not None
     still = np.broadcast_to(np.eye(3), (1, NUM_BODY_JOINTS, 3, 3))
     landmarks = marker_landmarks(body, motion.layout)

@@ -1,4 +1,4 @@
-"""Write the sections about one camera and hands: drawings of joints."""
+"""Write the sections about a single camera and about hands, with drawings of joints."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from solver_backend.report.markup import facts, figure, heat_table, section, tex
 from solver_backend.report.plots import WIDTH, Projection, draw_line, moments, strip_plot
 from solver_backend.types import Capture, Motion
 
-MOMENTS = 4  # Moments that are drawn, one of each equal part of the take: where it knows least along the line of sight.
+MOMENTS = 4  # Number of drawn frames, one in each equal part of the take, where depth is most uncertain.
 ROW, MARGIN, CAPTION = 230.0, 8.0, 20.0
-"""Height of a row of drawings, its edges and the line of text above, in units of the drawing."""
+"""Height of a row of drawings, its margin and the line of text above it, in drawing units."""
 ELLIPSE = 5.991**0.5
-"""Standard deviations of an ellipse with 95 % of a normal distribution in the plane (chi square, 2 degrees)."""
-OPEN_CODES = ("limb_depth_open",)  # Diagnostics that name limbs whose depth is open.
+"""Size in standard deviations of an ellipse with 95 % of a 2D normal distribution (chi square, 2 degrees)."""
+OPEN_CODES = ("limb_depth_open",)  # Diagnostics that report limbs with ambiguous depth.
 TRUNK = "pelvis"
 _LEAD = (
     "Ellipses hold 95 %: of hands, feet and head in colour, of the pelvis in grey. All joints share the grey one, "
@@ -38,7 +38,7 @@ def _ellipse(view: Projection, centre: np.ndarray, covariance: np.ndarray, kind:
 
 
 def one_view_section(capture: Capture, motion: Motion) -> str:
-    """Return the camera's view and the side view, and the frames with a limb of open depth."""
+    """Draw the camera's view and the side view, and list the frames with a limb of ambiguous depth."""
     if not capture.is_one_view or capture.cameras is None or motion.joint_covariance is None:
         return ""
     assert capture.keypoints is not None
@@ -56,7 +56,7 @@ def one_view_section(capture: Capture, motion: Motion) -> str:
 
 
 def open_limbs(motion: Motion) -> dict[str, np.ndarray]:
-    """Return for each limb the (F,) frames where its depth was reported as open."""
+    """Return for each limb the (F,) mask of frames in which its depth was reported as ambiguous."""
     found = {part: np.zeros(motion.num_frames, dtype=bool) for part in LIMB_ENDS.values()}
     for item in recorded_diagnostics(motion):
         part = item.values.get("part")
@@ -67,7 +67,7 @@ def open_limbs(motion: Motion) -> dict[str, np.ndarray]:
 
 
 def sight_sigma_m(motion: Motion, centres: np.ndarray) -> np.ndarray:
-    """Return (F, J) standard deviations of the joints along the line of sight from (F, 3) places, metres."""
+    """Return (F, J) standard deviations of the joints along the line of sight from (F, 3) positions, metres."""
     assert motion.joint_covariance is not None
     away = motion.joints - centres[:, None]
     sight = away / np.linalg.norm(away, axis=-1, keepdims=True)
@@ -110,7 +110,7 @@ def _axes(sight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _corners(points: np.ndarray, covariance: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and highest place on each axis of a person and their ellipses, metres."""
+    """Return the lower and upper bounds of a person with ellipses on each axis, metres."""
     flat, reach = points @ axes.T, ELLIPSE * np.sqrt(np.einsum("ka,jab,kb->jk", axes, covariance, axes))
     return (flat - reach).min(axis=0), (flat + reach).max(axis=0)
 
@@ -139,17 +139,17 @@ def _limb_of(joint: str) -> str:
     return f"{side} {limb}" if limb else ("head" if joint == "head" else "")
 
 
-HAND_MOMENTS = 3  # Moments at which the hands are drawn.
-_JOINTS = 3  # Joints of a finger that a motion has.
-_FIST_DEG = 180.0  # Bend of knuckle and middle joint together that is a whole curl: a fist has 90° each.
+HAND_MOMENTS = 3  # Number of frames in which the hands are drawn.
+_JOINTS = 3  # Number of joints per finger in a motion.
+_FIST_DEG = 180.0  # Sum of knuckle and middle joint flexion in a complete curl. A fist has 90° each.
 _SURE_MM, _UNSURE_MM = 3.0, 20.0
-"""Standard deviations of a finger's joints for the first and the full tint of its cell."""
+"""Standard deviations (mm) of finger joints where the tint of a table cell starts and where it is full."""
 _SIZE, _SPAN_M = 150.0, 0.24
-"""A hand's picture in the drawing's units, and how many metres it shows: a long hand is 0.21."""
+"""Size of a hand's image in drawing units, and its extent in metres. A long hand has 0.21."""
 
 
 def hands_section(motion: Motion) -> str:
-    """Return each finger's share of informed frames, deviation and bends, curls over time, and pictures."""
+    """Show each finger's fraction of informed frames, standard deviation and flexion, curls over time, and images."""
     names = motion.body_layout.joints
     if not all(f"{side}_{finger}{k + 1}" in names for side in SIDES for finger in FINGERS for k in range(_JOINTS)):
         return ""
@@ -178,7 +178,7 @@ def hands_section(motion: Motion) -> str:
 
 
 def _bends_deg(wrists: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Return (F, 2, 5, 2) degrees of bent knuckles and middle joints of (F, 2, 3) wrists and (F, 2, 5, 3, 3)."""
+    """Return (F, 2, 5, 2) finger flexion in degrees from wrists (F, 2, 3) and finger joints (F, 2, 5, 3, 3)."""
     start = np.broadcast_to(wrists[:, :, None, None], (*joints.shape[:3], 1, 3))
     bones = np.diff(np.concatenate([start, joints], axis=3), axis=3)
     before, after = bones[..., :-1, :], bones[..., 1:, :]
@@ -225,7 +225,7 @@ def _rows(motion: Motion) -> list[tuple[str, object]]:
 
 
 def _pictures(motion: Motion, wrists: np.ndarray, columns: np.ndarray, seen: np.ndarray) -> str:
-    """Return both hands at their best known moments, from the back and from the side, as SVG."""
+    """Return both hands in their most certain frames, from the back and from the side, as SVG."""
     frames = moments(seen.sum(axis=(1, 2)), HAND_MOMENTS)
     drawn = []
     for row, frame in enumerate(frames):
@@ -241,17 +241,17 @@ def _pictures(motion: Motion, wrists: np.ndarray, columns: np.ndarray, seen: np.
 
 
 def _own_axes(wrist: np.ndarray, joints: np.ndarray, side: int) -> np.ndarray:
-    """Return (5, 4, 3) metres of the fingers' chains from the wrist: along the palm, across it, out of its back."""
+    """Return (5, 4, 3) finger chains from the wrist in metres: along the palm, across it, out of its back."""
     chains = np.concatenate([np.broadcast_to(wrist, (5, 1, 3)), joints], axis=1) - wrist
     along = _unit(chains[2, 1])
     back = np.cross(chains[4, 1], chains[1, 1]) * (1.0 if side else -1.0)
     back = _unit(back - (back @ along) * along)
-    # Seen from its back, fingers up, a right hand has its thumb on the left.
+    # Seen from its back with fingers up, a right hand has its thumb on the left.
     return chains @ np.stack([along, np.cross(along, back), back], axis=1)
 
 
 def _hand(chains: np.ndarray, left: float, top: float, style: str, seen: np.ndarray) -> list[str]:
-    """Return the lines of a hand's fingers of (5, 4, 2) chains, metres up and to the right. Resting ones are faint."""
+    """Return the lines of a hand with (5, 4, 2) chains in metres up and to the right. Resting fingers are faint."""
     scale = _SIZE / _SPAN_M
     parts = []
     for finger, chain in enumerate(chains):

@@ -20,11 +20,11 @@ from solver_backend.report.sections import diagnostics_section
 from solver_backend.report.statistics import detected_share, located_share, seen_by_views, share
 from solver_backend.types import Capture
 
-MOST_FRAMES = 400  # Frames of a take that are triangulated for the page, spread over it.
+MOST_FRAMES = 400  # Most frames to triangulate for the page, spread over the take.
 
 
 def write_capture_report(path: Path | str, capture: Capture, *, overwrite: bool = False) -> Path:
-    """Write one self-contained HTML page about a capture, whole or not at all."""
+    """Write one self-contained HTML page about a capture, completely or not at all."""
     return write_text(path, capture_html(capture), overwrite=overwrite)
 
 
@@ -53,7 +53,7 @@ class _SharedViews(NamedTuple):
 
 
 def _shared_views(capture: Capture, rows: np.ndarray) -> _SharedViews | None:
-    """Return points (N, K, 3), and (C, N, K) what is seen, what agrees with other views, and by how many pixels."""
+    """Return points (N, K, 3), and (C, N, K) masks of detections and inliers with their residuals in pixels."""
     if (several := capture.several_views) is None:
         return None
     cameras, keypoints = several[0], several[1].at(rows)

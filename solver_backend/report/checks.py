@@ -28,14 +28,14 @@ from solver_backend.report.statistics import KeypointResiduals, detected_share, 
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, MARKER_GHOST, Capture, JointSet, Motion
 
 BELOW_FLOOR_M, ABOVE_FLOOR_M = 0.05, 0.25
-"""Height of a foot joint under the floor, and over it, that makes the floor suspicious."""
+"""Heights of a foot joint below and above the floor at which the floor is suspicious, metres."""
 DRIFT_M, DRIFT_ENDS_S = 0.5, 0.5
-"""Change of the lowest joint's height between the first and the last half second, metres."""
-STEADY = 0.3  # Share of the change at the take's median speed from which it drifts. Steps and jumps are sudden.
-_LEAST_STANCES = 0.1  # Share of frames with a foot that does not move over the ground, for it to count.
+"""Height change of the lowest joint between the first and the last half second at which the take drifts, metres."""
+STEADY = 0.3  # Smallest fraction of the change that the median speed explains in a drift. Steps are sudden.
+_LEAST_STANCES = 0.1  # Smallest fraction of frames in which a foot is still on the ground, for stances to count.
 SKATING_CM_S, _SLIDING_HZ = 15.0, 30.0
-"""Speed of feet on the floor, and the rate at which it is measured, so that noise of fast recordings does not count."""
-_ON_FLOOR_SHARE = 0.02  # Share of the frames with the lowest feet, which show the floor.
+"""Speed of feet on the floor that counts as skating, and sampling rate that excludes the noise of fast recordings."""
+_ON_FLOOR_SHARE = 0.02  # Fraction of the frames with the lowest feet, which determine the floor.
 
 
 def _feet(capture: Capture, motion: Motion) -> Iterator[Diagnostic]:
@@ -67,13 +67,13 @@ def joints_of(motion: Motion, *names: str) -> np.ndarray | None:
 
 
 def rests(motion: Motion, *names: str) -> bool:
-    """Return whether one of these joints is at rest in some frame."""
+    """Return whether one of these joints is at rest in any frame."""
     columns = [motion.body_layout.joints.index(name) for name in names]
     return motion.resting is not None and bool(motion.resting[:, columns].any())
 
 
 def _drift(motion: Motion, feet: np.ndarray) -> Iterator[Diagnostic]:
-    # The height of the lowest joint changes between the ends of the take, but a floor does not move.
+    # The lowest joint's height changes between the ends of the take, but a floor does not move.
     lowest, ends = motion.joints[..., 2].min(axis=1), max(1, round(DRIFT_ENDS_S * motion.fps))
     change = float(lowest[-ends:].min() - lowest[:ends].min())
     if len(lowest) <= 2 * ends or abs(change) <= DRIFT_M:
@@ -84,10 +84,10 @@ def _drift(motion: Motion, feet: np.ndarray) -> Iterator[Diagnostic]:
 
 
 def _is_moving_in_stances(feet: np.ndarray, fps: float, change: float) -> bool:
-    """Return whether the lower of the (F, 2, 3) feet moves as the take's change in height, also in stances.
+    """Return whether the lower of the (F, 2, 3) feet follows the take's height change during stances too.
 
-    A foot that does not move over the ground is still on stairs, and drifts with the body otherwise. Without stances,
-    nothing shows the difference.
+    During stances a foot is still on stairs, but moves with the body in a drift. Without stances, nothing distinguishes
+    them.
     """
     lower = feet[..., 2].argmin(axis=1)[:, None]
     way, seconds = steps(feet[..., :2], fps)
@@ -97,22 +97,22 @@ def _is_moving_in_stances(feet: np.ndarray, fps: float, change: float) -> bool:
 
 
 FAR_MM, CENTRES_FAR_MM = 10.0, 30.0
-"""Suspicious median residual of markers and of joint centres: 60 recordings of other laboratories have 0.1 to 5
-(7 where a network named the points), 3D keypoints of networks up to 25."""
+"""Suspicious median residuals of markers and joint centres. 60 recordings of other laboratories have 0.1 to 5 (7 if a
+network labelled the points), 3D keypoints of networks up to 25."""
 ALWAYS_MM, WHILE_MM, WHILE_S = 20.0, 50.0, 0.3
-"""Suspicious median residual of one marker, residual in some frames, and duration of these. Good ones of 60 recordings
-have medians up to 19, and 50 for 0.24 s at most."""
-STANDS_OUT = 2.0  # A marker that is far stands out where its residual is so many times the take's.
+"""Suspicious median residual of one marker, residual in some frames, and duration of these. Good markers in 60
+recordings have medians up to 19, and 50 for at most 0.24 s."""
+STANDS_OUT = 2.0  # Ratio to the take's residual from which a distant marker is reported separately.
 _WAIST = ("LFWT", "RFWT", "LBWT", "RBWT")
 _HIPS = (("=pelvis",), ("~mid_hip",), ("=left_hip", "=right_hip"), ("~left_hip", "~right_hip"), _WAIST, _WAIST[:2])
 HIPS_STILL_M, HIPS_BESIDE_M = 2e-4, 0.1
-"""Metres by which the middle of hips moves at most where positions are relative to it, as far as files round. And by
-which some other point moves then."""
-USELESS = 5.0  # So many times as far is a result useless.
+"""Largest movement of the hip centre if positions are relative to it (rounding in files), and smallest movement of
+another point in that case, metres."""
+USELESS = 5.0  # Factor on these limits at which a result is useless.
 
 
 def marker_plausibility(motion: Motion) -> Iterator[Diagnostic]:
-    """Yield the findings about the body's distance from all markers and from single markers."""
+    """Yield findings about the distance between the body and all markers, or single markers."""
     error = motion.marker_residual_mm
     if error is None or motion.marker_labels is None or not isinstance(motion.provenance.get("markers"), list):
         return
@@ -126,7 +126,7 @@ def marker_plausibility(motion: Motion) -> Iterator[Diagnostic]:
 
 
 def _side_by_name(places: tuple[str, ...]) -> Iterator[Diagnostic]:
-    """Yield that only labels show the side of a single limb. The ankle shows it for a leg."""
+    """Yield a finding if only labels determine the side of a single limb. The ankle determines it for a leg."""
     named = [place for place in places if place[:1] in ("L", "R") and not is_joint_centre(place)]
     if len(named) < len(places) or not of_one_limb(named, load_layouts()):
         return
@@ -137,7 +137,7 @@ def _side_by_name(places: tuple[str, ...]) -> Iterator[Diagnostic]:
 
 
 def useless(is_useless: bool) -> Severity:
-    """Return an error, which refuses the result, or a warning."""
+    """Return the severity of an error, which rejects the result, or of a warning."""
     return Severity.ERROR if is_useless else Severity.WARNING
 
 
@@ -148,7 +148,7 @@ def centres_of(motion: Motion) -> bool:
 
 
 def hips_never_move(capture: Capture, motion: Motion) -> bool:
-    """Return whether the middle of pelvis or hips has one place in all frames while other points move."""
+    """Return whether the centre of pelvis or hips is constant in all frames while other points move."""
     cloud = capture.markers
     if cloud is None or cloud.labels is None or motion.marker_labels is None or motion.layout is None:
         return False
@@ -167,11 +167,11 @@ def hips_never_move(capture: Capture, motion: Motion) -> bool:
 
 
 def _far_markers(motion: Motion, usual: float, scale: float) -> Iterator[Diagnostic]:
-    """Yield the markers that are far from their place on the body, always or for a while.
+    """Yield findings about markers that are far from their position on the body, always or temporarily.
 
     Args:
-        usual: median residual of the take, millimetres.
-        scale: of the limits.
+        usual: median residual of the take in millimetres.
+        scale: factor on the limits.
     """
     assert motion.marker_residual_mm is not None and motion.marker_labels is not None
     thrown_out = 0 if motion.marker_flags is None else motion.marker_flags & MARKER_GHOST
@@ -186,29 +186,29 @@ def _far_markers(motion: Motion, usual: float, scale: float) -> Iterator[Diagnos
             yield diagnostic("marker_far", markers=[label], frames=runs, size=largest)
 
 
-STATURES_M = (1.0, 2.2)  # Of people who are recorded: children of four years to the tallest athletes.
+STATURES_M = (1.0, 2.2)  # Range of recorded people in metres: children of four years to the tallest athletes.
 IMPOSSIBLE_STATURES_M = (0.65, 2.8)
-"""Beyond toddlers and the tallest man on record (2.72 m): the scale is wrong by half or more."""
-LEAST_AGREEMENT_PERCENT = 75.0  # Least share of inliers. Below it the tile of the report turns red.
+"""Limits beyond toddlers and the tallest man on record (2.72 m). Outside them the scale is wrong by half or more."""
+LEAST_AGREEMENT_PERCENT = 75.0  # Smallest percentage of inliers. Below it the report's tile is red.
 LEAST_VIEWS_PERCENT = 75.0
-"""Of the views that should see the person and see a person. Real captures and the demo reach 100 %."""
+"""Smallest percentage of the views with the person, of those that should show the person. Real captures reach 100 %."""
 USELESS_VIEWS_PERCENT, USELESS_VIEWS = 62.5, 2.75
-"""Share and number of agreeing views below which, both, a result is useless: two of four can meet by chance (cameras
-started seconds apart: 56 %, 2.2 views), two of three or three of five hardly. Of two cameras, less than three quarters
-leave half of the frames to one of them (the demo with one mirrored: 65 %, 201 mm off)."""
+"""Percentage and number of agreeing views. A result below both is useless. Two of four can agree by chance (cameras
+started seconds apart: 56 %, 2.2 views), two of three or three of five hardly can. With two cameras, less than 75 %
+leaves half of the frames to one of them (the demo with one camera mirrored: 65 %, 201 mm error)."""
 AGREES_SHARE = 0.06
-"""A view agrees with the body up to this median distance over the person's extent in the picture. Detectors are off by
-0.8 to 1.5 %."""
+"""Largest median distance of a view that agrees with the body, relative to the person's extent in the image. Detectors
+have errors of 0.8 to 1.5 %."""
 DETECTOR_SHARE, USELESS_SHARE = 0.04, 0.1
-"""Median distance over the person's extent that no detector has, and that makes a result useless."""
+"""Median distances relative to the person's extent that exceed any detector's, and that make a result useless."""
 TILT_DEGREES, LEANS_DEGREES, TILT_SIGMAS = 8.0, 25.0, 3.0
-"""Between a person's stance and the world's up, of joint centres and of views. Both must be surpassed. Levelled takes
-stay within 5 degrees, but people who dance or climb stairs before cameras lean by 19 (``bench_good_captures``)."""
-STANDS_SHARE = 0.5  # Of the frames: who is upright within half a right angle for less is no witness of what is up.
+"""Suspicious angles between a person's stance and the world's up for joint centres, for views, and in deviations.
+Levelled takes stay within 5 degrees, but people who dance or climb stairs lean by 19 (``bench_good_captures``)."""
+STANDS_SHARE = 0.5  # Smallest fraction of frames with a person within 45° of upright, as evidence of up.
 
 
 def _stature(motion: Motion) -> Iterator[Diagnostic]:
-    # By the legs, which every body of the family has in the same joints.
+    # Use the legs, because every body of the family has the same leg joints.
     leg = joints_of(motion, "left_hip", "left_knee", "left_ankle")
     if leg is None:
         return
@@ -221,14 +221,14 @@ def _stature(motion: Motion) -> Iterator[Diagnostic]:
 
 @dataclass(frozen=True)
 class ViewAgreement:
-    """The views where the person is at the body's place."""
+    """Views that show the person at the body's position."""
 
-    counted: np.ndarray  # (C, F) bool: the view sees the person, or somebody else where the person should be seen.
-    agrees: np.ndarray  # (C, F) bool: what it sees is the person.
+    counted: np.ndarray  # (C, F) mask of views that show the person, or somebody else at the person's position.
+    agrees: np.ndarray  # (C, F) mask of views that show the person.
 
     @property
     def percent(self) -> float:
-        """Share of the views that agree, NaN if no person is seen."""
+        """Percentage of the views that agree, NaN if no person is visible."""
         return 100.0 * self.agrees.sum() / self.counted.sum() if self.counted.any() else float("nan")
 
     @property
@@ -238,11 +238,11 @@ class ViewAgreement:
 
 
 def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> ViewAgreement:
-    """Return the views that agree with the body, frame by frame.
+    """Return the views that agree with the body, per frame.
 
-    A view of others counts against the person only if they are in her place while two views see her, and if no view
-    sees both. People who come and go or stand in front of her, and interpolated frames, do not count.
-    Views that the user left out do not count either.
+    A view of other people counts against the person only if they are at the person's position while two views show the
+    person, and if no view shows both. People who come and go or occlude the person do not count, nor do interpolated
+    frames and views that the user excluded.
     """
     assert capture.cameras is not None and capture.keypoints is not None
     px = _body_px(capture, motion)
@@ -268,7 +268,7 @@ def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResidual
 
 
 def _body_px(capture: Capture, motion: Motion) -> np.ndarray:
-    """Return (C, F, K, 2) the body's keypoints in the views, or detections without keypoints of the motion."""
+    """Return (C, F, K, 2) projected keypoints of the body, or detections if the motion has no keypoints."""
     assert capture.cameras is not None and capture.keypoints is not None
     if motion.keypoints3d is None:
         return np.where(capture.keypoints.confidence[..., None] > 0, capture.keypoints.xy, np.nan)
@@ -276,14 +276,14 @@ def _body_px(capture: Capture, motion: Motion) -> np.ndarray:
 
 
 def _middles(px: np.ndarray) -> np.ndarray:
-    """Return (C, F, 2) the middle of the known points of (C, F, K, 2) pixels, NaN without any."""
+    """Return the (C, F, 2) centroids of the known points among (C, F, K, 2) pixels, NaN without any."""
     known = np.isfinite(px).all(-1, keepdims=True)
     count = known.sum(-2)
     return np.where(count > 0, np.where(known, px, 0.0).sum(-2) / np.maximum(count, 1), np.nan)
 
 
 def _extents(px: np.ndarray) -> np.ndarray:
-    """Return (C, F) the diagonal of the box around (C, F, K, 2) pixels, NaN for too few known ones."""
+    """Return the (C, F) diagonal of the box around (C, F, K, 2) pixels, NaN if too few are known."""
     known = np.isfinite(px)
     size = np.where(known, px, -np.inf).max(-2) - np.where(known, px, np.inf).min(-2)
     return np.where(known.all(-1).sum(-1) >= MIN_POINTS, np.hypot(size[..., 0], size[..., 1]), np.nan)
@@ -316,7 +316,7 @@ _STANCE = JointSet.COCO_17
 
 
 def _tilt(motion: Motion) -> Iterator[Diagnostic]:
-    """Yield the angle between a person's stance, by trunk, balance and feet, and Z."""
+    """Yield a finding about the angle between Z and a person's stance, from trunk, balance and feet."""
     limbs = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
     names = [f"{side}_{limb}" for limb in limbs for side in ("left", "right")]
     joints = joints_of(motion, *names)
@@ -342,16 +342,16 @@ def _tilt(motion: Motion) -> Iterator[Diagnostic]:
         yield diagnostic("person_tilted", size=float(tilt), sigma=float(sigma))
 
 
-MOST_FRAMES = 0.9  # Share of the take with a correction, from which the correction explains the camera.
-LEAST_OTHERS = 3  # Other cameras that a comparison needs without the corrected one.
+MOST_FRAMES = 0.9  # Fraction of the take with a correction from which the correction explains the camera.
+LEAST_OTHERS = 3  # Number of other cameras that a comparison needs without the corrected one.
 
 
 def without_explained(
     found: Iterable[Diagnostic], num_frames: int, capture: Capture | None = None
 ) -> Iterator[Diagnostic]:
-    """Yield the diagnostics without the reader's warnings about cameras that the solve corrected.
+    """Remove the reader's warnings about cameras that the solve corrected.
 
-    Comparisons with a corrected camera are dropped as well. Focal lengths are compared again without it.
+    Comparisons with a corrected camera are also removed. Focal lengths are compared again without it.
     """
     found, table = tuple(found), load_table()
     roles = {item.code: entry.role for item in found if (entry := table.get(item.code))}
@@ -379,27 +379,27 @@ def without_explained(
             yield item
 
 
-BRIEF_S = 0.2  # Longest gap that is interpolated without a warning. People who enter or leave are absent for longer.
-UNSURE_SHARE = 0.05  # Largest share of unsure frames for a note. More of them are a warning.
-DISAGREES = 1.6  # A camera's median residual at the person, in metres, over the median of the others'.
+BRIEF_S = 0.2  # Longest gap in seconds that is interpolated without a warning. People who leave are absent for longer.
+UNSURE_SHARE = 0.05  # Largest fraction of unsure frames for a note. More cause a warning.
+DISAGREES = 1.6  # Ratio of a camera's median residual at the person, in metres, to the median of the others.
 SELDOM_PERCENT, OUTLIER_PERCENT = 50.0, 20.0
-"""Least share of a keypoint's frames with two detections, and largest share of outliers among those of one view."""
+"""Smallest percentage of a keypoint's frames with two detections, and largest percentage of outliers in one view."""
 
 
 def capture_diagnostics(capture: Capture) -> tuple[Diagnostic, ...]:
-    """Return the findings of a capture's reader."""
+    """Return the findings of the capture's reader."""
     return (*capture.notes, *capture.problems)
 
 
 def recorded_diagnostics(motion: Motion) -> tuple[Diagnostic, ...]:
-    """Return the findings that a motion recorded when it was solved."""
+    """Return the findings that a motion stored when it was solved."""
     return read_diagnostics(motion.provenance.get("diagnostics"))
 
 
 def by_gravity(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     """Return each diagnostic once, errors and warnings before notes.
 
-    Two are the same if code, names and named values are. Figures of a file read again differ in the last digit.
+    Two are equal if code, names and named values are. Figures that are computed again differ in the last digit.
     """
     first: dict[object, Diagnostic] = {}
     for item in found:
@@ -411,7 +411,7 @@ def by_gravity(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     return tuple(sorted(first.values(), key=lambda item: ("error", "warning", "note").index(item.severity)))
 
 
-_MOST_UNSEEN = 0.5  # Share of unseen frames of a person who enters late or leaves early, without a warning.
+_MOST_UNSEEN = 0.5  # Fraction of frames in which a late or leaving person may be missing without a warning.
 
 
 def _flagged(capture: Capture, motion: Motion) -> Iterator[Diagnostic]:
@@ -466,7 +466,7 @@ def _keypoints(capture: Capture, residuals: KeypointResiduals) -> Iterator[Diagn
 
 
 def run_checks(capture: Capture, motion: Motion, residuals: KeypointResiduals | None) -> Iterator[Diagnostic]:
-    """Yield the diagnostics of all checks of a result. ``residuals`` is None if no camera saw anything."""
+    """Yield the diagnostics of all checks of a result. ``residuals`` is None if no camera has detections."""
     yield from check_motion(motion)
     yield from _flagged(capture, motion)
     yield from _stature(motion)
@@ -486,10 +486,10 @@ def run_checks(capture: Capture, motion: Motion, residuals: KeypointResiduals | 
 
 
 def diagnose(capture: Capture, motion: Motion, residuals: KeypointResiduals | None = None) -> tuple[Diagnostic, ...]:
-    """Return all findings, the gravest first. For a motion that has them already, they are the same again.
+    """Return all findings, the most severe first. Repeating this for a motion with findings gives the same ones.
 
     Args:
-        residuals: of the motion in the capture, measured here if None.
+        residuals: residuals of the motion in the capture, computed if None.
     """
     capture = capture.named
     residuals = residuals or residuals_of(capture, motion)

@@ -1,4 +1,4 @@
-"""Write the page about a labelled take: share and confidence of labels, and frame ranges to check."""
+"""Write the page about a labelled take: fraction and confidence of labels, and frame ranges to check."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from solver_backend.report.markup import Tile, heat_table, number, section, text
 from solver_backend.report.page import page_of
 from solver_backend.report.plots import PlotCurve, time_plot
 
-MOST_LISTED = 60  # Stretches in the table.
+MOST_LISTED = 60  # Most frame ranges in the table.
 
 
 def labelling_html(name: str, take: LabelledTake, fps: float) -> str:
-    """Return the page."""
+    """Return the page as HTML."""
     there = np.isfinite(take.confidence)
     labels = take.labels[there]
     named = (labels >= 0) & (labels < GHOST)
@@ -57,7 +57,7 @@ def _by_marker(take: LabelledTake) -> str:
 
 
 def _stretches(take: LabelledTake, fps: float) -> str:
-    """List the least sure ranges of labels, the longest unknown ones first."""
+    """List the least certain label ranges, the longest unknown ones first."""
     t = take.tracklets
     length = t.last - t.first + 1
     doubt = (1.0 - np.nan_to_num(take.stretch_confidence)) * length

@@ -1,4 +1,4 @@
-"""Build HTML in small pieces, and escape all texts from people and files."""
+"""Build HTML in small pieces, and escape all text from people and files."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from solver_backend.exchange.plain_text import plain
 
 
 def text(value: object) -> str:
-    """Return any value as text that is safe inside HTML."""
+    """Return any value as text that is safe in HTML."""
     return escape(plain(str(value), keep="\n\t"))
 
 
 def number(value: float, digits: int = 1) -> str:
-    """Return a number, or a dash for NaN."""
+    """Format a number. NaN becomes a dash."""
     return f"{value:.{digits}f}" if np.isfinite(value) else "–"
 
 
 def section(title: str, body: str, lead: str = "", identifier: str = "") -> str:
-    """Return a section with a heading and a sentence on how to read it."""
+    """Return a section with a heading and a sentence that explains it."""
     lead_html = f'<p class="lead">{lead}</p>' if lead else ""
     return f'<section id="{text(identifier)}"><h2>{text(title)}</h2>{lead_html}{body}</section>'
 
 
 def figure(kind: str, width: float, height: float, parts: Iterable[str]) -> str:
-    """Return SVG parts as a figure of a kind in the style sheet."""
+    """Return SVG parts as a figure. ``kind`` is a class in the style sheet."""
     svg = f'<svg viewBox="0 0 {width:g} {height:g}" role="img">{"".join(parts)}</svg>'
     return f'<figure class="{kind}">{svg}</figure>'
 
 
 @dataclass(frozen=True)
 class Tile:
-    """One headline number."""
+    """One key figure."""
 
     label: str
     value: str
@@ -45,7 +45,7 @@ class Tile:
 
 
 def tiles(items: Iterable[Tile]) -> str:
-    """Return headline numbers side by side."""
+    """Return key figures side by side."""
     cells = (
         f'<div class="tile {item.level}"><div class="label">{text(item.label)}</div>'
         f'<div class="value">{text(item.value)}<span class="unit"> {text(item.unit)}</span></div>'
@@ -56,7 +56,7 @@ def tiles(items: Iterable[Tile]) -> str:
 
 
 def facts(rows: Iterable[tuple[str, object]]) -> str:
-    """Return a table of two columns: name and value."""
+    """Return a table with two columns: name and value."""
     body = "".join(f"<tr><th>{text(name)}</th><td>{text(value)}</td></tr>" for name, value in rows)
     return f'<table class="facts">{body}</table>'
 
@@ -76,8 +76,8 @@ def heat_table(
     Args:
         values: (R, C) numbers. NaN becomes a dash.
         strength: (R, C) tint of each cell in 0..1.
-        unit: of each cell's tooltip.
-        total: the last row and column are sums.
+        unit: unit in the tooltip of each cell.
+        total: True if the last row and column are sums.
     """
     head = "".join(f"<th>{text(name)}</th>" for name in columns)
     lines = []
@@ -92,7 +92,7 @@ def heat_table(
 
 
 def tints(errors: np.ndarray, usual: float) -> np.ndarray:
-    """Return tints of errors from 0 at half the usual one to 1 at twice, by ratio: 3 and 8 px never look the same."""
+    """Return tints of errors by ratio, from 0 at half the usual error to 1 at twice. 3 and 8 px always differ."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.clip(0.5 + 0.5 * np.log2(errors / usual), 0.0, 1.0)
 

@@ -1,4 +1,4 @@
-"""Write the whole page: head, headline numbers, sections."""
+"""Write the whole page: head, key figures, sections."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def report_html(capture: Capture, motion: Motion, calibration: CameraFits | None
 
 
 def page_of(title: str, subtitle: str, body: str) -> str:
-    """Return a whole page of HTML parts."""
+    """Return a complete page from HTML parts."""
     style, script = _part("page.css"), _part("page.js")
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
@@ -88,9 +88,9 @@ def page_of(title: str, subtitle: str, body: str) -> str:
 
 
 def _policy(style: str, script: str) -> str:
-    """Return a policy that allows the page's own style and script alone, and no requests.
+    """Return a policy that allows only the page's own style and script, and no requests.
 
-    The attributes ``style`` have the shares of coloured cells, which no hash can name.
+    Inline ``style`` attributes contain the fractions of coloured cells, which no hash can allow.
     """
     hashes = [b64encode(sha256(part.encode()).digest()).decode() for part in (style, script)]
     return (
@@ -104,7 +104,7 @@ def _part(name: str) -> str:
 
 
 def headline_tiles(capture: Capture, motion: Motion, residuals: KeypointResiduals | None) -> list[Tile]:
-    """Return the numbers at the head of the page."""
+    """Return the key figures at the top of the page."""
     flags = np.zeros(motion.num_frames, np.uint8) if motion.flags is None else motion.flags
     unsure, unseen = (int(np.count_nonzero(flags & bit)) for bit in (FLAG_UNSURE, FLAG_UNSEEN))
     found = []

@@ -14,9 +14,9 @@ from solver_backend.types import Cameras, JointSet
 
 WIDTH, LEFT, RIGHT, TOP, BOTTOM = 960.0, 46.0, 8.0, 8.0, 22.0
 MAX_POINTS = 1200
-"""Points a line is drawn with. Longer takes show the lowest and highest value of each block."""
+"""Most points per line. Longer takes show the lowest and highest value of each block."""
 MAX_READABLE = 6000
-"""Most frames of a plot that contains its values, for the read-out under the pointer."""
+"""Most frames of a plot that contains its values for the read-out under the pointer."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class PlotCurve:
 
 @dataclass(frozen=True)
 class Shade:
-    """A range of frames that deserves a look."""
+    """A frame range to check."""
 
     first: int
     last: int
@@ -48,7 +48,7 @@ def time_plot(
     marks: np.ndarray | None = None,
     from_zero: bool = False,
 ) -> str:
-    """Return curves over seconds, with shaded ranges behind and ticks (keyframes) below."""
+    """Plot curves over seconds, with shaded ranges behind them and ticks (keyframes) below."""
     (width, height), frames = size, len(lines[0].values)
     low, high, steps = _vertical_axis(lines, from_zero)
     x = _Scale(0.0, max(frames - 1, 1), LEFT, width - RIGHT)
@@ -68,7 +68,7 @@ def time_plot(
 
 
 def strip_plot(rows: Sequence[tuple[str, np.ndarray]], fps: float, *, shades: Sequence[Shade] = ()) -> str:
-    """Return a strip of cells per row of (F,) values in 0..1, with shaded ranges above."""
+    """Plot a strip of cells per row of (F,) values in 0..1, with shaded ranges above."""
     row_height, left, frames = 20.0, 130.0, len(rows[0][1])
     height = TOP + row_height * len(rows) + BOTTOM
     x = _Scale(0.0, float(frames), left, WIDTH - RIGHT)
@@ -122,7 +122,7 @@ def _shade(shade: Shade, x: _Scale, height: float) -> str:
 
 
 def thinned(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return frame numbers and values to draw: all, or the lowest and the highest of each block."""
+    """Return frame numbers and values to draw: all, or the lowest and highest of each block."""
     frames = np.arange(len(values))
     if len(values) <= MAX_POINTS:
         return frames, values
@@ -151,7 +151,7 @@ def _path(values: np.ndarray, x: _Scale, y: _Scale) -> str:
 
 
 def _runs(values: np.ndarray) -> list[tuple[int, int, int]]:
-    """Return (first, stop, tenths) of runs of equal tint. Long takes are averaged over cells first."""
+    """Return (first, stop, tenths) of runs with equal tint. Long takes are first averaged over cells."""
     size = max(1, int(np.ceil(len(values) / MAX_POINTS)))
     starts = np.arange(0, len(values), size)
     tenths = np.array([round(10 * float(np.mean(values[s : s + size]))) for s in starts])
@@ -181,12 +181,12 @@ def _figure(parts: list[str], width: float, height: float, reading: dict[str, ob
 
 
 SIZE = 420.0  # Width and height of the plan, CSS pixels. Chosen by hand.
-PLAN_MARGIN = 34.0  # Around what is drawn, CSS pixels. Chosen by hand.
-Place = Callable[[np.ndarray], tuple[float, float]]  # From world metres to the drawing.
+PLAN_MARGIN = 34.0  # Margin around the drawing, CSS pixels. Chosen by hand.
+Place = Callable[[np.ndarray], tuple[float, float]]  # Maps world metres to the drawing.
 
 
 def plan(cameras: Cameras | None, way: np.ndarray) -> str:
-    """Return the floor plan as SVG, one metre grid, north (world +Y) up, with the (N, 2) way of the person."""
+    """Draw the floor plan as SVG with a one-metre grid, world +Y up, and the person's (N, 2) path."""
     centres = np.empty((0, 2)) if cameras is None else cameras.centres[:, :2]
     everything = np.concatenate([way, centres, way.mean(axis=0) + [[-1.0, -1.0], [1.0, 1.0]]])
     middle = (everything.min(axis=0) + everything.max(axis=0)) / 2
@@ -209,18 +209,18 @@ def plan(cameras: Cameras | None, way: np.ndarray) -> str:
 
 
 def draw_line(kind: str, a: Sequence[float] | np.ndarray, b: Sequence[float] | np.ndarray, style: str = "") -> str:
-    """Return a line of a kind in the style sheet between two places of the drawing."""
+    """Return a line between two positions in the drawing. ``kind`` is a class in the style sheet."""
     return f'<line class="{kind}" x1="{a[0]:.1f}" y1="{a[1]:.1f}" x2="{b[0]:.1f}" y2="{b[1]:.1f}"{style}/>'
 
 
 def moments(worth: np.ndarray, count: int) -> list[int]:
-    """Return the most valuable frame in each equal part of a take, of (F,) values."""
+    """Return the frame with the largest of (F,) values in each equal part of a take."""
     parts = [part for part in np.array_split(np.arange(len(worth)), count) if len(part)]
     return [int(part[worth[part].argmax()]) for part in parts]
 
 
 def _grid(low: np.ndarray, high: np.ndarray, at: Place) -> tuple[list[str], float]:
-    """Return the lines of the floor between two corners (2,), stronger through the origin, and their distance."""
+    """Return the grid lines of the floor between two corners (2,), stronger through the origin, and their spacing."""
     span = float((high - low).max())
     step = 1.0 if span <= 14 else nice_steps(0.0, span, 8)[1]
     parts = []
@@ -247,18 +247,18 @@ def _draw_wedge(cameras: Cameras, c: int, length: float, at: Place) -> str:
 
 SPACE_WIDTH, TALLEST, SPACE_MARGIN = 860.0, 560.0, 30.0
 TURN_DEG, DOWN_DEG = 25.0, 22.0
-"""The direction that is looked along: turned from world +Y, and downwards."""
-MOMENTS = 3  # Moments at which the person is drawn.
+"""Viewing direction: rotated from world +Y, and downwards."""
+MOMENTS = 3  # Number of frames in which the person is drawn.
 _CHAINS = (("shoulder", "elbow", "wrist"), ("shoulder", "hip", "knee", "ankle", "big_toe"))
 _BONES = tuple((f"{s}_{a}", f"{s}_{b}") for s in ("left", "right") for chain in _CHAINS for a, b in pairwise(chain))
 _BONES += (("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"))
 
 
 def space_drawing(cameras: Cameras | None, points: np.ndarray, joint_set: JointSet | None) -> str:
-    """Return cameras and (F, P, 3) points as SVG, without perspective.
+    """Draw cameras and (F, P, 3) points as SVG, without perspective.
 
     Args:
-        joint_set: names of the points, to draw bones between them. None for markers.
+        joint_set: joint set of the points, for drawing bones. None for markers.
     """
     known = points[np.isfinite(points).all(-1)]
     centres = np.empty((0, 3)) if cameras is None else cameras.centres
@@ -285,22 +285,22 @@ def space_drawing(cameras: Cameras | None, points: np.ndarray, joint_set: JointS
 class Projection:
     """A parallel projection from metres to a drawing."""
 
-    axes: np.ndarray  # (2, 3) to the right and up.
-    middle: np.ndarray  # (2,) metres along the axes of the place at ``centre``.
-    centre: np.ndarray  # (2,) units of the drawing.
-    scale: float  # Units of the drawing per metre.
+    axes: np.ndarray  # (2, 3) directions to the right and up.
+    middle: np.ndarray  # (2,) coordinates in metres along the axes of the point at ``centre``.
+    centre: np.ndarray  # (2,) position in drawing units.
+    scale: float  # Drawing units per metre.
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
-        """Return (..., 2) of (..., 3) metres."""
+        """Project (..., 3) metres to (..., 2) drawing units."""
         return self.centre + (np.asarray(points) @ self.axes.T - self.middle) * self.scale * [1.0, -1.0]
 
     def line(self, kind: str, a: np.ndarray, b: np.ndarray, style: str = "") -> str:
-        """Return a line between two places (3,)."""
+        """Return a line between two points (3,). ``kind`` is a class in the style sheet."""
         return draw_line(kind, self(a), self(b), style)
 
 
 def _space_projection(everything: np.ndarray) -> tuple[Projection, float]:
-    """Return the projection that shows all places, and the height of its drawing."""
+    """Return a projection in which all points are visible, and the height of its drawing."""
     turn, down = np.radians([TURN_DEG, DOWN_DEG])
     right = np.array([np.cos(turn), np.sin(turn), 0.0])
     up = np.array([-np.sin(turn) * np.sin(down), np.cos(turn) * np.sin(down), np.cos(down)])
@@ -313,7 +313,7 @@ def _space_projection(everything: np.ndarray) -> tuple[Projection, float]:
 
 
 def _draw_pyramid(view: Projection, cameras: Cameras, c: int, size: float) -> str:
-    """Return the pyramid of a camera's picture, a line down to the floor, and its name."""
+    """Draw the viewing pyramid of a camera, a line down to the floor, and the camera's name."""
     (w, h), K = cameras.image_size[c].astype(float), cameras.K[c]
     pixels = np.array([[0, 0, 1], [w, 0, 1], [w, h, 1], [0, h, 1]])
     rays = pixels @ np.linalg.inv(K).T

@@ -26,12 +26,12 @@ SHADES_KEY = (
 
 
 def far_from(motion: Motion) -> str:
-    """Return the meaning of an unsure frame."""
+    """Return the meaning of an unsure frame as text."""
     return "far from the detections" if motion.markers is None else "far from the markers"
 
 
 def why_interpolated(motion: Motion) -> str:
-    """Return the reason for interpolated frames."""
+    """Return the reason for interpolated frames as text."""
     if motion.markers is not None:
         return "too few markers seen"
     is_one = motion.reprojection_px is not None and len(motion.reprojection_px) == 1
@@ -56,7 +56,7 @@ def shades_of(motion: Motion) -> list[Shade]:
 
 
 def diagnostics_section(found: Sequence[Diagnostic], fps: float) -> str:
-    """Return warnings and notes."""
+    """Show warnings and notes."""
     good = '<li class="good">OK: there are no warnings.</li>'
     warnings = "".join(_item(item, "bad", fps) for item in warnings_in(found))
     notes = "".join(_item(item, "note", fps) for item in notes_in(found))
@@ -71,7 +71,7 @@ def _item(found: Diagnostic, level: str, fps: float) -> str:
 
 
 def reprojection_section(capture: Capture, residuals: KeypointResiduals | None) -> str:
-    """Return reprojection error and agreement for each camera and keypoint."""
+    """Show the reprojection error and the agreement of each camera and keypoint."""
     if residuals is None or capture.cameras is None or capture.keypoints is None:
         return ""
     cameras = [*capture.cameras.names, "all"]
@@ -103,7 +103,7 @@ def _with_margins(inner: np.ndarray, rows: np.ndarray, columns: np.ndarray, tota
 
 
 def missing_section(capture: Capture, motion: Motion) -> str:
-    """Return the detections of each camera, frame by frame."""
+    """Show the detections of each camera per frame."""
     seen, located = detected_share(capture), located_share(capture)
     if seen is None or located is None:
         return ""
@@ -117,7 +117,7 @@ def missing_section(capture: Capture, motion: Motion) -> str:
 
 
 def residual_sections(motion: Motion, residuals: KeypointResiduals | None) -> str:
-    """Plot the residual over time, of detections and of markers, with flagged frames and keyframes."""
+    """Plot the residuals of detections and markers over time, with flagged frames and keyframes."""
     shown = ""
     if residuals is not None:
         curves = residuals.by_frame(0.5), residuals.by_frame(0.9)
@@ -140,7 +140,7 @@ def _residual_section(motion: Motion, curves: tuple[np.ndarray, np.ndarray], uni
 
 
 def angles_section(capture: Capture, motion: Motion) -> str:
-    """Return joint angles of both sides, with the truth if it is known."""
+    """Plot joint angles of both sides, with the ground truth if known."""
     truth = _truth_joints(capture, motion)
     both = [
         ("Knee flexion", "°", angles.knee_flexion_deg),
@@ -168,7 +168,7 @@ def _small_plot(title: str, unit: str, lines: list[PlotCurve], motion: Motion) -
 
 
 def truth_section(capture: Capture, motion: Motion, figures: list[str]) -> str:
-    """Return errors against the truth of a synthetic capture."""
+    """Show the errors against the ground truth of a synthetic capture."""
     solved, truth, names = motion.beside_truth(capture.truth.get("joints", np.zeros(0)))
     if not names:
         return ""
@@ -195,7 +195,7 @@ def _truth_joints(capture: Capture, motion: Motion) -> np.ndarray | None:
 
 
 def uncertainty_section(motion: Motion) -> str:
-    """Return the uncertainty of joints over time."""
+    """Plot the standard deviations of joints over time."""
     if motion.joint_sigma is None:
         return ""
     sigma = 1000.0 * np.asarray(motion.joint_sigma, dtype=np.float64)
@@ -217,7 +217,7 @@ def uncertainty_section(motion: Motion) -> str:
 
 
 def scene_section(capture: Capture, motion: Motion) -> str:
-    """Return the scene from above, and the shape of the body."""
+    """Draw the scene from above, and show the shape of the body."""
     way = np.linalg.norm(np.diff(motion.joints[:, 0, :2], axis=0), axis=-1).sum()
     rows: list[tuple[str, object]] = [
         ("body", motion.body),
@@ -236,7 +236,7 @@ def scene_section(capture: Capture, motion: Motion) -> str:
 
 
 def provenance_section(capture: Capture, motion: Motion) -> str:
-    """Return settings, sources and versions of the solve."""
+    """Show settings, sources and versions of the solve."""
     provenance = motion.provenance
     settings = provenance.get("settings")
     rows: list[tuple[str, object]] = [("capture", capture.name)]
@@ -248,7 +248,7 @@ def provenance_section(capture: Capture, motion: Motion) -> str:
 
 
 def marker_section(motion: Motion) -> str:
-    """Return each marker's residual and share of frames."""
+    """Show each marker's residual and its percentage of frames."""
     error = motion.marker_residual_mm
     if error is None or motion.marker_labels is None:
         return ""
@@ -283,7 +283,7 @@ def _shares(motion: Motion, seen: np.ndarray) -> tuple[np.ndarray, list[str]]:
 
 
 def gaps_section(motion: Motion) -> str:
-    """Return the missing markers, frame by frame."""
+    """Show the missing markers per frame."""
     if motion.marker_residual_mm is None or motion.marker_labels is None:
         return ""
     seen = np.isfinite(motion.marker_residual_mm)
@@ -295,7 +295,7 @@ def gaps_section(motion: Motion) -> str:
 
 
 def props_section(motion: Motion) -> str:
-    """Return each prop's standard deviations over time, and the share of frames with its markers."""
+    """Plot each prop's standard deviations over time, and show the percentage of frames with its markers."""
     lead = (
         "Things with markers that the person does not wear, solved as rigid bodies. The curves are the standard "
         "deviations of the origin and of the rotation about its least known axis."
@@ -315,7 +315,7 @@ def props_section(motion: Motion) -> str:
 
 
 def calibration_section(capture: Capture, fit: CameraFits | None) -> str:
-    """Return the fit of the cameras, nothing if it was not checked."""
+    """Show the fit of the cameras, nothing if it was not checked."""
     if fit is None or capture.cameras is None:
         return ""
     names = capture.cameras.names

@@ -1,4 +1,4 @@
-"""Compute the figures of the page: residuals per camera, keypoint and frame, and shares of detections."""
+"""Compute the figures of the page: residuals per camera, keypoint and frame, and fractions of detections."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from solver_backend.metrics import reprojection_px
 from solver_backend.types import Capture, Motion
 
 RAYLEIGH_MEDIAN = 1.1774
-"""Median length of a 2D error with coordinates of standard deviation 1: ``sqrt(2 ln 2)`` (Rayleigh 1880)."""
+"""Median length of a 2D error whose coordinates have standard deviation 1: ``sqrt(2 ln 2)`` (Rayleigh 1880)."""
 
 
 @dataclass(frozen=True)
 class KeypointResiduals:
-    """Distances between detections and solved keypoints of C views, F frames and K keypoints."""
+    """Distances between detections and solved keypoints for C views, F frames and K keypoints."""
 
-    error_px: np.ndarray  # (C, F, K) pixels, NaN where nothing was detected.
-    limit_px: np.ndarray  # (K,) beyond it the solver counts a detection as an outlier.
+    error_px: np.ndarray  # (C, F, K) distances in pixels, NaN without a detection.
+    limit_px: np.ndarray  # (K,) limit beyond which the solver counts a detection as an outlier, pixels.
 
     @property
     def by_camera_and_keypoint(self) -> np.ndarray:
@@ -43,12 +43,12 @@ class KeypointResiduals:
         return quantile(np.moveaxis(self.error_px, 1, 0).reshape(self.error_px.shape[1], -1), q, axis=1)
 
     def agreement_percent(self, axis: int | tuple[int, ...]) -> np.ndarray:
-        """Return the share of detections within the limit, over one or more of (cameras, frames, keypoints)."""
+        """Return the percentage of detections within the limit, over one or more of (cameras, frames, keypoints)."""
         return share(self.error_px <= self.limit_px, np.isfinite(self.error_px), axis)
 
     @property
     def median_px(self) -> float:
-        """Median over everything."""
+        """Median of all distances in pixels."""
         return float(quantile(self.error_px.ravel(), 0.5, axis=0))
 
 
@@ -56,7 +56,7 @@ def residuals_of(capture: Capture, motion: Motion) -> KeypointResiduals | None:
     """Return the residuals of a solve, None without detections in images.
 
     Raises:
-        MotionInvalid: the motion has other frames, views or keypoints than the capture.
+        MotionInvalid: the frames, views or keypoints of motion and capture differ.
     """
     if motion.num_frames != capture.num_frames:
         what = f"The motion has {motion.num_frames} frames, the capture {capture.num_frames}."
@@ -78,7 +78,7 @@ def residuals_of(capture: Capture, motion: Motion) -> KeypointResiduals | None:
 
 
 def _limit_px(motion: Motion, error: np.ndarray) -> np.ndarray:
-    """Return (K,) the solver's own limit for outliers: twice the robust scale, in standard deviations."""
+    """Return the solver's (K,) outlier limits in pixels: twice the robust scale, in standard deviations."""
     sigma = np.asarray(motion.provenance.get("sigma_px", ()), dtype=np.float64)
     settings = motion.provenance.get("settings", {})
     usual = SolveSettings().robust_scale
@@ -96,15 +96,15 @@ def share(yes: np.ndarray, of: np.ndarray, axis: int | tuple[int, ...]) -> np.nd
 
 
 def detected_share(capture: Capture) -> np.ndarray | None:
-    """Return (C, F) the share of keypoints that each camera detects in each frame, 0..1."""
+    """Return the (C, F) fraction of keypoints that each camera detects in each frame, 0..1."""
     return None if capture.keypoints is None else (capture.keypoints.confidence > 0).mean(axis=-1)
 
 
 def located_share(capture: Capture) -> np.ndarray | None:
-    """Return (F,) the share of the keypoints that two or more cameras detect, or the one there is, 0..1."""
+    """Return the (F,) fraction of keypoints that at least two cameras, or the only one, detect, 0..1."""
     return None if capture.keypoints is None else capture.placed.mean(axis=-1)
 
 
 def seen_by_views(capture: Capture) -> str:
-    """Return the name of that share."""
+    """Return the name of ``located_share`` for the report."""
     return "Seen by the camera" if capture.least_views == 1 else "Seen by two or more"

@@ -131,7 +131,7 @@ class GloveTake:
 
     name: str
     times: Float[np.ndarray, " frames"]  # (F,) increasing seconds from the first frame.
-    angles: Float[np.ndarray, "frames 2 a"]  # (F, 2, A) radians of both hands (``body.hand_skeleton.ANGLES``), or NaN.
+    angles: Float[np.ndarray, "frames 2 a"]  # (F, 2, A) angles in radians (``body.hand_skeleton.ANGLES``), or NaN.
     palms: Float[np.ndarray, "frames 2 3 3"]  # (F, 2, 3, 3) palm rotations in the file's world, NaN if unknown.
 
     @property

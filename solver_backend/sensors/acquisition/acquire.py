@@ -193,7 +193,7 @@ class SensorLens:
     def covariances(
         self, flat: np.ndarray, depth: np.ndarray, sigma_px: np.ndarray, sigma_depth: np.ndarray
     ) -> np.ndarray:
-        """Return the (N, 3, 3) m² of points in the world: ``J diag(σ_u², σ_v², σ_z²) Jᵀ`` of ``p = z (x, y, 1)``."""
+        """Return (N, 3, 3) world covariances of points (m²): ``J diag(σ_u², σ_v², σ_z²) Jᵀ`` of ``p = z (x, y, 1)``."""
         J = np.zeros((len(depth), 3, 3))
         J[:, 0, 0] = depth / self.focal[0] * sigma_px
         J[:, 1, 1] = depth / self.focal[1] * sigma_px
@@ -309,7 +309,7 @@ class SensorSightings:
 
 
 SUNLIGHT = "sensor_sunlight"  # Code of a frame without markers because of sunlight, a window or a lamp.
-_MOST_PIXELS = 1e7  # Of a picture, ten times an Azure Kinect's. Its lens table takes 1 GB.
+_MOST_PIXELS = 1e7  # Most pixels of an image, ten times an Azure Kinect's. Its lens table takes 1 GB.
 MEDIAN_LOSS = 1.25
 """Ratio of the standard deviations of median and mean. The ring's mean around the median is no worse."""
 

@@ -62,7 +62,7 @@ class AcquisitionSettings:
 
     sigma_px: float = 0.08  # Standard deviation of a centroid in pixels.
     split_sigma_px: float = 0.5  # Additional standard deviation for parts of a split blob.
-    hidden_sigma: float = 0.45  # Added for a partly hidden disc: this times its radius times the missing share.
+    hidden_sigma: float = 0.45  # Additional deviation of a partly hidden disc: this times radius times hidden part.
     depth_constant_m: float = 0.8e-3
     """Standard deviation of a depth at zero distance, as for Azure Kinects (Tölgyessy et al. 2021)."""
     depth_quadratic: float = 0.55e-3  # Additional standard deviation at 1 m. It grows with the square of the distance.

@@ -49,7 +49,7 @@ class Device(OpenedDevice, ABC):
 
     @abstractmethod
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield frames until the device ends, but drop fast ones. Raise ``SensorFailed`` if it was lost."""
+        """Yield frames until the device ends. Frames that come too fast are dropped. Raise ``SensorFailed`` if lost."""
 
     def starting(self, start: float) -> Self:
         """Return the sensor with its time 0 at the host time ``start``. A live device returns itself."""
