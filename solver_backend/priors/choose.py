@@ -8,7 +8,7 @@ from typing import get_args
 
 import numpy as np
 
-from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.errors import FileMissing, JobInvalid
 from solver_backend.exchange.solve_settings import AUTO_PRIOR, PRIORS
 from solver_backend.geometry.arrays import Array, array_namespace, constant, identity
 from solver_backend.priors.base import AutoencodingPrior, CodeJacobian, Codes, Energies, Poses
@@ -105,6 +105,9 @@ def _load(choice: str) -> AutoencodingPrior:
     if choice in NAMES:
         return _load_named(choice)
     path = Path(choice).expanduser()
+    if not path.is_file():
+        hint = f"Use one of {', '.join(NAMES)}, or give a file of weights that train wrote."
+        raise FileMissing(f"There is no prior {choice!r} and no such file.", hint=hint)
     name = read_weights(path, None).prior
     if name == SPHERICAL:
         return load_sposer(path)

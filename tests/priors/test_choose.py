@@ -72,8 +72,10 @@ def test_a_prior_is_chosen_by_name_or_by_its_file() -> None:
 
 
 def test_a_file_that_is_no_prior_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(FileMissing, match="The weights of the prior are missing"):
-        load_prior(str(tmp_path / "none.npz"))
+    for choice in (str(tmp_path / "none.npz"), "spozer"):
+        with pytest.raises(FileMissing, match=f"no prior '{choice}' and no such file") as caught:
+            load_prior(choice)
+        assert "sposer, rvposer, vposer" in caught.value.hint
     wrong = tmp_path / "wrong.npz"
     np.savez(wrong, a=np.zeros(3))
     with pytest.raises(WeightsInvalid, match="not a weight file"):
