@@ -43,6 +43,7 @@ NETWORKS = (
     ("landmark_clouds", "the network that ships", "thesis_", "`thesis`"),
 )
 """Benchmark, name, start of the keys, and corruption of every network with absolute figures."""
+POSES = ("ordinary", "tail", "floor")  # Sets that landmark networks are judged on.
 _NETWORKS = """The thesis' rows are medians over three trainings. Each error is a mean over 1,000 ordinary poses,
 646 rare poses (*tail*) or 171 poses on the floor. A dash marks a missing figure.
 
@@ -187,6 +188,7 @@ def published_page() -> str:
     parts = [head + "\n".join(f"| *{name}* ({total[name]} rows) | {text} |" for name, text in MEANINGS.items()), ""]
     parts += ["`python3 dev.py bench seeds` counts the verdicts.", "", *take_table(_read(TAKE_FILES["many_takes"]))]
     parts += [*noise_table(_read(TAKE_FILES["noise_aware"])), *network_table(_read(BASELINE))]
+    parts += mpjpe_table(data["landmark_mpjpe_mm"], _read(BASELINE)["landmark_rows"]["figures"])
     for source in dict.fromkeys(row.source for row in found):
         parts += ["", f"## {source}"]
         for table in dict.fromkeys(row.table for row in found if row.source == source):
@@ -246,13 +248,32 @@ def network_table(baseline: Mapping[str, Any]) -> list[str]:
     lines += ["| network | clouds, poses | RMSE mm | MPJPE mm | PCK1 % | PCK3 % | PCK7 % |", "|---" * 7 + "|"]
     for bench, name, prefix, clouds in NETWORKS:
         figures = baseline[bench]["figures"]
-        for poses in ("ordinary", "tail", "floor"):
+        for poses in POSES:
             keys = [
                 f"{prefix}{poses}_{end}" for end in ("rmse_mm", "mpjpe_mm", *(f"pck{n}_percent" for n in (1, 3, 7)))
             ]
             if keys[0] in figures:
                 cells = (f"{figures[key]['value']:.1f}" if key in figures else "–" for key in keys)
                 lines.append(f"| {name} | {clouds}, {poses} | {' | '.join(cells)} |")
+    return [*lines, ""]
+
+
+def mpjpe_table(rows: Mapping[str, Any], figures: Mapping[str, Any]) -> list[str]:
+    """Return every row's MPJPE as a ratio to the base, ours and the published one (thesis tables 4.1 to 4.3).
+
+    Args:
+        rows: by name, the beginning of the figures' keys and the published MPJPE in mm of each set of poses.
+        figures: of the baseline.
+    """
+    lines = ["MPJPE of each row relative to the base, with the published ratio in brackets:", ""]
+    lines += [f"| row | {' | '.join(POSES)} |", "|---" * (1 + len(POSES)) + "|"]
+    base, *others = rows.values()
+    for name, row in zip([*rows][1:], others, strict=True):
+        cells = []
+        for poses, over, under in zip(POSES, row["published"], base["published"], strict=True):
+            ours = (figures[f"{key}_{poses}_mpjpe_mm"]["value"] for key in (row["key"], base["key"]))
+            cells.append(f"{next(ours) / next(ours):.3f} ({over / under:.3f})")
+        lines.append(f"| {name} | {' | '.join(cells)} |")
     return [*lines, ""]
 
 

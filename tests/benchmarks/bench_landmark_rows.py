@@ -28,7 +28,10 @@ COLUMNS = {
     **{f"pck{cm}_all": (f"pck{cm}_percent", "%", "higher") for cm in PCK_LIMITS_CM},
 }  # fmt: skip
 """Suffix of a figure's key, its unit and better direction, by its name in ``figures.json``."""
-BASES = {"democap bmse": "democap", "democap ortho": "democap"}
+BASES = {
+    "democap bmse": "democap", "democap ortho": "democap",
+    "squad thesis": "base thesis", "ortho thesis": "base thesis",
+}  # fmt: skip
 """Rows that are compared with another network than ``base``."""
 
 

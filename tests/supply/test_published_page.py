@@ -27,6 +27,7 @@ from supply.published_page import (
     Figures,
     PublishedRow,
     counts,
+    mpjpe_table,
     published_page,
     rows,
     take_table,
@@ -174,3 +175,12 @@ def test_the_page_shows_every_row_and_every_take_and_says_what_reproduced_rests_
     assert isinstance(rows()[0], PublishedRow)
     assert [line for line in take_table(runs([1.0, 2.0])) if line.startswith("| take_1 (1 seed) | 40.0 | 20.0 |")]
     assert "No take is measured yet." in take_table({"runs": {}})
+
+
+def test_every_published_landmark_row_has_its_mpjpe_beside_ours() -> None:
+    found = {name: {"value": value} for name, value in (("a_tail_mpjpe_mm", 20.0), ("b_tail_mpjpe_mm", 30.0))}
+    found |= {f"{key}_{poses}_mpjpe_mm": {"value": 10.0} for key in "ab" for poses in ("ordinary", "floor")}
+    rows = {"base": {"key": "a", "published": [4, 5, 6]}, "SQUAD": {"key": "b", "published": [3, 5, 9]}}
+    assert mpjpe_table(rows, found)[-2] == "| SQUAD | 1.000 (0.750) | 1.500 (1.000) | 1.000 (1.500) |"
+    with pytest.raises(KeyError):
+        mpjpe_table({**rows, "LERP": {"key": "c", "published": [1, 1, 1]}}, found)

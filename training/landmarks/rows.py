@@ -140,13 +140,15 @@ def named_rows(width: int, ours_width: int = 0, resolution: int = SIZE) -> dict[
     base = Row("published", width, resolution=resolution)
     rows = {"base": base, "bmse": replace(base, loss="bmse"), "ortho": replace(base, balance=ORTHO)}
     rows["ortho fading"] = replace(base, balance=FADING)
-    rows["base thesis"], rows["ortho thesis"] = (replace(rows[name], variety=THESIS) for name in ("base", "ortho"))
     rows["base js"] = replace(base, divergence="jensen-shannon")
     rows |= {name: replace(base, balance=Balance(sampler=name)) for name in (
         "random", "lerp", "slerp", "squad", "bezier", "bspline",
     )}  # fmt: skip
     rows |= {kind: replace(base, balance=Balance(relevance=kind)) for kind in ("e(R)", "σ(R)", "e(D)", "σ(D)")}
-    rows["e(D)+squad"] = replace(base, balance=Balance("e(D)", "squad"))
+    rows |= {f"{kind}+{name}": replace(base, balance=Balance(kind, name)) for kind, name in (
+        ("e(D)", "squad"), ("e(R)", "slerp"),
+    )}  # fmt: skip
+    rows |= {f"{name} thesis": replace(rows[name], variety=THESIS) for name in ("base", "squad", "ortho")}
     democap, coordinates = replace(base, network="democap"), Row("coordinates", 256)
     rows |= {"democap": democap, "democap bmse": replace(democap, loss="bmse"), "coordinates": coordinates}
     rows["democap ortho"] = replace(democap, balance=ORTHO)

@@ -24,7 +24,8 @@ from training.landmarks.train import table_of
 BY_VPOSER = "ortho by vposer"  # ``ortho`` whose rare poses VPoser tells and blends: table 4.6.
 ROWS = (
     "base", "ortho", "bmse", "squad", "slerp", "lerp", "bezier", "bspline", "random", "σ(D)", "e(D)", "σ(R)", "e(R)",
-    "e(D)+squad", "ortho fading", BY_VPOSER, "democap", "democap bmse", "democap ortho", "coordinates",
+    "e(D)+squad", "ortho fading", BY_VPOSER, "democap", "democap bmse", "democap ortho", "coordinates", "e(R)+slerp",
+    "base thesis", "squad thesis", "ortho thesis",
 )  # fmt: skip
 WIDTH, RESOLUTION, STEPS, BATCH, RATE = 8, 48, 2000, 64, 3e-3
 """Width, resolution, steps, batch size and learning rate: a quarter of the paper's width and a third of its pixels,
