@@ -148,7 +148,7 @@ def _distance_mm(points: np.ndarray, truth: np.ndarray) -> float:
 
 
 def try_case(take: MotionTake, kind: str, seed: int) -> tuple[str, str]:
-    """Return the result for a spoiled take, and a line of text about it."""
+    """Return the result for a take with faults, and a line of text about it."""
     filmed = film(take, seed)
     plain = filmed.recording
     unspoiled = Explanation(Reading.as_written(len(plain.cameras)), (), agrees=True, margin=np.inf, runner_up="")

@@ -3,7 +3,7 @@
 ``floor_``: hand-keyed clips of people who kneel, fall, roll and crawl (mesh2motion, CC0), placed on the floor z = 0.
 ``depth_95`` and ``depth_max`` are the 95th percentile and the maximum over frames of the depth of the deepest skin
 below the floor. ``slide`` is the mean movement per frame of skin that truly rests, ``joints`` the mean joint error, and
-``cpu_ratio`` the processor time relative to a solve with only foot contacts, whose figures have ``bare_``.
+``cpu_ratio`` the processor time relative to a solve with only foot contacts (``bare_``).
 ``level_deepest`` is the depth of the lowest skin without hands in half of a take's frames, in the worst take without
 skin contacts. ``true_shape_`` has the true shape, ``true_contacts_`` the true positions of the resting skin.
 ``chair_``: two clips of a person on a chair, declared as a box under the seat. ``steps_``: generated steps with exactly

@@ -1,7 +1,7 @@
 """Thesis table 6.5: SPoser as in eqs. 6.1 to 6.4, the shipped recipe, and VPoser, trained equally on a CPU.
 
 ``plain`` has neither the loss of frames between keys nor the noise of codes. Corpus, augmentation, widths, steps and
-batch are those of ``recipe``. All three have 300 steps, while the shipped weights have 6,000 (VPoser 3,000), and none
+batch are equal to ``recipe``'s. All three have 300 steps, while the shipped weights have 6,000 (VPoser 3,000), and none
 uses the fitted marker takes. They are measured on 1,052 held-out poses as in `bench autoencoders`. ``alone`` is the
 encoder alone, ``step`` adds one Gauss-Newton step (``sposer.nearer_codes``), and ``between`` has frames halfway between
 keys 0.2 s apart. Each row is one training, which is too few for a conclusion. Trainings are written to

@@ -1,13 +1,13 @@
-"""Ten benchmark captures of four cameras as other people record them, each spoiled with every one of ``KINDS``.
+"""Ten benchmark captures of four cameras with typical faults of recordings: each one with every one of ``KINDS``.
 
-Each is written as a Pose2Sim trial, read and solved without options. If a stature is requested, it is given. A capture
-that is read as the unspoiled one (triangulated within 0.1 mm) gets the same result without a solve. Solved captures are
-within 1.15 times the error of the same unspoiled frames (joints, rigidly aligned with the truth), with a world that is
-level within 5 degrees. Silent captures exceed that without a warning or refusal. If a stature was requested, the scale
-has a stated deviation, and within twice this deviation the error is measured at the truth's size. Needs the motions
-next to the repository (or MOCAP_SHARED_DATA). ``python -m tests.benchmarks.bench_spoiled [--seeds FIRST END] [--page
-PAGE] [KIND ...]`` prints every seed and records it under ``build``, so that it can run in parts. The page and ``dev.py
-bench spoiled`` use the record. ``LIES`` are also tried if they are named.
+Each is written as a Pose2Sim trial, read and solved without options. If a stature is requested, the benchmark supplies
+it. If a reading equals the original one (triangulated within 0.1 mm), it gets the same result without a solve. Solved
+captures are within 1.15 times the error of the original frames (joints, rigidly aligned with the truth), with a world
+that is level within 5 degrees. Silent captures exceed that without a warning or refusal. If a stature was requested,
+the scale has a stated deviation, and within twice this deviation the error is measured at the truth's size. Needs the
+motions next to the repository (or MOCAP_SHARED_DATA). ``python -m tests.benchmarks.bench_spoiled [--seeds FIRST END]
+[--page PAGE] [KIND ...]`` prints every seed and records it under ``build``, so that it can run in parts. The page and
+``dev.py bench spoiled`` use the record. ``LIES`` only run by name.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Found:
 
     @property
     def solved(self) -> bool:
-        """Whether the error is about that of the unspoiled capture, in a world that is level."""
+        """True if the error is similar to the original capture's, in a level world."""
         found = self.result
         sized = self.stature_given and abs(found.scale - 1) <= SCALE_SIGMAS * STATURE_SHARE
         error = found.shape_mm if sized else found.error_mm
@@ -68,7 +68,7 @@ class Found:
 
     @property
     def silent(self) -> bool:
-        """Whether the result is wrong without a warning."""
+        """True if the result is wrong without a warning."""
         return not self.solved and self.result.silent
 
 
@@ -88,7 +88,7 @@ def run() -> list[Metric]:
 
 
 def tried(kind: str, seed: int) -> Found:
-    """Spoil a seed's capture, read it, and solve it unless it is read as the unspoiled capture."""
+    """Add a fault to a seed's capture, read it, and solve it unless the reading equals the original capture's."""
     capture = film(seed)
     rng, first = np.random.default_rng(seed), FILM_FRAMES - TAKE_FRAMES
     if kind in LIES:
@@ -117,7 +117,7 @@ def tried(kind: str, seed: int) -> Found:
 
 @dataclass(frozen=True)
 class _Unspoiled:
-    """Unspoiled capture of a seed."""
+    """Capture of a seed without faults."""
 
     result: Result
     points: np.ndarray

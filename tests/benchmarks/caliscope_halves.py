@@ -1,7 +1,7 @@
 """Measure how well caliscope's board videos determine its cameras: ``python -m tests.benchmarks.caliscope_halves``.
 
-Moments are split at random, and cameras of both halves are compared after a similarity: from the board, and with every
-corner as a separate point, as caliscope adjusts. The deviation of a solution from all moments is half that of halves.
+Times are split at random, and cameras of both halves are compared after a similarity: from the board, and with every
+corner as a separate point, as caliscope adjusts. The deviation of a solution from all times is half as large.
 """
 
 from __future__ import annotations

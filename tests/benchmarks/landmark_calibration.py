@@ -1,9 +1,9 @@
-"""How sharp the point network's label scores may be, and how common "no marker" is, on recorded takes.
+"""Temperature of the point network's label scores, and the frequency of "no marker", on recorded takes.
 
-Cross-entropy of single frames over temperatures and amounts taken off the ghosts' score, on takes of UI-PRMD's subjects
-1 to 6 and of nimble's Subject4, plain and with 5 markers missing and 3 ghosts: none of the takes that ``bench
-landmarks_net`` labels. ``python -m tests.benchmarks.landmark_calibration`` prints the table for the weights that ship,
-which are calibrated already: the least stands near 1 and 0 then.
+``python -m tests.benchmarks.landmark_calibration`` prints the cross-entropy of single frames by temperature and by the
+amount subtracted from the ghosts' score. The takes are UI-PRMD's subjects 1 to 6 and nimble's Subject4, unchanged and
+with 5 missing markers and 3 ghosts. ``bench landmarks_net`` labels none of them. The shipped weights are already
+calibrated, so the minimum is near 1 and 0.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""``live stream TAKE --repeat --record`` for minutes: latency, CPU time a pose and memory, minute by minute.
+"""``live stream TAKE --repeat --record`` for minutes: latency, CPU time per pose and memory, for each minute.
 
-``python -m tests.benchmarks.long_live --minutes 10`` replays the embedded take of markers at 120 frames a second,
-writes lines and a recording as the verb does, and compares the last minute with the first. On a busy machine the
-latency shows how busy it is; the CPU time of a pose does not. Linux alone: memory is read from /proc.
+``python -m tests.benchmarks.long_live --minutes 10`` replays the embedded marker take at 120 frames per second, writes
+lines and a recording as the verb does, and compares the last minute with the first. Other load on the machine affects
+the latency but not the CPU time per pose. This runs only on Linux, because memory is read from /proc.
 """
 
 from __future__ import annotations

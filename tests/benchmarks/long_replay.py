@@ -1,9 +1,9 @@
-"""Replay of sensors on and on, as fast as it goes, with the resident memory of every process told over time.
+"""Replay sensors continuously at maximum speed, and print the resident memory of every process over time.
 
-``python -m tests.benchmarks.long_replay FOLDER --frames 216000`` (an hour at 60 frames a second) runs acquisition,
-fusion, tracks and the live fit of ``sensors live --poses`` on a recording that begins again after its end;
-``sensors copy`` makes one of a studio's shot, whose frames are read from the page cache then. It ends with the growth
-from the first tenth, in which caches fill, to the last. Linux alone: memory is read from /proc.
+``python -m tests.benchmarks.long_replay FOLDER --frames 216000`` (one hour at 60 frames per second) runs acquisition,
+fusion, tracks and the live fit of ``sensors live --poses`` on a recording that repeats. ``sensors copy`` makes one from
+a studio's shot, with its frames then in the page cache. The result is the memory growth from the first tenth, in the
+course of which caches fill, to the last. This runs only on Linux, because memory is read from /proc.
 """
 
 from __future__ import annotations

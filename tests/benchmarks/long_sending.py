@@ -1,7 +1,8 @@
-"""A motion sent to a receiver of this machine for minutes: packets lost, CPU time a frame, growth of memory.
+"""Send a motion to a receiver on this machine for minutes: lost packets, CPU time per frame, growth of memory.
 
-``python -m tests.benchmarks.long_sending --minutes 10`` replays a motion at 60 frames a second again and again, sends
-it by the VMC protocol, and counts what another process receives. Linux alone: memory is read from /proc.
+``python -m tests.benchmarks.long_sending --minutes 10`` replays a motion at 60 frames per second repeatedly, sends it
+by the VMC protocol, and counts the packets that another process receives. This runs only on Linux, because memory is
+read from /proc.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Five motions by one camera, to look at: ``python -m tests.benchmarks.one_view_sheets --out FOLDER``.
+"""Render five motions solved from one camera: ``python -m tests.benchmarks.one_view_sheets --out FOLDER``.
 
-A walk towards the camera, a turn, a squat, sitting down and standing up, and getting up from lying. Each is filmed by a
-simulated detector, solved from the first camera, and drawn beside the truth: from the camera above, from its right side
-(the camera is on the left) below; truth grey, solved orange, the floor as a line. Titles are printed with the mean
-distance of 12 limb joints after the best similarity and about the hips.
+The motions are a walk towards the camera, a rotation, a squat, sitting down and standing up, and rising from the floor.
+Each is seen by a simulated detector and solved from the first camera. The picture shows it from the camera (above) and
+from its right side (below, with the camera on the left). The truth is grey, the solve orange, the floor a line. Titles
+have the mean distance of 12 limb joints, after the best similarity and relative to the hips.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ class Method:
 
     @property
     def known(self) -> bool:
-        """Whether every changed setting exists."""
+        """True if every changed setting exists."""
         return {key for key, _ in self.changes} <= {f.name for f in fields(self._settings)}
 
     @property

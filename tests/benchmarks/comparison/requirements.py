@@ -25,7 +25,7 @@ class Requirement:
 
     @property
     def met(self) -> bool:
-        """Whether the figure is within the bounds."""
+        """True if the figure is within the bounds."""
         return self.low <= self.value <= self.high
 
     def line(self) -> str:

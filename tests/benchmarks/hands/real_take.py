@@ -1,8 +1,10 @@
-"""A real take with hands: how many are found, how steady and how near they are, and a sheet to look at.
+"""Evaluate a real take with hands: detection rate, steadiness and reprojection error, with an optional picture.
 
-``python -m tests.benchmarks.hands.real_take CAPTURE [--sheet SHEET.png]``, the capture from ``hands find`` with its
-footage. For each side: the share of the frames in which two views can see the hand (in the picture, half of it beside
-the body) and do find it, steps of the middle joints, pixels between the solved hand and the detections.
+``python -m tests.benchmarks.hands.real_take CAPTURE [--sheet SHEET.png]`` evaluates a capture of ``hands find`` with
+its footage. For each side, it prints the share of frames with the hand detected in two views, among all frames and
+among those with the hand visible in two views. A hand is visible if it is inside the picture and at least half of it is
+not hidden. The program also prints the steps of the middle joints, and the distance in pixels between the solved hand
+and the detections.
 """
 
 from __future__ import annotations

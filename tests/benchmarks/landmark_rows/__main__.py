@@ -1,10 +1,10 @@
-"""Tables 4.1 to 4.6 and a picture of the tail, of rows that were trained: each is a folder that ``--work`` was given.
+r"""Write tables 4.1 to 4.6 and a picture of the largest errors for trained rows. Each is a folder given as ``--work``.
 
     python -m tests.benchmarks.landmark_rows --out OUT [--poses landmark_poses.npz --pictured base "ortho fading"] \
         base=trained/base_1 "ortho fading=trained/fading_1" ...
 
-The first row is the base of all ratios. ``tables.md`` goes to OUT; with the poses also ``tail.png``, of the rows
-pictured and of the network that ships.
+The first row is the base of all ratios. The program writes ``tables.md`` to OUT. With poses, it also writes
+``tail.png`` with the pictured rows and the shipped network.
 """
 
 from __future__ import annotations

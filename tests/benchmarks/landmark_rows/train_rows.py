@@ -1,9 +1,9 @@
-"""Trains the rows of chapter 4 that build/landmark_rows lacks, for `bench landmark_rows`.
+"""Train the rows of chapter 4 that build/landmark_rows lacks, for `bench landmark_rows`.
 
     python -m tests.benchmarks.landmark_rows.train_rows --data DATA [--device cuda] [--rows ROW ...] [--seeds 1 2 3]
 
-A row that was broken off goes on from its checkpoint. On an H100 a row of 2,000 steps takes 35 to 75 s, with two at a
-time; a network that sees one view where the others see two (``democap``) has twice the steps.
+An interrupted row continues from its checkpoint. On an H100, a row of 2,000 steps takes 35 to 75 s, with two at a time.
+A network with one view instead of two (``democap``) has twice as many steps.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Trains one network on a narrow and on a varied source of as many poses, for `bench landmark_sources`.
+"""Train a network on a narrow and on a varied source with equal numbers of poses, for `bench landmark_sources`.
 
     python -m tests.benchmarks.landmark_rows.train_sources --data DATA [--device cuda] [--seeds 1 2 3] [--steps 500]
 
-Tables 1 and 7 of the paper compare recordings of two people (CNRS) with those of many. Here: the walks, runs and jumps
-of CMU's subjects 16 and 35 against as many distinct poses of all its subjects. The network on coordinates, as it trains
-in a minute of a processor; what was broken off goes on from its checkpoint.
+Tables 1 and 7 of the paper compare recordings of two people (CNRS) with recordings of many. Here, the walks, runs and
+jumps of CMU's subjects 16 and 35 are compared with as many distinct poses of all its subjects. The network on
+coordinates trains in a minute of processor time. An interrupted training continues from its checkpoint.
 """
 
 from __future__ import annotations

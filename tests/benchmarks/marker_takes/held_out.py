@@ -71,7 +71,7 @@ def better_by_gap(one: np.ndarray, other: np.ndarray, judged: np.ndarray) -> np.
 
 
 def pooled(found: list[HeldOut]) -> HeldOut:
-    """Return the distances of several takes as one."""
+    """Concatenate the distances of several takes."""
     names = [field.name for field in fields(HeldOut)]
     return HeldOut(*(np.concatenate([getattr(item, name) for item in found]) for name in names))
 

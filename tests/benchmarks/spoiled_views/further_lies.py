@@ -33,7 +33,7 @@ def sorted_as_text(recording: Recording) -> Recording:
 
 
 def poster(recording: Recording, camera: int) -> Recording:
-    """Return the recording in which one camera detects a picture on the wall for a third of the take."""
+    """Return the recording of one camera that detects a picture on the wall for a third of the take."""
     xy, confidence = recording.xy.copy(), recording.confidence.copy()
     third = slice(xy.shape[1] // 3, 2 * xy.shape[1] // 3)
     xy[camera, third], confidence[camera, third] = xy[camera, :1] + POSTER_PX, POSTER_CONFIDENCE

@@ -44,9 +44,9 @@ class Lie:
     fps: float = FPS
     """Frame rate in its configuration. The true rate is ``FPS``."""
     of_time: bool = False
-    """Whether only times are wrong. Poses compared with the truth frame by frame do not show this."""
+    """True if only times are wrong. Poses compared with the truth frame by frame do not show this."""
     of_size: bool = False
-    """Whether only the size is wrong, and is still plausible for a person."""
+    """True if only the size is wrong, and is still plausible for a person."""
     words: tuple[str, ...] = ()
     """Words that are added to the command."""
     order: tuple[int, ...] | None = None
@@ -69,9 +69,9 @@ class Found:
     says: str = ""
     """First sentence of the first warning, or the error's message."""
     length_stated: bool = False
-    """Whether console, report and JSON state the take's length, its rate, and the rate's origin."""
+    """True if console, report and JSON state the take's length, its rate, and the rate's origin."""
     size_stated: bool = False
-    """Whether console, report and JSON state the person's height."""
+    """True if console, report and JSON state the person's height."""
 
 
 def _known(name: str) -> Spoil:

@@ -52,7 +52,7 @@ class MotionTake:
     start: int = 60
     """First frame of the clip at 60 Hz."""
     standing: bool = False
-    """Whether the person holds the first pose and sways."""
+    """True if the person holds the first pose and sways."""
     company: str = ""
     """Clip of a second person, 1.3 m to the side."""
 

@@ -16,7 +16,7 @@ ALIKE_MM, ALIKE_SCALE, ALIKE_DEG = 0.1, 1e-4, 0.2
 
 @dataclass(frozen=True)
 class Difference:
-    """Difference between the person of one reading and that of another."""
+    """Difference between the persons of two readings."""
 
     off_mm: float  # Mean distance of points after a similarity.
     scale: float  # Of the other against this one.
@@ -24,7 +24,7 @@ class Difference:
 
     @property
     def alike(self) -> bool:
-        """Whether the two readings are equal."""
+        """True if the two readings are equal."""
         return self.off_mm < ALIKE_MM and abs(self.scale - 1) < ALIKE_SCALE and self.tilt_deg < ALIKE_DEG
 
 

@@ -44,7 +44,7 @@ class Result:
 
     @property
     def silent(self) -> bool:
-        """Whether there is a result without a warning."""
+        """True if there is a result without a warning."""
         return not self.warnings and not self.refused
 
 
