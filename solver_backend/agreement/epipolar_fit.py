@@ -141,7 +141,7 @@ class ComparedViews:
             changed += [focal * epipolar_distances(poses[i], pose, a, 1.0, b, 1.0) for pose in moved[j]]
             columns = [0, *range(1 + 3 * i, 4 + 3 * i), *range(1 + 3 * j, 4 + 3 * j)]
             slopes = (np.stack(changed, axis=-1) - off[:, None]) / _STEP
-            known = np.isfinite(off) & np.isfinite(slopes).all(-1)  # cameras in one place have no epipolar lines
+            known = np.isfinite(off) & np.isfinite(slopes).all(-1)  # cameras at one position have no epipolar lines
             yield columns, off[known], slopes[known], np.nonzero(both)[1][known]
 
     @cached_property

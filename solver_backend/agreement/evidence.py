@@ -403,7 +403,7 @@ def epipolar_distances(
     t = t_b - R @ t_a
     length = np.linalg.norm(t)
     if length <= 1e-6 * max(float(np.linalg.norm(t_a)), float(np.linalg.norm(t_b)), 1e-9):
-        return np.full(np.broadcast_shapes(rays_a.shape, rays_b.shape)[:-1], np.nan)  # both cameras are in one place
+        return np.full(np.broadcast_shapes(rays_a.shape, rays_b.shape)[:-1], np.nan)  # both cameras are at one position
     E = skew(t / length) @ R
     line_b, line_a = rays_a @ E.T, rays_b @ E
     square_a, square_b = (line[..., 0] ** 2 + line[..., 1] ** 2 for line in (line_a, line_b))

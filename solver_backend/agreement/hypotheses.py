@@ -128,7 +128,7 @@ def cost_of(reading: Reading, constraints: float) -> float:
     """
     views = len(reading.pictures)
     common, sides = reading.common()
-    alone = sides and not common.mirrored  # in mirrored pictures a detector finds the other sides
+    alone = sides and not common.mirrored  # in mirrored images a detector swaps the sides
     cost = np.log(8) * ((reading.pose != POSES[0]) + reading.graphics) + np.log(SIDES_ODDS) * alone
     cost += _picture_cost(common, PLAIN, constraints)
     for picture, exchanged in zip(reading.pictures, reading.sides, strict=True):

@@ -152,7 +152,7 @@ def _over_time(a: np.ndarray, b: np.ndarray, step_px: np.ndarray) -> np.ndarray:
     same, other = _compared((cost(a, a), cost(b, b)), (cost(a, b), cost(b, a)))
     result = np.zeros((*a.shape[:2], 2, 2))
     result[:, 1:, 0, 0] = result[:, 1:, 1, 1] = same
-    result[:, 1:, 0, 1] = result[:, 1:, 1, 0] = other + BOUND  # an exchange begins or ends
+    result[:, 1:, 0, 1] = result[:, 1:, 1, 0] = other + BOUND  # a swap begins or ends
     return result
 
 

@@ -311,7 +311,7 @@ def _followed(xy: np.ndarray, confidence: np.ndarray, size: np.ndarray, gone: fl
         apart = float(np.median(np.linalg.norm(xy[one][both] - xy[other][both], axis=-1))) if both.any() else np.inf
         return apart / max(float(size[one]), float(size[other]), 1e-6)
 
-    for frame in range(len(xy)):  # a picture follows from the one before
+    for frame in range(len(xy)):  # an image depends on the previous one
         free = np.flatnonzero(present[frame]).tolist()
         living = [track for track in tracks if frame - track[-1][0] <= gone]
         pairs = sorted((distance(track[-1], (frame, row)), n, row) for n, track in enumerate(living) for row in free)

@@ -126,8 +126,8 @@ class PictureReading:
     """Difference between a camera's recorded images and the calibrated ones."""
 
     size: float = 1.0  # Size relative to the calibrated images.
-    turn: int = 0  # Quarter turns, clockwise.
-    mirrored: bool = False  # x runs from right to left after the turn.
+    turn: int = 0  # Clockwise rotations by 90 degrees.
+    mirrored: bool = False  # x runs from right to left after the rotation.
     window: Window = AS_CALIBRATED  # Crop of the calibrated image.
 
     @property

@@ -34,7 +34,7 @@ class FoundPictures:
     """Rotation or size of a single view's images for which the person is upright and has a usual stature."""
 
     picture: PictureReading
-    shown_by: str  # Evidence: the person is 'outside' the image, stands 'alone' in one rotation, or walks 'level'.
+    shown_by: str  # Evidence: the person is 'outside' the image, is upright 'alone' in one rotation, or walks 'level'.
     outside: float  # Share of the keypoints outside the recorded image.
     rival: str = ""  # Alternative explanation, as text. Empty if there is none.
 

@@ -311,7 +311,7 @@ class _Rays:
                     gain = noise.log_density(then) - noise.log_density(now)
                     both = np.isfinite(gain)
                     mean = np.where(both, gain, 0.0).sum(-1) / np.maximum(both.sum(-1), 1)
-                    gains.append(np.where(both.any(-1), mean, np.nan))  # what is not compared says nothing
+                    gains.append(np.where(both.any(-1), mean, np.nan))  # no value without a comparison
             moved = np.abs(late[view]) >= TESTED_FRAMES  # A drift begins with no delay.
             table = np.stack(gains)[:, moved]
             blocks = np.array_split(table[:, np.isfinite(table).any(axis=0)], BLOCKS, axis=1)

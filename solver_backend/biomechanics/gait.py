@@ -42,7 +42,7 @@ class Stride:
     strike_s: float
     off_s: float
     next_s: float
-    length_m: float  # Horizontal distance of the heel's two places, NaN on a treadmill.
+    length_m: float  # Horizontal distance between the heel's two contacts, NaN on a treadmill.
 
     @property
     def time_s(self) -> float:
@@ -207,7 +207,7 @@ def mean_cycles(angles: Angles, gait: Gait, fps: float) -> dict[str, Float[np.nd
         if cycles:
             curves = np.array([np.interp(s.strike_s + share * s.time_s, times, angles.degrees[:, k]) for s in cycles])
             apart = curves.mean(axis=1, keepdims=True) - curves[:1].mean()
-            curves = curves - 360.0 * np.round(apart / 360.0)  # An arm that circles gains a whole turn each time.
+            curves = curves - 360.0 * np.round(apart / 360.0)  # Each circle of an arm adds 360 degrees.
             spread = np.std(curves, axis=0, ddof=1) if len(curves) > 1 else np.full(CYCLE_POINTS, np.nan)
             found[name] = np.stack([np.mean(curves, axis=0), spread], axis=-1)
     return found

@@ -65,7 +65,7 @@ def _rotation(turns: np.ndarray, axes: Sequence[np.ndarray]) -> np.ndarray:
 class JointRule:
     """Rule that makes named angles from the rotation of a segment."""
 
-    names: tuple[str, ...]  # Of up to three angles, "" for one that is not reported.
+    names: tuple[str, ...]  # Names of up to three angles, "" for one that is not reported.
     axes: Sequence[np.ndarray] = FLEXION
     signs: tuple[float, float, float] = (1.0, 1.0, 1.0)
 

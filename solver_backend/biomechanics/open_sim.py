@@ -64,7 +64,7 @@ class Coordinates:
     """N coordinates in F frames."""
 
     names: tuple[str, ...]
-    values: np.ndarray  # (F, N) degrees, and metres of the pelvis' place.
+    values: np.ndarray  # (F, N) degrees, and metres for the pelvis's position.
 
 
 def coordinates(posed: PosedSegments) -> Coordinates:

@@ -137,7 +137,7 @@ def anatomical_frames(
         worn: (3,) offset in the rest frame from the body's landmark to the person's, in metres, by location.
     """
     right, up, forward = -np.eye(3)[0], np.eye(3)[1], np.eye(3)[2]
-    if "SACR" in worn:  # It lies between the posterior spines.
+    if "SACR" in worn:  # It is between the posterior spines.
         worn = {"LBWT": worn["SACR"], "RBWT": worn["SACR"], **worn}
     if not worn.keys() >= set(_PELVIS_PLACES):  # A plane that moves at one edge alone would tilt.
         worn = {place: offset for place, offset in worn.items() if place not in _PELVIS_PLACES}
@@ -210,7 +210,7 @@ class PosedSegments:
     rotations: dict[str, np.ndarray]  # (F, 3, 3) of each segment's axes in the ground, Y up.
     joints: dict[str, np.ndarray]  # (F, 3) metres, joint centres in the world, Z up.
     ground: np.ndarray  # (3, 3) from the world to the ground, which the person faces along x within 45 degrees.
-    above: dict[str, np.ndarray]  # (3, 3) axes of the segment above in its joint's frame, for deviations.
+    above: dict[str, np.ndarray]  # (3, 3) axes of the parent segment in its joint's frame, for deviations.
 
     @property
     def turned_deg(self) -> int:

@@ -34,7 +34,7 @@ def _places() -> dict[str, tuple[int, int, float]]:
 
 
 PLACES = _places()  # By label.
-_LABEL = re.compile(rf"(left|right|l|r)[ _\-.:]?({'|'.join(PLACES)})", re.IGNORECASE)  # A side and a place.
+_LABEL = re.compile(rf"(left|right|l|r)[ _\-.:]?({'|'.join(PLACES)})", re.IGNORECASE)  # A side and a location.
 
 
 def hand_place(label: str) -> tuple[int, str] | None:

@@ -34,7 +34,7 @@ def posture_excess_deg(local: Array) -> Array:
         parts = [local[start : start + _POSES] for start in range(0, local.shape[0], _POSES)]
         return xp.concat([posture_excess_deg(part) for part in parts])
     angles = swing_and_twist(local) * (180.0 / np.pi)
-    shin = -local[..., :, 1]  # the swing alone moves it: twists are about the bone
+    shin = -local[..., :, 1]  # only the swing moves it, as twists are about the bone
     flexion = xp.atan2(-shin[..., 2], -shin[..., 1]) * (180.0 / np.pi)
     flexion = xp.where(flexion < -135.0, flexion + 360.0, flexion)
     sideways = xp.asin(xp.clip(shin[..., 0], -1.0, 1.0)) * (180.0 / np.pi)

@@ -42,12 +42,12 @@ class LayoutFile:
     kinds: dict[str, tuple[float, float]]  # Spread of each kind of location off the skin and along it, metres.
     midline: dict[str, dict[str, Any]]  # Rule of each midline location.
     sided: dict[str, dict[str, Any]]  # Rule of each location on the left side, by its name without L.
-    aliases: dict[str, str]  # Place by each other name, written as ``label_key`` writes it.
-    names: dict[str, str]  # Place by every name, its own included.
+    aliases: dict[str, str]  # Location by each alternative name, in the form of ``label_key``.
+    names: dict[str, str]  # Location by every name, including its own.
     virtual: re.Pattern[str]  # Names of points that a program computed: joint centres, axes of segments.
     layouts: dict[str, tuple[str, ...]]  # Marker names of each layout.
     label_sets: dict[str, tuple[str, ...]]  # Labels of other systems' layouts, as their files write them.
-    words: LabelWords  # Words of several languages, and the places that they name.
+    words: LabelWords  # Words of several languages with their locations.
     families: dict[str, Family]  # Names of systems by the system.
 
     @cached_property

@@ -175,7 +175,7 @@ _UNNAMED = re.compile(
     rf"(\*\d*|#\d*|u_?\d+|new ?\d{{4}}|[*#]?{_WORDS}[\s:_*#.-]*((marker|point|trajectory)[\s:_*#.-]*)?\d*)( \(\d+\))?",
     re.IGNORECASE,
 )
-LEAST_MARKERS = 8  # Fewer do not determine a person: six place a body, and some may be hidden.
+LEAST_MARKERS = 8  # Fewer do not determine a person: a body needs six, and some may be hidden.
 LEAST_LIMB_MARKERS = 6  # The same for one arm or leg. A leg of Plug-in Gait has six markers.
 LEAST_NETWORK_PLACES = 20  # Fewest markers that the labelling network must name. Fewer points are not labelled.
 

@@ -59,7 +59,7 @@ class Block:
 
     name: str
     size: int
-    joints: tuple[int, ...] = ()  # Columns of the pose that the block's rotation vectors turn, three numbers each.
+    joints: tuple[int, ...] = ()  # Columns of the pose that the block's rotation vectors rotate, three numbers each.
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from solver_backend.types import Cameras
 
 FACTORS = (1.0, 1 / 4, 1 / 3, 3 / 8, 1 / 2, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 2.0, 8 / 3, 3.0, 4.0)
 """Ratios of recorded to calibrated image sizes: between 480, 540, 720, 1080, 1440 and 2160 lines."""
-TURNS = (0, 1, 2, 3)  # Quarter turns of the recorded images, clockwise.
+TURNS = (0, 1, 2, 3)  # Clockwise rotations by 90 degrees of the recorded images.
 POSES = ("world to camera", "transposed", "camera to world", "places")
 """Meanings of a file's rotation R and vector t: ``x_cam = R x + t`` as in OpenCV, ``x_cam = Rᵀ x + t`` as with MATLAB's
 row vectors, ``x = R x_cam + t`` and ``x_cam = R (x - t)``."""
@@ -35,11 +35,11 @@ AS_CALIBRATED: Window = (1.0, 0.0, 0.0)
 class CameraCorrection:
     """One interpretation of a calibration. The default changes nothing."""
 
-    factor: float = 1.0  # Size of the recorded pictures over that of the calibrated ones.
-    turn: int = 0  # Quarter turns, clockwise, from the calibrated pictures to the recorded ones.
+    factor: float = 1.0  # Size of the recorded images relative to the calibrated ones.
+    turn: int = 0  # Clockwise rotations by 90 degrees from the calibrated to the recorded images.
     pose: str = POSES[0]  # One of ``POSES``.
     graphics: bool = False  # Camera axes are those of OpenGL and Blender.
-    window: Window = AS_CALIBRATED  # The part of the calibrated pictures that is recorded, before the size counts.
+    window: Window = AS_CALIBRATED  # Part of the calibrated images that is recorded, before scaling.
 
     @property
     def changes(self) -> int:

@@ -61,7 +61,7 @@ def _loose(sigma: np.ndarray, resting: np.ndarray | None) -> np.ndarray:
 def _far(normalised: np.ndarray) -> np.ndarray:
     """Return an (F,) mask of the frames with a median residual far above the take's median."""
     frames = normalised.shape[1]
-    ordered = np.sort(normalised.swapaxes(0, 1).reshape(frames, -1), axis=1)  # what is missing comes last
+    ordered = np.sort(normalised.swapaxes(0, 1).reshape(frames, -1), axis=1)  # missing values come last
     count = np.isfinite(ordered).sum(axis=1)
     row, least = np.arange(frames), np.maximum(count, 1)
     per_frame = 0.5 * (ordered[row, (least - 1) // 2] + ordered[row, least // 2])

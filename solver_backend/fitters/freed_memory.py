@@ -8,7 +8,7 @@ from functools import cache
 from typing import Any
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # Names of glibc's settings (malloc.h).
-KEPT_BYTES, LARGEST_KEPT_BYTES = 2**31 - 1, 2**30  # Kept at the end of the heap, and the largest array that lies there.
+KEPT_BYTES, LARGEST_KEPT_BYTES = 2**31 - 1, 2**30  # Kept at the end of the heap, and size of the largest array in it.
 
 
 def keep_freed_memory() -> None:

@@ -54,7 +54,7 @@ def needs_labels(cloud: MarkerCloud) -> bool:
     if len(names.known) < least_markers(names.known.values()):
         return True
     if len(names.unknown) >= LEAST_MARKERS:
-        return False  # somebody named them, in words of their own: the solve finds their bones
+        return False  # the user named them with other words: the solve finds their bones
     seen = np.isfinite(cloud.positions).all(-1).sum(0)
     nameless = [is_unnamed(label) for label in cloud.labels]
     return int(seen[nameless].sum()) >= int(seen[~np.array(nameless)].sum())

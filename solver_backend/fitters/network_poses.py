@@ -27,8 +27,8 @@ from solver_backend.types.network_result import NetworkResult, StartingResult
 
 ALIKE_S = 0.03  # Frames within this time count as one. Chosen on takes of subjects 08 and 60.
 LEAST_SIGMA_M = 0.01  # Smallest deviation of a network's point per axis, because body shapes differ.
-LEAST_FRAMES, LEAST_COVERED = 5, 0.3  # Fewest frames of a result that fit the take, and their least share of it.
-LEAST_POINTS = 6  # Fewest points to place a frame's result in front of the camera.
+LEAST_FRAMES, LEAST_COVERED = 5, 0.3  # Fewest frames of a result that fit the take, and their smallest share of it.
+LEAST_POINTS = 6  # Fewest points to position a frame's result in front of the camera.
 FITS_M, CHANCE = 0.12, 0.7
 """Largest distance of points from their rays for a match in metres, or relative to the distance in other alignments."""
 DOUBTED = 1.5

@@ -44,7 +44,7 @@ class OwnPoints(Layer):
 
     cameras: Cameras
     keypoints: Keypoints2D
-    points: np.ndarray  # (F, K + N, 3) metres, NaN where a point was not located.
+    points: np.ndarray  # (F, K + N, 3) metres, NaN where a point was not triangulated.
     covariance: np.ndarray  # (F, K + N, 3, 3) m².
     sigma_px: np.ndarray  # (C, F, K + N) standard deviation of each detection.
 

@@ -233,7 +233,7 @@ def _between(R: np.ndarray, t: np.ndarray, posed: np.ndarray) -> tuple[np.ndarra
 
 LAG_S, AROUND_S, USUAL_S = 0.1, 1.0, 0.1
 """Seconds: lag of accelerations, averaging window of the unrest, and weight of the take's mean."""
-LEAST_SHARE, LEAST_M, LEAST_RAD = 0.02, 2e-4, 2e-3  # Least unrest relative to the take's, and of a still prop.
+LEAST_SHARE, LEAST_M, LEAST_RAD = 0.02, 2e-4, 2e-3  # Smallest unrest relative to the take's, and of a still prop.
 
 
 def unrest_of(start: PropStart, fps: float) -> np.ndarray:

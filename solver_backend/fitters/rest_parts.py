@@ -74,7 +74,7 @@ class Stance:
     """Stance of a person, derived from the pelvis. All arrays are (F,)."""
 
     lean: np.ndarray  # Degrees between the pelvis axis and the vertical.
-    walking: np.ndarray  # From 0 (staying in place) to 1 (walking).
+    walking: np.ndarray  # From 0 (in place) to 1 (walking).
     low: np.ndarray  # From 0 (standing) to 1 (sitting, squatting, kneeling or lying).
 
 
@@ -178,7 +178,7 @@ def assumed_joints(body: Body, landmarks: Landmarks, offsets: np.ndarray, locate
     anchors, joints = landmarks.anchors.sum(axis=1), body.joints_template[:, None]
     away = np.linalg.norm(joints - (anchors + offsets)[ever], axis=-1).min(axis=1)
     named = ever & np.array([not name.startswith(ON_BONE) for name in landmarks.names])
-    if named.any():  # places of names do not depend on how large the person is
+    if named.any():  # named locations do not depend on the size of the person
         away = np.minimum(away, np.linalg.norm(joints - anchors[named], axis=-1).min(axis=1))
     near = {j for j, name in enumerate(names) if away[j] < (NEAR_HIP_M if name.endswith("hip") else NEAR_M)}
     core = any(names[j] in CORE for j in near)

@@ -44,15 +44,15 @@ class SkinContacts:
 
     landmarks: Landmarks  # The person's L landmarks, then the S points.
     parts: np.ndarray  # (S,) number of each point's part in ``CONTACT_PARTS``.
-    solid: np.ndarray  # (F, S) bool: the point stays outside of the nearest surface.
-    held: np.ndarray  # (F, S) bool: the point is held in place.
+    solid: np.ndarray  # (F, S) bool: the point must be outside of the nearest surface.
+    held: np.ndarray  # (F, S) bool: the point is fixed.
     added: np.ndarray  # (F, S) bool: held because of a contact that the user added.
     anchors: np.ndarray  # (F, S, 3) metres: position at which it is held.
     normals: np.ndarray  # (F, S, 3) unit normal of the nearest surface.
     offsets: np.ndarray  # (F, S) metres: ``n·x`` of the surface there.
-    afloat: np.ndarray  # (F,) bool: added contacts are held in place, because no floor or object is near.
+    afloat: np.ndarray  # (F,) bool: added contacts are fixed, because no floor or object is near.
     lowest: np.ndarray  # (F,) height of the lowest skin in metres. Hands below the floor are ignored.
-    works: np.ndarray  # (F, 11) bool: parts with skin that is held, or that a surface moves by more than ``DEEP_M``.
+    works: np.ndarray  # (F, 11) bool: parts with fixed skin, or that a surface moves by more than ``DEEP_M``.
     lost_floor: bool  # The person is on another floor than z = 0 in all frames.
 
     @property

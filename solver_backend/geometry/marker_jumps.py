@@ -6,7 +6,7 @@ import numpy as np
 
 from solver_backend.geometry.arrays import quantile, true_runs
 
-NEIGHBOURS = 6  # Neighbouring markers, which move nearly alike.
+NEIGHBOURS = 6  # Neighbouring markers, which move similarly.
 NEAREST = 2  # Number of the nearest ones, mostly on the same bone. Distances to others change over gaps.
 JUMP_M = 0.025  # A marker jumps if it leaves its neighbours by this distance more in one frame than before and after.
 GAP_JUMP_M = 0.06  # It also jumps if its distance from them changes this much over a gap.

@@ -26,7 +26,7 @@ BONES: tuple[tuple[str, str], ...] = (
 )  # fmt: skip
 """Joints at both ends of each capsule's axis."""
 _INNER = 0.1  # Share of a bone's skin inside its capsule, so that capsules stay within the body.
-_APART = 3  # Joints between two compared bones, at least: an upper arm leans on the chest it grows from.
+_APART = 3  # Fewest joints between two compared bones: an upper arm touches the chest it grows from.
 _AT_A_TIME = 2000  # Poses to process at a time, which bounds memory.
 
 

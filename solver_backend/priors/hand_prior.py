@@ -25,8 +25,8 @@ class HandPrior:
 
     mean: Float[np.ndarray, " a"]  # (A,) μ: a relaxed hand.
     covariance: Float[np.ndarray, "a a"]  # (A, A) Σ.
-    low: Float[np.ndarray, " a"]  # (A,) end of the range.
-    high: Float[np.ndarray, " a"]  # (A,) end of the range.
+    low: Float[np.ndarray, " a"]  # (A,) lower ends of the ranges.
+    high: Float[np.ndarray, " a"]  # (A,) upper ends of the ranges.
     precision: Float[np.ndarray, "a a"]  # (A, A) Σ⁻¹.
 
     @classmethod

@@ -35,7 +35,7 @@ class Lifted:
     z: Array  # (F, 32) unit zero-mean codes of SPoser.
     root: Array  # (F, 3, 3) body to world.
     pelvis: Array  # (F, 3) metres.
-    betas: Array  # (F, 10) shape by each frame alone.
+    betas: Array  # (F, 10) shape from each frame alone.
     usable: Array  # (F,) bool: shoulders and hips are known.
 
 
@@ -44,7 +44,7 @@ class TrunkFrame:
     """Trunk frames of F people: ``x_world = R x + origin``."""
 
     R: Array  # (F, 3, 3): x to the person's left, y up the spine, z to the front.
-    origin: Array  # (F, 3) middle of shoulders and hips, metres.
+    origin: Array  # (F, 3) centre of shoulders and hips, metres.
     valid: Array  # (F,) bool.
 
 
@@ -84,7 +84,7 @@ class Lifter:
     """Network and its metadata."""
 
     stack: DenseStack
-    metadata: dict[str, Any]  # Training command, data, figures.
+    metadata: dict[str, Any]  # Training command, data and evaluation.
 
     def __call__(self, points: Array, seen: Array, names: tuple[str, ...]) -> Lifted:
         """Return the start of a fit to named, finite world points (F, L, 3) in metres, with a mask of seen ones."""

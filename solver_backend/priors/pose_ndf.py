@@ -255,9 +255,9 @@ class ProjectionSettings:
     """Gradient descent to the manifold (Tiwari et al. 2022, eqs. 5 and 6)."""
 
     steps: int = 60
-    step_size: float = 0.3  # The factor α at first: one would leave a field that is a distance in one step.
-    reach: float = 0.9  # Largest movement of a pose by its first distance. The mean pose is farther on.
-    level: float = 0.0  # Distance on the manifold, rad. At ``RECORDED_RAD`` recorded poses stay.
+    step_size: float = 0.3  # Initial factor α. 1 would reach zero in one step if the field is a distance.
+    reach: float = 0.9  # Largest movement relative to the first distance. The mean pose is farther.
+    level: float = 0.0  # Distance on the manifold, rad. At ``RECORDED_RAD`` recorded poses are unchanged.
 
 
 class PoseNDF(PosePrior):

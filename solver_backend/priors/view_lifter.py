@@ -115,7 +115,7 @@ class LookAt:
     """Rotation and scale of N windows."""
 
     R: Array  # (N, 3, 3) camera to a camera that looks at the person.
-    size: Array  # (N,) root mean square angle of the points about the person's middle, in focal lengths.
+    size: Array  # (N,) root mean square angle of the points around the person's centre, in focal lengths.
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ class ViewLifter:
 
     arrays: Arrays  # Weights, float32, by the names of the trained module's parameters.
     heads: int
-    metadata: dict[str, Any]  # Training command, data, figures.
+    metadata: dict[str, Any]  # Training command, data and evaluation.
 
     @property
     def layers(self) -> int:
@@ -333,7 +333,7 @@ class LimbSlants:
     """Network and its metadata."""
 
     stack: DenseStack  # The lifter's features to 8 x 3 logits.
-    metadata: dict[str, Any]  # Training command, data, figures.
+    metadata: dict[str, Any]  # Training command, data and evaluation.
 
     def __call__(self, hidden: np.ndarray) -> np.ndarray:
         """Return (N, 8, 3) probabilities that bones point towards the camera, across or away, from (N, d) features."""

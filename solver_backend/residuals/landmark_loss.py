@@ -53,7 +53,7 @@ class FixedVariances:
 class LearnedVariances:
     """Loss ``½ Σ (exp(-s) r² + s) + λ |s|²`` with log-variances s of each frame's landmarks (thesis 5.2, 5.3, 5.5)."""
 
-    weight: float = UNCERTAINTY_WEIGHT  # λ of the prior that draws s to 0, the first variance (thesis 5.5).
+    weight: float = UNCERTAINTY_WEIGHT  # λ of the prior that draws s to 0, the initial variance (thesis 5.5).
 
     def best(self, squared: np.ndarray) -> np.ndarray:
         """Return the log-variances that minimise the cost of squared distances r².
@@ -96,7 +96,7 @@ class LearnedPositionTerm:
     """
 
     positions: np.ndarray  # (F, L, 3) metres, finite.
-    weight: np.ndarray  # (F, L) inverse first variance in 1/m².
+    weight: np.ndarray  # (F, L) inverse initial variance in 1/m².
     loss: LearnedVariances = field(default_factory=LearnedVariances)  # λ.
 
     def select(self, frames: Any) -> LearnedPositionTerm:

@@ -19,7 +19,7 @@ class QuasiNewtonSettings:
     """Stopping rule and line search."""
 
     max_iterations: int = 200
-    tolerance: float = 1e-4  # Least decrease of a cost by a step, as a share of the cost or of 1.
+    tolerance: float = 1e-4  # Smallest decrease of a cost by a step, relative to the cost or to 1.
     memory: int = 12
     decrease: float = 1e-4  # Share of the predicted decrease that a step must meet (Armijo).
     curvature: float = 0.9  # Share of the starting slope that may be left (Wolfe).
@@ -101,7 +101,7 @@ class _StepPairs:
     curvature: np.ndarray  # (m, B) 1 / (sᵀ y), 0 where there is no pair.
     gamma: np.ndarray  # (B,) scale of H_0.
     scale: np.ndarray  # (B, n) its diagonal.
-    newest: int = 0  # Where the last pair stands.
+    newest: int = 0  # Index of the last pair.
 
     @classmethod
     def empty(cls, memory: int, x: np.ndarray, scale: np.ndarray) -> _StepPairs:

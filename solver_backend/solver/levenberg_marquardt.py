@@ -141,7 +141,7 @@ class LMResult(Generic[State]):
 
     state: State
     cost: Array  # (B,) cost of each problem, or (B, P) of its parts.
-    system: NormalEquations  # The normal equations at the state: the information the data gave.
+    system: NormalEquations  # Normal equations at the state, with the information of the data.
     iterations: int
     converged: bool  # No step changes the cost any more.
 

@@ -27,7 +27,7 @@ class StepTrial(Generic[Payload]):
     step: float
     cost: float
     slope: float  # Derivative of the cost by the step.
-    payload: Payload  # Whatever the caller wants back from the evaluation.
+    payload: Payload  # Result of the evaluation for the caller.
 
 
 def strong_wolfe(

@@ -169,7 +169,7 @@ class Machine:
             UnsafePickle: the pickle requests an unknown class or function, or has far too many operations.
             Damage, ValueError, IndexError, KeyError: the pickle is damaged.
         """
-        import pickletools  # only where somebody reads an old body file
+        import pickletools  # needed only for old body files
 
         most = self._dialect.most or MAX_OPERATIONS
         for count, (operation, argument, _) in enumerate(pickletools.genops(self._stream)):

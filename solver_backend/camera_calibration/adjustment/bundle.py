@@ -30,7 +30,7 @@ class BodySightings(Rows):
     local: Float[np.ndarray, "n 3"]  # (N, 3) metres in the body's axes. Zero for a single point.
     px: Float[np.ndarray, "n 2"]  # (N, 2) pixels.
     sigma: Float[np.ndarray, " n"]  # (N,) standard deviation in pixels.
-    velocity: Float[np.ndarray, "n 2"] | None = None  # (N, 2) px/s in the picture, needed to estimate delays.
+    velocity: Float[np.ndarray, "n 2"] | None = None  # (N, 2) image velocities in px/s, needed to estimate delays.
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Bodies(Rows):
 
     R: Float[np.ndarray, "bodies 3 3"]
     t: Float[np.ndarray, "bodies 3"]  # (B, 3) metres.
-    known: Float[np.ndarray, "bodies 3"] | None = None  # (B, 3) measured places in metres, NaN where unknown.
+    known: Float[np.ndarray, "bodies 3"] | None = None  # (B, 3) measured positions in metres, NaN where unknown.
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Unknowns:
     """(C, 12) mask of unknown parameters of each lens, None if all are fixed. The ratio of fx and fy is constant."""
     lens_sigma: Float[np.ndarray, "cameras 12"] | None = None  # (C, 12) expected deviations. None for no limit.
     delays: Bool[np.ndarray, " cameras"] | None = None  # (C,) cameras with an unknown delay. None for no camera.
-    held: Held | None = None  # Expected poses. A camera that is far from its own is released (Cauchy).
+    held: Held | None = None  # Expected poses. A camera far from its expected pose is released (Cauchy).
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Adjusted:
     bodies: Bodies
     error: Float[np.ndarray, "n 2"]  # (N, 2) px, projected minus seen. NaN behind a camera.
     covariance: Float[np.ndarray, "numbers numbers"]  # (19 C, 19 C) of ``CAMERA_PARAMETERS``, in a fixed world.
-    delays: Float[np.ndarray, " cameras"]  # (C,) delay of each camera's pictures in seconds.
+    delays: Float[np.ndarray, " cameras"]  # (C,) delay of each camera's images in seconds.
     seen: BodySightings
 
     @property
@@ -174,7 +174,7 @@ class _Task:
     unknowns: Unknowns
     scale: float
     columns: np.ndarray  # ``CAMERA_PARAMETERS`` that are unknown for any camera.
-    turning: slice  # Unknown numbers of a body's six. Single points do not turn.
+    turning: slice  # Rotation parameters among a body's six. Single points do not rotate.
 
     def whole(self, values: np.ndarray) -> np.ndarray:
         """Expand values (C columns, ...) of the unknown parameters to (19C, ...), with zeros for the others."""

@@ -133,7 +133,7 @@ class BoardSighting:
     px: Float[np.ndarray, "points 2"]  # (n, 2) pixels. (0, 0) is the middle of the first pixel.
     sharpness: float  # Spread of the Laplacian by that of the grey values on the board: 1 in focus, 0.1 blurred.
     spacing_px: float
-    mirrored: bool = False  # The picture shows the board mirrored, as a selfie camera does.
+    mirrored: bool = False  # The image shows the board mirrored, like a selfie camera.
 
 
 class BoardDetector:

@@ -19,7 +19,7 @@ from solver_backend.io.footage import VIDEOS, is_picture, is_video, join_chapter
 _LENS = ("intrinsics", "intrinsic", "lens", "lenses")
 _EXTRINSIC = ("extrinsics", "extrinsic", "calibration", "board", "rig")  # The last one is a name that users choose.
 _LEVELS = 2  # Depth of the search for these folders.
-Sightings = dict[int, BoardSighting]  # The board in the pictures of one camera, by the frame's number.
+Sightings = dict[int, BoardSighting]  # Detections of the board in one camera's images, by frame number.
 
 
 @dataclass(frozen=True)

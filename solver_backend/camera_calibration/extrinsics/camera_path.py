@@ -46,7 +46,7 @@ class FoundPath:
     R: Float[np.ndarray, "frames 3 3"]  # World to camera.
     t: Float[np.ndarray, "frames 3"]
     error_px: float  # Median distance of the points from their projections.
-    explained: float  # Share of the tracked places that the path explains within the noise, in 0..1.
+    explained: float  # Share of the tracked positions that the path explains within the noise, in 0..1.
 
 
 def estimate_path(
@@ -94,7 +94,7 @@ def estimate_path(
     nearest = np.searchsorted((at[1:] + at[:-1]) / 2.0, number)
     R, t = (np.stack([poses[int(key)][part] for key in nearest]) for part in (0, 1))
     blocks = []
-    for first in range(0, len(x), BLOCK):  # with the points of these pictures only, which bounds memory
+    for first in range(0, len(x), BLOCK):  # with the points of these images only, which bounds memory
         part = slice(first, first + BLOCK)
         shown = np.isfinite(x[part]).all(-1).any(axis=0)
         blocks.append(_posed(R[part], t[part], X[shown], x[part, shown], noise))

@@ -33,7 +33,7 @@ class Clicks:
     """Clicked points."""
 
     px: dict[str, dict[str, tuple[float, float]]]  # Pixels by camera and point.
-    places: dict[str, tuple[float, float, float]]  # Known places in metres by point.
+    places: dict[str, tuple[float, float, float]]  # Known positions in metres by point.
 
 
 def read_clicks(path: Path) -> Clicks:

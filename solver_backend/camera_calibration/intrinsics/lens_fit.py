@@ -39,7 +39,7 @@ class LensFit:
     lens: Lens
     model: FittedLens
     rmse_px: float
-    view_rmse_px: Float[np.ndarray, " views"]  # (V,) root mean squared error of each picture.
+    view_rmse_px: Float[np.ndarray, " views"]  # (V,) root mean squared error of each image.
     focal_sigma_px: float
 
 
@@ -120,8 +120,8 @@ TILT_DEG, FEWEST_TILTED = 15.0, 5  # Smallest angle of a tilted board, and numbe
 class CameraLens:
     """Lens of one camera, and the images that it was fitted to."""
 
-    fit: LensFit  # Fit of the chosen model to all pictures.
-    held_out_px: dict[str, float]  # Root mean squared error of held-out pictures by the model's name.
+    fit: LensFit  # Fit of the chosen model to all images.
+    held_out_px: dict[str, float]  # Root mean squared error of held-out images by the model's name.
     frames: tuple[int, ...]
     views: tuple[BoardSighting, ...]
     left_out: tuple[int, ...]

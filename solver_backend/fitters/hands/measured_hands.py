@@ -354,7 +354,7 @@ class MeasuredHand:
     """One hand ready to be solved."""
 
     problem: HandProblem
-    located: np.ndarray  # (F, 21, 3) metres to start from, NaN where a point is not located.
+    located: np.ndarray  # (F, 21, 3) initial positions in metres, NaN where a point is not triangulated.
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ NEAR_M, OFTEN = 0.06, 0.8
 class HandClouds:
     """Markers of one or both hands over F frames."""
 
-    labels: Mapping[int, tuple[str, ...]]  # Places of ``hand_markers`` by side, 0 left and 1 right.
+    labels: Mapping[int, tuple[str, ...]]  # Locations of ``hand_markers`` by side, 0 left and 1 right.
     positions: Mapping[int, np.ndarray]  # (F, L, 3) metres by side, NaN where missing.
     extra_labels: Mapping[int, tuple[str, ...]] = field(default_factory=dict)  # Of nearby unknown markers, by side.
     extra: Mapping[int, np.ndarray] = field(default_factory=dict)  # (F, N, 3) metres of these, by side.

@@ -498,7 +498,7 @@ class ResidualRotationTerm:
     frames_per_key: float = 1.0  # n, the number of frames that a key represents, as these are priors on frames.
     reach: float = REACH  # c.
     steadiness: float = STEADINESS  # m.
-    uncovered: tuple[int, ...] = ()  # Columns of a pose that the prior does not model. Other terms hold them.
+    uncovered: tuple[int, ...] = ()  # Columns of a pose that the prior does not model, constrained by other terms.
 
     def part(self, keys: slice) -> ResidualRotationTerm:
         """Return the term, which is the same for all keys."""

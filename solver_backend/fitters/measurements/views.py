@@ -203,7 +203,7 @@ def fit_sigma_px(cameras: Cameras, points: np.ndarray, sigma_px: np.ndarray) -> 
 
 def _centres(points: np.ndarray) -> np.ndarray:
     """Return the (F, 3) medians of (F, L, 3) points per coordinate. Empty frames get the take's median."""
-    ordered = np.sort(points, axis=1)  # what is missing comes last
+    ordered = np.sort(points, axis=1)  # missing values come last
     count = np.isfinite(ordered).sum(axis=1)
     centres = np.take_along_axis(ordered, (np.maximum(count - 1, 0) // 2)[:, None], axis=1)[:, 0]
     return np.where(count > 0, centres, np.median(centres[count.all(axis=1)], axis=0))

@@ -159,7 +159,7 @@ class SphericalMean:
 class KeyCotangents:
     """Derivatives of a cost by the keys of W windows, in the coordinates of codes and quaternions."""
 
-    z: Array | None  # (W, k, d), None where codes stay.
+    z: Array | None  # (W, k, d), None where codes are constant.
     quat: Array  # (W, k, 4).
     transl: Array  # (W, k, 3).
     residual: Array | None  # (W, k, 3 J), None where joints stay on the manifold.

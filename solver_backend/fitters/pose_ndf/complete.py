@@ -32,7 +32,7 @@ class KeypointSettings:
     shape: float = 1.0  # λ_β, of ``|β|² / 2``.
     bending: float = 1.0  # λ_α, of ``exp(2 α) / 2`` over knees and elbows, α the angle of bending the wrong way.
     robust_scale: float = 3.0  # Geman-McClure scale in standard deviations, reached from four times in three steps.
-    iterations: int = 20  # Linearisations at most for each robust scale.
+    iterations: int = 20  # Largest number of linearisations for each robust scale.
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class KeypointFit:
     frames: PosedFrames
     betas: Array  # (10,) one shape for all frames.
     cost: float
-    status: str  # One sentence on why the search stopped.
+    status: str  # Reason why the search stopped.
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ class ManifoldWeights:
 
     data: float  # λ_v, 1/m²: of the observed points.
     manifold: float  # w, 1/rad²: ``λ_θ = w f`` makes the prior's term ``w f²``, weak near the manifold (sec. 4.3).
-    smoothness: float  # λ_t, 1/m²: of the way of a frame's points from those of the frame before.
+    smoothness: float  # λ_t, 1/m²: of the distances of a frame's points from the previous frame's.
     level: float = 0.0  # rad. Poses as near to the manifold as this, such as recorded ones, are not pulled.
 
 
@@ -164,7 +164,7 @@ class ManifoldWeights:
 class PoseSequence:
     """Objective of F consecutive frames."""
 
-    subject: Subject  # Whose landmarks stand for the mesh.
+    subject: Subject  # Body whose landmarks replace the mesh.
     prior: PoseNDF
     weights: ManifoldWeights
     observed: Array  # (F, L, 3) metres.
@@ -344,7 +344,7 @@ class DenoiseSettings:
 
     weights: ManifoldWeights = WEIGHTS
     iterations: int = 20  # Largest number of linearisations per chunk of frames.
-    move_root: bool = True  # Let the root move too. Only smoothness and data hold it.
+    move_root: bool = True  # Let the root move too, constrained only by smoothness and data.
 
 
 def denoise(

@@ -114,7 +114,7 @@ class Bundle:
     free: StateLayout  # Unknowns of the last pass.
     looseness: float = OFF_MANIFOLD  # Factor on the prior's error for rotations off the manifold.
     contacts: Contacts | None = None  # Planted feet that are held.
-    skin: SkinContacts | None = None  # Skin that is kept outside of surfaces, if parts other than feet touch them.
+    skin: SkinContacts | None = None  # Skin to keep outside of surfaces, if parts other than feet touch them.
     solution: KeySolution | None = None  # Solution of the last pass.
     notes: tuple[Diagnostic, ...] = ()  # Diagnostics of contacts.
 
