@@ -20,7 +20,7 @@ from solver_backend.io.motions.motion_checks import odd_shape
 from solver_backend.io.recognition.marker_labels import subjects_of
 from solver_backend.types import MarkerCloud, MarkerSubject
 
-MOST_LISTED = 8  # Most markers in a line, chosen by hand.
+MOST_LISTED = 8  # Maximum number of markers in a line, chosen by hand.
 
 
 def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:

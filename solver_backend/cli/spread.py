@@ -21,7 +21,7 @@ from solver_backend.priors.base import PosePrior
 logger = logging.getLogger("solver_backend")
 _CONNECT_S, _POLL_S = 10.0, 0.05
 _RETRIES = 2
-"""Most attempts at a segment after its worker died, chosen by hand."""
+"""Maximum number of attempts at a segment after its worker died, chosen by hand."""
 
 
 class VersionsDiffer(Exception):

@@ -20,8 +20,8 @@ _RESULTS = "Results of a solve"
 _AFTER_READING = ("Recordings", "Motions of other programs", "Hands of gloves", _RESULTS)
 _LISTS = ("frames", "cameras", "markers", "joints")
 LONGEST_LIST = 6
-"""Most names or frame ranges in a sentence. The others are counted."""
-MOST_DOUBTS = 3  # Most warnings from reading that a refusal repeats.
+"""Maximum number of names or frame ranges in a sentence. The others are counted."""
+MOST_DOUBTS = 3  # Maximum number of warnings from reading that a refusal repeats.
 
 
 class Severity(StrEnum):
@@ -301,7 +301,7 @@ def summarise(found: Sequence[Diagnostic], fps: float = 0.0) -> list[str]:
 
 
 def size_in(found: Iterable[Diagnostic]) -> str:
-    """Return the sentence about the solved body's size and its source, '' if there is none."""
+    """Return the sentence about the solved body's size and its source, or '' if there is none."""
     sizes = [item for item in found if item.code == "stature_solved"]
     return word(sizes[0]).what if sizes else ""
 

@@ -87,7 +87,7 @@ def _misfits(form: dict[str, Form], value: Mapping[str, Any]) -> list[str]:
 
 
 def what_is_wrong(event: Mapping[str, Any], verb: str) -> str:
-    """Return a sentence about a solver line that violates the protocol, "" if it is valid."""
+    """Return a sentence about a solver line that violates the protocol, or "" if it is valid."""
     kind = event.get("event")
     if not isinstance(kind, str) or kind not in _EVENTS:
         return f"the event {str(kind)[:40]!r} is unknown"

@@ -12,7 +12,7 @@ import numpy as np
 
 from .lens_model import LensModel, Terms
 
-_STEPS = 20  # Most Newton steps of the inverse.
+_STEPS = 20  # Maximum number of Newton steps of the inverse.
 _SMALL_SQUARE = 1e-8  # Squared angle (radians) below which the series is exact in double precision.
 
 

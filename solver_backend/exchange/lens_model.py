@@ -10,7 +10,7 @@ import numpy as np
 
 Terms = Sequence[Any] | np.ndarray
 """Coefficients in the model's order: numbers, or arrays that broadcast against the coordinates."""
-MOST_TERMS = 8  # Most coefficients of a lens. Shorter models are padded with zeros.
+MOST_TERMS = 8  # Maximum number of coefficients of a lens. Shorter models are padded with zeros.
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ FLAG_UNSEEN = 1
 """The frame has no usable observation. Its pose is interpolated from its neighbours."""
 FLAG_UNSURE = 2  # The residual, or the uncertainty of a joint, is far above the take's. Check this frame.
 FLAG_RESTING = 4
-"""No measurement informs some body part in the frame. It is shown at rest, see ``MotionFile.resting``."""
+"""No measurement informs some body part in the frame. It is shown at rest (see ``MotionFile.resting``)."""
 MARKER_SEEN, MARKER_FILLED, MARKER_SWAPPED, MARKER_GHOST = 1, 2, 4, 8
 """States of a marker in a frame: recorded, filled in a gap by the solve, recorded under another marker's label and
 corrected, or recorded at an impossible position, ignored and filled."""

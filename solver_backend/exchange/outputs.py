@@ -24,7 +24,7 @@ _PROBE_BYTES = bytes(4096)
 _LOCK = re.compile(r"\.part-[0-9a-f]{16}")
 _LEFTOVER = re.compile(r"\.part-[0-9a-f]{16}(_.*)?|\.probe-[0-9a-f]{16}", re.DOTALL)
 _LIKE = 0.8  # Smallest similarity (0 to 1) of a suggested name, chosen by hand.
-_MOST_NEAR = 1000  # Most names in a folder to compare with a misspelt one, chosen by hand.
+_MOST_NEAR = 1000  # Maximum number of names in a folder to compare with a misspelt one, chosen by hand.
 _YOUNG_S, _OLD_S = 60.0, 86400.0
 """Age in seconds from which a leftover is removed if its lock is free, and on systems without locks."""
 
@@ -315,7 +315,7 @@ def _exists(path: Path) -> OutputExists:
 
 
 def full_disk(error: BaseException) -> OutputNotWritable | None:
-    """Return the named error for a full or read-only disk, None for other failures."""
+    """Return the named error for a full or read-only disk, or None for other failures."""
     if isinstance(error, OSError) and error.errno in _NO_ROOM:
         return _not_writable(error.filename or "", error)
     return None

@@ -28,7 +28,7 @@ def require_rate(fps: float, error: type[MocapError], where: str) -> None:
 
 
 def largest_finite(values: np.ndarray) -> float:
-    """Return the largest magnitude of the finite numbers, 0 without any."""
+    """Return the largest magnitude of the finite numbers, or 0 without any."""
     return float(np.abs(values).max(initial=0.0, where=np.isfinite(values)))
 
 

@@ -47,7 +47,7 @@ SHORTEST_S = 0.4  # Shortest cycle in seconds, shorter than two running steps.
 _LEAST_MOTION = 0.5  # Smallest mean joint speed of a cycle relative to the take, so that no rest is looped.
 _VELOCITY_S = 0.1  # Seconds that convert velocity differences to distances, chosen by hand.
 _CONTACT_M = 0.05  # Distance equivalent to a foot that stands in only one of two frames, metres, chosen by hand.
-_SAMPLES = 900  # Most frames to compare with each other. Longer takes are subsampled for the first search.
+_SAMPLES = 900  # Maximum number of frames to compare with each other. Longer takes are subsampled for the first search.
 _FINE_HZ = 50.0
 """Frame rate from which running cycles close: 11 of 12 runs of CMU subject 09 at 60 Hz, and none at 30 Hz."""
 _CANDIDATES, _REFINED, _CLOSED = 60, 3, 12
@@ -241,7 +241,7 @@ class Loop:
 def find_loop(
     motion: MotionFile, shortest_s: float = SHORTEST_S, blend_s: float = BLEND_S, *, stay: bool = False
 ) -> Loop:
-    """Return the best closed cycle of a motion, see ``find_cycles`` and ``close_cycle``.
+    """Return the best closed cycle of a motion (see ``find_cycles`` and ``close_cycle``).
 
     Raises:
         MotionInvalid: the motion is too short, or its best cycle does not close.

@@ -256,7 +256,7 @@ def check_outputs(verb: Verb, args: argparse.Namespace) -> None:
 
 
 def suggest(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
-    """Return a question that suggests the nearest known word, "" if none is similar enough (0 to 1)."""
+    """Return a question that suggests the nearest known word, or "" if none is similar enough (0 to 1)."""
     from difflib import get_close_matches  # of mistakes alone, and every start would wait for it
 
     near = get_close_matches(word, list(known), 1, likeness)
@@ -264,7 +264,7 @@ def suggest(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
 
 
 def describe_range(row: Setting) -> str:
-    """Return the valid values of a setting in a few words, "" if its metavar states them."""
+    """Return the valid values of a setting in a few words, or "" if its metavar states them."""
     if row.kind == "choice":
         return ", ".join(choice.value for choice in row.choices)
     if row.low is None or row.kind == "numbers":
@@ -275,7 +275,7 @@ def describe_range(row: Setting) -> str:
 
 
 def describe_default(row: Setting) -> str:
-    """Return the default of a setting as text, "" for none."""
+    """Return the default of a setting as text, or "" for none."""
     value = row.default
     if isinstance(value, bool):
         return "" if row.kind == "flag" else "on" if value else "off"

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 
 _FILLERS = {"cam", "camera", "c", "json", "int", "ext", "img", "view", "video", "pose", "keypoints", "openpose", "kpts"}
-_COUNTING_DIGITS = 3  # Most digits of a camera number. A longer number is a serial number.
+_COUNTING_DIGITS = 3  # Maximum number of digits of a camera number. A longer number is a serial number.
 _COUNTED = re.compile(rf"(?<!\d)\d{{1,{_COUNTING_DIGITS}}}$")
 _CAMERA = re.compile(r"cam(?:era)?[\s_\-.]*\d+", re.IGNORECASE)
 

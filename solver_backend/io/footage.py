@@ -264,7 +264,7 @@ def is_picture(path: Path) -> bool:
 
 
 PICTURES = (".jpg", ".jpeg")
-_MOST_EXIF, _MOST_SEGMENTS = 1 << 16, 64  # Bytes of a JPEG segment, and segments of a file, at most.
+_MOST_EXIF, _MOST_SEGMENTS = 1 << 16, 64  # Largest JPEG segment in bytes, and maximum number of segments in a file.
 _EXIF_POINTER, _FOCAL_35MM = 0x8769, 0xA405
 """Exif 2.32 tags of the camera's own directory, and of FocalLengthIn35mmFilm."""
 _QUICKTIME_KEY = b"com.apple.quicktime.camera.focal_length.35mm_equivalent"

@@ -59,7 +59,7 @@ def load_capture(path: Path | str, *, readers: Iterable[Reader[Capture]] = CAPTU
         CaptureNotRecognised: no reader knows the path.
         JobInvalid: an option does not apply to this kind of capture, or the take lacks the requested frames.
         PersonUnknown: the capture does not contain the requested person.
-        CalibrationInvalid, CaptureInvalid: its numbers are invalid, see ``range_checks``.
+        CalibrationInvalid, CaptureInvalid: its numbers are invalid (see ``range_checks``).
         MocapError: the reader's own errors.
     """
     path, chosen = Path(os.path.abspath(path)), ReadOptions(**options)
@@ -85,7 +85,7 @@ def load_motion(path: Path | str, **options: Any) -> Motion | AmassClip | BvhCli
     """Read a motion, or an unconverted clip of another body or skeleton. ``options`` are fields of ``ReadOptions``.
 
     Raises:
-        MotionInvalid: no reader knows the path, or its numbers are invalid, see ``motion_checks``.
+        MotionInvalid: no reader knows the path, or its numbers are invalid (see ``motion_checks``).
         MocapError: the reader's own errors.
     """
     path, chosen = Path(path), ReadOptions(**options)

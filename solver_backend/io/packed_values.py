@@ -36,13 +36,13 @@ from solver_backend.exchange.outputs import open_regular
 from solver_backend.io.files import read_bytes
 
 SUFFIXES = (".pt", ".pth", ".pkl", ".pickle", ".joblib")  # Lower-case suffixes of such files.
-_LARGEST, _LARGEST_ARRAY = 4_000_000_000, 1 << 30  # Bytes of a file, of what it expands to, and of an array at most.
-_DEEPEST, _ITEM = 50, 64  # Nested lists and dictionaries at most, and bytes that an item counts.
-_MOST_OPERATIONS = 30_000_000  # Most pickle operations. PHALP has some thousands per frame.
+_LARGEST, _LARGEST_ARRAY = 4_000_000_000, 1 << 30  # Largest size in bytes of a file and its contents, and of an array.
+_DEEPEST, _ITEM = 50, 64  # Deepest nesting of lists and dictionaries, and bytes counted per item.
+_MOST_OPERATIONS = 30_000_000  # Maximum number of pickle operations. PHALP has some thousands per frame.
 _ITEMS = {"Float": "<f4", "Double": "<f8", "Half": "<f2", "Long": "<i8", "Int": "<i4", "Short": "<i2", "Char": "i1"}
 _ITEMS |= {"Byte": "u1", "Bool": "b1", "BFloat16": "<u2"}
 """Number type of each storage class of PyTorch. A BFloat16 is the upper half of a float."""
-_WIDEST = 8  # Most bytes per number.
+_WIDEST = 8  # Maximum number of bytes per number.
 _MAGIC = 0x1950A86A20F9469CFC6C  # First number of older PyTorch files.
 _WRAPPER = "joblib.numpy_pickle.NumpyArrayWrapper"
 _DAMAGE = (OSError, EOFError, ValueError, TypeError, KeyError, IndexError, OverflowError, RecursionError, MemoryError)

@@ -13,7 +13,7 @@ from solver_backend.io.files import read_bytes
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _SUB, _UP, _PAETH = 1, 2, 4
-_LARGEST, _LONGEST_SIDE = 1 << 27, 1 << 15  # Bytes of an unpacked picture, and its pixels per side, at most.
+_LARGEST, _LONGEST_SIDE = 1 << 27, 1 << 15  # Largest unpacked image in bytes, and largest side in pixels.
 
 
 def png_bytes(picture: np.ndarray, *, noisy: bool = False) -> bytes:

@@ -203,7 +203,7 @@ def triples(values: np.ndarray, first_columns: Sequence[int]) -> np.ndarray:
 
 
 def rate_of(times: np.ndarray) -> float | None:
-    """Return the frame rate that follows from a column of seconds, None if it is undefined.
+    """Return the frame rate that follows from a column of seconds, or None if it is undefined.
 
     Times have few decimals. If the median step, or a mean step close to it, gives an integer rate within 1 in 10,000,
     that integer is returned. Otherwise the mean is more accurate.
@@ -256,6 +256,6 @@ def frame_facts(
 
 
 def number_in(cell: str | None) -> float | None:
-    """Return the number in a cell, None without one."""
+    """Return the number in a cell, or None without one."""
     text = (cell or "").strip().strip('"').replace(",", ".")
     return float(text) if is_number(text) and np.isfinite(float(text)) else None

@@ -19,9 +19,9 @@ from solver_backend.io.reader import Reader
 from solver_backend.io.text_table import delimiter_of, is_number
 from solver_backend.types import Capture
 
-_NAMED = 5  # Most folders or file types in an error.
-MOST_NAMES = 1000  # Most names in a folder to examine, chosen by hand.
-_LINES, _LEAST_COLUMNS = 5, 8  # Lines of a table that are examined, and numbers in each: two counts and two markers.
+_NAMED = 5  # Maximum number of folders or file types in an error.
+MOST_NAMES = 1000  # Maximum number of names in a folder to examine, chosen by hand.
+_LINES, _LEAST_COLUMNS = 5, 8  # Lines of a table to examine, and numbers in each: two counts and two markers.
 _BTS = ".rah .raw .ric .rif .ang .mom .pwr .gr1 .gr2 .emf .emg .emr"
 _FILES = (
     (".trb", "binary tracks of Motion Analysis EVaRT or Cortex", "Export TRC or C3D from Cortex."),

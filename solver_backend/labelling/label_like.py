@@ -18,7 +18,7 @@ from solver_backend.labelling.tracklets import Tracklets, tracklets_of
 from solver_backend.types import MarkerCloud
 
 FRAMES, LEAST_COMMON = 240, 5
-"""Most frames of a take to use, and fewest frames with both markers of a known pair."""
+"""Maximum number of frames of a take to use, and minimum number of frames with both markers of a known pair."""
 FLOOR_M, NEAR_M, BEND = 0.008, 0.12, 0.15
 """Standard deviation (m) of a rigid pair's distance by soft tissue, and its relative increase per distance beyond
 ``NEAR_M``, because another take bends joints that are still in this one."""
@@ -55,7 +55,7 @@ def reference_of(cloud: MarkerCloud) -> ReferenceTake:
 
 
 def distance_statistics(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, N) means and variances of distances between (F, N, 3) points, NaN if too few frames show both."""
+    """Return (N, N) means and variances of distances between (F, N, 3) points, with NaN if too few frames show both."""
     count = points.shape[1]
     total, square, seen = (np.zeros((count, count)) for _ in range(3))
     for frame in points:
@@ -74,14 +74,14 @@ def triple_products(points: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.einsum("...i,...i->...", along[..., 0, :], np.cross(along[..., 1, :], along[..., 2, :]))
 
 
-BEAM, FIRST_BEAM, SEED = 150, 3000, 5  # Hypotheses to keep, and while fewer labels than ``SEED`` are placed.
+BEAM, FIRST_BEAM, SEED = 150, 3000, 5  # Number of hypotheses, also while fewer than ``SEED`` labels are assigned.
 CAP, SKIP = 6.0, 2.0
 """Largest cost of one pair in half squared deviations, as for a bent joint or wrong pair, and cost of a pair whose
 label has no point. A correct pair costs 0.5."""
-VOLUMES, VOLUME_WEIGHT = 3, 3.0  # Triple products of each new label, and the weight of each against a rigid pair.
+VOLUMES, VOLUME_WEIGHT = 3, 3.0  # Triple products per new label, and the weight of each relative to a rigid pair.
 FITS, CLEAR = 4.0, 0.2
 """Largest mean cost of a tracklet that fits a label, and smallest cost difference to the next label."""
-SAMPLES, ROUNDS = 24, 6  # Frames of a tracklet to use, and rounds in which names spread.
+SAMPLES, ROUNDS = 24, 6  # Frames of a tracklet to use, and rounds in which labels propagate.
 
 
 @dataclass(frozen=True)
@@ -274,7 +274,7 @@ def _chosen(cost: np.ndarray, alive: np.ndarray) -> np.ndarray:
     return found
 
 
-TAKE_FRAMES, LEAST_FRAMES = 120, 8  # Most frames of a take to use, and least frames that show a marker.
+TAKE_FRAMES, LEAST_FRAMES = 120, 8  # Most frames of a take to use, and fewest frames that show a marker.
 SKIN_M = 0.01  # Standard deviation (m) of a rigid pair's distance between takes, by placement and soft tissue.
 CONFUSED_M = 0.35
 """Largest distance of confused markers in metres. The furthest observed were on a forearm and an upper arm."""
@@ -369,9 +369,9 @@ CLEAR_GAIN, CLEAR_OF_TWO = 3.0, 6.0
 correctly labelled takes each of UI-PRMD's eight people, none gains more than 1.3 against all others, and 2 to 22
 against a single one. Exchanged C7 and T10 gain at least 23, LUPA and LFRM 5, knee and shank 2, wrists -8 to 8."""
 CLEAR_BY_LAYOUT = 3.0  # Smallest gain against the layout if equally many takes support and oppose an exchange.
-EXCHANGE_ROUNDS = 12  # Most exchanges in one take. Takes are compared again after each.
+EXCHANGE_ROUNDS = 12  # Maximum number of exchanges in one take. Takes are compared again after each.
 MOST_TOGETHER, BESIDE = 12, 3
-"""Most takes to compare in pairs, and number of these with which each further take is compared."""
+"""Maximum number of takes to compare in pairs, and number of these with which each further take is compared."""
 _PLACED_M = 0.03  # Standard deviation in metres of the distance between two markers at known landmarks.
 
 

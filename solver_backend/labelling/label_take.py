@@ -42,7 +42,7 @@ PASSING, PASSING_S = 5.0, 0.4
 """Additional log likelihood that a briefly visible point is not a marker, and its decay time in seconds."""
 SELDOM = np.array([i for i, name in enumerate(MARKERS) if name not in marker_layout("CMU_41")])
 SELDOM_COST = 1.5  # Log likelihood penalty of markers that common layouts lack.
-SURE, TRUSTED = 0.8, 0.6  # Least probability of a label that is given, and of one whose chain helps to name others.
+SURE, TRUSTED = 0.8, 0.6  # Smallest probability of a final label, and of one whose chain helps to label others.
 FIRST_AGREED, AGREED = 0.5, 0.4
 """Smallest mean network probability of a label: in the first round, and always for the fit of a body."""
 _ROWS = 512  # Number of tracklets to compare with all others at once.
@@ -108,7 +108,7 @@ _PAIRS = tuple((MARKERS.index("L" + name), MARKERS.index("R" + name)) for name i
 SIDEWAYS = np.radians(70.0)
 """Smallest mean rotation of a head relative to shoulders and waist that reveals wrong names. In 158 takes of UI-PRMD
 the largest is 43 degrees, in 28 other files 56. Names that are a quarter turn off add 90."""
-LEAST_FRAMES = 10  # Fewest frames that show all four markers.
+LEAST_FRAMES = 10  # Minimum number of frames that show all four markers.
 
 
 def with_head_forward(
@@ -146,7 +146,7 @@ def _track(positions: np.ndarray, tracklets: Tracklets, labels: np.ndarray, mark
 
 
 def _turn(head: np.ndarray, left: list[np.ndarray]) -> float:
-    """Return the mean angle in the head's plane from the head's left to the body's in radians, 0 if unknown.
+    """Return the mean angle in the head's plane from the head's left to the body's in radians, or 0 if unknown.
 
     The (F, 4, 3) markers are in the order of ``AROUND``. ``left`` are (F, 3) vectors from the body's right to its left.
     """
@@ -166,10 +166,10 @@ SIGMA_M, FREEDOM = 0.03, 3.0
 t-distribution for these distances. All are wrong if a limb is posed wrongly."""
 GHOST_M, _FARTHEST_M = 0.12, 0.2
 """Distance (m) from all markers at which a point is equally likely not a marker, and largest distance that counts."""
-GUESS_WIDER, STEPS = 3.0, 5  # Factor of the network's deviation of unsure markers, and steps per frame.
+GUESS_WIDER, STEPS = 3.0, 5  # Factor on the network's standard deviation of uncertain markers, and steps per frame.
 BAD_FIT_M = 0.06
 """Largest median distance of a body from all markers or from a limb's, metres. A worse fit is not used."""
-_FEWEST = 12  # Fewest certain markers in a frame.
+_FEWEST = 12  # Minimum number of certain markers in a frame.
 
 
 class FittedBody(Protocol):
@@ -271,9 +271,9 @@ READ_FPS = 30.0  # Frames per second that the network reads. Closer readings rep
 CROWD = 200
 """Most points per frame at which the network reads ``READ_FPS`` frames per second. With more points it reads equally
 many pairs per second: 1.3 s of CPU per second of a take. Chosen by hand, above the number in one person's takes."""
-ROUNDS, BODY_FROM = 5, 2  # Rounds of voting with the names of the round before, and the first round with a body.
+ROUNDS, BODY_FROM = 5, 2  # Voting rounds that use the previous round's names, and the first round with a body.
 _FLOOR = -8.0  # Smallest log probability of one reading, so that no single frame excludes a label.
-MOST_CHAINS = 5000  # Most chains of tracklets. Comparing every pair of them needs 2 GB at this number.
+MOST_CHAINS = 5000  # Maximum number of chains of tracklets. Comparing every pair of them needs 2 GB at this number.
 
 
 @dataclass(frozen=True)

@@ -129,7 +129,7 @@ class PointNetwork:
 
 
 def lower_median(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the (B, 1, 3) lower medians of existing points, 0 if there are none."""
+    """Return the (B, 1, 3) lower medians of existing points, with 0 if there are none."""
     ordered = np.sort(np.where(seen[..., None], points, np.inf), axis=1)
     middle = np.maximum((seen.sum(1) - 1) // 2, 0)
     found = ordered[np.arange(len(points)), middle]
@@ -161,7 +161,7 @@ def load_network(path: Path | None = None) -> PointNetwork:
 
 FEWEST_POINTS, MOST_POINTS = 6, 2000
 """Fewest points of a person, and most points per frame. The network compares every pair, which needs 0.6 GB."""
-_PART, _PAIRS = 64, 64 * 100**2  # Most frames and pairs of points that the network reads at once.
+_PART, _PAIRS = 64, 64 * 100**2  # Maximum number of frames and pairs of points that the network reads at a time.
 
 
 @dataclass(frozen=True)

@@ -120,7 +120,7 @@ def _parsed(text: str, clock: float) -> tuple[float, np.ndarray]:
 
 LATE_S = 0.1  # Frames with a larger delay in seconds are dropped. People notice a delay of this size.
 IN_TIME_S = 0.02  # Dropping ends at this delay in seconds, so that a slow machine does not stay at ``LATE_S``.
-_MOST_WAITING = 512  # Most waiting frames. A faster source must wait.
+_MOST_WAITING = 512  # Maximum number of waiting frames. A faster source must wait.
 _LOOK_S = 0.2  # Longest uninterrupted wait in seconds, so that signals and a closed reader are noticed.
 
 

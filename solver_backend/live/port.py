@@ -105,7 +105,7 @@ def _bound(address: VmcAddress) -> socket.socket | None:
 SENDER_GONE_S = 1.0  # Seconds of silence after which another sender is accepted. Chosen by hand.
 JUMP_S = 1.0  # Largest clock step of a sender in seconds. A larger one means a clock reset. Chosen by hand.
 _LATEST = 8  # Number of recent packets to compare with new ones to find repetitions. Chosen by hand.
-MOST_CHANNELS = 256  # Most channels of a face. ARKit has 52.
+MOST_CHANNELS = 256  # Maximum number of channels of a face. ARKit has 52.
 LARGEST_CHANNEL = 10.0  # Upper limit of face channel values. Usual values are 0 to 1.
 
 

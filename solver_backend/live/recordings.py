@@ -168,7 +168,7 @@ def read_rows(
 PointRecorder = Recorder[[PointFrame]]
 PoseRecorder = Recorder[[float, np.ndarray, np.ndarray]]
 FaceRecorder = Recorder[[float, dict[str, float]]]
-_FRAMES_AT_ONCE = 512  # Most frames of points in memory while a recording is finished.
+_FRAMES_AT_ONCE = 512  # Maximum number of frames of points in memory while a recording is finished.
 _POSES, _VERSION, _ROW = "manifold_mocap_live_poses", 1, 4 + 3 * SMPL_HANDS.num_joints
 _RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 72.0, 75.0, 90.0, 100.0, 120.0, 144.0, 200.0, 240.0)
 """Common frame rates of senders."""
@@ -181,7 +181,7 @@ _GAP_S = 0.1  # Frames further from a received pose (seconds) are marked as inte
 
 @dataclass(frozen=True)
 class PointsRecording(RecordingFormat[[PointFrame]]):
-    """Live points. Marker readers also open the unfinished file, see ``live_recording``."""
+    """Live points. Marker readers also open the unfinished file (see ``live_recording``)."""
 
     pieces: ClassVar[str] = "frames"
     fps: float | None = None  # Nominal rate, or None.
@@ -193,7 +193,7 @@ class PointsRecording(RecordingFormat[[PointFrame]]):
         return pack_block(LiveBlock(frame.time, frame.points, self.fps, self.world()))
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
-        """Write a C3D file, see ``RecordingFormat``. Points keep their coordinates if the world was never known."""
+        """Write a C3D file (see ``RecordingFormat``). Points keep their coordinates if the world was never known."""
         with recording.open("rb") as stream:
             extent = measure_recording(stream)
             world = self.world()
@@ -250,7 +250,7 @@ class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
         return pack_row([time - self._cut], transl, turns)
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
-        """Write a motion with a constant rate, see ``RecordingFormat``."""
+        """Write a motion with a constant rate (see ``RecordingFormat``)."""
         head, rows = read_rows(recording, _POSES, _VERSION, lambda _: _ROW)
         if len(rows):
             with np.errstate(invalid="ignore"):  # a damaged row may hold any bytes
@@ -342,7 +342,7 @@ class FaceRecording(RecordingFormat[[float, dict[str, float]]]):
         return json.dumps([round(time, 6), channels]).encode() + b"\n"
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
-        """Write the table, see ``RecordingFormat``."""
+        """Write the table (see ``RecordingFormat``)."""
         frames: list[tuple[float, dict[str, float]]] = []
         try:
             for line in recording.read_bytes().splitlines(keepends=True):

@@ -124,7 +124,7 @@ def millimetres(values_m: np.ndarray) -> list[float | None]:
 
 UNEXPLAINED = 10  # A pose with this many unexplained points is unsure: a second person, a large prop, or a wrong fit.
 OFF_M = 0.08  # A pose is unsure if the median distance of a limb's markers is larger, metres.
-_FEWEST = 3  # Fewest points for judging a limb.
+_FEWEST = 3  # Minimum number of points for judging a limb.
 _PARTS = {"arm": "UPA ELB ELM FRM WRA WRB FIN", "leg": "THI KNE KNM SHN ANK ANM HEE MT5 MT1 TOE"}
 _KEYPOINT_PARTS = {"arm": "shoulder elbow wrist", "leg": "hip knee ankle heel big_toe"}
 
@@ -294,7 +294,7 @@ class PointTracks:
         return evidence
 
     def _matched(self, points: np.ndarray, dt: float) -> np.ndarray:
-        """Return the (N,) track of each point, -1 for none. Pairs must be mutually nearest."""
+        """Return the (N,) track of each point, with -1 for none. Pairs must be mutually nearest."""
         found = np.full(len(points), -1)
         if not len(self.position) or not len(points):
             return found
@@ -308,8 +308,8 @@ class PointTracks:
         return found
 
 
-FEWEST = 8  # Fewest points, and fewest labelled points, in a frame with a pose.
-MOST_READ = 90  # Most points that the network reads, nearest to the body or to their centre.
+FEWEST = 8  # Minimum number of points, and minimum number of labelled points, in a frame with a pose.
+MOST_READ = 90  # Maximum number of points that the network reads, nearest to the body or to their centre.
 FROZEN_S = 0.5  # A stream counts as frozen after this time in seconds with unchanged points.
 BAD_M = 0.08  # Largest median distance of markers from the body in a good pose, metres.
 SURE = 0.6  # Smallest fraction of a point's evidence for its label. Chosen by hand.

@@ -25,7 +25,7 @@ _PARTS = {
     "legs": ("hip", "knee", "ankle", "heel", "big_toe", "small_toe", "foot_index"),
     "head": ("eye", "eye_inner", "eye_outer", "ear", "mouth"),
 }
-_FEWEST = 2  # Fewest visible keypoints of an exchangeable pair.
+_FEWEST = 2  # Minimum number of visible keypoints of an exchangeable pair.
 
 
 class ExchangedSides:
@@ -44,7 +44,7 @@ class ExchangedSides:
     def put_back(self, seen: np.ndarray, expected: np.ndarray) -> tuple[np.ndarray, int]:
         """Return one view's (K, 3) keypoints with corrected sides, and the number of corrected pairs.
 
-        Keypoints are x, y and confidence, NaN or confidence 0 where missing. ``expected`` are the (K, 2) px of the
+        Keypoints are x, y and confidence, NaN or confidence 0 where missing. ``expected`` are the (K, 2) pixels of the
         person's last pose, NaN where unknown.
         """
         size = float(np.linalg.norm(np.nanmax(expected, axis=0) - np.nanmin(expected, axis=0)))
@@ -96,7 +96,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         self.sides_put_back = 0
         """Number of limb pairs with corrected sides."""
         self.chosen: tuple[np.ndarray, np.ndarray] | None = None
-        """(C, K, 2) px and (C, K) confidence of the person at the last moment."""
+        """(C, K, 2) pixels and (C, K) confidence of the person at the last moment."""
 
     def warm_up(self) -> None:
         """Fit a few moments of a standing body and discard them, so that the first real one is not late."""
@@ -155,7 +155,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         return self._line(moment, state, doubts, **pose_of(found.pose), **counts)
 
     def _person(self, moment: ViewMoment) -> tuple[np.ndarray, np.ndarray]:
-        """Return the person's (C, K, 2) px and (C, K) confidence, missing in views without the person.
+        """Return the person's (C, K, 2) pixels and (C, K) confidence, missing in views without the person.
 
         Exchanged sides are corrected only if the views then agree on more keypoints. Otherwise the pose is wrong.
         """
@@ -202,7 +202,7 @@ def _split(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _nearest(people: np.ndarray, expected: np.ndarray | None) -> np.ndarray | None:
-    """Return the person among (P, K, 3) detections who is nearest to (K, 2) px, or the largest one at the start."""
+    """Return the person among (P, K, 3) detections who is nearest to (K, 2) pixels, or the largest one at the start."""
     shown, confidence = _split(people)
     known = np.isfinite(shown).all(-1).any(axis=1)
     if not known.any():

@@ -97,7 +97,7 @@ class FrameAssembly(OneSender[list[OscMessage], BoneFrame]):
         return None if numbers is None else (name, *numbers)
 
     def _numbers(self, message: OscMessage) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return rotation wxyz and position from a message's seven numbers, None if they are impossible."""
+        """Return rotation wxyz and position from a message's seven numbers, or None if they are impossible."""
         values = [v for v in message.values[1:8] if isinstance(v, float | int) and not isinstance(v, bool)]
         numbers = np.array(values if len(values) == 7 else [math.nan], np.float64)
         length = float(np.linalg.norm(numbers[3:])) if (np.abs(numbers) < FARTHEST_M).all() else 0.0
@@ -132,7 +132,7 @@ _PULL = 1e-11  # Weight of the mean shape in square metres, for directions that 
 
 
 def own_shape(body: Body, joints: np.ndarray) -> np.ndarray | None:
-    """Return the (10,) shape with these (24, 3) joints in T-pose, None if the sender has another body.
+    """Return the (10,) shape with these (24, 3) joints in T-pose, or None if the sender has another body.
 
     ``min Σ |b_j(β) - b_j|² + λ |β|²`` by Gauss-Newton. The sum covers the bones b that the T-pose does not rotate, and
     the lengths ``|b_j|`` of the others: ``d|b| = b/|b| · db``. Missing joints are NaN.

@@ -97,7 +97,7 @@ class SurfaceView:
 POSES = 6  # Number of drawn poses, one in each equal part of the take, where hands and feet reach furthest.
 POSE_CELL_M = 0.012  # Cell size of their raster in metres.
 TURNED_DEG = 30.0  # Angle between the viewer and the person's mean forward direction.
-CAPTION, MOST_SCALE = 18.0, 1.0  # Height of the captions, and the largest scale of a picture.
+CAPTION, MOST_SCALE = 18.0, 1.0  # Height of the captions, and largest scale of a drawing.
 
 
 def poses_section(motion: Motion) -> str:

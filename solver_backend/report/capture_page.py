@@ -20,7 +20,7 @@ from solver_backend.report.sections import diagnostics_section
 from solver_backend.report.statistics import detected_share, located_share, seen_by_views, share
 from solver_backend.types import Capture
 
-MOST_FRAMES = 400  # Most frames to triangulate for the page, spread over the take.
+MOST_FRAMES = 400  # Maximum number of frames to triangulate for the page, spread over the take.
 
 
 def write_capture_report(path: Path | str, capture: Capture, *, overwrite: bool = False) -> Path:

@@ -61,7 +61,7 @@ def _feet(capture: Capture, motion: Motion) -> Iterator[Diagnostic]:
 
 
 def joints_of(motion: Motion, *names: str) -> np.ndarray | None:
-    """Return (F, N, 3) joints by name, None if the motion's body lacks one."""
+    """Return (F, N, 3) joints by name, or None if the motion's body lacks one."""
     known = motion.body_layout.joints
     return motion.joints[:, [known.index(name) for name in names]] if set(names) <= set(known) else None
 
@@ -276,14 +276,14 @@ def _body_px(capture: Capture, motion: Motion) -> np.ndarray:
 
 
 def _middles(px: np.ndarray) -> np.ndarray:
-    """Return the (C, F, 2) centroids of the known points among (C, F, K, 2) pixels, NaN without any."""
+    """Return the (C, F, 2) centroids of the known points among (C, F, K, 2) pixels, with NaN without any."""
     known = np.isfinite(px).all(-1, keepdims=True)
     count = known.sum(-2)
     return np.where(count > 0, np.where(known, px, 0.0).sum(-2) / np.maximum(count, 1), np.nan)
 
 
 def _extents(px: np.ndarray) -> np.ndarray:
-    """Return the (C, F) diagonal of the box around (C, F, K, 2) pixels, NaN if too few are known."""
+    """Return the (C, F) diagonal of the box around (C, F, K, 2) pixels, with NaN if too few are known."""
     known = np.isfinite(px)
     size = np.where(known, px, -np.inf).max(-2) - np.where(known, px, np.inf).min(-2)
     return np.where(known.all(-1).sum(-1) >= MIN_POINTS, np.hypot(size[..., 0], size[..., 1]), np.nan)

@@ -10,7 +10,7 @@ from solver_backend.report.markup import Tile, heat_table, number, section, text
 from solver_backend.report.page import page_of
 from solver_backend.report.plots import PlotCurve, time_plot
 
-MOST_LISTED = 60  # Most frame ranges in the table.
+MOST_LISTED = 60  # Maximum number of frame ranges in the table.
 
 
 def labelling_html(name: str, take: LabelledTake, fps: float) -> str:

@@ -14,9 +14,9 @@ from solver_backend.types import Cameras, JointSet
 
 WIDTH, LEFT, RIGHT, TOP, BOTTOM = 960.0, 46.0, 8.0, 8.0, 22.0
 MAX_POINTS = 1200
-"""Most points per line. Longer takes show the lowest and highest value of each block."""
+"""Maximum number of points per line. Longer takes show the lowest and highest value of each block."""
 MAX_READABLE = 6000
-"""Most frames of a plot that contains its values for the read-out under the pointer."""
+"""Maximum number of frames of a plot that contains its values for the read-out under the pointer."""
 
 
 @dataclass(frozen=True)

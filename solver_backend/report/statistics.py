@@ -53,7 +53,7 @@ class KeypointResiduals:
 
 
 def residuals_of(capture: Capture, motion: Motion) -> KeypointResiduals | None:
-    """Return the residuals of a solve, None without detections in images.
+    """Return the residuals of a solve, or None without detections in images.
 
     Raises:
         MotionInvalid: the frames, views or keypoints of motion and capture differ.
@@ -90,7 +90,7 @@ def _limit_px(motion: Motion, error: np.ndarray) -> np.ndarray:
 
 
 def share(yes: np.ndarray, of: np.ndarray, axis: int | tuple[int, ...]) -> np.ndarray:
-    """Return the percentage of the cases ``of`` that are also in ``yes``, NaN without cases."""
+    """Return the percentage of the cases ``of`` that are also in ``yes``, or NaN without cases."""
     total = np.asarray(of.sum(axis=axis))
     return np.where(total > 0, 100.0 * (yes & of).sum(axis=axis) / np.maximum(total, 1), np.nan)
 

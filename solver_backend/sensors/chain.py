@@ -175,7 +175,7 @@ class _SensorRun:
 WAIT_S = 0.012  # Longest wait in seconds of a moment for its last sensor.
 LISTEN_S = 0.005  # Longest wait in seconds for messages in one step.
 MOST_WAITING = 1  # Number of newest complete moments to fuse. A late moment would delay all later ones.
-MOST_AHEAD = 8  # Most waiting frames per sensor if all sensors can wait.
+MOST_AHEAD = 8  # Maximum number of waiting frames per sensor if all sensors can wait.
 READY_S, AHEAD_S = 60.0, 0.05
 """Time limit for starting the sensors, and time from readiness to the start of a replay, in seconds."""
 END_S, END_RECORDING_S = 5.0, 15.0
@@ -300,7 +300,7 @@ class MarkerChain:
         return index >= 0 and self._gatherer.waiting(index) >= MOST_AHEAD
 
     def _index(self, name: str) -> int:
-        """Return the index of a sensor in the calibration, -1 if it is not calibrated."""
+        """Return the index of a sensor in the calibration, or -1 if it is not calibrated."""
         return self.cameras.names.index(name) if name in self.cameras.names else -1
 
     def _take(self, message: tuple[Any, ...], connection: Connection) -> None:

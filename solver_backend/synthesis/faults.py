@@ -51,7 +51,7 @@ class MarkerFaults:
     skin_s: float = 0.3  # Time constant of the soft tissue in seconds; chosen by hand.
     hidden: float = 0.0  # Fraction of samples lost in gaps.
     hidden_s: float = 0.25  # Mean duration of a gap in seconds; chosen by hand.
-    least_views: float = 0.0  # Fewest cameras in which a marker must be visible.
+    least_views: float = 0.0  # Minimum number of cameras in which a marker must be visible.
     swaps_per_minute: float = 0.0  # Exchanges of two markers' labels.
     swap_s: float = 0.4  # Duration of an exchange in seconds; chosen by hand.
     ghosts: float = 0.0  # Fraction of a marker's samples that are a ghost near the body.

@@ -166,7 +166,7 @@ class Cameras:
         return Cameras(names=names, models=models, path=self.path, **arrays)
 
 
-ROWS, COLUMNS = ("top", "centre", "bottom"), ("left", "middle", "right")  # Parts of a picture.
+ROWS, COLUMNS = ("top", "centre", "bottom"), ("left", "middle", "right")  # Image regions.
 
 
 @dataclass(frozen=True)

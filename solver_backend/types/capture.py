@@ -265,7 +265,7 @@ class Capture:
 
     @property
     def placed(self) -> np.ndarray:
-        """(F, K) mask of keypoints in enough views, see ``least_views``."""
+        """(F, K) mask of keypoints in enough views (see ``least_views``)."""
         assert self.keypoints is not None
         return (self.keypoints.confidence > 0).sum(axis=0) >= self.least_views
 

@@ -47,7 +47,7 @@ class Motion:
     joint_covariance: Float[np.ndarray, "frames joints 6"] | None = None
     """(F, J, 6) covariance of each joint position in m²: xx, xy, xz, yy, yz, zz in world axes."""
     turn_covariance: Float[np.ndarray, "frames segments 6"] | None = None
-    """(F, S, 6) covariance of each segment's rotation in rad², see ``biomechanics.segments.turn_covariance``."""
+    """(F, S, 6) covariance of each segment's rotation in rad² (see ``biomechanics.segments.turn_covariance``)."""
     keyframes: Bool[np.ndarray, " frames"] | None = None
     """(F,) bool, True at the solver's keyframes."""
     contacts: Bool[np.ndarray, "frames 2"] | None = None

@@ -69,7 +69,7 @@ class VideoDetections(TimedPictures):
         return xy, confidence
 
     def main_track(self) -> int:
-        """Return the track with the largest sum of confidence times size, -1 if there is no person."""
+        """Return the track with the largest sum of confidence times size, or -1 if there is no person."""
         size = np.nan_to_num(extent(self.xy))
         weight = self.confidence.mean(axis=-1) * size
         totals = {int(n): float(weight[self.track == n].sum()) for n in np.unique(self.track) if n >= 0}

@@ -23,7 +23,7 @@ _SNAP = np.cos(np.radians(12.0))  # Cosine of the angle below which a facing dir
 
 
 def stage_axes(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Return the (3, 3) rotation from a skeleton's axes to the stage, None if left and right cannot be told apart.
+    """Return the (3, 3) rotation from a skeleton's axes to the stage, or None if left and right cannot be told apart.
 
     Args:
         places: (3,) head position at rest by role, with the pelvis or the feet.
@@ -63,7 +63,7 @@ def bent_at_rest(places: Mapping[str, np.ndarray]) -> Diagnostic | None:
 
 
 def off_stance_deg(places: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the angle between trunk and legs minus 180 degrees (...), 0 if unknown. Upright figures have about 0.
+    """Return the angle between trunk and legs minus 180 degrees (...), or 0 if unknown. Upright figures have about 0.
 
     Args:
         places: (..., 3) head position by role, at rest or in any pose.
@@ -73,7 +73,7 @@ def off_stance_deg(places: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def standing_frame(places: Mapping[str, np.ndarray], up: np.ndarray) -> int | None:
-    """Return the frame with the straightest legs under the most upright trunk, None if no frame is upright.
+    """Return the frame with the straightest legs under the most upright trunk, or None if no frame is upright.
 
     Args:
         places: (F, 3) head positions by role.

@@ -18,7 +18,7 @@ _HOPELESS = 60.0  # Cost above which a branch cannot be a limb, so that measurin
 _PALM = 0.4
 """Largest distance from the wrist to the middle of the hand, in forearm lengths. Depth cameras have 0.25 to 0.3. CMU's
 files have 0.5 between the bones that they call wrist and hand."""
-_LONGEST = 14  # Most bones of a branch to examine, from its start. Longer branches are hair or ropes.
+_LONGEST = 14  # Maximum number of bones of a branch to examine, from its start. Longer branches are hair or ropes.
 
 
 @dataclass(frozen=True)
@@ -141,8 +141,8 @@ _MOST, _MARGIN = 16.0, 2.0
 _NAMED, _NAMED_CLEARLY = 1.0, 10.0
 """Cost reduction for a fitting name, among mixed names and if names alone identify all limbs."""
 _SAME_PLACE = 0.06  # Distance relative to a limb within which two bones are the same joint.
-_CANDIDATES = 8  # Most interpretations of a branch to compare.
-_PAIRS = 40  # Most pairs of legs or arms to combine. Rigs with hundreds of bones have many other pairs.
+_CANDIDATES = 8  # Maximum number of interpretations of a branch to compare.
+_PAIRS = 40  # Maximum number of pairs of legs or arms to combine. Rigs with hundreds of bones have many other pairs.
 _LEG, _ARM = ("thigh", "shin", "foot", "toe"), ("clavicle", "upper_arm", "forearm", "hand")
 _PARALLEL = 0.9  # Smallest cosine between hip and shoulder axes at which positions determine the sides of the arms.
 _MIDDLE = 0.04

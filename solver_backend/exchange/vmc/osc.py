@@ -16,7 +16,7 @@ Value = int | float | str | bytes | bool | None
 IMMEDIATELY = 1  # Time tag of a bundle for immediate use.
 LONGEST = 65507  # Largest payload of a UDP datagram over IPv4 in bytes.
 _BUNDLE = b"#bundle\0"
-_DEEPEST = 8  # Most nested bundles to read. Programs send at most two.
+_DEEPEST = 8  # Maximum number of nested bundles to read. Programs send at most two.
 
 
 class PacketInvalid(ValueError):

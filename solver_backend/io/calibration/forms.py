@@ -34,7 +34,7 @@ _UNITY_LENS = {"fieldofview", "fov", "sensorsize"}  # Lower-case keys of Unity's
 _UNITY, _LEFT_HANDED = np.diag([1.0, -1.0, 1.0]), np.diag([1.0, 1.0, -1.0])
 """Unity's cameras look along Z with Y up in a left-handed world. The second matrix mirrors that world."""
 _LINK = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # A robot's links look along X with Z up.
-_MOST_CAMERAS, _MOST_NODES = 256, 2000  # Pictures of NeRF and nodes at most. More are frames or detections.
+_MOST_CAMERAS, _MOST_NODES = 256, 2000  # Maximum numbers of NeRF images and of nodes. More are frames or detections.
 _ALL = ("cameras", "cams", "calibration")  # Lower-case keys under which a file may store all of its cameras.
 _Steps = Mapping[str, tuple[str, np.ndarray]]
 """For each frame, the name of its reference frame and the (4, 4) matrix from the reference to it."""
@@ -93,7 +93,7 @@ def _camera(node: Any, shared: Values) -> tuple[Values, str, str] | None:
 
 
 def _stacked(values: Values) -> Nodes:
-    """Return the cameras if each value is a list over cameras (as in ZJU-MoCap), [] for one camera.
+    """Return the cameras if each value is a list over cameras (as in ZJU-MoCap), or [] for one camera.
 
     Equal intrinsics in all rows mean one moving camera.
     """
@@ -150,7 +150,7 @@ def _rigid(R: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 def _world_to_camera(pose: np.ndarray, axes: np.ndarray) -> np.ndarray | None:
-    """Return (4, 4) extrinsics with OpenCV's axes from a camera's world pose, None for an invalid pose."""
+    """Return (4, 4) extrinsics with OpenCV's axes from a camera's world pose, or None for an invalid pose."""
     if pose.shape != (4, 4) or not (np.abs(pose) <= FARTHEST_IN_UNITS).all():
         return None
     pose = pose @ _rigid(axes, np.zeros(3))
@@ -353,7 +353,7 @@ def _stereo(tree: Values) -> Content | None:
 
 
 def _ros_pose(entry: Any) -> np.ndarray | None:
-    """Return the (4, 4) pose of a child in its parent frame from a ROS Transform or Pose, None for other content."""
+    """Return the (4, 4) pose of a child in its parent frame from a ROS Transform or Pose, or None for other content."""
     while isinstance(entry, Mapping):
         inner = next((entry[key] for key in ("transform", "pose") if isinstance(entry.get(key), Mapping)), None)
         if inner is None:

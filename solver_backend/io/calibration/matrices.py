@@ -30,7 +30,7 @@ from solver_backend.io.camera_names import listing, match_names
 from solver_backend.io.files import LARGEST_TEXT, first_bytes, read_json, read_text, read_toml, read_xml
 
 DLT_NUMBERS = 11  # DLT coefficients per camera: the rows of the projection matrix divided by its last element.
-_LARGEST_TEXT, _LARGEST_ARRAYS = 1 << 16, 1 << 24  # Bytes of a text file and of arrays that are examined.
+_LARGEST_TEXT, _LARGEST_ARRAYS = 1 << 16, 1 << 24  # Largest text file and largest file of arrays in bytes.
 _CAMERA_NAMES = ("names", "camera_names", "cameras")
 _KINDS = ("intrinsic", "intrinsics", "intri", "extrinsic", "extrinsics", "extri")  # Folders that name no camera.
 _LIKE_CALIBRATION = re.compile(r"calib|extri|intri|stereo|cam(era)?(s|_?(param|pose|info)\w*)?$", re.IGNORECASE)
@@ -117,7 +117,7 @@ def stated_cameras(files: Sequence[MatrixFile]) -> StatedCameras:
 
 
 def _keys(path: Path, tree: Any) -> str:
-    """Return the keys of content that may be a calibration, '' if neither the keys nor the file name suggest one."""
+    """Return the keys of content that may be a calibration, or '' if neither the keys nor the file name suggest one."""
     if not isinstance(tree, Mapping) or not tree:
         return ""
     inner = next((node for node in tree.values() if isinstance(node, Mapping) and node), {})
@@ -159,7 +159,7 @@ def _of_text(path: Path) -> Any:
 
 
 def _of_xml(path: Path) -> Any:
-    """Return the content of OpenCV's XML storage, {} for other XML."""
+    """Return the content of OpenCV's XML storage, or {} for other XML."""
     if b"<opencv_storage" not in first_bytes(path, _HEAD):
         return {}
     return _storage(read_xml(path, LARGEST_TEXT, "OpenCV's XML"))

@@ -125,7 +125,7 @@ def _not_understood(files: Iterable[MatrixFile]) -> Iterator[CalibrationMissing]
 
 
 def _of_program(path: Path, unit: str | None, up_axis: str | None) -> Calibration | None:
-    """Read the file or folder of a known calibration program, None for other files."""
+    """Read the file or folder of a known calibration program, or None for other files."""
     for kind, recognises, read in _WHOLE:
         if recognises(path):
             return interpret_cameras(read(path), path, kind, unit, up_axis)

@@ -68,7 +68,7 @@ def _logical_lines(text: str) -> list[_Line]:
 
 
 def _key_and_rest(text: str) -> tuple[str, str] | None:
-    """Return the key of a line and the text after its colon, None if the line is not ``key: value``."""
+    """Return the key of a line and the text after its colon, or None if the line is not ``key: value``."""
     if text[0] in "\"'":
         key, quote, rest = text[1:].partition(text[0])
         rest = rest.lstrip() if quote else ""

@@ -333,7 +333,7 @@ _LINE_BYTES = 1 << 14  # Largest length of a file's first line in bytes, chosen 
 
 
 def files_of_cameras(folder: Path) -> dict[str, list[Path]]:
-    """Return Ultralytics' text files grouped by the video in their names, {} for other files."""
+    """Return Ultralytics' text files grouped by the video in their names, or {} for other files."""
     paths = sorted(p for p in folder.iterdir() if p.suffix.lower() == ".txt" and _NAME.fullmatch(p.stem))
     cameras: dict[str, list[Path]] = {}
     if paths and _is_line_of_person(paths[0]):

@@ -149,7 +149,7 @@ def _is_openpose(document: Any) -> bool:
 
 
 def _openpose_person(entry: Any, where: str) -> np.ndarray | None:
-    """Return (K, 3) points of a person, None for ``{}``, which Pose2Sim writes for an unmatched person."""
+    """Return (K, 3) points of a person, or None for ``{}``, which Pose2Sim writes for an unmatched person."""
     if entry == {}:
         return None
     if not isinstance(entry, dict):
@@ -223,7 +223,7 @@ _Named = Mapping[str, Any]
 
 
 def _named_people(frame: Any) -> list[_Named] | None:
-    """Return the people of a frame with named points, None for other content."""
+    """Return the people of a frame with named points, or None for other content."""
     if frame is None or frame in ({}, []):
         return []
     if isinstance(frame, dict) and isinstance(listed := next((frame[n] for n in _PEOPLE if n in frame), None), list):
@@ -417,7 +417,7 @@ def _is_by_camera(document: Any) -> bool:
 
 
 def cameras_in_document(document: Any) -> tuple[str, ...]:
-    """Return the camera names in a document of several cameras, () for one camera.
+    """Return the camera names in a document of several cameras, or () for one camera.
 
     They are the folders in the image names, or the names of lists of frames.
     """

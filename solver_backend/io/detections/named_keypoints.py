@@ -126,7 +126,7 @@ HAND_LANDMARKS = tuple(f"{side}_{point}" for side in SIDES for point in HAND_POI
 
 
 def hand_point(name: str) -> tuple[int, int] | None:
-    """Return the side (0 left, 1 right) and the index in ``HAND_POINTS`` of a name, None for other names.
+    """Return the side (0 left, 1 right) and the index in ``HAND_POINTS`` of a name, or None for other names.
 
     A finger without an index along it, such as the body keypoint ``left_index``, is not a hand point.
     """

@@ -42,7 +42,7 @@ def is_array(path: Path) -> bool:
 
 
 def cameras_in(path: Path) -> dict[str, Callable[[], CameraFrames]]:
-    """Return a reading function for each camera of a file with several cameras, {} for one camera.
+    """Return a reading function for each camera of a file with several cameras, or {} for one camera.
 
     The cameras of an array have no names. They are called ``cam01``, ``cam02`` and so on.
     """

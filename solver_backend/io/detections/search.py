@@ -328,7 +328,7 @@ def _of_opencap(path: Path) -> dict[str, Any]:
 
 
 def positive_number(value: Any) -> float | None:
-    """Return a frame rate from a TOML value, None for 'auto' and invalid numbers."""
+    """Return a frame rate from a TOML value, or None for 'auto' and invalid numbers."""
     good = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < 1e5
     return float(value) if good else None
 

@@ -116,7 +116,7 @@ class Parameters:
         return self.by_name[name].numbers(self.processor) if name in self.by_name else np.zeros(0)
 
     def number(self, name: str) -> float | None:
-        """Return the first value of a parameter, None if it is missing or not finite."""
+        """Return the first value of a parameter, or None if it is missing or not finite."""
         values = self.numbers(name)
         return float(values[0]) if values.size and np.isfinite(values[0]) else None
 
@@ -180,7 +180,7 @@ def _follow_chain(section: np.ndarray, processor: Processor) -> dict[str, Parame
 
 
 def _parameter(body: np.ndarray) -> Parameter | None:
-    """Return the parameter whose type byte comes first, None if it does not fit into the section."""
+    """Return the parameter whose type byte comes first, or None if it does not fit into the section."""
     if len(body) < 2:
         return None
     kind, count = int(body[:1].view(np.int8)[0]), int(body[1])
@@ -408,7 +408,7 @@ def _analog_channels(header: Header, parameters: Parameters) -> tuple[str, ...]:
 # Source: the C3D file format user guide (Motion Lab Systems, c3d.org). Only the required parameters and no analog
 # data are written. Counts above 65,535 are in TRIAL:ACTUAL_END_FIELD and in POINT:LONG_FRAMES, because each program
 # reads one of them. More than 255 labels continue in POINT:LABELS2.
-PER_PARAMETER = 255  # Most strings per parameter, and most characters per string.
+PER_PARAMETER = 255  # Maximum number of strings per parameter, and maximum number of characters per string.
 LARGEST_M = 1e30  # Largest coordinate in metres. Single precision ends at 3.4e38, including millimetres and the scale.
 _MM = 1000.0  # Millimetres per metre.
 

@@ -112,7 +112,7 @@ def _numbers(rows: list[list[str]], headings: Sequence[str], points: set[int], f
 
 
 def _column(values: np.ndarray, headings: Sequence[str], names: Sequence[str]) -> np.ndarray | None:
-    """Return the column under one of the headings, None if it is missing or has no numbers."""
+    """Return the column under one of the headings, or None if it is missing or has no numbers."""
     at = next((i for i, heading in enumerate(headings) if heading in names and i < values.shape[1]), None)
     return None if at is None or not np.isfinite(values[:, at]).any() else values[:, at]
 

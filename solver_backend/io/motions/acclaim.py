@@ -19,10 +19,10 @@ from solver_backend.types import SkeletonMotion
 
 SUFFIXES = (".asf", ".amc")
 RATE = 120.0  # Frames per second of CMU's takes. AMC files do not state it.
-_FRAME_DIGITS = 9  # Most digits of a frame number. A longer number means damage.
+_FRAME_DIGITS = 9  # Maximum number of digits of a frame number. A longer number means damage.
 _MOST_BONES, _MOST_FRAMES, _MOST_BYTES = 1000, 1_000_000, 200_000_000
 _LONGEST = 1e6  # Largest bone length, and largest component of a direction or axis, in any unit.
-_TURNS, _PLACES = ({f"{kind}{axis}": k for k, axis in enumerate("xyz")} for kind in "rt")  # Channels and their axes.
+_TURNS, _PLACES = ({f"{kind}{axis}": k for k, axis in enumerate("xyz")} for kind in "rt")  # Axis index of each channel.
 
 
 @dataclass
@@ -49,7 +49,7 @@ def read_acclaim(path: Path, fps: float | None = None) -> SkeletonMotion:
 
 
 def read_pair(skeleton: Path, motion: Path, fps: float | None = None) -> SkeletonMotion:
-    """Read a motion (AMC) and its skeleton (ASF), see ``read_acclaim``."""
+    """Read a motion (AMC) and its skeleton (ASF) as in ``read_acclaim``."""
     bones, radians = _read_skeleton(skeleton)
     values, in_radians = _read_frames(motion, bones)
     axes, turns = (

@@ -18,9 +18,9 @@ from solver_backend.io.recognition.marker_up_axis import metres_in, rotation_to_
 from solver_backend.types import SkeletonMotion
 
 METRES_PER_UNIT = 0.01  # BVH states no unit. Centimetres are the most common.
-_LARGEST, _LARGEST_HIERARCHY = 256_000_000, 5_000_000  # Bytes of the file and letters of its HIERARCHY.
+_LARGEST, _LARGEST_HIERARCHY = 256_000_000, 5_000_000  # Largest file in bytes, and largest HIERARCHY in characters.
 _MOST_JOINTS, _MOST_FRAMES, _MOST_POSES = 1000, 10_000_000, 15_000_000
-"""Most joints per skeleton, frames per take, and product of both. A joint needs 100 bytes per frame."""
+"""Maximum number of joints per skeleton, frames per take, and product of both. A joint needs 100 bytes per frame."""
 _BLOCK = 1 << 20  # Characters to split at a time, chosen by hand.
 _AXES = {"X": 0, "Y": 1, "Z": 2}  # Column of each axis.
 

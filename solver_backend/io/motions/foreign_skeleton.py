@@ -343,7 +343,7 @@ def _up_axis(motion: SkeletonMotion, roles: dict[str, str]) -> tuple[str, str]:
 
 
 def _clear_axis(ways: np.ndarray) -> int | None:
-    """Return the index of the axis close to the mean of (F, 3) directions, None if there is none."""
+    """Return the index of the axis close to the mean of (F, 3) directions, or None if there is none."""
     mean = (ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-9)).mean(0)
     axis = int(np.abs(mean).argmax())
     return axis if mean[axis] > _CLEAR else None

@@ -31,7 +31,7 @@ _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
 def _read_columns(path: Path, wanted: Callable[[str], bool]) -> dict[str, np.ndarray]:
-    """Return (F,) numbers of the wanted columns by heading, NaN for empty cells."""
+    """Return (F,) numbers of the wanted columns by heading, with NaN for empty cells."""
     names, rows = read_rows(path, _LARGEST)
     kept = {name: k for k, name in enumerate(name[:LONGEST_HEADING] for name in names) if wanted(name)}
     chosen = [[row[k] if k < len(row) else "" for k in kept.values()] for row in rows if any(map(str.strip, row))]
@@ -154,7 +154,7 @@ def _rokoko_points(columns: dict[str, np.ndarray], side: str, frames: int) -> np
 
 
 def read_gloves(path: Path, side: str = "") -> GloveTake:
-    """Read hands from a MANUS or Rokoko CSV, or from a moving skeleton, see ``read_stated``.
+    """Read hands from a MANUS or Rokoko CSV, or from a moving skeleton (see ``read_stated``).
 
     ``side`` is ``left`` or ``right`` for a single hand whose names state no side.
 

@@ -30,7 +30,7 @@ from solver_backend.io.packed_values import SUFFIXES, numbers, read_packed
 from solver_backend.types.network_result import CAMERA_TO_Z_UP, NUM_TURNED, Y_UP_TO_Z_UP, NetworkResult
 
 _FINGERS = 30  # Number of finger joints in SMPL-H and SMPL-X, left hand first.
-_FARTHEST_M, _MOST_TURN = 1e4, 1e3  # Largest distance in metres, and number of a turn, that is believed.
+_FARTHEST_M, _MOST_TURN = 1e4, 1e3  # Largest position in metres, and largest rotation parameter.
 
 _DAMAGE = (ValueError, TypeError, KeyError, IndexError, AttributeError, StopIteration, ArithmeticError)
 _DAMAGE += (RuntimeError, MemoryError)

@@ -10,7 +10,7 @@ from solver_backend.agreement.reading import LEAST_VALUES, Detections
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.io.recognition.joint_sets import SAMPLED_PEOPLE
 
-PER_CENT, FLAGGED = 100.0, 2.0  # Certain on a scale of per cent, and among COCO's flags: 1 is hidden, 2 is visible.
+PER_CENT, FLAGGED = 100.0, 2.0  # Value of certainty in percentages, and in COCO's flags (1 hidden, 2 visible).
 _LOW, _HIGH, _SURE = 0.5, 1.5, 0.95
 """Confidences are relative if this quantile of the visible keypoints is outside the first two. It then counts as 1."""
 _TYPICAL_PER_CENT = 10.0  # Percentages typically exceed this. Other scores above 1 reach only a few units.
@@ -59,7 +59,7 @@ _MOST_KEYPOINTS = 0.5
 
 
 def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
-    """Return the (2,) pixel position that most keypoints have at some time, None without such a position.
+    """Return the (2,) pixel position that most keypoints have at some time, or None without such a position.
 
     Args:
         xy: (..., K, 2) keypoints in pixels.

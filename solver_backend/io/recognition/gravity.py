@@ -117,7 +117,7 @@ take. Accelerations and errors of the masses cause it."""
 APART_SIGMAS = 1.4
 """Multiple of ``BODY_SIGMA`` beyond which trunk and balance contradict each other, so that up is uncertain."""
 FOOT_SIGMA_M = 0.02  # Standard deviation of a standing foot's keypoint height, metres.
-FRAMES_PER_STEP, FPS = 14, 30.0  # Frames that show the same of the floor, and their rate per second.
+FRAMES_PER_STEP, FPS = 14, 30.0  # Number of correlated frames on the floor, and their frame rate.
 LOWEST = 0.15  # Fraction of a foot's heights below the floor because of noise.
 _PASSES = 5
 _Z = np.array([0.0, 0.0, 1.0])

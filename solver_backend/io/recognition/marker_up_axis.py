@@ -199,7 +199,7 @@ def _above_floor(positions: np.ndarray) -> str | None:
 
 
 def _lowest(positions: np.ndarray, axis: str, share: float = 0.01) -> float:
-    """Return the ``share`` quantile of the marker heights if ``axis`` is up, NaN without visible markers."""
+    """Return the ``share`` quantile of the marker heights if ``axis`` is up, or NaN without visible markers."""
     with np.errstate(invalid="ignore"):  # markers that are not seen
         heights = positions @ rotation_to_z_up(axis)[2]
     return float(quantile(heights.ravel(), share, 0, "nearest"))
@@ -231,7 +231,7 @@ _STARTS = {"mm": "mm", "mil": "mm", "cm": "cm", "cen": "cm", "m": "m", "met": "m
 
 
 def unit_named(text: str) -> str | None:
-    """Return the key of ``METRES`` for a unit name in a file, None if it is unknown."""
+    """Return the key of ``METRES`` for a unit name in a file, or None if it is unknown."""
     word = text.strip().lower()
     if word in METRES:
         return word

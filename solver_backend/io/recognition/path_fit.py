@@ -23,7 +23,7 @@ STEP_S, STANDS_M_S = 0.1, 0.4
 """Time in seconds between compared foot positions, and speed (m/s) at which a foot counts half as standing."""
 ALONG_SIGHT = 3.0  # Ratio of the error of lifted feet along the line of sight to the error across it.
 ALIKE_S = 0.4  # Frames within this time (seconds) show the same planted foot.
-FASTEST_M_S, SCALES = 6.0, 160  # Usual speed of a camera at most, and number of scales that are compared.
+FASTEST_M_S, SCALES = 6.0, 160  # Largest usual camera speed, and number of scales to compare.
 LEAST_CARRIED_M = 0.1  # Shortest camera path in metres that determines a scale.
 BIAS, UNSURE = 0.15, 0.2
 """Relative scale error that more frames do not reduce, and relative standard deviation that causes a warning.

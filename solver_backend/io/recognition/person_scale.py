@@ -156,7 +156,7 @@ board or in units of structure from motion."""
 
 
 def stature_between(cameras: Cameras, detections: Detections) -> float:
-    """Return the main person's stature from bone lengths in the cameras' unit, NaN if the views do not agree.
+    """Return the main person's stature from bone lengths in the cameras' unit, or NaN if the views do not agree.
 
     Args:
         cameras: C cameras in any unit.

@@ -43,9 +43,9 @@ from solver_backend.types import Cameras, JointSet, Keypoints2D
 SAMPLED_FRAMES = 100
 _LEG = ("hip", "knee"), ("knee", "ankle")
 LEAST_UPRIGHT = 0.9  # Smallest cosine between a standing person and an axis.
-LARGEST_RESIDUAL_PX, LARGEST_BIAS_PX = 40.0, 15.0  # Of views that agree, and of a camera against the others.
+LARGEST_RESIDUAL_PX, LARGEST_BIAS_PX = 40.0, 15.0  # Limits of agreeing views, and of a camera relative to the others.
 IN_LINE = np.radians(15.0)  # Two cameras with a smaller angle between their views of the person show no depth.
-BIAS_CAMERAS = 24  # Most cameras that are compared in ``POSES`` frames. More cameras use fewer frames.
+BIAS_CAMERAS = 24  # Maximum number of cameras that are compared in ``POSES`` frames. More cameras use fewer frames.
 SURELY_UPRIGHT = np.cos(np.radians(6.0))
 """Cosine of the angle between a person and Z above which no further check is needed if the floor is under the feet."""
 SAME_SCALE = 0.2  # Log-scale change below which people are not searched again.
@@ -256,7 +256,7 @@ def find_people(
 
     Args:
         select: function that finds people, the main one first.
-        to_plausible: length factor that gives a possible stature, see ``in_persons_unit``.
+        to_plausible: length factor that gives a possible stature (see ``in_persons_unit``).
     """
     plausible = cameras.scaled(to_plausible) if to_plausible != 1.0 else cameras
     people = select(plausible)

@@ -146,7 +146,7 @@ def _closest_half(depth: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 
 
 def sorted_medians(values: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Return the median of each group, NaN for an empty group. Values are sorted by group and value."""
+    """Return the median of each group, or NaN for an empty group. Values are sorted by group and value."""
     if not len(values):
         return np.full(len(sizes), np.nan)
     first, last = np.cumsum(sizes) - sizes, len(values) - 1
@@ -309,13 +309,13 @@ class SensorSightings:
 
 
 SUNLIGHT = "sensor_sunlight"  # Code of a frame without markers because of sunlight, a window or a lamp.
-_MOST_PIXELS = 1e7  # Most pixels of an image, ten times an Azure Kinect's. Its lens table takes 1 GB.
+_MOST_PIXELS = 1e7  # Maximum number of pixels of an image, ten times an Azure Kinect's. Its lens table takes 1 GB.
 MEDIAN_LOSS = 1.25
 """Ratio of the standard deviations of median and mean. The ring's mean around the median is no worse."""
 
 
 class Acquisition:
-    """Finds markers in the frames of one sensor. ``mask`` (h, w) marks constant lights, see ``learned_mask``.
+    """Finds markers in the frames of one sensor. ``mask`` (h, w) marks constant lights (see ``learned_mask``).
 
     Raises:
         SensorUnknown: the calibration has no such sensor.

@@ -33,7 +33,7 @@ class AcquisitionSettings:
     """Fraction of full counts above which a pixel is saturated. Saturated pixels have no depth."""
 
     ring_px: int = 2  # Width of the ring around the blind patch.
-    least_ring: int = 4  # Fewest ring depths that determine a marker's depth.
+    least_ring: int = 4  # Minimum number of ring depths that determine a marker's depth.
     mad_limit: float = 3.0
     """Depths further from the ring's median are skipped, in standard deviations (Leys et al. 2013)."""
     mad_floor_m: float = 0.003  # Smallest standard deviation of a ring (m), so that quantised depths are not outliers.
@@ -53,8 +53,8 @@ class AcquisitionSettings:
     """A blob is round if its variance along its axis exceeds that for a disc of its area by less than this factor."""
     round_kept: int = 256  # Number of recent round blobs with known depth for the halo.
     merged: float = 1.6  # A blob is several markers if its variance along its axis exceeds a disc's by this factor ...
-    merged_px2: float = 0.3  # ... and this addition, because a few pixels make no smooth disc.
-    most_in_blob: int = 4  # Most markers in one blob.
+    merged_px2: float = 0.3  # ... and this addition, because a few pixels do not form a smooth disc.
+    most_in_blob: int = 4  # Maximum number of markers in one blob.
     too_large: float = 3.5  # Largest area of a part relative to a marker.
     too_small: float = 0.12  # Smallest area of a part relative to a marker.
     least_share: float = 0.45
@@ -141,7 +141,7 @@ class Shapes:
 
 
 def find_blobs(infrared: np.ndarray, threshold: float, mask: np.ndarray | None) -> Blobs | None:
-    """Return the blobs of (h, w) counts, None if too much is bright (sunlight). ``mask`` excludes pixels."""
+    """Return the blobs of (h, w) counts, or None if too much is bright (sunlight). ``mask`` excludes pixels."""
     flat = infrared.reshape(-1)
     pixel = np.flatnonzero(flat > infrared.dtype.type(threshold))
     if mask is not None:

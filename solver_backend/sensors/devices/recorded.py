@@ -132,7 +132,7 @@ def read_index(path: Path) -> np.ndarray:
     return rows
 
 
-WAITING = 8  # Most frames that may wait to be written. Chosen by hand.
+WAITING = 8  # Maximum number of frames that may wait to be written. Chosen by hand.
 SPARE_BYTES = 64 << 20  # Recording ends when the disk has less free space, which other programs need. Chosen by hand.
 _ASK_EVERY = 32  # Number of frames between checks of the free space. Chosen by hand.
 
@@ -316,7 +316,7 @@ class RecordedSensor(ReplayedSensor):
     kind: str
 
     def index(self) -> np.ndarray:
-        """Return the rows of complete frames, see ``ReplayedSensor``."""
+        """Return the rows of complete frames (see ``ReplayedSensor``)."""
         rows = read_index(self.folder / INDEX)
         if self.kind == "raw":
             path = self.folder / FRAMES
@@ -331,7 +331,7 @@ class RecordedSensor(ReplayedSensor):
         yield from super().frames()
 
     def pictures(self, at: int) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return infrared and depth of a frame, see ``ReplayedSensor``."""
+        """Return infrared and depth of a frame (see ``ReplayedSensor``)."""
         if self.kind == "png":
             return _png_pair(self.folder / "infrared", self.folder / "depth", at, has_depth=self.sensor.depth)
         shape, pixels = (self.sensor.height, self.sensor.width), self.sensor.height * self.sensor.width
@@ -350,7 +350,7 @@ class StudioSensor(ReplayedSensor):
     fps: float
 
     def index(self) -> np.ndarray:
-        """Return the rows, see ``ReplayedSensor``."""
+        """Return the rows (see ``ReplayedSensor``)."""
         number = np.arange(len(list((self.folder / "infrared" / self.name).glob("*.png"))))
         if not len(number):
             hint = 'Film it with "film": ["infrared", "depth"].'
@@ -358,7 +358,7 @@ class StudioSensor(ReplayedSensor):
         return np.stack([number, number / self.fps, np.full(len(number), np.nan)], axis=1)
 
     def pictures(self, at: int) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return infrared and depth of a frame, see ``ReplayedSensor``."""
+        """Return infrared and depth of a frame (see ``ReplayedSensor``)."""
         infrared, depth = (self.folder / what / self.name for what in ("infrared", "depth"))
         return _png_pair(infrared, depth, at, has_depth=depth.is_dir())
 

@@ -37,7 +37,7 @@ class FusionSettings:
     """Distance range from either sensor to the intersection of two rays in metres."""
     least_angle: float = 0.17  # Smallest angle in radians between two rays that determine a point.
 
-    acceleration_m_s2: float = 40.0  # Standard deviation of a marker's acceleration from frame to frame.
+    acceleration_m_s2: float = 40.0  # Standard deviation of a marker's acceleration between frames.
     start_speed_m_s: float = 2.0  # Standard deviation of a new marker's speed.
     follow: float = 16.27  # Largest χ² between a point and its track.
     lost_s: float = 0.12  # Seconds without a point after which a track ends.
@@ -479,7 +479,7 @@ class MarkerTracks:
 
 
 _MOST_UNSEEN, _PAUSE = 20, 36_000
-"""Most frames of a take: this many per moment with markers, plus a constant. More frames mean wrong times.
+"""Maximum number of frames of a take: this many per moment with markers, plus a constant. More frames mean wrong times.
 Milliseconds instead of seconds would need 6 GB for three moments. Chosen by hand."""
 
 

@@ -69,7 +69,7 @@ class WandCalibration:
         return lines + [f"  finding     {sentence(found)}" for found in array.findings]
 
     def as_dict(self) -> dict[str, object]:
-        """Return the result as JSON values, None for unknown numbers."""
+        """Return the result as JSON values, or None for unknown numbers."""
         array = self.array
         of_cameras: dict[str, Iterable[object]] = {"name": array.cameras.names, "rmse_px": array.camera_rmse_px}
         of_cameras |= {"centre_sigma_mm": 1e3 * array.centre_sigma_m, "turn_sigma_deg": np.degrees(array.turn_sigma)}

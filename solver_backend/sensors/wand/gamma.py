@@ -21,11 +21,11 @@ from solver_backend.types.shapes import Float
 LENGTH_TOLERANCE_M = 0.025  # Largest difference between an edge and its given length, in metres.
 ANGLE_TOLERANCE_DEG = 5.0  # Largest deviation of the corner from a right angle.
 LEAST_RATIO = 1.15  # Smallest ratio of the long edge to the short one.
-LEAST_FRAMES = 5  # Fewest moments with the Γ. Chosen by hand.
-MOST_POINTS = 24  # Most points in a frame. Cover the lamps if there are more.
+LEAST_FRAMES = 5  # Minimum number of moments with the Γ. Chosen by hand.
+MOST_POINTS = 24  # Maximum number of points in a frame. Cover the lamps if there are more.
 FRAMES_PER_NEWS = 3.0  # Number of consecutive frames with correlated errors. Chosen by hand.
 SHARED_SIGMA_M = 0.5e-3  # Constant marker error in a well calibrated array, in metres.
-_ROUNDS = 20  # Most iterations. Chosen by hand.
+_ROUNDS = 20  # Maximum number of iterations. Chosen by hand.
 
 
 class GammaNotFound(MocapError):
@@ -168,7 +168,7 @@ def _tilt_sigma(u: np.ndarray, v: np.ndarray, covariance: np.ndarray) -> float:
 
 
 MEETING_PX = 4.0  # Two camera rays intersect if their midpoint is within this distance of both pixels.
-MOST_MOMENTS = 300  # Most moments to use, spread over the recording.
+MOST_MOMENTS = 300  # Maximum number of moments to use, spread over the recording.
 
 
 def gamma_clouds(folder: Path, cameras: Cameras) -> list[np.ndarray]:

@@ -77,7 +77,7 @@ def cameras_at(views: Sequence[WandView], poses: Sequence[tuple[np.ndarray, np.n
 def adjusted(task: WandTask, moments: Moments) -> tuple[Adjusted, np.ndarray]:
     """Minimise the reprojection error of a rigid wand or a marker. Return the result and the indices of used moments.
 
-    The world has the first sensor's axes. One marker does not determine the scale, see ``depth_scale``.
+    The world has the first sensor's axes. One marker does not determine the scale (see ``depth_scale``).
 
     Reference: Triggs et al. 2000.
     """
@@ -117,7 +117,7 @@ def held_out(count: int) -> np.ndarray:
     return np.arange(count) * HELD_OUT_BLOCKS // max(count, 1) % 5 == 2
 
 
-LEAST_TOGETHER = 20  # Fewest common moments of a sensor pair.
+LEAST_TOGETHER = 20  # Minimum number of common moments of a sensor pair.
 HYPOTHESES = 200  # Number of samples of three point pairs.
 _REFINEMENTS = 15  # Number of reweighted alignments. Chosen by hand.
 START_SIGMA_PX = 2.0  # Initial scale of the distance from an epipolar line in pixels.
@@ -271,12 +271,12 @@ def _held_out_errors(
 
 
 RATE_HZ = 120.0  # Sampling rate of the compared speeds.
-PIECE_S, FLOOR_S = 6.0, 0.004  # Length of the compared pieces, and shift of a speed's peak by perspective, in seconds.
+PIECE_S, FLOOR_S = 6.0, 0.004  # Length of compared pieces, and shift of a speed peak by perspective, in seconds.
 CLIP_SIGMAS = 3.0  # Clipping limit of speeds in standard deviations. Chosen by hand.
 SMOOTHING_S = 0.06  # Standard deviation of the smoothing of the wand's path in seconds.
 SLOWEST_M_S = 0.05  # Speed in m/s below which the wand counts as still.
 LEAST_CORRELATION = 0.5  # Smallest correlation of two speeds that is used.
-MOST_MOMENTS = 900  # Most moments to solve, spread over the recording.
+MOST_MOMENTS = 900  # Maximum number of moments to solve, spread over the recording.
 
 
 def flat_of(view: WandView) -> np.ndarray:

@@ -120,7 +120,7 @@ SURE_SHARE = 0.43  # Largest fraction of the visible wand for the shorter part a
 STRAIGHT, STRAIGHT_SIGMAS = 0.03, 4.0
 """Largest distance from the middle light to the line through the others: as a fraction of the visible wand, or as a
 multiple of the standard deviation of a pixel position."""
-SHORTEST_M, LONGEST_M = 0.02, 5.0  # Limits of a wand's parts, in metres. Chosen by hand.
+SHORTEST_M, LONGEST_M = 0.02, 5.0  # Limits of the distances between neighbouring lights in metres. Chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -266,8 +266,8 @@ def _slopes(values: np.ndarray, times_s: np.ndarray, usual: float) -> np.ndarray
     return slope
 
 
-COLUMNS, ROWS = 6, 4  # Cells of each picture.
-LEAST_IN_CELL = 5  # Fewest sightings in a covered cell. Chosen by hand.
+COLUMNS, ROWS = 6, 4  # Number of cells per image.
+LEAST_IN_CELL = 5  # Minimum number of sightings in a covered cell. Chosen by hand.
 CELL_M = 0.5  # Edge length in metres of a cell of the volume.
 _ACROSS, _DOWN = ("left", "middle", "right"), ("top", "middle", "bottom")
 

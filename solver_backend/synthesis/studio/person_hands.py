@@ -161,7 +161,7 @@ def hidden_points(person: Person, cameras: Cameras, points: np.ndarray) -> np.nd
 
 
 SPREAD = 0.7  # Fraction of the prior's standard deviations in finger motion. The prior is as wide as its widest source.
-SLOWEST_HZ, FASTEST_HZ = 0.1, 0.7  # Frequencies of the motion; gestures take half a second to open or close a hand.
+SLOWEST_HZ, FASTEST_HZ = 0.1, 0.7  # Frequencies of the motion. Gestures open or close a hand in half a second.
 SHARES = tuple(np.linspace(1.0, 0.0, 11)[:-1].tolist())  # Fractions of a pose to try until no fingers intersect.
 TOUCH_M = 0.002  # Overlap of touching fingers in metres.
 EASE_S = 0.2  # Seconds in which a hand relaxes before such a pose, and in which it returns.

@@ -13,7 +13,7 @@ from solver_backend.camera_calibration.pictures import Canvas
 from solver_backend.synthesis.simulation.keypoint_detector import cross_2d
 from solver_backend.synthesis.studio.z_buffer import rasterise
 
-PIXELS_PER_M, FINER = 400, 3  # Of the picture; and by how much finer it is drawn before it is averaged down.
+PIXELS_PER_M, FINER = 400, 3  # Image resolution, and factor of oversampling.
 MARGIN_M = (0.12, 0.1)  # Margin beside and above the body for names, metres.
 MARKER_PX = 5.0  # Radius of a drawn marker in pixels.
 _AWAY_M = 50.0  # Distance of the viewpoint in metres, so large that lines of sight are parallel.
@@ -25,7 +25,7 @@ _TEXT, _TEXT_HIGH_PX = 0.45, 9  # Size of the names and height of their letters.
 _STEP = 4  # Step between grey levels. Fewer levels make a smaller file.
 _REACH_PX = (12, 20, 30, 44, 62, 84)  # Possible distances from a marker to its name in pixels.
 _TURNS = 24
-_CROWDED, _OVER_BODY = 100.0, 35.0  # Pixels that a name moves away to uncover a pixel, or the body.
+_CROWDED, _OVER_BODY = 100.0, 35.0  # Distance in pixels that is worth uncovering a pixel, or the body.
 _SWEEPS = 6  # Number of passes in which every name searches a better position.
 
 

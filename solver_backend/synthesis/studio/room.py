@@ -51,7 +51,7 @@ class Room:
         return hidden
 
     def seen_by(self, centre: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (h, w) depth in metres along the axis, inf without a hit, and (h, w, 3) normals in the world.
+        """Return (h, w) depth in metres along the axis, or inf without a hit, and (h, w, 3) normals in the world.
 
         Rays (h, w, 3) start at the camera's (3,) centre and have length 1 along its axis. A ray from inside a box
         leaves it through the nearest plane in its direction.

@@ -142,7 +142,7 @@ def _looking(way: np.ndarray) -> np.ndarray:
 
 _SLAB_M = 0.08  # Length (m) of the slabs into which parts are cut along their longest axis, one ellipsoid each.
 _MOST_SLABS = 8
-_ALONG, _ACROSS = 0.7, 1.03  # Half axes of an ellipsoid by its slab, tuned by how often sight lines end as at the mesh.
+_ALONG, _ACROSS = 0.7, 1.03  # Half axes of an ellipsoid relative to its slab, tuned to match sight lines at the mesh.
 _LEAST_M = 0.008
 _DIRECTIONS = 26  # Number of directions in which the ends of a part are searched.
 _SPREAD = 120  # Number of points over the whole skin, in addition to those at the ends of its parts.
@@ -270,7 +270,7 @@ class BodySight:
         self._counted = counted[self.proxy.bone]
 
     def hidden(self, centres: np.ndarray, lines: np.ndarray, points: np.ndarray, posed: PosedProxy) -> np.ndarray:
-        """Return an (F, C, K) mask of keypoints (F, K, 3) whose sight line the body blocks, see ``sight_lines``."""
+        """Return an (F, C, K) mask of keypoints (F, K, 3) whose sight line the body blocks (see ``sight_lines``)."""
         hidden = hidden_by_ellipsoids(centres, lines, posed.middle, posed.shape, self._counted)
         hidden[..., self._rigid.point] |= self._rigid.hidden(centres, points, posed.turn)
         return hidden

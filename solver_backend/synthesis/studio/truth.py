@@ -28,7 +28,7 @@ _TURNED_AWAY = -0.4  # Cosine between skin and line of sight at which a limb hid
 class Truth:
     """Ground truth for F frames and C cameras."""
 
-    keypoints3d: dict[JointSet, np.ndarray]  # (F, K, 3) metres of each joint set.
+    keypoints3d: dict[JointSet, np.ndarray]  # (F, K, 3) positions in metres by joint set.
     xy: dict[JointSet, np.ndarray]  # (C, F, K, 2) pixels, including hidden points. NaN where projection is impossible.
     visibility: dict[JointSet, np.ndarray]  # (C, F, K) uint8, ``OUTSIDE`` to ``VISIBLE``.
     marker_xy: np.ndarray  # (C, F, M, 2) pixels.

@@ -67,7 +67,7 @@ def _predicted(raw: bytes) -> bytes:
 
 EXR = "exr"  # Kind of floating-point images, with the normal as R, G, B and the depth as Z.
 _NOISY = ("infrared", "depth")
-_WAITING = 16  # Most images that may wait to be written.
+_WAITING = 16  # Maximum number of images that may wait to be written.
 
 
 class PictureWriter:

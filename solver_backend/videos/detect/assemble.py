@@ -45,7 +45,7 @@ SHORT_SHARE = 0.5  # Smallest overlap of all videos without a warning, relative 
 
 @dataclass(frozen=True)
 class KnownOfOne:
-    """Known facts about a single camera and its person, see ``Capture``."""
+    """Known facts about a single camera and its person (see ``Capture``)."""
 
     stature_m: float = 0.0  # Stature of the person in metres, 0 if unknown.
     floor_from_person: bool = False

@@ -70,7 +70,7 @@ SPREAD = 0.1  # Standard deviation of a keypoint between two images, relative to
 WIDENING = 5.0  # Growth factor of the spread per second.
 LEAST_SIMILARITY = 0.05  # Smallest similarity between a detection and its track.
 LOST_S = 1.0  # Seconds without a detection after which a track ends.
-MOST_PEOPLE = 12  # Most tracked people per image, chosen by confidence. Chosen by hand.
+MOST_PEOPLE = 12  # Maximum number of tracked people per image, chosen by confidence. Chosen by hand.
 
 
 def tracked(frames: list[np.ndarray], times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -132,7 +132,7 @@ def _numbers(people: np.ndarray, last: dict[int, _Sight], time_s: float, new: It
     return [found[i] if i in found else next(new) for i in range(len(people))]
 
 
-_POLL_S, _GLANCE_S = 0.2, 2.0  # Times between looks at the detectors and at their pictures, seconds. By hand.
+_POLL_S, _GLANCE_S = 0.2, 2.0  # Seconds between checks of the detectors and of their images. Chosen by hand.
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ _WRIST, _KNUCKLE = 0, 9
 
 
 def first_crop(wrist_px: np.ndarray, elbow_px: np.ndarray, hand_px: float, side: int) -> SquareCrop:
-    """Return the crop of a hand at the end of a forearm from (2,) px. Side 0 is left, and 1 is right."""
+    """Return the crop of a hand at the end of a forearm from (2,) pixels. Side 0 is left, and 1 is right."""
     up, length = direction(elbow_px, wrist_px, 1.0)
     # A forearm that points at the camera has its hand near the wrist in the image, so the crop is centred there.
     forearm = min(1.0, length / (1.3 * hand_px))
@@ -98,7 +98,7 @@ class Arms:
     """Elbows and wrists in F frames, or in one frame without that axis. The left side is first."""
 
     places: np.ndarray  # (F, 2, 2, 3) elbow and wrist of each side in metres, NaN if no views agree.
-    detected: np.ndarray  # (C, F, 2, 2, 3) px and confidence of the same points in each view.
+    detected: np.ndarray  # (C, F, 2, 2, 3) pixels and confidence of the same points in each view.
 
     def at(self, frame: int) -> Arms:
         """Return the arms of one frame."""
@@ -118,7 +118,7 @@ def search_hands(
     due: np.ndarray | None = None,
     each: Each = map,
 ) -> np.ndarray:
-    """Return (C, 2, 21, 3) x, y and confidence of both hands in each view, NaN if undetected.
+    """Return (C, 2, 21, 3) x, y and confidence of both hands in each view, with NaN if undetected.
 
     Args:
         pictures: (H, W, 3) uint8 images by view.
@@ -210,7 +210,7 @@ def _where_others_see_it(searches: Mapping[int, _HandSearch], cameras: Cameras, 
 
 
 def footage_scale(cameras: Cameras, videos: Sequence[VideoInfo | None]) -> Float[np.ndarray, "views 2"]:
-    """Return (C, 2) scale factors of width and height from calibrated images to the footage, 1 for another aspect.
+    """Return (C, 2) scale factors of width and height from calibrated images to the footage, or 1 for another aspect.
 
     Calibrations have the aspect of the displayed or of the stored images, which differ if pixels are not square.
     """
@@ -242,7 +242,7 @@ def _scaled(points: np.ndarray, scale: np.ndarray) -> np.ndarray:
 
 
 REACH = 5  # Largest detectable shift of the footage in frames. Beyond it, crops miss the hands.
-LEAST_FRAMES = 20  # Fewest frames with a hand and its wrist. Chosen by hand.
+LEAST_FRAMES = 20  # Minimum number of frames with a hand and its wrist. Chosen by hand.
 MOVES, AGREE = 0.5, 0.75
 """Largest error at the best shift relative to the worst shift, and smallest fraction of hands that are closer to their
 wrists after the shift. Chosen by ``python -m tests.benchmarks.hands.late_footage`` (docs/research-log/hands.md).
@@ -252,7 +252,7 @@ wrists after the shift. Chosen by ``python -m tests.benchmarks.hands.late_footag
 def footage_shift(
     hands: Float[np.ndarray, "views frames 2 21 3"], wrists: Float[np.ndarray, "views frames 2 3"]
 ) -> int:
-    """Return the delay of the footage relative to the detections in frames, 0 if hands do not show it.
+    """Return the delay of the footage relative to the detections in frames, or 0 if hands do not show it.
 
     The sum ``Σ |h_f - w_(f - d) - median|² / s²`` over the hands of all views, with their size s, is minimal at the
     shift d, refined by a parabola. The median is the constant difference between the detectors.

@@ -13,7 +13,7 @@ from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.types import Capture
 
 BINS = 8  # Number of confidence bins with equally many detections.
-LEAST_VIEWS, LEAST_MM = 3, 0.01  # Fewest views of a capture, and least spread of a detector in mm. Chosen by hand.
+LEAST_VIEWS, LEAST_MM = 3, 0.01  # Minimum number of views, and smallest standard deviation in mm. Chosen by hand.
 _MEDIAN_OF_SQUARE = 2.0 * np.log(2.0)  # Median of the squared length of a 2D vector with unit variance per axis.
 
 

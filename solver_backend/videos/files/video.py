@@ -88,7 +88,7 @@ class TimedPictures:
 
     @property
     def fps(self) -> float:
-        """Images per second, see ``rate_of``."""
+        """Images per second (see ``rate_of``)."""
         return rate_of(self.times_s)
 
 
@@ -106,7 +106,7 @@ class VideoInfo(TimedPictures):
 
 
 UNTIMED_SHARE = 0.5  # Largest fraction of distinct times in a file without image times.
-LONGEST_GAP_S, RARE_GAP = 60.0, 100.0  # Longest time without a picture, s, and in median intervals. By hand.
+LONGEST_GAP_S, RARE_GAP = 60.0, 100.0  # Longest time without an image, in s and in median intervals. Chosen by hand.
 PICTURES_FPS = 30.0  # Assumed frame rate of an image folder, per second.
 
 

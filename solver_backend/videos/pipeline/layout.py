@@ -18,7 +18,7 @@ _CAMERA_FOLDER = re.compile(r"(.*[_\-. ])?(cam(era)?|view|gopro|miqus|port|int_c
 """Names of camera folders, which may contain several videos: cam_01, Camera 2, view3, 04."""
 _SOURCE_FOLDER = "inputmedia"  # OpenCap's subfolder with a camera's footage.
 _SYNCHRONISED = re.compile(r"[_\-. ]sync(ed|d|hronised|hronized)?$", re.IGNORECASE)
-_MOST_PICTURE_NAMES = 64  # Most file names to check for images.
+_MOST_PICTURE_NAMES = 64  # Maximum number of file names to check for images.
 
 
 def _takes_by_folder(folders: Sequence[Path]) -> dict[str, dict[str, Path]]:

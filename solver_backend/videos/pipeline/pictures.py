@@ -105,7 +105,7 @@ def _dots(rgb: np.ndarray, points: np.ndarray, colour: np.ndarray, radius: int) 
 
 LOOKED_AT = 240  # Number of first images from which one is shown, so that a long video is not read up to its middle.
 SHOWN_S = 12.0  # Length of the clock curves in seconds.
-_LEFT, _TOP, _RIGHT = 40, 30, 190  # Margins of the clocks' curves in px. The right one has the names of the cameras.
+_LEFT, _TOP, _RIGHT = 40, 30, 190  # Margins of the clock curves in px. The right one contains the camera names.
 _TICKS_S, _MOST_TICKS = (0.1, 0.2, 0.5, 1.0, 2.0), 13
 _WEDGE = 90.0  # Length of a camera's field of view in the plan, in pixels.
 

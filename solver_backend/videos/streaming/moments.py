@@ -247,7 +247,7 @@ class LiveView:
             self.changed.notify_all()
 
 
-FEWEST = 2  # Fewest views for triangulation.
+FEWEST = 2  # Minimum number of views for triangulation.
 _NEW = 0.2  # Weight of a new duration in the running mean.
 _EASY = 0.8  # A view is added if this fraction of the interval then suffices.
 

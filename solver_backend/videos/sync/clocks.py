@@ -297,7 +297,7 @@ def clocks_of_signals(
     names: tuple[str, ...], signals: Sequence[Signal], method: str, *, reach_s: float, piece_s: float, floor_s: float,
     least: float = 0.0,
 ) -> Clocks:  # fmt: skip
-    """Estimate camera clocks from signals with the same sample rate, see ``pair_lag``.
+    """Estimate camera clocks from signals with the same sample rate (see ``pair_lag``).
 
     Args:
         floor_s: smallest standard deviation of a lag in seconds.

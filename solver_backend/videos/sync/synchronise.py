@@ -19,7 +19,7 @@ from solver_backend.videos.sync.clocks import RATE_SIGMA, Clocks, SyncUnknown, a
 from solver_backend.videos.sync.signals import PIECE_S, SOUND_FLOOR_S, clocks_by_speeds, onsets
 from solver_backend.videos.video_detections import VideoDetections
 
-MOST_FRAMES = 4000  # Most frames for refining delays.
+MOST_FRAMES = 4000  # Maximum number of frames for refining delays.
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class FilmedTracks:
 
 
 def clocks_by_geometry(filmed: FilmedTracks, reach_s: float) -> Clocks:
-    """Estimate the clocks of calibrated cameras, see ``estimate_delays``.
+    """Estimate the clocks of calibrated cameras (see ``estimate_delays``).
 
     Raises:
         SyncUnknown: too little moves, or the views agree at no offset.

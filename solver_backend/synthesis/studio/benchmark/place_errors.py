@@ -30,7 +30,7 @@ from solver_backend.synthesis.studio.sight import BodySight, sight_lines
 from solver_backend.synthesis.studio.stage import seeded
 from solver_backend.types import Cameras, JointSet
 
-_POSES, _DRAWS = 5, 8  # Poses per place, and detections of each.
+_POSES, _DRAWS = 5, 8  # Number of poses per position, and of detections per pose.
 _FPS = 30.0  # Frames per second of the simulated person; chosen by hand.
 _SET = JointSet.BODY_25
 

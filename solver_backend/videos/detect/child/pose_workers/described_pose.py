@@ -153,7 +153,7 @@ class DescribedPose(TopDown):
         return points
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return keypoints, see ``PoseDetector``."""
+        """Return keypoints (see ``PoseDetector``)."""
         return {"keypoints": self.people(rgb)}
 
 

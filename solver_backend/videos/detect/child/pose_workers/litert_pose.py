@@ -132,9 +132,9 @@ DETECTOR_FILE = "pose_solution_packed_assets.data"  # Person detector, in the fo
 PACKAGE = "@mediapipe/pose 0.5.1675469404"
 SIDE = 256  # Side of the landmark model's input in pixels.
 NUM_POINTS, _ALL_POINTS, _NUMBERS = 33, 39, 5
-_HIPS, _TOP = 33, 34  # Points that place the next square.
-_HEAT, _WINDOW = 64, 3  # Cells per side of a point's heat map, and cells around a point that are averaged.
-_PRESENT, _SURE = 0.5, 0.5  # Least likelihood of a person in a square, and least heat of a point that is averaged.
+_HIPS, _TOP = 33, 34  # Points that determine the next square.
+_HEAT, _WINDOW = 64, 3  # Cells per side of a heat map, and radius in cells of the average around a point.
+_PRESENT, _SURE = 0.5, 0.5  # Smallest probability of a person in a square, and smallest averaged heat.
 _SAME = 0.2  # Largest mean distance between points of one person, relative to the square's side.
 
 
@@ -161,7 +161,7 @@ class LiteRtPose:
         self.about = {"name": f"litert {name}", "licence": LICENCE, "joint_set": "MEDIAPIPE_33", "people": self._people}
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return keypoints, see ``PoseDetector``."""
+        """Return keypoints (see ``PoseDetector``)."""
         people: list[np.ndarray] = []
         squares, self._squares = self._squares, []
         for square in squares:

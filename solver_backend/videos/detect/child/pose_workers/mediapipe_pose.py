@@ -37,7 +37,7 @@ class MediaPipePose:
         self.about = {"name": name, "joint_set": "MEDIAPIPE_33", "people": self._people}
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return keypoints and hands, see ``PoseDetector``."""
+        """Return keypoints and hands (see ``PoseDetector``)."""
         bodies: list[np.ndarray] = []
         hands: list[np.ndarray] = []
         picture = rgb

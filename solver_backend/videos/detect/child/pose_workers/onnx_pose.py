@@ -343,7 +343,7 @@ class OnnxPose:
         self.about = {"name": name, "num_keypoints": self._model.num_keypoints, "people": people}
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return keypoints, see ``PoseDetector``."""
+        """Return keypoints (see ``PoseDetector``)."""
         return {"keypoints": self._model.people(rgb)}
 
 
