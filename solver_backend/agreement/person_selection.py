@@ -176,8 +176,8 @@ def select_people(
     """Return all people that two or more views show for long enough, with detections, the most agreed on first.
 
     The person to solve is chosen later. Notes and problems are attached to the first person, who is solved by default.
-    A detection near two people is assigned to the better fit. A view that never shows two people at once is assigned to
-    the first person, because the checks before a solve need all of its detections.
+    A detection near two people is assigned to the better fit. A view that never shows two people is assigned to the
+    first one, because later checks need all its detections.
 
     Args and raises: as in ``follow_people``.
     """

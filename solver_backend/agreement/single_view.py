@@ -90,8 +90,8 @@ def pictures_of_one_view(camera: Cameras, detections: Detections) -> FoundPictur
     """Detect a rotation or resizing of a single view's images. Return None if they are as calibrated.
 
     Images are rotated if the person is upright only in another rotation, and one of two conditions holds. The person
-    leaves the calibrated image, or stands on the floor z = 0 in the rotated image and does not lie on it in the
-    original. The alternative is a person in a handstand, or on a bed or table.
+    leaves the calibrated image, or is upright on the floor only in the rotated image. The alternative is a person in a
+    handstand, or on a bed or table.
 
     Images are resized if an upright person leaves the calibrated image or has an impossible stature. In addition, a
     single other size must give a usual stature and contain every keypoint. The alternative is a floor at another height

@@ -166,8 +166,8 @@ def best_offsets(tables: Tables, count: int) -> np.ndarray:
 class _PairGains:
     """Gains of the pairs of C views at offsets from -(F-1) to F-1, in matching frames.
 
-    The gain of a frame is the decrease of its distance at an offset compared with the median over frames of the other
-    view. A view without motion has no gain.
+    A frame's gain is the decrease of its distance at an offset relative to the median over the other view's frames. A
+    view without motion has no gain.
     """
 
     gains: Tables

@@ -84,8 +84,8 @@ def find_gait(posed: PosedSegments, cloud: MarkerCloud, flags: np.ndarray | None
     """Find the steps from the heels and toes of ``open_sim.virtual_markers``.
 
     A foot leaves the floor when its toes are farthest behind the pelvis (Zeni et al. 2008). It strikes when the heel
-    stops falling, after its foremost position. Excluded are steps without a swing forward, as in a squat, events and
-    strides with interpolated frames (``FLAG_UNSEEN`` in the (F,) flags of the motion), and strides with a pause.
+    stops falling, after its foremost position. Steps without a swing forward, as in a squat, and strides with a pause
+    are excluded. So are events and strides with interpolated frames (``FLAG_UNSEEN`` in the (F,) flags of the motion).
     """
     labels, fps = list(cloud.labels or ()), cloud.fps
     forward = posed.rotations["pelvis"][:, :, 0] * (1.0, 0.0, 1.0)

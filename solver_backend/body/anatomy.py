@@ -106,7 +106,7 @@ Rule = AtJoints | OnSurface | Between
 
 
 class LandmarkBuilder:
-    """Collects skinned points of one body and combines them to landmarks."""
+    """Builder of landmarks from skinned points of one body."""
 
     def __init__(self, body: Body, rules: Mapping[str, tuple[str, Rule]], *, correctives: bool = False) -> None:
         """Prepare a builder for a closed T-posed body in SMPL's frame.

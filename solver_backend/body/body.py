@@ -96,8 +96,8 @@ def body_from_arrays(arrays: Mapping[str, Any], *, where: str, default_id: str) 
     """Check arrays with SMPL's names and create a body.
 
     Raises:
-        BodyInvalid: an array is missing, not finite or of the wrong shape, a face has an unknown vertex, or the joints
-            are not a tree with parents before children.
+        BodyInvalid: an array is missing, not finite or misshaped, a face has an unknown vertex, or joints are no tree
+            with parents first.
     """
     if missing := [key for key in REQUIRED_KEYS if key not in arrays]:
         what = f"The body file lacks {', '.join(missing)}. It contains {', '.join(sorted(arrays))}."

@@ -51,8 +51,8 @@ class Sides:
     def glued(self, names: Sequence[str], letters: Letters) -> dict[str, tuple[str, str]]:
         """Return side and name of the labels that end in a side: ``ASISr``, ``KNIEli``.
 
-        One ending is not enough (``HEEL``, or ``ARMl`` for the lateral marker next to ARMm). Either the label of the
-        other side exists and no label ends in m, or ``LEAST_GLUED`` pairs prove the meaning of the ending.
+        One ending is not enough (``HEEL``, or ``ARMl`` for the lateral marker next to ARMm). Either the other side's
+        label exists and no label ends in m, or ``LEAST_GLUED`` pairs prove the ending's meaning.
         """
         there, found = set(names), dict[str, tuple[str, str]]()
         shown: Counter[str] = Counter()

@@ -283,7 +283,7 @@ def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType
     """Return the locations of labels that name a limb without its side, from their position relative to the trunk.
 
     Pairs of labels with sides, such as both ASIS, define the sides of the trunk. The result is empty without such a
-    pair, if labels of the limb state a side, or if its markers are on both sides of the median plane.
+    pair, if labels state a side, or if markers are on both sides of the median plane.
 
     Args:
         own: the user's locations by label, which always win.

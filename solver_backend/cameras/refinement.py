@@ -117,8 +117,8 @@ class RefinedCalibration:
 def refine_calibration(capture: Capture) -> RefinedCalibration:
     """Return camera poses that better fit the detections of all people in a capture, including hands.
 
-    Every other frame is fitted, and the rest is measured. The triangulated points are aligned with those of the given
-    calibration by a similarity, because a calibration has a scale and detections have none.
+    Every other frame is fitted, and the rest is measured. The triangulated points are aligned with the given
+    calibration's by a similarity, as detections have no scale.
 
     Raises:
         TooFewViews: fewer than two cameras have detections.

@@ -38,7 +38,7 @@ whole bodies (btkdata's mocap36, badParameterOffset), but at most 61 % of cluste
 
 LEAST_UNNAMED = 0.5
 """Share of nameless points that the network must name to find a person. It names 70 to 90 % of whole bodies with stray
-points (c3d.org's samples 13 and 20), but 27 % of a body with 57 markers in clusters, with heels 20 cm off."""
+points (c3d.org's samples 13 and 20), but 27 % of a body with 57 clustered markers."""
 
 
 UNSURE_M = 0.13

@@ -301,8 +301,8 @@ def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: flo
     is the restricted maximum likelihood of the log-variance (thesis eqs. 5.2, 5.3) under an inverse-gamma prior. h is
     the share of a view's error that the point absorbs, ``w J S⁻¹ Jᵀ`` with ``S = Σ_c w Jᵀ J``. Variances are relative
     to their keypoint's mean, because the views' disagreement already determines a keypoint's overall noise. Otherwise
-    residuals of a bent toe or a fast limb that the body does not follow yet would count as noise and persist. Points
-    with one measurement are not used. Detections beyond ``scale`` standard deviations are excluded.
+    residuals of a limb that the body does not follow yet would count as noise and persist. Points with one measurement
+    are not used. Detections beyond ``scale`` standard deviations are excluded.
     """
     return reweighted_by_points(pose(subject, frames).points, term.select(sample), term, scale)
 

@@ -46,7 +46,7 @@ SPREAD_MM: dict[str, dict[str, tuple[float, float, float]]] = {
 """Standard deviations in mm along the anchor bone's axes (left, up and front at rest) for a person with an upright
 pelvis, by anchor without side. Fitted with ``python -m tests.benchmarks.resting_spread`` to recordings of CMU, UI-PRMD
 and running laboratories, so that ellipsoids contain about 50, 80 and 95 %. Trunk and head have 1.2 to 2.5 times these
-values, because the pelvis of a solve without their markers leans by 8 degrees."""
+values, as the pelvis leans by 8 degrees without their markers."""
 BESIDE_MM: dict[str, dict[str, float]] = {
     "trunk": {"pelvis": 7.0, "hip": 9.5, "spine1": 20.0}, "thigh": {"pelvis": 6.5, "hip": 9.5},
 }  # fmt: skip
@@ -169,8 +169,8 @@ def assumed_joints(body: Body, landmarks: Landmarks, offsets: np.ndarray, locate
     """Return the deviation per axis in metres of the joints that only the assumed posture determines.
 
     A joint is measured if a landmark is near it, or if it lies between measured joints: between any two if one of them
-    is in ``CORE``, otherwise along one limb, because two thighs may point anywhere from their knees. An arm without a
-    trunk does not determine its shoulder, because the acromion marker may be on either side of the joint.
+    is in ``CORE``, otherwise along one limb. Two knees do not determine thighs. An arm without a trunk does not
+    determine its shoulder, because the acromion marker may be on either side of the joint.
     """
     names, ever = body.layout.joints, located.any(axis=0)
     if not ever.any():

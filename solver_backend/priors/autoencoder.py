@@ -190,8 +190,8 @@ class PoseAutoencoder(AutoencodingPrior):
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
         """Return R (N, 21, 3, 3) and J (N, 21, 3, d) with ``R_j(z + dz) ~ exp([J_j dz]x) R_j(z)``.
 
-        ``J_j = (dω/d6D)(x_j) dx_j/dz`` in forward mode: the derivative of the 6D form, after the network's, by the d
-        ambient coordinates of the code, without projection to the tangent space of its manifold.
+        ``J_j = (dω/d6D)(x_j) dx_j/dz`` in forward mode: the derivatives of network and 6D form by the d ambient
+        coordinates of the code. There is no projection to its tangent space.
         """
         return decoded_rotations_with_jacobian(self._decoder_for(z), z)
 

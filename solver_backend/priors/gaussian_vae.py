@@ -17,7 +17,7 @@ from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 LATENT_DIM = 32
 VaeName = Literal["vposer", "vposer_worded", "rvposer", "rvposer_second_norm"]
 """``vposer`` follows its public code (Pavlakos et al. 2019), ``vposer_worded`` its description in the thesis.
-``rvposer`` the robust variant (thesis 4.2.4), ``rvposer_second_norm`` has the public code's second normalisation."""
+``rvposer`` is robust (thesis 4.2.4), and ``rvposer_second_norm`` has the public code's second normalisation."""
 
 
 class GaussianVAE(PoseAutoencoder):

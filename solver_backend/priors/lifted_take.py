@@ -178,8 +178,8 @@ def _lifted_twice(
 UP_RAD = 0.17  # Error of the lifter's up over a take, per axis: 10 degrees, common to most frames.
 FLOOR_M, FEET_ALIKE_S = 0.1, 0.5  # Error of the lower sole's height in metres, and its correlation time in seconds.
 STANDING_PERCENT = 20.0
-"""Percentile of the lower sole's heights at which a foot stands. Relative to the median, feet in four takes of subjects
-08 and 60 and in four training takes skate 0.003 instead of 0.005 cm per frame, with equal joint errors."""
+"""Percentile of the lower sole's heights at which a foot stands. In four takes of subjects 08 and 60 and four training
+takes, feet skate by 0.003 cm per frame, with the median by 0.005."""
 SOLE_M, ANKLE_M = 0.02, 0.08  # Heights in metres of a standing foot's heel or toe, and of its ankle.
 _FEET = {
     f"{side}_{part}": height

@@ -34,7 +34,7 @@ class LazyNormalEquations:
 
     @property
     def formed(self) -> NormalEquations:
-        """The equations, without their inputs."""
+        """Equations, formed on first use. Their inputs are then released."""
         if self._equations is None:
             assert self._form is not None
             self._equations, self._form = self._form(), None

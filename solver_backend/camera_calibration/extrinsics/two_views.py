@@ -224,8 +224,8 @@ def inverted(a: Pose) -> Pose:
 def relative_pose(first: Sequence[Pose], second: Sequence[Pose]) -> Pose:
     """Return the pose from the first to the second camera that best fits all common frames.
 
-    Each frame proposes ``T_second T_first⁻¹``. The proposal with the smallest median distance from the others is used,
-    which rejects the wrong one of a flat board's two poses.
+    Each frame proposes ``T_second T_first⁻¹``. The proposal closest to the others (median) is used. This rejects the
+    wrong one of a flat board's two poses.
     """
     proposals = [composed(b, inverted(a)) for a, b in zip(first, second, strict=True)]
     R, t = np.stack([p[0] for p in proposals]), np.stack([p[1] for p in proposals])

@@ -32,7 +32,7 @@ class HandViews:
 
 
 NEAR_M, OFTEN = 0.06, 0.8
-"""An unknown marker belongs to a hand if it is within this distance of a hand marker in this share of common frames."""
+"""An unknown marker within this distance of a hand marker, in this share of common frames, belongs to the hand."""
 
 
 @dataclass(frozen=True)

@@ -268,9 +268,9 @@ def joint_covariance(
     """Return (F, J + S, 3, 3) posterior covariances of J joints in m², then of the rotations of S segments in rad².
 
     The covariance of joints is ``k f J B S Bᵀ Jᵀ + c² I``. For segments, ``turn_covariance`` uses ``k f B S Bᵀ``. S is
-    the posterior covariance of the three keys of a frame's window and B the derivative of the pose by these keys (their
-    pose tangents interpolated with Lagrange weights). J is the derivative of the joints by the pose, f the inflation, k
-    ``CALIBRATION`` and c the constant.
+    the posterior covariance of the three keys of a frame's window. B is the derivative of the pose by these keys (pose
+    tangents with Lagrange weights). J is the derivative of the joints by the pose, f the inflation, k ``CALIBRATION``
+    and c the constant.
 
     Args:
         system: normal equations at the solution.

@@ -184,8 +184,8 @@ def check_sides(points: np.ndarray, landmarks: Landmarks) -> None:
     """Check that left legs and arms are left of the waist and shoulders, and that feet point forward.
 
     With l from right to left, u from feet to waist and f from heels to toes, ``(l × u) · f > 0``. For joint centres
-    without toes, f points from the midpoint of hip and ankle to the knee, which bends forwards, or from the neck or
-    ears to the nose. A single limb is compared with waist or shoulders, a single leg with its ankle.
+    without toes, f points from the midpoint of hip and ankle to the forward knee, or from neck or ears to the nose. A
+    single limb is compared with waist or shoulders, a single leg with its ankle.
 
     Raises:
         MarkersMirrored: a condition does not hold in most frames.
@@ -336,9 +336,9 @@ _SHOULDERS, _ELBOWS = (("SHO",), ("FSH", "BSH")), ("ELB", "ELM")
 def exchanged_wrists(points: np.ndarray, places: Sequence[str]) -> list[tuple[int, int]]:
     """Return the columns of the markers WRA and WRB on each side where their names are swapped.
 
-    For every rotation of the hand, the thumb side of the wrist points towards the upper arm within a right angle,
-    measured across the forearm. With f from elbow to wrist and u from elbow to shoulder, ``(x_A - x_B) · (u - (u · f)
-    f) > 0``. ``points`` are (F, L, 3) in metres, NaN where missing.
+    For every rotation of the hand, the thumb side of the wrist is within 90 degrees of the upper arm, measured across
+    the forearm. With f from elbow to wrist and u from elbow to shoulder, ``(x_A - x_B) · (u - (u · f) f) > 0``.
+    ``points`` are (F, L, 3) in metres, NaN where missing.
     """
     column = {place: i for i, place in enumerate(places)}
     pairs: list[tuple[int, int]] = []

@@ -109,8 +109,8 @@ def filled(
     process, which is ``d_a e^{-(t - a) / τ}`` for a gap with one end. The take gives the correlation time τ.
 
     The second prediction follows from the neighbours (see ``among``). Frames around the gap give the mean squared
-    errors ``e²`` of both. The second has the weight ``e_1² / (e_1² + e_2²)``. If both predictions differ by more than
-    these errors, the body is assumed to be wrong, because a limb whose only marker is hidden is undetermined.
+    errors ``e²`` of both. The second has the weight ``e_1² / (e_1² + e_2²)``. If both predictions differ by more, the
+    body is assumed to be wrong. A limb with no visible marker is undetermined.
 
     ``bones`` are (F, M, 3, 3) weighted mean rotations of each marker's bones. ``others`` are (F, U, 3) recorded points
     that the body does not use. They predict markers of limbs without other known markers.

@@ -146,8 +146,8 @@ def restore_sides(
 def side_jumps(xy: np.ndarray, seen: np.ndarray, pairs: Sequence[tuple[int, int]], fps: float) -> np.ndarray:
     """Return the (F,) number of a limb's left and right pairs that swap in each frame.
 
-    The prediction error of a step ``x_t - x_{t-1}`` from the mean of the steps before and after it is compared between
-    a keypoint's track and its counterpart's. Limbs that pass each other continue their motion.
+    A step ``x_t - x_{t-1}`` is predicted by the mean of the steps before and after it. The error is compared between a
+    keypoint's track and its counterpart's. Limbs that pass each other continue their motion.
     """
     columns = np.array(pairs)
     both = seen[:, columns].all(axis=-1)
@@ -231,7 +231,7 @@ def _extent(xy: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 ALIKE, ACROSS_M, POSE_TURNS = 1.3, 0.02, 0.2
 """Factor on the lifter's deviations along the line of sight, error across it per axis in metres, and factor from these
-deviations to the turns that make the size unsure. Chosen by ``python -m tests.benchmarks.one_view_deviations``."""
+deviations to the rotations for the size. Chosen by ``python -m tests.benchmarks.one_view_deviations``."""
 POSE_SIZE = 0.005  # Relative error of the distance of a person of given size by the lifted pose. Chosen by hand.
 TURNS = {
     "pelvis": 0.28, "thorax": 0.58, "head": 0.0, "thigh": 1.28, "shank": 0.62, "foot": 0.2, "toes": 0.0,

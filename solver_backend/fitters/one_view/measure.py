@@ -97,7 +97,7 @@ def size_of(
 
 
 def turn_sigma(take: LiftedTake, body: Body) -> np.ndarray:
-    """Return (F, 1 + J) deviations of the lifted turns of the root and the solved joints, radians."""
+    """Return (F, 1 + J) deviations of the lifted rotations of the root and the solved joints, radians."""
     sigma = np.zeros((len(take.z), 1 + body.layout.num_solved))
     if has_segments(body):
         joints = [body.layout.joints.index(joint) for _, joint in SEGMENTS.values()]

@@ -133,8 +133,8 @@ def fit_shape(
 
     ``min Σ_f e [Σ_i |(p_i + t)_xy - x_i (p_i + t)_z|² / σ_p² + Σ_s (h_s - o)² / σ_h²] + |β|² + o² / σ_o²``. e is the
     share of new information per frame, x are the keypoints in focal lengths, h the heights of planted soles above the
-    floor and o the height of the shoes. The fit takes the pose as exact. Turns ω of the joints would move the stature
-    by Σ g·ω, so ``pose_sigma² = Σ_fj |g_fj|² σ_fj² / e`` for errors that stay for ``ALIKE_S``.
+    floor and o the height of the shoes. The fit takes the pose as exact. Rotations ω of the joints would move the
+    stature by Σ g·ω, so ``pose_sigma² = Σ_fj |g_fj|² σ_fj² / e`` for errors that stay for ``ALIKE_S``.
 
     Args:
         turn_sigma: (F, 1 + J) deviations of the lifted turns of the root and the solved joints, radians.

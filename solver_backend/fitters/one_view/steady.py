@@ -84,9 +84,9 @@ def stand_on_floor(solved: SolvedFrames, sight: np.ndarray, fps: float) -> Solve
     """Put the lowest points of planted feet on the floor z = 0, and remove foot sliding.
 
     The body moves by the mean height of its planted feet, smoothed in time. In frames without a contact for longer than
-    a flight the lower foot counts instead. A slow height error comes from a depth error, so its slow part moves the
-    body by the most likely shift ``C e / (eᵀ C e)`` with ``C = 1 + (k² - 1) d dᵀ``, e upwards, d along ``sight`` (F, 3)
-    and k ``DEEPER``. The rest moves it vertically.
+    a flight the lower foot counts instead. A slow height error comes from a depth error, so the body moves by the most
+    likely shift ``C e / (eᵀ C e)`` with ``C = 1 + (k² - 1) d dᵀ``, e upwards, d along ``sight`` (F, 3) and k
+    ``DEEPER``. The rest moves it vertically.
 
     Then the legs bend until each planted foot is on the floor at its mean position. Feet keep their orientation. Feet
     below the floor are lifted too. No foot moves by more than ``MOST_M`` relative to the body.

@@ -166,7 +166,7 @@ class Bundle:
 
     @property
     def everywhere(self) -> PosedKeys:
-        """The keys with the poses of all frames."""
+        """Keys with the poses of all frames."""
         return self.posed if self.posed.frames is None else replace(self.posed, frames=None)
 
     @property

@@ -38,7 +38,7 @@ ROBUST_SCALE = np.inf  # The learned variances are robust enough without a kerne
 
 
 class PersonFollower:
-    """Fits frames of one person one after another, and keeps pose, velocity and shape."""
+    """Sequential solver for frames of one person, with pose, velocity and shape as its state."""
 
     def __init__(self, subject: Subject, betas: np.ndarray | None = None) -> None:
         """Create a follower of a person, with the (10,) shape if it is known."""
@@ -187,7 +187,7 @@ class LiveFrame:
 
 
 class LiveFit(PersonFollower):
-    """Follows a person by markers."""
+    """Live solver for a person with markers."""
 
     def __init__(
         self,
@@ -252,7 +252,7 @@ class ViewsFrame:
 
 
 class LiveViewsFit(PersonFollower):
-    """Follows a person by the keypoints of calibrated views."""
+    """Live solver for a person in calibrated views."""
 
     def __init__(self, body: Body, cameras: Cameras, joint_set: JointSet, betas: np.ndarray | None = None) -> None:
         """Create a fit of a body to detected keypoints of these cameras, with the (10,) shape if it is known."""
