@@ -75,7 +75,7 @@ def _check(job: Job) -> None:
 
 
 def _resolve_alone(job: Job, progress: Progress) -> Outcome[SolveResult]:
-    """Solve frames of a motion without a recording again: from AMASS, or one of ours."""
+    """Solve frames of a motion again without its recording, for AMASS motions or ours."""
     from solver_backend.cli.motion_reading import any_motion
     from solver_backend.fitters.pipeline import resolve_motion
     from solver_backend.io.motions.motion_checks import check_motion

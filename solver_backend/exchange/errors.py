@@ -171,7 +171,7 @@ class WeightsInvalid(MocapError):
 
 
 class PriorInvalid(MocapError):
-    """The pose prior does not fit the body, or contradicts its own numbers of joints or codes."""
+    """The pose prior does not fit the body, or its numbers of joints or codes are inconsistent."""
 
 
 class TrainingMismatch(MocapError):

@@ -83,7 +83,7 @@ def find(values: Values, what: str) -> Any:
 
 
 def has_lens(node: Any) -> bool:
-    """Return whether a node has an intrinsic matrix, its four numbers or a projection matrix."""
+    """Return whether a node has an intrinsic matrix, its four parameters or a projection matrix."""
     if not isinstance(node, Mapping):
         return False
     has_numbers = set(node) >= _FOCAL or set(node) >= _FOCAL_AND_CENTRE

@@ -342,7 +342,7 @@ def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path
 
 
 def _frame_counts(header: Header, parameters: Parameters) -> list[int]:
-    """Return every stated number of frames."""
+    """Return all frame counts that the file states."""
     claims = [header.last - header.first + 1]
     start, end = (parameters.numbers(f"TRIAL:ACTUAL_{name}_FIELD") for name in ("START", "END"))
     if start.size >= 2 and end.size >= 2:

@@ -36,7 +36,7 @@ DEFAULT_RATE = 120.0  # Frames per second of a recording without time stamps, ch
 
 @dataclass(frozen=True)
 class LiveBlock:
-    """One frame."""
+    """One frame of live points."""
 
     time: float  # Time stamp in seconds on the source's clock.
     points: np.ndarray  # (N, 3) float32 in the source's unit and axes.

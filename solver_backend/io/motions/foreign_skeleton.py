@@ -198,8 +198,8 @@ _APART_DEG, _TIMES = 25.0, 3.0
 """The first frame is separate if a joint then rotates by more than this angle, and by this multiple of the largest
 rotation in the following frames. CMU's conversions to BVH have 60° and more, other clips of the benchmark do not."""
 _CLEAR, _AT_ZERO, _NEAR_ZERO = 0.8, 0.15, 1.5
-"""Smallest cosine between a direction and a clear axis, and largest heights of the lowest joints at and near the floor.
-Heights are in leg lengths. Ankles are at 0.1."""
+"""Smallest cosine between a direction and a clear axis, and largest heights of the lowest joints, in leg lengths: of a
+figure that starts at 0 (ankles are at 0.1), and of a figure with its legs along the axis."""
 _FOLLOWING = 12  # Number of frames that are compared with the first step.
 
 

@@ -51,7 +51,7 @@ def _rising_times(times: np.ndarray, path: Path) -> np.ndarray:
 
 
 def _no_angles(frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return (F, 2, A) angles and (F, 2, 3, 3) palms, all NaN."""
+    """Return (F, 2, A) angles and (F, 2, 3, 3) palm rotations that are all NaN."""
     return np.full((frames, 2, NUM_ANGLES), np.nan), np.full((frames, 2, 3, 3), np.nan)
 
 
@@ -134,7 +134,7 @@ def _read_rokoko(path: Path) -> GloveTake:
 
 
 def _rokoko_points(columns: dict[str, np.ndarray], side: str, frames: int) -> np.ndarray | None:
-    """Return (F, 21, 3) hand points in metres in right-handed axes, tips NaN. None if the table lacks positions."""
+    """Return (F, 21, 3) hand points in metres in right-handed axes, tips NaN, or None if the table lacks positions."""
     ending = "_position_x"
     segments = {0: f"{side}hand"} if f"{side}hand{ending}" in columns else {}
     for number in range(len(FINGERS)):

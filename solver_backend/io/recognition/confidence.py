@@ -12,7 +12,7 @@ from solver_backend.io.recognition.joint_sets import SAMPLED_PEOPLE
 
 PER_CENT, FLAGGED = 100.0, 2.0  # Value of certainty in percentages, and in COCO's flags (1 hidden, 2 visible).
 _LOW, _HIGH, _SURE = 0.5, 1.5, 0.95
-"""Confidences are relative if this quantile of the visible keypoints is outside the first two. It then counts as 1."""
+"""Confidences are relative if their quantile (third value) is outside the first two values. It then counts as 1."""
 _TYPICAL_PER_CENT = 10.0  # Percentages typically exceed this. Other scores above 1 reach only a few units.
 
 

@@ -116,7 +116,7 @@ def _sensor(item: Any) -> SensorFiles:
 
 
 def read_index(path: Path) -> np.ndarray:
-    """Return (F, 3) number, device and host time of each complete line. Raise RecordingInvalid for another file."""
+    """Return (F, 3) rows of frame number, device and host time. Raise RecordingInvalid for another file."""
     try:
         lines = read_text(path).splitlines(keepends=True)
         whole = [line for line in lines[1:] if line.endswith("\n") and line.strip()]
@@ -288,7 +288,7 @@ class ReplayedSensor(Device):
 
     @abstractmethod
     def index(self) -> np.ndarray:
-        """Return (F, 3) number, device time and host time (or NaN) of complete frames. Raise ``RecordingInvalid``."""
+        """Return (F, 3) index rows of complete frames: number, device and host time. Raise ``RecordingInvalid``."""
 
     @abstractmethod
     def pictures(self, at: int) -> tuple[np.ndarray, np.ndarray | None]:
@@ -324,7 +324,7 @@ class RecordedSensor(ReplayedSensor):
         return rows
 
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield the frames. Raise ``SensorFailed`` if the image file is missing, see also ``ReplayedSensor``."""
+        """Yield the frames. Raise ``SensorFailed`` if the image file is missing (see also ``ReplayedSensor``)."""
         if self.kind == "raw" and not (self.folder / FRAMES).is_file():
             message = f"The file {FRAMES} is missing, or is not a regular file."
             raise SensorFailed(message, where=str(self.folder), hint="Copy the file from the recording again.")

@@ -285,7 +285,7 @@ class Finding:
 
     @property
     def message(self) -> str:
-        """Sentence of the finding."""
+        """Text of the finding."""
         return sentence(self.found)
 
 

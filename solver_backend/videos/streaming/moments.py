@@ -42,7 +42,7 @@ class PictureSource(Protocol):
     fps: float  # Images per second, known after opening.
 
     def open(self) -> None:
-        """Connect. Raise ``MocapError`` if it is missing."""
+        """Connect. Raise ``MocapError`` if the camera is missing."""
 
     def pictures(self, start: float) -> Iterator[LivePicture]:
         """Yield images as they arrive until the end. The shared clock is 0 at ``start`` (``time.perf_counter()``)."""
