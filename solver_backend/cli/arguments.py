@@ -51,7 +51,7 @@ def reading(args: argparse.Namespace) -> dict[str, Any]:
     if args.sync is not None:
         options["sync"] = args.sync
     if getattr(args, "resolve", None):
-        options["frames"] = None  # then they are those to solve again
+        options["frames"] = None  # the frames are then those to solve again
     return options
 
 

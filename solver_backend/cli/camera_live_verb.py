@@ -55,7 +55,7 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         session = ViewsSession(cameras, joint_set_of(live.about), betas, world, args.up_axis)
         session.warm_up()
         settle_memory()
-        # Threads that hand pictures to detectors wait so long for a fit that computes: Python's own 5 ms, six times.
+        # Threads that pass images to detectors wait this long for a computing fit. Python's default is 5 ms, six times.
         stack.callback(sys.setswitchinterval, sys.getswitchinterval())
         sys.setswitchinterval(_SWITCH_S)
         if args.record is not None:

@@ -77,7 +77,7 @@ def _format_of_output(args: argparse.Namespace) -> str:
     from solver_backend.camera_calibration.formats import format_of
 
     kind = args.format or format_of(args.out)
-    if kind != "colmap":  # which is a folder
+    if kind != "colmap":  # its output is a folder
         check_output(args.out, overwrite=args.overwrite)
     return kind
 

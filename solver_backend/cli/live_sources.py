@@ -121,7 +121,7 @@ def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
     network, fit = person_fit(args.subject)
     if args.source == "-":
         session, fps = LiveSession(network, fit, unit=args.unit, up_axis=args.up_axis), args.fps
-        # A descriptor of its own: what waits for a line must not hold up the end of the process.
+        # Use a separate descriptor, so that a waiting read does not delay the end of the process.
         frames = from_lines(os.fdopen(os.dup(sys.stdin.fileno()), "rb"), args.fps or 120.0)
         frames = frames if args.fast else read_ahead(frames)
     else:

@@ -53,7 +53,7 @@ def main(argv: list[str] | None = None) -> int:
                 raise
             except OSError:
                 return _report_as_text(named)
-    except BrokenPipeError:  # whoever read our lines is gone, so nobody waits for the result
+    except BrokenPipeError:  # the reader of our lines has ended, so no program waits for the result
         _silence(sys.stdout)
         return ExitCode.CANCELLED
     except SystemExit as done:  # argparse has printed its help or the version
@@ -88,14 +88,14 @@ def _report_as_text(error: MocapError) -> int:
 
 def _run(argv: list[str], progress: Progress, cancellation: Cancellation) -> Outcome:
     args = parse(argv)
-    import logging  # help does not wait for it
+    import logging  # not needed for help
 
     if args.parent_pipe:
         cancel_at_end_of(sys.stdin.fileno())
     err: Any = LenientStream(sys.stderr)
     level = logging.INFO if args.verbose else logging.WARNING
     logging.basicConfig(level=level, format="%(levelname)s: %(message)s", stream=err)
-    with redirect_stdout(err):  # what libraries print must not mix with the result
+    with redirect_stdout(err):  # output of libraries must not mix with the result
         verb = VERBS[args.verb]
         check_outputs(verb, args)
         outcome = function_of(args.verb)(args, cancellation.watched(progress))

@@ -137,7 +137,7 @@ def not_recorded(counts: Mapping[str, int]) -> list[Diagnostic]:
 def oak_devices(args: argparse.Namespace) -> tuple[list[Oak], Cameras]:
     """Return the unopened cameras in the arguments and their calibration. The first one sends the pulse."""
     given = _named(args)
-    oak.depthai()  # reported now, not by each camera's process again and again
+    oak.depthai()  # report it once now, instead of in each camera's process
     roles = {"wire": ("master", "slave")}.get(args.sync, (args.sync, args.sync))
     oaks = [
         Oak(name, identifier, OakSettings(args.fps, exposure_us=args.exposure, flood=args.flood, sync=roles[c > 0]))

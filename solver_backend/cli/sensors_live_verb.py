@@ -35,7 +35,7 @@ def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run until the sensors end, the time is over, or a signal arrives, and keep recordings."""
     _check(args)
     session = None
-    if args.poses:  # made before the sensors begin, as it takes time
+    if args.poses:  # created before the sensors start, because it takes time
         session = LiveSession(*person_fit(args.subject), unit="m", up_axis="z")
         make_ready(session)
     output = LiveOutput(args, None if session is None else session.proportions)
@@ -62,7 +62,7 @@ def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         data["recorded" if written else "not_recorded"] = str(args.record)
         if written and args.solve is not None and not output.stopped:
             data["solved"] = _solved(args.record, args.solve, progress, overwrite=args.overwrite)
-    data |= output.finish()  # last: lines that a full disk lost must not keep the recording from being solved
+    data |= output.finish()  # last, so that lines lost on a full disk do not prevent solving the recording
     # Standard output may contain points for another program, so nothing else is printed there.
     return Outcome("" if args.lines is None else live_text(args, data), data)
 

@@ -207,12 +207,12 @@ def _write_both(job: Job, capture: Capture, motion: Motion, progress: Progress) 
         with atomic_files([job.out, job.report], overwrite=job.overwrite) as (out, page):
             try:
                 _write_page(page, job, capture, motion, progress)
-            except BaseException as error:  # raised when the motion is safe
+            except BaseException as error:  # raised after the motion is saved
                 page.unlink(missing_ok=True)
                 failure = error
             write_motion(out, motion, name=job.out.stem)
     except OutputExists:
-        if not job.out.exists():  # another program took the page's name meanwhile
+        if not job.out.exists():  # another program has created this file meanwhile
             write_motion(job.out, motion)
         raise
     if failure is not None:
@@ -226,7 +226,7 @@ def _write_page(page: Path, job: Job, capture: Capture, motion: Motion, progress
     progress("Writing the report", 0, 1)
     fit = None
     if job.resolve is None and capture.cameras is not None and capture.keypoints is not None:
-        with suppress(MocapError):  # too little is seen together to compare the cameras
+        with suppress(MocapError):  # too few common detections to compare the cameras
             fit = check_calibration(capture.cameras, capture.keypoints, progress)
     page.write_text(report_html(capture, motion, fit), encoding="utf-8", newline="\n")
     progress("Writing the report", 1, 1)

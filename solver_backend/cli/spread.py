@@ -51,7 +51,7 @@ class ClusterStretches:
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         try:
             self._client = Client(**where, timeout=_CONNECT_S, set_as_default=False)
-        except Exception as error:  # of the network, of the protocol, of another version's messages
+        except Exception as error:  # network, protocol or message errors of another version
             message = f"No scheduler answers: {type(error).__name__}: {error}."
             hint = "Start one with 'dask scheduler', or leave out --scheduler."
             raise CommandLineInvalid(message, where=address, hint=hint) from error

@@ -39,7 +39,7 @@ def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
     records = data_set.make_data_set(spec, args.out, progress, args.shot)
     data["frames"] = sum(record["frames"] for record in records)
     made = f"made {len(records)} of {len(found.shots)} shots, {data['frames']} frames"
-    if data["frames"] < spec.frames * len(records):  # a motion ends before
+    if data["frames"] < spec.frames * len(records):  # a motion is shorter
         made += f" of {spec.frames * len(records)} asked for, because motions end earlier"
     if args.shot:
         return Outcome(made, data)

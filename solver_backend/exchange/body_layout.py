@@ -242,7 +242,7 @@ FINGER_COLUMNS = 90  # Number of trailing columns, for the fingers.
 
 def body_and_fingers(poses: np.ndarray) -> np.ndarray:
     """Return (F, 52, 3) rotation vectors of AMASS ``poses`` (F, 156 or 165), without jaw and eyes."""
-    import numpy as np  # a bare Blender has not loaded it when add-ons are registered
+    import numpy as np  # Blender has not imported it when add-ons are registered
 
     chosen = np.concatenate([poses[:, :BODY_COLUMNS], poses[:, -FINGER_COLUMNS:]], axis=1)
     return chosen.reshape(len(poses), -1, 3)

@@ -27,9 +27,9 @@ MOST_DOUBTS = 3  # Maximum number of warnings from reading that a refusal repeat
 class Severity(StrEnum):
     """Severity of a diagnostic. The value is the name in files."""
 
-    ERROR = "error"  # It cannot be: the input or the result is refused.
+    ERROR = "error"  # The input or the result is rejected.
     WARNING = "warning"  # The result may be wrong.
-    NOTE = "note"  # Worth knowing: what was assumed, measured or corrected.
+    NOTE = "note"  # An assumption, a measurement or a correction.
 
 
 class Remedy(StrEnum):
@@ -61,7 +61,7 @@ class DiagnosticEntry:
 @cache
 def load_table() -> dict[str, DiagnosticEntry]:
     """Return all rows of the table by code."""
-    import json  # a bare Blender has not loaded it when add-ons are registered
+    import json  # Blender has not imported it when add-ons are registered
 
     groups = json.loads(_TABLE.read_text(encoding="utf-8"))
     return {
@@ -161,7 +161,7 @@ def _plain(value: Any) -> Any:
         return value
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, Integral):  # NumPy's as well: a count has no decimals
+    if isinstance(value, Integral):  # also NumPy integers, because a count has no decimals
         return int(value)
     if isinstance(value, Iterable):
         return [_plain(item) for item in value]
@@ -236,7 +236,7 @@ def word(found: Diagnostic, fps: float = 0.0) -> Words:
         entry = load_table()[found.code]
         values = _fields(found, entry)
         what, advice = entry.text.format(**values), entry.remedy.format(**values)
-    except (KeyError, ValueError, TypeError):  # a file of another version, or one that was edited
+    except (KeyError, ValueError, TypeError):  # a file of another version, or an edited one
         return Words(plain(_stop(f"{_by_name(found)}{where}")), "")
     return Words(plain(_stop(f"{what}{where}{_DONE[found.remedy]}")), plain(advice))
 
@@ -309,7 +309,7 @@ def size_in(found: Iterable[Diagnostic]) -> str:
 def _places(warnings: Sequence[Diagnostic]) -> str:
     parts = []
     for kind in ("cameras", "markers", "joints"):
-        # An exchange names two cameras or markers, and both are suspect.
+        # An exchange names two cameras or markers, and either may be wrong.
         names = dict.fromkeys(name for item in warnings for name in getattr(item.where, kind))
         parts += [f"{kind[:-1] if len(names) == 1 else kind} {listed(names)}"] if names else []
     runs = _unite(run for item in warnings if not item.where.cameras for run in item.where.frames)

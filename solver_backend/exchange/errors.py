@@ -14,12 +14,12 @@ from .plain_text import plain
 class ExitCode(IntEnum):
     """Exit codes of the program."""
 
-    RESULT = 0  # There is a result.
+    RESULT = 0  # The program returned a result.
     USAGE = 2  # The command line, the job file or a setting is wrong.
     BAD_INPUT = 3
     """A file is missing, damaged or unusable, an output exists or cannot be written, or a strict solve has warnings."""
-    FAILED = 4  # The solver, or what else does the work, failed.
-    CANCELLED = CANCELLED  # The user, or a signal, ended the work. Nothing was left half-written.
+    FAILED = 4  # The solver, or another part that does the work, failed.
+    CANCELLED = CANCELLED  # The user or a signal ended the work. No file is incomplete.
 
 
 class ErrorEvent(TypedDict):
@@ -42,7 +42,7 @@ class MocapError(Exception):
     """
 
     code = "error"  # Stable identifier in the progress stream: the snake case of the class below ``MocapError``.
-    exit_code = ExitCode.BAD_INPUT  # How a command line ends with it.
+    exit_code = ExitCode.BAD_INPUT  # Exit code of a command line.
 
     def __init_subclass__(cls) -> None:
         if cls.__base__ is MocapError:

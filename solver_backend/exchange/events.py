@@ -13,7 +13,7 @@ null. The key * matches all keys."""
 
 def _is_number(value: Any) -> bool:
     if isinstance(value, int):
-        return not isinstance(value, bool) and abs(value) < 2**63  # a larger one may be none that a float holds
+        return not isinstance(value, bool) and abs(value) < 2**63  # larger values may exceed a float's precision
     return isinstance(value, float) and math.isfinite(value)
 
 

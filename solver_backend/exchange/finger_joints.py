@@ -21,7 +21,7 @@ class Skinning:
     """Skinning weights of V vertices and J joints."""
 
     weights: np.ndarray  # (V, J) weights. Rows sum to 1.
-    J_regressor: np.ndarray  # (J, V), rows sum to 1.
+    J_regressor: np.ndarray  # (J, V) joint regressor. Rows sum to 1.
     posedirs: np.ndarray | None  # (V, 3, 9 (J - 1)) metres per unit of pose feature, None without correctives.
 
 

@@ -70,7 +70,7 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
     resolve: Any = None  # ``JobRange``: frames of an earlier motion to solve again. None means the whole take.
 
     def __post_init__(self) -> None:
-        TimeSettings.__post_init__(self)  # which checks the settings of every class
+        TimeSettings.__post_init__(self)  # checks the settings of all classes
         earlier = None if self.resolve is None else self.resolve.motion
         files = [value for item in fields(self) if isinstance(value := getattr(self, item.name), Path)]
         files += [start_of(text)[1] for text in self.start_from]
@@ -82,7 +82,7 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
         if self.resolve is not None and self.start_from:
             what = "`resolve` and `start_from` cannot be combined, because a range starts from its own motion."
             raise JobInvalid(what, where="start_from", hint="Leave `start_from` out, or solve the whole take.")
-        # A motion without its recording is its own capture, and may be the earlier motion, too.
+        # A motion without its recording is its own capture. It may also be the earlier motion.
         if earlier is not None and earlier.resolve() != self.capture.resolve():
             files.append(earlier)
         if len({path.resolve() for path in files}) < len(files):
@@ -98,7 +98,7 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
                 values[item.name] = as_plain(value)
         for name in ("contacts", "forgets"):
             if self.resolve is not None and not getattr(self.resolve, name):
-                del values["resolve"][name]  # files without them stay as they always were
+                del values["resolve"][name]  # files without these fields do not change
         return values
 
 

@@ -44,7 +44,7 @@ def as_plain(value: Any) -> Any:
         value = {item.name: getattr(value, item.name) for item in fields(value)}
     if isinstance(value, dict):
         return {str(key): as_plain(item) for key, item in value.items()}
-    if hasattr(value, "tolist"):  # of NumPy or PyTorch, without importing either
+    if hasattr(value, "tolist"):  # a NumPy or PyTorch value, without importing either
         return as_plain(value.tolist())
     if isinstance(value, list | tuple):
         return [as_plain(item) for item in value]

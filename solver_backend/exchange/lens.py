@@ -66,7 +66,7 @@ def undistort(xy: np.ndarray, coefficients: np.ndarray, model: str) -> np.ndarra
     for _ in range(_MOST_STEPS):
         x, y, derivative = LENS_MODELS[model].distort(guess[active, 0], guess[active, 1], coefficients, np)
         error = np.stack([x, y], axis=-1) - target[active]
-        open_ = np.abs(error).max(axis=-1, initial=0.0) >= _EXACT  # False for NaN: beyond the lens's edge
+        open_ = np.abs(error).max(axis=-1, initial=0.0) >= _EXACT  # False for NaN, beyond the edge of the lens
         active, error = active[open_], error[open_]
         if not len(active):
             break

@@ -65,7 +65,7 @@ class Members:
             raise ValueError(f"'{name}' is packed by method {entry.compress_type}, but stored or deflated is expected")
         with self._archive.open(entry) as stream:
             shape, dtype, by_columns, used = read_array_header(stream, name)
-            # Lengths of zero count as one: a shape such as (2**60, 0) is no less forged for taking no bytes.
+            # Lengths of zero count as one, because a shape such as (2**60, 0) is also forged.
             count = prod(max(1, length) for length in shape) * max(1, dtype.itemsize)
             self._bytes_left -= count
             if self._bytes_left < 0:
@@ -99,7 +99,7 @@ def read_array_header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], np
         raise ValueError(f"'{name}' has the shape {str(shape)[:80]}")
     try:
         dtype = np.dtype(kind)
-    except TypeError as error:  # NumPy 2 knows no text as wide as a header may claim
+    except TypeError as error:  # NumPy 2 has no text type as wide as a header may claim
         raise ValueError(f"the header of '{name}' is damaged") from error
     return shape, dtype, by_columns, len(magic) + width + len(text)
 

@@ -65,7 +65,7 @@ def unfinished_names(folder: Path) -> Iterator[str]:
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
     """Yield a new folder in the system's temporary folder, and remove it at the end."""
-    from tempfile import gettempdir  # registering the add-on loads this module, and should load little
+    from tempfile import gettempdir  # registering the add-on imports this module, and should be fast
 
     place = Path(gettempdir())
     with unfinished_names(place) as beginning:
@@ -92,7 +92,7 @@ def publish(unfinished: Path, whole: Path, mark: str) -> None:
 
 def remove_folder(path: Path) -> None:
     """Remove a folder and its contents, as far as the system allows."""
-    from shutil import rmtree  # rarely needed, and every start would wait for it
+    from shutil import rmtree  # rarely needed, and slow to import
 
     rmtree(path, ignore_errors=True)
 
@@ -123,7 +123,7 @@ def _sweep_one(path: Path, now: float) -> None:
     handle = os.open(path, os.O_RDWR)
     try:
         free = lock(handle)
-        if free or (free is None and age > _OLD_S):  # where locks are, a clock that jumps makes no writer's file old
+        if free or (free is None and age > _OLD_S):  # with locks, a clock step does not make an active file old
             _remove(path)
     finally:
         os.close(handle)
@@ -209,7 +209,7 @@ def atomic_files(paths: Sequence[Path | str], *, overwrite: bool = False) -> Ite
             yield temporary
     finally:
         for folder in new_folders:
-            with suppress(OSError):  # it has files now, or was never made
+            with suppress(OSError):  # it contains files now, or was never created
                 folder.rmdir()
 
 
@@ -252,7 +252,7 @@ def _named_at_the_end(paths: Sequence[Path], overwrite: bool) -> Iterator[list[P
                     os.fsync(stream.fileno())
             _publish(written, overwrite)
             for folder in folders:
-                with suppress(OSError):  # where the system lets folders be flushed
+                with suppress(OSError):  # if the system can flush folders
                     handle = os.open(folder, os.O_RDONLY)
                     try:
                         os.fsync(handle)
@@ -292,7 +292,7 @@ def _take_name(part: Path, path: Path) -> None:
         os.link(part, path)
     except FileExistsError:
         raise
-    except OSError:  # a file system without links: the name is taken by an empty file first
+    except OSError:  # a file system without links: reserve the name with an empty file
         os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
         os.replace(part, path)
 
@@ -340,7 +340,7 @@ def require_path(path: Path | str, what: str = "file") -> Path:
     path = Path(path)
     if path.exists():
         return path
-    from difflib import get_close_matches  # of mistakes alone
+    from difflib import get_close_matches  # only for mistakes
 
     folder = path.absolute().parent
     hint = "Check the path." if folder.is_dir() else f"Check the path: there is no folder {folder}."

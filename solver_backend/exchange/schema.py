@@ -90,7 +90,7 @@ class Fields:
 
     def joint_set(self) -> JointSet:
         """Return the joint set that the file names."""
-        from .joint_sets import JointSet  # which needs the body layout, which needs this module
+        from .joint_sets import JointSet  # avoids a circular import through the body layout
 
         name = self.text("joint_set")
         try:

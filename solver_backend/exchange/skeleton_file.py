@@ -41,7 +41,7 @@ class SkeletonMotion:
         require_rate(self.fps, MotionInvalid, self.name)
         for name in ("rest", "joints"):
             require_within(name, getattr(self, name), FARTHEST_IN_UNITS, MotionInvalid, self.name)
-        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is no rotation
+        with np.errstate(over="ignore", invalid="ignore"):  # an overflow is not a rotation
             off = np.abs(self.turns @ np.swapaxes(self.turns, -1, -2) - np.eye(3)).max((0, 2, 3))
         wrong = ~(off <= _OFF)
         if not wrong.any():

@@ -170,7 +170,7 @@ class SolveSettings:
     def __post_init__(self) -> None:
         check_settings(self)
         if self.accept:
-            from .diagnostics import check_accepted  # rarely needed, and every start would wait for it
+            from .diagnostics import check_accepted  # rarely needed, and slow to import
 
             check_accepted(self.accept)
 

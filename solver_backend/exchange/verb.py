@@ -175,7 +175,7 @@ class Program:
         Raises:
             CommandLineInvalid: it is invalid. The hint is the usage or the nearest known word.
         """
-        words = [*argv[0].split(" "), *argv[1:]] if argv else []  # Programs give a verb as one word.
+        words = [*argv[0].split(" "), *argv[1:]] if argv else []  # Programs pass a verb as one word.
         group = words.pop(0) if words and words[0] in self.groups else ""
         if not words or words[0].startswith("-"):
             parser = self.parser(group)
@@ -257,7 +257,7 @@ def check_outputs(verb: Verb, args: argparse.Namespace) -> None:
 
 def suggest(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
     """Return a question that suggests the nearest known word, or "" if none is similar enough (0 to 1)."""
-    from difflib import get_close_matches  # of mistakes alone, and every start would wait for it
+    from difflib import get_close_matches  # only for mistakes, and slow to import
 
     near = get_close_matches(word, list(known), 1, likeness)
     return f"Did you mean {near[0]}?" if near else ""

@@ -116,7 +116,7 @@ def read_verbs(
 
 def _of_classes() -> Named:
     """Return the settings that dataclasses declare, by the names in ``verbs.json``."""
-    from .reading_settings import ROWS, WorldSettings  # help does not wait for them
+    from .reading_settings import ROWS, WorldSettings  # not needed for help
     from .solve_settings import SolveSettings
     from .video_settings import ROWS as VIDEO_ROWS
 

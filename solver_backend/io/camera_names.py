@@ -64,7 +64,7 @@ def takes_in_names(recorded: Sequence[str], calibrated: Sequence[str]) -> tuple[
         words = _words(name)
         plain = list(map(_plain, words))
         found = [(i, k) for i, key in enumerate(keys) for k in range(len(words)) if (*plain[k : k + len(key)],) == key]
-        if len(found) > 1:  # of walk1_cam01 the number after a word for cameras
+        if len(found) > 1:  # in walk1_cam01, use the number after a word for cameras
             found = [(i, k) for i, k in found if k > 0 and words[k - 1] in _FILLERS]
         if len(found) != 1:
             return ()

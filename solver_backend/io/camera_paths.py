@@ -38,7 +38,7 @@ _SHEARED = 0.01  # Largest deviation of a scaled rotation's columns from orthogo
 class StatedPath:
     """Camera poses as a file states them."""
 
-    R: np.ndarray  # (N, 3, 3) camera to the file's world, OpenCV axes.
+    R: np.ndarray  # (N, 3, 3) rotations from camera (OpenCV axes) to the file's world.
     centre: np.ndarray  # (N, 3) camera positions in the file's unit.
     at: np.ndarray  # (N,) frame numbers or time stamps (seconds) of the poses, increasing.
     clock: str  # ``FRAMES``, ``SECONDS`` or ``UNKNOWN``.
@@ -249,7 +249,7 @@ def _pose(pose: Any, path: Path) -> tuple[np.ndarray, np.ndarray, float, str]:
     """Return the rotation, the position, the time stamp or frame number, and the clock of one entry."""
     if not isinstance(pose, Mapping):
         values = _array(pose)
-        if values.shape == (7,):  # Record3D: a quaternion and a place
+        if values.shape == (7,):  # Record3D: a quaternion and a position
             return _turns(values[None, [3, 0, 1, 2]], path)[0], values[4:], 0.0, UNKNOWN
         return *_of_matrix(values), 0.0, UNKNOWN
     key = next((key for key in _MATRICES if key in pose), None)

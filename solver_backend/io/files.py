@@ -71,7 +71,7 @@ def read_toml(path: Path | str) -> dict[str, Any]:
     """Read a TOML file. Raise FileMissing or FileDamaged."""
     text = read_text(path, _LARGEST_TOML)
     try:
-        # Python's parser takes quadratic time for keys of many parts.
+        # Python's parser takes quadratic time for keys with many parts.
         if any(len(_KEY_PART.findall(line)) > _MOST_KEY_PARTS for line in text.splitlines()):
             raise tomllib.TOMLDecodeError(f"a key has more than {_MOST_KEY_PARTS} parts")
         return tomllib.loads(text)

@@ -294,7 +294,7 @@ def _of_jpeg(stream: BinaryIO) -> float | None:
         content = stream.read(min(size - 2, _MOST_EXIF))
         if marker == 0xFFE1 and content[:6] == b"Exif\0\0":
             return _of_tiff(content[6:])
-        if marker == 0xFFDA:  # the picture itself begins
+        if marker == 0xFFDA:  # the image data begins
             return None
     return None
 
@@ -323,7 +323,7 @@ def _of_quicktime(stream: BinaryIO) -> float | None:
 
 
 def _of_metadata(meta: memoryview) -> float | None:
-    meta = meta[4:] if bytes(meta[8:12]) == b"hdlr" else meta  # ISO's begins with a version, QuickTime's does not
+    meta = meta[4:] if bytes(meta[8:12]) == b"hdlr" else meta  # the ISO box begins with a version, QuickTime's does not
     keys, values = _inside(meta, b"keys"), _inside(meta, b"ilst")
     names = [bytes(name) for _, name in _boxes(keys[8:])]
     if _QUICKTIME_KEY not in names:

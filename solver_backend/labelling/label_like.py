@@ -409,7 +409,7 @@ def names_over_takes(clouds: Sequence[MarkerCloud], kept: Collection[str] = ()) 
         return _of_many(takes, kept)
     for _ in range(EXCHANGE_ROUNDS):
         found = _changes(takes, kept)
-        # One at a time in each take: with one pair exchanged, what stands around it seems to be the other way round.
+        # Exchange one pair at a time in each take, because an exchanged pair makes its neighbours seem exchanged.
         first = {change.take: change for change in reversed(found) if change.mended and change not in mended}
         for change in first.values():
             takes[change.take] = with_exchanged(takes[change.take], change.first, change.second)

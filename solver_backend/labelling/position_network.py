@@ -67,11 +67,11 @@ def chosen_network(file: str = "") -> LandmarkNetwork:
     hint = "Write a network with train export."
     try:
         quiet = onnxruntime.SessionOptions()
-        quiet.log_severity_level = 3  # of errors: it warns of the symbolic sizes of its own exporter
+        quiet.log_severity_level = 3  # only errors, because it warns about its own exporter's symbolic sizes
         session = onnxruntime.InferenceSession(str(path), quiet, providers=["CPUExecutionProvider"])
         tried = {"points": np.zeros((1, 8, 3), np.float32), "seen": np.ones((1, 8), bool)}
         found = np.asarray(session.run(["positions"], tried)[0])
-    except Exception as error:  # onnxruntime's own types differ between its releases
+    except Exception as error:  # onnxruntime's exception types differ between releases
         raise WeightsInvalid("The file is not a landmark network.", where=path.name, hint=hint) from error
     if found.ndim != 3 or found.shape[::2] != (1, 3) or found.shape[1] < len(MARKERS) or not np.isfinite(found).all():
         message = f"The network does not estimate the {len(MARKERS)} markers. Its output has the shape {found.shape}."

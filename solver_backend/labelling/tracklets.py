@@ -64,13 +64,13 @@ def _stretches(points: np.ndarray, seen: np.ndarray, fps: float) -> list[tuple[i
         run = points[first : last + 1]
         steps = np.diff(run, axis=0)
         sudden = np.linalg.norm(np.diff(steps, axis=0, prepend=steps[:1]), axis=-1) > JUMP_M + JUMP_M_S2 / fps**2
-        # A jump makes two sudden steps: there, and on going on. The first of both is where it is cut.
+        # A jump has two sudden steps, away and back. The track is cut at the first one.
         cuts = np.flatnonzero(sudden & ~np.roll(sudden, 1)) if sudden.any() else []
         edges = [first, *(first + int(c) + 1 for c in cuts), last + 1]
         found += [(a, b - 1) for a, b in pairwise(edges) if b > a]
     joined: list[tuple[int, int]] = []
     for first, last in found:
-        # A point that came back soon, where it was to be expected, is the same.
+        # A point that soon returns at its expected position is the same one.
         if joined and 1 < first - joined[-1][1] <= SPLIT_GAP_S * fps and _off(points, joined[-1], first) < JUMP_M:
             joined[-1] = (joined[-1][0], last)
         else:
@@ -134,7 +134,7 @@ def labels_of_frame(log_probability: np.ndarray) -> np.ndarray:
             break
         best = scores[rows].argmax(1)
         value = scores[rows, best]
-        # Of the points that want a marker the surest gets it, measured against being nothing.
+        # Of several points for a marker, the most certain one gets it, compared with having no marker.
         surplus = value - scores[rows, GHOST]
         order = np.lexsort((-surplus, best))
         winners = order[np.unique(best[order], return_index=True)[1]]
@@ -275,7 +275,7 @@ def distances_of(positions: np.ndarray, frames: np.ndarray, tracklets: Tracklets
     for start in range(0, len(frames), size):
         part = frames[start : start + size]
         number = tracklets.number[part]
-        # Columns that a part of the frames shows stand first: a take of many short tracks shows few of them at a time.
+        # Put the columns of each part of the frames first, because few of many short tracks exist at a time.
         shown = np.argsort(number < 0, axis=1, kind="stable")[:, : int((number >= 0).sum(1).max(initial=0))]
         points, number = positions[part[:, None], shown], np.take_along_axis(number, shown, axis=1)
         chain = np.where(number >= 0, tracklets.chain[number], -1)

@@ -105,7 +105,7 @@ def _parsed(text: str, clock: float) -> tuple[float, np.ndarray]:
         points = np.asarray(values["points"], dtype=np.float64).reshape(-1, 3)
         at = float(values.get("t", clock))
     else:
-        # Not np.array of texts, which needs as much memory per text as the longest one.
+        # Avoid an np.array of texts, which needs the memory of the longest one for each.
         numbers = np.array([float(word) for word in text.replace(",", " ").replace(";", " ").split()])
         if len(numbers) % 3 != 1:
             raise ValueError(f"{len(numbers)} numbers are not a time and points of three each")
@@ -177,7 +177,7 @@ def read_ahead(frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
             try:
                 item = waiting.get(timeout=_LOOK_S)
             except Empty:
-                continue  # a wait without end cannot be interrupted on every system
+                continue  # an endless wait cannot be interrupted on every system
             if item is None:
                 return
             if isinstance(item, BaseException):
@@ -185,7 +185,7 @@ def read_ahead(frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
             if item.fault:
                 yield item
             else:
-                if anchor is None or nothing_waits:  # its sender is not behind this clock
+                if anchor is None or nothing_waits:  # the sender is not behind this clock
                     anchor = item.arrived - item.time
                 yield replace(item, arrived=time.perf_counter(), due=max(item.arrived, anchor + item.time))
             nothing_waits = waiting.empty()

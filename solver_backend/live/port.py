@@ -160,7 +160,7 @@ class OneSender(ABC, Generic[Content, Frame]):
         """Yield the frames that a packet completes. ``arrived`` is its ``time.perf_counter()``."""
         second, invalid = self.words
         other = sender != self._sender
-        if other and arrived - self._heard < SENDER_GONE_S:  # before decoding, because it may send without end
+        if other and arrived - self._heard < SENDER_GONE_S:  # before decoding, because it may send endlessly
             return self.name_once("second_sender", second)
         try:
             content = self._decode(packet)
@@ -191,7 +191,7 @@ class OneSender(ABC, Generic[Content, Frame]):
         if self._before is not None:
             passed = arrived - self._before
             step = None if clock is None or self._clock_before is None else clock - self._clock_before
-            # A small step counts even after a pause of this process, which packets spent in the buffer.
+            # A small step is kept even if this process paused while packets were buffered.
             if step is not None and step > 0.0 and (step < JUMP_S or abs(step - passed) < JUMP_S):
                 passed = step
             self._time += max(passed, 0.0)

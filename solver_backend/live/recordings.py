@@ -152,7 +152,7 @@ def read_rows(
         FileDamaged: it has another format, version or body.
     """
     head, line, content = recording.read_bytes().partition(b"\n")
-    if not line:  # ended before the first item was whole
+    if not line:  # ended before the first item was complete
         return {}, np.zeros((0, 0))
     try:
         found = json.loads(head)
@@ -253,7 +253,7 @@ class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
         """Write a motion with a constant rate (see ``RecordingFormat``)."""
         head, rows = read_rows(recording, _POSES, _VERSION, lambda _: _ROW)
         if len(rows):
-            with np.errstate(invalid="ignore"):  # a damaged row may hold any bytes
+            with np.errstate(invalid="ignore"):  # a damaged row may contain any bytes
                 rows = rows[(np.abs(rows[:, 1:4]) < FARTHEST_M).all(1) & (np.abs(rows[:, 4:]) < LARGEST_TURN).all(1)]
             body = load_body()
             if rows[:, 4 + 3 * FIRST_FINGER :].any():
@@ -346,7 +346,7 @@ class FaceRecording(RecordingFormat[[float, dict[str, float]]]):
         frames: list[tuple[float, dict[str, float]]] = []
         try:
             for line in recording.read_bytes().splitlines(keepends=True):
-                if line.endswith(b"\n"):  # the last one may be cut
+                if line.endswith(b"\n"):  # the last one may be truncated
                     seconds, channels = json.loads(line)
                     frames.append((float(seconds), {str(name): float(value) for name, value in channels.items()}))
         except (ValueError, TypeError, AttributeError, RecursionError) as error:

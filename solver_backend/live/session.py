@@ -376,7 +376,7 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
         markers[labels[named]] = points[named]
         sigma = np.sqrt(np.trace(reading.covariance[0, : len(MARKERS)], axis1=-2, axis2=-1) / 3.0)
         if self.fit.pose is None:
-            self._good = frame.time  # a start has as long to be good as a pose to be lost
+            self._good = frame.time  # a new start has the same time limit as a lost pose
         found = self.fit.step(markers, reading.positions[0, : len(MARKERS)], sigma, max(dt, 1e-3))
         self.shown_off_m[near[named]] = found.markers_off_m[labels[named]]
         doubts = doubts_of(found.markers_off_m, len(points) - len(named))

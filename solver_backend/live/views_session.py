@@ -120,7 +120,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
             yield self._nothing(moment, why, "no_person")
             return
         if self.fit.pose is None:
-            self._good = moment.time  # a start has as long to be good as a pose to be lost
+            self._good = moment.time  # a new start has the same time limit as a lost pose
             share = seen.sum() / max(int(((confidence > 0).sum(0) >= 2).sum()), 1)
             if share < STARTS_WITH:
                 why = f"the views agree on {share:.0%} of their keypoints, so sides may be swapped in one view"
@@ -142,7 +142,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         off_m = float(np.median(self.shown_off_m))
         doubts = doubts_of(found.points_off_m, 0, self._limbs)
         if doubts and self.fit.is_starting and self._may_start_anew:
-            # A start may place an arm wrongly, and the fit keeps it for a second. Another start may not.
+            # A start may place an arm wrongly for about a second. Another start may avoid this.
             self._may_start_anew = False
             self.fit.restart()
             return self._nothing(moment, f"starting again: {doubts}", "waiting")

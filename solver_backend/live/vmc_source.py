@@ -139,7 +139,7 @@ def own_shape(body: Body, joints: np.ndarray) -> np.ndarray | None:
     """
     layout, count = body.layout, len(joints)
     child = np.array([j for j in range(1, count) if np.isfinite(joints[j]).all()])
-    if len(child) < count - 3:  # our own has all but the knuckles
+    if len(child) < count - 3:  # our own program sends all bones except the knuckles
         return None
     parent = np.array(layout.parents)[child]
     wanted = joints[child] - joints[parent]
@@ -246,7 +246,7 @@ def _t_joints(frame: BoneFrame, body: Body) -> np.ndarray:
         p, place = layout.parents[j], frame.place.get(BONE_OF.get(name, ""))
         if j == 0:
             joints[0] = 0.0
-        elif place is None:  # a sender without an upper chest hangs neck and shoulders on what is below
+        elif place is None:  # without an upper chest, neck and shoulders belong to the bone below
             joints[j] = joints[p] if name.startswith("spine") else np.nan
         elif np.linalg.norm(place) > 1e-6:
             joints[j] = joints[p] + place * (-1.0, 1.0, 1.0)

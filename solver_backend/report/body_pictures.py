@@ -54,7 +54,7 @@ class SurfaceView:
         low = points[:, :2].min(0) - MARGIN_M
         size = np.ceil((points[:, :2].max(0) + MARGIN_M - low) / cell_m).astype(int)
         column, row = ((points[:, :2] - low) / cell_m).astype(int).T
-        order = np.argsort(points[:, 2], kind="stable")  # of several at one place the last written is the nearest
+        order = np.argsort(points[:, 2], kind="stable")  # of several at one position, the nearest is written last
         depth, tone = np.full(size[::-1], -np.inf), np.zeros(size[::-1])
         depth[row[order], column[order]] = points[order, 2]
         tone[row[order], column[order]] = tones[order]

@@ -43,7 +43,7 @@ def _feet(capture: Capture, motion: Motion) -> Iterator[Diagnostic]:
     if feet is None or rests(motion, "left_foot", "right_foot"):
         return
     lowest = feet[..., 2].min(axis=1)
-    if centres_of(motion) or capture.is_one_view:  # several cameras see a person who climbs. A suit's floor sinks
+    if centres_of(motion) or capture.is_one_view:  # several cameras can see a climbing person. A suit's floor may sink
         yield from _drift(motion, feet)
     below, usual = -float(lowest.min()), float(np.median(lowest))
     if usual < -BELOW_FLOOR_M:
@@ -51,12 +51,12 @@ def _feet(capture: Capture, motion: Motion) -> Iterator[Diagnostic]:
     elif below > BELOW_FLOOR_M:
         yield diagnostic("foot_below_floor", size=100 * below)
     low = float(quantile(lowest, _ON_FLOOR_SHARE, axis=0))
-    if low > ABOVE_FLOOR_M and usual - low < ABOVE_FLOOR_M:  # else a box, stairs or a trampoline
+    if low > ABOVE_FLOOR_M and usual - low < ABOVE_FLOOR_M:  # otherwise a box, stairs or a trampoline
         severity = Severity.NOTE if usual <= HIGHEST_STEP_M else Severity.WARNING
         yield diagnostic("feet_off_floor", severity=severity, size=100 * usual, way="above")
     every = max(1, round(motion.fps / _SLIDING_HZ))
     skating = foot_skating_cm_per_frame(feet[::every]) * motion.fps / every
-    if skating > SKATING_CM_S and usual > -BELOW_FLOOR_M:  # else they seem on the floor all the time
+    if skating > SKATING_CM_S and usual > -BELOW_FLOOR_M:  # otherwise they seem to be on the floor all the time
         yield diagnostic("feet_slide", size=skating)
 
 
@@ -260,7 +260,7 @@ def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResidual
             with np.errstate(invalid="ignore"):
                 there = apart < extents / 2
             others |= inside & present & there & ~(seen & present & ~there).any(axis=0)
-    others &= seen.sum(0) >= 2  # elsewhere the body is interpolated, and who is seen there may well be somebody else
+    others &= seen.sum(0) >= 2  # otherwise the body is interpolated, and the visible person may be another one
     settings = motion.provenance.get("settings")
     texts = settings.get("leave_out", ()) if isinstance(settings, dict) else ()
     taken = ~left_out_views(texts or (), capture.cameras.names, motion.num_frames)
@@ -334,7 +334,7 @@ def _tilt(motion: Motion) -> Iterator[Diagnostic]:
     except NoDetections:
         return
     tilt, sigma = np.degrees(np.arccos(np.clip(upright.R[2, 2], -1.0, 1.0))), np.degrees(upright.tilt_sigma)
-    if centres_of(motion):  # a suit that sinks has no floor to witness: the body has to lean, too
+    if centres_of(motion):  # a sinking suit has no reliable floor, so the body must also lean
         mean = along.mean(axis=0)
         lean = np.degrees(np.arccos(np.clip(mean[2] / max(float(np.linalg.norm(mean)), 1e-9), -1.0, 1.0)))
         tilt = tilt if lean > max(TILT_DEGREES, 0.5 * tilt) else 0.0
@@ -438,7 +438,7 @@ def _cameras(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> 
     medians = residuals.by_camera
     depth = np.einsum("ci,fi->cf", capture.cameras.R[:, 2], motion.joints[:, 0]) + capture.cameras.t[:, 2, None]
     px_m = capture.cameras.K[:, 0, 0] / np.maximum(quantile(depth, 0.5, axis=1), 1e-3)
-    distances = medians / px_m  # a detector errs by a share of the person's size in the picture
+    distances = medians / px_m  # detector errors are proportional to the person's size in the image
     for c, name in enumerate(capture.cameras.names):
         others = np.delete(distances, c)
         others = others[np.isfinite(others)]
@@ -473,7 +473,7 @@ def run_checks(capture: Capture, motion: Motion, residuals: KeypointResiduals | 
     if residuals is not None:
         yield from _residual(capture, motion, residuals)
         yield from _views(capture, motion, residuals)
-    if residuals is not None or centres_of(motion):  # recordings of markers are level
+    if residuals is not None or centres_of(motion):  # marker recordings are level
         yield from _tilt(motion)
     yield from marker_plausibility(motion)
     if hips_never_move(capture, motion):

@@ -284,7 +284,7 @@ class MarkerChain:
     def _listen(self, seconds: float) -> None:
         heard = [c for c in self._open if not self._is_ahead(c)]
         if not heard:
-            time.sleep(seconds)  # ``wait`` without connections returns at once on some systems
+            time.sleep(seconds)  # without connections ``wait`` returns immediately on some systems
         for connection in wait(heard, seconds) if heard else ():
             assert isinstance(connection, Connection)
             try:

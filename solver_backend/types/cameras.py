@@ -19,7 +19,7 @@ _LARGEST_SIZE = 2.0**31  # Pixels per side below which sizes fit into 32-bit int
 class CameraPath:
     """Motion of moving cameras in F frames: ``x_start = R @ x_world + t``, the identity at their start pose."""
 
-    R: Any  # (F, 3, 3) rotations from the world to the axes in which the cameras are fixed, of the user's kind.
+    R: Any  # (F, 3, 3) rotations from the world to the axes to which the cameras are fixed.
     t: Any  # (F, 3) translations in metres.
 
     def __len__(self) -> int:
@@ -67,7 +67,7 @@ class Cameras:
             raise CalibrationInvalid(f"{what}(k1 k2 p1 p2 k3 k4 k5 k6).", hint=hint)
         distortion[:, : given.shape[1]] = given
         sizes = np.asarray(self.image_size, dtype=np.float64)
-        if not (np.abs(sizes) < _LARGEST_SIZE).all():  # false for NaN, too
+        if not (np.abs(sizes) < _LARGEST_SIZE).all():  # also False for NaN
             raise CalibrationInvalid("image_size must hold whole numbers of pixels.", where="cameras")
         K, R, t = (np.asarray(array, dtype=np.float64) for array in (self.K, self.R, self.t))
         arrays = {"K": (K, (count, 3, 3)), "distortion": (distortion, (count, 8)), "R": (R, (count, 3, 3))}
@@ -105,7 +105,7 @@ class Cameras:
         object.__setattr__(self, "path", CameraPath(R, t))
 
     def _check_physics(self) -> None:
-        with np.errstate(over="ignore", invalid="ignore"):  # an overflow is no rotation
+        with np.errstate(over="ignore", invalid="ignore"):  # an overflow is not a rotation
             off = np.abs(self.R @ self.R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
             sign = np.linalg.det(self.R)
         bent = ~(off <= 1e-3)

@@ -74,7 +74,7 @@ def guess_roles(bones: Iterable[str], parents: dict[str, str]) -> dict[str, str]
                 if best is not None:
                     found[f"{side}_{part}" if side else part] = best[-1]
     _untie(found)
-    for side in SIDES:  # "shldr" is DAZ's upper arm, but a clavicle above an arm of another name
+    for side in SIDES:  # "shldr" is DAZ's upper arm, but a clavicle if another bone names the arm
         above = parents.get(found.get(f"{side}_upper_arm", ""), "")
         if words.get(above) == (side, ("shldr",)) and above not in found.values():
             found.setdefault(f"{side}_clavicle", above)

@@ -94,7 +94,7 @@ def _message(element: bytes) -> OscMessage:
     address, at = _read_text(element, 0)
     if not address.startswith("/"):
         raise PacketInvalid("an address does not begin with /")
-    if at == len(element):  # old senders leave out the tags where there are no arguments
+    if at == len(element):  # old senders omit the tags if there are no arguments
         return OscMessage(address, ())
     tags, at = _read_text(element, at)
     if not tags.startswith(","):

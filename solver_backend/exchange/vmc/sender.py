@@ -74,7 +74,7 @@ class PacketSender:
             with ExitStack() as on_failure:
                 self._socket = on_failure.enter_context(socket.socket(family, kind, protocol))
                 self._socket.setblocking(False)
-                # A connected socket learns of refusals, and takes no packets of others.
+                # A connected socket reports refusals, and accepts no packets from others.
                 self._socket.connect(where)
                 on_failure.pop_all()
         except (OSError, UnicodeError) as error:
@@ -87,7 +87,7 @@ class PacketSender:
         """Send a packet. Return a message when the receiver disappears or returns, otherwise ""."""
         refusal = self._try(packet)
         if refusal is not None:
-            self._try(packet)  # a refusal is of an earlier packet, and this one was not sent for it
+            self._try(packet)  # the refusal concerns an earlier packet, and this one was not sent
             first, self._away_since = self._away_since is None, time.monotonic()
             return f"No receiver at {self.address} ({refusal}). Sending continues." if first else ""
         if self._away_since is not None and time.monotonic() - self._away_since > BACK_S:

@@ -237,7 +237,7 @@ def _rigid(value: Any, place: str) -> tuple[np.ndarray, np.ndarray]:
 def _rotation(value: Any, place: str) -> np.ndarray:
     R = numbers(value, place)
     if R.size == 3:
-        # What is not finite is named by Cameras.
+        # ``Cameras`` reports non-finite values.
         return np.asarray(exp_so3(R.reshape(3))) if np.isfinite(R).all() else np.full((3, 3), np.nan)
     if R.size != 9:
         hint = "Write quaternions as matrices: the real part may be the first number or the last." * (R.size == 4)

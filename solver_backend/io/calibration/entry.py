@@ -40,7 +40,7 @@ class CameraEntry:
     """(3,) rotation vector if the file stores the rotation as one."""
 
     def __post_init__(self) -> None:
-        for name in ("K", "distortion", "R", "t"):  # an uncalibrated camera may hold NaN
+        for name in ("K", "distortion", "R", "t"):  # an uncalibrated camera may contain NaN
             if (largest := largest_finite(getattr(self, name))) > FARTHEST_IN_UNITS:
                 what = f"{name} contains {largest:.3g}; at most {FARTHEST_IN_UNITS:g} is possible."
                 raise CalibrationInvalid(what, where=f"camera {self.name}")

@@ -196,13 +196,13 @@ def _unity(values: Values) -> Values | None:
         if sensor is None or not length or not (sensor > 0).all():
             return None
         fx, fy = length * width / sensor[0], length * height / sensor[1]
-        fit = str(known.get("gatefit", "Horizontal")).lower()  # the side of the sensor that the picture fills
+        fit = str(known.get("gatefit", "Horizontal")).lower()  # sensor side that the image fills
         fits = {"0": (fx, fy), "none": (fx, fy), "1": (fy, fy), "vertical": (fy, fy)}
         fx, fy = fits.get(fit, (fx, fx))
     shift = _vector(known.get("lensshift"), 2, "lensShift")
     across, up = shift if shift is not None else (0.0, 0.0)
     pose = _rigid(_LEFT_HANDED @ R, _LEFT_HANDED @ centre)
-    middle = ((0.5 - across) * width - 0.5, (0.5 + up) * height - 0.5)  # The middle of the first pixel is 0.
+    middle = ((0.5 - across) * width - 0.5, (0.5 + up) * height - 0.5)  # The centre of the first pixel is 0.
     return _seen(values, (fx, fy), middle, _world_to_camera(pose, _UNITY))
 
 
@@ -402,7 +402,7 @@ _PARTS |= {"H": "height", "W": "width"}
 
 def _easymocap(tree: Values) -> Content | None:
     """Read matrices with names like ``K_<camera>``, as in EasyMocap's files intri.yml and extri.yml."""
-    if {"R", "T"} <= tree.keys():  # a pair of OpenCV
+    if {"R", "T"} <= tree.keys():  # an OpenCV stereo pair
         return None
     parts: dict[str, dict[str, Any]] = {}
     for key, value in tree.items():

@@ -118,7 +118,7 @@ def find_calibration(
                 return chosen
             return _others_of_more(*named[0], chosen, recorded, by_views, agreement)
         others += found
-        # A broken file in a calibration folder is a broken calibration. Elsewhere it may be anything.
+        # A damaged file in a calibration folder is a damaged calibration. Elsewhere it may be any file.
         meant = is_calibration_folder(folder)
         broken = [e for e in errors if not isinstance(e, CalibrationMissing)]
         serious = [e for e in broken if meant or (folder in levels and isinstance(e, CalibrationInvalid))]
@@ -157,7 +157,7 @@ def _mismatch(root: Path, others: Sequence[Calibration], recorded: Sequence[str]
         calibrated = calibration.cameras.names
         keys = {name_key(name) for name in calibrated}
         without = [name for name in recorded if name_key(name) not in keys]
-        # All calibrated cameras are recorded, each once.
+        # Every calibrated camera is recorded exactly once.
         if without and {name_key(n) for n in recorded} >= keys and len(recorded) - len(without) == len(keys):
             what = f"{listing(without)} {'is' if len(without) == 1 else 'are'} recorded and not calibrated: "
             what += f"{calibration.source.name} is for {listing(calibrated)}."

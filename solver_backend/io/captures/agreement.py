@@ -74,7 +74,7 @@ def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, opti
         )
         return _aligned(detections, numbered - given, options, notes, ())
     found = find_starts(cameras, detections, fps, numbered)
-    if found.evidence is StartEvidence.APART:  # the solve corrects small delays, to parts of a frame
+    if found.evidence is StartEvidence.APART:  # the solve corrects small delays to a fraction of a frame
         if np.abs(found.offsets - numbered).max() > 0.5 * reach_frames(fps):
             return _moved(detections, found, numbered, options)
     elif found.evidence is not StartEvidence.IN_STEP:
@@ -303,7 +303,7 @@ class _Files:
 
     def apply(self, found: Explanation, options: ReadOptions) -> _Files:
         """Apply an explanation, and add its corrections to the problems."""
-        if found.changed:  # delays are measured to parts of a frame elsewhere
+        if found.changed:  # delays below a frame are measured elsewhere
             return self.read(replace(found.reading, late=()), options, _report(self.detections.cameras, found))
         problems = [diagnostic("explanations_open", one=found.open[0], other=found.open[1])] if found.open else []
         return self.read(Reading.as_written(self.count), options, problems)
@@ -375,7 +375,7 @@ def _read_one_view(files: _Files, options: ReadOptions) -> _Files:
         return replace(files, problems=(*files.problems, suspected))
     values = {"meanings": meaning, "percent": 100 * found.outside, "cameras": seen.cameras}
     corrected = [diagnostic("calibration_corrected", result=found.shown_by, **values)]
-    if turn:  # poses are lifted from upright pictures
+    if turn:  # poses are lifted from upright images
         size, hands = camera.image_size[0], None if seen.hands is None else seen.hands.copy()
         if hands is not None:
             hands[..., :2] = unturn(hands[..., :2], turn, size)

@@ -49,7 +49,7 @@ _KIND = (
 def _read(root: Path, options: ReadOptions) -> Capture:
     """Read all detections and their calibration, and separate the people."""
     sources = camera_sources(root)
-    if options.camera_path:  # a pose of the calibration tells nothing of a carried camera's pictures
+    if options.camera_path:  # a calibrated pose says nothing about a moving camera's images
         options = replace(options, as_calibrated=True)
     levels = levels_above(root)
     config = read_config(levels)

@@ -53,7 +53,7 @@ def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
         if len(bodies) != 1:
             what = f"The file contains {len(subjects)} subjects: {_counts(take)}."
             raise JobInvalid(what, where="subject_prefix", hint=_hint(bodies, places))
-        # Rigid bodies with the name of a bone and no places of their own belong to that person.
+        # Rigid bodies that are named after a bone and have no landmarks belong to that person.
         names = (bodies[0], *(name for name in subjects if not places[name] and named_bone(f"{name}:1")))
         chosen = _part(take, names, [name for name in subjects if not places[name] and name not in names])
         others = [f"{name} ({_size(take, name)} markers)" for name in subjects if name not in names]

@@ -132,7 +132,7 @@ def _values(rows: list[list[str]], columns: list[int | None]) -> np.ndarray:
     there = [column for column in columns if column is not None]
     values = np.ones((len(rows), len(columns)))
     if rows and there:
-        chosen = itemgetter(*there, there[0])  # for a single column it would return no tuple
+        chosen = itemgetter(*there, there[0])  # for a single column it would not return a tuple
         cells = [chosen(row) for row in rows]
         try:
             read = np.array(cells, dtype=np.float64)

@@ -216,7 +216,7 @@ class OwnKeypoints:
                     hint = "List every column's name under 'order'."
                     what = f"A person has {len(person)} keypoints, but {self.where} names {len(names)}."
                     raise KeypointCountMismatch(what, where=frames.where(row), hint=hint)
-            # The mean of several points has the lowest confidence, and is unseen if one of them is.
+            # The mean of several points has their lowest confidence, and is missing if one of them is.
             means = [[(*p[c, :2].mean(0), p[c, 2].min()) for c in columns.values()] for p in found]
             return [np.array(person) for person in means]
 

@@ -119,7 +119,7 @@ class _ElementReader:
         if not len(data):
             return "", np.zeros((0, 0))
         flags, data = self._numbers(data, least=2)
-        if int(flags[0]) & 0xFF == _OPAQUE:  # an object of MATLAB (string, table, datetime), which has no shape
+        if int(flags[0]) & 0xFF == _OPAQUE:  # a MATLAB object (string, table, datetime) has no shape
             return "", _LEFT_OUT
         axes, data = self._numbers(data, least=2)
         name, data = self._numbers(data)

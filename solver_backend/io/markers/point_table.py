@@ -153,7 +153,7 @@ def is_point_array(path: Path) -> bool:
     try:
         array = load_array(path)
     except FileDamaged:
-        return True  # reading it reports the damage
+        return True  # the reader reports the damage
     return array.ndim == 3 and array.shape[-1] == 3
 
 

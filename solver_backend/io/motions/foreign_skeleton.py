@@ -329,7 +329,7 @@ def _up_axis(motion: SkeletonMotion, roles: dict[str, str]) -> tuple[str, str]:
     posed = _clear_axis(motion.joints[:, b] - motion.joints[:, a])
     rest = _clear_axis((motion.rest[b] - motion.rest[a])[None])
     if rest == 0 or _clear_axis((motion.rest[a] - motion.rest[feet].mean(0))[None]) != rest:
-        rest = None  # Bones along their own X, as LAFAN1's and Bandai-Namco's, are no figure that stands.
+        rest = None  # A rest pose with bones along their own X, as in LAFAN1 and Bandai-Namco, is not standing.
     if rest is None or posed is None or rest == posed:
         axis = posed if rest is None else rest
         return ("y" if axis is None else "xyz"[axis]), ("trunk" if posed == axis else "rest" if axis != 1 else "")

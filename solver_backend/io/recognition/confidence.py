@@ -32,7 +32,7 @@ def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic,
         return confidence, (), ()
     if largest == FLAGGED and np.isin(seen, (1.0, FLAGGED)).all():
         how, certain = "flags", FLAGGED
-    elif float(np.median(seen)) > _TYPICAL_PER_CENT and sure <= PER_CENT:  # few scores may be larger
+    elif float(np.median(seen)) > _TYPICAL_PER_CENT and sure <= PER_CENT:  # a few scores may be larger
         how, certain = "percent", PER_CENT
     else:
         how, certain = ("above", 1.0) if largest > 1 and sure <= _HIGH else ("relative", sure)

@@ -366,7 +366,7 @@ def _balance(points: np.ndarray, joint_set: JointSet, z: np.ndarray, tilt_sigma:
     if len(body.centre) <= 4:
         return 0.0
     lean = leaning(body, _Z, max(LEAST_TILT, 1.5 * tilt_sigma))[:, :2]
-    if len(lean) <= max(4, len(body.centre) // 2):  # who is seldom on the feet shows no balance
+    if len(lean) <= max(4, len(body.centre) // 2):  # a person who is rarely on the feet shows no balance
         return 0.0
     mean, spread = robust_mean(lean)
     up = np.array([*mean, 1.0]) / np.sqrt(1.0 + mean @ mean)
@@ -376,11 +376,11 @@ def _balance(points: np.ndarray, joint_set: JointSet, z: np.ndarray, tilt_sigma:
 
 def _floor(feet: np.ndarray, z: np.ndarray, fps: float) -> float:
     """Return the gain of the new up over ``z`` in explaining the slope under the feet (rotated world)."""
-    if z[2] < 0.1:  # the calibration's floor would be a wall
+    if z[2] < 0.1:  # the calibration's floor would be vertical
         return 0.0
     slope, covariance, _ = fit_floor(feet, np.zeros(2), 1e-6 * np.eye(2), fps)
     precision = np.linalg.inv(covariance + FLOOR_SIGMA**2 * np.eye(2))
-    wrong = slope + z[:2] / z[2]  # the plane across z has the slope -(zx, zy) / zz
+    wrong = slope + z[:2] / z[2]  # the plane perpendicular to z has the slope -(zx, zy) / zz
     return _gain(float(np.sqrt(wrong @ precision @ wrong)), float(np.sqrt(slope @ precision @ slope)))
 
 

@@ -95,7 +95,7 @@ def _people(labels: Sequence[str], pattern: re.Pattern[str]) -> dict[str, str]:
     apart = sum(len(worn[subject]) for subject in people)
     if len(people) < 2 or 2 * len(shared) < min(len(worn[subject]) for subject in people):
         return {}
-    if apart < 2 * len(_places(list(labels))):  # most are known as they are
+    if apart < 2 * len(_places(list(labels))):  # most labels are known without renaming
         return {}
     return {label: f"{subject}:{name}" for subject in people for label, name in groups[subject].items()}
 

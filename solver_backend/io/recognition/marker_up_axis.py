@@ -200,7 +200,7 @@ def _above_floor(positions: np.ndarray) -> str | None:
 
 def _lowest(positions: np.ndarray, axis: str, share: float = 0.01) -> float:
     """Return the ``share`` quantile of the marker heights if ``axis`` is up, or NaN without visible markers."""
-    with np.errstate(invalid="ignore"):  # markers that are not seen
+    with np.errstate(invalid="ignore"):  # missing markers
         heights = positions @ rotation_to_z_up(axis)[2]
     return float(quantile(heights.ravel(), share, 0, "nearest"))
 
@@ -275,7 +275,7 @@ def find_unit(
     if name is not None and not (size > 0 and not fits(name, SMALLEST_M, LARGEST_M, PERSON_FACTOR)):
         return _unit(name, "file")
     units = (default, "mm", "m", "cm")
-    if np.isfinite(apart):  # inches of an adult are centimetres of one who crouches
+    if np.isfinite(apart):  # an adult in inches resembles a crouching person in centimetres
         units = tuple(sorted(METRES, key=lambda unit: abs(np.log(max(apart, 1e-9) * METRES[unit] / usual))))
     for other in dict.fromkeys(units):
         if fits(other, *PERSON_M):

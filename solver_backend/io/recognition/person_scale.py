@@ -90,7 +90,7 @@ def scale_from_stature(
     right = np.concatenate([lengths / LENGTH_SIGMA_M, np.zeros(10), [(prior[0] - heights) / prior[1]]])
     weight = np.ones(len(right))
     x = np.zeros(11)
-    for _ in range(_ROUNDS):  # bones that the detector means otherwise lose their weight
+    for _ in range(_ROUNDS):  # bones that the detector defines differently lose their weight
         x = np.linalg.lstsq(J * weight[:, None], right * weight, rcond=None)[0]
         residual = (J @ x - right)[: len(apart)]
         weight[: len(apart)] = 1.0 / np.sqrt(1.0 + residual**2 / 4.0)

@@ -120,7 +120,7 @@ class WorldCheck:
         found = (diagnostic("person_triangulated", stature=self.stature_m, **figures),) if known else ()
         if (
             self._is_off_floor and 0 < self.lowest_m <= HIGHEST_STEP_M
-        ):  # stairs, trampolines and stages are above the floor, too
+        ):  # stairs, trampolines and stages are also above the floor
             found += (diagnostic("floor_off", severity=Severity.NOTE, lowest=self.lowest_m),)
         return found
 
@@ -135,7 +135,7 @@ class WorldCheck:
             found.append(diagnostic("floor_off", lowest=self.lowest_m))
         if np.sin(self.apart) < np.sin(IN_LINE):
             found.append(diagnostic("views_in_line", cameras=list(self.views), angle=np.degrees(self.apart)))
-        if self.residual_px > LARGEST_RESIDUAL_PX:  # then no single camera is to blame
+        if self.residual_px > LARGEST_RESIDUAL_PX:  # no single camera is then the cause
             return (*found, diagnostic("views_disagree", size=self.residual_px))
         wrong = {name: round(off) for name, off in self.off_px.items() if off > LARGEST_BIAS_PX}
         found += [diagnostic("cameras_shifted", cameras=list(wrong), shifts=wrong)] if wrong else []
@@ -227,7 +227,7 @@ def scale_world(
     Raises:
         JobInvalid: both are given, the stature is impossible, or too little of the person is visible.
     """
-    by_stature = settings.stature and len(cameras) > 1  # what one camera sees has no scale of its own
+    by_stature = settings.stature and len(cameras) > 1  # a single camera does not determine the scale
     if by_stature and settings.scale != 1.0:
         raise JobInvalid("Both --stature and --scale set the size of the world.", hint="Give only one of them.")
     if not by_stature and settings.scale == 1.0:

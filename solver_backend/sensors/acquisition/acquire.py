@@ -106,7 +106,7 @@ def ring_depths(ring: Ring, count: int) -> RingDepths:
         chosen = np.abs(depth - middle[owner]) <= SETTINGS.two_depths_m
         of_chosen = np.bincount(owner[chosen], minlength=count)
         narrow = _spread(depth[chosen], owner[chosen], middle, of_chosen)
-        # The rest of a ring on two surfaces must still be most of it.
+        # The remainder of a ring on two surfaces must be its larger part.
         spread = np.where(two, np.where(of_chosen * 2 > sizes, narrow, np.inf), spread)
     with np.errstate(invalid="ignore"):
         good = np.abs(depth - middle[owner]) <= SETTINGS.mad_limit * spread[owner]
@@ -387,7 +387,7 @@ class Acquisition:
             rings, rest = ring_depths(of_parts, blobs.count), np.flatnonzero(~parts[: len(whole.depth)])
             for name in ("depth", "count", "spread", "rough"):
                 getattr(rings, name)[rest] = getattr(whole, name)[rest]
-        # A blob without saturated pixels where most have them is a sliver with a foreign ring.
+        # If most blobs have saturated pixels, one without them is a fragment with a foreign ring.
         blind = np.bincount(blobs.owner, saturated, minlength=blobs.count) > 0
         sliver = ~blind & (2 * blind.sum() > blobs.count)
         return shapes, replace(rings, depth=np.where(sliver, np.nan, rings.depth)), parts

@@ -163,7 +163,7 @@ def paired_frames(
     while True:
         try:
             pair = queue.tryGet()
-        except Exception as error:  # depthai raises its own types
+        except Exception as error:  # depthai raises its own exception types
             if running():
                 message, hint = f"The device was lost: {error}.", "Plug it in and open it again."
                 raise SensorFailed(message, where=where, hint=hint) from error
@@ -398,7 +398,7 @@ class OakColour(OakPipeline):
         while self._pipeline is not None and self._pipeline.isRunning():
             try:
                 found = self._queue.tryGet()
-            except Exception as error:  # depthai raises its own types
+            except Exception as error:  # depthai raises its own exception types
                 raise SensorFailed(f"The device was lost: {error}.", where=f"sensor {self.name}") from error
             yield found and ColourPicture(bytes(found.getData()), found.getTimestamp(middle).total_seconds())
 

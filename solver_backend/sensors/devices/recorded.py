@@ -191,7 +191,7 @@ class SensorRecorder:
         if self.ended:
             return
         try:
-            if SensorFiles.of(frame) != self._sensor:  # a file holds frames of one size
+            if SensorFiles.of(frame) != self._sensor:  # a file contains frames of one size
                 raise queue.Full
             self._queue.put(frame, block=self._patient)
         except queue.Full:
@@ -261,7 +261,7 @@ def due_frames(
             if due > now:
                 time.sleep(due - now)
             last = not repeat and at + 1 == len(times)
-            # A late frame is skipped, as a sensor would have the next picture already.
+            # A late frame is skipped, because a sensor would already have the next one.
             if last or now < due + period:
                 yield at, lap, device, due
         at += 1

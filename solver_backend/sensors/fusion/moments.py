@@ -219,7 +219,7 @@ class _Clusters:
         off, far = across[i, j], along[i, j]
         flat = np.eye(3) - direction[j, :, None] * direction[j, None, :]
         width = (sigma[j] * far) ** 2 + SETTINGS.calibration_m**2
-        # A width of a metre along the ray leaves a test across it.
+        # With a standard deviation of a metre along the ray, only the distance across it is tested.
         both = spread[i] + width[:, None, None] * flat + direction[j, :, None] * direction[j, None, :]
         square = chi_square(off, both)
         # A sensor's rays cannot be markers that it also sees with depth.

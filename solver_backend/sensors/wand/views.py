@@ -310,7 +310,7 @@ class Coverage:
             return ""
         c = int(np.argmax(open_cells.sum(axis=(1, 2))))
         rows, columns = np.nonzero(open_cells[c])
-        # Count open cells in thirds of the picture.
+        # Count uncovered cells in thirds of the image.
         parts = 3 * (rows * 3 // ROWS) + columns * 3 // COLUMNS
         down, across = divmod(int(np.bincount(parts, minlength=9).argmax()), 3)
         place = "middle" if down == across == 1 else f"{_DOWN[down]} {_ACROSS[across]}"

@@ -303,7 +303,7 @@ def camera_turns(
             if len(points) < (FEWEST_STILL if few else FEWEST):
                 return None
             rays = _rays(camera, points / scale)
-            if few:  # They show that nothing moves, or nothing.
+            if few:  # A few features can only show that nothing moves.
                 if np.percentile(np.linalg.norm(rays - start_rays, axis=1), 75.0) > np.deg2rad(STILL_DEG):
                     return None
                 rotations.append(np.zeros(3))

@@ -300,7 +300,7 @@ class DetectorProcess:
             raise DetectorMissing(message, where=str(python), hint="Check the path of --python.") from error
         assert self._process.stdin is not None and self._process.stdout is not None
         self._pictures, self._answers = self._process.stdin, self._process.stdout
-        if self._ended:  # by another thread, while a silent detector was started again
+        if self._ended:  # by another thread while a silent detector restarted
             self._kill()
 
     def __enter__(self) -> DetectorProcess:
@@ -344,7 +344,7 @@ class DetectorProcess:
             yield
         finally:
             timer.cancel()
-        if self._late:  # the answer came as the process was killed
+        if self._late:  # the answer arrived when the process was killed
             raise EOFError("the answer came too late")
 
     def _time_out(self) -> None:

@@ -313,7 +313,7 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
     view. Views that miss a hand search it where two others agree. Early or late footage is shifted in time.
     """
     cameras, keypoints = capture.require_views()
-    cameras = replace(cameras, path=None)  # Crops need places in front of the camera, not in the world.
+    cameras = replace(cameras, path=None)  # Crops need positions relative to the camera, not in the world.
     if not any(capture.footage):
         raise CaptureInvalid("The capture has no footage.", where=capture.name, hint="Read its folder again.")
     arms, found = arms_of(capture)
@@ -377,7 +377,7 @@ def seen_by(capture: Capture, least: int) -> dict[str, float]:
 def arms_of(capture: Capture) -> tuple[Arms, list[Diagnostic]]:
     """Return elbows and wrists, triangulated or lifted and then interpolated, and notes on missing sides."""
     cameras, keypoints = capture.require_views()
-    cameras = replace(cameras, path=None)  # Crops need places in front of the camera, not in the world.
+    cameras = replace(cameras, path=None)  # Crops need positions relative to the camera, not in the world.
     names = keypoints.joint_set.keypoints
     columns = [names.index(f"{side}_{part}") for part in ("elbow", "wrist") for side in SIDES]
     xy, confidence = keypoints.xy[:, :, columns], keypoints.confidence[:, :, columns]

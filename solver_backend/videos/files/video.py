@@ -155,7 +155,7 @@ def _probe_file(path: Path) -> VideoInfo:
     times = np.unique(np.array(stamps, dtype=np.float64)) * float(base)
     if len(times) <= UNTIMED_SHARE * len(stamps) and stated > 0:
         return VideoInfo(path, size, np.arange(len(stamps)) / stated, timed=False, stored=stored)
-    if is_avi and any(pts != dts for pts, dts in packets):  # it stores times in the order of decoding
+    if is_avi and any(pts != dts for pts, dts in packets):  # AVI stores times in decoding order
         places = np.unique(np.array([dts for _, dts in packets if dts is not None], dtype=np.float64)) * float(base)
         if len(places) < len(packets):
             places = np.arange(len(packets)) / max(rate_of(times), 1.0)
@@ -265,7 +265,7 @@ def _decoded(path: Path) -> Iterator[Decoded | None]:
     with opened(path) as container:
         stream = video_stream(container)
         stream.thread_type = "AUTO"
-        # One converter per file: a new one for each picture takes longer than the conversion.
+        # One converter per file, because a new one per image takes longer than the conversion.
         convert, aspect = av.video.reformatter.VideoReformatter().reformat, pixel_aspect(stream)
         for packet in container.demux(stream):
             try:

@@ -148,7 +148,7 @@ def clocks_picture(found: Sequence[VideoDetections], clocks: Clocks, path: Path)
     curves = []
     for c, item in enumerate(found):
         if item.num_frames < 2:
-            continue  # a single picture has no speed
+            continue  # a single image has no speed
         track = item.of_track(item.main_track())[0]
         signal = speeds(track, item.times_s - item.times_s[0], item.joint_set)
         strength = np.sqrt((signal.values**2).mean(-1))

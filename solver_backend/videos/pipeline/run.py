@@ -87,7 +87,7 @@ class _TakeRun:
         videos, cameras, again = self._plan.take.videos, self._plan.take.cameras, "detect" in settings.redo
         filmed = len(videos) > 1 and calibration_source(self._found, settings.cameras) != "person"
         if filmed and STEPS.index(settings.until) >= STEPS.index("calibrate") and self._kept_calibration() is None:
-            opencv()  # it is missed before the detection, which can take hours
+            opencv()  # report it before the detection, which can take hours
         drawn = self._pictures / "detect.png"
         options: dict[str, Any] = {"jobs": settings.jobs, "cameras": cameras, "pictures_fps": settings.pictures_fps}
         options["show"] = partial(self._show, path=drawn)
@@ -199,7 +199,7 @@ class _TakeRun:
             return plan.calibration
         ours = self._records.is_ours(made)
         fits = source == "auto" or self._records.is_made(made, source) or not ours
-        if len(plan.take.videos) == 1 and ours:  # the user states its lens, which is not estimated again
+        if len(plan.take.videos) == 1 and ours:  # the user's lens is not estimated again
             fits = self._records.is_made(made, self._calibrated_from(ONE_CAMERA))
         again = "calibrate" in self._settings.redo and ours
         return _of_take(made, plan) if made.is_file() and fits and not again else None

@@ -221,7 +221,7 @@ class LiveView:
         try:
             with self._make() as detector:
                 width, height = self.source.size
-                # The first picture loads the model, so that no picture of a camera is late.
+                # The first image loads the model, so that no camera image is late.
                 detector.detect(np.zeros((height, width, 3), np.uint8), 0.0)
                 self._announce(about=detector.about)
                 for moment, picture in iter(self._asked.get, None):

@@ -102,7 +102,7 @@ def line_fit(
         spread = max(1.4826 * float(np.median(np.abs(residual))), 1e-4)
         robust = weight**2 / np.maximum(1.0, np.abs(residual) / (HUBER_SIGMAS * spread))
         robust = robust / np.maximum(robust.max(), 1e-12) / spread**2
-        # Pieces overlap by half: each shows half as much.
+        # Pieces overlap by half, so each has half of the information.
         information = 0.5 * (basis.T * robust) @ basis + prior
         step = np.linalg.solve(information, 0.5 * (basis.T * robust) @ lag_s)
     covariance = np.linalg.inv(information)
@@ -385,7 +385,7 @@ def at_times(values: np.ndarray, times_s: np.ndarray, wanted_s: np.ndarray) -> n
         return np.full((len(wanted_s), *values.shape[1:]), np.nan)
     after = np.clip(np.searchsorted(times_s, wanted_s), 1, len(times_s) - 1)
     gap = times_s[after] - times_s[after - 1]
-    with np.errstate(divide="ignore", invalid="ignore"):  # two pictures of one time: neither lies between them
+    with np.errstate(divide="ignore", invalid="ignore"):  # two images with equal times: nothing is between them
         share = (wanted_s - times_s[after - 1]) / gap
     outside = (share < -EXACT_SHARE) | (share > 1 + EXACT_SHARE)
     exact = (np.abs(share) <= EXACT_SHARE) | (np.abs(share - 1) <= EXACT_SHARE)

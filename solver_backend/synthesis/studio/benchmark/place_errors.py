@@ -91,7 +91,7 @@ def place_errors(
     views = (confidence > 0).sum(axis=0).reshape(*shape, -1).mean(axis=2)
     error = np.full(shape, np.nan)
     if len(true) > 1:
-        # All places at once: the detector's errors are estimated from all, as from a whole take.
+        # Estimate the detector's errors from all positions together, as from a whole take.
         located = triangulate(known, xy, confidence).points
         truth = np.concatenate([np.tile(points + move, (_DRAWS, 1, 1)) for move in moves])
         off = np.linalg.norm(located - truth, axis=-1).reshape(*shape, -1)

@@ -19,12 +19,12 @@ REQUIRED = ("model", "joint_set", "size", "decoding")  # Size is the input width
 DEFAULTS: dict[str, Any] = {
     "outputs": [],  # Names of the outputs to decode, by default the first ones.
     "channels": "RGB",
-    "mean": [0.0, 0.0, 0.0],  # Of each channel, on levels 0 to 255: the input is (level - mean) / std.
+    "mean": [0.0, 0.0, 0.0],  # Mean level per channel, 0 to 255. The input is (level - mean) / std.
     "std": [255.0, 255.0, 255.0],
-    "padding": 1.25,  # Size of the box that the model looks at, in sizes of the person's box.
-    "udp": False,  # The corner cells of a heat map lie on the corner pixels (Huang et al. 2020).
-    "columns": ["x", "y", "score"],  # Numbers of each point in an output of coordinates. Other names are ignored.
-    "unit": "pixels",  # Of coordinates: pixels of the input, or shares of its width and height.
+    "padding": 1.25,  # Size of the model's input box relative to the person's box.
+    "udp": False,  # True if corner cells of a heat map are at corner pixels (Huang et al. 2020).
+    "columns": ["x", "y", "score"],  # Values per point in a coordinate output. Other names are ignored.
+    "unit": "pixels",  # Unit of coordinates: pixels of the input, or fractions of its size.
     "score": "share",  # 0 to 1, or a logit.
 }
 _CHOICES = {
@@ -119,7 +119,7 @@ class DescribedPose(TopDown):
         super().__init__(shape, kind, outputs, run, people)
         try:
             self.num_keypoints = len(self.points(np.full((*self.size[::-1], 3), 127.0, np.float32)))
-        except Exception as error:  # the kinds of errors of both libraries
+        except Exception as error:  # both libraries raise their own types
             message = f"The model's input {shape} and outputs {outputs} do not fit the description: "
             raise _refused(message + str(error).splitlines()[0]) from error
         self.about = {"name": f"described {path.stem}", "joint_set": described["joint_set"], "people": people}

@@ -18,7 +18,7 @@ class MediaPipePose:
 
     def __init__(self, options: dict[str, Any]) -> None:
         try:
-            import mediapipe  # it is in an environment of its own
+            import mediapipe  # it is installed in a separate environment
         except ImportError as error:
             message = f"The package MediaPipe is missing: {error} ({sys.executable})"
             hint = "Press Set Up Detector in Blender's panel From Videos, or give a Python with --python."

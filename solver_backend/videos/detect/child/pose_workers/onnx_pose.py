@@ -107,7 +107,7 @@ class TopDown(_PoseModel):
     def people(self, rgb: np.ndarray) -> np.ndarray:
         """Return the people in the previous boxes, or in the whole image if there are none."""
         sure = self._sure(rgb, self.boxes)
-        if not sure:  # the whole picture, and then the person found in it
+        if not sure:  # the whole image, then the person found in it
             first = self._sure(rgb, [np.array([0.0, 0.0, rgb.shape[1], rgb.shape[0]])])
             sure = self._sure(rgb, list(map(_box, first)))
         kept = suppressed(np.array(list(map(_box, sure))), np.array([p[:, 2].mean() for p in sure]), self.most)
@@ -313,7 +313,7 @@ def open_model(path: str) -> Any:
     settings.log_severity_level = 3
     try:
         return onnxruntime.InferenceSession(path, settings, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime's own types differ between its releases
+    except Exception as error:  # onnxruntime's exception types differ between releases
         message = f"The model cannot be loaded: {str(error).splitlines()[0]}"
         raise Refused("detector_missing", message, "Download it again.") from error
 
