@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 import os
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread sums in one order: equal bits on every run
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread has a fixed order of sums, so every run is identical
 
 
 def main() -> None:

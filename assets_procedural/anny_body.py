@@ -37,10 +37,10 @@ class AnnyRig:
 
     bones: tuple[str, ...]
     parents: tuple[int, ...]  # Index of each bone's parent; -1 at the root.
-    weights: csr_matrix  # (V, B).
+    weights: csr_matrix  # (V, B) skinning weights.
     faces: np.ndarray
-    vertices: np.ndarray  # (N, V, 3).
-    heads: np.ndarray  # (N, B, 3).
+    vertices: np.ndarray  # (N, V, 3) positions in metres.
+    heads: np.ndarray  # (N, B, 3) positions in metres.
 
 
 def read_rig(topology: str, num_samples: int, seed: int) -> AnnyRig:
@@ -108,7 +108,7 @@ _MIDLINE |= {"neck": "neck01", "head": "head"}
 _LEFT = {"hip": "upperleg01", "knee": "lowerleg01", "ankle": "foot", "foot": "toe2-1", "collar": "clavicle"}
 _LEFT |= {"shoulder": "upperarm01", "elbow": "lowerarm01", "wrist": "wrist", "hand": "finger3-1"}
 _AIMS = (("shoulder", "elbow"), ("elbow", "wrist"), ("wrist", "hand"), ("hip", "knee"), ("knee", "ankle"))
-_SHIFTED = {  # Joints between the rig's bone heads: hip centres are further in and lower, the pelvis lies above them.
+_SHIFTED = {  # Joints between the rig's bone heads. Hip centres are more medial and lower, the pelvis is above.
     "pelvis": {"root": 0.4, "spine04": 0.6},
     "spine2": {"spine02": 0.6, "spine01": 0.4},
     "head": {"head": 0.6, "neck01": 0.4},

@@ -16,7 +16,7 @@ Array = np.ndarray
 NUMBERS = Path(__file__).parent / "numbers"
 
 NONE, LIPS, EYEBALL, IRIS, PUPIL, NAIL = range(6)  # Features that a face of the mesh can show.
-FLIP = np.array([-1.0, 1.0, 1.0])  # Turns a point into its mirror image.
+FLIP = np.array([-1.0, 1.0, 1.0])  # Factor that mirrors a point.
 
 
 def half_edges(faces: Array) -> Array:

@@ -26,9 +26,9 @@ from solver_backend.exchange.outputs import atomic_output
 
 BODY_FILE = Path(__file__).parents[1] / "solver_backend" / "assets" / "body_neutral.npz"
 BODY_ID = "manifold_neutral"
-NUM_VERTICES = 7200  # Vertices of the body, a little more than SMPL's 6,890, chosen by hand.
+NUM_VERTICES = 7200  # Number of the body's vertices (SMPL has 6,890), chosen by hand.
 _LOG = logging.getLogger(__name__)
-# In SMPL's files the root's parent is -1 as an unsigned number of 32 bits.
+# In SMPL's files, the root's parent is -1 as an unsigned 32-bit number.
 KINTREE = np.array([[4294967295, *PARENTS[1:]], range(len(PARENTS))], dtype=np.uint32)
 _T = TypeVar("_T")
 

@@ -12,7 +12,7 @@ from assets_procedural.arrays import FLIP, NUMBERS
 from solver_backend.exchange.errors import FileDamaged
 
 _KEYS = ("mean", "log_scale", "rotation", "log_weight")
-_FLOOR = 1e-9  # Keeps a sum of weights from zero.
+_FLOOR = 1e-9  # Lower bound of a sum of weights.
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Primitives:
 
     mean: np.ndarray  # (K, 3) metres, floor at y = 0.
     whiten: np.ndarray  # (K, 3, 3): diag(1 / scale) times the transposed rotation.
-    log_weight: np.ndarray  # (K,).
+    log_weight: np.ndarray  # (K,) logarithms of weights.
 
     @classmethod
     def from_half(

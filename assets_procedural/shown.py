@@ -12,7 +12,7 @@ from assets_procedural.layout import JOINT
 from assets_procedural.skeleton.shown import shown_correctives
 
 SHOWN_FILE = BODY_FILE.with_name("shown_neutral.npz")
-_LEAST_M = 2e-5  # Smallest move of a vertex by a shape that is kept.
+_LEAST_M = 2e-5  # Smaller movements of a vertex are removed from shapes.
 
 
 def build_shown(body: dict[str, Array]) -> dict[str, Array]:

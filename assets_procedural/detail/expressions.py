@@ -23,19 +23,19 @@ from solver_backend.live.face_source import BLEND_SHAPES
 
 _TABLE = json.loads((NUMBERS / "face.json").read_text(encoding="utf-8"))
 MOUTH = 7  # Material of the inside of the mouth, after those of ``charts``.
-_MEETING = 0.12  # Height of the line where lids meet, as a share of the opening. The upper lid does most of the way.
-_OVER_M = 0.0005  # How much farther from its eyeball a closed lid is, so that it stays clear of the cornea on its way.
-_LID_SHARES = (0.0, 0.22, 0.48, 0.76)  # Of the lids' rings from edge to rim, as in ``eyes``.
-_RELAXED, _WIDE = 0.2, 0.22  # Shares of a blink at rest and, upwards, in wide eyes. Chosen on the picture.
+_MEETING = 0.12  # Height of the line between closed lids, as a share of the opening.
+_OVER_M = 0.0005  # Additional distance of a closed lid from its eyeball, because of the cornea.
+_LID_SHARES = (0.0, 0.22, 0.48, 0.76)  # Lid rings from edge to rim, as in ``eyes``.
+_RELAXED, _WIDE = 0.2, 0.22  # Shares of a blink at rest, and upwards in wide eyes. Chosen by hand.
 _GAZE = {"Up": (0.0, 11.0, -0.25), "Down": (0.0, -16.0, 0.35), "In": (-25.0, 0.0, 0.0), "Out": (25.0, 0.0, 0.0)}
 """Rotation of the left eye to the left and up at value 1, in degrees, and the blink share that follows the gaze."""
 _UNDER_LID, _CORNEA_M = 0.86, 0.0006  # As in ``eyes``.
-_JAW_DEG = 19.0  # Turn of the jaw at 1, about two thirds of the widest opening of a mouth.
+_JAW_DEG = 19.0  # Jaw rotation at 1, about two thirds of the widest opening.
 _JAW_JOINT, _JAW_ANGLE = np.array([0.0, 0.040, 0.014]), np.array([0.052, -0.012, 0.020])  # From the head's joint.
-_AT_CORNER = 0.35  # Share of the jaw's turn at the corners of the mouth.
-_INWARDS = 0.85  # How far the seam goes back when the lips part, as a share of the gap.
-_TONGUE = np.array([0.0, -0.003, 0.019]), 0.011  # Move of the seam's middle, and its half width, metres.
-_HEAD_M = 0.24  # Radius about the head's joint of all that a face moves.
+_AT_CORNER = 0.35  # Share of the jaw's rotation at the corners of the mouth.
+_INWARDS = 0.85  # Backward movement of the seam between parted lips, as a share of the gap.
+_TONGUE = np.array([0.0, -0.003, 0.019]), 0.011  # Movement of the seam's centre, and its half width, metres.
+_HEAD_M = 0.24  # Radius around the head's joint of everything that a face moves.
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Expressions:
     names: tuple[str, ...]
     offsets: Array  # (52, V, 3) metres at 1, from the relaxed face.
     relaxed: Array  # (V, 3) metres from the body file's face to the relaxed one.
-    material: Array  # (F,) as in ``charts``, with the inside of the mouth, and irises that turn with their rings.
+    material: Array  # (F,) as in ``charts``, with the inside of the mouth, and irises that rotate with their rings.
 
 
 def build_expressions(vertices: Array, faces: Array, material: Array, mirror: Array, head: Array) -> Expressions:

@@ -19,10 +19,10 @@ _CORNERS = np.array([[0.0432, 1.5890], [0.0199, 1.5873]])  # Outer and inner cor
 _UPPER_M, _LOWER_M = 0.0047, 0.0050
 _EDGE_M = 0.0005  # Width of the lids' edge.
 _AROUND = 28  # Vertices of each ring.
-_HOLE = Oval(np.array([0.0316, 1.5888]), np.array([0.0186, 0.0126]), least_z=0.07)  # Cut out of the skin, metres.
+_HOLE = Oval(np.array([0.0316, 1.5888]), np.array([0.0186, 0.0126]), least_z=0.07)  # Hole in the skin, metres.
 _LID_RINGS = (0.76, 0.48, 0.22)  # Rings of the lids, as shares of the distance from their edge to the hole's rim.
 _BALL_RINGS = (0.5,)
-_CLIPPED = 0.86  # Share of the distance to the lids' edge beyond which a lid covers the iris.
+_CLIPPED = 0.86  # Largest iris radius, as a share of the distance to the lids' edge.
 _SEEN_M, _BRIDGED_M = 0.010, 0.0022
 
 

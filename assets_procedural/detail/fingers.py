@@ -18,7 +18,7 @@ from assets_procedural.skeleton.skinning import distance_to_segment
 
 _UP = np.array([0.0, 1.0, 0.0])
 _WEB_M = 0.003  # Additional distance at which a farther finger counts little.
-_PALM_M = 0.016, 0.030  # Distances from the thumb's axis: skin below turns with it, skin above does not.
+_PALM_M = 0.016, 0.030  # Distances from the thumb's axis. Closer skin rotates with it.
 
 
 @dataclass(frozen=True)
@@ -27,12 +27,12 @@ class Digit:
 
     knots: tuple[tuple[float, float, float], ...]  # Three knuckles and the tip, metres from the hand's joint.
     flexion_deg: tuple[float, float, float]  # Added at each knuckle, towards the palm.
-    closing_deg: float  # Turn at the first knuckle about the normal of the hand's back, towards the thumb.
-    soft_m: tuple[float, float, float] = (0.011, 0.007, 0.006)  # Half lengths over which each knuckle's turn sets in.
+    closing_deg: float  # Rotation at the first knuckle towards the thumb.
+    soft_m: tuple[float, float, float] = (0.011, 0.007, 0.006)  # Half lengths of each bend.
 
 
-DIGITS = {name: Digit(**row) for name, row in table("digits").items()}  # Of the fitted hand, the thumb first.
-STRAIGHTENED = 1.14471  # Length of the hand with straight fingers over that with fingers at rest.
+DIGITS = {name: Digit(**row) for name, row in table("digits").items()}  # Digits of the fitted hand, thumb first.
+STRAIGHTENED = 1.14471  # Hand length with straight fingers relative to resting ones.
 
 
 def finger_knots(joints: Array) -> Array:

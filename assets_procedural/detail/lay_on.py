@@ -17,10 +17,10 @@ from assets_procedural.layout import JOINT
 from assets_procedural.mesh.meshing import SymmetricMesh, check_closed, mirror_half, on_grid
 
 SEAM_Y, CORNER_M = 1.5217, 0.0220  # Seam height and half the mouth's width in the fitted mesh, metres.
-_ALONG = 10  # Pieces of the seam from the midline to the corner.
-_UPPER_M, _LOWER_M = 0.0066, 0.0076  # Heights of the red of both lips.
+_ALONG = 10  # Segments of the seam from the midline to the corner.
+_UPPER_M, _LOWER_M = 0.0066, 0.0076  # Heights of the red of the upper and the lower lip.
 _RED = (0.17, 0.46, 0.74, 1.0)  # Rings of the red, as shares of its height.
-_BEYOND_M = (0.0011, 0.0019, 0.0027, 0.0035)  # Reach of each of them beyond the end of the seam.
+_BEYOND_M = (0.0011, 0.0019, 0.0027, 0.0035)  # Extension of each ring beyond the end of the seam.
 _GROOVE_M, _GROOVE_WIDTH_M, _BORDER_M = 0.0019, 0.0011, 0.0006  # Groove between the lips, and their border.
 _HOLE = Oval(np.array([0.0, SEAM_Y]), np.array([0.0305, 0.0128]), least_z=0.10)  # The opening of the mouth, metres.
 _SEEN_M, _BRIDGED_M = 0.012, 0.0021
@@ -94,8 +94,8 @@ def _groove(points: Array, seam: Array) -> Array:
 _FROM_M, _TO_M = 0.022, 0.040  # Distance ahead of the foot's joint where the deepening begins and is complete.
 _SMOOTHINGS, _SHRINK, _SWELL = 9, 0.55, -0.58  # Taubin 1995, "Curve and surface smoothing without shrinkage".
 _GAIN, _MOST_M = 2.2, 0.004
-_KEPT = (-1.0, -0.001, 0.0025), (1.0, 0.036, 0.041)  # Keypoints are cast on both outer toes: fade there.
-_SOLE_M = 0.006  # Height below which nothing moves up or down, so that the soles stay on the floor.
+_KEPT = (-1.0, -0.001, 0.0025), (1.0, 0.036, 0.041)  # Keypoints lie on both outer toes, so the change fades there.
+_SOLE_M = 0.006  # Nothing lower moves vertically, so that the soles stay on the floor.
 
 
 def part_toes(vertices: Array, faces: Array, joints: Array) -> Array:
@@ -170,7 +170,7 @@ def lay_on_details(mesh: SymmetricMesh, joints: Array) -> DetailedBody:
 _FACE = np.array([0.0, 0.050, 0.105]), np.array([0.068, 0.088, 0.085])
 _EAR = np.array([0.0835, 0.055, 0.000]), np.array([0.028, 0.050, 0.040])
 """Centre, from the head joint, and radii of the ellipsoids to replace, in metres. Chosen by eye."""
-_AROUND = 1.45  # Radii up to which the surrounding skin defines the surface. Chosen on the picture.
+_AROUND = 1.45  # Radii of the surrounding skin that defines the surface. Chosen by hand.
 _MIDDLE = np.array([0.0, 0.060, 0.020])  # Centre of the radii that describe the head, from the head's joint, metres.
 
 

@@ -18,7 +18,7 @@ from assets_procedural.mesh.lines import Field, LinedMesh
 from assets_procedural.skeleton.shown import DeltaMush
 from assets_procedural.skeleton.skinning import vertex_areas, vertex_normals
 
-HAIR, SHIRT, TRIM, SHORTS, SOCK, SHOE, SOLE = range(8, 15)  # After the materials of ``expressions``.
+HAIR, SHIRT, TRIM, SHORTS, SOCK, SHOE, SOLE = range(8, 15)  # Materials after the ones of ``expressions``.
 SEGMENTS = ("Head", "Neck", "Chest", "Abdomen", "Pelvis", "Arm", "Forearm", "Hand", "Thigh", "Shank", "Foot", "Toes")
 FIRST_SIDED = SEGMENTS.index("Arm")  # From here on, right segments follow the left ones.
 _HAIRLINE = (
@@ -26,11 +26,11 @@ _HAIRLINE = (
     (0.055, 1.612), (0.065, 1.615), (0.080, 1.638), (0.095, 1.648), (0.115, 1.656), (0.14, 1.660),
 )  # fmt: skip
 """Height of the hairline by z in metres, from the nape over the ear to the forehead. Chosen by eye."""
-_BROW = (0.0135, 1.6125), (0.033, 1.6165), (0.0465, 1.6105)  # Middle line of a brow, x and height.
-_BROW_M = 0.0028  # Half its thickness.
+_BROW = (0.0135, 1.6125), (0.033, 1.6165), (0.0465, 1.6105)  # Centre line of a brow, x and height.
+_BROW_M = 0.0028  # Half the thickness of a brow.
 _HEM_M, _GAP_M = 0.016, 0.003  # Width of a hem, and of the step from its edge down to the skin.
 _UNDER = -0.5  # Height of the unit normal below which a foot's skin belongs to the sole.
-_SHOE_M, _WRAP_M = 0.006, 0.012  # How far leather is off the skin, and radius over which it bridges gaps.
+_SHOE_M, _WRAP_M = 0.006, 0.012  # Distance of leather from the skin, and radius of gaps that it covers.
 
 
 @dataclass(frozen=True)
@@ -207,7 +207,7 @@ _PLANES = {
     "wrist": ((1.0, 0.0, 0.0), (0.685, 0.0, 0.0)),
 }
 """Borders of the segments: their normals, which point away from the trunk, and points on them in metres."""
-_BELOW = {"hip": 1.1, "toes": 0.12}  # Heights above which a plane cuts nothing.
+_BELOW = {"hip": 1.1, "toes": 0.12}  # Heights. A plane cuts nothing above them.
 _BEYOND = "Neck", "Head", "Abdomen", "Pelvis", "Thigh", "Shank", "Foot", "Toes", "Arm", "Forearm", "Hand"
 """Segments beyond each border. The chest is on the near side of all borders."""
 _BANDS_M = {"neck": 0.0, "head": 0.0, "waist": 0.020, "chest": 0.020, "wrist": 0.012, "ankle": 0.014, "toes": 0.010}

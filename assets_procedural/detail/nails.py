@@ -15,10 +15,10 @@ from assets_procedural.layout import JOINT
 
 _AROUND = 10  # Vertices of each ring.
 _RINGS = (1.0, 0.86, 0.74)  # Skin, bottom of the fold and border of the plate, as shares of the oval's radii.
-_HOLE = 1.25  # Radii within which vertices give way, so that the faces around a nail are no slivers.
-_FOLD_M, _PLATE_M = -0.0004, 0.0003  # The fold lies below the skin, the plate above it, chosen by hand on the picture.
-_DEEP_M, _BESIDE_M = 0.009, 0.011  # Largest depth under the nail's middle, and distance from it, of the skin around.
-_FACING = 0.45  # Least cosine between the nail's normal and a normal of skin that shows the surface.
+_HOLE = 1.25  # Radii of the replaced skin, larger than the nail, so that faces around it are not narrow.
+_FOLD_M, _PLATE_M = -0.0004, 0.0003  # Fold below the skin, plate above it. Chosen by hand.
+_DEEP_M, _BESIDE_M = 0.009, 0.011  # Limits of surrounding skin: depth below the nail's centre, and distance.
+_FACING = 0.45  # Minimum cosine between the normals of nail and skin for the surface.
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class NailPlace:
 
     centre: Array  # (3,) metres, within 2 mm of the skin.
     tip: Array  # (3,) unit vector to the tip.
-    up: Array  # (3,) unit vector out of the skin, at a right angle to ``tip``.
+    up: Array  # (3,) unit vector out of the skin, perpendicular to ``tip``.
     radii: Array  # (2,) across and along, metres, with the fold.
 
     @property
@@ -44,7 +44,7 @@ _FINGERS: dict[str, tuple[float, float, tuple[float, float], float]] = {
     "little": (0.52, 0.0, (0.0046, 0.0055), 0.0040),
 }
 """Position from knuckle to tip (0 to 1), roll in degrees, and radii and height in metres, per finger."""
-_BIG_TOE = ((-0.011, -0.0024, 0.0585), (0.0, -0.30, 1.0), (0.0080, 0.0080))  # Offset from the foot, way, radii.
+_BIG_TOE = ((-0.011, -0.0024, 0.0585), (0.0, -0.30, 1.0), (0.0080, 0.0080))  # Offset from the foot, direction, radii.
 
 
 def put_on_nails(half: HalfBody, joints: Array) -> HalfBody:

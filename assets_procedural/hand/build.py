@@ -31,7 +31,7 @@ from solver_backend.body.hands import COLUMNS, hand_size_directions
 from solver_backend.exchange.body_layout import SMPL_FINGERS
 from solver_backend.exchange.joint_sets import FINGERS
 
-_RIDGE, _SMALLEST_M = 0.1, 5e-5  # Of the fit of correctives; the smallest that is kept.
+_RIDGE, _SMALLEST_M = 0.1, 5e-5  # Ridge of the fit of correctives, and the size in metres below which they are 0.
 _COUNT = 48  # Sampled poses per joint.
 
 
@@ -41,7 +41,7 @@ def fit_hand_correctives(vertices: Array, faces: Array, weights: Array, hands: H
     turns, rng = left_skeleton(hands), np.random.default_rng(0)
     directions = np.zeros((len(vertices), 3, 2, len(LEFT), 9))
     chosen = np.flatnonzero(weights[:, [WRIST, *LEFT]].any(axis=1))
-    # The piece ends at the forearm, which no finger moves: its volume changes as the whole body's does.
+    # The part ends at the forearm, which no finger moves, so its volume changes like the whole body's.
     piece = (vertices[chosen], part_of(faces, chosen, len(vertices)), weights[chosen])
     for k, j in enumerate(LEFT):
         bone = hands.joints[j] - hands.joints[j - 1] if k % PER_FINGER == PER_FINGER - 1 else None
@@ -51,7 +51,7 @@ def fit_hand_correctives(vertices: Array, faces: Array, weights: Array, hands: H
         wanted = np.stack([_wanted(*piece, hands.joints, j, bone, mask, turn) for turn in sampled])
         directions[chosen, :, 0, k] = fit_to_turns(sampled, wanted, _RIDGE, mask)
     directions = np.where(np.abs(directions) < _SMALLEST_M, 0.0, directions)
-    # The mirror image: x flips, and R turns into S R S with S = diag(-1, 1, 1).
+    # The mirror image: x changes its sign, and R becomes S R S with S = diag(-1, 1, 1).
     sign = FLIP[:, None, None] * (FLIP[:, None] * FLIP).ravel()
     directions[mirror, :, 1] = directions[:, :, 0] * sign
     return directions.reshape(len(vertices), 3, -1)

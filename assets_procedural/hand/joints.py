@@ -14,7 +14,7 @@ from assets_procedural.skeleton.skinning import MAX_INFLUENCES, distance_to_segm
 from solver_backend.exchange.body_layout import SMPL_FINGERS, SMPL_HANDS
 
 PARENTS, MIRROR = SMPL_HANDS.parents, SMPL_HANDS.mirror  # Parent and mirror image of each of the 52 joints.
-LEFT = SMPL_HANDS.group("left_hand")  # The left hand's finger joints. Those before are SMPL's.
+LEFT = SMPL_HANDS.group("left_hand")  # The left hand's finger joints, after SMPL's joints.
 FIRST, WRIST, PER_FINGER = LEFT[0], SMPL_HANDS.joints.index("left_wrist"), 3
 
 
@@ -26,9 +26,9 @@ def left_bones(joints: Array, tips: Array) -> dict[int, list[tuple[Array, Array]
     return bones | {j: [(joints[j], ends[j])] for j in LEFT}
 
 
-_DIGIT = {"pinky": "little"}  # Names of the generator's digits where they are not SMPL-H's fingers'.
-_ROUNDS = 3  # Moves of the joints to the middle of sections that halve the bend between them.
-_FREE_SKIN, _BESIDE_M = 0.65, 0.006  # Share of the first bone beyond the web; a knuckle's longest move.
+_DIGIT = {"pinky": "little"}  # The generator's names of digits that differ from SMPL-H's.
+_ROUNDS = 3  # Iterations that move joints to the centres of sections that bisect the bend between bones.
+_FREE_SKIN, _BESIDE_M = 0.65, 0.006  # Share of the first bone beyond the web, and a knuckle's largest movement.
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def place_hand_joints(
         place, along = left[k] + _FREE_SKIN * (left[k + 1] - left[k]), _unit(left[k + 1] - left[k])
         centre = section_centre(vertices, faces, place, along)
         shift = centre @ vertices - place
-        # Where the palm's skin is around the bone, its section holds nothing of the finger.
+        # Where the palm's skin surrounds the bone, its section has no part of the finger.
         if np.linalg.norm(shift) < _BESIDE_M:
             place_dirs = left_dirs[k] + _FREE_SKIN * (left_dirs[k + 1] - left_dirs[k])
             left[k], left_dirs[k] = left[k] + shift, left_dirs[k] + np.tensordot(centre, dirs, axes=1) - place_dirs
@@ -122,8 +122,8 @@ def section_centre(vertices: Array, faces: Array, near: Array, normal: Array) ->
     return weights
 
 
-_SMALLEST = 0.01  # Least share of a bone.
-_BONES = 4  # Most bones of a hand that carry a vertex, as glTF and game engines keep.
+_SMALLEST = 0.01  # Smallest weight of a bone.
+_BONES = 4  # Maximum number of a hand's bones per vertex, as in glTF and game engines.
 
 
 def hand_weights(vertices: Array, faces: Array, weights: Array, joints: Array, tips: Array, mirror: Array) -> Array:

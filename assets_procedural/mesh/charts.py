@@ -14,8 +14,8 @@ from assets_procedural.arrays import Array, half_edges
 from assets_procedural.layout import ANKLE, CUFF, NECKLINE
 from solver_backend.body.mesh import face_normals
 
-_MARGIN = 0.006  # Around each chart, of the unit square.
-_GRID_M = 1e-6  # Lengths are compared on this grid, so that mirror images tie on every machine.
+_MARGIN = 0.006  # Margin around each chart in the unit square.
+_GRID_M = 1e-6  # Lengths are rounded to this grid, so that mirrored ones are equal on every machine.
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,10 @@ from assets_procedural.arrays import Array, averaging, edges_of, neighbour_graph
 from assets_procedural.skeleton.skinning import vertex_normals
 
 Field = Callable[[Array], Array]  # Signed distances (N,) in metres of (N, 3) points, NaN where there is no line.
-_NEAREST, _STEPS, _DELTA_M = 12, 6, 1e-4  # Triangles to try, rounds of Newton's method, and step of a derivative.
+_NEAREST, _STEPS, _DELTA_M = 12, 6, 1e-4  # Tried triangles, steps of Newton's method, and step of a derivative.
 _ROUNDING = 0.75  # Share of the tangent planes, as in the publication.
-_ON_M = 4e-4  # A vertex closer to a line lies on it.
-_EAR_M = 1.2e-3  # Distance from a ring at which the tip of a triangle with all corners on it is put instead.
+_ON_M = 4e-4  # A closer vertex is on the line.
+_EAR_M = 1.2e-3  # New distance from a ring for the tip of a triangle with all corners on it.
 
 
 class Surface:
@@ -67,8 +67,8 @@ def _dot(a: Array, b: Array) -> Array:
 class Band:
     """Masks (T,) of the faces around a line."""
 
-    inside: Array  # On the negative side of the field.
-    near: Array  # With a vertex on the line.
+    inside: Array  # Faces on the negative side of the field.
+    near: Array  # Faces with a vertex on the line.
 
     @property
     def hem(self) -> Array:

@@ -106,7 +106,7 @@ class HalfMesh:
         if len(shared) != 2:
             return False
         c, d = (next(v for v in self.faces[i] if v not in (a, b)) for i in shared)
-        # By (e - 1)² and (e + 1)² for e²: a and b lose a face, c and d gain one.
+        # The change of e² to (e - 1)² or (e + 1)²: a and b lose a face, c and d gain one.
         if 2 * (self._excess(a) + self._excess(b) - self._excess(c) - self._excess(d)) - 4 <= 0:
             return False
         if c == d or self.around[c] & self.around[d]:
@@ -137,7 +137,7 @@ class HalfMesh:
         return x / length, y / length, z / length
 
     def _folds(self, indices: Iterable[int], vertex: int, position: Point) -> bool:
-        # Written out in single numbers: it runs half a million times in a build, where calls cost as much as sums.
+        # Written in scalars, because it runs half a million times per build and calls would dominate.
         (sx, sy, sz), (tx, ty, tz), vertices, faces = self.vertices[vertex], position, self.vertices, self.faces
         for index in indices:
             a, b, c = faces[index]
@@ -180,7 +180,7 @@ def _cross(a: Point, b: Point) -> Point:
 SizeAt = Callable[[Array], Array]
 Project = Callable[[Array, Array], Array]
 _TOO_LONG, _TOO_SHORT = 4.0 / 3.0, 0.75
-_DECIMALS = 6  # Decimals of metres that decisions see, so that every machine makes the same mesh.
+_DECIMALS = 6  # Decimals of metres for decisions, so that every machine makes the same mesh.
 
 
 def on_grid(values: Array) -> Array:

@@ -174,12 +174,12 @@ class ShapeSpace:
 
     vertices: Array
     joints: Array
-    vertex_dirs: Array  # (V, 3, 10).
-    joint_dirs: Array  # (24, 3, 10).
-    carried: Array  # (P, 3) points that went along.
-    carried_dirs: Array  # (P, 3, 10).
-    measures: Measures  # Landmarks and tapes on this mesh.
-    explained: float  # Share of the population's displacement variance that the ten components carry.
+    vertex_dirs: Array  # (V, 3, 10) metres per unit of shape.
+    joint_dirs: Array  # (24, 3, 10) metres per unit of shape.
+    carried: Array  # (P, 3) additional points that follow the mesh, metres.
+    carried_dirs: Array  # (P, 3, 10) metres per unit of shape.
+    measures: Measures  # Landmarks and girth lines on this mesh.
+    explained: float  # Share of the population's displacement variance in the ten components.
 
 
 def population_mean(statistics: Statistics) -> Array:

@@ -126,7 +126,7 @@ class Measures:
     toe: int
     heel: int
     tapes: dict[str, Tape]
-    straightened: float  # Length of the hand with straight fingers over that of this mesh.
+    straightened: float  # Hand length with straight fingers relative to this mesh.
 
     def __call__(self, vertices: Array, joints: Array) -> Array:
         """Return the (M,) measures in metres, in the order of ``MEASURES``."""

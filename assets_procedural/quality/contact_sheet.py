@@ -18,7 +18,7 @@ from solver_backend.exchange.verb import flag, option, output, parse_script
 from solver_backend.io.png import png_bytes
 
 _KEY, _FILL, _TOP = np.array([-0.45, 0.55, 0.70]), np.array([0.87, 0.11, 0.44]), np.array([0.0, 1.0, 0.0])
-_BACKGROUND = np.array([0.90, 0.91, 0.93])  # Linear colour behind the body, chosen by hand.
+_BACKGROUND = np.array([0.90, 0.91, 0.93])  # Linear background colour, chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def _fill(xy: Array, z: Array, normals: Array, tint: Array, depth: Array, normal
     x1, y1 = np.minimum(np.ceil(xy.max(axis=0)).astype(int) + 1, (width, height))
     (ax, ay), (bx, by), (cx, cy) = xy
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-    if area >= 0 or x1 <= x0 or y1 <= y0:  # image y points down, so faces towards the viewer are negative
+    if area >= 0 or x1 <= x0 or y1 <= y0:  # y of the picture points down, so visible faces have a negative area
         return
     x, y = np.arange(x0, x1)[None], np.arange(y0, y1)[:, None]
     v = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
@@ -103,7 +103,7 @@ def write_png(path: Path, image: Array) -> None:
 
 Degrees = dict[str, tuple[float, float, float]]
 _POSES: dict[str, dict[str, Degrees]] = json.loads((NUMBERS / "poses.json").read_text(encoding="utf-8"))
-BENDS, EXTREMES = _POSES["bends"], _POSES["extremes"]  # Rotation vectors of joints in degrees; a bend's is its axis.
+BENDS, EXTREMES = _POSES["bends"], _POSES["extremes"]  # Rotation vectors of joints in degrees. For a bend, the axis.
 
 
 def rotations(pose: Degrees, scale: float = 1.0) -> np.ndarray:

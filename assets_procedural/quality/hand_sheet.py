@@ -45,8 +45,8 @@ HANDS: dict[str, Degrees] = {  # Angles in degrees by name. Joints without an an
     | {"index_mcp_spread": 4}
     | _thumb(25, 21, 26, -6, -2),
 }
-_FACES = 0.7  # Cosine by which faces of the palm look off the back of the hand.
-_PALM = (0.88, 0.64, 0.52)  # Colour of palms on the sheet, which shows where they are in each pose.
+_FACES = 0.7  # Minimum cosine between the normal of a face and the palm's direction.
+_PALM = (0.88, 0.64, 0.52)  # Colour of palms on the sheet, so that they are visible in each pose.
 _SIDES = ((0.0, 90.0), (0.0, -90.0), (0.0, 0.0), (-90.0, 10.0), (180.0, -20.0))
 """Yaw and pitch in degrees of a left hand's views: back, palm, thumb side, fingertips, little finger side."""
 

@@ -20,21 +20,21 @@ from assets_procedural.skeleton.skinning import linear_blend, pose_skeleton, ver
 from solver_backend.body.kinematics import subtree_matrix
 from solver_backend.types import SMPL_JOINTS
 
-Wanted = Callable[[int, Array], Array]  # Rest offsets (V, 3) metres of a joint's turn (3, 3).
+Wanted = Callable[[int, Array], Array]  # (V, 3) rest offsets in metres of a joint's (3, 3) rotation.
 NUM_FEATURES = 9 * (len(PARENTS) - 1)
 _RIDGE, _SMALLEST_M, _MASK_FULL = 0.3, 5e-5, 0.08
-_SLIGHT_M = 1.5e-4  # Correctives of a vertex by a joint below this are dropped: a row takes 116 bytes.
-_LEFT_OUT = ("hand",)  # Joints without correctives: all fingers bend as one, and no solve moves them.
-_BULGING_JOINTS, _BULGE = ("shoulder",), 0.15  # dual quaternions round shoulders too much: take back this share
-_RAISED_FROM, _RAISED = 0.35, 0.9  # Sines of the angles at which an arm begins to count as raised, and wholly does.
-_TAUT_ROUNDS, _TAUT_FROM, _TAUT_AT = 12, 1.05, 1.5  # Averages, and growth of area at which skin gets taut.
+_SLIGHT_M = 1.5e-4  # Smaller correctives are removed. A row takes 116 bytes.
+_LEFT_OUT = ("hand",)  # Joints without correctives: all fingers bend together, and no solve moves them.
+_BULGING_JOINTS, _BULGE = ("shoulder",), 0.15  # removed share of the bulge of dual quaternions
+_RAISED_FROM, _RAISED = 0.35, 0.9  # Sines of the angles at which an arm starts to count as raised, and counts fully.
+_TAUT_ROUNDS, _TAUT_FROM, _TAUT_AT = 12, 1.05, 1.5  # Smoothing steps, and growth of area at which skin is taut.
 _TOUCHING_JOINTS = ("elbow",)
 _SWELLING_JOINTS, _LARGEST_SWELLING_M = ("hip", "knee", "elbow"), 0.025
 Bends = dict[str, tuple[tuple[float, float, float], float, float]]  # Axis of a left joint, least and largest angle.
-SECOND_BEND: Bends = {"left_shoulder": ((0.0, -1.0, 0.0), -0.4, 2.2)}  # forwards; every other sample bends so instead
+SECOND_BEND: Bends = {"left_shoulder": ((0.0, -1.0, 0.0), -0.4, 2.2)}  # forwards, in every other sample
 _SPREAD_RAD = {"hip": 0.35, "shoulder": 0.6, "elbow": 0.35, "wrist": 0.4, "collar": 0.2, "head": 0.35, "neck": 0.3}
 """Standard deviation of the sampled rotations per kind of joint in radians. Chosen by hand."""
-_OTHER_SPREAD_RAD = 0.18  # The same of all other joints.
+_OTHER_SPREAD_RAD = 0.18  # Standard deviation of all other joints.
 
 
 def sample_turns(name: str, count: int, rng: np.random.Generator, second: Bends = SECOND_BEND) -> Array:

@@ -42,10 +42,10 @@ from solver_backend.types import SMPL_JOINTS
 class _Way(NamedTuple):
     """Parameters of the skin around a joint, chosen by eye on ``tests.benchmarks.body_sheets``."""
 
-    radius_m: float  # Of the smoothing.
+    radius_m: float  # Radius of the smoothing.
     dual: float  # Share of dual-quaternion skinning in the target.
-    gain: float  # Share of the lost volume that stretched skin gives back. The fit loses some of it.
-    growth: tuple[float, float] = (0.0, 1e-9)  # Growth of area at which skin begins to swell, and swells fully.
+    gain: float  # Share of the lost volume that stretched skin restores, before the fit.
+    growth: tuple[float, float] = (0.0, 1e-9)  # Growth of area at which the swelling starts and is complete.
 
 
 _WAYS = {
@@ -55,13 +55,13 @@ _WAYS = {
     "hip": _Way(0.040, 0.7, 1.5, (0.95, 1.25)),
 }
 """Parameters of the joints that get further correctives."""
-_SECOND = SECOND_BEND | {"left_hip": ((-0.74, 0.66, -0.12), 0.0, 2.3)}  # as one sits cross-legged
-_REACH = 0.02, 0.35  # Smoothed shares of a joint at which its shown correctives begin and are whole.
+_SECOND = SECOND_BEND | {"left_hip": ((-0.74, 0.66, -0.12), 0.0, 2.3)}  # as in sitting cross-legged
+_REACH = 0.02, 0.35  # Smoothed joint shares at which its shown correctives start and are complete.
 _LARGEST_SWELLING_M = 0.03
 _HIP_SCALE, _CROTCH_M, _PIT_M = 1.3, (0.05, 0.10), (0.0, 0.02)
 """Factor at hips, and ranges in metres over which additions fade: from the midline, and in front of the elbow joint."""
-_FAINT_M = 5e-4  # Rows that the body file lacks are added from this size on: each takes 116 bytes of a scene.
-_POINT_M, _POINT_WIDTH_M = 0.010, 0.020  # How far the point of a folded elbow stands out, and over what radius.
+_FAINT_M = 5e-4  # Minimum size of rows that the body file lacks. A row takes 116 bytes.
+_POINT_M, _POINT_WIDTH_M = 0.010, 0.020  # Height and radius of a bent elbow's tip.
 _PUSHES, _GAP_M = 4, 0.001  # Rounds that move an arm out of the ribs, and the gap that they leave.
 _APART_M, _DEEPEST_M = 0.05, 0.03  # Skin closer than this at rest, or deeper inside, is not pushed.
 
@@ -72,7 +72,7 @@ class DeltaMush:
     def __init__(self, vertices: Array, faces: Array, radius_m: float) -> None:
         laplacian, area = cotangent_laplacian(vertices, faces)
         self._mass = sp.diags(area)
-        # Two implicit steps of heat flow spread a point over the radius, whatever the size of the triangles.
+        # Two implicit steps of heat flow spread a point over the radius, independent of the triangles' size.
         self._solve = splu((self._mass + 0.25 * radius_m**2 * laplacian).tocsc()).solve
         self._graph, self._faces = neighbour_graph(faces, len(vertices)), faces
         self._degree = np.asarray(self._graph.sum(axis=1)).ravel()[:, None, None]
@@ -91,7 +91,7 @@ class DeltaMush:
         smooth = self.smooth(posed)
         normals = vertex_normals(smooth, self._faces)
         spread = self._spread(smooth) + self._size * normals[:, :, None] * self._normals[:, None]
-        left, _, right = np.linalg.svd(spread)  # the turn that takes the rest neighbourhood there (Kabsch 1976)
+        left, _, right = np.linalg.svd(spread)  # the rotation of the rest neighbourhood (Kabsch 1976)
         left[:, :, 2] *= np.linalg.det(left @ right)[:, None]
         return smooth + np.einsum("vab,vb->va", left @ right, self._details)
 

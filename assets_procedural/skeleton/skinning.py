@@ -113,9 +113,9 @@ def _signed_mean(rows: Array, target: Array, distance: Array) -> Array:
     return share * (a.T @ np.linalg.lstsq((a * share) @ a.T, b, rcond=1e-12)[0])
 
 
-MAX_INFLUENCES = 6  # Joints that move one vertex at most, chosen by hand.
-_SMALLEST = 0.005  # Weight that is dropped, a share of 1, chosen by hand.
-_FLOW = 3.0  # ``c`` of the heat ``c / d²`` that a bone gives (Baran, Popovic 2007), chosen by hand.
+MAX_INFLUENCES = 6  # Maximum number of joints per vertex, chosen by hand.
+_SMALLEST = 0.005  # Smaller weights are removed. Chosen by hand.
+_FLOW = 3.0  # ``c`` of a bone's heat ``c / d²`` (Baran, Popovic 2007), chosen by hand.
 _LEFT_LEG = ("left_hip", "left_knee", "left_ankle", "left_foot")
 
 
@@ -139,7 +139,7 @@ def heat_shares(vertices: Array, faces: Array, distance: Array) -> Array:
 
 def _keep_strongest(weights: Array) -> Array:
     weights = np.where(weights < _SMALLEST, 0.0, weights - _SMALLEST)
-    # Equal weights of a left and a right joint go together, or the midline would lean to one side.
+    # Equal weights of a left and a right joint are removed together, so that the midline stays symmetric.
     limit = -np.sort(-weights, axis=1)[:, MAX_INFLUENCES, None]
     kept = np.where(weights > limit + 1e-12, weights, 0.0)
     return kept / kept.sum(axis=1, keepdims=True)
