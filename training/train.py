@@ -45,7 +45,7 @@ RECIPES: dict[str, Callable[[TrainingJob], Finished]] = {
     "limb_slants": train_limb_slants,
 }
 """Training function of each prior."""
-STARTED = ("sposer", "lifter", "view_lifter")  # Priors that can go on from earlier weights.
+STARTED = ("sposer", "lifter", "view_lifter")  # Priors that can start from earlier weights.
 MORE_HELD_OUT: dict[str, frozenset[str]] = {name: frozenset({"49", "135"}) for name in ("view_lifter", "limb_slants")}
 """Additional subjects excluded from a network's training: dance and cartwheels, martial arts."""
 

@@ -82,7 +82,7 @@ def close_gaps(
     keep = np.all((new > low) & (new < high), axis=1)
     new, normal = new[keep], normal[keep]
     seen = visible(np.concatenate([new, points[~box], points[~box] * flip]))[: len(new)]
-    close = KDTree(points[box]).query(new)[0] < radius + 0.001  # leaves out the walls of hidden hollows
+    close = KDTree(points[box]).query(new)[0] < radius + 0.001  # omits the walls of hidden hollows
     new, normal = new[seen & close], normal[seen & close]
     nearest = KDTree(points).query(new)[1]
     agreement = np.einsum("na,na->n", normal, normals[nearest])
@@ -90,7 +90,7 @@ def close_gaps(
     return np.concatenate([points[~box], new]), np.concatenate([normals[~box], normal])
 
 
-STATURE_M = 1.70  # Stature that the reference is scaled to, metres; that of the mean shape.
+STATURE_M = 1.70  # Stature of the mean shape and the scaled reference, metres.
 _PHENOTYPE = {"gender": 0.5, "age": 0.6, "muscle": 0.6, "weight": 1.0, "height": 0.5, "proportions": 0.6}
 """Parameters of the reference body between the extremes of Anny's model, 0 to 1. Chosen by hand."""
 _DOWN, _OUT = np.array([0.0, -1.0, 0.0]), np.array([1.0, 0.0, 0.0])
@@ -139,7 +139,7 @@ def load_reference(num_samples: int = 700_000, seed: int = 1) -> Reference:
     scale = STATURE_M / np.ptp(skin.vertices[parts[0]][:, 1])
     floor = np.array([0.0, skin.vertices[parts[0]][:, 1].min(), 0.0])
     vertices, heads = (vertices - floor) * scale, (heads - floor) * scale
-    outer = parts[0] | parts[2] | parts[3]  # skin and both eyeballs; teeth and tongue stay out
+    outer = parts[0] | parts[2] | parts[3]  # skin and both eyeballs, without teeth and tongue
     surface = trimesh.Trimesh(vertices, rig.faces[outer[rig.faces].all(1)], process=False)
     weight = surface.area_faces * sample_density(surface.triangles_center)
     drawn: Any = trimesh.sample.sample_surface(surface, num_samples, face_weight=weight, seed=seed)

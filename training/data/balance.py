@@ -123,7 +123,7 @@ def bspline(a: Vectors, b: Vectors, c: Vectors, d: Vectors, t: Times) -> Vectors
     return ((1.0 - t) ** 3 * a + of_b * b + of_c * c + t**3 * d) / 6.0
 
 
-Blend = Literal["lerp", "slerp", "squad", "bezier", "bspline"]  # How codes are blended: thesis eqs. 4.8 to 4.12.
+Blend = Literal["lerp", "slerp", "squad", "bezier", "bspline"]  # Method of blending codes: thesis eqs. 4.8 to 4.12.
 TWO_ANCHORS: tuple[Blend, ...] = ("lerp", "slerp")
 EXPONENTIAL_LIMIT = 3.0
 """Largest relevance of the exponential kernel."""
@@ -134,7 +134,7 @@ class CodeStatistics:
     """Mean and inverse covariance of a data set's codes."""
 
     mean: np.ndarray  # (d,)
-    precision: np.ndarray  # (d, d), the pseudo-inverse of the covariance: codes of SPoser fill a hyperplane only.
+    precision: np.ndarray  # (d, d) pseudo-inverse of the covariance, because SPoser's codes are on a hyperplane.
 
     @classmethod
     def of(cls, codes: np.ndarray) -> CodeStatistics:
@@ -183,7 +183,7 @@ def exponential_relevance(epsilon: np.ndarray, scale: float) -> np.ndarray:
         scale: φ, in the same unit.
     """
     bounded = np.minimum(np.asarray(epsilon) / scale, np.log(EXPONENTIAL_LIMIT))
-    return np.minimum(np.exp(bounded), EXPONENTIAL_LIMIT)  # on some processors exp(log(3)) is above 3
+    return np.minimum(np.exp(bounded), EXPONENTIAL_LIMIT)  # on some processors exp(log(3)) is larger than 3
 
 
 def sample_tail(

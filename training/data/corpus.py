@@ -17,26 +17,26 @@ from solver_backend.geometry.rotations import exp_so3
 from training.data.points import rotation_points
 from training.data.sources.clips import KEYED, UNKNOWN, Clip
 
-HELD_OUT = frozenset({"03", "08", "13", "60_61", "ui_prmd_s07", "ui_prmd_s08"})  # Subjects nothing is trained on.
-NEAR_REPEAT_M = 0.012  # Poses closer than this to a kept one (root mean square over the joints) are repeats.
+HELD_OUT = frozenset({"03", "08", "13", "60_61", "ui_prmd_s07", "ui_prmd_s08"})  # Subjects excluded from training.
+NEAR_REPEAT_M = 0.012  # Poses closer than this are repeats (root mean square over the joints).
 KEYED_REPEATS = 4
 """Weight of each pose of a hand-keyed animation. These poses are few, and some are missing in recordings."""
-SIMPLIFIED = "jump"  # Source whose skeleton has neither hands, toes nor a head of its own.
-SIMPLIFIED_EVERY = 4  # Of its distinct poses one in so many counts.
-_SAME_TAKE_M = 0.004  # Distance of poses that are the same frame, metres; chosen by hand.
+SIMPLIFIED = "jump"  # Source with a skeleton without separate hands, toes and head.
+SIMPLIFIED_EVERY = 4  # Only every n-th of its distinct poses is used.
+_SAME_TAKE_M = 0.004  # Largest distance of poses from the same frame, metres, chosen by hand.
 
 
 @dataclass(frozen=True)
 class Corpus:
     """Concatenated clips of one side of the split."""
 
-    rotations: np.ndarray  # (N, 21, 3, 3) float32.
-    clip_start: np.ndarray  # (N,) first frame of the clip each frame belongs to.
-    clip_end: np.ndarray  # (N,) one past its last frame.
-    distinct: np.ndarray  # (D,) frames that are no near-repeats of one another; hand-keyed ones several times.
+    rotations: np.ndarray  # (N, 21, 3, 3) local rotations, float32.
+    clip_start: np.ndarray  # (N,) first frame of each frame's clip.
+    clip_end: np.ndarray  # (N,) end of each frame's clip, exclusive.
+    distinct: np.ndarray  # (D,) frames without near-repeats, with hand-keyed ones several times.
     names: tuple[str, ...]
-    subjects: tuple[str, ...]  # Of the same clips.
-    root: np.ndarray  # (N, 3, 3) float32, the pelvis since the T-pose, Y up; NaN where it was not kept.
+    subjects: tuple[str, ...]  # Subjects of the same clips.
+    root: np.ndarray  # (N, 3, 3) float32, the pelvis since the T-pose, Y up, NaN if unknown.
 
     @property
     def num_frames(self) -> int:
@@ -187,9 +187,9 @@ EXCHANGED_JOINTS: tuple[tuple[int, ...], ...] = (
 EXCHANGE_CHANCE = (0.25, 0.25, 0.3, 0.15, 0.15, 0.3, 0.15)
 CLEARANCE_M = 0.07
 """Distance in metres from trunk or legs below which an arm joint of an exchanged pose counts as penetrating."""
-LIMIT_SHARE = (0.6, 1.0)  # How much of a joint's range a joint is moved to.
-MOVED_JOINTS = 2  # Joints of a window that are moved towards their limits.
-_ALLOWED_DEG = 10.0  # Degrees beyond a joint's limits that a pose may be; chosen by hand.
+LIMIT_SHARE = (0.6, 1.0)  # Range of a moved joint's position, as shares of its limits.
+MOVED_JOINTS = 2  # Number of joints per window that are moved towards their limits.
+_ALLOWED_DEG = 10.0  # Allowed degrees beyond a joint's limits, chosen by hand.
 _REACH = torch.as_tensor(JOINT_LIMITS).abs().amax(dim=(-1, -2), keepdim=False)  # Largest angle of each joint, radians.
 _COLLARS, _WRISTS = SMPL.both("collar"), SMPL.both("wrist")
 _MIDLINE = SMPL.numbers("spine1", "spine2", "spine3", "neck", "head")
@@ -304,12 +304,12 @@ LIMBS: tuple[tuple[int, ...], ...] = (
     SMPL.numbers("neck", "head"),
 )
 """Joints that are rotated together: legs, arms, spine, neck and head."""
-LIMB_CHANCE = 0.4  # Of each limb of a window to be turned; at least one is.
+LIMB_CHANCE = 0.4  # Chance of each limb of a window to be rotated. At least one is.
 LIMB_SPREAD = (0.05, 0.3)
 """Smallest and largest standard deviation of a rotated joint's angles, relative to their ranges. Drawn per window."""
 ENDS: tuple[int, ...] = SMPL.both("ankle", "foot", "wrist")
 """Ankles, toes and wrists, which recordings rarely show at the ends of their ranges."""
-END_CHANCE = 0.5  # Of each end of a window to be moved.
+END_CHANCE = 0.5  # Chance of each end of a window to be moved.
 _LIMITS = torch.as_tensor(JOINT_LIMITS, dtype=torch.float32)
 
 
@@ -358,15 +358,15 @@ def _moved(windows: torch.Tensor, turn: torch.Tensor, joints: torch.Tensor) -> t
     return torch.where(joints[:, None, :, None, None], moved, windows)
 
 
-MAX_SPACING = 9  # Largest distance of neighbouring keys in frames at 30 Hz (0.3 s).
+MAX_SPACING = 9  # Largest distance of adjacent keys in frames at 30 Hz (0.3 s).
 
 
 @dataclass(frozen=True)
 class WindowBatch:
     """A batch of B windows."""
 
-    rotations: torch.Tensor  # (B, 4, 21, 3, 3): keys at 0, 1/2 and 1, and a frame between.
-    time: torch.Tensor  # (B,) of the frame between, 0..1.
+    rotations: torch.Tensor  # (B, 4, 21, 3, 3) rotations of keys at 0, 1/2 and 1, and of a frame between.
+    time: torch.Tensor  # (B,) time of the frame between, 0..1.
 
     def to(self, device: torch.device) -> WindowBatch:
         """Return the batch on a device."""
@@ -384,8 +384,8 @@ class WindowSampler:
     exchange_chance: float = 0.6
     variation_chance: float = 0.7
     limit_chance: float = 0.15
-    turned_chance: float = 0.0  # Share of the windows with limbs turned within anatomical limits.
-    end_chance: float = 0.0  # Share of the windows with ankles, toes and wrists moved towards their ends.
+    turned_chance: float = 0.0  # Share of windows with limbs rotated within anatomical limits.
+    end_chance: float = 0.0  # Share of windows with ankles, toes and wrists moved towards their limits.
 
     @classmethod
     def of(cls, corpus: Corpus, *, turned_chance: float = 0.0, end_chance: float = 0.0) -> WindowSampler:

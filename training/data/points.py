@@ -16,24 +16,24 @@ from solver_backend.geometry.arrays import Array, array_namespace, device_of
 
 AXIS_TIPS_M: tuple[float, ...] = tuple(0.2 if joint == "head" else 0.1 for joint in SMPL.joints)
 """Distance in metres of the three points on each joint's axes, which express rotations as distances."""
-_TURNED = 1 + NUM_BODY_JOINTS  # Joints with a rotation, the pelvis among them.
+_TURNED = 1 + NUM_BODY_JOINTS  # Number of joints with a rotation, including the pelvis.
 
 
 @dataclass(frozen=True)
 class _PointLevel:
     """Joints at the same depth of the joint tree."""
 
-    parents: Array  # (k,) places among the joints of the level before.
+    parents: Array  # (k,) indices of the parents in the previous level.
     offsets: Array  # (k, 3, 1) metres from their parents at rest.
-    columns: Array | None  # (k,) of their rotations; None where they have none.
+    columns: Array | None  # (k,) columns of their rotations, or None if they have none.
 
 
 @dataclass(frozen=True)
 class _Tree:
     levels: tuple[_PointLevel, ...]
-    order: Array  # (24,) places of joints 0 to 23 in the order of the levels.
-    tips: Array  # (22, 1, 1) metres.
-    eye: Array  # (3, 3).
+    order: Array  # (24,) indices of joints 0 to 23 in the order of the levels.
+    tips: Array  # (22, 1, 1) lengths of the tips in metres.
+    eye: Array  # (3, 3) identity.
 
 
 def rotation_points(rotations: Array) -> Array:
@@ -65,7 +65,7 @@ def _tree(xp: Any, dtype: Any, device: Any) -> _Tree:
     depth = [0] * NUM_JOINTS
     for joint in range(1, NUM_JOINTS):
         depth[joint] = depth[SMPL_PARENTS[joint]] + 1
-    # Joints without a rotation are the deepest, so that the others' places are the same without them.
+    # Joints without a rotation are last, so that they do not change the other indices.
     members = [[j for j in range(NUM_JOINTS) if depth[j] == level] for level in range(max(depth) + 1)]
 
     def table(value: Any, of: Any = dtype) -> Array:

@@ -16,7 +16,7 @@ from training.data.corpus import Corpus
 from training.data.points import rotation_points
 from training.engine.dense_layers import stack_arrays
 
-VALIDATION_POSES = 4000  # Distinct poses that a training looks at now and then.
+VALIDATION_POSES = 4000  # Number of distinct poses for validation during training.
 
 
 class Autoencoder(Protocol):
@@ -40,8 +40,8 @@ class Accuracy:
     """Reconstruction errors over poses: joints 0..23, pelvis fixed, skeleton of ``rest_skeleton``."""
 
     mpjpe_mm: float  # Mean joint distance.
-    worst5_mpjpe_mm: float  # The same over the worst twentieth of poses.
-    pck3_percent: float  # Joints within 3 cm.
+    worst5_mpjpe_mm: float  # Mean joint distance of the worst twentieth of poses.
+    pck3_percent: float  # Percentage of joints within 3 cm.
     angle_deg: float  # Mean angle between local rotations.
 
     def as_dict(self) -> dict[str, float]:

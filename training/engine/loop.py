@@ -22,7 +22,7 @@ from solver_backend.exchange.outputs import atomic_output, write_text
 from solver_backend.exchange.progress import Progress, silent
 
 Draw = Callable[[torch.Generator], Any]  # Draws one batch, on the CPU.
-_AHEAD = 4  # Batches that each process holds ready.
+_AHEAD = 4  # Batches that each process prepares in advance.
 
 
 def step_generator(seed: int, step: int, purpose: int = 0) -> torch.Generator:
@@ -137,24 +137,24 @@ def _summary_writer(folder: Path, step: int) -> Any:
     return SummaryWriter(str(folder / "events"), purge_step=step + 1)
 
 
-_CURVE_EVERY = 20  # Steps between the points of the loss's curve.
-_FREE = ("checkpoint_s", "workers")  # Settings that change no weight, so that a run may go on with others.
+_CURVE_EVERY = 20  # Steps between points of the loss curve.
+_FREE = ("checkpoint_s", "workers")  # Settings that do not affect weights, so that a run may resume with others.
 
 
 @dataclass(frozen=True)
 class TrainingSettings:
     """Duration, learning rate and other settings of a training."""
 
-    steps: int = 6000  # Gradient steps in all.
-    batch: int = 256  # Windows a step.
-    learning_rate: float = 2e-3  # At its height, after the warm-up.
-    weight_decay: float = 1e-4  # Of AdamW.
-    averaging: float = 0.998  # Decay of the exponential average of the weights, which is what is kept.
-    seed: int = 0  # Of the initial weights and every draw.
+    steps: int = 6000  # Total number of gradient steps.
+    batch: int = 256  # Windows per step.
+    learning_rate: float = 2e-3  # Maximum, after the warm-up.
+    weight_decay: float = 1e-4  # Weight decay of AdamW.
+    averaging: float = 0.998  # Decay of the exponential average of the weights. The average is the result.
+    seed: int = 0  # Seed of the initial weights and of all random numbers.
     checkpoint_s: float = 60.0  # Seconds between checkpoints.
     evaluate_every: int = 500  # Steps between validations.
-    start: str = ""  # SHA-256 of the weights it starts from; none if it starts from random ones.
-    part: str = ""  # Part of the network that alone is trained (SPoser's ``encoder``); all of it if empty.
+    start: str = ""  # SHA-256 of the initial weights, empty for random ones.
+    part: str = ""  # Trained part of the network (SPoser's ``encoder``), or all of it if empty.
     device: str = "cpu"
     """``cpu`` or ``cuda``. Both draw on the CPU with equal results, except dropout and the view lifter's windows."""
     workers: int = 0

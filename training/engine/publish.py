@@ -64,10 +64,10 @@ class Card:
     """Additional texts of a model card."""
 
     title: str  # Name of the prior.
-    summary: str  # A few sentences on what it is.
-    method: str = ""  # How the metrics were measured, where that is not how the other priors' are.
-    augmented: bool = True  # Whether training drew augmented poses.
-    augmentation: str = ""  # What it drew besides what all augmented trainings draw.
+    summary: str  # Short description.
+    method: str = ""  # Method of measurement, if it differs from the other priors'.
+    augmented: bool = True  # True if training used augmented poses.
+    augmentation: str = ""  # Additional augmentation, beyond all other augmented trainings'.
 
 
 def write_model_card(path: Path, card: Card, metadata: dict[str, Any]) -> None:
@@ -127,7 +127,7 @@ class TrainingJob:
     data: dict[str, object]  # Counts of clips and frames, for the model card.
     progress: Progress
     hidden: int = 512  # Width of SPoser's decoder layers.
-    far: Corpus | None = None  # Motions unlike the corpus, to evaluate on; None where they are not there.
+    far: Corpus | None = None  # Motions unlike the corpus for evaluation, or None if they are missing.
     start: Path | None = None  # Weights to start from (SPoser and the lifter).
 
 
@@ -137,10 +137,10 @@ class Finished:
 
     weights: Path
     metrics: dict[str, float]
-    absent: tuple[str, ...] = ()  # Held-out subjects that the recordings lack: the figures are without them.
+    absent: tuple[str, ...] = ()  # Held-out subjects that the recordings and therefore the figures lack.
 
 
-Figures = dict[str, Any]  # ``metrics``, the figures of the card by name, and perhaps ``by_source``.
+Figures = dict[str, Any]  # ``metrics``, the figures of the card by name, and optionally ``by_source``.
 
 
 def publish(

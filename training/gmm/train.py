@@ -22,8 +22,8 @@ from training.engine.publish import Card, Finished, TrainingJob, publish
 class Mixture:
     """K Gaussians in d dimensions."""
 
-    weights: np.ndarray  # (K,)
-    means: np.ndarray  # (K, d)
+    weights: np.ndarray  # (K,) weights of the components.
+    means: np.ndarray  # (K, d) means.
     factors: np.ndarray  # (K, d, d) lower Cholesky factors of the covariances.
 
     def log_densities(self, x: np.ndarray) -> np.ndarray:

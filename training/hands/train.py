@@ -39,8 +39,8 @@ _RIGHT = 1
 class HandPoses:
     """Hand angles from one source."""
 
-    name: str  # Of the source.
-    licence: str  # And who is to be named.
+    name: str  # Name of the source.
+    licence: str  # Licence and attribution.
     angles: np.ndarray  # (n, A) radians.
 
 
@@ -135,8 +135,8 @@ RANGES_DEG = {
 }
 """Active ranges of healthy adults and the hyperextension of supple ones in degrees, rounded outwards (American Academy
 of Orthopaedic Surgeons 1965; Hume et al. 1990), by the ending of the angle's name."""
-OWN_SIGMA_DEG = 5.0  # What each angle does for itself at least: nothing that a few sources have in common is a law.
-TWIST_SIGMA_DEG = 15.0  # Of the thumb's twist, which joint centres do not show.
+OWN_SIGMA_DEG = 5.0  # Smallest independent deviation per angle, because sources are few.
+TWIST_SIGMA_DEG = 15.0  # Standard deviation of the thumb's twist, which joint centres do not show.
 HELD = 0.95
 """Fraction of every source's poses inside the ellipsoid of that probability. It scales the covariance."""
 

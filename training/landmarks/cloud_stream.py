@@ -109,9 +109,9 @@ OTHERS, FREE, PROP = 10, 4, 6
 class SpoiledClouds:
     """B clouds of N = 53 + 10 + 4 + 6 slots."""
 
-    points: torch.Tensor  # (B, N, 3).
-    seen: torch.Tensor  # (B, N) bool.
-    labels: torch.Tensor  # (B, N), -1 where not seen.
+    points: torch.Tensor  # (B, N, 3) points in metres.
+    seen: torch.Tensor  # (B, N) mask of existing points.
+    labels: torch.Tensor  # (B, N) marker of each point, -1 if not seen.
 
 
 @dataclass(frozen=True)
@@ -241,7 +241,7 @@ def part_masks(weights: torch.Tensor) -> torch.Tensor:
     return torch.stack([torch.isin(joint, torch.tensor(part, device=joint.device)) for part in PARTS])
 
 
-DOMINANT = 3  # Coefficients of shape that 4.21 may draw anew: the first of them.
+DOMINANT = 3  # Number of leading shape coefficients that 4.21 may replace.
 
 
 def thesis_shapes(betas: torch.Tensor, shift_chance: float = 0.5, redraw_chance: float = 0.5) -> torch.Tensor:
@@ -330,10 +330,10 @@ _LIMBS = (
 class Clouds:
     """B clouds of up to N points in metres, Z up, with the median of the points at the origin."""
 
-    points: torch.Tensor  # (B, N, 3).
-    seen: torch.Tensor  # (B, N) bool: whether there is a point.
-    labels: torch.Tensor  # (B, N) marker of each point, ``GHOST`` for none, -1 where there is no point.
-    targets: torch.Tensor  # (B, 77, 3) markers and joints, seen or not.
+    points: torch.Tensor  # (B, N, 3) points in metres.
+    seen: torch.Tensor  # (B, N) mask of existing points.
+    labels: torch.Tensor  # (B, N) marker of each point, ``GHOST`` for none, -1 without a point.
+    targets: torch.Tensor  # (B, 77, 3) markers and joints in metres, seen or not.
     weight: torch.Tensor  # (B,) share of each sample in the loss.
 
 
@@ -341,19 +341,19 @@ class Clouds:
 class Variety:
     """Variation of clouds apart from their poses."""
 
-    layouts: bool = True  # Layouts and subsets of the superset; all 53 markers if False.
-    ghosts: bool = True  # Points that are no markers.
-    noise: bool = True  # Points off their places, and places that differ between people.
-    pose_noise: float = 0.05  # Standard deviation of each joint's turn, rad.
+    layouts: bool = True  # Use layouts and subsets of the superset instead of all 53 markers.
+    ghosts: bool = True  # Add points that are not markers.
+    noise: bool = True  # Add noise to points, and differences of marker positions between people.
+    pose_noise: float = 0.05  # Standard deviation of each joint's rotation, rad.
     exchanged: float = 0.1  # Chance that a limb comes from another pose.
     thinned: float = 0.35  # Chance that a layout lacks up to half of its markers.
-    parts: float = 0.12  # Chance that only a part of the body wears markers.
-    tilted: float = 0.12  # Chance that the whole cloud is turned by up to 90° about a level axis.
-    wobble_rad: float = 0.05  # Standard deviation of every cloud's lean.
-    headings: bool = True  # People head anywhere; as they were recorded if False.
-    sizes: float = 0.12  # People are scaled by up to this share.
-    strayed: bool = True  # Markers are off their rules, by each place's spread.
-    thesis: bool = False  # Shapes by 4.20 and 4.21, corruption by 4.22 to 4.27 alone, instead of ours.
+    parts: float = 0.12  # Chance that only a part of the body has markers.
+    tilted: float = 0.12  # Chance that the whole cloud is rotated by up to 90° about a horizontal axis.
+    wobble_rad: float = 0.05  # Standard deviation of every cloud's tilt.
+    headings: bool = True  # Randomise people's headings.
+    sizes: float = 0.12  # Largest relative change of people's size.
+    strayed: bool = True  # Displace markers from their rules by each marker's standard deviation.
+    thesis: bool = False  # Use only shapes by 4.20 and 4.21, and corruption by 4.22 to 4.27.
 
 
 class CloudStream:
@@ -420,7 +420,7 @@ class CloudStream:
         b = self.points
         if not (self.variety.noise and self.variety.strayed):
             return torch.zeros(count, len(PLACES), 3, device=self.device)
-        # Three quarters of a place's spread: rules stray by the spread between laboratories, not only by hands.
+        # Three quarters of a marker's deviation, because placement differs between laboratories.
         along = _normal(count, len(PLACES), 3, like=b.spread).clamp(-2.0, 2.0) * b.spread[:, 1:]
         along = along - (along * b.normals).sum(-1, keepdim=True) * b.normals
         off = _normal(count, len(PLACES), 1, like=b.spread) * b.spread[:, :1] * b.normals

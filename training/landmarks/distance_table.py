@@ -16,9 +16,9 @@ from training.landmarks.poses import PoseTable
 WINDOWS, FRAMES = 2400, 24
 LONGEST = 400
 """Maximum number of poses per window. The logarithms of the lengths are distributed uniformly."""
-STRAY = 1.2  # Placement, over that of the training of the network: recordings are of people who do not know our rules.
-NOISE_M = 0.003  # Standard deviation of a marker's place, metres; chosen by hand.
-_FAR_M = 0.3  # Distance from which pairs count for a body's size, metres, as labelling has it.
+STRAY = 1.2  # Placement error relative to the network's training, for people who do not know our rules.
+NOISE_M = 0.003  # Standard deviation of a marker's position in metres, chosen by hand.
+_FAR_M = 0.3  # Smallest distance of pairs that determine a body's size, metres, as in labelling.
 
 
 def write_distance_table(path: Path, table: PoseTable, *, windows: int = WINDOWS, seed: int = 0) -> Path:

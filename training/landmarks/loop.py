@@ -17,27 +17,27 @@ from solver_backend.exchange.outputs import atomic_output
 from training.landmarks.models import LandmarkModel
 from training.landmarks.poses import Draw
 
-_WARM_UP = 3  # Steps before a graph is captured, so that libraries have chosen their kernels.
-_SYNCHRONISED = 10  # Steps between looks at the clock.
+_WARM_UP = 3  # Steps before a graph is captured, while libraries choose their kernels.
+_SYNCHRONISED = 10  # Steps between checks of the time.
 
 
 @dataclass(frozen=True)
 class LandmarkTraining:
     """Duration, learning rate and other settings of a landmark training."""
 
-    steps: int = 0  # Gradient steps in all; as many as there is time for if 0.
-    seconds: float = 60.0  # Time in all, where steps are 0: the rate of learning falls with what is left of it.
+    steps: int = 0  # Total number of gradient steps. 0 means no limit except the time.
+    seconds: float = 60.0  # Total time if steps are 0. The learning rate decreases with the remaining time.
     processor: bool = False
     """Count processor time over all threads instead of wall-clock time. It is the same on a shared machine."""
     batch: int = 256
     learning_rate: float = 1e-3
     weight_decay: float = 1e-2
-    averaging: float = 0.999  # Decay of the average of the weights, which is what is kept.
+    averaging: float = 0.999  # Decay of the average of the weights. The average is the result.
     seed: int = 0
     device: str = "cpu"
     graph: bool = False  # Capture the step as a CUDA graph.
     checkpoint_s: float = 60.0
-    judged: int = 3  # Times that the weights are evaluated in all, evenly over the training; the best are kept.
+    judged: int = 3  # Number of evaluations, evenly distributed. The best weights are the result.
 
 
 Evaluate = Callable[[LandmarkModel, float, int], None]  # Called with the averaged model, the seconds and the steps.

@@ -17,7 +17,7 @@ from solver_backend.labelling.point_network import FREQUENCIES, NEARNESS, NEARNE
 from training.engine.dense_layers import AttentionLayer, attention, split_heads
 from training.landmarks.cloud_stream import Clouds
 
-SIZE = 160  # Pixels of a map's side.
+SIZE = 160  # Side of a map in pixels.
 MARGIN = 1.25
 """Half width of the map relative to the cloud's extent from its centre. The margin includes hidden hands."""
 _RADIUS = 1
@@ -29,8 +29,8 @@ _THINNEST = 1e-3
 class CanvasFrame:
     """Transformation of normalised coordinates to metres: ``metres = centre + half * normalised``."""
 
-    centre: torch.Tensor  # (B, 1, 3).
-    half: torch.Tensor  # (B, 1, 1).
+    centre: torch.Tensor  # (B, 1, 3) centre of the cloud.
+    half: torch.Tensor  # (B, 1, 1) half the size of the cloud.
 
     def normalised(self, points: torch.Tensor) -> torch.Tensor:
         """Return points in -1..1."""
@@ -95,7 +95,7 @@ def _splatted(u: torch.Tensor, v: torch.Tensor, value: torch.Tensor, seen: torch
     inside = (columns >= 0) & (columns < size) & (rows >= 0) & (rows < size) & seen[..., None, None]
     index = (rows.clamp(0, size - 1) * size + columns.clamp(0, size - 1)).flatten(1)
     values = torch.where(inside, value[..., None, None], 0.0).flatten(1)
-    maps = torch.zeros(u.shape[0], size * size, device=device)  # shape[0]: len() would fix it in an ONNX file
+    maps = torch.zeros(u.shape[0], size * size, device=device)  # len() would fix it in ONNX
     return maps.scatter_reduce(1, index, values, "amax").unflatten(1, (size, size))
 
 
@@ -106,10 +106,10 @@ def drawn(clouds: Clouds) -> tuple[torch.Tensor, torch.Tensor, CanvasFrame, torc
     return frame.normalised(points), clouds.seen, frame, frame.normalised(y_up(clouds.targets))
 
 
-SIGMA_PX = 2.0  # Spread of a drawn heatmap.
-SKIPPED = 2  # Centres of maps so smooth are the same to 0.8 mm from every second pixel along each axis.
-REACH_SIGMAS = 4.5  # Beyond so many spreads a Gaussian holds nothing.
-WELSCH_NU = 0.05  # Scale of Welsch's loss, in normalised positions; chosen by hand.
+SIGMA_PX = 2.0  # Standard deviation of a drawn heatmap.
+SKIPPED = 2  # Every second pixel along each axis gives the same centre within 0.8 mm.
+REACH_SIGMAS = 4.5  # Radius of a Gaussian in standard deviations. Beyond it, values are negligible.
+WELSCH_NU = 0.05  # Scale of Welsch's loss for normalised positions, chosen by hand.
 HEAT_SHARE, WELSCH_SHARE = 1.0, 1.0
 
 
@@ -125,9 +125,9 @@ class MapReading:
     """Values read from heatmaps without computing them. Heatmaps are the softmax of (..., S, S) logits."""
 
     across: torch.Tensor  # (...) centre of mass along columns, in -1..1.
-    down: torch.Tensor  # (...) along rows.
-    log_total: torch.Tensor  # (...) logarithm of the sum of exponentials: logits less this are the maps' logarithms.
-    log_near: torch.Tensor  # (..., n) logarithms of the maps at the pixels that were asked for.
+    down: torch.Tensor  # (...) centre of mass along rows, in -1..1.
+    log_total: torch.Tensor  # (...) logarithm of the sum of exponentials, which normalises the logits.
+    log_near: torch.Tensor  # (..., n) logarithms of the maps at the given pixels.
 
 
 def read_maps(logits: torch.Tensor, pixels: torch.Tensor | None = None, line: torch.Tensor | None = None) -> MapReading:
@@ -234,7 +234,7 @@ def welsch(truth: torch.Tensor, estimate: torch.Tensor) -> torch.Tensor:
     return 1.0 - torch.exp(-(truth - estimate).square().sum(-1) / (2.0 * WELSCH_NU**2))
 
 
-BLOCKS = 5  # Resolutions of the network, each half the one before; chosen by hand.
+BLOCKS = 5  # Number of resolutions, each half the previous one, chosen by hand.
 
 
 class UNet(nn.Module):
@@ -312,7 +312,7 @@ class _SmoothPool(nn.Module):
         return functional.conv2d(x, kernel, stride=2, padding=1, groups=self.channels)
 
 
-_HIDDEN = -30000.0  # Score of a point that is not there.
+_HIDDEN = -30000.0  # Score of a missing point.
 
 
 @dataclass(frozen=True)
@@ -334,7 +334,7 @@ class LabelReading:
 
     scores: torch.Tensor
     """(B, N, 54) score of each label, ghost last. A softmax over labels describes a point, over points a marker."""
-    missing: torch.Tensor  # (53,) score of a marker that is none of the points.
+    missing: torch.Tensor  # (53,) score of a marker without a point.
     positions: torch.Tensor  # (B, 77, 3) metres.
     spread: torch.Tensor
     """(B, 77, 6): log diagonal and lower part of L, the Cholesky factor of a position's precision in 1/dm²."""
@@ -402,7 +402,7 @@ class _Asking(nn.Module):
 MARKER_SHARE, POSITION_SHARE, SPREAD_SHARE = 0.5, 4.0, 0.05
 FREEDOM = 4.0
 """Degrees of freedom of Student's t. Chosen by hand."""
-_SHARP_M = 0.01  # Distance below which the loss is a square, metres; chosen by hand.
+_SHARP_M = 0.01  # Distance in metres below which the loss is quadratic, chosen by hand.
 
 
 def point_loss(reading: LabelReading, clouds: Clouds) -> torch.Tensor:
@@ -462,7 +462,7 @@ BMSE_SIGMA = 0.02  # Noise of balanced MSE, in normalised units.
 class LandmarkModel(nn.Module, ABC):
     """A network that estimates landmark positions from a cloud."""
 
-    columns: tuple[int, ...] = ALL_LANDMARKS  # Which of the 77 landmarks it estimates.
+    columns: tuple[int, ...] = ALL_LANDMARKS  # Estimated landmarks among the 77.
     half_precision: bool = True
     """True if a GPU may round products to bfloat16 in training, which costs millimetres of accuracy in coordinates."""
 
@@ -564,7 +564,7 @@ class DemocapLike(LandmarkModel):
         gaussians, pixels = gaussians_near(truth[..., 0], truth[..., 1], self.size)
         log_near, found = self._read(front_and_back(points, seen, self.size), pixels)
         apart = relative_entropy(gaussians, log_near).mean(1)
-        # Far from the truth Welsch's gradient fades, and no heatmap shows depth: absolute distance leads there.
+        # Far from the truth, Welsch's gradient vanishes and heatmaps lack depth, so absolute distance is used.
         depth = (found[..., 2] - truth[..., 2]).abs().mean(1)
         if self.kind == "bmse":
             return (HEAT_SHARE * apart + depth).mean() + balanced_mse(found, truth, BMSE_SIGMA)

@@ -20,7 +20,7 @@ from training.landmarks.cloud_stream import Clouds
 from training.landmarks.models import LandmarkModel, PointNet, PointNetWidths
 from training.landmarks.rows import Row
 
-OPSET = 18  # Version of ONNX's operators (of December 2022), the first that keeps the greatest of what is scattered.
+OPSET = 18  # Version of ONNX's operators (December 2022), the first with the maximum of scattered values.
 INPUTS = ("points", "seen")
 OUTPUTS = ("scores", "missing", "positions", "spread")
 """Output names of the point network."""
@@ -64,10 +64,10 @@ def _export(
     module: nn.Module, path: Path, outputs: tuple[str, ...], axes: dict[str, dict[int, str]], overwrite: bool
 ) -> Path:
     rng = torch.Generator().manual_seed(0)
-    example = (torch.randn(1, 8, 3, generator=rng), torch.ones(1, 8, dtype=torch.bool))  # one: what is fixed broadcasts
+    example = (torch.randn(1, 8, 3, generator=rng), torch.ones(1, 8, dtype=torch.bool))  # size 1 broadcasts
     axes = dict.fromkeys(INPUTS, _AXES) | axes
     with atomic_output(path, overwrite=overwrite) as temporary, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of the exporter's own deprecations and of sizes that it keeps as they are
+        warnings.simplefilter("ignore")  # about the exporter's deprecations and about sizes that it fixes
         try:
             torch.onnx.export(
                 module.eval(),

@@ -30,9 +30,9 @@ from training.landmarks.cloud_stream import Clouds, CloudStream
 GROUPS: tuple[str, ...] = ("crossed legs", "crossed arms", "kicks", "crouching")
 CROSSED_M = 0.06
 """Distance in metres by which crossed ankles or wrists are on the wrong side of each other, along hips or shoulders."""
-KICK_M = -0.25  # An ankle of a kick is at least so high against the pelvis.
-CROUCH_M = 0.5  # Pelvis above the lower ankle in a crouch, on a skeleton whose legs are 0.78 m from hip to ankle.
-LEANING_DEG = 55.0  # Trunks that lean further are on the floor, or in the air.
+KICK_M = -0.25  # Smallest height of a kicking ankle relative to the pelvis.
+CROUCH_M = 0.5  # Largest pelvis height above the lower ankle in a crouch, with legs of 0.78 m.
+LEANING_DEG = 55.0  # Largest lean of a trunk that is not on the floor or in the air.
 _PAIR = {part: SMPL.both(part) for part in ("hip", "ankle", "shoulder", "wrist")}
 """Left and right joint of each part."""
 (_CHEST,) = SMPL.numbers("spine3")
@@ -213,7 +213,7 @@ def _distinct(clips: list[Clip]) -> np.ndarray:
     rotations, _, _ = _laid_out(clips)
     points = rotation_points(rotations[:, 1:])[:, 1:NUM_JOINTS]
     features = points.reshape(len(points), -1) / np.sqrt(NUM_JOINTS - 1.0)
-    # Where the pelvis leans to is part of the pose here; which way it heads is not.
+    # The lean of the pelvis is part of the pose here, its heading is not.
     features = np.concatenate([features, 0.1 * rotations[:, 0, 1]], axis=1)
     return rotations[np.sort(distinct_poses(features.astype(np.float32), NEAR_REPEAT_M))]
 
@@ -242,7 +242,7 @@ FADES = (0.45, 0.75)
 EXPONENTIAL_SCALE = 1.5
 """φ of the exponential kernel relative to the median error, so that not every pose is limited. The sigmoid uses 1."""
 
-Draw = Callable[[torch.Tensor], Clouds]  # Draws a batch, given the share of the training that is done.
+Draw = Callable[[torch.Tensor], Clouds]  # Draws a batch for a given share of completed training.
 
 
 @dataclass(frozen=True)
@@ -282,7 +282,7 @@ def drawer(stream: CloudStream, table: PoseTable, batch: int, balance: Balance =
         weight = torch.as_tensor(relevance_of(table, balance.relevance), dtype=torch.float32, device=device)
     drawn = round(balance.blended * batch) if balance.sampler else 0
     rare = torch.as_tensor(table.poses(balance.sampler), device=device) if balance.sampler else recorded[:1]
-    # What is blended of anchors counts as much as the rarest of what was recorded.
+    # Blended anchors have the same weight as the rarest recorded poses.
     rare_weight = torch.quantile(weight[:: max(1, len(weight) // 10000)], 0.99).expand(drawn).clone()
 
     added = torch.arange(batch + drawn, device=device) >= batch
@@ -294,7 +294,7 @@ def drawer(stream: CloudStream, table: PoseTable, batch: int, balance: Balance =
         if balance.fades:
             left = ((FADES[1] - done) / (FADES[1] - FADES[0])).clamp(0.0, 1.0)
             weights = (1.0 + (weights - 1.0) * left) * torch.where(added, left, 1.0)
-            if device == "cpu" and not left:  # a GPU's step is one graph: what counts for nothing stays there
+            if device == "cpu" and not left:  # a GPU's step is one graph, so poses with weight 0 are computed there
                 poses, weights = poses[:batch], weights[:batch]
         return stream.draw(poses, weights)
 

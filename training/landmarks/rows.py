@@ -96,11 +96,11 @@ CLOUDS = {"thesis": THESIS, "fixed": FIXED}
 UNBALANCED = Balance()
 ORTHO = Balance(relevance="σ(D)", sampler="squad")
 """The thesis' best balance: weighted by relevance, with added poses."""
-FADING = replace(ORTHO, blended=0.5, fades=True)  # Ours: twice as much of it, given up halfway.
+FADING = replace(ORTHO, blended=0.5, fades=True)  # Ours: twice the share, faded out halfway.
 
 
-HALVED = 2 ** (BLOCKS - 1)  # A UNet halves maps so often.
-OURS_WIDTH = 128  # Of the network that ships.
+HALVED = 2 ** (BLOCKS - 1)  # Factor by which a UNet reduces maps.
+OURS_WIDTH = 128  # Width of the shipped network.
 
 
 @dataclass(frozen=True)
@@ -113,8 +113,8 @@ class Row:
     loss: Loss = "welsch"
     divergence: Divergence = "kullback-leibler"
     variety: Variety = FIXED
-    resolution: int = SIZE  # Pixels of the side of a drawn map.
-    name: str = ""  # In the tables.
+    resolution: int = SIZE  # Side of a drawn map in pixels.
+    name: str = ""  # Name in the tables.
 
     def model(self) -> LandmarkModel:
         """Return the untrained network."""

@@ -51,8 +51,8 @@ def calibrated(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 TABLES: dict[VaeName, str] = {"rvposer": "landmark_poses.npz", "vposer": "landmark_poses_vposer.npz"}
 """Pose tables by the autoencoder that measures rarity and blends poses. Table 4.6 of the thesis compares both."""
-DISTANCES = "distances"  # Row that is no network: the table of markers' distances.
-PUBLISHED_WIDTH = 32  # Channels of the published rows' first block; chosen by hand.
+DISTANCES = "distances"  # Row without a network: the table of marker distances.
+PUBLISHED_WIDTH = 32  # Channels of the published rows' first block, chosen by hand.
 
 
 def train_landmark_rows(

@@ -34,25 +34,25 @@ class LifterSettings:
     """Settings of the network and of the simulated people."""
 
     hidden: tuple[int, ...] = (384, 384)  # Widths of the hidden layers.
-    people: int = 8  # Shapes in a batch.
-    betas_sigma: float = 1.0  # Spread of the shapes.
-    offset_m: float = 0.012  # Of what a detector means by a point, per axis and person.
+    people: int = 8  # Number of shapes per batch.
+    betas_sigma: float = 1.0  # Standard deviation of the shapes.
+    offset_m: float = 0.012  # Standard deviation of a point's bias, per axis and person.
     noise_m: tuple[float, float] = (0.003, 0.03)
     """Smallest and largest noise of a triangulated point in metres per axis, drawn per pose."""
-    missing: float = 0.5  # Largest share of the points outside the trunk that a pose lacks; most lack few.
-    exchanged: float = 0.3  # Share of poses that have limbs of others.
+    missing: float = 0.5  # Largest share of missing points outside the trunk. Most poses lack few.
+    exchanged: float = 0.3  # Share of poses with limbs of other poses.
 
 
 @dataclass(frozen=True)
 class LifterPeople:
     """Poses, shapes, and the visible points."""
 
-    points: torch.Tensor  # (N, 19, 3) metres.
-    seen: torch.Tensor  # (N, 19) bool.
-    local: torch.Tensor  # (N, 21, 3, 3).
-    root: torch.Tensor  # (N, 3, 3).
-    pelvis: torch.Tensor  # (N, 3) metres.
-    betas: torch.Tensor  # (N, 10).
+    points: torch.Tensor  # (N, 19, 3) points in metres.
+    seen: torch.Tensor  # (N, 19) mask of seen points.
+    local: torch.Tensor  # (N, 21, 3, 3) local rotations.
+    root: torch.Tensor  # (N, 3, 3) rotations of the root.
+    pelvis: torch.Tensor  # (N, 3) pelvis positions in metres.
+    betas: torch.Tensor  # (N, 10) shapes.
 
     def to(self, device: torch.device) -> LifterPeople:
         """Return the people on a device."""

@@ -13,9 +13,9 @@ from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.rotations import matrix_from_quat, quat_from_matrix, quat_from_rotvec, quat_multiply
 from solver_backend.priors.pose_ndf import JOINT_WEIGHTS, JointSpread, PoseNDF, ProjectionSettings, pose_distance
 
-NEIGHBOURS = 5  # Nearest poses whose distances are averaged (Tiwari et al. 2022, supplement).
-_CANDIDATES = 64  # Poses that are compared exactly, after a coarse search; chosen by hand.
-_BLOCK = 512  # Poses that are searched for at a time, which bounds memory; chosen by hand.
+NEIGHBOURS = 5  # Number of nearest poses for the mean distance (Tiwari et al. 2022, supplement).
+_CANDIDATES = 64  # Number of exactly compared poses after a coarse search, chosen by hand.
+_BLOCK = 512  # Poses that are processed together, limited by memory, chosen by hand.
 
 
 class NearestPoses:
@@ -82,16 +82,16 @@ def unit_quats(rotations: torch.Tensor) -> torch.Tensor:
 
 Noise = Literal["normal", "von Mises"]
 """Distribution of the negatives' rotations: normal per axis, or von Mises about a random axis."""
-START_DEG = 60.0  # Spread of the random poses whose projections are looked at.
-NOBODY = -1  # Whose a pose is that was made of no one's.
+START_DEG = 60.0  # Standard deviation of the random poses for projections.
+NOBODY = -1  # Person of a pose that was not made from a recording.
 
 
 @dataclass(frozen=True)
 class PoseManifold:
     """Recorded poses to which distances are measured."""
 
-    quats: torch.Tensor  # (M, 21, 4).
-    people: torch.Tensor  # (M,) whose each is.
+    quats: torch.Tensor  # (M, 21, 4) unit quaternions.
+    people: torch.Tensor  # (M,) person of each pose.
     nearest: NearestPoses
 
     @property
@@ -114,8 +114,8 @@ class PoseManifold:
 class Poses:
     """Poses, and the index of the person before the rotation."""
 
-    quats: torch.Tensor  # (N, 21, 4).
-    people: torch.Tensor  # (N,).
+    quats: torch.Tensor  # (N, 21, 4) unit quaternions.
+    people: torch.Tensor  # (N,) person of each pose.
 
     def __len__(self) -> int:
         return len(self.quats)
@@ -125,8 +125,8 @@ class Poses:
 class Labelled:
     """Poses with their distance to the manifold."""
 
-    quats: torch.Tensor  # (N, 21, 4) unit, single precision.
-    distance: torch.Tensor  # (N,) rad: the mean over the nearest recorded poses (``NearestPoses.mean_distance``).
+    quats: torch.Tensor  # (N, 21, 4) unit quaternions, single precision.
+    distance: torch.Tensor  # (N,) mean distance to the nearest recorded poses in rad (``NearestPoses.mean_distance``).
 
 
 def spread(count: int, degrees: tuple[float, float], generator: torch.Generator, *, even: bool = False) -> torch.Tensor:

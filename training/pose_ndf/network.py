@@ -25,21 +25,21 @@ from training.pose_ndf.negatives import Labelled, Noise
 class PoseNdfSettings:
     """Network, losses and data of Pose-NDF."""
 
-    features: int = 8  # Length of a joint's feature; the paper takes 6.
+    features: int = 8  # Features per joint. The paper has 6.
     encoder_hidden: int = 16
     field_hidden: tuple[int, ...] = (384, 384, 384, 384)  # Hidden layers of the five-layer distance network.
     eikonal: float = 0.1  # Weight of the eikonal term.
-    eikonal_share: float = 0.2  # Share of a batch on which it is taken, where it holds.
+    eikonal_share: float = 0.2  # Share of a batch for the eikonal term, where it is valid.
     eikonal_from: float = 0.6
     """Smallest distance in radians for the eikonal loss. The slope is below 1 near several neighbours."""
     pool: int = 40_000
     """Number of poses far from the manifold. There are half as many recorded poses, twice as many near poses, and as
     many poses visited by projections."""
-    noise: Noise = "normal"  # Of the turns of poses far from the manifold and near it.
+    noise: Noise = "normal"  # Distribution of the rotations of poses far from the manifold and near it.
     stages: tuple[float, ...] = (0.15, 0.5, 0.35)
     """Fraction of the steps per stage: poses far from and on the manifold, then also near it, then also projections."""
-    validation: int = 1500  # Perturbed poses of unseen subjects that are measured on.
-    samples: int = 1000  # Samples that are looked at.
+    validation: int = 1500  # Number of perturbed poses of unseen subjects for validation.
+    samples: int = 1000  # Number of evaluated samples.
 
 
 class PoseFieldNet(nn.Module):

@@ -67,10 +67,10 @@ class SPoserSettings:
     activation: str = "silu"
     orthogonality: float = 0.05
     """Weight of ``1 - (Tr(R^T R̂) - 1) / 2`` relative to squared point distances in dm² (thesis eqs. 6.4, 6.3)."""
-    between: float = 0.5  # Weight of the frame between keys against the keys themselves.
+    between: float = 0.5  # Weight of the frame between keys relative to the keys.
     latent_noise: float = 0.01  # Standard deviation of each coordinate's noise before decoding.
-    turned_chance: float = 0.35  # Share of the windows with limbs turned anywhere within anatomical limits.
-    end_chance: float = 0.3  # Share of the windows with ankles, toes and wrists moved towards their ends.
+    turned_chance: float = 0.35  # Share of windows with limbs rotated randomly within anatomical limits.
+    end_chance: float = 0.3  # Share of windows with ankles, toes and wrists moved towards their limits.
 
 
 class SPoserTask:

@@ -34,14 +34,14 @@ GAUSSIAN_DIM = 32
 SPHERE_DIM = 32
 ROTATIONS = 10
 """Number of rotations in a code of the Lie group, which have 30 dimensions like SPoser's codes."""
-_LOG_VARIANCE = (-12.0, 6.0)  # Range of a log-variance, which keeps exponentials finite; chosen by hand.
+_LOG_VARIANCE = (-12.0, 6.0)  # Range of a log-variance, so that exponentials are finite. Chosen by hand.
 
 
 class Latent(Protocol):
     """Posterior over codes that an encoder's outputs describe."""
 
-    outputs: int  # Numbers the encoder gives.
-    width: int  # Numbers the decoder takes.
+    outputs: int  # Size of the encoder's output.
+    width: int  # Size of the decoder's input.
 
     def mean(self, out: torch.Tensor) -> torch.Tensor:
         """Return the (N, width) code of (N, outputs) encoder outputs."""
@@ -188,9 +188,9 @@ def _wrapped_log_density(turn: torch.Tensor, log_sigma: torch.Tensor) -> torch.T
     return torch.logsumexp(torch.stack(terms), dim=0) - torch.log(haar.clamp_min(1e-12))
 
 
-HIDDEN = 512  # Width of the layers, as VPoser's (Pavlakos et al. 2019).
-_DROPOUT = 0.1  # Share that dropout sets to zero, as VPoser's.
-_INPUTS = 3 * NUM_BODY_JOINTS  # Numbers of a pose as rotation vectors.
+HIDDEN = 512  # Width of the layers, as in VPoser (Pavlakos et al. 2019).
+_DROPOUT = 0.1  # Dropout rate, as in VPoser.
+_INPUTS = 3 * NUM_BODY_JOINTS  # Size of a pose as rotation vectors.
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ class VaeForm:
     second_norm: bool = False  # Batch normalisation after the encoder's first activation.
     decoder_dropout: bool = False
     last_activation: bool = False  # An activation after the decoder's last layer.
-    charbonnier: bool = False  # The divergence counts by its Charbonnier penalty (thesis eq. 4.17).
+    charbonnier: bool = False  # Use the Charbonnier penalty of the divergence (thesis eq. 4.17).
 
 
 FORMS: dict[Kind, VaeForm] = {
@@ -223,7 +223,7 @@ class VaeSettings:
     kind: Kind
     divergence: float = 1e-3
     """Weight of the Kullback-Leibler divergence (nats), or of its Charbonnier penalty (thesis eq. 4.17)."""
-    orthogonality: float = 0.5  # Weight of the rotations' disagreement (thesis eq. 4.19).
+    orthogonality: float = 0.5  # Weight of the rotations' difference (thesis eq. 4.19).
 
 
 class VariationalAutoencoder(nn.Module):

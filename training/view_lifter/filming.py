@@ -19,32 +19,32 @@ from solver_backend.types import NUM_BETAS, JointSet
 from training.data.corpus import EXCHANGED_JOINTS, Corpus, mirrored
 from training.data.points import rotation_points
 
-SHAPES = 4  # Shape parameters that people differ by.
-TILTED_COSINE = 0.7  # A pelvis whose axis is further from vertical (45 degrees) lies, crawls or turns over.
-TILTED_REPEATS = 4  # How often each such pose counts: they are few, and a take on the floor has nothing else.
-INVERTED_COSINE = -0.3  # A pelvis whose axis points further down than this is upside down.
+SHAPES = 4  # Number of varied shape parameters.
+TILTED_COSINE = 0.7  # Smallest cosine of an upright pelvis axis (45 degrees from vertical).
+TILTED_REPEATS = 4  # Number of times each tilted pose is used, because they are rare.
+INVERTED_COSINE = -0.3  # Largest cosine of the pelvis axis in an inverted pose.
 INVERTED_REPEATS = 20
 """Number of times each inverted pose is used, because only a few dozen frames of cartwheels and flips exist."""
-RAISED_M = 0.05  # Hands that are so far above the head carry the body when it is turned over.
-RAISED_REPEATS = 2  # How often each such pose counts, since half of them are turned over.
+RAISED_M = 0.05  # Smallest height of raised hands above the head. Inverted, they support the body.
+RAISED_REPEATS = 2  # Number of times each raised pose is used, because half of them are inverted.
 _SUPPORTS = (*SMPL.both("ankle", "foot", "wrist", "knee"), *SMPL.numbers("pelvis"))
 """Joints that can support a body: ankles, toes, wrists, knees, pelvis."""
-_BLOCK = 2048  # Poses that are placed at a time, which bounds memory; chosen by hand.
+_BLOCK = 2048  # Poses that are processed together, limited by memory, chosen by hand.
 
 
 @dataclass(frozen=True)
 class Recordings:
     """N frames of recordings, Y up."""
 
-    local: torch.Tensor  # (N, 21, 3, 3).
-    root: torch.Tensor  # (N, 3, 3) body to world.
-    place: torch.Tensor  # (N, 3) pelvis, metres.
+    local: torch.Tensor  # (N, 21, 3, 3) local rotations.
+    root: torch.Tensor  # (N, 3, 3) rotations from body to world.
+    place: torch.Tensor  # (N, 3) pelvis positions in metres.
     points: torch.Tensor
     """(N, 19, 3, 1 + SHAPES) half precision: points relative to the pelvis, and their change per shape parameter."""
-    raised: torch.Tensor  # (N,) bool: upright, both hands above the head.
+    raised: torch.Tensor  # (N,) mask of upright poses with both hands above the head.
     clip_start: torch.Tensor  # (N,) first frame of each frame's clip.
-    clip_end: torch.Tensor  # (N,) one past its last frame.
-    centres: torch.Tensor  # (C,) frames that windows are drawn about.
+    clip_end: torch.Tensor  # (N,) end of each frame's clip, exclusive.
+    centres: torch.Tensor  # (C,) centre frames of windows.
 
     @classmethod
     def of(
@@ -159,26 +159,26 @@ def _with_limbs_of_others(
     return out
 
 
-DISTANCE_M = (1.8, 12.0)  # Of the camera from the pelvis; evenly in the logarithm.
-PITCH_DEG = (6.0, 11.0)  # Mean and deviation of how far down a camera looks.
-STEEP = 0.2  # Share of cameras that look from anywhere between 25 degrees below and 65 above.
-ROLL_DEG = 12.0  # Deviation of how far a camera is turned about its axis: people hold telephones askew.
+DISTANCE_M = (1.8, 12.0)  # Range of the camera's distance from the pelvis, uniform in the logarithm.
+PITCH_DEG = (6.0, 11.0)  # Mean and standard deviation of the angle by which a camera looks down.
+STEEP = 0.2  # Share of cameras from 25 degrees below to 65 above.
+ROLL_DEG = 12.0  # Standard deviation of the camera's roll, as with hand-held telephones.
 TUMBLED = 0.15
 """Fraction of windows with a person rotated about a level axis by up to 180 degrees: somersaults, handstands."""
-TURNED_OVER = 0.5  # Share of the windows of people with both hands above the head that are turned over onto them.
-TURNED_OVER_DEG = 60.0  # Greatest angle from upside down of those.
-TURNING_DEG_S = 360.0  # Greatest rate of such a turn; half of them stand still.
-OFF_AXIS = 0.45  # Greatest distance of the person from the principal point, in focal lengths.
-NOISE_M = (0.004, 0.03)  # Of a located point, per axis, at the person's distance: from good detectors to bad ones.
-BIAS_M = 0.018  # What a detector means by a point, per axis; it stays over a window.
-THROWN = 0.03  # Share of points that are somewhere else in a frame.
-KNOWN_UP = 0.5  # Share of windows whose camera knows which way is up.
-UP_DEG = 1.5  # Error of that knowledge, per axis.
-CUT = 0.12  # Share of windows in which the picture ends within the person.
-LOST = 0.25  # Share of windows that lack some points for a time.
-EXCHANGED = 0.06  # Share of windows in which left and right limbs are exchanged for a time.
-SHORT = 0.08  # Share of windows that lie at the end of a take.
-FLAT = 0.1  # Share of windows without confidences: every point that is there counts one.
+TURNED_OVER = 0.5  # Share of windows of raised hands that are inverted, onto the hands.
+TURNED_OVER_DEG = 60.0  # Largest angle of inverted people from the vertical.
+TURNING_DEG_S = 360.0  # Largest rate of rotation of inverted people. Half of them do not rotate.
+OFF_AXIS = 0.45  # Largest distance of the person from the principal point, in focal lengths.
+NOISE_M = (0.004, 0.03)  # Range of a point's noise per axis, at the person's distance.
+BIAS_M = 0.018  # Standard deviation of a point's bias per axis, almost constant in a window.
+THROWN = 0.03  # Share of outliers.
+KNOWN_UP = 0.5  # Share of windows with a known up direction.
+UP_DEG = 1.5  # Error of the up direction per axis.
+CUT = 0.12  # Share of windows with people cut by the picture's border.
+LOST = 0.25  # Share of windows with some points missing for a time.
+EXCHANGED = 0.06  # Share of windows with left and right limbs exchanged for a time.
+SHORT = 0.08  # Share of windows at the end of a take.
+FLAT = 0.1  # Share of windows without confidences. Every visible point has 1.
 _OTHER = {"left": "right", "right": "left"}
 _SWAPPED = [POINTS.index("_".join([_OTHER.get(n.split("_")[0], n.split("_")[0]), *n.split("_")[1:]])) for n in POINTS]
 _LOST_TOGETHER = (
@@ -210,12 +210,12 @@ NO_TOES = 0.2
 class FilmedWindows:
     """B windows with detections, and the truth in the middle frame."""
 
-    points: torch.Tensor  # (B, 27, 19, 2) in focal lengths from the principal point.
-    confidence: torch.Tensor  # (B, 27, 19).
-    up: torch.Tensor  # (B, 3) in the camera's axes, zero where unknown.
-    local: torch.Tensor  # (B, 21, 3, 3) pose of the middle frame.
-    root: torch.Tensor  # (B, 3, 3) body to camera.
-    true_up: torch.Tensor  # (B, 3).
+    points: torch.Tensor  # (B, 27, 19, 2) points in focal lengths from the principal point.
+    confidence: torch.Tensor  # (B, 27, 19) confidences.
+    up: torch.Tensor  # (B, 3) up direction in the camera's axes, zero if unknown.
+    local: torch.Tensor  # (B, 21, 3, 3) local rotations of the middle frame.
+    root: torch.Tensor  # (B, 3, 3) rotations from body to camera.
+    true_up: torch.Tensor  # (B, 3) true up direction in the camera's axes.
 
     def to(self, device: torch.device) -> FilmedWindows:
         """Return the windows on a device."""
@@ -316,7 +316,7 @@ def _detected(
     bias = BIAS_M * (steady + 0.5 * torch.linspace(-1.0, 1.0, WINDOW)[:, None, None] * drift)
     thrown = torch.rand(count, WINDOW, len(POINTS), generator=generator) < THROWN
     far = torch.where(thrown, 0.25, 0.0)[..., None] * torch.randn(image.shape, generator=generator)
-    # A detector's errors are smooth: half of its noise lasts three frames.
+    # A detector's errors are smooth. Half of its noise is constant over three frames.
     white = torch.randn(image.shape, generator=generator)
     smooth = torch.nn.functional.avg_pool1d(white.permute(0, 2, 3, 1).flatten(0, 2)[:, None], 3, 1, 1)[:, 0]
     smooth = 1.7 * smooth.unflatten(0, (count, len(POINTS), 2)).permute(0, 3, 1, 2)

@@ -31,7 +31,7 @@ from training.view_lifter.filming import Recordings, film
 NAME = "limb_slants"
 _BLOCK = 1000
 """Number of windows per draw, which limits memory. Chosen by hand."""
-FLAGGED_PERCENT = 20.0  # Share of limbs whose flips the card counts: those with the highest chance.
+FLAGGED_PERCENT = 20.0  # Share of limbs with the highest chance, for the flips on the card.
 CARD = Card(
     "Limb slants",
     """Chances that the bones of arms and legs point towards the camera, across or away from it, from what the view
@@ -49,20 +49,20 @@ wrongly. The view lifter's weights stay as they are.""",
 class LimbSlantSettings:
     """Settings of the network and its windows."""
 
-    hidden: int = 64  # Width of its only layer.
-    dropout: float = 0.2  # Of that layer while it trains.
-    windows: int = 16_000  # Windows in all, each seen many times: the view lifter reads 200 a second on a processor.
-    unseen: int = 3_000  # Windows of unseen subjects.
-    exchanged: int = 1  # Copies of the recordings whose clips have limbs of one another.
+    hidden: int = 64  # Width of the only layer.
+    dropout: float = 0.2  # Dropout of that layer in training.
+    windows: int = 16_000  # Total number of windows. The view lifter reads 200 per second on a CPU.
+    unseen: int = 3_000  # Number of windows of unseen subjects.
+    exchanged: int = 1  # Copies of the recordings with limbs exchanged between clips.
 
 
 @dataclass(frozen=True)
 class SlantWindows:
     """B windows as the view lifter has read them."""
 
-    hidden: torch.Tensor  # (B, d) its features.
-    classes: torch.Tensor  # (B, 8) of the true slants.
-    lifted: np.ndarray  # (B, 8) slants as lifted.
+    hidden: torch.Tensor  # (B, d) features.
+    classes: torch.Tensor  # (B, 8) classes of the true slants.
+    lifted: np.ndarray  # (B, 8) lifted slants.
     true: np.ndarray  # (B, 8) true slants.
 
 

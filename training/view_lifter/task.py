@@ -45,21 +45,21 @@ class ViewNet(nn.Module):
         return self.out(self.norm(x[:, MIDDLE]))
 
 
-_VALIDATION_WINDOWS = 2000  # Windows that each validation looks at; chosen by hand.
-_JOINTS = NUM_JOINTS  # Joints of the body, before the points that are no joints.
+_VALIDATION_WINDOWS = 2000  # Windows of each validation, chosen by hand.
+_JOINTS = NUM_JOINTS  # Number of the body's joints, which precede the other points.
 
 
 @dataclass(frozen=True)
 class ViewLifterSettings:
     """Settings of the network and of the simulated people."""
 
-    width: int = 192  # Features of a frame.
-    layers: int = 6  # Of attention among frames.
-    heads: int = 6  # Of each attention.
-    exchanged: int = 3  # Copies of the recordings whose clips have limbs of one another.
-    tips: float = 0.3  # Weight of points along the joints' axes against the joints.
-    up: float = 0.1  # Weight of the direction up, metres a unit.
-    error: float = 0.01  # Weight of the logarithmic density of the errors, metres.
+    width: int = 192  # Features per frame.
+    layers: int = 6  # Layers of attention between frames.
+    heads: int = 6  # Heads of each attention layer.
+    exchanged: int = 3  # Copies of the recordings with limbs exchanged between clips.
+    tips: float = 0.3  # Weight of points along the joints' axes relative to the joints.
+    up: float = 0.1  # Weight of the up direction, in metres per unit.
+    error: float = 0.01  # Weight of the logarithmic density of the errors, in metres.
 
 
 class ViewLifterTask:
@@ -136,9 +136,9 @@ class ViewLifterTask:
 
 @dataclass(frozen=True)
 class _Poses:
-    found: torch.Tensor  # (B, 90, 3) about the pelvis.
-    truth: torch.Tensor  # (B, 90, 3) about the pelvis.
-    off: torch.Tensor  # (B, 90, 3) errors about the middle of the joints.
+    found: torch.Tensor  # (B, 90, 3) points relative to the pelvis, metres.
+    truth: torch.Tensor  # (B, 90, 3) points relative to the pelvis, metres.
+    off: torch.Tensor  # (B, 90, 3) errors relative to their mean over the joints, metres.
 
 
 def _lifted(network: nn.Module, footage: FilmedWindows) -> LiftedView:

@@ -27,8 +27,8 @@ from training.data.sources.marker_takes import FIT_FPS, fitted_takes
 
 _ARMS = ((13, 16, 1.0), (14, 17, -1.0))
 """(collar, shoulder, sign of x of the arm in the T-pose). Subtract 1 for columns of SMPL's 21 body joints."""
-RAISING_SHARE = 0.22  # Part of the upper arm's elevation above the horizontal that the collar takes.
-REACHING_SHARE = 0.15  # Part of the upper arm's forward swing that the collar takes.
+RAISING_SHARE = 0.22  # Share of the collar in the upper arm's elevation above the horizontal.
+REACHING_SHARE = 0.15  # Share of the collar in the upper arm's forward swing.
 
 
 _FIELDS = ("names", "parents", "offsets", "rotvec", "root", "fps")
@@ -108,9 +108,9 @@ def with_shoulder_rhythm(rotations: np.ndarray) -> np.ndarray:
     return out
 
 
-TPOSE = "T-Pose"  # Name of the animation that holds the T-pose.
-_FPS = 30.0  # Frames a second at which curves are read; chosen by hand.
-_COMPONENTS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}  # Numbers of an element by its type (glTF 2.0, section 5.1.3).
+TPOSE = "T-Pose"  # Name of the animation with the T-pose.
+_FPS = 30.0  # Frames per second at which curves are sampled, chosen by hand.
+_COMPONENTS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}  # Components per element by type (glTF 2.0, section 5.1.3).
 
 
 @dataclass(frozen=True)
@@ -218,17 +218,17 @@ def _sampled(times: np.ndarray, quats: np.ndarray, at: np.ndarray) -> np.ndarray
 FPS = 30.0
 KEYED = "keyed"
 """Subject of hand-keyed animations."""
-UNKNOWN = "unknown"  # Subject of conversions that do not keep it.
+UNKNOWN = "unknown"  # Subject of conversions that do not preserve it.
 KEYED_ARCHIVE = "mesh2motion_cc0.tar.xz"
 FAULT_DEG = 30.0
 """Angle in degrees beyond its anatomical range at which a joint counts as wrongly tracked."""
-FAR = "far"  # Folder of motions unlike any that is trained on: priors are evaluated on them.
+FAR = "far"  # Folder of motions unlike all training motions, for evaluating priors.
 _FOLDERS = ("asfamc", "amc", "mb2", "expmap", "max", "daz", "daz_more", "segments", "jump")
 """Folders of converted recordings. If several contain a take, the first one is used."""
 _AMC = ("11_01", "13_30", "13_31", "14_14", "14_20")
 """Motions that no other conversion contains with hands and toes. All CMU skeletons have the same axes, so one is
 enough."""
-_TAKE = re.compile(r"(?:[a-z]+_)?(\d+)_\d+")  # CMU's subject and trial in a file's name, perhaps after a word.
+_TAKE = re.compile(r"(?:[a-z]+_)?(\d+)_\d+")  # CMU's subject and trial in a file's name, optionally after a word.
 _NUMBERED = ("asfamc", "amc", "mb2", "daz_more", "segments", "jump", FAR)
 """Folders with files named by subject and trial."""
 _BVH = "makehuman_data_bvhs_10_01.bvh"
@@ -242,8 +242,8 @@ class Clip:
 
     name: str  # Source and file, with a slash between.
     subject: str
-    rotations: np.ndarray  # (F, 21, 3, 3) float32, local, 30 Hz.
-    root: np.ndarray | None = None  # (F, 3, 3) float32, the pelvis since the T-pose, Y up; None where it was not kept.
+    rotations: np.ndarray  # (F, 21, 3, 3) local rotations at 30 Hz, float32.
+    root: np.ndarray | None = None  # (F, 3, 3) float32, the pelvis since the T-pose, Y up, or None if unknown.
 
 
 def load_clips(

@@ -26,11 +26,11 @@ from solver_backend.types import MarkerCloud
 class MarkerFit:
     """Settings for fitting a person."""
 
-    sigma_m: float = 0.004  # Skin and marker noise.
-    coarse_sigma_m: float = 0.015  # The same while the shape is unknown.
-    robust_scale: float = 1000.0  # Geman-McClure's scale in sigmas; 1000 is plain least squares.
-    sample: int = 40  # Frames that shape and offsets are found from.
-    shape: ShapePrior = field(default_factory=ShapePrior)  # How far shape and offsets may go.
+    sigma_m: float = 0.004  # Standard deviation of skin and marker noise.
+    coarse_sigma_m: float = 0.015  # Standard deviation while the shape is unknown.
+    robust_scale: float = 1000.0  # Geman-McClure's scale in sigmas. 1000 means least squares.
+    sample: int = 40  # Number of frames for estimating shape and offsets.
+    shape: ShapePrior = field(default_factory=ShapePrior)  # Prior of shape and offsets.
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class FittedMarkers:
 
     subject: Subject
     frames: PosedFrames
-    residual_m: np.ndarray  # (F, L) distance of every marker to the body's; NaN where it was not seen.
+    residual_m: np.ndarray  # (F, L) distance of every marker to the body's, NaN if unseen.
 
 
 def fit_markers(cloud: MarkerCloud, body: Body, prior: SPoser, settings: MarkerFit = MarkerFit()) -> FittedMarkers:
@@ -115,9 +115,9 @@ def _free(
     ).state
 
 
-FIT_FPS = 10.0  # Rate of the fit: the movements last seconds.
-FIT = MarkerFit(robust_scale=5.0, sample=80)  # How takes are fitted; chosen by hand.
-_UNIT_M = 1e-4  # Metres in a unit of these files, a tenth of a millimetre.
+FIT_FPS = 10.0  # Frame rate of the fit, sufficient for movements of seconds.
+FIT = MarkerFit(robust_scale=5.0, sample=80)  # Settings of the fit, chosen by hand.
+_UNIT_M = 1e-4  # Metres per unit of these files, a tenth of a millimetre.
 _CACHE = "ui_prmd_poses.npz"
 
 
@@ -125,10 +125,10 @@ _CACHE = "ui_prmd_poses.npz"
 class FittedTake:
     """One fitted take."""
 
-    name: str  # As the file: movement, subject, episode.
-    subject: str  # s01 to s08.
-    rotations: np.ndarray  # (F, 21, 3, 3) local, at ``FIT_FPS``.
-    residual_mm: np.ndarray  # (F,) mean distance of the markers to the body's.
+    name: str  # Name of the file: movement, subject, episode.
+    subject: str  # Subject, s01 to s08.
+    rotations: np.ndarray  # (F, 21, 3, 3) local rotations at ``FIT_FPS``.
+    residual_mm: np.ndarray  # (F,) mean distance of the markers to the body's in mm.
 
 
 def fitted_takes(folder: Path, cache: Path | None = None, progress: Progress = silent) -> list[FittedTake]:
