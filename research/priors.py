@@ -31,7 +31,7 @@ from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 from solver_backend.residuals.pose_mixture import read_mixture
 
 WEIGHTS = Path(__file__).parent / "weights"  # Folder of the weights that only comparisons need.
-SVAE_DIM = 32  # Numbers of the code, as SPoser's.
+SVAE_DIM = 32  # Size of the code, as in SPoser.
 
 
 class SphericalVAE(PoseAutoencoder):
@@ -86,8 +86,8 @@ def load_svae(path: Path | str = WEIGHTS / "svae.npz") -> SphericalVAE:
     return SphericalVAE(encoder, decoder, sigma, {**weights.metadata, "sha256": weights.sha256})
 
 
-FACTORS = 10  # Rotations of a code: SO(3)^10 has 30 dimensions, as SPoser's sphere.
-LIE_DIM = 9 * FACTORS  # Numbers of the code: rotation matrices.
+FACTORS = 10  # Rotations of a code. SO(3)^10 has 30 dimensions, as SPoser's sphere has.
+LIE_DIM = 9 * FACTORS  # Size of the code as rotation matrices.
 
 
 class LieVAE(PoseAutoencoder):
@@ -139,7 +139,7 @@ def load_lie_vae(path: Path | str = WEIGHTS / "lie_vae.npz") -> LieVAE:
     return LieVAE(encoder, decoder, sigma, {**weights.metadata, "sha256": weights.sha256})
 
 
-GMM_DIM = 3 * NUM_BODY_JOINTS  # Numbers of a pose as rotation vectors.
+GMM_DIM = 3 * NUM_BODY_JOINTS  # Size of a pose as rotation vectors.
 
 
 class GaussianMixture(PosePrior):

@@ -17,8 +17,8 @@ VENV = Path(sys.prefix)
 COMPILED = VENV / "compiled"
 COMPILED_BEFORE = COMPILED.exists()
 """True if tests ran here before. If not, one worker first imports and compiles everything for the other."""
-LINTERS_PYTHON = (3, 11)  # Whose environment the linters look into; under another Python the tests run alone.
-WORKERS = 2  # Processes that run tests: as many as the machine has cores that this was made for.
+LINTERS_PYTHON = (3, 11)  # Python of the linters' environment. Other versions only run the tests.
+WORKERS = 2  # Processes that run tests, one per core of the reference machine.
 
 
 def main(argv: list[str]) -> int:
@@ -49,7 +49,7 @@ def run_beside(linters: list[list[str]], tests: list[list[str]]) -> list[str]:
     """Run the linters in parallel with the tests, then print their output. Return the names of the failed steps."""
     failed: list[str] = []
     with tempfile.TemporaryFile("w+", encoding="utf-8") as shown:
-        # A daemon: whoever cancels the tests does not wait for the linters.
+        # A daemon, so that cancelled tests do not wait for the linters.
         beside = threading.Thread(target=lambda: failed.extend(run_steps(linters, shown)), daemon=True)
         beside.start()
         failed_tests = run_steps(tests)

@@ -11,7 +11,7 @@ from solver_backend.exchange.verb import Program, Verb, describe_default, descri
 from solver_backend.exchange.verbs import GROUPS
 from solver_backend.exchange.verbs import shared as named_settings
 
-SHARED = 3  # An option that so many verbs take is listed once.
+SHARED = 3  # An option of at least this many verbs is listed once.
 _MADE = """<!-- Made by python3 dev.py docs from the tables of verbs in solver_backend/exchange/verbs.json and
 blender_addon/headless/verbs.json; edit those. -->
 

@@ -17,7 +17,7 @@ from solver_backend.residuals.terms import geman_mcclure
 from solver_backend.synthesis.embedded.demo import demo_capture
 from supply.svg_parts import ACCENT, INK, QUIET, WARM, arrow, box, dot, ellipse, picture, polyline, text
 
-_KEY_FRAMES = (14, 40, 66)  # Of the demo: the person stands, bends and squats.
+_KEY_FRAMES = (14, 40, 66)  # Frames of the demo with the person standing, bending and squatting.
 _FIGURES = 7
 _FARTHEST = 12.0
 """Standard deviations at the right end of the weight's chart."""

@@ -34,7 +34,7 @@ MEANINGS = {
 }
 VERDICTS = tuple(MEANINGS)
 WIDEST = 5  # Methods per table, so that it fits a page.
-LEAST_TAKES = 12  # That a verdict needs.
+LEAST_TAKES = 12  # Smallest number of takes for a verdict.
 
 NETWORKS = (
     ("landmark_rows", "base of chapter 4's rows, width 8", "base_", "`fixed`"),
@@ -43,7 +43,7 @@ NETWORKS = (
     ("landmark_clouds", "the network that ships", "thesis_", "`thesis`"),
 )
 """Benchmark, name, start of the keys, and corruption of every network with absolute figures."""
-POSES = ("ordinary", "tail", "floor")  # Sets that landmark networks are judged on.
+POSES = ("ordinary", "tail", "floor")  # Sets for evaluating landmark networks.
 _NETWORKS = """The thesis' rows are medians over three trainings. Each error is a mean over 1,000 ordinary poses,
 646 rare poses (*tail*) or 171 poses on the floor. A dash marks a missing figure.
 
@@ -81,16 +81,16 @@ class PublishedRow:
     what: str
     published: Mapping[str, float] = field(default_factory=dict)
     """Ratios of the published figures by data set. The name is empty if the publication has one data set."""
-    here: float | None = None  # Ratio of ours, None if it is not applicable.
-    figures: tuple[float, float] | None = None  # The two figures of ours.
-    ends: tuple[float, float] | None = None  # Of the 95 % interval over takes.
-    num_takes: int = 0  # That the interval is over.
-    num_seeds: int = 0  # Of the take with the fewest.
-    control: float | None = None  # Ratio with no prior in place of the method.
+    here: float | None = None  # Our ratio, None if it is not applicable.
+    figures: tuple[float, float] | None = None  # Our two figures.
+    ends: tuple[float, float] | None = None  # Bounds of the 95 % interval over takes.
+    num_takes: int = 0  # Number of takes of the interval.
+    num_seeds: int = 0  # Smallest number of seeds of a take.
+    control: float | None = None  # Ratio with no prior instead of the method.
     bench: str = ""
-    reason: str = ""  # Of a contradiction, or why it is not applicable.
-    log: str = ""  # Page of the research log that has more.
-    recorded: str = ""  # Day of ours.
+    reason: str = ""  # Reason for a contradiction, or for a row that is not applicable.
+    log: str = ""  # Page of the research log with details.
+    recorded: str = ""  # Date of our measurement.
     is_too_small: bool = False
 
     @property

@@ -23,7 +23,7 @@ def settings_page() -> str:
     rows = settings_of_class(SolveSettings) | READING_ROWS
     for title in dict.fromkeys(row.group for row in rows.values()):
         listed = [(name, row) for name, row in rows.items() if row.group == title]
-        of_reading = listed[0][0] in READING_ROWS  # the page of the command line describes these
+        of_reading = listed[0][0] in READING_ROWS  # the command line's page describes these
         parts += ["", f"## {title}", "", *([_OF_READING, ""] if listed[0][0] == next(iter(READING_ROWS)) else [])]
         columns = ["key", "option", "panel", "values", "default", *(() if of_reading else ("what it does",))]
         parts += [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]

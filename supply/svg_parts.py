@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 
-WIDTH = 720  # Of every picture, pixels: what a page shows without scaling.
+WIDTH = 720  # Width of every picture in pixels. A page shows it without scaling.
 INK, ACCENT, QUIET, WARM = "#24323a", "#1f6f8b", "#99a8b2", "#d08770"
 """Colours of text and outlines, of our or solved items, of inputs, and of measured items. All are legible on paper."""
 _PAPER = '<rect width="100%" height="100%" rx="6" fill="#fff"/>'

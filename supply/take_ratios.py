@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-DRAWS, LEVEL = 10_000, 0.95  # Of the bootstrap.
-Ratios = dict[str, float]  # By take.
+DRAWS, LEVEL = 10_000, 0.95  # Number of draws of the bootstrap, and level of its interval.
+Ratios = dict[str, float]  # Ratios by take.
 
 
 def take_ratios(runs: Mapping[str, Any], over: str, under: str, column: str) -> Ratios:

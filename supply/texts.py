@@ -18,10 +18,10 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("solver_backend", "blender_addon", "dev.py")
 TABLES = (Path("solver_backend/exchange/diagnostics.json"), Path("solver_backend/exchange/verbs.json"))
 """Tables with texts. Values are in braces."""
-VALUE = "{…}"  # Where a message holds a value.
+VALUE = "{…}"  # Replacement for a value in a message.
 _SENTENCE = re.compile(r"[A-Za-z]{2,}\W+[A-Za-z]{2,}")
 """Two adjacent words. A string without any is a key, a path or a format."""
-_JSON_TEXT = re.compile(r'[:,] "((?:[^"\\]|\\.)*)"')  # A value in a line of a table.
+_JSON_TEXT = re.compile(r'[:,] "((?:[^"\\]|\\.)*)"')  # String value in a line of JSON.
 
 
 @cache

@@ -15,16 +15,16 @@ from solver_backend.types import Capture, Motion
 class BaselineResult:
     """Result of a baseline for F frames."""
 
-    keypoints3d: np.ndarray  # (F, K, 3) world metres in the capture's joint set; NaN for a point it never found.
-    motion: Motion | None = None  # The animated body, of methods that have one.
-    statistics: dict[str, Any] = field(default_factory=dict)  # What the method counts, as plain values.
+    keypoints3d: np.ndarray  # (F, K, 3) world metres in the capture's joint set, NaN for points without an estimate.
+    motion: Motion | None = None  # Animated body, if the method has one.
+    statistics: dict[str, Any] = field(default_factory=dict)  # Statistics of the method, as plain values.
 
 
 class Baseline(ABC):
     """A method to compare with."""
 
-    name: str  # How tables call it.
-    simplified: str  # What differs from the publication, in a sentence; empty if nothing.
+    name: str  # Name in tables.
+    simplified: str  # Differences from the publication in a sentence, empty if there are none.
 
     @abstractmethod
     def solve(self, capture: Capture) -> BaselineResult:

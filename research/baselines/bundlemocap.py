@@ -25,8 +25,8 @@ from solver_backend.priors.base import PosePrior
 from solver_backend.solver.descent import MinimiseResult, MinimiseSettings, gradient_descent
 from solver_backend.solver.manifolds import Product
 
-MAX_ITERATIONS = 30  # Of a window (thesis 6.3.1).
-MOST_KEYS = 6  # Free keys a window: a polynomial of more swings between them.
+MAX_ITERATIONS = 30  # Iterations per window (thesis 6.3.1).
+MOST_KEYS = 6  # Free keys per window. A polynomial through more keys oscillates.
 _START = "start and shape from triangulated points in place of HMR"
 Optimiser = Literal["gradient", "lbfgs"]
 Start = Literal["previous", "points"]
@@ -36,14 +36,14 @@ Start = Literal["previous", "points"]
 class BundleMoCapPlusPlus(BodyBaseline):
     """SPoser and SIDER-2 with windows of 20 frames, two free keys each, and only the data term."""
 
-    window: int = 20  # Frames a window.
+    window: int = 20  # Frames per window.
     optimiser: Optimiser = "gradient"
     """Algorithm 1, or limited-memory BFGS on the same manifold, which favours the thesis' method."""
     start: Start = "points"
     """Keys start from fits to their frames' triangulated points, which favours the method, or as copies of the previous
     key, as the thesis seems to mean. On training motions the copies double the error."""
-    scale: float = 4.0 * ROBUST_SCALE  # Of Geman-McClure's penalty, chosen by ``tune_baselines``.
-    root: Root = "sider"  # How the root moves between keys.
+    scale: float = 4.0 * ROBUST_SCALE  # Scale of Geman-McClure's penalty, chosen by ``tune_baselines``.
+    root: Root = "sider"  # Motion of the root between keys.
     interpolation: int = 2
     """n of SIDER-n, and the number of free keys per window. 1 is SLERP (table 6.8), more is the thesis' outlook."""
     name: str = "BundleMoCap++"
@@ -71,11 +71,11 @@ class BundleMoCapPlusPlus(BodyBaseline):
 class BundleMoCap(BodyBaseline):
     """VPoser and SLERP between two keys, with windows of 10 frames and one free key each."""
 
-    window: int = 10  # Frames a window.
-    optimiser: Optimiser = "lbfgs"  # Algorithm 1 came with the successor.
+    window: int = 10  # Frames per window.
+    optimiser: Optimiser = "lbfgs"  # The successor introduced algorithm 1.
     start: Start = "points"  # As in BundleMoCapPlusPlus.
-    latent_weight: float = 3.0  # Of ``|z|²/2`` in every frame, chosen by ``tune_baselines``.
-    scale: float = 2.0 * ROBUST_SCALE  # Of Geman-McClure's penalty, chosen by ``tune_baselines``.
+    latent_weight: float = 3.0  # Weight of ``|z|²/2`` in every frame, chosen by ``tune_baselines``.
+    scale: float = 2.0 * ROBUST_SCALE  # Scale of Geman-McClure's penalty, chosen by ``tune_baselines``.
     name: str = "BundleMoCap"
     simplified: str = f"{_START}."
 
@@ -92,7 +92,7 @@ class _Slider:
     keys: Product
     scale: float
     latent_weight: float
-    free: int  # Free keys a window.
+    free: int  # Free keys per window.
     optimiser: Optimiser
     root: Root
 

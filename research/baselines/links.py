@@ -18,7 +18,7 @@ class SlowJoints:
 
     subject: Subject
     fps: float
-    speed_m_s: float  # v.
+    speed_m_s: float  # v in m/s.
 
     def __call__(self, states: States, poses: PosedFrames, d_pose_d_state: np.ndarray) -> Equations:
         """Return cost and Gauss-Newton equations."""
@@ -34,8 +34,8 @@ class SlowCodes:
     """
 
     fps: float
-    codes_per_s: float  # u, in the codes' standard deviations.
-    root_per_s: float  # v, in radians and metres.
+    codes_per_s: float  # u in standard deviations of the codes per second.
+    root_per_s: float  # v in rad/s and m/s.
 
     def __call__(self, states: States, poses: PosedFrames, d_pose_d_state: np.ndarray) -> Equations:
         """Return cost and Gauss-Newton equations."""
@@ -59,7 +59,7 @@ class JointTargets:
     """``E = 1/2 Σ_t |J_t - M_t|² / σ²``, which pulls the joints of each frame to given positions."""
 
     subject: Subject
-    targets: np.ndarray  # (F, 72) M, metres.
+    targets: np.ndarray  # (F, 72) targets M in metres.
     sigma_m: float
 
     def __call__(self, states: States, poses: PosedFrames, d_pose_d_state: np.ndarray) -> Equations:

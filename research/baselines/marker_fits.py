@@ -33,7 +33,7 @@ class AdaptiveLoss:
     """
 
     alpha: float
-    scale: float = 1.0  # c, in first standard deviations.
+    scale: float = 1.0  # c, in initial standard deviations.
 
     def unknowns(self, num_landmarks: int) -> int:
         """Return 0."""
@@ -106,7 +106,7 @@ class MoSh(MarkerBaseline):
 class AdaptiveRobust(MarkerBaseline):
     """Barron's adaptive loss (2019) with a shape α from a grid search, as in thesis 5.3.1."""
 
-    alpha: float = -1.0  # Shape; of the thesis's search the best is -4.5.
+    alpha: float = -1.0  # Shape. The best one of the thesis's search is -4.5.
     name: str = "Barron's loss"
     simplified: str = f"{_SIMPLIFIED}."
 

@@ -16,7 +16,7 @@ from research.baselines.sequence import (
     with_weight,
 )
 
-STAGES = ((4.0, 4.0), (2.0, 2.0), (1.0, 1.0))  # Factors of robust scale and latent weight, stage by stage.
+STAGES = ((4.0, 4.0), (2.0, 2.0), (1.0, 1.0))  # Factors of robust scale and latent weight for each stage.
 _START = "start and shape from triangulated points in place of HMR"
 
 
@@ -24,8 +24,8 @@ _START = "start and shape from triangulated points in place of HMR"
 class MuVS(BodyBaseline):
     """Separate fits of each frame with a robust data term and VPoser's density, both narrowed in three stages."""
 
-    latent_weight: float = 3.0  # Of ``|z|²/2`` in the last stage, chosen by ``tune_baselines``.
-    iterations: int = 10  # Linearisations at most, per stage.
+    latent_weight: float = 3.0  # Weight of ``|z|²/2`` in the last stage, chosen by ``tune_baselines``.
+    iterations: int = 10  # Maximum number of linearisations per stage.
     name: str = "MuVS"
     simplified: str = f"Levenberg-Marquardt in place of L-BFGS, no silhouettes, {_START}."
 
@@ -40,10 +40,10 @@ class DCT(BodyBaseline):
     """MuVS, followed by a fit to the slowest cosines of the joints over half a second."""
 
     latent_weight: float = 3.0  # As in MuVS, chosen by ``tune_baselines``.
-    sigma_m: float = 0.003  # How far joints may be from low frequencies, chosen by ``tune_baselines``.
-    segment: int = 30  # Frames a part (Huang et al. 2017).
-    kept: int = 10  # Cosines of a part (Huang et al. 2017).
-    rounds: int = 4  # Times that coefficients and poses are found in turn.
+    sigma_m: float = 0.003  # Deviation of joints from low frequencies, chosen by ``tune_baselines``.
+    segment: int = 30  # Frames per segment (Huang et al. 2017).
+    kept: int = 10  # Cosines per segment (Huang et al. 2017).
+    rounds: int = 4  # Number of alternations between coefficients and poses.
     name: str = "DCT"
     simplified: str = f"As MuVS. Coefficients and poses are found in turn instead of together, {_START}."
 

@@ -75,9 +75,9 @@ def prepare(capture: Capture) -> Prepared:
     cameras, keypoints = capture.require_multiview()
     body, like = load_body(), np.zeros(1)
     triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
-    # The weights of the baselines were tuned with the detector's noise alone.
+    # The weights of the baselines were tuned only with the detector's noise.
     measurements = measurements_of(capture, triangulation, body, like, model_error=False)
-    # Published methods have priors of their own. Our mixture of poses would be a second one.
+    # Published methods have a prior already. Our mixture of poses would be a second one.
     problem = replace(Problem.of(body, load_sposer(), measurements), pose_terms=())
     subject = Subject.average(body, problem.measurements.landmarks, like)
     return Prepared(problem, learn_subject(problem, subject, SolveSettings(), silent))

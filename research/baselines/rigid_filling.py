@@ -10,7 +10,7 @@ import numpy as np
 
 from solver_backend.geometry.arrays import true_runs
 
-NEIGHBOURS = 4  # Markers of a cluster at most.
+NEIGHBOURS = 4  # Maximum number of markers in a cluster.
 
 
 def fill_rigidly(measured: np.ndarray) -> np.ndarray:

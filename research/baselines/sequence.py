@@ -35,9 +35,9 @@ from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.solver.levenberg_marquardt import DenseBlocks, LMSettings, levenberg_marquardt
 from solver_backend.types import JointSet
 
-STATE = StateLayout.of(LATENT_DIM, len(BODY_JOINTS)).without(RESIDUAL)  # Of the state of a frame: 38.
+STATE = StateLayout.of(LATENT_DIM, len(BODY_JOINTS)).without(RESIDUAL)  # Layout of a frame's state with 38 values.
 DOF = STATE.dof
-_FLOOR = 1e-2  # Added to the diagonal: parts that nothing sees stay.
+_FLOOR = 1e-2  # Added to the diagonal, so that unobserved parts do not move.
 
 
 @dataclass(frozen=True)
@@ -65,10 +65,10 @@ class States(Rows):
 class Equations:
     """Gauss-Newton model of F frames. ``upper`` couples neighbouring frames."""
 
-    cost: np.ndarray  # (F,).
-    H: np.ndarray  # (F, 38, 38).
-    g: np.ndarray  # (F, 38).
-    upper: np.ndarray | None = None  # (F - 1, 38, 38).
+    cost: np.ndarray  # (F,) costs.
+    H: np.ndarray  # (F, 38, 38) diagonal blocks.
+    g: np.ndarray  # (F, 38) gradients.
+    upper: np.ndarray | None = None  # (F - 1, 38, 38) blocks above the diagonal.
 
     def __add__(self, other: Equations) -> Equations:
         upper = self.upper if other.upper is None else other.upper
@@ -90,8 +90,8 @@ class Sequence:
 
     subject: Subject
     prior: PosePrior
-    objective: FrameObjective  # Of the F frames.
-    latent_weight: float  # w.
+    objective: FrameObjective  # Objective of the F frames.
+    latent_weight: float  # Weight w.
 
     def poses(self, states: States) -> PosedFrames:
         """Return the poses that the states decode to."""
@@ -148,8 +148,8 @@ def initial_states(prepared: Prepared, prior: PosePrior) -> States:
 class PosedJoints:
     """Joints of the posed body, and their derivatives by the states."""
 
-    joints: np.ndarray  # (F, 72) metres.
-    by_states: np.ndarray  # (F, 72, 38).
+    joints: np.ndarray  # (F, 72) joint positions in metres.
+    by_states: np.ndarray  # (F, 72, 38) derivatives by the states.
 
     @classmethod
     def of(cls, subject: Subject, poses: PosedFrames, by_states: np.ndarray) -> PosedJoints:

@@ -13,7 +13,7 @@ from solver_backend.types import Capture
 class TriangulatedButterworth(Baseline):
     """Points without a body."""
 
-    cutoff_hz: float = 6.0  # Of the fourth-order filter.
+    cutoff_hz: float = 6.0  # Cutoff of the fourth-order filter.
     name: str = "triangulation + Butterworth"
     simplified: str = ""
 

@@ -17,9 +17,9 @@ _START = "start and shape from triangulated points in place of HMR"
 class ETC(BodyBaseline):
     """Exploiting temporal context (Arnab et al. 2019) for several views, with slow joints over the whole take."""
 
-    latent_weight: float = 0.3  # Of ``|z|²/2``, chosen by ``tune_baselines``.
+    latent_weight: float = 0.3  # Weight of ``|z|²/2``, chosen by ``tune_baselines``.
     speed_m_s: float = 1.0  # Standard deviation of a joint's speed per axis, chosen by ``tune_baselines``.
-    iterations: int = 12  # Linearisations at most.
+    iterations: int = 12  # Maximum number of linearisations.
     name: str = "ETC"
     simplified: str = (
         "Gauss-Newton over all frames in place of L-BFGS, squared differences in place of Huber's, VPoser in place of "
@@ -38,10 +38,10 @@ class ETC(BodyBaseline):
 class DMMR(BodyBaseline):
     """Dynamic multi-person mesh recovery (Huang et al. 2021) with slow latent codes, in four stages."""
 
-    latent_weight: float = 12.0  # Of ``|z|²/2``, chosen by ``tune_baselines``.
+    latent_weight: float = 12.0  # Weight of ``|z|²/2``, chosen by ``tune_baselines``.
     codes_per_s: float = 1.25  # Standard deviation of a code's speed, chosen by ``tune_baselines``.
     root_per_s: float = 2.0  # Standard deviation of the root's speed, rad/s and m/s, chosen by an earlier search.
-    iterations: int = 8  # Linearisations at most, per stage.
+    iterations: int = 8  # Maximum number of linearisations per stage.
     name: str = "DMMR"
     simplified: str = (
         "VPoser's latents with a penalty on their speed in place of a recurrent motion autoencoder's, one person, "

@@ -16,7 +16,7 @@ from solver_backend.fitters.recipes.bundlemocap import KeyState, Window
 from solver_backend.geometry.interpolation import KeyWeights, sider_weights
 from solver_backend.solver.manifolds import SO3, Euclidean, Product
 
-GAUSSIAN = Product((Euclidean(), SO3(), Euclidean()))  # Where the free keys of a window with Gaussian codes live.
+GAUSSIAN = Product((Euclidean(), SO3(), Euclidean()))  # Space of the free keys of a window with Gaussian codes.
 Root = Literal["sider", "slerp", "se3"]
 """Separate rotation and translation as in SIDER-n or SLERP, or both together on SE(3)."""
 
@@ -25,8 +25,8 @@ Root = Literal["sider", "slerp", "se3"]
 class OtherWindow(Window):
     """A window with another curve through its keys."""
 
-    gaussian: bool = False  # Codes are those of a Gaussian prior, between which lengths go over too.
-    latent_weight: float = 0.0  # Of ``|z|²/2`` in every frame.
+    gaussian: bool = False  # True for codes of a Gaussian prior, with interpolated lengths.
+    latent_weight: float = 0.0  # Weight of ``|z|²/2`` in every frame.
     root: Root = "sider"
     """Root motion between three keys: rotation on a spherical parabola, from key to key, or a screw motion."""
 
@@ -52,7 +52,7 @@ class KeyToKeySlerp:
 
     early: KeyWeights
     late: KeyWeights
-    is_late: np.ndarray  # (W, n, 1).
+    is_late: np.ndarray  # (W, n, 1) mask of frames in the second half.
 
     @classmethod
     def between(cls, keys: np.ndarray, time: np.ndarray) -> KeyToKeySlerp:
@@ -84,9 +84,9 @@ class StretchedSlerp:
     The weights depend only on the directions u: ``dw_i = Σ_jk M[j, i, k] u_k · du_j``, ``du = (I - uuᵀ) dz / |z|``.
     """
 
-    keys: np.ndarray  # (W, 1, 2, d), not zero.
-    length: np.ndarray  # (W, 1, 2, 1).
-    unit: KeyWeights  # Of the directions.
+    keys: np.ndarray  # (W, 1, 2, d) keys, not zero.
+    length: np.ndarray  # (W, 1, 2, 1) lengths of the keys.
+    unit: KeyWeights  # Weights of the directions.
 
     @classmethod
     def between(cls, keys: np.ndarray, time: np.ndarray) -> StretchedSlerp:

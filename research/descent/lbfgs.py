@@ -8,7 +8,7 @@ from solver_backend.solver.descent import MinimiseResult, MinimiseSettings, Obje
 from solver_backend.solver.line_search import StepTrial, strong_wolfe
 from solver_backend.solver.manifolds import Manifold, State
 
-MEMORY = 12  # Pairs of steps and gradient changes that are kept.
+MEMORY = 12  # Number of stored pairs of steps and gradient changes.
 
 
 def lbfgs(

@@ -23,9 +23,9 @@ JOINT_SET = JointSet.BODY_25
 class BenchmarkSettings:
     """Settings for filming a take."""
 
-    num_views: int = 4  # Cameras.
-    seed: int = 0  # Of shape, bias and noise.
-    sync_offset_frames: float = 0.0  # Largest delay of a camera; each but the first draws its own, uniformly in ±.
+    num_views: int = 4  # Number of cameras.
+    seed: int = 0  # Seed of shape, bias and noise.
+    sync_offset_frames: float = 0.0  # Largest delay of a camera. All except the first are uniform in ± this.
     largest_delay_frames: float = 0.0
     """Largest delay of a camera in frames. Each camera but the first draws its delay uniformly from 0, in addition to
     the value above."""

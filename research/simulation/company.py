@@ -17,19 +17,19 @@ from solver_backend.types import Cameras, Keypoints2D
 
 PASSING_M = (0.5, 0.7)
 """Range of the smallest distance in metres between both pelvises. At less, their shoulders would touch."""
-CROSSING_RAD = (np.pi / 3, np.pi)  # Angle between their ways.
-HIDDEN_SHARE = 0.6  # A detector misses a person where another hides more than this share of the keypoints.
+CROSSING_RAD = (np.pi / 3, np.pi)  # Angle between their directions.
+HIDDEN_SHARE = 0.6  # A person is undetected if another hides a larger share of the keypoints.
 
 
 @dataclass(frozen=True)
 class Crossing:
     """Two people filmed together, and each person filmed alone by the same cameras with the same noise."""
 
-    cameras: Cameras  # C cameras as calibrated.
-    detections: Detections  # Both, in any order in each view and frame.
-    who: np.ndarray  # (C, F, 2) whose each detection is, 0 or 1; -1 = none.
-    alone: tuple[Keypoints2D, Keypoints2D]  # The detections of each where the other is not there.
-    joints: tuple[np.ndarray, np.ndarray]  # (F, J, 3) true joints of each.
+    cameras: Cameras  # C calibrated cameras.
+    detections: Detections  # Detections of both people, in any order in each view and frame.
+    who: np.ndarray  # (C, F, 2) person of each detection, 0 or 1, or -1 for none.
+    alone: tuple[Keypoints2D, Keypoints2D]  # Detections of each person without the other.
+    joints: tuple[np.ndarray, np.ndarray]  # (F, J, 3) true joints of each person in metres.
     fps: float  # Frames per second.
 
 
@@ -79,10 +79,10 @@ def _past_each_other(people: list[Person], rng: np.random.Generator) -> list[Per
         way = person.transl[-1] - person.transl[0]
         turn = exp_so3(np.array([0.0, 0.0, angle[number] - np.arctan2(way[1], way[0])]))
         transl = (person.transl - person.transl[middle] * [1, 1, 0]) @ turn.T
-        # Across the way of one as the other sees it, which for equal speeds is the mean of both ways.
+        # Perpendicular to the relative motion. At equal speeds, this is the mean of both directions.
         aside = 0.5 * angle[1]
         transl = transl + (number - 0.5) * gap * np.array([np.cos(aside), np.sin(aside), 0.0])
-        # The mesh turns about the pelvis of its rest pose, not about the origin.
+        # The mesh rotates about the pelvis of its rest pose, not about the origin.
         pelvis = person.body.rest_joints(person.betas)[0]
         moved = transl + (turn - np.eye(3)) @ pelvis
         placed.append(replace(person, orient=turn @ person.orient, transl=moved))

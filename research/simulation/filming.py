@@ -21,8 +21,8 @@ from solver_backend.synthesis.simulation.keypoint_detector import (
 from solver_backend.types import Cameras, JointSet
 
 LENS = (-0.047, 0.137, 0.0003, 0.0002, 0.0, 0.0, 0.0, 0.0)  # Distortion like that of the recording's cameras.
-OCCLUSION_HZ = 30.0  # Sight lines are cast this often.
-_CHUNK = 64  # Frames that are filmed at a time, which bounds memory; chosen by hand.
+OCCLUSION_HZ = 30.0  # Rate at which occlusion is tested.
+_CHUNK = 64  # Frames that are processed together, limited by memory, chosen by hand.
 
 
 def around(pelvis: np.ndarray, num_views: int) -> Cameras:
@@ -47,8 +47,8 @@ class FilmSettings:
     detector: DetectorFaults  # The detector.
     offsets: np.ndarray | None = None
     """(K, 3) offsets in metres in the rest frames, from the body's to the detector's keypoint definition, or None."""
-    delays: np.ndarray | None = None  # (C,) frames by which views lag; None for none.
-    hidden: np.ndarray | None = None  # (C, F, K) bool, what others hide; None for nothing.
+    delays: np.ndarray | None = None  # (C,) delays of the views in frames, None for none.
+    hidden: np.ndarray | None = None  # (C, F, K) mask of keypoints hidden by others, None for none.
 
 
 def film(person: Person, cameras: Cameras, settings: FilmSettings, rng: np.random.Generator) -> DetectorOutput:

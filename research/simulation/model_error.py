@@ -16,7 +16,7 @@ EXACT = DetectorFaults(
     view_bias_mm=0.0, drift_mm=0.0, jitter_mm=0.0, occluded_missing=0.0, missing=0.0, outliers=0.0, swaps_per_minute=0.0
 )
 """A detector without errors."""
-Q95 = 2.795  # 95 % quantile of the length of a vector of three standard normal numbers.
+Q95 = 2.795  # 95 % quantile of the norm of three standard normal numbers.
 
 
 def exact_capture(take: Take, seed: int) -> Capture:

@@ -19,10 +19,10 @@ from solver_backend.geometry.arrays import quantile
 from solver_backend.metrics.positions import spearman
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
-REFERENCE_CUTOFF_HZ = 12.0  # Low-pass of the reference: above people's movement, below the jitter.
-OUTLIER_MM = 100.0  # A detection this far from the reference is elsewhere.
-CLIP_MM = 60.0  # Errors count no more than this where their correlation in time is measured.
-LONGEST_LAG_S = 1.0  # Lags the correlation is measured at.
+REFERENCE_CUTOFF_HZ = 12.0  # Cutoff of the reference, above people's movement and below the jitter.
+OUTLIER_MM = 100.0  # Smallest distance of an outlier from the reference.
+CLIP_MM = 60.0  # Errors are clipped to this for their correlation in time.
+LONGEST_LAG_S = 1.0  # Largest lag of the measured correlation.
 
 
 @dataclass(frozen=True)
@@ -30,22 +30,22 @@ class NoiseFigures:
     """A detector's errors for K keypoints, pooled over views and frames unless stated otherwise."""
 
     keypoints: tuple[str, ...]  # Names of the K keypoints.
-    as_calibrated_mm: np.ndarray  # (K,) what ``bias_mm`` is with the cameras as they were given.
+    as_calibrated_mm: np.ndarray  # (K,) ``bias_mm`` with the cameras as calibrated.
     bias_mm: np.ndarray
     """(K,) root mean square over views of each view's median error in millimetres, constant over the take."""
-    jitter_mm: np.ndarray  # (K,) robust standard deviation per axis around that.
-    error_mm: float  # Root mean square error per axis, each at most ``CLIP_MM``.
-    constant_share: float  # Share of the error's variance that stays over a second.
-    drift_share: float  # Share that fades exponentially; the rest is new in every frame.
-    drift_s: float  # Time constant of that.
+    jitter_mm: np.ndarray  # (K,) robust standard deviation per axis around the bias.
+    error_mm: float  # Root mean square error per axis, clipped to ``CLIP_MM``.
+    constant_share: float  # Share of the error's variance that is constant over a second.
+    drift_share: float  # Share that decays exponentially. The rest is independent in every frame.
+    drift_s: float  # Time constant of the decay in seconds.
     unevenness: float  # Standard deviation of the logarithm of the jitter over views and keypoints.
     missing: np.ndarray  # (K,) share of detections that are missing.
-    burst_frames: float  # Mean length of a run of misses; NaN without any.
+    burst_frames: float  # Mean length of a run of missing detections, NaN without any.
     outliers: float  # Share of detections further than ``OUTLIER_MM`` from the reference.
-    outlier_mm: float  # Median distance of those; NaN without any.
-    outlier_frames: float  # Mean length of their runs.
+    outlier_mm: float  # Median distance of outliers, NaN without any.
+    outlier_frames: float  # Mean length of a run of outliers.
     swaps: float  # Share of left/right pairs that fit better exchanged.
-    delay_frames: np.ndarray  # (C,) how far each view lags behind all of them.
+    delay_frames: np.ndarray  # (C,) delay of each view relative to all views.
     confidence_rank_correlation: float  # Spearman's correlation of confidence and error.
     error_by_confidence_mm: np.ndarray  # (5,) median error within each fifth of the detections, least confident first.
 
