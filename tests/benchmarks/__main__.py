@@ -33,7 +33,7 @@ def main(argv: list[str] | None = None, baseline_path: Path = BASELINE) -> int:
         print(f"There is no benchmark {', '.join(unknown)}. There are: {', '.join(names)}.", file=sys.stderr)
         return 2
     results = {name: run(name) for name in args.names or names}
-    # Read only now: another run may have recorded its figures in the meantime.
+    # Read last, because another run may have recorded its figures meanwhile.
     baseline = json.loads(baseline_path.read_text(encoding="utf-8")) if baseline_path.exists() else {}
     if args.update:
         baseline |= {name: record(metrics) for name, metrics in results.items() if metrics is not None}
@@ -95,4 +95,4 @@ def machine() -> str:
 
 
 if __name__ == "__main__":
-    leave(main())  # Blender as a module may wait for ever at the end
+    leave(main())  # Blender as a module may wait forever at the end

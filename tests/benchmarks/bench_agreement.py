@@ -34,7 +34,7 @@ from tests.benchmarks.spoiled_views import kinds, lies
 from tests.benchmarks.spoiled_views.kinds import Recording
 from tests.benchmarks.spoiled_views.motion_takes import FITTED, FPS, HELD_OUT, MotionTake, film
 
-WITHIN, LEAST_MM = 1.15, 1.0  # Times the unspoiled error, and error that no case is asked to stay below.
+WITHIN, LEAST_MM = 1.15, 1.0  # Largest factor of the original error, and smallest limit in mm.
 Spoil = Callable[[Recording, np.random.Generator], Recording]
 
 
@@ -108,7 +108,7 @@ def detections_of(recording: Recording) -> Detections:
     return Detections(recording.cameras.names, xy, confidence, JointSet.BODY_25)
 
 
-REACH = 24  # Frames by which a solve looks for delays.
+REACH = 24  # Largest delay in frames that a solve considers.
 _LIMBS = [k for k, n in enumerate(JointSet.BODY_25.keypoints) if n.endswith(LIMBS["arms"] + LIMBS["legs"] + FEET)]
 
 
@@ -124,7 +124,7 @@ def error_mm(
     confidence[list(found.reading.left_out)] = 0.0
     width = float(np.linalg.norm(np.ptp(cameras.centres, axis=0)))
     size = np.array([picture.size for picture in found.reading.pictures])[:, None, None]
-    K = cameras.K.copy()  # the detector's noise is as large in pixels of the calibrated size
+    K = cameras.K.copy()  # the detector's noise has the same size in pixels of the calibrated pictures
     K[:, :2, :2], K[:, :2, 2] = K[:, :2, :2] / size, (K[:, :2, 2] + 0.5) / size[:, 0] - 0.5
     cameras = replace(cameras, K=K, t=cameras.t * (6.0 / max(width, 1e-6)))
     keypoints = Keypoints2D((read.xy[:, :, 0] + 0.5) / size[..., None] - 0.5, confidence, JointSet.BODY_25, FPS)

@@ -43,7 +43,7 @@ PULL = 1e-5
 FIT_ITERATIONS = 60
 
 
-BASE = "vposer"  # Row that the others are compared with.
+BASE = "vposer"  # Row for comparison with the others.
 KEPT = {
     "FID codes": ("fid_codes", "lower"), "DIV codes": ("div_codes", "higher"),
     "FID / DIV codes": ("indicator", "lower"), "FID": ("fid", "lower"),

@@ -33,7 +33,7 @@ WALKS = (
 )  # fmt: skip
 """File under ``motion_cmu/asfamc``, first frame, and the way the camera is carried."""
 FRAMES, SEGMENT = 150, 100
-TURN, SCALE = exp_so3(np.array([0.4, 0.7, -0.3])), 0.37  # Of the file's world.
+TURN, SCALE = exp_so3(np.array([0.4, 0.7, -0.3])), 0.37  # Rotation and scale of the file's world.
 
 
 def run() -> list[Metric]:

@@ -50,9 +50,9 @@ CLIPS = {
 }  # Clip, frames at 60 Hz, and seed of body and noise.
 CHAIRS = (("Sitting_Talking_Loop", 21), ("Sitting_Idle_Loop", 22))
 SEEDS = {"fit_steps": (FITTED, 10), "steps": (HELD_OUT, 50)}
-SEAT, ARMS = list(CONTACT_PARTS).index("seat"), (4, 5, 6, 7)  # Numbers of parts.
-TOUCH_M, STILL_M_S = 0.005, 0.05  # True skin touches so near the floor, and stays where it is so slow.
-REACH = 12  # Frames around a true edge within which the found one is looked for.
+SEAT, ARMS = list(CONTACT_PARTS).index("seat"), (4, 5, 6, 7)  # Indices of parts.
+TOUCH_M, STILL_M_S = 0.005, 0.05  # Largest distance from the floor and largest speed of true contacts.
+REACH = 12  # Largest distance in frames between a found edge and the true one.
 
 
 def filmed(take: FloorTake, seed: int) -> Capture:

@@ -30,21 +30,21 @@ from tests.support.recordings import recordings_folder
 TRIALS = "multiview/pose2sim/S00_P00_SingleParticipant"
 TAKES = ("S00_P00_T01_BalancingTrial", "S00_P00_T00_StaticTrial")
 JOINTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "heel", "big_toe")
-SURE = 0.5  # Least confidence of OpenPose for a keypoint that is there.
-SEEN = 0.5  # Least confidence of the detector for a keypoint that it found.
-APART = 0.1  # Least distance of left and right, as a share of the person's height, that shows which is which.
-SWAPPED = 0.5  # The other side counts if it is nearer than this share of the distance to the own side.
+SURE = 0.5  # Smallest confidence of OpenPose for a visible keypoint.
+SEEN = 0.5  # Smallest confidence of the detector for a detected keypoint.
+APART = 0.1  # Smallest distance between left and right for comparing sides, as a share of the person's height.
+SWAPPED = 0.5  # A keypoint is swapped if the other side is closer than this share of the distance to its side.
 
 
 @dataclass(frozen=True)
 class Against:
     """Distances of keypoints from OpenPose's, for V view frames, J joints and two sides."""
 
-    px: np.ndarray  # (V, J, 2), NaN where OpenPose is not sure.
-    missing: np.ndarray  # (V, J, 2) of those: the detector is not sure.
-    swapped: np.ndarray  # (V, J) left is at OpenPose's right and the other way round.
-    comparable: np.ndarray  # (V, J) sides are far enough apart.
-    height_px: np.ndarray  # (V,) of the person.
+    px: np.ndarray  # (V, J, 2) pixels, NaN if OpenPose's confidence is low.
+    missing: np.ndarray  # (V, J) mask of these keypoints if the detector's confidence is low.
+    swapped: np.ndarray  # (V, J) mask of keypoints with exchanged sides.
+    comparable: np.ndarray  # (V, J) mask of keypoints with sides far enough apart.
+    height_px: np.ndarray  # (V,) height of the person.
 
 
 def run() -> list[Metric]:

@@ -40,7 +40,7 @@ FAST = tuple(f"salsa_{number:02d}:{start}+150" for number, start in (
 ))  # fmt: skip
 """Fast takes, with keypoint accelerations of up to 160 to 455 m/s². salsa_06 is excluded, because its recorded head is
 upside down throughout, 115° beyond its range."""
-LOST_M, SURE_VIEWS = 0.15, 3  # A limb is lost where a keypoint that so many views saw rightly is so far off.
+LOST_M, SURE_VIEWS = 0.15, 3  # A limb is lost if a keypoint with this error is correct in this many views.
 TRUTH_HZ, FILTER_HZ = 10.0, 8.0
 BODIES = 100
 """Seed of the first take's body."""

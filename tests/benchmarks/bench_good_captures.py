@@ -39,7 +39,7 @@ from tests.benchmarks.spoiled_views.motion_takes import FPS, MotionTake, cameras
 from tests.support.recordings import recordings_folder
 from tests.support.trial_files import Person, write_trial
 
-Height = Callable[[np.ndarray], np.ndarray]  # Of the ground under a person at (F, 3) metres.
+Height = Callable[[np.ndarray], np.ndarray]  # Height of the ground under a person at (F, 3) metres.
 Try = Callable[[Path], "Solved"]
 
 
@@ -47,12 +47,12 @@ Try = Callable[[Path], "Solved"]
 class Solved:
     """Result for a capture."""
 
-    people: int = 0  # People who were solved.
-    real: int = 1  # People who are there.
+    people: int = 0  # Number of solved people.
+    real: int = 1  # Number of real people.
     error_mm: float = float("nan")  # Largest median distance of a solved person's hips from the true ones.
     refused: str = ""  # Code of an error.
     found: tuple[dict, ...] = ()  # Diagnostics.
-    texts: tuple[str, ...] = ()  # Sentences of warnings and errors.
+    texts: tuple[str, ...] = ()  # Messages of warnings and errors.
     seconds: float = 0.0
 
 
@@ -109,7 +109,7 @@ def crowd(seed: int, folder: Path, layout: str = "ring 4", fps: float = 30.0, fr
         confidence[:, :first] = confidence[:, stop:] = 0.0
         everybody.append(points)
         seen.append((xy, confidence))
-    for c in range(len(cameras)):  # who stands before somebody hides them
+    for c in range(len(cameras)):  # people in front hide the others
         depth = [np.linalg.norm(_middle(points) - cameras.centres[c], axis=-1) for points in everybody]
         boxes = [_box(xy[c], confidence[c]) for xy, confidence in seen]
         for n, (_, confidence) in enumerate(seen):

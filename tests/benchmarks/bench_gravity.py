@@ -51,7 +51,7 @@ def takes() -> list[np.ndarray]:
         subject = path.stem.split("_")[0]
         if subject in HEELS_OVER_HEAD or count.get(subject, 0) >= TAKES_A_SUBJECT or len(found) >= TAKES:
             continue
-        take = read_take(path, 1500, 60)  # clear of the T-pose
+        take = read_take(path, 1500, 60)  # after the T-pose
         step = max(1, round(take.fps / FPS))
         take = replace(take, rotations=take.rotations[::step], root=take.root[::step], fps=take.fps / step)
         if len(take.rotations) > SECONDS[0] * FPS:

@@ -17,7 +17,7 @@ from solver_backend.metrics import mpjpe_mm, pck_percent, rmse_mm
 from tests.benchmarks.comparison.validation_takes import clip_paths, read_take
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 
-COUNT = 400  # Poses of each set.
+COUNT = 400  # Number of poses per set.
 AT_A_TIME = 100
 
 

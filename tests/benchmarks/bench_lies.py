@@ -21,7 +21,7 @@ from solver_backend.exchange.outputs import write_text
 from tests.benchmarks.metric import Metric, key_of
 from tests.benchmarks.spoiled_views.lie_rows import FULL, ROWS, Found, found_of
 
-WITHIN = 1.15  # Times the unspoiled error up to which a take is as good as that: as ``bench_spoiled`` has it.
+WITHIN = 1.15  # Largest factor of the original error for a solved take, as in ``bench_spoiled``.
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "research-log" / "lies.md"
 REPAIRED, HARMLESS, NAMED, REFUSED, STATED, SILENT = "repaired", "harmless", "named", "refused", "stated", "silent"
 _HEAD = """# Faults that look valid

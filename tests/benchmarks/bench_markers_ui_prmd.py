@@ -26,9 +26,9 @@ from tests.benchmarks.kept_parts import kept
 from tests.benchmarks.marker_takes.takes import folder, ui_prmd
 from tests.benchmarks.metric import Metric
 
-CALIBRATED_FROM = 6  # Takes of a person, spread over the movements.
-STEP_MM = 0.01  # Residuals are kept as counts of so many millimetres; the table shows as many digits.
-_Row = dict[str, Any]  # What is kept of a take, see ``_solved``.
+CALIBRATED_FROM = 6  # Number of a person's takes for calibration, from different movements.
+STEP_MM = 0.01  # Resolution of stored residuals, as in the table.
+_Row = dict[str, Any]  # Stored figures of a take, see ``_solved``.
 
 
 def run() -> list[Metric]:

@@ -26,8 +26,8 @@ from tests.support.limb_errors import LIMBS, TOES, limb_errors
 from tests.support.one_view_people import betas_of_stature, filmed
 from tests.support.simulated_network import SimulatedResult, simulate_network
 
-JUMPS = ("asfamc/49_02", "asfamc/49_06", "asfamc/49_11")  # On no floor for a part of the time.
-STANDING_M_S, STANDING_M = 0.1, 0.03  # A true foot that is slower, and so near to its lowest place, stands.
+JUMPS = ("asfamc/49_02", "asfamc/49_06", "asfamc/49_11")  # Takes that leave the floor for a part of the time.
+STANDING_M_S, STANDING_M = 0.1, 0.03  # Largest speed of a standing foot, and largest height above its lowest position.
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class NetworkTake:
 
     name: str
     capture: Capture
-    joints: np.ndarray  # (F, 24, 3) metres, the truth.
+    joints: np.ndarray  # (F, 24, 3) true joints in metres.
     results: tuple[SimulatedResult, ...]
 
 

@@ -22,7 +22,7 @@ from tests.benchmarks.marker_takes.skeletons import fight_joints, walk_joints
 from tests.benchmarks.marker_takes.takes import cmu, folder, ui_prmd
 from tests.benchmarks.metric import Metric
 
-RATE, FRAMES = 5.0, 24  # Frames a second and frames at most of each take.
+RATE, FRAMES = 5.0, 24  # Frames per second and maximum number of frames of each take.
 UI_PRMD = (
     "m01_s03_e05", "m02_s05_e08", "m02_s08_e02", "m03_s02_e02", "m03_s05_e02", "m04_s03_e05", "m04_s06_e05",
     "m05_s07_e08", "m06_s01_e02", "m06_s04_e05", "m07_s02_e02", "m07_s04_e05", "m08_s02_e05", "m08_s06_e08",

@@ -33,11 +33,11 @@ BOUND_RATIO = 1.1
 class Outcome:
     """Result of one pair."""
 
-    found: int  # People found; two are there.
-    mixed: int  # Detections of one who were taken for the other.
-    missed: float  # Share of their detections that nobody was given.
-    together_mm: tuple[float, float]  # Mean joint error of each, filmed together.
-    alone_mm: tuple[float, float]  # The same where the other is not there.
+    found: int  # Number of detected people, of two.
+    mixed: int  # Number of detections with the wrong person.
+    missed: float  # Share of their detections without a person.
+    together_mm: tuple[float, float]  # Mean joint error of each person, recorded together.
+    alone_mm: tuple[float, float]  # Mean joint error of each person, recorded alone.
 
     @property
     def ratio(self) -> float:

@@ -35,7 +35,7 @@ from training.vae.train import VaeSettings, VaeTask, VariationalAutoencoder, fol
 
 OUT = ROOT / "build" / "plain_sposer"
 STEPS, SEED = 300, 0
-WIDTHS = (256, 256)  # Of SPoser's decoder, as it ships.
+WIDTHS = (256, 256)  # Widths of the shipped SPoser's decoder.
 SPOSERS = {
     "plain": SPoserSettings(decoder_hidden=WIDTHS, between=0.0, latent_noise=0.0),
     "recipe": SPoserSettings(decoder_hidden=WIDTHS),

@@ -30,7 +30,7 @@ from tests.benchmarks.comparison.autograd_window import AutogradWindow, keypoint
 from tests.benchmarks.comparison.captures import LONG_TAKE, filmed
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 
-WINDOWS = 3  # Windows that are solved as published.
+WINDOWS = 3  # Number of windows that are solved as published.
 
 
 def run() -> list[Metric]:

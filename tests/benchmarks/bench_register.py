@@ -44,7 +44,7 @@ def measure(name: str, command: list[str], environment: dict[str, str] | None = 
 
 def _took(command: list[str], environment: dict[str, str] | None) -> tuple[float, float]:
     environment = dict(environment or os.environ)
-    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # with it every run compiles
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # if it is set, every run compiles
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     line = next(line for line in done.stdout.splitlines() if line.startswith("took "))
     wall, processor = line.split()[1:]

@@ -41,7 +41,7 @@ NEAR_M = 0.03
 HALF_SEEN = 0.5
 LEVELS = {0.5: 2.366, 0.8: 4.642, 0.95: 7.815}
 """Quantiles of the chi-square distribution with three degrees of freedom, by level."""
-TIMED = 20  # Frames of each take that times are measured on.
+TIMED = 20  # Number of frames per take for measuring times.
 
 
 @dataclass(frozen=True)

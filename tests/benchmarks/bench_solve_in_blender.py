@@ -62,7 +62,7 @@ def _longest_poll_s() -> float:
 
 def _solved() -> tuple[float, float, float]:
     """Return wall seconds of the solver's process, and wall and processor seconds of everything else."""
-    bpy.context.scene.mocap.review.armature = None  # so that each run makes the body, too
+    bpy.context.scene.mocap.review.armature = None  # so that each run also creates the body
     with _waiting() as waited:
         start, processor = time.perf_counter(), time.process_time()
         bpy.ops.mocap.solve()

@@ -39,7 +39,7 @@ from tests.benchmarks.spoiled_views.page import page_of
 from tests.benchmarks.spoiled_views.readings import difference, points_of
 from tests.benchmarks.spoiled_views.trial import CHANGES, Result, result_of
 
-SEEDS, SEEDS_OF_TWO = 10, 3  # Captures of each kind, and of those with two faults at once.
+SEEDS, SEEDS_OF_TWO = 10, 3  # Number of captures per kind, and per kind with two faults.
 RECORD = Path(__file__).resolve().parents[2] / "build" / "benchmark_spoiled.jsonl"
 SOURCES = Path(solver_backend.__file__).parent
 FILM_FRAMES, TAKE_FRAMES = 900, 240

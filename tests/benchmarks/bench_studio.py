@@ -87,9 +87,9 @@ def described(frames: int, size: tuple[int, int], film: list[str], **more: Any) 
 class Held:
     """Memory and time of a process."""
 
-    peak_mb: float  # The most that it held at any time.
-    early_mb: float  # The most that it held in the first third of its time.
-    late_mb: float  # The same of the last third.
+    peak_mb: float  # Maximum memory.
+    early_mb: float  # Maximum memory in the first third of its time.
+    late_mb: float  # Maximum memory in the last third of its time.
     cpu_s: float
 
     def said(self) -> str:
@@ -126,7 +126,7 @@ def _truth(folder: Path) -> float:
     """Return frames per second of processor time for truth and perturbed captures together."""
     spec = spec_of(described(_TOLD, _SIZE, []), folder)
     stage = set_up(spec, list_shots(spec)[0])
-    find_truth(stage, spec.fps)  # tables of what hides what are made once a body
+    find_truth(stage, spec.fps)  # occlusion tables are computed once per body
     with _stopped() as clock:
         truth = find_truth(stage, spec.fps)
         clean = clean_capture(spec, stage, truth, true_motion(stage.person, stage.joints, truth.contacts, spec.fps))

@@ -42,10 +42,10 @@ UNKNOWN_FRAMES = 100.0
 class FilmedByHand:
     """A filmed take and its true clocks."""
 
-    filmed: FilmedTracks  # What four views show.
-    offset_s: np.ndarray  # (C,) true offsets at the middle of the take.
+    filmed: FilmedTracks  # Tracks in four views.
+    offset_s: np.ndarray  # (C,) true offsets in seconds in the middle of the take.
     rate: np.ndarray  # (C,) true rates.
-    middle_s: float  # Middle, on the first camera's clock.
+    middle_s: float  # Middle of the take on the first camera's clock.
 
     def error_frames(self, clocks: Clocks) -> np.ndarray:
         """Return the (C,) largest errors within the take in frames."""
@@ -101,7 +101,7 @@ def filmed_by_hand(seed: int) -> FilmedByHand:
     cameras = around(pelvis, settings.num_views)
     late_s = np.r_[0.0, rng.uniform(0.0, LARGEST_OFFSET_S, len(cameras) - 1)]
     rate = np.r_[0.0, rng.uniform(-LARGEST_PPM, LARGEST_PPM, len(cameras) - 1) * 1e-6]
-    # A camera that starts late_s later shows at its frame n what happened at late_s + n (1 - rate) / fps.
+    # A camera with the delay late_s shows the time late_s + n (1 - rate) / fps in its frame n.
     frames = np.arange(count)
     cut = np.floor(late_s * take.fps).astype(int)
     part = late_s * take.fps - cut

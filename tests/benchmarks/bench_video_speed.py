@@ -20,7 +20,7 @@ from solver_backend.videos.files.video import probe, read_pictures, write_video
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 from tests.support.recordings import BALANCING_TRIAL, recordings_folder
 
-FPS, STEP = 30.0, 2  # Pictures per second of the take, and of the videos per picture of it.
+FPS, STEP = 30.0, 2  # Pictures per second of the take, and video pictures per picture of the take.
 
 
 def run() -> list[Metric]:

@@ -31,7 +31,7 @@ from tests.benchmarks.comparison.validation_takes import training_take
 TRAINING = (("49_02", 300, 600), ("06_02", 300, 60), ("02_01", 300, 20), ("14_14", 300, 290))
 """Name, frames, first frame: dance, basketball, walking, and exercises on the floor. None is in the comparison."""
 EXPONENTS = (0.0, 0.25, 0.5, 0.75, 1.0)
-LEAST_DENSITY = 0.5  # Of keys, as a share of the even density, so that windows keep frames. Chosen by hand.
+LEAST_DENSITY = 0.5  # Lowest density of keys, relative to equal spacing. Chosen by hand.
 
 
 def main() -> int:

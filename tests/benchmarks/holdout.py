@@ -20,7 +20,7 @@ class HeldOut:
 
     cameras: tuple[str, ...]  # Names of the cameras, each held out once.
     solver_px: np.ndarray  # (C,) median error of the solve.
-    baseline_px: np.ndarray  # (C,) median error of triangulation + Butterworth.
+    baseline_px: np.ndarray  # (C,) median error of triangulation and Butterworth filter.
     pooled_px: tuple[float, float]  # Median over all detections of all cameras: solve, baseline.
 
 

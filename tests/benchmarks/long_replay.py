@@ -24,7 +24,7 @@ from solver_backend.live.session import LiveSession, LiveStatistics, person_fit
 from solver_backend.sensors.chain import LiveMoment, MarkerChain, SensorTask
 from solver_backend.sensors.devices.recorded import open_folder
 
-TOLD = 60  # Lines that are told in all.
+TOLD = 60  # Total number of printed lines.
 
 
 def main() -> int:

@@ -22,8 +22,8 @@ from solver_backend.solver.levenberg_marquardt import LMSettings
 from tests.benchmarks.one_view_takes import OneViewTake
 from tests.support.limb_errors import LIMBS
 
-SCALES = (8.0, 4.0)  # Robust scales of single frames, as a take of one camera is solved.
-EVERY = 10  # Frames from one to the next that Pose-NDF fits: it takes a second for a dozen.
+SCALES = (8.0, 4.0)  # Robust scales of single frames, as in solves of one camera.
+EVERY = 10  # Step in frames of Pose-NDF's fits, which take a second per dozen.
 
 
 def frame_pa_mm(take: OneViewTake) -> float:

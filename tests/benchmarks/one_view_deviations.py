@@ -34,7 +34,7 @@ from tests.support.one_view_people import PersonTake
 
 SETS = ((TUNING, 7), (TUNING_DANCES, 8))  # Clips and seed of seven people each.
 ALIKE, ACROSS_M, TURN_FACTORS = np.arange(0.7, 1.8, 0.1), (0.015, 0.02, 0.025, 0.03), np.arange(0.0, 0.55, 0.05)
-INSIDE = 96.0, 97.0  # Percent of the joints in their 95 % ellipsoids. Motion that was not used has less.
+INSIDE = 96.0, 97.0  # Percentage of the joints in their 95 % ellipsoids. Other motion has less.
 FACTORS = np.arange(0.0, 4.0, 0.02)
 
 
@@ -42,16 +42,16 @@ FACTORS = np.arange(0.0, 4.0, 0.02)
 class Errors:
     """Errors of a take, with the parts of their covariance."""
 
-    off: np.ndarray  # (F, L, 3) metres.
+    off: np.ndarray  # (F, L, 3) errors in metres.
     solved: np.ndarray  # (F, L, 3, 3) covariance of the solve, m².
-    away: np.ndarray  # (F, L, 3) joints from the camera.
-    sight: np.ndarray  # (F, 3).
-    sigma_m: np.ndarray  # (F, L) of the lifter.
-    size_sigma: float  # Without the lifted pose's part.
+    away: np.ndarray  # (F, L, 3) joints relative to the camera in metres.
+    sight: np.ndarray  # (F, 3) viewing directions.
+    sigma_m: np.ndarray  # (F, L) standard deviations of the lifter.
+    size_sigma: float  # Standard deviation of the size without the lifted pose's part.
     pose_sigma: float  # The lifted pose's part for a factor of 1.
-    turn: np.ndarray  # (F, S, 3) radians.
-    solved_turn: np.ndarray  # (F, S, 3, 3) rad².
-    spread: np.ndarray  # (F, S) radians.
+    turn: np.ndarray  # (F, S, 3) rotation errors in radians.
+    solved_turn: np.ndarray  # (F, S, 3, 3) covariance of the solve's rotations, rad².
+    spread: np.ndarray  # (F, S) standard deviations in radians.
 
 
 def errors_of(take: PersonTake) -> Errors:

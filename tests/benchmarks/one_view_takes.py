@@ -30,7 +30,7 @@ HELD_OUT = (
 )  # fmt: skip
 """Subject, file under ``motion_cmu`` and first frame: walks over obstacles, exercises, dance and cartwheels, fights.
 The lifter is not trained on these subjects."""
-JUMPS = ("asfamc/49_02", "asfamc/49_06", "asfamc/49_11")  # On no floor for a part of the time.
+JUMPS = ("asfamc/49_02", "asfamc/49_06", "asfamc/49_11")  # Takes that leave the floor for a part of the time.
 UNSEEN_CLASS = (
     ("indian", "far/indian_07", 60), ("indian", "far/indian_08", 100), ("indian", "far/indian_13", 60),
     ("indian", "far/indian_15", 60),

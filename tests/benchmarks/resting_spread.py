@@ -27,13 +27,13 @@ from tests.benchmarks.marker_takes.takes import ui_prmd
 from tests.support.recordings import recordings_folder
 from training.data.sources.clips import read_clip, with_shoulder_rhythm
 
-EVERY = 9  # Of CMU's frames, which are 30 a second.
-UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # The recordings' Y is up.
+EVERY = 9  # Every n-th of CMU's frames is used, which have 30 Hz.
+UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # The recordings have Y up.
 BOUNDS = np.array([2.366, 4.642, 7.815])  # Squared distances of the 50, 80 and 95 % ellipsoids, in deviations.
 PROMISED, TOLERANCE = np.array([0.50, 0.80, 0.95]), np.array([0.05, 0.05, 0.03])
 WEIGHTS = {"cmu": 0.45, "ui_prmd": 0.40, "nimble": 0.15}
 """Weight of each group of recordings, independent of its number of frames."""
-STEPS, FACTOR = 400, 3.0  # Tries of the search for three deviations, and how far each may be from the root mean square.
+STEPS, FACTOR = 400, 3.0  # Steps of the search, and limit of a deviation as a factor of the root mean square.
 RATE, FRAMES, KEPT = 25.0, 400, 60
 """Frames per second, maximum number of solved frames per take, and approximate number of evaluated frames."""
 RESTING = {
@@ -51,8 +51,8 @@ NIMBLE = (
 class Poses:
     """N poses of several takes."""
 
-    rotations: np.ndarray  # (N, 22, 3, 3), the pelvis' world first, Z up.
-    shown: Stance  # By the pelvis.
+    rotations: np.ndarray  # (N, 22, 3, 3) rotations, starting with the pelvis in the world, Z up.
+    shown: Stance  # Stance derived from the pelvis.
 
 
 def joined(takes: list[tuple[np.ndarray, Stance]], every: list[int]) -> Poses:

@@ -34,7 +34,7 @@ from tests.support.played_character import FPS, known_clip
 from tests.support.recordings import recordings_folder
 from tests.support.retarget_rigs import map_of_rig, mixamo, rigify
 
-MOMENTS, SIZE = 8, (190, 250)  # Poses a row; width and height of a picture, pixels.
+MOMENTS, SIZE = 8, (190, 250)  # Poses per row, and width and height of a picture in pixels.
 _LOOK = RenderQuality(shrink=2, cavity=True, shadows=True)
 _BAR_M = (0.045, 0.02)
 """Half the width and half the thickness of a bar in metres."""

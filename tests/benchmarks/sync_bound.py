@@ -36,19 +36,19 @@ BIAS_MM2 = 9.0**2 * np.array([0.2, 0.4, 0.4, 0.4, 0.4])
 """Variance of a bias by direction: constant, and cosine and sine of the angle and of its double."""
 TURN_SIGMA, SHIFT_SIGMA_M, POINT_SIGMA_M = 0.02, 0.05, 1.0
 """Prior standard deviations of the cameras' poses and of points."""
-KNOWN, DRAWS = 1e6, 100_000  # Factor on the precision of what is told, and how often errors are drawn for the chance.
+KNOWN, DRAWS = 1e6, 100_000  # Factor of the precision of a known part, and number of samples for the chance.
 
 
 @dataclass(frozen=True)
 class Filmed:
     """Detections of a seed with their truth, in millimetres at the person, in the F frames that all cameras see."""
 
-    error: np.ndarray  # (C, F, K, 2) NaN where missing or elsewhere.
-    spread: np.ndarray  # (C, F, K) of the noise, in standard deviations of the detector's model.
-    velocity: np.ndarray  # (C, F, K, 2) a second.
-    by_point: np.ndarray  # (C, F, K, 2, 3) a metre.
-    by_pose: np.ndarray  # (C, F, K, 2, 6) a radian and a metre of the camera's pose.
-    facing: np.ndarray  # (C, F, 5) what biases by direction are made of.
+    error: np.ndarray  # (C, F, K, 2) errors, NaN for missing detections and outliers.
+    spread: np.ndarray  # (C, F, K) scale of the noise, in standard deviations of the detector's model.
+    velocity: np.ndarray  # (C, F, K, 2) velocities per second.
+    by_point: np.ndarray  # (C, F, K, 2, 3) derivatives by the point's position, per metre.
+    by_pose: np.ndarray  # (C, F, K, 2, 6) derivatives by the camera's pose, per radian and metre.
+    facing: np.ndarray  # (C, F, 5) basis functions of biases by direction.
     rate: np.ndarray  # (C,) true rates.
     fps: float
 
@@ -162,9 +162,9 @@ def bound_frames(take: Filmed, total: np.ndarray, told: str = "") -> tuple[np.nd
         against[c - 1, :, [0, views]] = -np.eye(2)
         precision = known["rates"] / (RATE_SIGMA * half_s) ** 2
         normal += precision * np.outer(against[c - 1, 1], against[c - 1, 1])
-        # A clock that runs fast shows what is ever earlier, a drift of -rate; the prior of none pulls it by +rate.
+        # A fast clock shows earlier times, which is a drift of -rate. The prior of rate 0 pulls it by +rate.
         pull += (0.0 if told == "rates" else precision * take.rate[c] * half_s) * against[c - 1, 1]
-    # The first camera's clock is everybody's: with free points nothing tells it from the others'.
+    # The first camera's clock is the reference. With free points, it cannot be distinguished from the others.
     normal += 1e-9 * np.trace(normal) / len(normal) * np.eye(len(normal))
     covariance = np.linalg.inv(normal)
     moments = take.fps * np.stack([against[:, 0] + s * against[:, 1] for s in (-1.0, 0.0, 1.0)])

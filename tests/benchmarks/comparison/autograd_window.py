@@ -21,7 +21,7 @@ from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.residuals.terms import geman_mcclure
 from solver_backend.types import NUM_BODY_JOINTS
 
-NEAREST = 16  # Vertices that a keypoint is regressed from.
+NEAREST = 16  # Number of vertices that define a keypoint.
 
 
 def keypoint_regressor(body: Body, points: np.ndarray) -> np.ndarray:

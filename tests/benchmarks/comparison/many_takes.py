@@ -33,7 +33,7 @@ KINDS = {
 """Name, first frame and number of frames, by kind. 13_08, 13_18, 13_30, 13_31, 13_36 and indian_06 have 30 frames per
 second, the others 60. No prior was trained on them."""
 TAKES = tuple(take for takes in KINDS.values() for take in takes)
-SEEDS = (0, 1, 2)  # Of shape, detector noise and camera error.
+SEEDS = (0, 1, 2)  # Seeds of shape, detector noise and camera error.
 COLUMNS = ("mpjpe_mm", "rmse_mm", "mae_deg", "pck3", "pck7", "accel_m_s2", "skating_cm_f", "cpu_s")
 """Figures of a part. Time is omitted if other programs keep the machine's cores busy."""
 METHODS = (

@@ -39,7 +39,7 @@ class Method:
 
     kind: str  # A name of ``BASELINES``, ``OURS`` or ``EXACT_PRIOR``.
     changes: tuple[tuple[str, Any], ...] = ()  # Names and values of the changed settings.
-    label: str = ""  # How tables call it; made from kind and changes if empty.
+    label: str = ""  # Name in tables. If empty, it is made from kind and changes.
 
     @classmethod
     def of(cls, kind: str, label: str = "", **changes: Any) -> Method:
@@ -67,7 +67,7 @@ class Method:
             return BASELINES[self.kind](**dict(self.changes)).solve
         settings = SolveSettings(**dict(self.changes))
         if settings.backend != "numpy":
-            importlib.import_module(settings.backend)  # as NumPy is, before a clock starts
+            importlib.import_module(settings.backend)  # imported before the time starts, like NumPy
         solve = importlib.import_module(self.module).solve
 
         def ours(capture: Capture) -> BaselineResult:

@@ -42,8 +42,8 @@ RESULTS = Path(__file__).parents[1] / "noise_takes.json"
 TAKES = tuple(take.partition("+")[0] for take in LONGER_TAKES)
 """Name and first frame."""
 FRAMES, HZ = 50, 30.0
-SEEDS = (0, 1, 2)  # Of the data noise.
-SEARCHED = ("09_01", 20, 24)  # Training clip of the grid search, its first frame, and how many.
+SEEDS = (0, 1, 2)  # Seeds of the data noise.
+SEARCHED = ("09_01", 20, 24)  # Training clip of the grid search, its first frame, and its number of frames.
 ALPHAS = (-7.0, -4.5, -2.0, -1.0, 0.0, 1.0, 2.0)
 """Coarse grid within the thesis' range. Midpoints between the best value and its neighbours follow."""
 ALPHA = 0.5

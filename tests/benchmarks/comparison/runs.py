@@ -59,9 +59,9 @@ class Run:
 class Outcome:
     """Result of a run."""
 
-    row: Row  # Figures of the judgement, ``seconds``, ``cpu_s`` (which a busy machine does not change) and ``peak_mb``.
-    notes: list[str]  # What went wrong, in words.
-    worst: list[Any]  # The joints with the largest mean error.
+    row: Row  # Figures of the judgement, ``seconds``, ``cpu_s`` (independent of other load) and ``peak_mb``.
+    notes: list[str]  # Messages about problems.
+    worst: list[Any]  # Joints with the largest mean error.
     motion: Path | None  # The solved motion.
 
 

@@ -24,8 +24,8 @@ Found = dict[Run, Outcome]
 class Scope:
     """Takes and settings on which the tables are measured."""
 
-    takes: tuple[str, ...] = TAKES[:3]  # As in ``captures.TAKES``; every take has a seed of its own, its number.
-    frames: int | None = None  # Cut every take to so many frames.
+    takes: tuple[str, ...] = TAKES[:3]  # As in ``captures.TAKES``. The seed of a take is its number.
+    frames: int | None = None  # Number of frames of every take, None for all.
 
     def runs(
         self, methods: list[Method], num_views: int = 4, takes: int | None = None, bad: str | None = None

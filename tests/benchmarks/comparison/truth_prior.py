@@ -11,7 +11,7 @@ from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, log_so
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.sposer import SPoser
 
-SHARPNESS = 2000.0  # Codes further than about 2 degrees from a true pose's no longer feel its correction.
+SHARPNESS = 2000.0  # A true pose corrects codes within about 2 degrees.
 
 
 class TruthPrior(AutoencodingPrior):
@@ -25,7 +25,7 @@ class TruthPrior(AutoencodingPrior):
         self._prior, self.metadata = prior, {}
         self._codes = prior.encode(rotations)
         self._bends = log_so3(rotations @ np.swapaxes(prior.decode(self._codes), -1, -2)).reshape(len(rotations), -1)
-        self.residual_sigma = np.full((rotations.shape[1], 3), 1e-3)  # nothing is left for rotations off the manifold
+        self.residual_sigma = np.full((rotations.shape[1], 3), 1e-3)  # leaves nothing for rotations off the manifold
 
     name = "truth"
 

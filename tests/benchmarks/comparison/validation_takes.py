@@ -13,8 +13,8 @@ from tests.support.recordings import recordings_folder
 from training.data.corpus import HELD_OUT
 from training.data.sources.clips import FAR, read_clip, subject_of, with_shoulder_rhythm
 
-FOLDERS = ("mb2", "daz")  # Of the recordings that every benchmark draws from, at 60 Hz.
-MORE_FOLDERS = (*FOLDERS, "daz_more", FAR)  # The same with exercises and Indian dances at 30 Hz.
+FOLDERS = ("mb2", "daz")  # Folders of the recordings for every benchmark, at 60 Hz.
+MORE_FOLDERS = (*FOLDERS, "daz_more", FAR)  # These and exercises and Indian dances at 30 Hz.
 TRAINING_FOLDERS = ("mb2", "asfamc")
 
 

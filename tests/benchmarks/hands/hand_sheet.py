@@ -11,9 +11,9 @@ from solver_backend.exchange.joint_sets import SIDES
 from solver_backend.types import Capture
 from solver_backend.videos.detect.find_hands import pictures_of
 
-COLUMNS = 8  # Frames of a sheet, evenly over the take.
-CELL = 220  # Pixels of a cell.
-REACH = 2.2  # Half the side of what a cell shows, in hands.
+COLUMNS = 8  # Number of frames of a sheet, evenly distributed over the take.
+CELL = 220  # Side of a cell in pixels.
+REACH = 2.2  # Side of a cell's view in hand lengths.
 BONES = [(0, 1), *((a, a + 1) for a in range(1, 4)), *((0, 4 * f + 1) for f in range(1, 5))]
 BONES += [(4 * f + k, 4 * f + k + 1) for f in range(1, 5) for k in range(1, 4)]
 """Lines between points of a hand."""

@@ -14,7 +14,7 @@ from solver_backend.fitters.hands.marker_hand import MarkerHand
 from tests.support.lone_marker_hand import LAYOUTS, solve_marker_hand
 from training.hands.train import marker_points
 
-RIGHT, STRIDE = 1, 3  # All are right hands; 150 Hz is more than fingers need.
+RIGHT, STRIDE = 1, 3  # All are right hands. 150 Hz is more than fingers need.
 FLEXIONS = np.flatnonzero((FINGER_OF > 0) & (KIND_OF == 0) & (JOINT_OF < 2))
 UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation from y up to z up."""

@@ -18,7 +18,7 @@ from solver_backend.exchange.joint_sets import SIDES
 from solver_backend.io.load import load_capture
 from solver_backend.types import Cameras
 
-MEDIAN = 2.0 * float(np.log(2.0))  # Median of a squared length in two dimensions, in variances per axis.
+MEDIAN = 2.0 * float(np.log(2.0))  # Median of a squared length in two dimensions, relative to the variance per axis.
 
 
 def shares_of(cameras: Cameras, hands: np.ndarray) -> dict[str, float]:

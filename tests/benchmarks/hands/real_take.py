@@ -31,16 +31,16 @@ from tests.benchmarks.hands.hand_sheet import draw_sheet
 
 MIDDLE = np.flatnonzero((FINGER_OF > 0) & (KIND_OF == 0) & (JOINT_OF == 1))
 """Angles of the four fingers' middle joints."""
-SEEN_SHARE = 0.5  # Share of a hand that must stand beside the body to be seen.
+SEEN_SHARE = 0.5  # Smallest unhidden share of a visible hand.
 
 
 @dataclass(frozen=True)
 class SolvedTake:
     """Both hands as solved, left first."""
 
-    angles: np.ndarray  # (F, 2, A) radians.
-    px: np.ndarray  # (C, F, 2, 21, 2) where the views should show their points.
-    can_see: np.ndarray  # (C, F, 2) whether a view can see a hand.
+    angles: np.ndarray  # (F, 2, A) angles in radians.
+    px: np.ndarray  # (C, F, 2, 21, 2) projected points.
+    can_see: np.ndarray  # (C, F, 2) mask of visible hands.
 
 
 def solved_take(capture: Capture, motion: Motion) -> SolvedTake:

@@ -31,7 +31,7 @@ from solver_backend.types import Capture, Motion
 
 FLEXIONS = np.flatnonzero((FINGER_OF > 0) & (KIND_OF == 0) & (JOINT_OF < 2))
 """Flexion angles of knuckles and middle joints of the four fingers, as the criterion uses them."""
-CHI2_95 = 7.815  # Of three dimensions.
+CHI2_95 = 7.815  # 95 % quantile for three dimensions.
 
 
 @dataclass(frozen=True)
@@ -73,13 +73,13 @@ def draw_take(seed: int, frames: int, fps: float, radius_m: float, faults: HandF
 class HandErrors:
     """Errors of a solve of both hands, in frames in which at least two views show the hand."""
 
-    tips_mm: np.ndarray  # (n, 5) fingertips in the world.
-    own_tips_mm: np.ndarray  # (n, 5) fingertips from the wrist, hands laid over each other at the palm's turn.
-    angles_deg: np.ndarray  # (n, 8) knuckles' and middle joints' flexion.
-    wrists_mm: np.ndarray  # (n,).
-    held: np.ndarray  # (n, 15) whether the 95 % ellipsoid of a finger joint holds it.
-    overlap_mm: np.ndarray  # (n,) by which the two fingers that overlap most do.
-    seen: float  # Share of the frames that count.
+    tips_mm: np.ndarray  # (n, 5) errors of fingertips in the world.
+    own_tips_mm: np.ndarray  # (n, 5) errors of fingertips relative to the wrist and the palm's rotation.
+    angles_deg: np.ndarray  # (n, 8) errors of the flexion of knuckles and middle joints.
+    wrists_mm: np.ndarray  # (n,) errors of wrists.
+    held: np.ndarray  # (n, 15) mask of finger joints inside their 95 % ellipsoids.
+    overlap_mm: np.ndarray  # (n,) largest overlap of two fingers.
+    seen: float  # Share of evaluated frames.
 
 
 def errors_of(take: HandTake, motion: Motion) -> HandErrors:

@@ -14,8 +14,8 @@ from solver_backend.labelling.outputs import LANDMARKS, MARKERS
 from training.landmarks.cloud_stream import Clouds
 from training.landmarks.models import LandmarkModel
 
-CELL = (170, 190)  # Pixels of one body.
-FINER = 3  # Drawn so many times larger, and shrunk.
+CELL = (170, 190)  # Size of one body's picture in pixels.
+FINER = 3  # Factor of supersampling.
 HEIGHT_M = 2.15
 TURN = np.radians(25.0)
 TRUTH, ANSWER, CLOUD, APART = (120, 128, 140), (30, 90, 170), (60, 60, 60), (225, 80, 60)

@@ -21,7 +21,7 @@ from training.landmarks.loop import LandmarkTraining
 from training.landmarks.rows import named_rows, train_row
 from training.landmarks.train import table_of
 
-BY_VPOSER = "ortho by vposer"  # ``ortho`` whose rare poses VPoser tells and blends: table 4.6.
+BY_VPOSER = "ortho by vposer"  # ``ortho`` with rare poses selected and blended by VPoser: table 4.6.
 ROWS = (
     "base", "ortho", "bmse", "squad", "slerp", "lerp", "bezier", "bspline", "random", "σ(D)", "e(D)", "σ(R)", "e(R)",
     "e(D)+squad", "ortho fading", BY_VPOSER, "democap", "democap bmse", "democap ortho", "coordinates", "e(R)+slerp",
@@ -31,7 +31,7 @@ WIDTH, RESOLUTION, STEPS, BATCH, RATE = 8, 48, 2000, 64, 3e-3
 """Width, resolution, steps, batch size and learning rate: a quarter of the paper's width and a third of its pixels,
 which a GPU trains in a minute per row.
 """
-LONGER = 2  # Times as many steps for networks that see one view.
+LONGER = 2  # Factor of the steps for networks with one view.
 
 
 def main(argv: list[str] | None = None) -> int:

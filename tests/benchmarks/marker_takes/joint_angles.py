@@ -72,7 +72,7 @@ def _trial(take: Path, angles: Path) -> dict[str, tuple[float, float]]:
         for side in ("left", "right"):
             name = f"{coordinate}_{side[0]}"
             if name in reference:
-                # The sign of a coordinate is the model's choice.
+                # The model chooses the sign of a coordinate.
                 theirs, ours = np.abs(reference[name]), flexion_of(motion, side, tuple(parts))[frames]
                 pairs.append(ours - theirs)
         if pairs:

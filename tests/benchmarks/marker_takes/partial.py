@@ -23,11 +23,11 @@ _SHOULDER = ("SHO", "FSH", "BSH")
 class Removed:
     """Comparison of a partial take with the whole take."""
 
-    kind: str  # Which markers were removed.
+    kind: str  # Kind of the removed markers.
     squared: np.ndarray  # (n,) squared distances of resting joints from the whole solve's, in deviations.
-    flagged: float  # Share of the frames that are flagged as resting.
-    moved_mm: np.ndarray  # (n,) distances of joints that are informed from the whole solve's.
-    wrists_above: float  # Share of the frames in which a resting wrist is above its shoulder.
+    flagged: float  # Share of frames that are flagged as resting.
+    moved_mm: np.ndarray  # (n,) distances of measured joints from the whole solve's.
+    wrists_above: float  # Share of frames with a resting wrist above its shoulder.
     motion: Motion  # The partial solve.
 
 

@@ -12,7 +12,7 @@ _TO_WALK = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Rotation of the walk's skeleton, which has its axes rotated by 90 degrees about the vertical."""
 _TO_FIGHT = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """Rotation of the fight's skeleton, which has Y up: (X, Y, Z) are the markers' (y, z, x)."""
-_FIGHT_EVERY = 4  # Its skeleton has every fourth frame of the markers.
+_FIGHT_EVERY = 4  # The fight's skeleton has every fourth frame of the markers.
 _BONES = {
     "hip": "femur", "knee": "tibia", "ankle": "foot", "shoulder": "humerus", "elbow": "radius", "wrist": "hand",
 }  # fmt: skip

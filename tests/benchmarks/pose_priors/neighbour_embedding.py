@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-PERPLEXITY = 30.0  # Neighbours that count for a point, about; the paper's range is 5 to 50.
-ITERATIONS, EXAGGERATED = 500, 120  # Steps in all, and of the first ones, in which likenesses count four times.
+PERPLEXITY = 30.0  # Effective number of neighbours. The paper's range is 5 to 50.
+ITERATIONS, EXAGGERATED = 500, 120  # Number of steps, and of initial steps with likenesses multiplied by 4.
 _EXAGGERATION = 4.0
 _HALVINGS = 50
 """Bisection steps for a point's width."""

@@ -12,7 +12,7 @@ from solver_backend.body.mesh import pose_mesh
 from tests.benchmarks.pose_priors.neighbour_embedding import neighbours_on_a_plane
 
 CELL = (170, 210)  # Pixels of one pose.
-SHOWN = 500  # Poses of each kind on the plane; the thesis shows 1,200 of both together.
+SHOWN = 500  # Poses of each kind on the plane. The thesis has 1,200 of both together.
 _VIEW_M = 2.3
 _LIGHT = np.array([0.35, 0.45, 0.82])
 _SKIN = np.array([205.0, 175.0, 150.0])

@@ -19,7 +19,7 @@ from training.data.corpus import Corpus
 from training.data.points import rotation_points
 from training.engine.accuracy import joint_distances, reconstruction_accuracy
 
-POSE_ITSELF = ("gmm", "pose_ndf")  # Priors whose code is the pose: they reconstruct everything exactly.
+POSE_ITSELF = ("gmm", "pose_ndf")  # Priors with poses as codes, which reconstruct everything exactly.
 NOISE_DEG = (5.0, 10.0, 20.0)
 NOISY_JOINTS = 20
 Table = dict[str, dict[str, float]]
@@ -106,8 +106,8 @@ def denoising(prior: PosePrior, truth: np.ndarray, seed: int) -> dict[str, float
 class Keys:
     """Four successive keys of motions, and the frame in the middle of each."""
 
-    poses: np.ndarray  # (N, 4, 21, 3, 3)
-    middle: np.ndarray  # (N, 21, 3, 3) halfway between the second and the third.
+    poses: np.ndarray  # (N, 4, 21, 3, 3) rotations of the keys.
+    middle: np.ndarray  # (N, 21, 3, 3) rotations halfway between the second and the third key.
 
 
 def draw_keys(corpus: Corpus, spacing: int, count: int, seed: int) -> Keys:
@@ -121,7 +121,7 @@ def draw_keys(corpus: Corpus, spacing: int, count: int, seed: int) -> Keys:
     return Keys(R[at], R[frame])
 
 
-Scheme = Callable[[np.ndarray], np.ndarray]  # From (N, 4, d) unit keys to the (N, d) point in their middle.
+Scheme = Callable[[np.ndarray], np.ndarray]  # Returns the (N, d) middle point of (N, 4, d) unit keys.
 
 
 def _squad(k: np.ndarray) -> np.ndarray:

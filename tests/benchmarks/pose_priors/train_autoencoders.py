@@ -18,7 +18,7 @@ from training.train import train
 ROOT = Path(__file__).resolve().parents[3] / "build" / "autoencoder_rows"
 STEPS = {"sposer": 6000}
 """Steps of the shipped trainings. The others have 3,000."""
-HIDDEN = 256  # Width of SPoser's decoder, as it ships.
+HIDDEN = 256  # Width of the shipped SPoser's decoder.
 ROWS = ("vposer", "rvposer", "sposer", "vposer_worded", "svae", "lie_vae", "rvposer_second_norm")
 """Trained rows. The last one has no shipped weights, so its seeds are 0, 1 and 2."""
 

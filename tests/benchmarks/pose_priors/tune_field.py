@@ -41,7 +41,7 @@ from tests.benchmarks.comparison.validation_takes import training_take
 from tests.benchmarks.pose_priors.keypoint_fits import manifold_fit
 from tests.benchmarks.pose_priors.tune_pulls import FRAMES, TAKES, sightings
 
-Use = Callable[[PoseNDF, float], float]  # Mean error on the training takes by a weight.
+Use = Callable[[PoseNDF, float], float]  # Returns the mean error on the training takes for a weight.
 MANIFOLDS, SMOOTHNESSES = (0.01, 0.03, 0.1, 0.3), (0.5, 1.0, 2.0, 4.0)
 CONSTANTS, ADAPTIVES = (3.0, 10.0, 30.0, 100.0), (10.0, 30.0, 100.0, 300.0)
 

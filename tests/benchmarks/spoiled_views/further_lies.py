@@ -10,7 +10,7 @@ import numpy as np
 from solver_backend.exchange.joint_sets import JointSet
 from tests.benchmarks.spoiled_views.kinds import Recording
 
-MOVED_M = (0.2, 0.0, 0.0)  # By how much somebody who stumbled over a tripod moved a camera after it was calibrated.
+MOVED_M = (0.2, 0.0, 0.0)  # Movement of a camera after its calibration.
 POSTER_PX, POSTER_CONFIDENCE = (300.0, 20.0), 0.9
 """Offset in pixels of a pictured person from the real one, and the detector's confidence for it."""
 LEGS = (("left_knee", "right_knee"), ("left_ankle", "right_ankle"))

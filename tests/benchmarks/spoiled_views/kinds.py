@@ -22,12 +22,12 @@ LATEST_FRAMES = 600
 class Recording:
     """Contents of a folder: pixels of C cameras, their calibration, and how they are written."""
 
-    xy: np.ndarray  # (C, F, K, 2) px, NaN where unseen.
-    confidence: np.ndarray  # (C, F, K).
-    cameras: Cameras  # As they are written; K and image size of pictures as they were calibrated.
-    names: tuple[str, ...]  # Of the folders.
-    transposed_K: bool = False  # Intrinsics are written transposed.
-    starts: np.ndarray | None = None  # (C,) frames by which cameras start after the first of all; None: together.
+    xy: np.ndarray  # (C, F, K, 2) pixels, NaN if unseen.
+    confidence: np.ndarray  # (C, F, K) confidences.
+    cameras: Cameras  # Written cameras, with K and image size of the calibration.
+    names: tuple[str, ...]  # Names of the folders.
+    transposed_K: bool = False  # Write transposed intrinsics.
+    starts: np.ndarray | None = None  # (C,) delays of the cameras' starts in frames, None for none.
 
 
 def half_size(recording: Recording, chosen: np.ndarray | slice = slice(None)) -> Recording:

@@ -32,7 +32,7 @@ SQUAT = 63
 SCALED, SLIGHTLY_SCALED, FULL = 1.25, 1.1, "as it should be"
 AS_TEXT = tuple(sorted(range(FRAMES), key=str))
 """Frames in the order of their numbers as texts."""
-_BEGIN = 24  # Letters of a sentence by which it is found again in a text that breaks lines.
+_BEGIN = 24  # Number of letters that identify a sentence in wrapped text.
 Spoil = Callable[[Recording, np.random.Generator], Recording]
 
 
@@ -107,7 +107,7 @@ ROWS: dict[str, Lie] = {
     "numbers of other cameras": Lie(_moved_numbers),
     "confidence 0.01": Lie(_known("confidence 0.01")),
     "confidence 1": Lie(_known("confidence 1")),
-    "lenses 10 % long": Lie(_known("lenses 10 % long"), of_size=True),  # 120 frames show it to 2.4 deviations alone.
+    "lenses 10 % long": Lie(_known("lenses 10 % long"), of_size=True),  # 120 frames show it only by 2.4 σ.
     "one lens 10 % long": Lie(_known("one lens 10 % long")),
     "sides exchanged": Lie(_known("sides exchanged")),
     "scaled by 1.1": Lie(lambda r, g: in_unit(r, SLIGHTLY_SCALED), of_size=True),

@@ -10,10 +10,10 @@ import numpy as np
 from solver_backend.exchange.joint_sets import JointSet
 from tests.benchmarks.spoiled_views.kinds import Recording
 
-FOCAL_ERROR = 1.10  # Times the true focal length: a zoom that moved, or another mode of the camera.
+FOCAL_ERROR = 1.10  # Factor of the focal length, as after zooming or in another camera mode.
 LEFT_SHARE, DROPPED = 0.4, 0.15
 """Share of the take without the person, and share of missing pictures of one camera."""
-TREMBLING_PX = 3.0  # Standard deviation of detections of somebody who does not move.
+TREMBLING_PX = 3.0  # Standard deviation of detections of a person at rest.
 
 
 def flat_confidence(recording: Recording, value: float) -> Recording:

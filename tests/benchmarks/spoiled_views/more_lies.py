@@ -9,7 +9,7 @@ import numpy as np
 
 from tests.benchmarks.spoiled_views.kinds import Recording
 
-RATE_FACTOR = 2  # Times the true rate that the recording is said to have.
+RATE_FACTOR = 2  # Stated frame rate relative to the true one.
 CROSSING_SHARE, CROSSING_PX = 0.25, 260.0
 """Share of the take in which a view follows another person, and that person's offset in pixels."""
 

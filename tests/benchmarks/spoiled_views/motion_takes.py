@@ -22,7 +22,7 @@ SIZE = (1920, 1080)
 NOISE, OFFSET, OUTLIERS = 0.012, 0.008, 0.02
 """Standard deviations of a detector's errors and of its constant offsets, relative to the person's height in the
 picture, and the share of errors that are ten times as large."""
-CORRELATION = 0.8  # Of a detector's errors from one frame to the next.
+CORRELATION = 0.8  # Correlation of a detector's errors between successive frames.
 _JOINTS = {
     "right_shoulder": "rhumerus", "right_elbow": "rradius", "right_wrist": "rhand", "left_shoulder": "lhumerus",
     "left_elbow": "lradius", "left_wrist": "lhand", "right_hip": "rfemur", "right_knee": "rtibia",
@@ -75,8 +75,8 @@ HELD_OUT = (
 class Filmed:
     """A simulated recording of a take."""
 
-    recording: Recording  # (C, F, 25 or 50, 2): a second person's keypoints follow.
-    truth: np.ndarray  # (F, 25, 3) metres of the first person; NaN for keypoints that skeletons lack.
+    recording: Recording  # (C, F, 25 or 50, 2) pixels, with a second person's keypoints last.
+    truth: np.ndarray  # (F, 25, 3) metres of the first person, NaN for keypoints that skeletons lack.
 
 
 def film(take: MotionTake, seed: int) -> Filmed:

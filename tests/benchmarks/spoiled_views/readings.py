@@ -19,8 +19,8 @@ class Difference:
     """Difference between the persons of two readings."""
 
     off_mm: float  # Mean distance of points after a similarity.
-    scale: float  # Of the other against this one.
-    tilt_deg: float  # Angle between the two worlds' up.
+    scale: float  # Scale of the other reading relative to this one.
+    tilt_deg: float  # Angle between the up axes of both worlds.
 
     @property
     def alike(self) -> bool:

@@ -34,13 +34,13 @@ CHANGES = {
 class Result:
     """Result of a recording."""
 
-    error_mm: float  # Mean error of the joints, the take laid over the truth rigidly; NaN where it was refused.
-    warnings: tuple[str, ...]  # What the solve warned of.
-    refused: str = ""  # Why it was refused, with what to do.
-    tilt_deg: float = float("nan")  # Angle of its world's up with the truth's, NaN where it was refused.
-    shape_mm: float = float("nan")  # As ``error_mm``, but at the truth's size.
-    scale: float = float("nan")  # Of the truth against the result.
-    codes: tuple[str, ...] = ()  # Of what was found in the recording.
+    error_mm: float  # Mean joint error after rigid alignment with the truth, NaN if refused.
+    warnings: tuple[str, ...]  # Warnings of the solve.
+    refused: str = ""  # Reason for a refusal, with a hint.
+    tilt_deg: float = float("nan")  # Angle between its world's up axis and the truth's, NaN if refused.
+    shape_mm: float = float("nan")  # ``error_mm`` at the truth's size.
+    scale: float = float("nan")  # Scale of the truth relative to the result.
+    codes: tuple[str, ...] = ()  # Codes of diagnostics of the recording.
 
     @property
     def silent(self) -> bool:
@@ -48,7 +48,7 @@ class Result:
         return not self.warnings and not self.refused
 
 
-Known = Callable[[Capture], Result | None]  # Gives what is known to become of a reading, None where it must be solved.
+Known = Callable[[Capture], Result | None]  # Returns a reading's known result, or None if it must be solved.
 
 
 def result_of(
@@ -132,7 +132,7 @@ def scale_of(found: np.ndarray, joints: np.ndarray) -> float:
     return spreads[0] / spreads[1]
 
 
-_COMPARED = 12  # Frames by which the take is found in the film.
+_COMPARED = 12  # Number of frames that locate the take in the film.
 
 
 def _shown_part(found: np.ndarray, joints: np.ndarray) -> np.ndarray | None:

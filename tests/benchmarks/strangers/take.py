@@ -12,7 +12,7 @@ from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Cameras, JointSet
 from tests.support.calibration_files import toml_text
 
-FRAMES, LENGTH, FPS = 120, 360, 60.0  # Of a take, of the whole demo, and a second of it.
+FRAMES, LENGTH, FPS = 120, 360, 60.0  # Frames of a take, frames of the whole demo, and frame rate.
 COCO = JointSet.COCO_17.keypoints
 
 
