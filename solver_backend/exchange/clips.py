@@ -24,7 +24,7 @@ R_STAGE_BODY = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotates the body's axes (Y up, Z forward) to the stage's axes (Z up, -Y forward)."""
 _ACROSS = np.array([-1.0, 1.0, 1.0])  # Reflection of the body's frame in its plane of symmetry.
 _UPRIGHT = 0.5  # Smallest horizontal part of the forward direction that defines the mirror plane.
-_MOST_FRAMES = 1_000_000  # Most frames of a resampled motion, more than two hours at 120 Hz, chosen by hand.
+_MOST_FRAMES = 1_000_000  # Maximum number of resampled frames: more than two hours at 120 Hz. Chosen by hand.
 _MOVED = {f"motion {edit}" for edit in ("trim", "loop", "mirror", "join", "retime", "resample", "in-place")}
 _POSE = ("rotvec", "transl", "joints")
 _CROSS = ((0, 1, 2), (1, 3, 4), (2, 4, 5))  # Index of each entry of a covariance matrix among its six stored numbers.

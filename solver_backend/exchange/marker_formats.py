@@ -1,4 +1,4 @@
-"""List the formats of marker files. ``io/markers/write.py`` has a writer for each."""
+"""List the formats of marker files. ``io/markers/read.py`` has a writer for each."""
 
 from __future__ import annotations
 

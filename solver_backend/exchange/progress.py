@@ -33,7 +33,7 @@ def prefixed(progress: Progress, prefix: str) -> Progress:
     return receive
 
 
-_STAGES = 16  # Most stages whose start is remembered. A batch's stage continues between those of its takes.
+_STAGES = 16  # Maximum number of stored stage starts. A batch's stage continues between its takes' stages.
 
 
 class _Clock:

@@ -1,4 +1,4 @@
-"""Define settings as rows, from which command line, panel, job and documentation derive."""
+"""Define settings as rows. Command line, panel, job and documentation derive from them."""
 
 from __future__ import annotations
 

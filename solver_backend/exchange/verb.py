@@ -1,4 +1,4 @@
-"""Define verbs as rows, from which parsers, help, panels and reference pages derive."""
+"""Define verbs as rows. Parsers, help, panels and reference pages derive from them."""
 
 from __future__ import annotations
 

@@ -303,4 +303,4 @@ FORMATS = (
     ),
     PathFormat("JSON of ARKit, ARCore or Blender", lambda path: path.suffix.lower() == ".json", _read_document),
 )
-"""Readers in the order in which they are tried."""
+"""Readers, tried in this order."""

@@ -27,7 +27,7 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class Readers(Iterable[Reader[Item]], Generic[Item]):
-    """Readers in the order in which they are tried. Their modules are imported on demand."""
+    """Readers, tried in this order. Their modules are imported on demand."""
 
     rows: tuple[tuple[str, str], ...]  # Module in this package, and the name of its reader or tuple of readers.
 

@@ -250,7 +250,7 @@ def frame_facts(
     problems = list(different_count("frames", count, len(numbers)))
     if len(jumps := np.flatnonzero(np.diff(numbers) != 1)):
         at = int(jumps[0])
-        before, after = (f"{number:g}" for number in numbers[at : at + 2])  # texts, as a blank cell is no number
+        before, after = (f"{number:g}" for number in numbers[at : at + 2])  # as text, because cells may be blank
         problems.append(diagnostic("frame_numbers_jump", before=before, after=after, jumps=len(jumps)))
     return rate, (*problems, *contradicted)
 

@@ -274,11 +274,11 @@ def _chosen(cost: np.ndarray, alive: np.ndarray) -> np.ndarray:
     return found
 
 
-TAKE_FRAMES, LEAST_FRAMES = 120, 8  # Most frames of a take to use, and fewest frames that show a marker.
+TAKE_FRAMES, LEAST_FRAMES = 120, 8  # Frames of a take to use, and minimum for a marker.
 SKIN_M = 0.01  # Standard deviation (m) of a rigid pair's distance between takes, by placement and soft tissue.
 CONFUSED_M = 0.35
 """Largest distance of confused markers in metres. The furthest observed were on a forearm and an upper arm."""
-OTHERS = 3  # Number of further markers that determine a pair's side, those most rigid with both.
+OTHERS = 3  # Number of other markers that determine a pair's side: the most rigid with both.
 OPEN = -4.0  # Gain by distances below which sides are not compared.
 
 

@@ -34,10 +34,10 @@ from solver_backend.types import MarkerCloud
 UNKNOWN = -1  # Label of a point that remains unnamed.
 MEMORY_S = 0.15  # Seconds within which readings share their error and count as one.
 NETWORK_MOST = 4.0
-"""Largest number of independent readings that the network counts as, because its errors persist throughout a take."""
+"""Maximum weight of the network, in independent readings, because its errors persist throughout a take."""
 DISTANCE_SHARE = 1.5  # Weight of the distance evidence.
 BODY_SHARE, BODY_MOST = 0.3, 2.5
-"""Weight of the body's evidence relative to one reading, and most readings that it counts as."""
+"""Weight of the body's evidence relative to one reading, and its maximum weight in readings."""
 PASSING, PASSING_S = 5.0, 0.4
 """Additional log likelihood that a briefly visible point is not a marker, and its decay time in seconds."""
 SELDOM = np.array([i for i, name in enumerate(MARKERS) if name not in marker_layout("CMU_41")])
@@ -269,8 +269,8 @@ def _limbs_fit(markers: np.ndarray, places: np.ndarray, moved: np.ndarray) -> np
 
 READ_FPS = 30.0  # Frames per second that the network reads. Closer readings repeat each other.
 CROWD = 200
-"""Most points per frame at which the network reads ``READ_FPS`` frames per second. With more points it reads equally
-many pairs per second: 1.3 s of CPU per second of a take. Chosen by hand, above the number in one person's takes."""
+"""Largest number of points per frame for which the network reads ``READ_FPS`` frames per second. With more points it
+reads equally many pairs per second: 1.3 s of CPU per second of a take. Chosen by hand, above one person's number."""
 ROUNDS, BODY_FROM = 5, 2  # Voting rounds that use the previous round's names, and the first round with a body.
 _FLOOR = -8.0  # Smallest log probability of one reading, so that no single frame excludes a label.
 MOST_CHAINS = 5000  # Maximum number of chains of tracklets. Comparing every pair of them needs 2 GB at this number.

@@ -160,7 +160,7 @@ def load_network(path: Path | None = None) -> PointNetwork:
 
 
 FEWEST_POINTS, MOST_POINTS = 6, 2000
-"""Fewest points of a person, and most points per frame. The network compares every pair, which needs 0.6 GB."""
+"""Smallest number of points of a person, and largest per frame. To compare all their pairs needs 0.6 GB."""
 _PART, _PAIRS = 64, 64 * 100**2  # Maximum number of frames and pairs of points that the network reads at a time.
 
 

@@ -121,7 +121,7 @@ def _chains(positions: np.ndarray, column: np.ndarray, first: np.ndarray, last: 
 
 _TAKEN = -1e9  # Evidence of a label that is already used, below any log probability.
 _ROUNDS, _EXCHANGES, _GAIN = 4, 200, 1e-6
-"""Most rounds of exchanges, most exchanges per round, and smallest gain of an exchange, chosen by hand."""
+"""Maximum numbers of rounds and of exchanges per round, and smallest gain of an exchange, chosen by hand."""
 
 
 def labels_of_frame(log_probability: np.ndarray) -> np.ndarray:
@@ -219,8 +219,8 @@ ALIKE, ALIKE_M, ALIKE_CHANGE = 0.5, 0.012, 0.5
 """Fraction of the pairs that are placed alike on both sides of a person, and the difference between their distances in
 metres and relative to their change."""
 READINGS, _SHARE, FEWEST_PARTNERS = 8.0, 0.35, 6
-"""Most partners that count as independent (one marker's position affects all of its distances), largest weight of one
-partner, and fewest partners of a labelled tracklet. Chosen by hand."""
+"""Maximum number of independent partners (one marker's position affects all of its distances), largest weight of one
+partner, and minimum number of partners of a labelled tracklet. Chosen by hand."""
 _BLOCK, _PAIRS, _CELLS = 256, 256 * 60**2, 2**22
 """Frames, pairs of points, and chains times landmarks times partners per step. They limit memory to 32 MB per
 intermediate array and were chosen by hand. A thousand points are compared frame by frame."""

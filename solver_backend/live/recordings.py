@@ -175,7 +175,7 @@ _RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 72.0, 75.0, 90.0, 100.0, 120.0, 14
 _NEAR = 0.03  # Largest relative difference between a measured rate and a common one.
 _NEIGHBOURS = 4.0  # Intervals longer than this many usual intervals are pauses and not lost frames. Chosen by hand.
 _LEAST_STEP_S = 1e-4  # Smallest time between two poses in seconds. Chosen by hand.
-_SILENCE_S, _CUT_TO_S = 10.0, 1.0  # A longer silence is not part of a take and is cut to the second value.
+_SILENCE_S, _CUT_TO_S = 10.0, 1.0  # Longer silences (s) are cut to the second value.
 _GAP_S = 0.1  # Frames further from a received pose (seconds) are marked as interpolated.
 
 

@@ -56,7 +56,7 @@ def one_view_section(capture: Capture, motion: Motion) -> str:
 
 
 def open_limbs(motion: Motion) -> dict[str, np.ndarray]:
-    """Return for each limb the (F,) mask of frames in which its depth was reported as ambiguous."""
+    """Return for each limb the (F,) mask of the frames with a depth reported as ambiguous."""
     found = {part: np.zeros(motion.num_frames, dtype=bool) for part in LIMB_ENDS.values()}
     for item in recorded_diagnostics(motion):
         part = item.values.get("part")

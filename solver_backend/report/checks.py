@@ -28,9 +28,9 @@ from solver_backend.report.statistics import KeypointResiduals, detected_share, 
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, MARKER_GHOST, Capture, JointSet, Motion
 
 BELOW_FLOOR_M, ABOVE_FLOOR_M = 0.05, 0.25
-"""Heights of a foot joint below and above the floor at which the floor is suspicious, metres."""
+"""Suspicious heights of a foot joint below and above the floor, metres."""
 DRIFT_M, DRIFT_ENDS_S = 0.5, 0.5
-"""Height change of the lowest joint between the first and the last half second at which the take drifts, metres."""
+"""Smallest height change of the lowest joint in a drift (m), and duration (s) of the two ends that are compared."""
 STEADY = 0.3  # Smallest fraction of the change that the median speed explains in a drift. Steps are sudden.
 _LEAST_STANCES = 0.1  # Smallest fraction of frames in which a foot is still on the ground, for stances to count.
 SKATING_CM_S, _SLIDING_HZ = 15.0, 30.0
@@ -191,10 +191,10 @@ IMPOSSIBLE_STATURES_M = (0.65, 2.8)
 """Limits beyond toddlers and the tallest man on record (2.72 m). Outside them the scale is wrong by half or more."""
 LEAST_AGREEMENT_PERCENT = 75.0  # Smallest percentage of inliers. Below it the report's tile is red.
 LEAST_VIEWS_PERCENT = 75.0
-"""Smallest percentage of the views with the person, of those that should show the person. Real captures reach 100 %."""
+"""Smallest percentage of views with the person among all that should show the person. Real captures reach 100 %."""
 USELESS_VIEWS_PERCENT, USELESS_VIEWS = 62.5, 2.75
 """Percentage and number of agreeing views. A result below both is useless. Two of four can agree by chance (cameras
-started seconds apart: 56 %, 2.2 views), two of three or three of five hardly can. With two cameras, less than 75 %
+started seconds apart: 56 %, 2.2 views). Two of three or three of five rarely do. With two cameras, less than 75 %
 leaves half of the frames to one of them (the demo with one camera mirrored: 65 %, 201 mm error)."""
 AGREES_SHARE = 0.06
 """Largest median distance of a view that agrees with the body, relative to the person's extent in the image. Detectors
@@ -202,7 +202,7 @@ have errors of 0.8 to 1.5 %."""
 DETECTOR_SHARE, USELESS_SHARE = 0.04, 0.1
 """Median distances relative to the person's extent that exceed any detector's, and that make a result useless."""
 TILT_DEGREES, LEANS_DEGREES, TILT_SIGMAS = 8.0, 25.0, 3.0
-"""Suspicious angles between a person's stance and the world's up for joint centres, for views, and in deviations.
+"""Suspicious angles of a person's stance to the world's up: for joint centres, for views, in standard deviations.
 Levelled takes stay within 5 degrees, but people who dance or climb stairs lean by 19 (``bench_good_captures``)."""
 STANDS_SHARE = 0.5  # Smallest fraction of frames with a person within 45° of upright, as evidence of up.
 
@@ -241,8 +241,8 @@ def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResidual
     """Return the views that agree with the body, per frame.
 
     A view of other people counts against the person only if they are at the person's position while two views show the
-    person, and if no view shows both. People who come and go or occlude the person do not count, nor do interpolated
-    frames and views that the user excluded.
+    person, and if no view shows both. People who come and go or occlude the person do not count. Interpolated frames
+    and views that the user excluded do not count either.
     """
     assert capture.cameras is not None and capture.keypoints is not None
     px = _body_px(capture, motion)

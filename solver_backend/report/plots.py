@@ -300,7 +300,7 @@ class Projection:
 
 
 def _space_projection(everything: np.ndarray) -> tuple[Projection, float]:
-    """Return a projection in which all points are visible, and the height of its drawing."""
+    """Return a projection that shows all points, and the height of its drawing."""
     turn, down = np.radians([TURN_DEG, DOWN_DEG])
     right = np.array([np.cos(turn), np.sin(turn), 0.0])
     up = np.array([-np.sin(turn) * np.sin(down), np.cos(turn) * np.sin(down), np.cos(down)])

@@ -13,7 +13,7 @@ from solver_backend.metrics import reprojection_px
 from solver_backend.types import Capture, Motion
 
 RAYLEIGH_MEDIAN = 1.1774
-"""Median length of a 2D error whose coordinates have standard deviation 1: ``sqrt(2 ln 2)`` (Rayleigh 1880)."""
+"""Median length of a 2D error with a standard deviation of 1 per coordinate: ``sqrt(2 ln 2)`` (Rayleigh 1880)."""
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ class CameraEntry:
     image_size: tuple[int, int] | None = None
     """Width and height in pixels, None if the file does not state them."""
     model: str = DEFAULT_MODEL
-    """Name of the lens model to which the coefficients belong."""
+    """Name of the lens model of the coefficients."""
     rotation_vector: np.ndarray | None = None
     """(3,) rotation vector if the file stores the rotation as one."""
 
@@ -65,7 +65,7 @@ class Calibration:
     source: Path
     """File or folder of the calibration."""
     size_known: tuple[bool, ...] = ()
-    """True for each camera whose image size the file states."""
+    """True for each camera with an image size in the file."""
     guessed_unit: str = ""
     """Length unit if it was inferred from the distances between cameras, '' if the file or the user states it."""
     notes: tuple[Diagnostic, ...] = ()

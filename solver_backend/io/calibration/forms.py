@@ -498,4 +498,4 @@ _FORMS: tuple[Callable[[Values], Content | None], ...] = (
     _stereo,
     _ros,
 )
-"""Functions that read the whole content of a file, in the order in which they are tried. Others return None."""
+"""Functions that read the whole content of a file, tried in this order. They return None for other content."""

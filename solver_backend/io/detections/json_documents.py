@@ -582,4 +582,4 @@ _DOCUMENTS: tuple[tuple[Callable[[Any], bool], Callable[[Any, Path, str], Camera
     (_is_by_picture, _pictures),
     (_is_named, lambda document, path, _camera: _read_named_frames(_numbered_frames(document) or {}, path)),
 )
-"""Recogniser and reader of each form of document, in the order in which they are tried."""
+"""Recogniser and reader of each form of document, tried in this order."""

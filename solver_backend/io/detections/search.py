@@ -58,7 +58,7 @@ _KINDS = (
     TakeFile(point_arrays.is_hdf5_table, column_table.deeplabcut_camera, point_arrays.read_hdf5_table),
     TakeFile(point_arrays.is_array, lambda path: path.stem, point_arrays.read_array, point_arrays.cameras_in),
 )
-"""File types in the order in which they are tried. A folder has files of one type."""
+"""File types, tried in this order. A folder has files of one type."""
 POSE_FOLDERS = ("pose-associated", "pose-sync", "pose", "pose-2d", "pose_sync")
 """Folders of a Pose2Sim trial that contain a folder per camera, the last pipeline stage first."""
 DETECTION_FOLDERS = (

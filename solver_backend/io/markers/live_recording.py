@@ -30,7 +30,7 @@ MARK = b"MMLIVE1\n"
 MOST_POINTS = 400  # Maximum number of points per frame. More are not the markers of one person.
 _HEAD, _FIXED = struct.Struct("<8sII"), struct.Struct("<11d")
 _SEARCHED = 64, 1 << 20  # Bytes to search for the next block at first and at most. The number doubles each time.
-MOST_NUMBERS = 400_000_000  # Most coordinates in a take: 1.6 GB, more than six hours of 60 points at 100 Hz.
+MOST_NUMBERS = 400_000_000  # Maximum number of coordinates: 1.6 GB, more than six hours of 60 points at 100 Hz.
 DEFAULT_RATE = 120.0  # Frames per second of a recording without time stamps, chosen by hand.
 
 

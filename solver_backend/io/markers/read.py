@@ -64,7 +64,7 @@ MARKERS: tuple[Reader[MarkerTake], ...] = (
     _row("table of points", (".csv", ".tsv", ".txt"), read_point_table, begins_as_points),
     _row("live recording that was not finished", (SUFFIX,), read_live_recording),
 )
-"""Readers in the order in which they are tried. The first that recognises a path reads it."""
+"""Readers, tried in this order. The first that recognises a path reads it."""
 
 
 def read_markers(path: Path | str, **options: Any) -> MarkerTake:

@@ -281,7 +281,7 @@ def _roles(skeleton: Skeleton, where: str) -> tuple[dict[str, str], list[Diagnos
         hint = "Export the skeleton with bone lengths."
         raise MotionInvalid(f"The skeleton is {skeleton.size:.3g} units large at rest.", where=where, hint=hint)
     guess = recognise(skeleton)
-    if not guess.roles and not guess.doubts:  # arms without hands are no branches of a person: names may show them
+    if not guess.roles and not guess.doubts:  # names may show arms without hands
         parents = {name: skeleton.names[p] for name, p in zip(skeleton.names, skeleton.parents, strict=True) if p >= 0}
         named = guess_roles(skeleton.names, parents)
         guess = replace(guess, roles=named if is_plausible(named, skeleton) else {})

@@ -72,7 +72,7 @@ _LAYOUTS = (
     ),
     _RotationLayout("WHAM", "*", ("pose", "", "trans"), ("pose_world", "trans_world"), "frame_ids"),
 )
-"""Layouts in the order in which they are tried. The first layout whose paths all exist reads the file."""
+"""Layouts, tried in this order. The first layout with all its paths in the file reads it."""
 _SOMA = 77
 _SOMA_OF = (0, 67, 72, 1, 68, 73, 2, 69, 74, 3, 70, 75, 4, 11, 39, 6, 12, 40, 13, 41, 14, 42)
 """SOMA joint of each of SMPL's 22 joints. SOMA's second neck joint, 5, rotates the head together with 6."""

@@ -83,7 +83,7 @@ MAPS: tuple[SkeletonMap, ...] = tuple(
     SkeletonMap(family, tuple(joints.split()), _POSES.get(family, ()), _HALFWAY.get(family, ()))
     for family, _, joints in (row.strip().partition(":") for row in _TABLE.split("\n\n"))
 )
-"""Skeleton families in the order in which they are tried."""
+"""Skeleton families, tried in this order."""
 _FOREARMS = tuple(zip(SMPL.both("elbow"), SMPL.both("wrist"), strict=True))
 """(elbow, wrist) joints. Forearms point along the x axis in the T-pose."""
 

@@ -271,7 +271,7 @@ def _within_radius(time: float, sightings: list[SensorSightings]) -> FusedPoints
 SILENT_S = 0.25  # Seconds without a frame after which a sensor counts as silent. The others then continue.
 JUMP_S = 0.5
 """Largest difference between time steps of sensor and host in seconds. Beyond it, the host's step is used."""
-WAITING, MOST_FINDINGS = 30, 1000  # Most waiting frames per sensor, and most findings. Older ones are dropped.
+WAITING, MOST_FINDINGS = 30, 1000  # Maximum number of frames per queue, and of findings. Older ones are dropped.
 
 
 @dataclass(frozen=True)

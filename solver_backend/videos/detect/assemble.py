@@ -212,11 +212,11 @@ def _timing(
 
 
 WIDTH_PX = 640  # Width of the processed images in pixels. A feature is located to 1/20 of such a pixel.
-FEATURES, FEWEST = 400, 40  # Most and fewest tracked features. New ones are detected below half of the first.
-FEWEST_STILL = 8  # Features that suffice to detect a still camera if a plain wall shows no more.
+FEATURES, FEWEST = 400, 40  # Maximum and minimum number of tracked features. Below half the first, new ones are added.
+FEWEST_STILL = 8  # Number of features that suffice for a still camera if a plain wall shows no more.
 MARGIN = 0.25  # Margin of people's boxes relative to their size, because hair, clothes and shadows move with them.
 STILL_DEG = 0.25  # Largest rotation of a still camera in degrees. Image noise reaches as much over a take.
-LEFT_SHARE, LEFT_PX = 0.15, 1.0  # Movement that turns may leave: a share of it, or pixels of 640.
+LEFT_SHARE, LEFT_PX = 0.15, 1.0  # Movement that rotations may not explain: share, and pixels of 640.
 SCALES_PX = (30.0, 10.0, 3.0, 1.0, 1.0)  # Scales of the Geman-McClure weights in pixels, from least squares to robust.
 
 

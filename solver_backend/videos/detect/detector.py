@@ -40,7 +40,7 @@ class DetectorFailed(MocapError):
     """The process of the detector ended with an error."""
 
 
-_LARGEST_HEAD, _LARGEST_ANSWER, _MOST_ARRAYS = 1 << 20, 1 << 24, 32  # Largest line and array in bytes, most arrays.
+_LARGEST_HEAD, _LARGEST_ANSWER, _MOST_ARRAYS = 1 << 20, 1 << 24, 32  # Largest line and array in bytes, and array count.
 READY_S, ANSWER_S = 300.0, 60.0  # Time limits to start and to detect. Large models on slow machines take 10 s.
 _LOG_BYTES = 1 << 16  # Number of bytes to read at the end of a detector's log.
 _POSE: dict[str, Shape] = {"keypoints": (None, None, 3)}

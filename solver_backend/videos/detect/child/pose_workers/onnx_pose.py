@@ -259,7 +259,7 @@ class _MoveNet(_PoseModel):
         return _chosen(corners, score, points, offset, scale, self.most)
 
 
-KINDS = (_MoveNet, _RtmPose, _Rtmo, _YoloPose)  # Kinds in the order in which they are tried.
+KINDS = (_MoveNet, _RtmPose, _Rtmo, _YoloPose)  # Kinds, tried in this order.
 
 
 def suppressed(corners: np.ndarray, score: np.ndarray, most: int) -> list[int]:
