@@ -12,6 +12,7 @@ from solver_backend.exchange.lens import DEFAULT_MODEL, require_models
 from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, require_within
 from solver_backend.types.shapes import Float, Int
 
+_SHORTEST_PX = 1e-3  # Focal length in pixels. A fisheye lens on a picture of one pixel has 0.3.
 _LARGEST_SIZE = 2.0**31  # Pixels per side below which sizes fit into 32-bit integers.
 
 
@@ -110,7 +111,7 @@ class Cameras:
             sign = np.linalg.det(self.R)
         bent = ~(off <= 1e-3)
         lengths = self.K[:, [0, 1], [0, 1]]
-        if not (bent.any() or (sign < 0).any() or (lengths <= 0).any() or (self.image_size <= 0).any()):
+        if not (bent.any() or (sign < 0).any() or (lengths < _SHORTEST_PX).any() or (self.image_size <= 0).any()):
             return
         for c, name in enumerate(self.names):
             if bent[c] or sign[c] < 0:
@@ -120,8 +121,8 @@ class Cameras:
                     hint = "Check that the calibration contains a rotation (not a scaled or mirrored matrix)."
                 what = f"The rotation {what} (|R Rᵀ - I| = {off[c]:.3g}, det = {sign[c]:.3g})."
                 raise CalibrationInvalid(what, where=f"camera {name}", hint=hint)
-            if self.K[c, 0, 0] <= 0 or self.K[c, 1, 1] <= 0:
-                what = f"The focal length must be positive, not {self.K[c, 0, 0]:.6g}, {self.K[c, 1, 1]:.6g}."
+            if (lengths[c] < _SHORTEST_PX).any():
+                what = f"The focal length must be {_SHORTEST_PX:g} px or more, not {lengths[c, 0]:.6g}, {lengths[c, 1]:.6g}."
                 raise CalibrationInvalid(what, where=f"camera {name}")
             width, height = self.image_size[c]
             if min(width, height) <= 0:
