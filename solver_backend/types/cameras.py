@@ -122,7 +122,8 @@ class Cameras:
                 what = f"The rotation {what} (|R Rᵀ - I| = {off[c]:.3g}, det = {sign[c]:.3g})."
                 raise CalibrationInvalid(what, where=f"camera {name}", hint=hint)
             if (lengths[c] < _SHORTEST_PX).any():
-                what = f"The focal length must be {_SHORTEST_PX:g} px or more, not {lengths[c, 0]:.6g}, {lengths[c, 1]:.6g}."
+                found = f"{lengths[c, 0]:.6g}, {lengths[c, 1]:.6g}"
+                what = f"The focal length must be {_SHORTEST_PX:g} px or more, not {found}."
                 raise CalibrationInvalid(what, where=f"camera {name}")
             width, height = self.image_size[c]
             if min(width, height) <= 0:

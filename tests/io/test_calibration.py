@@ -184,7 +184,7 @@ def broken(text: str, old: str, new: str) -> str:
 @pytest.mark.parametrize(
     ("old", "new", "text"),
     [
-        ("matrix = [[1400.0,", "matrix = [[-1400.0,", r"focal length must be 0.001 px or more, not -1400.*camera cam_a"),
+        ("matrix = [[1400.0,", "matrix = [[-1400.0,", r"must be 0.001 px or more, not -1400.*camera cam_a"),
         ("[0.0, 1410.0,", "[0.0, 1e-30,", r"focal length must be 0.001 px or more, not 1400, 1e-30.*camera cam_a"),
         ("matrix = [[1400.0,", "matrix = [[nan,", r"K contains NaN.*camera cam_a"),
         ("rotation = [[", "rotation = [[9.0, 1, 1], [0, 1, 1], [0, 1, 1]]\nold = [[", "not orthonormal"),

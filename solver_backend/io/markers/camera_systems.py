@@ -156,14 +156,15 @@ def _motive_bodies(
     of_body = [i for i, kind in enumerate(columns.types) if kind == _BODY]
     starts: dict[tuple[str, str], int] = {}
     for i in of_body:
-        if columns.axes[i] == "x" and columns.quantities[i] in (_TURN, _PLACE):
+        if columns.axes[i : i + 3] == ["x", "y", "z"] and columns.quantities[i] in (_TURN, _PLACE):
             starts.setdefault((columns.names[i], columns.quantities[i]), i)
     worn = {prefix_of(label) for label in labels}
     found = list(dict.fromkeys(columns.names[i] for i in of_body))
     by_markers = [name for name in found if name in worn or any(label.startswith(f"{name}_") for label in labels)]
     left = [name for name in found if name not in by_markers and (name, _TURN) in starts and (name, _PLACE) in starts]
     notes = [diagnostic("parts_not_read", kind="poses", bodies=by_markers)] if by_markers else []
-    if left and rotation_type and not rotation_type.lower().startswith("quat"):
+    is_quat = all(columns.axes[starts[name, _TURN] + 3 :][:1] == ["w"] for name in left)
+    if left and not (is_quat and (not rotation_type or rotation_type.lower().startswith("quat"))):
         return {}, [*notes, diagnostic("parts_not_read", kind="euler", bodies=left)]
     if left:
         notes.append(diagnostic("points_computed", kind="bodies", count=len(left), bodies=left))

@@ -96,7 +96,9 @@ def test_units(tmp_path: Path, unit: str, metres: float) -> None:
     np.testing.assert_allclose(found.cloud.positions[0], FIRST[:, [0, 2, 1]] * [1, -1, 1], atol=1e-7)
 
 
-@pytest.mark.parametrize(("rotation", "axes"), [("Quaternion", "XYZW"), ("XYZ", "XYZ"), ("ZYX", "XYZ")])
+@pytest.mark.parametrize(
+    ("rotation", "axes"), [("Quaternion", "XYZW"), ("XYZ", "XYZ"), ("ZYX", "XYZ"), ("Quaternion", "XYZ")]
+)
 def test_rigid_bodies_become_props_and_bones_are_left_out(tmp_path: Path, rotation: str, axes: str) -> None:
     body = [
         *columns("Rigid Body", "Wand", "Rotation", axes), *columns("Rigid Body", "Wand", "Position", "XYZ"),
