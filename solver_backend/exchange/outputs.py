@@ -287,7 +287,7 @@ def _publish(written: Sequence[tuple[Path, Path]], overwrite: bool) -> None:
 
 
 def _take_name(part: Path, path: Path) -> None:
-    """Rename a file with a second link. Unlike a plain rename, this fails if the name exists."""
+    """Rename a file by a hard link. Unlike a plain rename, this fails if the name exists."""
     try:
         os.link(part, path)
     except FileExistsError:

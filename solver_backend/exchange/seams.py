@@ -225,7 +225,7 @@ class Loop:
     last: int  # Frame in the take that the first one replaces.
     gap: Seam  # Original difference of these two frames.
     seam_degrees: float  # Largest rotation between a joint in the first frame and its continuation from the last.
-    seam_mm: float  # Largest distance between the same.
+    seam_mm: float  # Largest distance between the same joints.
 
     @property
     def is_near(self) -> bool:

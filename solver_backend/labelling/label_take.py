@@ -247,7 +247,7 @@ def body_evidence(
 
 
 def _moved_with(weights: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
-    """Return a (53, 53) mask: the second marker is on the first one's joint, or further out on the limb."""
+    """Return a (53, 53) mask of pairs with the second marker on the first one's joint, or further out on the limb."""
     within = np.eye(len(parents), dtype=bool)
     for joint, parent in enumerate(parents):
         if parent >= 0:
@@ -257,7 +257,7 @@ def _moved_with(weights: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
 
 
 def _limbs_fit(markers: np.ndarray, places: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Return a (53,) mask: the markers from each marker's joint outwards are near the body, or missing.
+    """Return a (53,) mask of markers with all markers from their joint outwards near the body, or missing.
 
     On a wrist with a marker bar, a body that is fitted to both ends mistakes a hand for one of them.
     """
@@ -383,7 +383,7 @@ def _frames_to_read(seen: np.ndarray, tracklets: Tracklets, fps: float) -> np.nd
 
 
 def _fewest_inside(first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Return the fewest frames that meet every tracklet: the ends of tracklets that end before others begin."""
+    """Return a smallest set of frames that meets every tracklet: the ends of those that end before others begin."""
     chosen, latest = list[int](), -1
     for t in np.argsort(last, kind="stable"):
         if first[t] > latest:

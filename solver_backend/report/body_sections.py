@@ -16,7 +16,7 @@ MOMENTS = 4  # Number of drawn frames, one in each equal part of the take, where
 ROW, MARGIN, CAPTION = 230.0, 8.0, 20.0
 """Height of a row of drawings, its margin and the line of text above it, in drawing units."""
 ELLIPSE = 5.991**0.5
-"""Size in standard deviations of an ellipse with 95 % of a 2D normal distribution (chi square, 2 degrees)."""
+"""Standard deviations of an ellipse with 95 % of a 2D normal distribution (chi square, 2 degrees of freedom)."""
 OPEN_CODES = ("limb_depth_open",)  # Diagnostics that report limbs with ambiguous depth.
 TRUNK = "pelvis"
 _LEAD = (

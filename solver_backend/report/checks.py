@@ -97,8 +97,8 @@ def _is_moving_in_stances(feet: np.ndarray, fps: float, change: float) -> bool:
 
 
 FAR_MM, CENTRES_FAR_MM = 10.0, 30.0
-"""Suspicious median residuals of markers and joint centres. 60 recordings of other laboratories have 0.1 to 5 (7 if a
-network labelled the points), 3D keypoints of networks up to 25."""
+"""Suspicious median residuals (mm) of markers and joint centres. 60 recordings of other laboratories have 0.1 to 5 (7
+if a network labelled the points), 3D keypoints of networks up to 25."""
 ALWAYS_MM, WHILE_MM, WHILE_S = 20.0, 50.0, 0.3
 """Suspicious median residual of one marker, residual in some frames, and duration of these. Good markers in 60
 recordings have medians up to 19, and 50 for at most 0.24 s."""

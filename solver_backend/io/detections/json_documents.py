@@ -27,7 +27,7 @@ _HAND_LISTS = tuple(
 )
 """Possible names of the hand list, per side."""
 _LISTS = ("instances", "instance_info", "predictions", "poses", "persons", "people", "detections")
-"""Names of the list of people."""
+"""Keys under which programs write the list of people."""
 _POINTS = ("keypoints", "pose_keypoints_2d", "landmarks", "pose_landmarks", "poseLandmarks", "joints", "joints2d")
 _POINTS += ("keypoints2d", "keypoints_2d", "kpts")
 _SCORES = ("keypoint_scores", "keypoints_scores", "scores")

@@ -18,8 +18,8 @@ from solver_backend.exchange.outputs import open_regular, require_file
 _HEADER, _TAG = 128, 8
 """Bytes of the file header and of an element tag."""
 _MOST_ELEMENTS, _DEEPEST, _MOST_AXES = 200_000, 20, 8
-"""Most matrices per file, levels of nested structures and cells, and array axes. Chosen by hand. QTM's files have a few
-hundred matrices."""
+"""Maximum numbers of matrices per file, of levels of nested structures and cells, and of array axes. Chosen by hand.
+QTM's files have a few hundred matrices."""
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 """NumPy type of each element type."""
 _TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}

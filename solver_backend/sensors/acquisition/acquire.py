@@ -23,7 +23,7 @@ from solver_backend.sensors.acquisition.blobs import (
 from solver_backend.sensors.devices.device import PicturesDiffer, SensorFrame, SensorUnknown
 from solver_backend.types import Cameras
 
-GROUP_M = 128.0  # More than any 16-bit depth in millimetres, in metres.
+GROUP_M = 128.0  # Larger than any 16-bit depth in millimetres (65.5 m), in metres.
 NORMAL_MAD = 1.4826  # Ratio of a normal distribution's standard deviation to its median absolute deviation.
 
 

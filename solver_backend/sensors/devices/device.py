@@ -65,7 +65,7 @@ class SensorUnknown(MocapError):
 
 
 class PicturesDiffer(MocapError):
-    """The infrared pictures, depth pictures and calibration of a sensor have different sizes."""
+    """The infrared images, depth images and calibration of a sensor have different sizes."""
 
 
 class RecordingInvalid(MocapError):
