@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 import tracemalloc
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pytest
 
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
@@ -13,9 +16,12 @@ from solver_backend.body.mesh import pose_mesh
 from solver_backend.fitters.model.subject import PosedFrames, Subject
 from solver_backend.fitters.one_view.shape import foot_vertices
 from solver_backend.fitters.one_view.steady import _stands_around, stand_on_floor
+from solver_backend.fitters.pipeline import solve
 from solver_backend.fitters.problem import SolvedFrames
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.io.load import load_capture
 from solver_backend.types import JointSet
+from tests.support.recordings import ABSENT, BALANCING_TRIAL, recordings_folder
 
 FRAMES, FPS = 40, 30.0
 LEVEL = np.tile([0.0, 1.0, 0.0], (FRAMES, 1))
@@ -107,6 +113,33 @@ def test_feet_high_above_the_floor_do_not_pull_the_body_down() -> None:
     assert np.abs(moved).max() < 1e-3
 
 
+def test_a_contact_that_is_missed_for_a_moment_is_no_flight_and_a_jump_is() -> None:
+    take, middle = solved(0.0), np.arange(FRAMES) - FRAMES // 2
+    missed = (np.abs(middle) < 6)[:, None]
+    time = np.clip(6 - np.abs(middle), 0, None) / FPS * (np.clip(6 + np.abs(middle), 0, 12)) / FPS
+    for height, stays in ((0.015 * time / time.max(), False), (0.5 * 9.81 * time, True)):
+        frames = replace(take.frames, transl=take.frames.transl + height[:, None] * [0.0, 0.0, 1.0])
+        stood = stand_on_floor(replace(take, frames=frames, contacts=np.tile(~missed, 2)), LEVEL, FPS)
+        for foot in soles(stood):
+            low = foot[..., 2].min(axis=1)
+            assert bool(low[FRAMES // 2] > 0.9 * height.max()) is stays
+            assert stays or np.abs(low).max() < 0.006
+
+
 def test_without_contacts_nothing_moves() -> None:
     take = replace(solved(0.03), contacts=np.zeros((FRAMES, 2), dtype=bool))
     assert stand_on_floor(take, LEVEL, FPS) is take
+
+
+@pytest.mark.slow
+def test_the_foot_that_balances_stays_on_the_floor_that_one_video_shows(tmp_path: Path) -> None:
+    recorded = recordings_folder() / BALANCING_TRIAL / "pose" / "cam04_json"
+    if not recorded.is_dir():
+        pytest.skip(ABSENT)
+    shutil.copytree(recorded, tmp_path / "pose" / recorded.name)
+    motion = solve(load_capture(tmp_path)).motion
+    turns = exp_so3(motion.global_orient), exp_so3(motion.body_pose.reshape(motion.num_frames, -1, 3)[:, :21])
+    body = load_body()
+    mesh = np.asarray(pose_mesh(body, motion.betas, *turns, motion.transl))
+    left = mesh[:90, foot_vertices(body, "left"), 2].min(axis=1)  # It stands until the other one is down.
+    assert np.abs(left).max() < 0.01
