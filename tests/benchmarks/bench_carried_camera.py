@@ -4,7 +4,11 @@ Six held-out walks of subjects 03 and 49, hand-held and from a dolly. ``wa`` is 
 joints after the best similarity of every 100 frames (Shin et al. 2024, "WHAM"). ``root`` is the mean distance of the
 pelvis after the best rigid motion of the whole take, as a share of the walked distance (Wang et al. 2024, "TRAM").
 ``true`` has the camera's true path in metres with up, ``file`` the same path in a world of unknown scale and up, placed
-by the person. ``scale_error`` is of ``file``, RMS, with its stated deviation ``scale_sigma``. The stature is not given.
+by the person, and ``estimated`` the path that is estimated from simulated tracks of a room's points and placed by the
+person. ``path`` is the mean error of the estimated positions after the best similarity, as a share of the camera's way,
+``path_turn`` of its rotations after the best one, and ``paths`` the share of walks with an estimate. ``false_paths``
+counts paths of a camera that stands, one that only turns, and one in front of a plain wall with 15 points.
+``scale_error`` is of ``file``, RMS, with its stated deviation ``scale_sigma``. The stature is not given.
 These walks also chose ``BIAS`` of ``path_fit``, so ``scale_sigma`` is not held out. The errors do not depend on it.
 """
 
@@ -16,16 +20,18 @@ from dataclasses import replace
 
 import numpy as np
 
+from solver_backend.camera_calibration.extrinsics.camera_path import Tracks, estimate_path
 from solver_backend.fitters.pipeline import solve
 from solver_backend.geometry.alignment import umeyama
-from solver_backend.geometry.rotations import exp_so3
-from solver_backend.io.camera_paths import FilmedPath
+from solver_backend.geometry.rotations import exp_so3, log_so3
+from solver_backend.io.camera_paths import ESTIMATED, FilmedPath
 from solver_backend.io.recognition.path_fit import fit_path
-from solver_backend.types import Capture
+from solver_backend.types import Cameras, Capture
 from tests.benchmarks.comparison.validation_takes import read_take
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 from tests.support.carried_camera import Carried, film_carried
 from tests.support.recordings import ABSENT, recordings_folder
+from tests.support.room_tracks import KEPT, room_tracks
 
 WALKS = (
     ("03_03", 60, "hand-held"), ("03_03", 400, "dolly"), ("03_04", 60, "dolly"), ("03_04", 500, "hand-held"),
@@ -33,7 +39,8 @@ WALKS = (
 )  # fmt: skip
 """File under ``motion_cmu/asfamc``, first frame, and the way the camera is carried."""
 FRAMES, SEGMENT = 150, 100
-TURN, SCALE = exp_so3(np.array([0.4, 0.7, -0.3])), 0.37  # Rotation and scale of the file's world.
+PLAIN = 15  # Tracks before a plain wall.
+TURN, SCALE = exp_so3(np.array([0.4, 0.7, -0.3])), 0.37  # Of the file's world.
 
 
 def run() -> list[Metric]:
@@ -44,30 +51,90 @@ def run() -> list[Metric]:
         if not path.is_file():
             raise BenchmarkSkipped("The motions are not here.", hint=ABSENT)
         filmed = film_carried(read_take(path, FRAMES, start), style, number)
-        placed, error, sigma = placed_by_person(filmed)
+        placed, error, sigma = placed_by_person(filmed, of_file(filmed))
         rows["scale_error"].append(error)
         rows["scale_sigma"].append(sigma)
-        for name, capture in (("true", filmed.capture), ("file", placed)):
+        takes = {"true": filmed.capture, "file": placed}
+        found, figures = estimated(filmed, number)
+        if found is not None:
+            takes["estimated"] = placed_by_person(filmed, found)[0]
+        for key, value in figures.items():
+            rows[key].append(value)
+        sys.stdout.write(f"  {file} {style} estimated: {figures}\n")
+        rows["false_paths"].append(false_paths(filmed, number))
+        for name, capture in takes.items():
             wa, root = figures_of(capture)
             rows[f"{name}_wa"].append(wa)
             rows[f"{name}_root"].append(root)
             sys.stdout.write(f"  {file} {style} {name}: wa {wa:.0f} mm, root {root:.1f} %, scale {error:.1f} %\n")
             sys.stdout.flush()
     units = {"wa": "mm", "root": "%"}
-    means = [(key, float(np.mean(values))) for key, values in rows.items() if "scale" not in key]
+    means = {key: float(np.mean(values)) for key, values in rows.items() if "scale" not in key}
     return [
-        *(Metric(key, value, units[key.split("_")[1]], rel_tol=0.1) for key, value in means),
+        Metric("paths", 100.0 * means.pop("paths"), "%", "higher"),
+        Metric("path", means.pop("path"), "%", rel_tol=0.2),
+        Metric("path_turn", means.pop("path_turn"), "°", rel_tol=0.2),
+        Metric("false_paths", float(np.sum(rows["false_paths"])), "", abs_tol=0.0),
+        *(Metric(key, value, units[key.split("_")[1]], rel_tol=0.1) for key, value in means.items() if "_" in key[4:]),
         Metric("scale_error", float(np.sqrt(np.mean(np.square(rows["scale_error"])))), "%", abs_tol=1.0),
         Metric("scale_sigma", float(np.mean(rows["scale_sigma"])), "%", abs_tol=1.0),
     ]
 
 
-def placed_by_person(filmed: Carried) -> tuple[Capture, float, float]:
-    """Return the capture with a path from a world of another scale and up, and its scale error and deviation in %."""
+def of_file(filmed: Carried) -> FilmedPath:
+    """Return the true path in a world of another scale and up."""
+    places = SCALE * centres(filmed.R, filmed.t) @ TURN.T
+    return FilmedPath(TURN @ filmed.R.swapaxes(-1, -2), places, 0.0, None, "file")
+
+
+def estimated(filmed: Carried, seed: int) -> tuple[FilmedPath | None, dict[str, float]]:
+    """Return the path that tracks of a room show, and its figures."""
+    camera, tracks = tracked(filmed, (filmed.R, filmed.t), seed)
+    found = estimate_path(camera, tracks)
+    if found is None:
+        return None, {"paths": 0.0}
+    places, truth = centres(found.R, found.t), centres(filmed.R, filmed.t)
+    U, _, Vt = np.linalg.svd(np.einsum("fba,fbc->ac", filmed.R, found.R))  # A straight way would leave a turn open.
+    off = log_so3(filmed.R @ (U @ Vt) @ found.R.swapaxes(-1, -2))
+    way = float(np.linalg.norm(np.diff(truth[::5], axis=0), axis=1).sum())
+    figures = {
+        "paths": 1.0,
+        "path": 100.0 * float(_aligned(places, truth, with_scale=True).mean()) / way,
+        "path_turn": float(np.degrees(np.linalg.norm(off, axis=1)).mean()),
+    }
+    return FilmedPath(found.R.swapaxes(-1, -2), places, 0.0, None, ESTIMATED), figures
+
+
+def false_paths(filmed: Carried, seed: int) -> float:
+    """Return the number of paths found for a camera that stands, one that turns, and one before a plain wall."""
+    R, t = filmed.R, filmed.t
+    still = np.tile(R[:1], (len(R), 1, 1)), np.tile(t[:1], (len(t), 1))
+    turns = R, -np.einsum("fab,b->fa", R, centres(R, t)[0])
+    found = [estimate_path(*tracked(filmed, poses, seed)) for poses in (still, turns)]
+    found.append(estimate_path(*tracked(filmed, (R, t), seed, PLAIN)))
+    return float(sum(path is not None for path in found))
+
+
+def tracked(
+    filmed: Carried, poses: tuple[np.ndarray, np.ndarray], seed: int, kept: int = KEPT
+) -> tuple[Cameras, Tracks]:
+    """Return the camera and tracks of the room around the person, for these poses of the camera."""
     cameras, keypoints = filmed.capture.cameras, filmed.capture.keypoints
     assert cameras is not None and keypoints is not None
-    centre = -np.einsum("fba,fb->fa", filmed.R, filmed.t)
-    path = FilmedPath(TURN @ filmed.R.swapaxes(-1, -2), SCALE * centre @ TURN.T, 0.0, None, "file")
+    way = filmed.capture.truth["joints"][:, 0]
+    return replace(cameras, path=None), Tracks.of(room_tracks(cameras, poses, keypoints, way, seed, kept))
+
+
+def centres(R: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Return the places (F, 3) of a camera."""
+    return -np.einsum("fba,fb->fa", R, t)
+
+
+def placed_by_person(filmed: Carried, path: FilmedPath) -> tuple[Capture, float, float]:
+    """Return the capture with a path from a world of another scale and up, and its scale's error and deviation, %."""
+    cameras, keypoints = filmed.capture.cameras, filmed.capture.keypoints
+    assert cameras is not None and keypoints is not None
+    centre = centres(filmed.R, filmed.t)
     found, note = fit_path(replace(cameras, path=None), keypoints, path)
     R, t = found.poses(0, len(centre))
     places = -np.einsum("fba,fb->fa", R, t)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +30,7 @@ MOST_TOGETHER = 60  # Keyframes in the final adjustment. With more, the windows'
 LEAST_PARALLAX = np.radians(1.5)  # Smallest median angle between the rays of a point in the first two keyframes.
 FLAT = 1.15  # Ratio of the points' distances below which a zoom looks like an approach.
 NEAREST = 24  # Posed keyframes that show the next one's points. Tracks are rarely longer. Chosen by hand.
+FAR = 1e12  # Distance of points that show rotations alone, in first baselines.
 WINDOW = 6  # Keyframes adjusted together after each new one.
 OUTLIER = 3.0  # Error of a wrong point, in standard deviations of the noise.
 EXPLAINED = 0.7
@@ -49,108 +51,145 @@ class FoundPath:
     explained: float  # Share of the tracked positions that the path explains within the noise, in 0..1.
 
 
-def estimate_path(
-    camera: Cameras, xy: Float[np.ndarray, "frames points 2"], progress: Progress = silent
-) -> FoundPath | None:
-    """Estimate the path of a camera from tracks (F, P, 2) in px, NaN where a point is not tracked. None if it fails.
+@dataclass(frozen=True)
+class Tracks:
+    """Points that are tracked through F frames. The memory is proportional to F, because tracks are short."""
+
+    names: tuple[np.ndarray, ...]  # (n,) increasing numbers of the tracks in each frame.
+    px: tuple[np.ndarray, ...]  # (n, 2) their pixels.
+
+    @classmethod
+    def of(cls, xy: Float[np.ndarray, "frames points 2"]) -> Tracks:
+        """Return the tracks of a table with NaN where a point is not tracked."""
+        known = np.isfinite(xy).all(-1)
+        return cls(tuple(np.flatnonzero(row) for row in known), tuple(p[row] for p, row in zip(xy, known, strict=True)))
+
+    def table(self, frames: Sequence[int]) -> np.ndarray:
+        """Return (N, P, 2) the tracks visible in N frames, NaN where one is not."""
+        names = np.unique(np.concatenate([self.names[n] for n in frames]))
+        found = np.full((len(frames), len(names), 2), np.nan)
+        for row, n in enumerate(frames):
+            found[row, np.searchsorted(names, self.names[n])] = self.px[n]
+        return found
+
+
+def estimate_path(camera: Cameras, tracks: Tracks, progress: Progress = silent) -> FoundPath | None:
+    """Estimate the path of a camera from tracks in px. None if it fails.
 
     The first two keyframes with enough parallax give the first pose. Each further keyframe is added with its points and
-    adjusted with the last ones. Finally all are adjusted, and the frames between are posed with the points.
+    adjusted with the last ones. Where it shows no known points, as before the camera is carried, a rotation alone must
+    explain its tracks. Finally all are adjusted, and the frames between are posed with the points.
 
     Args:
         camera: one camera, for its lens.
 
     References: Hartley and Zisserman 2004, ch. 9 and 18; Mouragnon et al. 2006 (local bundle adjustment).
     """
-    x = np.asarray(undistort(camera, xy[None]))[0]
+    places = np.split(
+        np.asarray(undistort(camera, np.concatenate(tracks.px)[None, None]))[0, 0],
+        np.cumsum([len(px) for px in tracks.px])[:-1],
+    )
+    x, count = replace(tracks, px=tuple(places)), len(places)
     noise = NOISE_SHARE * float(camera.image_size[0, 0]) / float(np.sqrt(camera.K[0, 0, 0] * camera.K[0, 1, 1]))
-    keys = _key_pictures(xy, KEY_SHARE * float(camera.image_size[0, 0]))
-    in_keys = x[keys]
-    pairs = (_first_pair(in_keys, start, noise) for start in range(len(keys) - 1))
+    keys = _key_pictures(tracks, KEY_SHARE * float(camera.image_size[0, 0]))
+    pairs = (_first_pair(x, keys, start, noise) for start in range(len(keys) - 1))
     started = next((pair for pair in pairs if pair is not None), None)
     if started is None:
         return None
     start, second, R, t = started
-    poses = {start: (np.eye(3), np.zeros(3)), second: (R, t)}
+    poses, turned = {start: (np.eye(3), np.zeros(3)), second: (R, t)}, set[int]()
     way = [*range(second - 1, start, -1), *range(second + 1, len(keys)), *range(start - 1, -1, -1)]
-    for count, key in enumerate(way, 1):
-        shown = np.isfinite(in_keys[key]).all(-1)
+    for number, key in enumerate(way, 1):
         nearest = sorted(poses, key=lambda other: abs(other - key))[:NEAREST]
-        X = _points({near: poses[near] for near in nearest}, in_keys[:, shown], noise)
+        table = x.table([keys[n] for n in (key, *sorted(nearest))])
+        table = table[:, np.isfinite(table[0]).all(-1)]
+        known = {near: poses[near] for near in nearest}
+        X = _points(known, table[1:], noise, turned)
         if np.isfinite(X).all(-1).sum() < FEWEST:
-            return None
+            X = _far_points(known, nearest[0], table[1:], noise)
+            turned.add(key)
         R, t = poses[nearest[0]]
-        found = _posed(R[None], t[None], X, in_keys[key, shown][None], noise)
+        found = _posed(R[None], t[None], X, table[:1], noise)
+        if key in turned and (found[2] < OUTLIER * noise).sum() < max(FEWEST, AGREEING * np.isfinite(X).all(-1).sum()):
+            return None
         poses[key] = found[0][0], found[1][0]
-        if count % (WINDOW // 2) == 0 or key in (0, len(keys) - 1):
-            posed = sorted(poses)
+        if number % (WINDOW // 2) == 0 or key in (0, len(keys) - 1):
+            posed = sorted(poses.keys() - turned)
             window = posed[-WINDOW:] if key > second else posed[:WINDOW][::-1] if key < start else posed
-            poses |= _adjusted(camera, poses, window, xy[keys], noise)
-        progress("Estimating the camera's path", count, len(way) + 1)
+            if key not in turned:
+                poses |= _adjusted(camera, poses, window, keys, tracks, noise)
+        progress("Estimating the camera's path", number, len(way) + 1)
     if len(keys) <= MOST_TOGETHER:
-        poses |= _adjusted(camera, poses, sorted(poses), xy[keys], noise)
-    X = _points(poses, in_keys, noise)
-    number, at = np.arange(len(x)), np.array(keys)
-    nearest = np.searchsorted((at[1:] + at[:-1]) / 2.0, number)
+        poses |= _adjusted(camera, poses, sorted(poses.keys() - turned), keys, tracks, noise)
+    at = np.array(keys)
+    nearest = np.searchsorted((at[1:] + at[:-1]) / 2.0, np.arange(count))
     R, t = (np.stack([poses[int(key)][part] for key in nearest]) for part in (0, 1))
-    blocks = []
-    for first in range(0, len(x), BLOCK):  # with the points of these images only, which bounds memory
-        part = slice(first, first + BLOCK)
-        shown = np.isfinite(x[part]).all(-1).any(axis=0)
-        blocks.append(_posed(R[part], t[part], X[shown], x[part, shown], noise))
-    R, t = (np.concatenate([block[n] for block in blocks]) for n in (0, 1))
-    near = [np.where(np.isfinite(block[2]), block[2], np.inf) < OUTLIER * noise for block in blocks]
-    seen = np.concatenate([good.sum(axis=1) for good in near])
-    errors = np.concatenate([block[2][np.isfinite(block[2])] for block in blocks])
+    still = np.isin(nearest, sorted(turned))
+    seen, tracked, offs, depths = np.zeros(count, dtype=int), 0, list[np.ndarray](), list[np.ndarray]()
+    for first in range(0, count, BLOCK):  # with the points of these frames only, which bounds memory
+        part = np.arange(first, min(first + BLOCK, count))
+        reach = range(max(0, nearest[first] - NEAREST), min(len(keys), nearest[part[-1]] + NEAREST + 1))
+        table = x.table([*part, *at[reach.start : reach.stop]])
+        table = table[:, np.isfinite(table[: len(part)]).all(-1).any(axis=0)]
+        shown, in_keys = table[: len(part)], table[len(part) :]
+        known = {key: poses[key] for key in reach}
+        X = _points(known, in_keys, noise, turned)
+        depths.append(X[np.isfinite(X).all(-1), 2])
+        for key in sorted({-1, *nearest[part[still[part]]].tolist()}):  # -1 for the frames with known points
+            chosen = nearest[part] == key if key >= 0 else ~still[part]
+            rows, points = part[chosen], X if key < 0 else _far_points(known, key, in_keys, noise)
+            R[rows], t[rows], off = _posed(R[rows], t[rows], points, shown[chosen], noise)
+            seen[rows] = (np.nan_to_num(off, nan=np.inf) < OUTLIER * noise).sum(axis=1)
+            offs.append(off[np.isfinite(off)])
+        tracked += int((np.isfinite(shown).all(-1) & (np.isfinite(in_keys).all(-1).sum(axis=0) >= 2)).sum())
+    errors = np.concatenate(offs)
     error = float(np.median(errors)) if len(errors) else np.inf
     # Rejected points count here. Without them, the rest would fit a wrong path.
-    tracked = np.isfinite(x).all(-1) & (np.isfinite(in_keys).all(-1).sum(axis=0) >= 2)
-    explained = float(seen.sum() / max(int(tracked.sum()), 1))
-    if explained < EXPLAINED or seen.min() < FEWEST // 2 or _is_flat(X):
+    explained = float(seen.sum() / max(tracked, 1))
+    if explained < EXPLAINED or seen.min() < FEWEST // 2 or _is_flat(np.concatenate(depths)):
         return None
     progress("Estimating the camera's path", len(way) + 1, len(way) + 1)
     return FoundPath(R, t, error * float(camera.K[0, 0, 0]), explained)
 
 
-def _key_pictures(xy: np.ndarray, apart_px: float) -> list[int]:
+def _key_pictures(tracks: Tracks, apart_px: float) -> list[int]:
     """Return frames between which the background moves by about this distance, including the first and the last.
 
     Tracks end, so a keyframe shares most of its points with the one before.
     """
     keys = [0]
-    for frame in range(1, len(xy)):
-        moved = np.linalg.norm(xy[frame] - xy[keys[-1]], axis=-1)
+    for frame in range(1, len(tracks.px)):
+        before, now = tracks.table([keys[-1], frame])
+        moved = np.linalg.norm(now - before, axis=-1)
         known = moved[np.isfinite(moved)]
-        shared = len(known) / max(1, int(np.isfinite(xy[frame]).all(-1).sum()))
+        shared = len(known) / max(1, len(tracks.px[frame]))
         far = frame - keys[-1] >= LONGEST_FRAMES or not len(known) or np.median(known) > apart_px
-        if frame == len(xy) - 1 or far or shared < LEAST_SHARED:
+        if frame == len(tracks.px) - 1 or far or shared < LEAST_SHARED:
             keys.append(frame)
     return keys
 
 
-def _first_pair(x: np.ndarray, start: int, noise: float) -> tuple[int, int, np.ndarray, np.ndarray] | None:
+def _first_pair(x: Tracks, keys: list[int], start: int, noise: float) -> tuple[int, int, np.ndarray, np.ndarray] | None:
     """Return a keyframe, a later one that shares points with it and has the most parallax, and its pose."""
     rng, best = np.random.default_rng(0), (0.0, start, 0, np.eye(3), np.zeros(3))
-    shared = np.isfinite(x[start]).all(-1)
-    for key in range(start + 1, len(x)):
-        both = shared & np.isfinite(x[key]).all(-1)
-        if both.sum() < 2 * FEWEST:
+    for key in range(start + 1, len(keys)):
+        table = x.table([keys[start], keys[key]])
+        first, second = table[:, np.isfinite(table).all(-1).all(axis=0)]
+        if len(first) < 2 * FEWEST:
             break
-        first, second = x[start, both], x[key, both]
         E, good = essential_matrix(first, second, noise, rng)
         if good.sum() < FEWEST:
             continue
         R, t = pose_from_essential(E, first[good], second[good])
         rays = unit(homogeneous(first[good])), unit(homogeneous(second[good])) @ R
         parallax = float(np.median(np.linalg.norm(rays[0] - rays[1], axis=1)))
-        if good.sum() > 0.5 * both.sum() and parallax > best[0]:
+        if good.sum() > 0.5 * len(first) and parallax > best[0]:
             best = parallax, start, key, R, t
     return best[1:] if best[0] > LEAST_PARALLAX else None
 
 
-def _is_flat(X: np.ndarray) -> bool:
+def _is_flat(depth: np.ndarray) -> bool:
     """Return whether all points have the same distance from the first camera, so that a zoom looks like an approach."""
-    depth = X[np.isfinite(X).all(-1), 2]
     far, near = np.percentile(depth, [90.0, 10.0]) if len(depth) else (0.0, 1.0)
     return bool(far < FLAT * near)
 
@@ -158,14 +197,36 @@ def _is_flat(X: np.ndarray) -> bool:
 Poses = dict[int, tuple[np.ndarray, np.ndarray]]
 
 
-def _points(poses: Poses, x: np.ndarray, noise: float) -> np.ndarray:
-    """Return (P, 3) points on which the posed keyframes agree, NaN for others."""
-    keys = sorted(poses)
-    R, t = (np.stack([poses[key][part] for key in keys]) for part in (0, 1))
-    X = intersected(R, t, x[keys])
-    seen = np.isfinite(x[keys]).all(-1)
-    good = (_off(R, t, X, x[keys]) < OUTLIER * noise).sum(axis=0) >= np.maximum(2, AGREEING * seen.sum(axis=0))
+def _points(poses: Poses, x: np.ndarray, noise: float, but: Collection[int] = ()) -> np.ndarray:
+    """Return (P, 3) points on which the posed keyframes except ``but`` agree, NaN for others. x is in their order."""
+    x = x[[row for row, key in enumerate(sorted(poses)) if key not in but]]
+    if len(x) < 2:
+        return np.full((x.shape[1], 3), np.nan)
+    R, t = _stacked({key: pose for key, pose in poses.items() if key not in but})
+    X = intersected(R, t, x)
+    seen = np.isfinite(x).all(-1)
+    good = (_off(R, t, X, x) < OUTLIER * noise).sum(axis=0) >= np.maximum(2, AGREEING * seen.sum(axis=0))
     return np.where(good[:, None], X, np.nan)
+
+
+def _far_points(poses: Poses, key: int, x: np.ndarray, noise: float) -> np.ndarray:
+    """Return (P, 3) points far away on their rays from a keyframe and others at its place. They show rotations only."""
+    R, t = _stacked(poses)
+    centres = -np.einsum("nba,nb->na", R, t)
+    here = centres[sorted(poses).index(key)]
+    near = np.linalg.norm(centres - here, axis=1) < 1e-6
+    rays = np.einsum("nba,npb->npa", R[near], unit(homogeneous(x[near])))
+    known = np.isfinite(rays).all(-1)
+    total = np.where(known[..., None], rays, 0.0).sum(axis=0)
+    X = here + FAR * unit(np.where(known.any(axis=0)[:, None], total, 1.0))
+    good = known.any(axis=0) & ~(_off(R[near], t[near], X, x[near]) > OUTLIER * noise).any(axis=0)
+    return np.where(good[:, None], X, np.nan)
+
+
+def _stacked(poses: Poses) -> tuple[np.ndarray, np.ndarray]:
+    """Return rotations (n, 3, 3) and translations (n, 3) of keyframes in increasing order."""
+    R, t = (np.stack([poses[key][part] for key in sorted(poses)]) for part in (0, 1))
+    return R, t
 
 
 def _off(R: np.ndarray, t: np.ndarray, X: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -204,14 +265,15 @@ def _posed(
     return R, t, np.where(known, _off(R, t, X, x), np.nan)
 
 
-def _adjusted(camera: Cameras, poses: Poses, window: list[int], xy: np.ndarray, noise: float) -> Poses:
+def _adjusted(camera: Cameras, poses: Poses, window: list[int], keys: list[int], tracks: Tracks, noise: float) -> Poses:
     """Return the poses of a window of keyframes, adjusted with their points. Its first two keyframes fix the scale."""
     R, t = (np.stack([poses[key][part] for key in window]) for part in (0, 1))
     cameras = build_cameras([str(key) for key in window], [lens_of(camera, 0)] * len(window), R, t)
     sigma_px = noise * float(np.sqrt(camera.K[0, 0, 0] * camera.K[0, 1, 1]))
-    x = np.asarray(undistort(cameras, xy[window]))
+    xy = tracks.table([keys[key] for key in window])
+    x = np.asarray(undistort(cameras, xy))
     kept = np.isfinite(_points(dict(enumerate(zip(R, t, strict=True))), x, noise)).all(-1)
-    px = np.where(kept[:, None], xy[window], np.nan)
+    px = np.where(kept[:, None], xy, np.nan)
     bodies, seen, _ = point_bodies(cameras, px, np.full(px.shape[:2], sigma_px))
     fixed = 1 if len(window) == len(poses) else 2
     unknown = Unknowns(np.arange(len(window)) >= fixed)

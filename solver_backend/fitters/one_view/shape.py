@@ -168,7 +168,7 @@ def fit_shape(
     by_stature = np.append(by_stature, 0.0)
     betas = np.append(betas, 0.0)
     slopes = np.concatenate([by_rest[feet], np.ones((len(feet), 1))], axis=1)
-    inverse, sole = known, np.nan
+    inverse, sole, by_pose = known, np.nan, 0.0
     for outlier in np.geomspace(WIDEST_SOLE_M, OUTLIER_SOLE_M, ROUNDS):
         pose = (take.view.root[frames], take.local[frames], np.zeros((len(frames), 3)))
         posed = pose_landmarks(body, landmarks, betas[:-1], *pose, jacobian=True)
@@ -195,13 +195,14 @@ def fit_shape(
         shift = shift - solved[..., -1] - solved[..., :-1] @ step
         betas = betas + step
         sole = float(np.median(h[stands]) + betas[-1]) if stands.any() else np.nan
+        # The slope of the stature, without the frames' positions, by each point and by each turn.
+        to_stature = inverse @ by_stature / (body.stature_m + by_stature @ betas)
+        moved = (by_betas - np.einsum("flka,fab->flkb", rows, solved[..., :-1])) @ to_stature
+        raised = (by_height - np.einsum("fa,fab->fb", up, solved[..., :-1])[:, None]) @ to_stature
+        pull = np.einsum("fl,flk,flka->fla", W, moved, rows)
+        pull[:, feet] += (V * raised)[..., None] * up[:, None]
+        by_turns = np.einsum("fla,flam->fm", pull, np.asarray(posed.by_rotations)).reshape(*turn_sigma[frames].shape, 3)
+        by_pose = float(np.sqrt(((by_turns**2).sum(axis=-1) * turn_sigma[frames] ** 2).sum() / share))
     stature = body.stature_m + float(by_stature @ betas)
-    to_stature = inverse @ by_stature / stature
-    moved = (by_betas - np.einsum("flka,fab->flkb", rows, solved[..., :-1])) @ to_stature
-    pull = np.einsum("fl,flk,flka->fla", W, moved, rows)
-    raised = (by_height - np.einsum("fa,fab->fb", up, solved[..., :-1])[:, None]) @ to_stature
-    pull[:, feet] += (V * raised)[..., None] * up[:, None]
-    by_turns = np.einsum("fla,flam->fm", pull, np.asarray(posed.by_rotations)).reshape(len(frames), -1, 3)
-    by_pose = float(np.sqrt(((by_turns**2).sum(axis=-1) * turn_sigma[frames] ** 2).sum() / share))
     sigma = float(np.sqrt(by_stature @ inverse @ by_stature)) / stature
     return SeenShape(betas[:-1], stature, sigma, sole, by_pose)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.camera_calibration.extrinsics.camera_path import estimate_path
+from solver_backend.camera_calibration.extrinsics.camera_path import Tracks, estimate_path
 from solver_backend.camera_calibration.pictures import opencv
 from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.outputs import write_text
@@ -33,8 +33,8 @@ REFILLED = 0.7  # Fraction of ``FEATURES`` below which new ones are detected.
 SHORTEST = 8  # Shortest track in images. Shorter ones determine no position.
 
 
-def track_background(found: VideoDetections, pictures: Iterable[np.ndarray], progress: Progress = silent) -> np.ndarray:
-    """Return (F, P, 2) tracks of background points around people in px, NaN where a point is not tracked.
+def track_background(found: VideoDetections, pictures: Iterable[np.ndarray], progress: Progress = silent) -> Tracks:
+    """Return tracks of background points around people in px.
 
     Reference: Shi and Tomasi 1994, "Good features to track"; Lucas and Kanade 1981.
     """
@@ -64,12 +64,8 @@ def track_background(found: VideoDetections, pictures: Iterable[np.ndarray], pro
         before = grey
         progress("Following the background", number + 1, found.num_frames)
     lengths = np.bincount(np.concatenate([row[0] for row in rows]), minlength=count) if rows else np.zeros(0, int)
-    column = np.where(lengths >= SHORTEST, np.cumsum(lengths >= SHORTEST) - 1, -1)
-    tracks = np.full((found.num_frames, int((lengths >= SHORTEST).sum()), 2), np.nan)
-    for frame, (names, points) in enumerate(rows):
-        at = column[names]
-        tracks[frame, at[at >= 0]] = points[at >= 0]
-    return tracks
+    kept = [lengths[names] >= SHORTEST for names, _ in rows]
+    return Tracks(*(tuple(row[part][long] for row, long in zip(rows, kept, strict=True)) for part in (0, 1)))
 
 
 def follow_camera(

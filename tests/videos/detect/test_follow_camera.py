@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -9,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.camera_calibration.extrinsics.camera_path import estimate_path
+from solver_backend.camera_calibration.extrinsics.camera_path import Tracks, estimate_path
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.geometry.alignment import umeyama
-from solver_backend.geometry.rotations import exp_so3
+from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.camera_paths import read_camera_path
 from solver_backend.types import Cameras, JointSet
@@ -96,7 +97,7 @@ def tracks(R: np.ndarray, t: np.ndarray, noise_px: float = 0.4) -> np.ndarray:
 @pytest.mark.parametrize("style", ["hand-held", *(pytest.param(s, marks=pytest.mark.slow) for s in ("dolly", "orbit"))])
 def test_tracked_points_tell_the_path(style: str) -> None:
     R, t = camera_way(pelvis(60), FPS, style, 3)
-    found = estimate_path(camera(), tracks(R, t))
+    found = estimate_path(camera(), Tracks.of(tracks(R, t)))
     assert found is not None and found.error_px < 1.0
     error, walked = off_m(found.R, -np.einsum("fba,fb->fa", found.R, found.t), (R, t))
     assert error < 0.01 * walked
@@ -109,8 +110,8 @@ def test_a_path_that_half_of_the_background_contradicts_is_no_path() -> None:
     middle, number = camera().K[0, :2, 2], np.arange(60)
     wobbling = middle + (shown - middle) * (1.0 + 0.15 * np.sin(number / 5.0))[:, None, None]
     drifting = shown + (np.arange(shown.shape[1]) % 2 * number[:, None])[..., None] * [3.0, 0.0]
-    assert estimate_path(camera(), wobbling) is None
-    assert estimate_path(camera(), drifting) is None
+    assert estimate_path(camera(), Tracks.of(wobbling)) is None
+    assert estimate_path(camera(), Tracks.of(drifting)) is None
 
 
 def test_a_path_can_start_after_a_turn() -> None:
@@ -118,10 +119,38 @@ def test_a_path_can_start_after_a_turn() -> None:
     turn = exp_so3(np.linspace(-0.3, 0.0, 25)[:, None] * [0.0, 1.0, 0.0])
     R = np.concatenate([turn @ R[0], R])
     t = np.concatenate([turn @ t[0], t])
-    found = estimate_path(camera(), tracks(R, t))
+    found = estimate_path(camera(), Tracks.of(tracks(R, t)))
     assert found is not None
     error, walked = off_m(found.R, -np.einsum("fba,fb->fa", found.R, found.t), (R, t))
     assert error < 0.02 * walked
+
+
+def test_a_path_starts_after_a_long_stand_and_pan() -> None:
+    R, t = camera_way(pelvis(60), FPS, "hand-held", 3)
+    turn = exp_so3(np.linspace(-1.6, 0.0, 110)[:, None] * [0.0, 1.0, 0.0])
+    still = np.tile(turn[0] @ R[0], (40, 1, 1)), np.tile(turn[0] @ t[0], (40, 1))
+    R, t = np.concatenate([still[0], turn @ R[0], R]), np.concatenate([still[1], turn @ t[0], t])
+    found = estimate_path(camera(), Tracks.of(tracks(R, t)))
+    assert found is not None
+    centre = -np.einsum("fba,fb->fa", found.R, found.t)
+    error, walked = off_m(found.R, centre, (R, t))
+    assert error < 0.02 * walked
+    moved = np.linalg.norm(centre[:140] - centre[0], axis=1).max() / np.linalg.norm(centre[-1] - centre[0])
+    assert moved < 0.02
+    off = log_so3(found.R @ found.R[-1].T @ R[-1] @ R.swapaxes(-1, -2))
+    assert np.degrees(np.linalg.norm(off, axis=1)).max() < 1.0
+
+
+def test_memory_of_tracks_grows_with_the_pictures() -> None:
+    names = tuple(np.arange(10 * n, 10 * n + 400) for n in range(3000))
+    long = Tracks(names, tuple(np.zeros((400, 2)) + n for n in range(3000)))
+    tracemalloc.start()
+    table = long.table([1000, 1001, 1039])
+    assert tracemalloc.get_traced_memory()[1] < 1e6
+    tracemalloc.stop()
+    assert table.shape == (3, 790, 2)
+    assert np.isnan(table[2, :390]).all() and (table[2, 390:] == 1039).all()
+    assert np.isfinite(table[:2]).all(-1).all(axis=0).sum() == 390
 
 
 def test_a_turn_a_zoom_and_too_few_points_show_no_path() -> None:
@@ -132,7 +161,7 @@ def test_a_turn_a_zoom_and_too_few_points_show_no_path() -> None:
     middle = camera().K[0, :2, 2]
     zoomed = middle + (still - middle) * np.linspace(1.0, 1.6, 40)[:, None, None]
     for shown in (turned, zoomed, still, tracks(R, t)[:, :15]):
-        assert estimate_path(camera(), shown) is None
+        assert estimate_path(camera(), Tracks.of(shown)) is None
     blank = replace(seen(R[:FRAMES], t[:FRAMES]))
     grey = (np.full((HEIGHT, WIDTH, 3), 90, np.uint8) for _ in range(FRAMES))
     assert follow_camera(blank, camera(), grey, Path("unused.txt")) is None
