@@ -22,7 +22,7 @@ from solver_backend.exchange.motion_file import is_motion
 from solver_backend.exchange.outputs import atomic_files, check_output
 from solver_backend.exchange.progress import Progress, prefixed
 from solver_backend.exchange.setting import is_list
-from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.exchange.solve_settings import GLOBAL, SolveSettings
 from solver_backend.exchange.verb_results import SolveResult, TakeResult, TakesResult
 from solver_backend.exchange.verbs import VERBS
 from solver_backend.fitters.freed_memory import keep_freed_memory
@@ -93,7 +93,9 @@ def _resolve_alone(job: Job, progress: Progress) -> Outcome[SolveResult]:
     return _finish(job, motion, found, solve_s, lambda done: write_motion(job.out, done, overwrite=job.overwrite))
 
 
-def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) -> Outcome[SolveResult]:
+def _solve_one(
+    job: Job, capture: Capture, progress: Progress, each: Stretches, others: Sequence[Motion] = ()
+) -> Outcome[SolveResult]:
     from solver_backend.exchange.clips import require_own_frames
     from solver_backend.fitters.label_first import labelled_capture, named_points
     from solver_backend.fitters.pipeline import resolve_range
@@ -125,7 +127,7 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
             capture = labelled_as_person(capture, person, job.settings, progress, kept=kept)
         begun, results = _starts(job, progress)
         solution = solve_capture(
-            capture, job.settings, progress, person=person, start=begun, results=results, each=each
+            capture, job.settings, progress, person=person, start=begun, results=results, others=others, each=each
         )
         motion = solution.motion
     else:
@@ -238,15 +240,11 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[Ta
     The result has ``takes``, each as reported by ``solve``, and ``failed`` with capture, person and the error's fields.
     If all fail, the first error is raised.
     """
-    texts: list[str] = []
-    summary: list[str] = []
-    to_check: list[str] = []
-    takes: list[TakeResult] = []
-    failed: list[dict[str, Any]] = []
-    first: MocapError | None = None
+    ended: list[tuple[Job, str, Outcome[SolveResult] | MocapError]] = []
     for number, job in enumerate(jobs):
         parts = _parts(job, progress)
         where = f"{number + 1} of {len(jobs)}: " if len(jobs) > 1 else ""
+        solved: list[tuple[int, Capture]] = []
         while True:
             title = job.capture.name
             try:
@@ -255,26 +253,57 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[Ta
                     break
                 own, capture = part
                 title = f"{capture.name}, {capture.person}" if capture.person else capture.name
-                outcome = _solve_one(own, capture, prefixed(progress, f"{where}{title}: "), each)
-                texts.append(f"{title}\n{outcome.text}")
-                warnings = outcome.summary[:-1]
-                stated = warnings or tuple(line for line in outcome.summary if line != "OK")
-                summary += [f"{title}: {line}" for line in stated]
-                to_check += [title] if warnings else []
-                takes.append({"capture": str(job.capture), "name": title, **outcome.data})
+                found = _solve_one(own, capture, prefixed(progress, f"{where}{title}: "), each)
+                solved.append((len(ended), capture))
+                ended.append((own, title, found))
             except Cancelled:
                 raise
             except MocapError as error:
-                first = first or error
-                texts += [title, *rows("failed", error)]
-                summary.append(f"{title}: error: {error}")
-                to_check.append(title)
-                failed.append({"capture": str(job.capture), "name": title, **error.as_event()})
+                ended.append((job, title, error))
+        for index, capture, others in _meetings(ended, solved):
+            own, title, _ = ended[index]
+            step = prefixed(progress, f"{where}{title}, with other people: ")
+            ended[index] = own, title, _solve_one(replace(own, overwrite=True), capture, step, each, others)
+    texts: list[str] = []
+    summary: list[str] = []
+    to_check: list[str] = []
+    takes: list[TakeResult] = []
+    failed: list[dict[str, Any]] = []
+    for job, title, outcome in ended:
+        if isinstance(outcome, MocapError):
+            texts += [title, *rows("failed", outcome)]
+            summary.append(f"{title}: error: {outcome}")
+            to_check.append(title)
+            failed.append({"capture": str(job.capture), "name": title, **outcome.as_event()})
+            continue
+        texts.append(f"{title}\n{outcome.text}")
+        warnings = outcome.summary[:-1]
+        stated = warnings or tuple(line for line in outcome.summary if line != "OK")
+        summary += [f"{title}: {line}" for line in stated]
+        to_check += [title] if warnings else []
+        takes.append({"capture": str(job.capture), "name": title, **outcome.data})
+    first = next((outcome for _, _, outcome in ended if isinstance(outcome, MocapError)), None)
     if first is not None and not takes:
         raise first
     last = f"Look at {', '.join(to_check)}." if to_check else "OK"
     result: TakesResult = {"takes": takes, "failed": failed}
     return Outcome("\n".join(texts), result, (*summary, last))
+
+
+def _meetings(
+    ended: Sequence[tuple[Job, str, object]], solved: Sequence[tuple[int, Capture]]
+) -> list[tuple[int, Capture, list[Motion]]]:
+    """Return the index and capture of people who come close to others of their take, and the others' motions."""
+    from solver_backend.fitters.other_skin import come_close
+    from solver_backend.io.native.motion_file import read_motion
+
+    jobs = [ended[index][0] for index, _ in solved]
+    seen = all(capture.several_views is not None for _, capture in solved)
+    if len(jobs) < 2 or not all(job.settings.contacts and job.settings.method == GLOBAL and seen for job in jobs):
+        return []
+    motions = [read_motion(job.out) for job in jobs]
+    near = [[other for other in motions if other is not one and come_close(one, other)] for one in motions]
+    return [(index, capture, others) for (index, capture), others in zip(solved, near, strict=True) if others]
 
 
 def _parts(job: Job, progress: Progress) -> Iterator[tuple[Job, Capture]]:

@@ -26,6 +26,7 @@ from solver_backend.fitters.keyframes.normal_equations import BundleModel, Bundl
 from solver_backend.fitters.keyframes.optimise import Schedule, Stretches, in_turn, solve_sliding
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import ON_THE_MANIFOLD, Subject, state_layout
+from solver_backend.fitters.other_skin import OtherSkin
 from solver_backend.fitters.person_shape import learn_subject
 from solver_backend.fitters.problem import (
     Convergence,
@@ -314,6 +315,7 @@ def solve(
     person: MarkerSubject | None = None,
     start: Motion | None = None,
     results: Sequence[StartingResult] = (),
+    others: Sequence[Motion] = (),
     each: Stretches = in_turn,
 ) -> Solution:
     """Solve the motion of the person in a capture from its keypoints, or from its markers if it has no keypoints.
@@ -323,6 +325,7 @@ def solve(
         person: person from an earlier calibration of the markers. None calibrates on the take.
         start: motion to start from, for several cameras.
         results: networks' results for some cameras, which are combined with the detections.
+        others: motions of other people in the same take. The person moves out of them by half of the depth.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
@@ -338,6 +341,8 @@ def solve(
         MotionInvalid: the start motion has another number of frames or another body.
     """
     problem = prepare(capture, settings, progress, prior, person, start, results)
+    if others:
+        problem = replace(problem, others=OtherSkin.of(problem.body, others))
     give_back_freed_memory()
     found = solve_problem(problem, settings, progress, _sources(capture, settings), each)
     if capture.keypoints is None or without_views(capture, settings.leave_out).several_views is None:

@@ -27,6 +27,7 @@ from solver_backend.types import Motion
 
 if TYPE_CHECKING:
     from solver_backend.fitters.build_motion import PosedTake
+    from solver_backend.fitters.other_skin import OtherSkin
     from solver_backend.fitters.recipes.bundle import Bundle
 
 
@@ -172,6 +173,7 @@ class Problem:
     prior: AutoencodingPrior
     measurements: Measurements
     pose_terms: tuple[PoseTerm, ...]
+    others: OtherSkin | None = None  # Skin of people who were solved before.
 
     @classmethod
     def of(cls, body: Body, prior: AutoencodingPrior, measurements: Measurements) -> Problem:

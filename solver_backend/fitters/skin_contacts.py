@@ -16,6 +16,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.stands import SHORTEST_S, standing_runs, steps
 from solver_backend.fitters.keyframes.frame_range import UserContact
 from solver_backend.fitters.model.subject import PosedFrames, SkinTerms, Subject, points_of
+from solver_backend.fitters.other_skin import OtherSkin, spread_vertices
 from solver_backend.geometry.arrays import Array, constant, index, to_numpy, true_runs, zeros
 from solver_backend.geometry.obstacles import Obstacles
 from solver_backend.residuals.positions import BindingTerm, PositionTerm, SurfaceTerm
@@ -55,6 +56,8 @@ class SkinContacts:
     works: np.ndarray  # (F, 11) bool: parts with fixed skin, or that a surface moves by more than ``DEEP_M``.
     lost_floor: bool  # The person is on another floor than z = 0 in all frames.
 
+    overlap_m: float = 0.0  # Largest depth in other people, metres.
+
     @property
     def binds(self) -> bool:
         """True if any point is solid or held."""
@@ -79,11 +82,22 @@ class SkinContacts:
             names = list(CONTACT_PARTS)[FEET:]
             parts = [names[k].replace("_", " ") for k in np.flatnonzero(found.any(axis=0))]
             yield diagnostic("skin_held", parts=parts, count=int(found.any(axis=1).sum()))
+        if self.overlap_m > DEEP_M:
+            yield diagnostic("people_overlap", size=100 * self.overlap_m)
         level = float(np.median(self.lowest))
         if abs(level) > LEVEL_M and (self.lost_floor or afloat.any()):
             yield diagnostic("feet_off_floor", size=100 * abs(level), way="below" if level < 0 else "above")
         elif afloat.any():
             yield diagnostic("foot_below_floor", size=-100 * float(self.lowest[afloat].min()))
+
+    def beside(self, other: SkinContacts) -> SkinContacts:
+        """Return both, with everything of single frames from this one."""
+        points = ("solid", "held", "added", "anchors", "normals", "offsets")
+        joined = {name: np.concatenate([getattr(self, name), getattr(other, name)], axis=1) for name in points}
+        count = len(self.landmarks) - len(self.parts)
+        landmarks = Landmarks.joined([self.landmarks, other.landmarks.part(slice(count, None))])
+        parts, works = np.concatenate([self.parts, other.parts]), self.works | other.works
+        return replace(self, landmarks=landmarks, parts=parts, works=works, overlap_m=other.overlap_m, **joined)
 
     @property
     def touches(self) -> np.ndarray:
@@ -162,10 +176,7 @@ def find_skin_contacts(
     others = (parts >= FEET) | world.has_objects
     if not (others.any() or (told and len(vertices))):
         return None
-    names, arrays = tuple(f"skin {vertex}" for vertex in vertices), (body.v_template, body.shapedirs, body.weights)
-    skin = Landmarks.of_points(names, *(values[vertices] for values in arrays), posedirs=body.posedirs[vertices])
-    bare = replace(subject, landmarks=skin, offsets=zeros((len(skin), 3), subject.offsets))
-    placed = to_numpy(points_of(bare, frames))
+    skin, placed = _posed_skin(subject, frames, vertices)
     way, seconds = steps(placed, fps)
     speed, hands = np.linalg.norm(way, axis=-1) / seconds, np.isin(parts, HANDS)
     # Hands carry a person, but a hand below the floor does not show that the floor is wrong.
@@ -194,6 +205,38 @@ def find_skin_contacts(
     works = _by_part(held | (solid & (height < -DEEP_M)), parts)
     arrays = solid, held, added, anchors, normals, offsets, afloat, lowest, works
     return SkinContacts(joined, parts, *arrays, lost)
+
+
+def find_touching_people(subject: Subject, frames: PosedFrames, fps: float, others: OtherSkin) -> SkinContacts | None:
+    """Find skin near or in other people, which stays outside of them. Nothing is held, as people move."""
+    vertices, count = spread_vertices(subject.body), frames.transl.shape[0]
+    sampled = np.arange(0, count, max(1, round(SAMPLE_S * fps)))
+    skin, placed = _posed_skin(subject, frames.select(index(sampled, frames.transl)), vertices)
+    near = (others.nearest(placed, sampled)[0] < REACH_M).any(axis=0)
+    if not near.any():
+        return None
+    skin, placed = _posed_skin(subject, frames, vertices[near])
+    height, normals = others.nearest(placed, np.arange(count))
+    solid, parts = np.isfinite(height), parts_of_skin(subject.body)[vertices[near]]
+    if not (height < 0.0).any():
+        return None
+    still, none = np.zeros(solid.shape, bool), np.zeros(count)
+    works, deepest = _by_part(height < -DEEP_M, parts), -float(height.min())
+    # Both people move out of each other by half of the depth.
+    height = np.where(solid, np.where(height < 0.0, 0.5 * height, height), 0.0)
+    offsets = (normals * placed).sum(axis=-1) - height
+    joined = Landmarks.joined([subject.landmarks, skin])
+    arrays = solid, still, still, np.zeros(placed.shape), normals, offsets, none > 0.0, none, works
+    return SkinContacts(joined, parts, *arrays, lost_floor=False, overlap_m=deepest)
+
+
+def _posed_skin(subject: Subject, frames: PosedFrames, vertices: np.ndarray) -> tuple[Landmarks, np.ndarray]:
+    """Return skin vertices as landmarks, and their (F, S, 3) places."""
+    body, names = subject.body, tuple(f"skin {vertex}" for vertex in vertices)
+    arrays = (values[vertices] for values in (body.v_template, body.shapedirs, body.weights))
+    skin = Landmarks.of_points(names, *arrays, posedirs=body.posedirs[vertices])
+    bare = replace(subject, landmarks=skin, offsets=zeros((len(skin), 3), subject.offsets))
+    return skin, to_numpy(points_of(bare, frames))
 
 
 def _off_floor(lowest: np.ndarray, fps: float, world: Obstacles) -> np.ndarray:

@@ -53,10 +53,11 @@ from solver_backend.fitters.model.subject import (
     points_of,
     state_layout,
 )
+from solver_backend.fitters.other_skin import OtherSkin
 from solver_backend.fitters.person_shape import Contacts, ShapePrior, find_contacts, refit_shape
 from solver_backend.fitters.problem import REFERENCE_FPS, MethodResult, Problem, SolvedFrames
 from solver_backend.fitters.single_frame import RATE_HZ
-from solver_backend.fitters.skin_contacts import SkinContacts, contradicts, find_skin_contacts
+from solver_backend.fitters.skin_contacts import SkinContacts, contradicts, find_skin_contacts, find_touching_people
 from solver_backend.geometry.arrays import Array, index, to_numpy
 from solver_backend.geometry.obstacles import Obstacles, read_obstacles
 from solver_backend.priors.base import PosePrior
@@ -267,6 +268,7 @@ def touching_parts(
     return touches[:, :FEET], touches
 
 
+PEOPLE = "other people"  # Name of surfaces in diagnostics.
 ROUNDS = 2  # Passes with skin contacts. Sunken parts touch the floor only after the first one.
 
 
@@ -281,30 +283,39 @@ def holds_skin(problem: Problem, settings: SolveSettings) -> bool:
 
 
 def hold_skin(bundle: Bundle) -> Bundle:
-    """Solve again with the skin outside of floor and objects, and fixed where it touches, unless only feet touch.
+    """Solve again with the skin outside of floor, objects and other people, unless only feet touch the floor.
 
-    If measurements contradict the objects, only the floor is used. If they contradict the floor, nothing is used.
+    Skin is fixed where it touches floor or objects. If measurements contradict the other people, they are not used.
+    If they contradict the objects, only the floor is used. If they contradict the floor, nothing is used.
     """
     if not holds_skin(bundle.problem, bundle.settings):
         return bundle
-    world, refused = world_of(bundle.settings), tuple[Diagnostic, ...]()
-    for surfaces in (world, Obstacles.floor()) if world.has_objects else (world,):
-        held, works = _hold_outside(bundle, surfaces)
+    world, refused, others = world_of(bundle.settings), tuple[Diagnostic, ...](), bundle.problem.others
+    tries = [(world, others)] if others is not None else []
+    for surfaces, people in (*tries, (world, None), (Obstacles.floor(), None))[: None if world.has_objects else -1]:
+        held, works = _hold_outside(bundle, surfaces, people)
         if held.skin is None or not contradicts(works, 2.0 * (held.data_cost - bundle.data_cost)):
             return replace(held, notes=(*refused, *held.notes))
+        if people is not None:
+            refused = (diagnostic("surface_contradicted", surface=PEOPLE),)
+            continue
         name = "objects" if surfaces.has_objects else "floor and objects" if world.has_objects else "floor"
         refused = (diagnostic("surface_contradicted", surface=name),)
     return replace(bundle, notes=refused)
 
 
-def _hold_outside(bundle: Bundle, world: Obstacles) -> tuple[Bundle, np.ndarray]:
+def _hold_outside(bundle: Bundle, world: Obstacles, others: OtherSkin | None) -> tuple[Bundle, np.ndarray]:
     """Solve with the skin outside of surfaces. Also return an (F, 11) mask of parts that these affect."""
     standing, names = bundle.contacts, bundle.posed.subject.landmarks.names
     works = np.zeros((bundle.problem.num_frames, len(CONTACT_PARTS)), bool)
     last = Pass(bundle.schedule, tuple(block.name for block in bundle.free.blocks), looseness=bundle.looseness)
+    before, fps = bundle.everywhere, bundle.problem.fps
+    met = None if others is None else find_touching_people(before.subject, before.poses, fps, others)
     for _ in range(ROUNDS):
         posed = bundle.everywhere
         skin = find_skin_contacts(posed.subject, posed.poses, to_numpy(posed.points), bundle.problem.fps, world)
+        if met is not None:
+            skin = met if skin is None else skin.beside(met)
         if skin is None or not skin.binds:
             return bundle if skin is None or bundle.skin else replace(bundle, notes=tuple(skin.notes())), works
         works |= skin.works

@@ -31,7 +31,7 @@ from solver_backend.fitters.model.subject import (
 )
 from solver_backend.fitters.person_shape import Contacts, ShapePrior, find_contacts, refit_shape, with_learned_noise
 from solver_backend.fitters.problem import Problem, Solution, SolvedFrames, noted
-from solver_backend.fitters.recipes.bundle import Bundle, Pass, holds_skin, touching_parts, world_of
+from solver_backend.fitters.recipes.bundle import PEOPLE, Bundle, Pass, holds_skin, touching_parts, world_of
 from solver_backend.fitters.rest_parts import rest_parts
 from solver_backend.fitters.skin_contacts import SkinContacts, find_skin_contacts
 from solver_backend.geometry.arrays import Array, constant, to_numpy
@@ -132,9 +132,9 @@ def trusted_world(settings: SolveSettings, motion: Motion) -> Obstacles:
     """Return floor and objects, except those that the views contradicted in the solve of the whole take."""
     found = read_diagnostics(motion.provenance.get("diagnostics"))
     refused = [item.values.get("surface") for item in found if item.code == "surface_contradicted"]
-    if not refused:
+    if not set(refused) - {PEOPLE}:
         return world_of(settings)
-    return Obstacles.floor() if refused == ["objects"] else Obstacles.floor().without_floor
+    return Obstacles.floor() if "objects" in refused else Obstacles.floor().without_floor
 
 
 def with_earlier_contacts(frame_range: FrameRange, motion: Motion) -> FrameRange:

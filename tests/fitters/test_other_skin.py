@@ -1,0 +1,81 @@
+"""Two people of a take whose bodies overlap: each moves out by half, and people apart stay as they were."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from research.simulation.benchmark import BenchmarkSettings, film_benchmark
+from solver_backend.body.mesh import pose_mesh
+from solver_backend.exchange.motion_file import FLAG_UNSEEN
+from solver_backend.fitters.other_skin import OtherSkin, come_close, spread_vertices
+from solver_backend.fitters.pipeline import solve
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.types import Capture, Motion
+from tests.fitters.test_skin_contacts import codes_of, grounded
+from tests.support.floor_takes import FPS
+
+FRAMES = 20
+PERSON = grounded(FRAMES)
+BODY = PERSON.body
+
+
+@pytest.fixture(name="capture", scope="module")
+def four_views() -> Capture:
+    """Return a person who stands."""
+    return film_benchmark(PERSON, FPS, "stands", BenchmarkSettings(seed=3), np.random.default_rng(3))
+
+
+@pytest.fixture(name="alone", scope="module")
+def solved_alone(capture: Capture) -> Motion:
+    """Return the person as solved without company."""
+    return solve(capture).motion
+
+
+def beside(motion: Motion, metres: float) -> Motion:
+    """Return the same person so far behind."""
+    return replace(
+        motion,
+        transl=motion.transl + np.float32([0.0, metres, 0.0]),
+        joints=None if motion.joints is None else motion.joints + np.float32([0.0, metres, 0.0]),
+    )
+
+
+def gaps_mm(one: Motion, other: OtherSkin) -> np.ndarray:
+    """Return (F,) distances of the deepest skin, negative inside the other."""
+    turns = exp_so3(one.body_pose.reshape(one.num_frames, -1, 3)[:, :21].astype(float))
+    root, transl = exp_so3(one.global_orient.astype(float)), one.transl.astype(float)
+    skin = pose_mesh(BODY, one.betas.astype(float), root, turns, transl)[:, spread_vertices(BODY)]
+    return 1000.0 * other.nearest(skin, np.arange(one.num_frames))[0].min(axis=1)
+
+
+def test_distances_are_signed_and_end_where_nobody_is_seen(alone: Motion) -> None:
+    flags = np.zeros(FRAMES, np.uint8)
+    flags[5] = FLAG_UNSEEN
+    skin = OtherSkin.of(BODY, [replace(alone, flags=flags)])
+    middle, step = skin.points[0].astype(float), 0.004 * skin.normals[0].astype(float)
+    for side in (1.0, -1.0):
+        height, normals = skin.nearest((middle + side * step)[None], np.array([0]))
+        assert np.abs(height - side * 0.004).max() < 1e-4
+        assert ((normals[0] * skin.normals[0]).sum(axis=-1) > 0.999).mean() > 0.99
+    assert np.isinf(skin.nearest(middle[None], np.array([5]))[0]).all()
+    assert np.isinf(skin.nearest(middle[None] + [0.0, 3.0, 0.0], np.array([0]))[0]).all()
+
+
+def test_only_people_who_come_close_meet(alone: Motion) -> None:
+    assert come_close(alone, beside(alone, 0.2)) and not come_close(alone, beside(alone, 1.0))
+    assert not come_close(alone, replace(alone, joints=None))
+
+
+@pytest.mark.slow
+def test_each_moves_out_by_half(capture: Capture, alone: Motion) -> None:
+    other = beside(alone, 0.2)
+    found = solve(capture, others=[other]).motion
+    before, after = (gaps_mm(motion, OtherSkin.of(BODY, [other])).mean() for motion in (alone, found))
+    assert before < -25.0 and 0.35 * before > after > 0.75 * before
+    assert np.linalg.norm(found.joints - alone.joints, axis=-1).mean() < 0.02
+    assert codes_of(found)["people_overlap"]["size"] == pytest.approx(-0.1 * before, rel=0.3)
+    apart = solve(capture, others=[beside(alone, 1.0)]).motion
+    np.testing.assert_array_equal(apart.joints, alone.joints)
