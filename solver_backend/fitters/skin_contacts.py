@@ -208,7 +208,10 @@ def find_skin_contacts(
 
 
 def find_touching_people(subject: Subject, frames: PosedFrames, fps: float, others: OtherSkin) -> SkinContacts | None:
-    """Find skin near or in other people, which stays outside of them. Nothing is held, as people move."""
+    """Find skin near or in other people, which stays outside of them, None if none is deeper than ``DEEP_M``.
+
+    Nothing is held, because people move.
+    """
     vertices, count = spread_vertices(subject.body), frames.transl.shape[0]
     sampled = np.arange(0, count, max(1, round(SAMPLE_S * fps)))
     skin, placed = _posed_skin(subject, frames.select(index(sampled, frames.transl)), vertices)
@@ -218,7 +221,7 @@ def find_touching_people(subject: Subject, frames: PosedFrames, fps: float, othe
     skin, placed = _posed_skin(subject, frames, vertices[near])
     height, normals = others.nearest(placed, np.arange(count))
     solid, parts = np.isfinite(height), parts_of_skin(subject.body)[vertices[near]]
-    if not (height < 0.0).any():
+    if not (height < -DEEP_M).any():
         return None
     still, none = np.zeros(solid.shape, bool), np.zeros(count)
     works, deepest = _by_part(height < -DEEP_M, parts), -float(height.min())
