@@ -24,13 +24,13 @@ MEANINGS = {
     REPRODUCED: "the 95 % interval over takes excludes 1 on the published side",
     CONTRADICTED: "the interval excludes 1 on the other side",
     UNDECIDED: "the interval contains 1, or fewer than 12 takes are measured",
-    WITHOUT_INTERVAL: "there is one measurement without an interval over takes, so its side of 1 decides nothing",
+    WITHOUT_INTERVAL: "there is one measurement and no interval over takes, so there is no verdict",
     TOO_SMALL: "our networks are far smaller than the published ones, or too few were trained",
-    BOTH_SIDES: "two published ratios are on different sides of 1",
+    BOTH_SIDES: "one published ratio is above 1 and another below",
     SMOOTHING: "the control without a prior is also on the published side",
     NOT_PUBLISHED: "the publication proposes the method without a figure",
     NOT_APPLICABLE: "the comparison cannot be measured here, for the reason in the row",
-    NOT_MEASURED: "the benchmark of the table measures the row, but has not run yet",
+    NOT_MEASURED: "the benchmark can measure the row, but has not run yet",
 }
 VERDICTS = tuple(MEANINGS)
 WIDEST = 5  # Methods per table, so that it fits a page.
@@ -39,29 +39,28 @@ LEAST_TAKES = 12  # Smallest number of takes for a verdict.
 NETWORKS = (
     ("landmark_rows", "base of chapter 4's rows, width 8", "base_", "`fixed`"),
     ("landmark_rows", "σ(D) with SQUAD, width 8", "ortho_", "`fixed`"),
-    ("landmark_clouds", "the network that ships", "fixed_", "`fixed`"),
-    ("landmark_clouds", "the network that ships", "thesis_", "`thesis`"),
+    ("landmark_clouds", "the included network", "fixed_", "`fixed`"),
+    ("landmark_clouds", "the included network", "thesis_", "`thesis`"),
 )
 """Benchmark, name, start of the keys, and corruption of every network with absolute figures."""
 POSES = ("ordinary", "tail", "floor")  # Sets for evaluating landmark networks.
-_NETWORKS = """The thesis' rows are medians over three trainings. Each error is a mean over 1,000 ordinary poses,
+_NETWORKS = """The first rows are medians over three trainings. Each error is a mean over 1,000 ordinary poses,
 646 rare poses (*tail*) or 171 poses on the floor. A dash marks a missing figure.
 
-`thesis` clouds have the corruption of equations 4.20 to 4.27 alone. `fixed` clouds also have body sizes, headings,
-misplaced markers and props.
+`thesis` clouds have only the corruption in equations 4.20 to 4.27. `fixed` clouds also vary the body size and the heading,
+and have misplaced markers and props.
 
-`python3 dev.py bench landmark_clouds` measures the network that ships on fewer poses: 400 ordinary ones and 400 of the
-tail."""
+`python3 dev.py bench landmark_clouds` measures the included network on fewer poses, 400 ordinary and 400 rare ones."""
 
 _HEAD = """<!-- Made by python3 dev.py docs from published_tables.json, the results of takes, and baseline.json. -->
 
 # Published tables, measured again
 
-Each row compares two methods by the ratio of their figures. *Reproduced* rests on {num_takes} takes of recorded CMU
-motion with {seeds}. Markers, cameras and detector are simulated. We implemented both methods again.
-The published data, code and weights are not used here, so absolute errors cannot be compared.
+Each row compares two methods by the ratio of their figures. The verdict *reproduced* needs {num_takes} takes of recorded CMU
+motion with {seeds}. Markers, cameras and detector are simulated. We implemented both methods
+ourselves. We did not use the published data, code or weights, so absolute errors cannot be compared.
 
-Our ratio is the median over takes. A row is *reproduced* if the 95 % bootstrap interval of this ratio excludes 1 on the
+Our ratio is the median over the takes. A row is *reproduced* if the 95 % bootstrap interval of this ratio excludes 1 on the
 published side. A row without an interval has no verdict.
 
 The column *published* shows the ratio of the two published figures, for each published data set. The column *here*
@@ -298,7 +297,7 @@ def _line(row: PublishedRow) -> str:
     if row.control is not None:
         here += f", control {row.control:.3f}"
     reason = f": {row.reason}" if row.reason and row.verdict in (CONTRADICTED, NOT_PUBLISHED, NOT_APPLICABLE) else ""
-    log = f" [More](../research-log/{row.log})." if row.log else ""
+    log = f"{'' if reason else ':'} [More](../research-log/{row.log})." if row.log else ""
     return f"| {row.what} | {published or '–'} | {here} | **{row.verdict}**{reason}{log} |"
 
 
