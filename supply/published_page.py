@@ -47,8 +47,8 @@ POSES = ("ordinary", "tail", "floor")  # Sets for evaluating landmark networks.
 _NETWORKS = """The first rows are medians over three trainings. Each error is a mean over 1,000 ordinary poses,
 646 rare poses (*tail*) or 171 poses on the floor. A dash marks a missing figure.
 
-`thesis` clouds have only the corruption in equations 4.20 to 4.27. `fixed` clouds also vary the body size and the heading,
-and have misplaced markers and props.
+`thesis` clouds have only the corruption in equations 4.20 to 4.27. `fixed` clouds also vary the body size and the
+heading, and have misplaced markers and props.
 
 `python3 dev.py bench landmark_clouds` measures the included network on fewer poses, 400 ordinary and 400 rare ones."""
 
@@ -56,12 +56,13 @@ _HEAD = """<!-- Made by python3 dev.py docs from published_tables.json, the resu
 
 # Published tables, measured again
 
-Each row compares two methods by the ratio of their figures. The verdict *reproduced* needs {num_takes} takes of recorded CMU
-motion with {seeds}. Markers, cameras and detector are simulated. We implemented both methods
-ourselves. We did not use the published data, code or weights, so absolute errors cannot be compared.
+Each row compares two methods by the ratio of their figures. The verdict *reproduced* needs {num_takes} takes of
+recorded CMU motion with {seeds}. Markers, cameras and detector are simulated. We
+implemented both methods ourselves. We did not use the published data, code or weights, so absolute errors cannot be
+compared.
 
-Our ratio is the median over the takes. A row is *reproduced* if the 95 % bootstrap interval of this ratio excludes 1 on the
-published side. A row without an interval has no verdict.
+Our ratio is the median over the takes. A row is *reproduced* if the 95 % bootstrap interval of this ratio excludes 1
+on the published side. A row without an interval has no verdict.
 
 The column *published* shows the ratio of the two published figures, for each published data set. The column *here*
 shows our ratio, with our two figures in brackets. The conditions of each table are under its heading.
