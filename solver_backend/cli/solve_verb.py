@@ -244,7 +244,6 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[Ta
     for number, job in enumerate(jobs):
         parts = _parts(job, progress)
         where = f"{number + 1} of {len(jobs)}: " if len(jobs) > 1 else ""
-        solved: list[tuple[int, Capture]] = []
         while True:
             title = job.capture.name
             try:
@@ -254,16 +253,23 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[Ta
                 own, capture = part
                 title = f"{capture.name}, {capture.person}" if capture.person else capture.name
                 found = _solve_one(own, capture, prefixed(progress, f"{where}{title}: "), each)
-                solved.append((len(ended), capture))
                 ended.append((own, title, found))
             except Cancelled:
                 raise
             except MocapError as error:
                 ended.append((job, title, error))
-        for index, capture, others in _meetings(ended, solved):
-            own, title, _ = ended[index]
-            step = prefixed(progress, f"{where}{title}, with other people: ")
+    for index, others in _meetings(ended):
+        own, title, _ = ended[index]
+        step = prefixed(progress, f"{title}, with other people: ")
+        capture = load(own.capture, own.reading(), step)
+        if capture.several_views is None:
+            continue
+        try:
             ended[index] = own, title, _solve_one(replace(own, overwrite=True), capture, step, each, others)
+        except Cancelled:
+            raise
+        except MocapError as error:
+            ended[index] = own, title, error
     texts: list[str] = []
     summary: list[str] = []
     to_check: list[str] = []
@@ -290,20 +296,22 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[Ta
     return Outcome("\n".join(texts), result, (*summary, last))
 
 
-def _meetings(
-    ended: Sequence[tuple[Job, str, object]], solved: Sequence[tuple[int, Capture]]
-) -> list[tuple[int, Capture, list[Motion]]]:
-    """Return the index and capture of people who come close to others of their take, and the others' motions."""
+def _meetings(ended: Sequence[tuple[Job, str, object]]) -> Iterator[tuple[int, list[Motion]]]:
+    """Yield the index of people who came close to others of their take, and the others' motions as solved alone."""
     from solver_backend.fitters.other_skin import come_close
     from solver_backend.io.native.motion_file import read_motion
 
-    jobs = [ended[index][0] for index, _ in solved]
-    seen = all(capture.several_views is not None for _, capture in solved)
-    if len(jobs) < 2 or not all(job.settings.contacts and job.settings.method == GLOBAL and seen for job in jobs):
-        return []
-    motions = [read_motion(job.out) for job in jobs]
-    near = [[other for other in motions if other is not one and come_close(one, other)] for one in motions]
-    return [(index, capture, others) for (index, capture), others in zip(solved, near, strict=True) if others]
+    takes: dict[Path, dict[str, int]] = {}
+    for index, (job, _, outcome) in enumerate(ended):
+        if isinstance(outcome, Outcome) and job.settings.contacts and job.settings.method == GLOBAL and not job.resolve:
+            takes.setdefault(job.capture, {})[outcome.data.get("person", "")] = index
+    for people in takes.values():
+        indices = [index for name, index in people.items() if name]
+        motions = [read_motion(ended[index][0].out) for index in indices]
+        for index, one in zip(indices, motions, strict=True):
+            others = [other for other in motions if other is not one and come_close(one, other)]
+            if others:
+                yield index, others
 
 
 def _parts(job: Job, progress: Progress) -> Iterator[tuple[Job, Capture]]:

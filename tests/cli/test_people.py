@@ -74,6 +74,31 @@ def test_solve_all_writes_a_motion_a_person(short_pair: Path, tmp_path: Path, ca
 
 
 @pytest.mark.slow
+def test_people_who_come_close_are_solved_again(short_pair: Path, tmp_path: Path, monkeypatch, capsys) -> None:
+    from solver_backend.fitters import other_skin, pipeline
+
+    given: list[list[str]] = []
+    solve = pipeline.solve
+
+    def noting(capture, *args, others=(), **options):
+        given.append([other.provenance["person"] for other in others])
+        return solve(capture, *args, others=others, **options)
+
+    monkeypatch.setattr(pipeline, "solve", noting)
+    monkeypatch.setattr(other_skin, "CLOSE_M", 2.0)
+    jobs: list[str] = []
+    for name in ("Person 1", "Person 2"):
+        job = tmp_path / f"{name[-1]}.json"
+        job.write_text(json.dumps({"version": 1, "capture": str(short_pair), "out": f"{name[-1]}.npz", "person": name}))
+        jobs += ["--job", str(job)]
+    assert main(["solve", *jobs, "--json"]) == 0
+    assert given == [[], [], ["Person 2"], ["Person 1"]]
+    result = last_event(capsys)
+    assert len(result["takes"]) == 2 and not result["failed"]
+    assert [read_motion(take["motion"]).provenance["person"] for take in result["takes"]] == ["Person 1", "Person 2"]
+
+
+@pytest.mark.slow
 def test_everybody_whom_a_single_camera_sees_is_solved(short_pair: Path, tmp_path: Path, capsys) -> None:
     whole = read_capture(short_pair)
     one = write_capture(tmp_path / "one.npz", whole.views([0]))
