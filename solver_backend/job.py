@@ -97,7 +97,7 @@ class Job(JobFile):
         """
         values = read_json(path)
         if not isinstance(values, dict):
-            raise JobInvalid("The job file does not hold a JSON object.", where=str(path))
+            raise JobInvalid("The job file does not contain a JSON object.", where=str(path))
         folder = Path(path).parent
         job = cls.from_dict(values, folder)
         for name, output in (("out", job.out), ("report", job.report)):
@@ -161,7 +161,7 @@ def _resolve(values: Mapping[str, Any] | None, folder: Path) -> Resolve | None:
         return None
     motion = _typed(values, "motion", str)
     if motion is None:
-        raise JobInvalid("resolve lacks motion.", where="resolve", hint="Give the motion file of the earlier solve.")
+        raise JobInvalid("`resolve` has no `motion`.", where="resolve", hint="Give the earlier motion.")
     _typed(values, "pins", list)
     _typed(values, "contacts", list)
     try:

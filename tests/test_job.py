@@ -94,7 +94,7 @@ def test_a_file_that_is_no_job(tmp_path):
     with pytest.raises(FileDamaged, match="truncated or is not JSON"):
         Job.read(path)
     path.write_text("[1]", encoding="utf-8")
-    with pytest.raises(JobInvalid, match="does not hold a JSON object"):
+    with pytest.raises(JobInvalid, match="does not contain a JSON object"):
         Job.read(path)
 
 
@@ -104,7 +104,7 @@ def test_a_stretch_to_solve_again_is_read_relative_to_the_job_and_written_back(t
     job = Job.from_dict(values, tmp_path)
     assert job.resolve is not None and job.resolve.motion == tmp_path / "earlier.npz"
     assert Job.from_dict(job.as_dict()).as_dict() == job.as_dict()
-    with pytest.raises(JobInvalid, match="resolve lacks motion"):
+    with pytest.raises(JobInvalid, match="`resolve` has no `motion`"):
         Job.from_dict({**MINIMAL, "resolve": {"first": 2, "last": 9}})
     with pytest.raises(JobInvalid, match="must be different files"):
         Job.from_dict({**MINIMAL, "resolve": {"motion": MINIMAL["out"], "first": 2, "last": 9}})

@@ -218,8 +218,8 @@ class KeyDeviation:
     degrees: float  # Joint rotations relative to the parents.
 
     def __str__(self) -> str:
-        off = f"joints are up to {self.joints_mm:.1f} mm and {self.degrees:.1f}° from the take."
-        return f"{self.keys} keys are left: {off}"
+        off = f"Joints are up to {self.joints_mm:.1f} mm and {self.degrees:.1f}° from the take."
+        return f"{self.keys} keys are left. {off}"
 
 
 def thin_channels(

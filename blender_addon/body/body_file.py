@@ -79,7 +79,7 @@ def _add_finger_joints(arrays: dict[str, np.ndarray], path: Path, hands_file: Pa
     _require_shapes(arrays, path, _skin_shapes(vertices, count))
     given = FAMILY[count]
     if tuple(tree[0].astype(np.int64)[1:]) != given.parents[1:]:
-        raise BodyInvalid(f"The tree is not {given.name}'s tree of joints.", where=str(path))
+        raise BodyInvalid(f"The joint hierarchy differs from {given.name}.", where=str(path))
     hands = read_arrays(hands_file, required=HANDS_KEYS) if needs_hands_file(given) else None
     weights, regressor = (np.asarray(arrays[key], np.float64) for key in ("weights", "J_regressor"))
     own = Skinning(weights, regressor, arrays.get("posedirs"))
@@ -162,7 +162,7 @@ def read_body(path: Path, layout: BodyLayout = SMPL) -> BodyFile:
     """
     path = Path(path)
     if path.suffix.lower() == ".pkl":
-        message, hint = "Blender reads bodies from .npz files, not from pickles.", "Take the model's .npz."
+        message, hint = "Blender reads bodies from .npz files, not from pickles.", "Choose the model's .npz file."
         raise BodyInvalid(message, where=str(path), hint=hint)
     fingers = layout.num_joints > SMPL.num_joints
     return _read(path, layout, (_state(path), _state(default_hands_path()) if fingers else None))
@@ -253,14 +253,14 @@ def _check(arrays: dict[str, np.ndarray], path: Path, layout: BodyLayout) -> Non
     if wrong := [key for key in shapes if key in arrays and not np.isfinite(arrays[key]).all()]:
         raise BodyInvalid(f"{wrong[0]} contains NaN or infinite values.", where=str(path))
     if not faces or arrays["f"].min() < 0 or arrays["f"].max() >= vertices:
-        raise BodyInvalid(f"The faces must name vertices 0..{vertices - 1}.", where=str(path))
+        raise BodyInvalid(f"The faces must refer to vertices 0 to {vertices - 1}.", where=str(path))
     blank = arrays.get("blank_vertices", np.zeros(1, int))
     if blank.ndim != 1 or not blank.size or blank.min() < 0 or blank.max() >= vertices:
-        raise BodyInvalid(f"blank_vertices must name vertices 0..{vertices - 1}.", where=str(path))
+        raise BodyInvalid(f"blank_vertices must refer to vertices 0 to {vertices - 1}.", where=str(path))
     if (arrays["weights"].sum(axis=1) <= 0).any():
         raise BodyInvalid("A vertex has no skinning weight.", where=str(path))
     if not np.array_equal(arrays["kintree_table"][0, 1:], layout.parents[1:]):
-        raise BodyInvalid("The tree is not SMPL's tree of joints.", where=str(path))
+        raise BodyInvalid("The joint hierarchy differs from SMPL.", where=str(path))
 
 
 def body_path_of(provenance: str) -> Path:
@@ -273,7 +273,7 @@ def body_path_of(provenance: str) -> Path:
     for place in places:
         if os.path.isfile(place):
             return place
-    message = f"The motion was solved for the body '{places[0].stem}', whose file does not exist."
+    message = f"The motion was solved with the body '{places[0].stem}', but its file does not exist."
     hint = f"Put the file into {bodies_folder()}, or give its path when you bake."
     raise BodyMissing(message, where=str(places[0]), hint=hint)
 
@@ -281,8 +281,8 @@ def body_path_of(provenance: str) -> Path:
 def require_body(motion: MotionFile, body: BodyFile) -> None:
     """Check that a motion was solved for this body. A motion that does not name its body fits any body."""
     if motion.body and body.id and motion.body != body.id:
-        message = f"The motion was solved for the body '{motion.body}', not for '{body.id}'."
-        raise BodyMismatch(message, where=motion.name, hint="Name the body file it was solved for.")
+        message = f"The motion was solved with the body '{motion.body}', not '{body.id}'."
+        raise BodyMismatch(message, where=motion.name, hint="Choose the body file of the solve.")
 
 
 def pose_joints(rest: np.ndarray, rotvec: np.ndarray, transl: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

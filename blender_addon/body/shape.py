@@ -159,7 +159,7 @@ def add_face_shapes(mesh: bpy.types.Object, body: BodyFile) -> int:
     keys = mesh.data.shape_keys
     rest, new = positions(keys.reference_key.points), [name for name in body.face_shapes if name not in keys.key_blocks]
     if body.face_shapes and len(rest) != len(body.v_template):
-        raise BodyInvalid("The mesh is not the skin of its body.", where=mesh.name, hint="Choose a body's mesh.")
+        raise BodyInvalid("The mesh is not the skin of its body.", where=mesh.name, hint="Select the mesh of a body.")
     for name in new:
         vertices, offsets = body.face_shapes[name]
         moved = rest.copy()
@@ -194,5 +194,7 @@ def all_sliders(mesh: bpy.types.Object) -> list[bpy.types.ShapeKey]:
     found = sliders(mesh)
     if len(found) < NUM_BETAS:
         names = f"{_slider_name(0)} to {_slider_name(NUM_BETAS - 1)}"
-        raise BodyInvalid(f"The object lacks the shape keys {names}.", where=mesh.name, hint="Choose a body's mesh.")
+        raise BodyInvalid(
+            f"The object lacks the shape keys {names}.", where=mesh.name, hint="Select the mesh of a body."
+        )
     return found

@@ -46,7 +46,10 @@ UNITS = (
     ("cm", "Centimetres", "One unit of the file is a centimetre, without a scale on the skeleton"),
 )
 """Length units of FBX files."""
-UP_AXES = (("Y", "Y Up", "Y points up, -Z is ahead"), ("Z", "Z Up", "Z points up, as in Blender"))  # Axes of FBX files.
+UP_AXES = (
+    ("Y", "Y Up", "Y points up, -Z points forward"),
+    ("Z", "Z Up", "Z points up, as in Blender"),
+)  # Axes of FBX files.
 
 
 @dataclass(frozen=True)

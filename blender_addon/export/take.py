@@ -93,7 +93,7 @@ def take_of(
         start, end = action.frame_range
         frames = (start, end) if solved is not None else (math.floor(start + _WHOLE), math.ceil(end - _WHOLE))
     if frames[1] < frames[0]:
-        raise NothingToExport(f"The frames {frames[0]} to {frames[1]} are not a range.", where=armature.name)
+        raise NothingToExport(f"The frames {frames[0]} to {frames[1]} are not a valid range.", where=armature.name)
     meshes = (o for o in scene.objects if o.type == "MESH" and o.find_armature() is armature)
     clip = "" if action is None else action.name
     step = 1.0 if same_rate(laid, fps) else laid / fps
@@ -119,9 +119,7 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
     objects = (take.armature, *take.meshes)
     absent = [obj.name for obj in objects if obj.name not in layer.objects]
     if absent:
-        raise NothingToExport(
-            f"{', '.join(absent)} cannot be reached in this view layer.", hint="Enable its collection."
-        )
+        raise NothingToExport(f"{', '.join(absent)} is not in this view layer.", hint="Enable its collection.")
     selected, active = [obj for obj in layer.objects if obj.select_get()], layer.objects.active
     hidden = {obj: (obj.hide_viewport, obj.hide_get()) for obj in objects}
     frames = scene.frame_start, scene.frame_end, scene.frame_current, scene.frame_subframe
@@ -160,7 +158,7 @@ def uniform_scale(take: ExportTake) -> float:
     scale = float(even_scale(take.armature.matrix_world, _SAME_SIZE))
     if np.isnan(scale) or take.armature.matrix_world.determinant() < 0:
         hint = "Scale the armature and its parents equally in all directions."
-        raise NothingToExport("The armature is stretched.", where=take.name, hint=hint)
+        raise NothingToExport("The armature is scaled unevenly or mirrored.", where=take.name, hint=hint)
     return 1.0 if abs(scale - 1) < _SAME_SIZE else scale
 
 

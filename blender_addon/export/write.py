@@ -21,7 +21,7 @@ def export_take(
     chosen = format_of(format_name)
     if path.suffix.lower() != chosen.suffix:
         hint = f"Try {path.stem}{chosen.suffix}."
-        raise NothingToExport(f"A file of {chosen.label} ends in {chosen.suffix}.", where=path.name, hint=hint)
+        raise NothingToExport(f"The name of this file must end in {chosen.suffix}.", where=path.name, hint=hint)
     layout = FileLayout(**{name: getattr(take.layout, name) for name in chosen.keeps})
     take, stage = replace(take, layout=layout), f"exporting {chosen.label}"
     progress(stage, 0, 1)

@@ -35,7 +35,7 @@ def run_certificates(args: Namespace, progress: Progress) -> CommandResult:
         words = [*_REQUEST, "-days", str(args.days), "-keyout", str(key), "-out", str(certificate)]
         made = subprocess.run([program, *words], capture_output=True, text=True, check=False)
         if made.returncode != 0:
-            raise EngineMissing(f"openssl made no certificate: {made.stderr.strip()[-200:]}", where=program)
+            raise EngineMissing(f"openssl created no certificate: {made.stderr.strip()[-200:]}", where=program)
         key.chmod(_OWNER_ALONE)
         shutil.copyfile(certificate, parts[_AUTHORITY])
     progress("Certificates", 1, 1)

@@ -26,7 +26,7 @@ _TABLE = Path(__file__).with_name("verbs.json")
 _shared, _GROUPS, VERBS = read_verbs(_TABLE, _of_solver, _CHOICES)
 _EPILOG = describe_exit_codes(
     "a file is missing, damaged or unusable, an output exists or cannot be written, or a result is implausible",
-    "the solver failed, or Blender is missing, cannot render or export here",
+    "the solver failed, or Blender is missing or cannot render or export here",
     "A batch has the highest code of its takes.\n",
 )
 

@@ -100,7 +100,7 @@ def measure_deviation_mm(rig: TargetRig, scene: bpy.types.Scene, done: Transferr
             wanted = done.places[list(ends.values()), f]
             worst = max(worst, 1000.0 * float(np.linalg.norm(heads - wanted, axis=1).max()))
     if worst > _REFUSED_MM * done.scale:
-        message = f"Hands or feet would be up to {worst / 1000:.2f} m from their planned places."
+        message = f"Hands or feet would be up to {worst / 1000:.2f} m from their planned positions."
         hint = "Mute constraints and drivers that move the limbs, or correct the map of the bones."
         raise TargetUnsuitable(message, where=rig.armature.name, hint=hint)
     return worst
@@ -168,13 +168,13 @@ def retarget(
     if settings.transfer.root_motion and not settings.transfer.in_place and rig.target.index("root") < 0:
         notes.append("The rig has no root bone, so the hips carry the travel.")
     if deviation_mm > _TOLERATED_MM * max(done.scale, 1.0):
-        off = f"Hands or feet are up to {deviation_mm / 1000:.3f} m from their planned places"
-        notes.append(f"{off}: constraints, drivers or limits of the rig move them.")
+        off = f"Hands or feet are up to {deviation_mm / 1000:.3f} m from their planned positions"
+        notes.append(f"{off}. Constraints, drivers or limits of the rig move them.")
     tolerated_m = _TOLERATED_MM / 1000 * max(done.scale, 1.0)
     if done.beyond_m > tolerated_m:
-        notes.append(f"A touch of a hand is {done.beyond_m:.2f} m beyond the rig's arm. The hand stops short of it.")
+        notes.append(f"A hand contact is {done.beyond_m:.2f} m out of reach of the rig's arm. The hand stops short.")
     if (missed := done.missed_m(rig.target)) > tolerated_m:
-        notes.append(f"The rig's limbs cannot follow: hands or feet are up to {missed:.2f} m from the motion's places.")
+        notes.append(f"The rig's limbs cannot follow the motion. Hands or feet are up to {missed:.2f} m off.")
     if not rig_map.map_pose and (lean := lean_at_rest_deg(rig.target)) > LEANS_DEG:
         hint = "pose the rig upright and use Pose > Apply > Apply Pose as Rest Pose on rig and skin"
         turned = f"The rig's trunk leans {lean:.0f}° at rest and was turned upright for the retarget."

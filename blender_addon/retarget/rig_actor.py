@@ -41,7 +41,9 @@ def played_frames(armature: bpy.types.Object) -> tuple[str, np.ndarray]:
         hint = "Assign an action to it, or choose the file with the clip."
         raise ActorMissing("The actor has no action.", where=armature.name, hint=hint)
     if next(action_curves(action), None) is None:
-        raise ActorMissing(f"The action '{action.name}' has no keys.", where=armature.name, hint="Choose another one.")
+        raise ActorMissing(
+            f"The action '{action.name}' has no keys.", where=armature.name, hint="Choose another action."
+        )
     first, last = action.frame_range
     return action.name, first + np.arange(1 + int(np.floor(last - first + 0.01)))
 
@@ -90,7 +92,7 @@ def read_rig_actor(
         stance = _stand_in_motion(rest, worlds, poses, unit_m)
     if stance is not None:
         rest, frame = stance
-        doubt = f"The rest pose is not a stance. The upright pose of frame {times[frame]:g} replaces it."
+        doubt = f"The rest pose is not upright. The upright pose of frame {times[frame]:g} replaces it."
     A = map_pose(rest, own_rest, rig_map.map_pose)
     turns, places = _on_stage(worlds, poses, rest, metres, turned=stance is None)
     fps = scene_frame_rate(scene)
@@ -99,7 +101,7 @@ def read_rig_actor(
     turns, places = turned.swapaxes(0, 1), size * joints.swapaxes(0, 1)
     actor = actor_of_bones(name, rest, A, turns, places, own_rest, fps)
     actor, notes = _on_floor(actor)
-    pose = "One frame: the clip is a pose." if len(times) == 1 else ""
+    pose = "The clip has one frame, so it is a pose." if len(times) == 1 else ""
     return (
         actor,
         TakeTiming(float(times[0]), fps),
@@ -157,7 +159,7 @@ def _on_floor(actor: Actor) -> tuple[Actor, tuple[str, ...]]:
     if abs(above) <= _ON_FLOOR * leg:
         return actor, ()
     way = "lowered" if above > 0 else "raised"
-    note = f"The actor was {way} by {abs(above) / leg:.2f} of its legs' length, so that its feet stand on the floor."
+    note = f"The actor was {way} by {abs(above) / leg:.2f} leg lengths, so that its feet stand on the floor."
     return replace(actor, joints=actor.joints - [0.0, 0.0, above]), (note,)
 
 
@@ -270,7 +272,7 @@ def chosen_actor(scene: bpy.types.Scene, name: str, where: str) -> bpy.types.Obj
     chosen = [name] if name else list(rigs)
     if len(chosen) == 1 and chosen[0] in rigs:
         return rigs[chosen[0]]
-    wanted = f"There is no armature '{name}' that moves." if name else "One actor is wanted."
+    wanted = f"There is no armature '{name}' that moves." if name else "Exactly one actor is needed."
     hint = f"Name one with --armature: {', '.join(rigs) or 'the file has none that moves'}."
     raise ActorMissing(wanted, where=where, hint=hint)
 

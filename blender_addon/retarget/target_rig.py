@@ -166,7 +166,7 @@ def _with_carrier(armature: bpy.types.Object, bones: dict[str, str], notes: list
     carrier = next((bone for bone in pelvis.parent_recursive if not (bone.use_connect and bone.parent)), None)
     if carrier is None or carrier.name in (bone for role, bone in bones.items() if role != "root"):
         return bones
-    notes.append(f"{pelvis.name} is connected to its parent: {carrier.name} carries the body.")
+    notes.append(f"{pelvis.name} is connected to its parent, so {carrier.name} carries the body.")
     return {"carrier": carrier.name} | {role: bone for role, bone in bones.items() if bone != carrier.name}
 
 
@@ -190,4 +190,4 @@ def _check_controls(armature: bpy.types.Object, hanging: Hanging, role_of: dict[
         raise TargetUnsuitable(f"The location channels do not move {carrier}.", where=armature.name, hint=hint)
     body = [name for name in hanging.partial if role_of[name].partition("_")[2] not in HELPER_OF]
     if body:
-        notes.append(f"Other controls move {', '.join(body)} in part: look at how they stand.")
+        notes.append(f"Other controls also move {', '.join(body)}. Check the pose of these bones.")

@@ -80,7 +80,7 @@ def bake_take(
     require_body(motion, body)
     notes = _differences(motion, capture)
     if motion.body_layout.num_joints > body.layout.num_joints:
-        notes.append("The body has no finger joints: its hands rest.")
+        notes.append("The body has no finger joints, so its hands stay at rest.")
     motion = with_own_hands(motion, body)
     start, fps = settings.frame_start, motion.fps
     scene_fps = (settings.scene_fps or fps) if settings.set_scene else None

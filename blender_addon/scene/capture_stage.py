@@ -126,7 +126,7 @@ def create_detections(
 
 def _lens_notes(source: CameraFile) -> list[str]:
     skew = abs(source.K[0, 1])
-    return [f"Camera {source.name}: its skew of {skew:.2g} px is left out."] if skew > 0.01 else []
+    return [f"Camera {source.name}: its skew of {skew:.2g} px is ignored."] if skew > 0.01 else []
 
 
 def _ground_points(capture: CaptureFile) -> np.ndarray:

@@ -230,7 +230,7 @@ def take_switched(
 
 def _channels(armature: bpy.types.Object) -> Channels:
     if not has_limbs(armature):
-        message = "This body has no controls for hands and feet: they were deleted."
+        message = "This body has no controls for hands and feet, because they were deleted."
         hint = "Import its motion file again (File > Import) to create a body with these controls."
         raise BodyInvalid(message, where=getattr(armature, "name", ""), hint=hint)
     return channels_of(armature)

@@ -67,7 +67,11 @@ def main(folder: Path, kind: Kind, wheels: Path | None) -> int:
     except subprocess.CalledProcessError:
         return fail(f"Python {sys.version.split()[0]} cannot make environments.", Path(sys.executable), NO_PIP)
     except OSError as error:
-        return fail(f"The environment was not created: {error}", folder, "Check the free space and the rights there.")
+        return fail(
+            f"The environment was not created: {error}",
+            folder,
+            "Check the free disk space and the permissions of the folder.",
+        )
     python = Path("Scripts/python.exe" if os.name == "nt" else "bin/python")
     source = [] if wheels is None else ["--no-index", "--find-links", str(wheels)]
     pip = [str(unfinished / python), "-m", "pip", "install", "--disable-pip-version-check", "--no-input", *source]

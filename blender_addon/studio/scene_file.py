@@ -41,7 +41,7 @@ def read_scene(path: Path) -> SceneFile:
     base, faces = _numbers(fields, "base", ("vertices",)), _numbers(fields, "faces", ("triangles", 3))
     count = len(base)
     if len(faces) and (faces.min() < 0 or faces.max() >= count):
-        raise FileDamaged(f"The triangles must name vertices 0 to {count - 1}.", where=str(path))
+        raise FileDamaged(f"The triangles must refer to vertices 0 to {count - 1}.", where=str(path))
     shapes: dict[str, Shape] = {"offset_m": (count,), "rest": (count, 3), "room": (2, 3), "furniture": ("pieces", 4, 3)}
     arrays = {name: fields.shaped(name, shape, FileDamaged) for name, shape in shapes.items()}
     walls, label = bool(fields.shaped("walls", (), FileDamaged)), _numbers(fields, "label", (len(faces),))

@@ -86,7 +86,7 @@ class MocapReading(ReadingProperties, bpy.types.PropertyGroup):
 class MocapSolve(SolveProperties, bpy.types.PropertyGroup):
     """Settings of a solve."""
 
-    preset: choice("Preset", "Compromise between speed and detail", "solve.preset", "BALANCED")
+    preset: choice("Preset", "Group of solver settings", "solve.preset", "BALANCED")
     subject: path("Subject", "Calibrated person with the markers, empty to calibrate on the take itself")
     keep_shape: switch("Keep Shape", "Use the shape of the body's sliders instead of estimating it", on=True)
     report: switch("Report", "Write a page about the solve", on=True)

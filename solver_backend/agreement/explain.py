@@ -50,7 +50,8 @@ AGREED_BODY = {"upright": -6.0, "handed": -8.0}
 """Smallest log-likelihoods of the body if all pairs agree. Rotated images reach -8, mirror images at most -9."""
 _PHRASES = {
     "camera_placed": "{which} was moved after the calibration", "camera_late": "{which} is late",
-    "camera_unexplained": "nothing explains {which}", "camera_names_exchanged": "camera names are swapped: {owners}",
+    "camera_unexplained": "{which} has an unknown fault",
+    "camera_names_exchanged": "camera names are swapped: {owners}",
 }  # fmt: skip
 
 
@@ -329,7 +330,7 @@ class _Search:
             owners = ", ".join(f"{names[v]} is {names[reading.owners[v]]}" for v in views)
             usual = meaning if len(views) == len(names) else f"{meaning} ({which})"
             parts.append(_PHRASES.get(code, usual).format(which=which, owners=owners))
-        return "; ".join(parts) or "everything is as written"
+        return "; ".join(parts) or "the files are correct"
 
 
 def _exchange_sides(reading: Reading) -> Reading:

@@ -50,10 +50,10 @@ def follow_people(cameras: Cameras, detections: Detections, fps: float, progress
     found = persons(people, tracks, fps)
     if not found:
         raise NoDetections(
-            f"No two cameras see a person at the same place, within {TOLERANCE_M} m.",
+            f"No two cameras agree on a person's position within {TOLERANCE_M} m.",
             where=", ".join(cameras.names),
-            hint="Check that calibration and recording belong together, which camera has which name, its unit, "
-            "and that cameras are synchronised.",
+            hint="Check that the calibration belongs to this recording, its unit and camera names, and that the "
+            "cameras are synchronised.",
         )
     return FollowedPeople(seen, tracks, people, found)
 
@@ -90,7 +90,7 @@ def _require_two_views(detections: Detections) -> None:
     if with_people.sum() < 2:
         names = ", ".join(np.array(detections.cameras)[with_people])
         raise TooFewViews(
-            f"Only {names} of {len(detections.cameras)} cameras has detections, but two are needed.",
+            f"Of {len(detections.cameras)} cameras, only {names} has detections, but two are needed.",
             hint="Add the detections of another camera.",
         )
 

@@ -151,13 +151,13 @@ def left_out_views(texts: Sequence[str], names: Sequence[str], frames: int) -> B
         first, last = (0, frames - 1) if found is None or not found["first"] else map(int, found.group("first", "last"))
         if found is None or (found["first"] and first > last):
             raise JobInvalid(
-                f"'{text}' names no view to be left out.", where="leave_out", hint="Write CAMERA or CAMERA:FIRST-LAST."
+                f"'{text}' is not a camera to leave out.", where="leave_out", hint="Write CAMERA or CAMERA:FIRST-LAST."
             )
         if found["camera"] not in names:
-            what, hint = f"There is no camera '{found['camera']}' to be left out.", f"Cameras: {', '.join(names)}."
+            what, hint = f"There is no camera '{found['camera']}' to leave out.", f"Cameras: {', '.join(names)}."
             raise JobInvalid(what, where="leave_out", hint=hint)
         if found["first"] and first >= frames:
-            raise JobInvalid(f"'{text}' lies beyond the take of {frames} frames.", where="leave_out")
+            raise JobInvalid(f"'{text}' begins after the last frame ({frames - 1}).", where="leave_out")
         out[list(names).index(found["camera"]), first : last + 1] = True
     return out
 

@@ -25,7 +25,7 @@ LEVEL_M, SLOPING_M = 0.15, 0.3
 """Variation of the floor height under an average adult over a take: largest on a level floor, and smallest on a wrong
 one. Chosen by hand between 0.05 m for a walk and 1.0 m for the same walk in images of half the size."""
 SHOULDER_SHARE, ANKLE_M = 0.82, 0.09  # Shoulder height relative to stature, and height of the ankles above the floor.
-AS_RECORDED = "the person lies, or stands on the hands"
+AS_RECORDED = "the person is lying or upside down"
 OFF_THE_FLOOR = "the person's floor is not at z = 0"
 
 

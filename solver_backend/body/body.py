@@ -128,9 +128,7 @@ def body_from_arrays(arrays: Mapping[str, Any], *, where: str, default_id: str) 
             raise BodyInvalid(f"{name} has shape {value.shape}, but {shape} is expected.", where=where)
     weights, shares = arrays["weights"], arrays["weights"].sum(axis=1, keepdims=True)
     if count == 0 or shares.min() <= 0:
-        raise BodyInvalid(
-            "weights leaves vertices without a joint, but every row is expected to sum to 1.", where=where
-        )
+        raise BodyInvalid("'weights' has vertices without a joint. Every row must sum to 1.", where=where)
     faces = _whole(arrays["f"])
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.min(initial=0) < 0 or faces.max(initial=0) >= count:
         found = f"f has shape {faces.shape} and entries {faces.min(initial=0)} to {faces.max(initial=0)}"
@@ -156,7 +154,7 @@ def _layout(
     except BodyInvalid as error:
         raise BodyInvalid(error.message, where=where, hint=error.hint) from error
     known = ", ".join(f"{count} ({layout.name})" for count, layout in FAMILY.items())
-    hint = "A body outside the SMPL family names its joints in joint_names. See docs/reference/body-file.md."
+    hint = "Name the joints in joint_names if the body is not of the SMPL family. See docs/reference/body-file.md."
     raise BodyInvalid(f"kintree_table has {len(parents)} joints, but {known} are expected.", where=where, hint=hint)
 
 

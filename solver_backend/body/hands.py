@@ -63,7 +63,7 @@ def flat_hands(body: Body) -> Float[np.ndarray, "30 3 3"]:
 def with_hand_size(body: Body, size: float) -> Body:
     """Return the body with hands scaled relative to its shape: ``v + (size - 1) d`` (``hand_size_directions``)."""
     if not size > 0.0:
-        raise BodyInvalid(f"The relative size of hands is {size}, but a positive number is expected.", where=body.id)
+        raise BodyInvalid(f"The relative hand size is {size}, but a positive number is expected.", where=body.id)
     if size == 1.0:
         return body
     directions = hand_size_directions(body.v_template, body.weights, body.joints_template)

@@ -44,7 +44,7 @@ def read_label_places(path: Path | str) -> dict[str, str]:
         raise FileDamaged(f"The file is not a {FORMAT} of version {VERSION}.", where=str(path))
     places = values.get("places")
     if not isinstance(places, dict) or not all(item is None or isinstance(item, str) for item in places.values()):
-        raise FileDamaged("'places' must give a name, an empty text or null for each label.", where=str(path))
+        raise FileDamaged("'places' must give a name, an empty string or null for each label.", where=str(path))
     return {label: _place(label, place, path) for label, place in places.items() if place is not None}
 
 
@@ -60,9 +60,9 @@ def _place(label: str, place: str, path: Path) -> str:
     found = load_layouts().place_of(place)
     if found is None:
         raise MarkersUnknown(
-            f"The place {place!r} of the label {label} is not known.",
+            f"The position {place!r} of the label {label} is unknown.",
             where=str(path),
-            hint="Write a marker's name (LASI, or L_FT2 of a hand) or a joint (@left_knee). An empty text leaves the "
-            "marker out, and null lets the solve find its bone.",
+            hint="Write a marker name such as LASI or L_FT2, or a joint such as @left_knee. An empty string "
+            "leaves the marker out, and null lets the solve find its bone.",
         )
     return found

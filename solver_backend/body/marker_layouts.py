@@ -92,7 +92,7 @@ def load_layouts(path: Path = DEFAULT) -> LayoutFile:
     try:
         return _layouts(values, path)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, re.error) as error:
-        raise BodyInvalid(f"The layouts cannot be understood: {error!r}.", where=str(path)) from error
+        raise BodyInvalid(f"The layouts cannot be read: {error!r}.", where=str(path)) from error
 
 
 def _layouts(values: dict[str, Any], path: Path) -> LayoutFile:
@@ -100,13 +100,15 @@ def _layouts(values: dict[str, Any], path: Path) -> LayoutFile:
     names = {place: place for place in places}
     for place, alias in _aliases(values):
         if place not in places:
-            raise BodyInvalid(f"The name {alias} is of the place {place}, which has no rule.", where=str(path))
+            raise BodyInvalid(f"The name {alias} is for the position {place}, which has no rule.", where=str(path))
         if names.setdefault(alias, place) != place:
             raise BodyInvalid(f"The name {alias} means both {names[alias]} and {place}.", where=str(path))
     for place, rule in [*values["midline"].items(), *values["sided"].items()]:
         if rule["kind"] not in values["kinds"]:
             known = ", ".join(values["kinds"])
-            raise BodyInvalid(f"The place {place} has the kind {rule['kind']!r}. Known: {known}.", where=str(path))
+            raise BodyInvalid(
+                f"The position {place} has the unknown kind {rule['kind']!r}. Known kinds: {known}.", where=str(path)
+            )
     return LayoutFile(
         {kind: (1e-3 * spread["off_mm"], 1e-3 * spread["along_mm"]) for kind, spread in values["kinds"].items()},
         values["midline"],
@@ -126,7 +128,7 @@ def _family(values: dict[str, Any], places: set[str], path: Path) -> Family:
         for side, bone in (("L", "left"), ("R", "right")):
             place = f"@{bone}_{part[1:]}" if part[0] == "@" else side + part
             if part[0] != "@" and place not in places:
-                raise BodyInvalid(f"The place {place} of a family of names has no rule.", where=str(path))
+                raise BodyInvalid(f"The position {place} of a group of names has no rule.", where=str(path))
             names |= {label_key(side + alias): place for alias in aliases}
     return Family(_both_sides(values["signs"]), names, _both_sides(values["virtual"]))
 

@@ -72,7 +72,7 @@ def read_noise_map(path: Path | str) -> NoiseMap:
         return _checked(values)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         why = f"it has no {error.args[0]}" if isinstance(error, KeyError) else str(error)
-        hint = "Measure a map: cameras noise CAPTURE... --out NOISE.json."
+        hint = "Measure a noise map with `cameras noise CAPTURE --out NOISE.json`."
         raise FileDamaged(f"The file is not a noise map of a detector: {why}.", where=str(path), hint=hint) from error
 
 
@@ -83,11 +83,11 @@ def _checked(values: dict[str, Any]) -> NoiseMap:
     if not 1 <= len(confidence) <= MOST_STEPS:
         raise ValueError(f"it has {len(confidence)} steps, and 1 to {MOST_STEPS} are allowed")
     if np.abs(confidence).max() > LARGEST_CONFIDENCE:
-        raise ValueError(f"its confidences must be {LARGEST_CONFIDENCE:g} at most")
+        raise ValueError(f"its confidences must be at most {LARGEST_CONFIDENCE:g}")
     if (np.diff(confidence) < 0).any():
-        raise ValueError("its confidences do not ascend")
+        raise ValueError("its confidences are not in ascending order")
     if not ((sigma > 0) & (sigma <= LARGEST_MM)).all():
-        raise ValueError(f"its sigma_mm must lie above 0, and at {LARGEST_MM:g} at most")
+        raise ValueError(f"its sigma_mm must be above 0 and at most {LARGEST_MM:g}")
     if (np.diff(sigma) > 0).any():
         raise ValueError("its sigma_mm rises with the confidence")
     captures, count = values.get("captures", []), values.get("detections", 0)

@@ -36,7 +36,7 @@ _SWITCH_S = 5e-4  # Seconds after which one thread yields to another, chosen by 
 def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run until the cameras end, the time is over, or a signal arrives, and keep recordings."""
     if not 2 <= len(args.sources) <= MOST_CAMERAS:
-        message = f"Live poses need two to {MOST_CAMERAS} cameras, not {len(args.sources)}."
+        message = f"Live poses need 2 to {MOST_CAMERAS} cameras, not {len(args.sources)}."
         raise CommandLineInvalid(message, hint="Name a video, webcam:NUMBER or oak:ID for each.")
     if args.send is not None:
         read_address(args.send, SENT)
@@ -79,7 +79,7 @@ def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
         kind, _, rest = source.partition(":")
         if kind == "webcam":
             if not rest.isdecimal():
-                raise CommandLineInvalid("A webcam needs its number.", where=text, hint="Write it, such as webcam:0.")
+                raise CommandLineInvalid("A webcam needs its number.", where=text, hint="Write, for example, webcam:0.")
             found.append(Webcam(name or f"webcam{rest}", int(rest)))
         elif kind == "oak":
             role = "none" if number else "master"

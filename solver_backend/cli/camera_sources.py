@@ -37,7 +37,7 @@ def calibrated(args: argparse.Namespace, progress: Progress) -> CalibratedCamera
     world = given_world(args)
     useless = sorted(set(world) - _WORLD_OPTIONS.get(args.method, {"scale"}))
     if useless:
-        hint = "Write the cameras, then scale and level them with a take (`cameras fit TAKE --out CALIBRATION`)."
+        hint = "Write the calibration, then scale and level it with a take (`cameras fit TAKE --out CALIBRATION`)."
         raise CommandLineInvalid(f"--from {args.method} does not use --{useless[0]}.", hint=hint)
     found = by[args.method](args, progress)
     if args.method != "refine" and "scale" in world:
@@ -86,7 +86,7 @@ def _by_person(args: argparse.Namespace, progress: Progress) -> CalibratedCamera
         try:
             length = args.length[0], args.length[1], float(args.length[2])
         except ValueError as error:
-            raise CommandLineInvalid("--length needs two keypoints and metres.") from error
+            raise CommandLineInvalid("--length needs two keypoints and a distance in metres.") from error
     names, lenses, keypoints, rough = _person(args, progress)
     progress("Cameras from the person", 0, 1)
     facts = {"stature_m": args.stature, "known_length": length, "free_focal": rough or args.refine_lenses}
@@ -159,7 +159,7 @@ def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras
         _known_cameras(cameras.names, start.names, args.take)
         if len(cameras) != len(start):
             missing = ", ".join(n for n in start.names if n not in cameras.names)
-            raise CalibrationMismatch(f"The take has no recording of {missing}.", where=str(args.take))
+            raise CalibrationMismatch(f"The take has no recording of the cameras {missing}.", where=str(args.take))
         sources.append(together.person_evidence(start, keypoints.views([cameras.names.index(n) for n in start.names])))
     progress("All sources at once", 0, 1)
     hold_m = None if args.hold is None else 1e-3 * args.hold
@@ -178,5 +178,5 @@ def _known_cameras(names: Sequence[str], known: Sequence[str], path: Path) -> No
     strange = [name for name in names if name not in known]
     if strange:
         raise CalibrationMismatch(
-            f"The calibration has no {', '.join(strange)}, only {', '.join(known)}.", where=str(path)
+            f"The calibration has no cameras {', '.join(strange)}. It has {', '.join(known)}.", where=str(path)
         )

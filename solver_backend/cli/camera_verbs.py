@@ -160,7 +160,7 @@ def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
 
     kind = _format_of_output(args)
     if args.interleave and not args.trigger:
-        raise CommandLineInvalid("--interleave needs sensors on one trigger.", hint="Add --trigger.")
+        raise CommandLineInvalid("--interleave is only possible with --trigger.", hint="Add --trigger.")
     wand = None if args.wand is None else Wand(args.wand[0], args.wand[1])
     long_m, short_m = args.gamma_lengths
     gamma = Gamma(long_m, short_m, args.gamma_height)

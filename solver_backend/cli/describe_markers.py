@@ -54,10 +54,13 @@ def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
         worst = max(gaps, key=lambda gap: gap["missing_percent"])
         lines.append(
             f"  gaps        {sum(gap['gaps'] for gap in gaps)} in {len(gaps)} markers, most in {worst['marker']}, "
-            f"which {worst['missing_percent']:g} % of the frames do not see"
+            f"which is hidden in {worst['missing_percent']:g} % of the frames"
         )
     for name, what in (
-        ("jumping", "leave all their neighbours in single frames or over gaps, where a solve tests their labels"),
+        (
+            "jumping",
+            "jump away from all neighbours in single frames or at gaps. A solve checks their labels",
+        ),
         ("frozen", "do not move while their neighbours do, and a solve ignores them there"),
     ):
         if marked := faults[name]:
@@ -98,8 +101,8 @@ def describe_person(person: MarkerSubject) -> tuple[str, dict[str, Any]]:
     lines = [
         f"Calibrated {len(person.labels)} markers on the body {person.body}",
         f"  shape       {', '.join(f'{value:+.2f}' for value in person.betas)}",
-        f"  farthest    {far} from the places of their names",
-        f"  loosest     {loose} around where the body has them",
+        f"  farthest    {far} from the positions of their names",
+        f"  loosest     {loose} around their positions on the body",
     ]
     return "\n".join([*lines, *(f"  warning     {sentence(item)}" for item in doubts)]), data
 

@@ -88,7 +88,7 @@ def _refuse_ending(path: Path | None, what: str, ending: str) -> None:
 
 def _poses(args: argparse.Namespace) -> LiveSource:
     """Return the poses that other programs send to a port."""
-    _refuse_ending(args.record, "Poses are recorded as a motion", ".npz")
+    _refuse_ending(args.record, "Poses can only be recorded as a motion", ".npz")
     address, assembly = read_address(args.source), FrameAssembly()
     onto = BonesOnBody(load_body(), None if args.subject is None else read_subject(args.subject).betas)
     recorder = face = None
@@ -103,7 +103,7 @@ def _poses(args: argparse.Namespace) -> LiveSource:
 
 def _face(args: argparse.Namespace) -> LiveSource:
     _refuse(args, "poses", "a face", "send", "subject")
-    _refuse_ending(args.record, "A face is recorded as a table", ".csv")
+    _refuse_ending(args.record, "A face can only be recorded as a table", ".csv")
     address = read_address(args.source, FACES)
     assembly, body = FaceAssembly(address.scheme), load_body()
     recorder = None if args.record is None else Recorder(args.record, FaceRecording(), overwrite=args.overwrite)
@@ -128,7 +128,7 @@ def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
         args.capture = Path(args.source)
         capture = loaded(args, progress)
         if capture.markers is None:
-            hint = "Choose a C3D, TRC or motion."
+            hint = "Choose a C3D, TRC or motion file."
             raise NoDetections("The capture has no markers to play.", where=capture.name, hint=hint)
         cloud = capture.markers
         session, fps = LiveSession(network, fit, unit="m", up_axis="z"), cloud.fps
@@ -153,7 +153,7 @@ def _with_points(session: LiveSession, lines: Iterator[Any], keep_up: Any, *, sh
             continue
         if keep_up.dropped and not named:
             named = True
-            message = f"Poses fell {1e3 * LATE_S:.0f} ms behind. Frames are dropped until they catch up."
+            message = f"The poses are {1e3 * LATE_S:.0f} ms late. Frames are dropped until they catch up."
             yield event_line("frames_dropped", message, line["t"])
         line["dropped"] = keep_up.dropped
         yield with_display(line, session) if shown else line

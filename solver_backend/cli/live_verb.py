@@ -28,7 +28,7 @@ from solver_backend.live.session import LiveStatistics
 def live(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run until the source ends. Invalid input does not end the run."""
     if args.parent_pipe and args.source == "-":
-        raise CommandLineInvalid("--parent-pipe watches standard input, which the points come by.")
+        raise CommandLineInvalid("--parent-pipe cannot be used when the points come from standard input.")
     if args.send is not None:
         read_address(args.send, SENT)
     source = open_source(args, progress)
@@ -75,7 +75,7 @@ class LiveOutput:
                     stack.enter_context(part)
             self.lines = stack.enter_context(Lines(self._path))
             if self._recorder is not None and self._recorder.recovered is not None:
-                message = f"A recording that was not finished is now {self._recorder.recovered}."
+                message = f"An earlier unfinished recording was saved as {self._recorder.recovered}."
                 self.lines.write(event_line("recovered", message))
             self._stack = stack.pop_all()
         return self
@@ -152,7 +152,7 @@ class Lines:
 
     def require_whole(self) -> None:
         """Raise ``OutputNotWritable`` if a line was lost."""
-        self._file.require_whole("Make room on the disk of the lines. What --record writes is not affected.")
+        self._file.require_whole("Free disk space for the file of --lines. The file of --record is not affected.")
 
     def __enter__(self) -> Lines:
         return self

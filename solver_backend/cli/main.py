@@ -63,8 +63,12 @@ def main(argv: list[str] | None = None) -> int:
 def _run_blender_half(argv: list[str], report: Report) -> int:
     """Run the add-on's command line, a separate program that the solver does not import, with its exit code."""
     if find_spec("blender_addon") is None:
-        hint = "Run it where the package blender_addon is, or inside Blender: blender --command manifold_mocap"
-        return report.error(CommandLineInvalid("The Blender half is not installed here.", where="blender", hint=hint))
+        hint = "Run it with the package blender_addon, or inside Blender: blender --command manifold_mocap"
+        return report.error(
+            CommandLineInvalid(
+                "This verb needs the Blender add-on, which is not installed here.", where="blender", hint=hint
+            )
+        )
     code = import_module("blender_addon.headless.main").main(argv, f"{PROGRAM.name} blender")
     return import_module("blender_addon.headless.process").leave(code)
 

@@ -33,7 +33,7 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
 
     capture = loaded(args, progress)
     if capture.markers is None:
-        raise NoDetections("The capture has no markers to label.", where=capture.name, hint="Choose a C3D or TRC.")
+        raise NoDetections("The capture has no markers to label.", where=capture.name, hint="Choose a C3D or TRC file.")
     if args.like is not None:
         return _label_like(args, capture, progress)
     user_labels = {} if args.labels is None else read_user_labels(args.labels, capture.markers)

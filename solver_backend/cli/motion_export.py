@@ -31,8 +31,8 @@ MODEL = "Rajagopal2016.osim"  # Generic model that the Scale Tool setup names.
 ENDINGS = (".mot", "_markers.trc", "_scale.xml", "_ik.xml", "_angles.csv")
 GAIT_ENDINGS = ("_events.c3d", "_gait.csv", "_cycles.csv")  # Suffixes of further files for a person who walks or runs.
 TREADMILL = "no length and speed on a treadmill"
-OLD = "This motion has no steps. {} in the folder came from an earlier export."
-TOO_MANY = f"The C3D file has the first {PER_PARAMETER} of {{}} events. The table of the gait has all."
+OLD = "This motion has no steps. {} in the folder is from an earlier export."
+TOO_MANY = f"The C3D file has the first {PER_PARAMETER} of {{}} events. The gait table has all of them."
 
 
 def export_motion(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -74,7 +74,9 @@ def export_motion(args: argparse.Namespace, progress: Progress) -> Outcome:
         *rows("gait", *gait_lines(gait)),
         *rows("note", *([TOO_MANY.format(len(events))] if len(events) > PER_PARAMETER else [])),
         *rows("note", *([OLD.format(", ".join(old))] if old else [])),
-        *rows("ground", *([f"turned by {posed.turned_deg} degrees about the vertical"] if posed.turned_deg else [])),
+        *rows(
+            "ground", *([f"rotated by {posed.turned_deg} degrees about the vertical axis"] if posed.turned_deg else [])
+        ),
         *rows("written", *written.values()),
     ]
     data = {"frames": frames, "fps": motion.fps, "files": list(written.values())}
@@ -127,7 +129,7 @@ def gait_lines(gait: Gait) -> list[str]:
         ]
         texts += [TREADMILL] if any(np.isnan(stride.length_m) for stride in strides) else []
         lines += [f"{side}, {len(strides)} strides: {', '.join(texts)}"] if texts else []
-    return lines or ([] if not gait.events() else ["steps, but no whole stride"])
+    return lines or ([] if not gait.events() else ["there are steps, but no complete stride"])
 
 
 def gait_text(gait: Gait) -> str:

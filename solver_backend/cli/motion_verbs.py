@@ -47,7 +47,7 @@ def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
         return _amass(args, progress)
     _refuse_unused(args.clip, {"--person": args.person})
     if args.fps is not None and args.clip.suffix.lower() not in RATELESS:
-        raise MotionInvalid("The clip states its own frame rate.", where=str(args.clip), hint="Omit --fps.")
+        raise MotionInvalid("The clip states its frame rate.", where=str(args.clip), hint="Omit --fps.")
     brought = read_foreign_motion(
         args.clip,
         args.body,
@@ -61,7 +61,7 @@ def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
     write_motion(args.out, brought.done.motion, overwrite=args.overwrite, name=source.name)
     lines = [
         f"Motion {source.name}: {source.num_frames} frames at {source.fps:g} Hz",
-        *rows("joints", f"{len(brought.roles)} of {len(source.names)} have a role"),
+        *rows("joints", f"{len(brought.roles)} of {len(source.names)} are mapped to the body"),
         *rows("distance", f"{brought.limbs_mm:.1f} mm from the skeleton's limbs (root mean square)"),
         *found_lines(found),
     ]

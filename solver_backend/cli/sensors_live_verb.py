@@ -70,15 +70,15 @@ def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
 def _check(args: argparse.Namespace) -> None:
     """Reject contradictory options before any sensor is opened."""
     if (args.source is None) == (args.oak is None):
-        raise CommandLineInvalid("Give either a FOLDER or cameras, --oak ID=NAME.")
+        raise CommandLineInvalid("Give either FOLDER or cameras with --oak ID=NAME.")
     if args.subject is not None and not args.poses:
-        raise CommandLineInvalid("--subject needs --poses: it names their person.")
+        raise CommandLineInvalid("--subject needs --poses.")
     if args.send is not None:
         read_address(args.send, SENT)
         if not args.poses:
             raise CommandLineInvalid("--send needs --poses.")
     if args.wand and args.poses:
-        raise CommandLineInvalid("--wand follows a wand and --poses a person: choose one.")
+        raise CommandLineInvalid("--wand and --poses cannot be combined.")
     if args.solve is not None and args.record is None:
         raise CommandLineInvalid("--solve needs --record.")
 

@@ -84,7 +84,7 @@ def _resolve_alone(job: Job, progress: Progress) -> Outcome[SolveResult]:
 
     assert job.resolve is not None
     if job.report is not None:
-        raise CommandLineInvalid("A report needs the recording of the motion.", where=str(job.report))
+        raise CommandLineInvalid("A report is only possible with the capture of the motion.", where=str(job.report))
     start = time.monotonic()
     measured, earlier = any_motion(job.capture, job.settings.body), any_motion(job.resolve.motion, job.settings.body)
     motion = resolve_motion(measured, earlier, job.resolve, job.settings, progress).motion
@@ -110,7 +110,7 @@ def _solve_one(
     network = chosen_network(job.settings.network) if job.settings.network else None
     if job.labels is not None:
         if job.settings.is_direct:
-            message = "User labels cannot be combined with the landmarks of a network."
+            message = "User labels cannot be combined with --landmarks."
             raise CommandLineInvalid(message, where=str(job.labels))
         if own is None:
             raise CommandLineInvalid("User labels need a marker recording.", where=str(job.labels))
@@ -363,7 +363,7 @@ def _jobs(args: argparse.Namespace) -> list[Job]:
 
 def _files_of_trial(args: argparse.Namespace, trial: Path) -> dict[str, Any]:
     if args.out.suffix.lower() == MOTION_SUFFIX or args.resolve is not None:
-        hint = "Name a folder with --out for the motions of all, or one trial: solve SESSION/TRIAL --out MOTION.npz."
+        hint = "To solve all trials, give a folder with --out. To solve one, use solve SESSION/TRIAL --out MOTION.npz."
         raise CommandLineInvalid("The capture is a session of several trials.", where=str(args.capture), hint=hint)
     page = None if args.report is None else args.out / f"{trial.name}.html"
     return {"out": args.out / f"{trial.name}{MOTION_SUFFIX}", "report": page}

@@ -40,7 +40,7 @@ def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
     data["frames"] = sum(record["frames"] for record in records)
     made = f"made {len(records)} of {len(found.shots)} shots, {data['frames']} frames"
     if data["frames"] < spec.frames * len(records):  # a motion is shorter
-        made += f" of {spec.frames * len(records)} asked for, because motions end earlier"
+        made += f" of {spec.frames * len(records)} requested, because some motions are shorter"
     if args.shot:
         return Outcome(made, data)
     card = write_card(args.out)
@@ -86,5 +86,5 @@ def studio_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 def _settings(path: Path) -> SolveSettings:
     values = read_json(path)
     if not isinstance(values, dict):
-        raise JobInvalid("The settings must be a JSON object.", where=str(path), hint='Such as {"smoothing": 2.0}.')
+        raise JobInvalid("The settings must be a JSON object.", where=str(path), hint='For example {"smoothing": 2.0}.')
     return settings_of(values, path.resolve().parent)

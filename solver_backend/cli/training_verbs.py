@@ -76,7 +76,9 @@ def export_network(args: argparse.Namespace, progress: Progress) -> Outcome:
 def _missing(error: ModuleNotFoundError, libraries: str) -> BackendMissing:
     """Return the error that names the missing part: the repository's own package, or a library."""
     if str(error.name).partition(".")[0] == "training":
-        return BackendMissing("The extension cannot train.", hint="Run this verb in a clone of the repository.")
+        return BackendMissing(
+            "The Blender extension does not include training.", hint="Run it in a clone of the repository."
+        )
     return BackendMissing(
         f"Training needs the package {error.name}, which is not installed.",
         hint=f"Install the libraries with: pip install {libraries}.",

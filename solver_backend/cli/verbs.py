@@ -117,7 +117,7 @@ def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     progress("Refining the cameras", 1, 1)
     before, after = float(np.nanmedian(found.before_px)), float(np.nanmedian(found.after_px))
     if not found.is_better:
-        message = f"A refinement does not improve the cameras: {before:.1f} px before, {after:.1f} px after."
+        message = f"The refinement did not improve the cameras. Error: {before:.1f} px before, {after:.1f} px after."
         hint = "Keep the calibration."
         raise RefinementUseless(message, where=capture.name, hint=hint)
     note = diagnostic("cameras_refined", before=before, after=after)
@@ -129,7 +129,7 @@ def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
         columns = {key: getattr(found, key)[c] for key in ("before_px", "after_px", "moved_mm", "turned_degrees")}
         values = {key: round(float(value), 2) if np.isfinite(value) else None for key, value in columns.items()}
         changes.append({"name": name, **values})
-        line = "{before_px} px before, {after_px} px after, moved by {moved_mm} mm, turned by {turned_degrees}°"
+        line = "{before_px} px before, {after_px} px after, moved by {moved_mm} mm, rotated by {turned_degrees}°"
         text = "\n".join([text, *rows("refined", f"{name}: {line.format(**values)}")])
     done: RefineResult = {**data, "refined": changes}
     return Outcome(text, done)

@@ -43,11 +43,11 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
         require_path(video, "video")
     choice = _choice(args)
     if args.hands and "hands" not in choice.options:
-        hint = "Leave --hands out, and look for hands in the capture: manifold hands find."
+        hint = "Omit --hands, and find the hands afterwards with `hands find`."
         raise CommandLineInvalid("This detector does not find hands.", where=str(args.detector), hint=hint)
     footage = _footage(args.videos)
     videos, names = list(footage.values()), list(footage)
-    hint = "Name the videos like the cameras (cam01 and cam_1 are the same)."
+    hint = "Give each video the name of its camera (cam01 and cam_1 are the same)."
     calibration = args.calibration and calibration_of(args.calibration, names, "videos", hint)
     folder = args.work or args.out.parent / "detections"
     found = detect_videos(
@@ -70,7 +70,7 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     takes = tuple(take for take in found.takes if args.take in (None, take.name))
     if not takes:
         hint = f"The takes are {_names(found.takes)}."
-        raise CommandLineInvalid(f"The folder has no take {args.take}.", where=str(args.folder), hint=hint)
+        raise CommandLineInvalid(f"The folder has no take '{args.take}'.", where=str(args.folder), hint=hint)
     out = args.folder / "mocap" if args.folder.is_dir() else args.folder.parent / f"{args.folder.stem}_mocap"
     plans = planned(replace(found, takes=takes), args.out or out)
     cameras = KnownOfCameras(args.board, args.lenses, args.stature, args.cameras, args.focal)

@@ -86,7 +86,7 @@ class BodyLayout:
         count = len(self.joints)
         if not count == len(self.parents) == len(self.groups) or len(set(self.joints)) < count:
             what = (
-                f"{count} joints with {len(self.parents)} parents and {len(self.groups)} groups do not make a layout."
+                f"{count} joints with {len(self.parents)} parents and {len(self.groups)} groups are not a valid layout."
             )
             raise BodyInvalid(what, where=self.name, hint="Give each joint a unique name, a parent and a group.")
         if any(not -1 <= p < j for j, p in enumerate(self.parents)) or self.parents.count(-1) != 1:
@@ -167,7 +167,7 @@ class BodyLayout:
     def require_same_joints(self, other: BodyLayout, where: str) -> None:
         """Raise ``MotionInvalid`` unless a motion of this layout can replace one of another layout."""
         if (self.joints, self.parents) != (other.joints, other.parents):
-            found = f"The motion is of the layout {self.name} ({self.num_joints} joints)"
+            found = f"The motion has the layout {self.name} ({self.num_joints} joints)"
             what = f"{found}, but {other.name} ({other.num_joints} joints) is expected."
             raise MotionInvalid(what, where=where, hint="Use the body that it was solved with.")
 

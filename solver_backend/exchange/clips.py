@@ -125,7 +125,7 @@ def require_own_frames(edits: Sequence[object], where: str) -> None:
     """Raise MotionInvalid if these edits changed the correspondence between motion frames and recorded frames."""
     for edit in edits:
         if isinstance(edit, Mapping) and edit.get("verb") in _MOVED:
-            what = f"The motion was changed by {edit['verb']}, so its frames are not the recording's."
+            what = f"The motion was changed by {edit['verb']}, so its frames no longer match the recording."
             raise MotionInvalid(what, where=where, hint="Choose the motion that was solved from this recording.")
 
 
@@ -151,8 +151,8 @@ def trim(motion: MotionFile, first: int, last: int) -> MotionFile:
         MotionInvalid: the range is empty or exceeds the motion.
     """
     if not 0 <= first <= last < motion.num_frames:
-        what = f"There are no frames {first} to {last}."
-        hint = f"The motion has frames 0 to {motion.num_frames - 1}."
+        what = f"Frames {first} to {last} are outside the motion."
+        hint = f"Choose frames from 0 to {motion.num_frames - 1}."
         raise MotionInvalid(what, where=motion.name, hint=hint)
     return note_edit(take_frames(motion, np.arange(first, last + 1)), "trim", frames=[first, last])
 

@@ -33,15 +33,18 @@ def require_safe(address: str) -> None:
     protocol, _, rest = found.rpartition("://")
     if protocol in ("tls", "inproc") or _is_loopback(rest.rpartition(":")[0] if ":" in rest else rest):
         return
-    hint = "Start scheduler and workers with TLS, and give tls://HOST:PORT and --tls FOLDER (see the docs)."
-    what = f"The scheduler {found or address} is on another host and not encrypted."
+    hint = (
+        "Start scheduler and workers with TLS, and give tls://HOST:PORT and --tls FOLDER. See "
+        "docs/how-to/batch-and-cluster.md."
+    )
+    what = f"The connection to the scheduler {found or address} on another host is not encrypted."
     raise SchedulerUnsafe(what, where=address, hint=hint)
 
 
 def require_certificates(address: str, known: object) -> None:
     """Raise ``SchedulerUnsafe`` if a scheduler uses TLS and Dask has no certificates (its setting ``ca-file``)."""
     if address.startswith("tls://") and not known:
-        what = f"The scheduler {address} speaks TLS, and no certificates are given."
+        what = f"The scheduler {address} uses TLS, but no certificates were given."
         raise SchedulerUnsafe(what, where=address, hint="Give the folder with its certificates: --tls FOLDER.")
 
 
@@ -57,6 +60,10 @@ def use_certificates(folder: Path) -> None:
     for name, file in CERTIFICATES.items():
         path = folder.absolute() / file
         if not path.is_file():
-            raise FileMissing(f"The folder of certificates lacks {file}.", where=str(folder), hint="See the docs.")
+            raise FileMissing(
+                f"The folder of certificates lacks {file}.",
+                where=str(folder),
+                hint="See docs/how-to/batch-and-cluster.md.",
+            )
         os.environ[f"{_PREFIX}TLS__{name}"] = str(path)
     os.environ[f"{_PREFIX}REQUIRE_ENCRYPTION"] = "true"

@@ -43,6 +43,7 @@ class MocapError(Exception):
 
     code = "error"  # Stable identifier in the progress stream: the snake case of the class below ``MocapError``.
     exit_code = ExitCode.BAD_INPUT  # Exit code of a command line.
+    hint = ""  # Remedy of this class, if an error states no other.
 
     def __init_subclass__(cls) -> None:
         if cls.__base__ is MocapError:
@@ -52,7 +53,7 @@ class MocapError(Exception):
         super().__init__(message)
         self.message = message
         self.where = str(where)
-        self.hint = hint
+        self.hint = hint or self.hint
 
     def __str__(self) -> str:
         return sentence(self.as_event())
@@ -83,6 +84,8 @@ class CalibrationMismatch(MocapError):
 class CalibrationInvalid(MocapError):
     """The calibration describes an impossible camera, for example with a negative focal length."""
 
+    hint = "Correct the calibration, or export it again."
+
 
 class TooFewViews(MocapError):
     """Fewer than two cameras have detections."""
@@ -107,9 +110,13 @@ class FileMissing(MocapError):
 class FileDamaged(MocapError):
     """The file is truncated, has another format than its name states, or lacks required parts."""
 
+    hint = "Correct the file, or export it again."
+
 
 class NonFiniteData(MocapError):
     """Required numbers are missing (NaN) or infinite."""
+
+    hint = "Correct these numbers, or export the file again."
 
 
 class NoDetections(MocapError):
@@ -135,6 +142,8 @@ class MarkersMirrored(MocapError):
 class SubjectInvalid(MocapError):
     """The subject file is for another body or other markers than the take, or has impossible values."""
 
+    hint = "Write the subject file again with markers calibrate."
+
 
 class TakeTooShort(MocapError):
     """The take has fewer frames than the method needs."""
@@ -157,6 +166,8 @@ class JobInvalid(MocapError):
 class BodyInvalid(MocapError):
     """The body file lacks keys, or its arrays have wrong shapes or values."""
 
+    hint = "Choose another body file, or see docs/reference/body-file.md."
+
 
 class BodyUnknown(MocapError):
     """No body has this name, and no file has this path."""
@@ -168,6 +179,8 @@ class UnsafePickle(MocapError):
 
 class WeightsInvalid(MocapError):
     """The weights of the prior are for another body, version or architecture."""
+
+    hint = "Train the weights again, or reinstall the program."
 
 
 class PriorInvalid(MocapError):
@@ -185,9 +198,13 @@ class PoseInvalid(MocapError):
 class MotionInvalid(MocapError):
     """A motion file lacks keys, or its arrays contradict each other or have impossible values."""
 
+    hint = "Choose another motion, or write it again."
+
 
 class CaptureInvalid(MocapError):
     """The arrays of a capture file contradict each other or have impossible values."""
+
+    hint = "Write the capture again with convert."
 
 
 class BackendMissing(MocapError):

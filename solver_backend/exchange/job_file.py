@@ -86,7 +86,7 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
         if earlier is not None and earlier.resolve() != self.capture.resolve():
             files.append(earlier)
         if len({path.resolve() for path in files}) < len(files):
-            what = "Capture, motion, report, subject, names and earlier motion must be different files."
+            what = "Capture, motion, report, subject, labels and earlier motion must be different files."
             raise JobInvalid(what, where=str(self.out), hint="Choose another name for the result.")
 
     def as_dict(self) -> dict[str, object]:

@@ -9,8 +9,8 @@ from .outputs import open_regular
 from .plain_text import either
 
 MARKER_FORMATS = {
-    "c3d": ("C3D", "Labels and positions, millimetres, Z up: what optical systems and biomechanics read"),
-    "trc": ("TRC", "Labels and positions as a text, millimetres, Y up: for OpenSim"),
+    "c3d": ("C3D", "Labels and positions in millimetres, Z up, for optical systems and biomechanics"),
+    "trc": ("TRC", "Labels and positions as text in millimetres, Y up, for OpenSim"),
 }
 """Name and tooltip of each format, by file suffix."""
 
@@ -31,7 +31,7 @@ _KINDS = {
     "manifold_mocap_skeleton": ("a clip of another skeleton", "motion converts it to a motion of our body."),
     "manifold_mocap_actor": (
         "the motion of an actor",
-        "blender retarget hands it from one of its processes to another.",
+        "blender retarget passes it between its processes.",
     ),
     "manifold_mocap_detections": ("the detections of one video", "from-videos makes a capture of them."),
     "manifold_mocap_prior": (
@@ -50,7 +50,7 @@ def other_kind(found: str, expected: str, where: str) -> FileDamaged:
         what, readers = _KINDS[found]
         hint = readers[0].upper() + readers[1:]
         return FileDamaged(f"The file is {what}, but {wanted} is expected.", where=where, hint=hint)
-    stated = f"its format is '{found}'" if found else "it names no format"
+    stated = f"its format is '{found}'" if found else "it states no format"
     hint = "" if found else "`motion convert` reads AMASS and results of networks."
     return FileDamaged(f"The file is not {wanted}: {stated}.", where=where, hint=hint)
 

@@ -180,7 +180,7 @@ def _typed(fields: Fields, key: str, shape: Shape) -> np.ndarray:
     if kind is None:
         return value
     most = 1 if kind is np.bool_ else 255
-    _require(bool(((value >= 0) & (value <= most)).all()), f"{key} contains numbers beyond 0 to {most}.", fields)
+    _require(bool(((value >= 0) & (value <= most)).all()), f"{key} contains numbers outside 0 to {most}.", fields)
     return value.astype(kind)
 
 
@@ -267,7 +267,7 @@ def layout_of(fields: Fields) -> BodyLayout:
         tree = tuple(int(parent) for parent in parents)
         return BodyLayout(fields.text("body_layout", ""), joints, tree, groups or joints, resting)
     except (BodyInvalid, ValueError, OverflowError) as error:
-        raise MotionInvalid(f"The joints do not make a layout: {error}", where=str(fields.path)) from error
+        raise MotionInvalid(f"The joints are not a valid layout: {error}", where=str(fields.path)) from error
 
 
 def _rotations(fields: Fields, layout: BodyLayout) -> np.ndarray:

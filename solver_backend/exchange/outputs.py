@@ -330,7 +330,7 @@ def require_file(path: Path | str) -> Path:
     """Return the path of an existing file. Raise FileMissing for others."""
     path = Path(path)
     if path.exists() and not path.is_file():
-        what = "A folder, a pipe or a device is in the place of the file."
+        what = "The path is a folder, a pipe or a device, not a file."
         raise FileMissing(what, where=str(path), hint="Name a file.")
     return require_path(path)
 

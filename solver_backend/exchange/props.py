@@ -45,7 +45,7 @@ class Prop:
         for name, most in {"points": FARTHEST_M, "transl": FARTHEST_M, "rotvec": LARGEST_TURN, "seen": 255}.items():
             require_within(f"{name} of the prop '{self.name}'", getattr(self, name), most, MotionInvalid, "motion")
         if (np.asarray(self.seen) < 0).any():
-            raise MotionInvalid(f"seen of the prop '{self.name}' contains a number below 0.", where="motion")
+            raise MotionInvalid(f"seen of the prop '{self.name}' contains a negative number.", where="motion")
         object.__setattr__(self, "seen", np.asarray(self.seen).astype(np.uint8))
 
     @property

@@ -63,7 +63,7 @@ class WorldSettings:
         soft_high=10, rare=True)
     """Length factor, for example the size of a board square in metres if the calibration counts squares."""
     level: str = _world(
-        "choice", AUTO, "Level", "How the world is levelled, so that Z points up and the floor is at z = 0",
+        "choice", AUTO, "Level", "Levelling of the world, which makes Z point up and puts the floor at z = 0",
         choices=LEVELS, metavar="NAME", rare=True)
     camera_path: str = _world(
         "file", "", "Camera Path", "Path of a carried camera: a COLMAP text model, a TUM trajectory, or JSON of ARKit, "

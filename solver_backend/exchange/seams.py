@@ -259,7 +259,7 @@ def find_loop(
     assert best is not None, "there is a cycle"
     what = f"The motion does not repeat. In its best cycle, frames {best.first} to {best.last}, {best.gap}"
     what += f", with a seam of {best.seam_degrees:.1f} degrees and {best.seam_mm:.1f} mm."
-    hint = "Record two strides or repetitions, or trim the motion to them."
+    hint = "Record two strides or repetitions, or trim the motion to two of them."
     if motion.fps < _FINE_HZ and best.is_near:
         hint = "Resample the motion to 60 Hz first, because a fast joint moves far in each frame."
     raise MotionInvalid(what, where=motion.name, hint=hint)

@@ -48,7 +48,7 @@ class SkeletonMotion:
             wrong = (np.linalg.det(self.turns) < 0).any(0)
         if wrong.any():
             joint = int(np.argmax(wrong))
-            what = f"The turns of the joint '{self.names[joint]}' are not rotations (|R Rᵀ - I| = {off[joint]:.3g})."
+            what = f"The matrices of the joint '{self.names[joint]}' are not rotations (|R Rᵀ - I| = {off[joint]:.3g})."
             raise MotionInvalid(what, where=self.name, hint="Export it without scale and shear.")
 
     @property

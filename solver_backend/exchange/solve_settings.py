@@ -37,7 +37,7 @@ PRIORS = (
 )
 LANDMARKS_LABELLED, LANDMARKS_NETWORK, LANDMARKS_JOINTS = "labelled", "network", "network-joints"
 LANDMARKS = (
-    Choice(LANDMARKS_LABELLED, "Labelled", "The markers themselves, which get labels first if they lack them"),
+    Choice(LANDMARKS_LABELLED, "Labelled", "The recorded markers, labelled first if they have no labels"),
     Choice(LANDMARKS_NETWORK, "Network", "The 53 markers that the labelling network estimates in every frame"),
     Choice(LANDMARKS_JOINTS, "With Joints", "The 53 markers and the 24 joints that the labelling network estimates"),
 )
@@ -45,7 +45,7 @@ LANDMARKS = (
 APART, SCREW = "apart", "screw"
 ROOT_CURVES = (
     Choice(APART, "Apart", "Interpolate rotation and translation on separate curves, as published"),
-    Choice(SCREW, "Screw", "Interpolate both together on screws of SE(3), so that a turning body follows an arc"),
+    Choice(SCREW, "Screw", "Interpolate both together as screw motions in SE(3), so that a turn follows an arc"),
 )
 """Source: thesis 6.2.5 (eq. 6.10), and 6.4 for the screw."""
 METHOD_NAMES = tuple(method.value for method in METHODS)
@@ -59,7 +59,7 @@ SYNC_AUTO, SYNC_ON, SYNC_OFF = "auto", "on", "off"
 SYNCS = (
     Choice(SYNC_AUTO, "If Certain", "Shift cameras in time if the views then agree clearly better"),
     Choice(SYNC_ON, "Required", "Like auto, but refuse a capture if the views do not confirm the synchronisation"),
-    Choice(SYNC_OFF, "As Recorded", "Shift no camera in time"),
+    Choice(SYNC_OFF, "As Recorded", "Do not shift cameras in time"),
 )
 _method, _clean_up, _recording, _resource = (
     partial(setting, group=group) for group in (METHOD, CLEAN_UP, RECORDING, RESOURCES)
@@ -102,7 +102,7 @@ class SolveSettings:
         "switch", True, "Foot Contact", "Lock feet and other parts on the floor", methods=(GLOBAL,)
     )
     learn_noise: bool = _method(
-        "switch", True, "Camera Weighting", "Learn how reliable each keypoint is in each view",
+        "switch", True, "Camera Weighting", "Estimate the reliability of each keypoint in each view",
         methods=(GLOBAL,), rare=True)
     """Otherwise all views of a keypoint have the same weight."""
     temporal: bool = _method(
@@ -125,10 +125,10 @@ class SolveSettings:
         methods=(GLOBAL,))
     """Above 5 the equations are too stiff, and feet slip again."""
     sync: str = _recording(
-        "choice", SYNC_AUTO, "Synchronise", "How the cameras are synchronised", choices=SYNCS, metavar="NAME")
+        "choice", SYNC_AUTO, "Synchronise", "Synchronisation of the cameras", choices=SYNCS, metavar="NAME")
     estimate_sync: bool = _recording(
         "switch", False, "Correct Delays",
-        "Also correct small delays. By default only delays above 0.3 frames are corrected", rare=True)
+        "Also correct small delays. By default, only delays above 0.3 frames are corrected", rare=True)
     leave_out: tuple[str, ...] = _recording(
         "texts", (), "Left-out Views", "Camera to ignore, in all frames or in a range of frames counted from 0",
         metavar="CAMERA[:FIRST-LAST]", control="*Cameras*", rare=True)
@@ -141,28 +141,29 @@ class SolveSettings:
         "name_or_file", "neutral", "Body", "Name of a body, or path of a body file. The default ships with the program",
         metavar="NAME|PATH")
     betas: tuple[float, ...] | None = _resource(
-        "numbers", None, "Shape", "Known shape of the body. By default it is estimated from the take", count=10,
+        "numbers", None, "Shape", "Known shape of the body. By default, it is estimated from the take", count=10,
         metavar="B0,B1,…", control="*Keep Shape* and the body's sliders", rare=True)
     noise: str = _resource(
         "file", "", "Detector Noise", "File of `cameras noise` with the scatter of keypoints at each confidence. "
         "Without it, confidences are used directly", metavar="NOISE.json", rare=True)
     objects: str = _resource(
-        "file", "", "Objects", "File of planes, boxes and meshes that the body touches but cannot enter. By default "
-        "only the floor, and nothing for markers", metavar="OBJECTS.json", methods=(GLOBAL,), rare=True)
+        "file", "", "Objects", "File of planes, boxes and meshes that the body touches but cannot enter. By default, "
+        "only the floor is used, and nothing for markers", metavar="OBJECTS.json", methods=(GLOBAL,), rare=True)
     landmarks: str = _recording(
         "choice", LANDMARKS_LABELLED, "Landmarks", "Points of a marker recording that the method noise-aware "
         "uses", choices=LANDMARKS, metavar="NAME", rare=True)
     """Solves a network's landmarks per frame directly, instead of labelling markers first."""
     network: str = _resource(
-        "file", "", "Label Network", "File of a labelling network that train wrote or exported. By default the "
+        "file", "", "Label Network", "File of a labelling network that train wrote or exported. By default, the "
         "included one is used", metavar="NETWORK.npz|.onnx", rare=True)
     """Labels points, and supplies the landmarks for ``landmarks``."""
     layout: str = _resource(
-        "file", "", "Marker Layout", "File of `markers layout` with the place of each marker label. "
-        "By default the known layouts are used", metavar="LAYOUT.json", control="*Markers*", rare=True)
+        "file", "", "Marker Layout", "File of `markers layout` with the position of each marker label. By "
+        "default, the known layouts are used", metavar="LAYOUT.json", control="*Markers*", rare=True)
     prior: str = _resource(
         "name_or_file", AUTO_PRIOR, "Pose Prior", "Pose prior: sposer, rvposer, vposer, or a file of trained "
-        "weights. By default SPoser, or RVPoser for noise-aware", choices=PRIORS, metavar="NAME|PATH", rare=True)
+        "weights. By default, SPoser is used, or RVPoser for "
+        "noise-aware", choices=PRIORS, metavar="NAME|PATH", rare=True)
     backend: str = _resource("choice", "numpy", "Compute", "Array library that the solver computes with",
         choices=BACKENDS, metavar="NAME", rare=True)
     # fmt: on

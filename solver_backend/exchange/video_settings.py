@@ -32,19 +32,19 @@ class VideoSettings:
 
     # fmt: off
     cameras: str = _video(
-        "choice", "auto", "Cameras", "How the cameras are calibrated", choices=CAMERAS, metavar="NAME")
+        "choice", "auto", "Cameras", "Calibration of the cameras", choices=CAMERAS, metavar="NAME")
     board: str = _video(
-        "text", "", "Board", "Kind of the filmed board, such as charuco:5x7:35mm. By default read from board.toml",
+        "text", "", "Board", "Kind of the filmed board, such as charuco:5x7:35mm. By default from board.toml",
         metavar="BOARD")
     lenses: str = _video(
-        "file", "", "Lenses", "Calibration or lens library with the lenses. By default they are found or estimated",
+        "file", "", "Lenses", "Calibration or lens library with the lenses. By default, they are found or estimated",
         metavar="FILE")
     focal: str = _video(
-        "text", "", "Focal Length", "Focal length of an unknown lens: 26mm (35 mm equivalent) or 1450px. By default "
-        "it is read from the video file, or estimated", metavar="26mm|1450px")
+        "text", "", "Focal Length", "Focal length of an unknown lens: 26mm (35 mm equivalent) or 1450px. By "
+        "default, it is read from the video file or estimated", metavar="26mm|1450px")
     people: int = _video("whole", 1, "People", "Number of people to find in each view", low=1, high=8)
     clocks: str = _video(
-        "choice", "auto", "Sync", "How the cameras are synchronised", choices=CLOCKS, metavar="NAME")
+        "choice", "auto", "Sync", "Synchronisation of the cameras", choices=CLOCKS, metavar="NAME")
     """The option is --sync, which is also a solve setting for captures."""
     # fmt: on
 

@@ -36,7 +36,7 @@ def labelled_like(
         MarkersUnknown: the other take has too few labelled markers.
     """
     if capture.markers is None or like.markers is None:
-        raise NoDetections("Only a marker take can label a marker take.", hint="Choose C3D, TRC or CSV files.")
+        raise NoDetections("Both takes must be marker recordings.", hint="Choose C3D, TRC or CSV files.")
     cloud, reference = capture.markers, worn(like.markers)
     if len(reference.labels or ()) < LEAST_MARKERS:
         raise MarkersUnknown(

@@ -115,8 +115,8 @@ def labelled_capture(
     from solver_backend.labelling.point_network import load_network
 
     if reason := no_person_in(cloud.positions):
-        hint = "Record markers on the whole body, or label an arm or a leg by a layout. Faces are not solved."
-        raise MarkersUnknown(f"{reason}. There is no person to label.", where=capture.name, hint=hint)
+        hint = "Record markers on the whole body, or label an arm or a leg by a layout. Faces cannot be solved."
+        raise MarkersUnknown(f"{reason}. A person cannot be recognised.", where=capture.name, hint=hint)
     persistent = has_own_names(cloud)
     if not always and (unread := _crowd(capture, persistent=persistent)) is not None:
         return unread, None
@@ -138,7 +138,7 @@ def labelled_capture(
         return replace(capture, problems=(*capture.problems, doubt)), None
     if not (always or persistent) and (doubt := _doubt_of_person(take)):
         unlike = MarkersUnknown(
-            f"The points have no names, and the labelling network, which knows whole bodies, {doubt}.",
+            f"The points have no labels, and the labelling network for whole bodies {doubt}.",
             where=capture.name,
             hint="Label the take in the program that recorded it, or with `markers label`. Correct the labels in "
             "Blender or with --labels, and solve the labelled file.",
@@ -157,9 +157,9 @@ def _doubt_of_person(take: LabelledTake) -> str:
     share = float(_named(take).mean()) if take.labels.size else 1.0
     variance = np.trace(take.votes.covariance[:, :GHOST], axis1=-2, axis2=-1).mean() / 3.0
     if share < LEAST_UNNAMED:
-        return f"names only {100 * share:.0f} % of them: too few to find one person"
+        return f"recognises only {100 * share:.0f} % of them, too few for a person"
     if variance > UNSURE_M**2:
-        return f"finds no person in them: its markers' places are uncertain by {1000 * variance**0.5:.0f} mm"
+        return f"finds no person (its marker positions are uncertain by {1000 * variance**0.5:.0f} mm)"
     return ""
 
 
@@ -180,11 +180,11 @@ def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
     return _by_own_names(
         capture,
         MarkersUnknown(
-            f"The points have no names, and {count:.0f} of them are visible at once. The labelling network names the "
-            f"markers of one person, {GHOST} at most.",
+            f"The points have no labels, and {count:.0f} of them are visible at once. The labelling network can "
+            f"label one person with up to {GHOST} markers.",
             where=capture.name,
-            hint="Label the points in the program that recorded them: each of several people under a prefix of their "
-            "own, or a dense set of one person in full.",
+            hint="Label the points in the program that recorded them. If there are several people, give each of "
+            "them a label prefix.",
         ),
     )
 

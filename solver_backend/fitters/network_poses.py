@@ -163,7 +163,7 @@ def _view(capture: Capture, result: StartingResult, landmarks: Landmarks) -> _Vi
     cameras, keypoints = capture.require_views()
     seen = np.flatnonzero((keypoints.confidence > 0).any(axis=(1, 2)))
     if result.camera and result.camera not in cameras.names:
-        message = f"The capture has no camera {result.camera}, only {', '.join(cameras.names)}."
+        message = f"The capture has no camera '{result.camera}'. Its cameras are {', '.join(cameras.names)}."
         raise JobInvalid(message, where=result.file)
     if not result.camera and len(seen) > 1:
         hint = f"Write --start-from {cameras.names[seen[0]]}={result.file}, with the camera's name."
@@ -263,7 +263,7 @@ def _matched(result: StartingResult, view: _View, landmarks: Landmarks, body: Bo
                 best = off, person, points, _rows(person, where), reason
     if best is None:
         hint = "Give a result of this camera's video, and of these frames."
-        raise MotionInvalid("The network's result has too few frames of the take.", where=result.file, hint=hint)
+        raise MotionInvalid("The network's result covers too few frames of the take.", where=result.file, hint=hint)
     off, person, points, rows, reason = best
     placed = np.where((rows >= 0)[:, None, None], points[np.maximum(rows, 0)], np.nan)
     _require_not_mirrored(placed, view, off, result)

@@ -160,7 +160,7 @@ def require_network(settings: SolveSettings, where: str) -> None:
     """Raise ``JobInvalid`` unless the method fits a network's landmarks, without a marker layout."""
     if not METHODS[settings.method].fits_network or settings.layout:
         able = _able("fits_network")
-        message = f"The landmarks '{settings.landmarks}' are for the method {able} without a marker layout."
+        message = f"The landmarks '{settings.landmarks}' need the method {able} without a marker layout."
         hint = f"Use --method {able.split()[0][1:-1]}, or omit --landmarks."
         raise JobInvalid(message, where=where, hint=hint)
 
@@ -168,9 +168,9 @@ def require_network(settings: SolveSettings, where: str) -> None:
 def require_start(settings: SolveSettings, capture: Capture) -> None:
     """Raise ``JobInvalid`` unless the method can start from a motion and the take has several cameras."""
     if capture.several_views is None:
-        hint = "Leave --start-from out, or read the capture with the camera that was added."
+        hint = "Leave --start-from out, or give a capture with a second camera."
         raise JobInvalid("--start-from needs a take of several cameras.", where=capture.name, hint=hint)
-    require(settings, "starts_at", capture.name, "does not start at a motion", "leave --start-from out")
+    require(settings, "starts_at", capture.name, "cannot start from a motion", "leave --start-from out")
 
 
 def diagnose_settings(settings: SolveSettings, measured: Measurements) -> Iterator[Diagnostic]:
@@ -206,8 +206,8 @@ def prepare(
         require(settings, "has_curves", capture.name, f"has no setting {names}", f"leave {names} out")
     if not METHODS[settings.method].per_frame and capture.num_frames < 4:
         message, hint = (
-            f"The bundle needs 4 frames, the take has {capture.num_frames}.",
-            "Use the method 'frame' for single images.",
+            f"The method '{settings.method}' needs 4 frames, but the take has {capture.num_frames}.",
+            "Use --method frame for single images.",
         )
         raise TakeTooShort(message, where=capture.name, hint=hint)
     if start is not None:
@@ -433,7 +433,11 @@ def calibrate_person(
     """
     for capture in captures:
         if capture.markers is None:
-            raise NoDetections("The capture has no markers to calibrate.", where=capture.name, hint="Choose a C3D.")
+            raise NoDetections(
+                "The capture has no markers to calibrate.",
+                where=capture.name,
+                hint="Choose a marker recording.",
+            )
     from solver_backend.fitters.hands.shown_hands import split_hands
     from solver_backend.fitters.marker_calibration.label_faults import named_alike
     from solver_backend.fitters.marker_calibration.marker_problem import calibrated

@@ -115,18 +115,18 @@ def read_obstacles(path: Path | str) -> Obstacles:
     """
     values = read_json_file(path)
     if not isinstance(values, dict) or set(values) - {*_KINDS, "format", "version"}:
-        raise _damaged(path, f"The file of objects may contain only {', '.join(_KINDS)}.")
+        raise _damaged(path, f"The object file may contain only {', '.join(_KINDS)}.")
     planes, surfaces = [*Obstacles.floor().planes], list[np.ndarray]()
     for item in _list(values, "planes", path):
         normal = _vector(item, "normal", path)
         if not (size := float(np.linalg.norm(normal))):
-            raise _damaged(path, "The normal of a plane has no direction.")
+            raise _damaged(path, "The normal of a plane has the length 0.")
         planes.append(np.append(normal / size, _vector(item, "point", path) @ normal / size))
     for item in _list(values, "boxes", path):
         turn = item.get("turn_deg", 0.0) if isinstance(item, dict) else None
         size = _vector(item, "size", path)
         if not isinstance(turn, int | float) or (size <= 0).any():
-            raise _damaged(path, "A box needs a positive size and a turn in degrees.")
+            raise _damaged(path, "A box needs a positive 'size', and 'turn_deg' must be a number of degrees.")
         R = exp_so3(np.array([0.0, 0.0, np.radians(float(turn))]))
         corners = (_CORNERS * size) @ R.T + _vector(item, "centre", path)
         surfaces.append(corners[np.concatenate([_SIDES[:, :3], _SIDES[:, [0, 2, 3]]])])
@@ -150,11 +150,11 @@ def _read_mesh(path: Path) -> np.ndarray:
                 faces += [[ring[0], ring[k], ring[k + 1]] for k in range(1, len(ring) - 1)]
         found = np.array(vertices, dtype=float)[np.array(faces, dtype=int)]
     except (ValueError, IndexError) as error:
-        raise _damaged(path, "The mesh has a line that is not of an OBJ file.") from error
+        raise _damaged(path, "The mesh has a line that is not valid in an OBJ file.") from error
     if found.ndim != 3 or not np.isfinite(found).all():
         raise _damaged(path, "The mesh has no triangles, or a vertex that is not a number.")
     if not _is_closed(found):
-        raise _damaged(path, "The mesh is not closed: each edge needs two faces, both turned out or both turned in.")
+        raise _damaged(path, "The mesh is not closed. Each edge needs two faces with the same orientation.")
     a, b, c = (found - found.mean(axis=(0, 1))).transpose(1, 0, 2)
     return found[:, ::-1] if np.einsum("ta,ta->", a, np.cross(b, c)) < 0 else found
 
@@ -185,4 +185,4 @@ def _vector(item: Any, key: str, path: Path | str) -> np.ndarray:
 
 
 def _damaged(path: Path | str, message: str) -> FileDamaged:
-    return FileDamaged(message, where=str(path), hint="See the reference page on file formats.")
+    return FileDamaged(message, where=str(path), hint="See docs/reference/file-formats-own.md.")

@@ -77,7 +77,7 @@ def read_camera_path(path: Path | str, frames: int, fps: float) -> FilmedPath:
     require_path(path, "camera path")
     reader = next((row for row in FORMATS if row.recognises(path)), None)
     if reader is None:
-        hint = f"These are read: {', '.join(row.name for row in FORMATS)}."
+        hint = f"Supported formats: {', '.join(row.name for row in FORMATS)}."
         raise CalibrationInvalid("The file has no camera path in a known format.", where=str(path), hint=hint)
     stated = reader.read(path)
     if len(np.unique(stated.at)) < 2:
@@ -93,7 +93,7 @@ def read_camera_path(path: Path | str, frames: int, fps: float) -> FilmedPath:
         what = (
             f"The camera path has no pose near frame {first} of {frames}. It covers frames {at[0]:.0f} to {at[-1]:.0f}."
         )
-        hint = "Track the whole video, or solve the frames that were tracked with --frames."
+        hint = "Track the whole video, or solve only the tracked frames with --frames."
         raise FrameCountMismatch(what, where=str(path), hint=hint)
     share = np.clip((number - at[after - 1]) / (at[after] - at[after - 1]), 0.0, 1.0)[:, None]
     turn = log_so3(R[after] @ R[after - 1].swapaxes(-1, -2))
@@ -125,8 +125,8 @@ def _frames_of(stated: StatedPath, frames: int, fps: float, path: Path) -> np.nd
         return number
     if abs(beyond) > max(LOOSE_S * fps, 1.5):
         many = f"{abs(beyond):.0f} frames {'longer' if beyond > 0 else 'shorter'}"
-        what = f"The camera path is {many} than the take, and no time or number shows where it begins."
-        hint = "Number the poses by the frames of the video from 0, or give their times since its first frame."
+        what = f"The camera path is {many} than the take, and no time or frame number shows where it begins."
+        hint = "Number the poses by video frames from 0, or give their times since the first frame."
         raise FrameCountMismatch(what, where=str(path), hint=hint)
     return number - number[0]
 

@@ -108,7 +108,7 @@ def load_array(path: Path) -> np.ndarray:
             shape, dtype, by_columns, used = read_array_header(stream, path.name)
             size = os.fstat(stream.fileno()).st_size - used
             if (needed := prod(shape) * dtype.itemsize) > size:
-                raise ValueError(f"the header states {needed:,} bytes, and {size:,} follow")
+                raise ValueError(f"the header states {needed:,} bytes, but {size:,} follow")
             if not needed:
                 return np.empty(shape, dtype)
             return np.memmap(path, dtype, "r", used, shape, "F" if by_columns else "C")

@@ -160,7 +160,7 @@ def _require_markers(source: MarkerSource) -> None:
     frames, markers = source.positions.shape[:2]
     if not markers:
         channels = len(source.analog_channels)
-        what = f" but {channels} analog channels (forces, muscles)" if channels else ""
+        what = f", only {channels} analog channels (forces, muscles)" if channels else ""
         hint = "Choose the recording's file of markers, or export it with trajectories."
         what = " ".join((f"The file contains no markers{what}.", *map(sentence, source.notes)))
         raise NoDetections(what, where=str(source.path), hint=hint)

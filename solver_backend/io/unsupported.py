@@ -35,7 +35,7 @@ _FILES = (
     (".bvh .mvnx .asf .amc", "a motion of a skeleton", "Use `motion convert`."),
     (".fbx .glb .gltf .vrm .vrma .blend", "a motion of a skeleton", "Use `blender motion convert`."),
     (" ".join(PACKED), "a result of a network", "Use `motion convert`."),
-    (".npy", "an array of other content than 3D points", "Use `motion convert` if a network wrote it."),
+    (".npy", "an array that does not contain 3D points", "Use `motion convert` if a network wrote it."),
     (".mot .sto .osim", "a file of OpenSim without markers", "Choose the TRC or C3D file with the recording."),
     (".xmove .xml", "an XML file", "Export C3D or TRC from the program that wrote it."),
     (".xlsx .xls .ods", "a spreadsheet", "Save the sheet as CSV or text. Supported are TRC and CSV files of tracks."),
@@ -65,9 +65,12 @@ def no_capture(path: Path, readers: Iterable[Reader[Capture]]) -> CaptureNotReco
 
 def _name_file(path: Path) -> tuple[str, str]:
     if is_video(path):
-        return "The file is a video.", f"from-videos {path.name} finds keypoints in it and solves it."
+        return "The file is a video.", f"Use from-videos {path.name}, which detects keypoints and solves them."
     if is_picture(path):
-        return "The file is a picture.", "from-videos solves videos, and folders with the pictures of each camera."
+        return (
+            "The file is a picture.",
+            "Use from-videos. It solves videos, and folders with the pictures of each camera.",
+        )
     if path.is_file() and _is_table_without_header(path):
         what = "The file is not supported: a table of numbers that names neither markers nor frame rate."
         return what, "Export it again with its header (Nexus: labels and units), or as C3D."
@@ -79,8 +82,8 @@ def _name_file(path: Path) -> tuple[str, str]:
 
 def _name_folder(path: Path) -> tuple[str, str]:
     if (path / SENSOR_RECORDING).is_file():
-        what = "The folder is a recording of infrared and depth sensors. Their markers are not found yet."
-        return what, f"sensors markers {path.name} --out {path.name}.npz finds them."
+        what = "The folder is a recording of infrared and depth sensors. Its markers are not detected yet."
+        return what, f"Use sensors markers {path.name} --out {path.name}.npz"
     if trials := trials_below(path):
         return "The folder is not a recording but contains several.", f"Choose one: {listing(trials)}."
     folders = [path, *(path / name for name in DETECTION_FOLDERS)]
@@ -88,7 +91,10 @@ def _name_folder(path: Path) -> tuple[str, str]:
         return known
     if (footage := count_recordings(path)) > 1:
         what = f"The folder contains videos or pictures of {footage} cameras, and no detections in them."
-        return what, "from-videos detects, synchronises, calibrates and solves them (Capture from Videos in Blender)."
+        return (
+            what,
+            "Use from-videos, which detects, synchronises, calibrates and solves (Capture from Videos in Blender).",
+        )
     if deeper := [below.name for below in sorted(path.iterdir()) if below.is_dir() and camera_sources(below)]:
         what = f"The folder has no detections, but its folder {listing(deeper[:_NAMED])} does."
         return what, f"Choose {path / deeper[0]}."
@@ -96,8 +102,8 @@ def _name_folder(path: Path) -> tuple[str, str]:
         return known
     if footage:
         return (
-            "The folder contains one recording and no detections.",
-            f"from-videos {path.name} solves one camera, too.",
+            "The folder contains the pictures of one camera and no detections.",
+            f"Use from-videos {path.name}, which can also solve a single camera.",
         )
     return f"The folder contains no supported detections: {_contents(path)}.", ""
 

@@ -335,7 +335,7 @@ def label_take(
     seen = np.isfinite(positions).all(-1)
     require_points(seen)
     tracklets = tracklets_of(positions, fps, persistent=persistent)
-    require_at_most(MOST_CHAINS, tracklets.num_chains, "stretches of points")
+    require_at_most(MOST_CHAINS, tracklets.num_chains, "track segments")
     votes = _read(positions, seen, _frames_to_read(seen, tracklets, fps), tracklets, network, progress)
     bound = {
         int(tracklets.chain[stretch]): MARKERS.index(name) if name in MARKERS else GHOST

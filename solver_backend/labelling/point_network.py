@@ -148,7 +148,7 @@ def network_of(arrays: Arrays, sha256: str = "") -> PointNetwork:
     except (KeyError, ValueError) as error:
         raise WeightsInvalid("The weights do not belong to a landmark network.") from error
     if not fits or not all(np.isfinite(a).all() for a in arrays.values()):
-        raise WeightsInvalid("The weights are of another landmark network, or damaged.")
+        raise WeightsInvalid("The weights are damaged, or belong to another landmark network.")
     return PointNetwork(arrays, layers, heads, sha256)
 
 
@@ -195,7 +195,7 @@ def require_points(seen: np.ndarray) -> None:
         CaptureInvalid: a frame has too many points to compare.
     """
     if not (seen.sum(1) >= FEWEST_POINTS).any():
-        what = f"In no frame are there {FEWEST_POINTS} points: too few to distinguish markers."
+        what = f"No frame has {FEWEST_POINTS} points, which are needed to distinguish markers."
         raise NoDetections(what, where="markers")
     require_at_most(MOST_POINTS, int(seen.sum(1).max()), f"points in frame {int(seen.sum(1).argmax())}")
 

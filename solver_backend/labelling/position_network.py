@@ -63,8 +63,8 @@ def chosen_network(file: str = "") -> LandmarkNetwork:
         import onnxruntime
     except ImportError as error:
         hint = "Install it with: pip install onnxruntime."
-        raise BackendMissing("A network as ONNX needs onnxruntime.", where=path.name, hint=hint) from error
-    hint = "Write a network with train export."
+        raise BackendMissing("An ONNX network needs onnxruntime.", where=path.name, hint=hint) from error
+    hint = "Write the network with train export."
     try:
         quiet = onnxruntime.SessionOptions()
         quiet.log_severity_level = 3  # only errors, because it warns about its own exporter's symbolic sizes

@@ -255,7 +255,7 @@ def load_distances(path: Path | None = None) -> DistanceTable:
     places = len(MARKERS) + len(OTHER_PLACES)
     pairs = places * (places - 1) // 2
     if any(arrays[name].shape != (pairs,) for name in ("mean", "spread", "change", "change_spread")):
-        raise WeightsInvalid("The table of distances is of other places.")
+        raise WeightsInvalid("The table of distances is for other marker positions.")
     own = {"mean": 0.0, "spread": PLACED_M, "change": np.log(FLOOR_M), "change_spread": 1.0}
     return DistanceTable(*(_square(arrays[name].astype(np.float64), places, value) for name, value in own.items()))
 

@@ -176,12 +176,12 @@ class OneSender(ABC, Generic[Content, Frame]):
     def is_next(self, packet: bytes, clock: float | None) -> bool:
         """Return whether a packet is new and, by its clock, not older than the previous one."""
         if packet in self._packets:
-            self.name_once("packet_doubled", "A packet came twice.")
+            self.name_once("packet_doubled", "A packet arrived twice.")
             return False
         self._packets = [*self._packets[1 - _LATEST :], packet]
         if clock is not None:
             if self._clock is not None and 0.0 < self._clock - clock < JUMP_S:
-                self.name_once("packet_late", "A packet came after one that was sent later.")
+                self.name_once("packet_late", "A packet arrived after one that was sent later.")
                 return False
             self._clock = clock
         return True

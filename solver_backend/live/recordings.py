@@ -95,7 +95,7 @@ class Recorder(Generic[Item]):
         self.finished = True
         self._file.close()
         self._form.finish(self.unfinished, self.path, overwrite=self._overwrite, lost=self._file.lost)
-        hint = f"The other {self._form.pieces} are in {self.path.name}. Make room on the disk before recording."
+        hint = f"The other {self._form.pieces} are in {self.path.name}. Free disk space before the next recording."
         self._file.require_whole(hint)
 
     def __enter__(self) -> Self:
@@ -284,7 +284,11 @@ def ascending_rows(rows: np.ndarray, recording: Path) -> np.ndarray:
     latest = np.maximum.accumulate(rows[:, 0])
     rows = rows[np.concatenate([[True], rows[1:, 0] > latest[:-1] + _LEAST_STEP_S])[: len(rows)]]
     if not len(rows) or rows[-1, 0] - rows[0, 0] > LONGEST_S:
-        raise FileDamaged("The recording's times are damaged.", where=str(recording), hint="Move the file away.")
+        raise FileDamaged(
+            "The recording's times are damaged.",
+            where=str(recording),
+            hint="Move or rename the file, and record again.",
+        )
     return rows
 
 

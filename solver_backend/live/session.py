@@ -82,7 +82,7 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
         dt = NEVER if before is None else moment.time - before
         if dt < -1e-6:
             self._reset()
-            yield event("time_ran_back", "Time ran backwards: the pose starts again.", moment.time)
+            yield event("time_ran_back", "The time stamps went backwards. The estimation starts again.", moment.time)
             dt = NEVER
         elif dt > LOST_S:
             self._reset()
@@ -92,7 +92,7 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
             yield line
         if posed and not self._shape_reported and (shape := self.fit.known_shape) is not None:
             self._shape_reported = True
-            yield {**event("shape", "The person's shape is known.", moment.time), "betas": rounded(shape)}
+            yield {**event("shape", "The person's shape was estimated.", moment.time), "betas": rounded(shape)}
 
     def _line(self, moment: Shown, state: str, why: str = "", **values: Any) -> FrameLine:
         self._number += 1
@@ -151,7 +151,7 @@ def doubts_of(off_m: np.ndarray, unexplained: int, limbs: Mapping[str, list[int]
     medians = {limb: float(np.median(off)) for limb, off in seen.items() if len(off) >= _FEWEST}
     found = [f"the {limb} is {1e3 * off:.0f} mm off" for limb, off in medians.items() if off > OFF_M]
     if unexplained >= UNEXPLAINED:
-        found.append(f"{unexplained} points are unexplained")
+        found.append(f"{unexplained} points do not fit the body")
     return "; ".join(found)
 
 
@@ -345,7 +345,7 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
     def _lines(self, moment: PointFrame, dt: float) -> Iterator[LiveLine]:
         points = moment.points
         if len(points) < FEWEST:
-            yield self._nothing(moment, f"{len(points)} points: too few for a person", "waiting")
+            yield self._nothing(moment, f"{len(points)} points are too few for a person", "waiting")
             return
         if self.to_metres is None:
             yield from self._find_world(moment)
@@ -356,7 +356,7 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
         self._last_points = points
         self._still_s = self._still_s + dt if same else 0.0
         if self._still_s > FROZEN_S:
-            yield self._nothing(moment, "the stream is frozen: the same points repeat", "frozen")
+            yield self._nothing(moment, "the stream is frozen, because the same points repeat", "frozen")
             return
         yield self._fitted(moment, points @ self.to_metres.T, dt)
 
@@ -371,7 +371,7 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
         labels[~(shifted[np.arange(len(labels)), labels] > SURE * shifted.sum(1))] = GHOST
         named = np.flatnonzero(labels < GHOST)
         if len(named) < FEWEST:
-            return self._nothing(frame, f"too few points look like a person's markers: {len(named)}", "no_person")
+            return self._nothing(frame, f"only {len(named)} points look like a person's markers", "no_person")
         markers = np.full((len(MARKERS), 3), np.nan)
         markers[labels[named]] = points[named]
         sigma = np.sqrt(np.trace(reading.covariance[0, : len(MARKERS)], axis1=-2, axis2=-1) / 3.0)

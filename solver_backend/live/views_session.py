@@ -116,7 +116,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         seen = np.isfinite(points).all(-1)
         if seen.sum() < FEWEST:
             self.shown, self.shown_off_m = points[seen], np.full(int(seen.sum()), np.nan)
-            why = f"two views agree on {int(seen.sum())} keypoints: too few for a person"
+            why = f"two views agree on only {int(seen.sum())} keypoints"
             yield self._nothing(moment, why, "no_person")
             return
         if self.fit.pose is None:

@@ -85,14 +85,14 @@ class FrameAssembly(OneSender[list[OscMessage], BoneFrame]):
             elif message.address == FACE:
                 self._add_face(message)
             elif not message.address.startswith("/VMC/"):
-                self.name_once("message_unknown", f"A message is not of the protocol: {_shown(message.address)}.")
+                self.name_once("message_unknown", f"A message is not part of the protocol: {_shown(message.address)}.")
         if self._whole and self._came >= self._whole:
             yield self._frame()
 
     def _bone(self, message: OscMessage) -> tuple[str, np.ndarray, np.ndarray] | None:
         name = message.values[0] if message.values else None
         if not isinstance(name, str) or name not in JOINT_OF:
-            return self.name_once("bone_unknown", f"A bone is not one of Unity's: {_shown(name)}.")
+            return self.name_once("bone_unknown", f"A bone is not a Unity bone: {_shown(name)}.")
         numbers = self._numbers(message)
         return None if numbers is None else (name, *numbers)
 
@@ -103,7 +103,7 @@ class FrameAssembly(OneSender[list[OscMessage], BoneFrame]):
         length = float(np.linalg.norm(numbers[3:])) if (np.abs(numbers) < FARTHEST_M).all() else 0.0
         if not 0.5 < length < 2.0:
             what = _shown(message.values[:1])
-            return self.name_once("numbers_impossible", f"The numbers of {what} are not possible.")
+            return self.name_once("numbers_impossible", f"The values of {what} are not possible.")
         return numbers[[6, 3, 4, 5]] / length, numbers[:3]
 
     def _add_face(self, message: OscMessage) -> None:
@@ -113,7 +113,7 @@ class FrameAssembly(OneSender[list[OscMessage], BoneFrame]):
             if len(self._face) < MOST_CHANNELS or channel in self._face:
                 self._face[channel] = value
                 return
-        self.name_once("face_impossible", f"A channel of the face is impossible, or one too many: {_shown(name)}.")
+        self.name_once("face_impossible", f"A face channel is not valid, or there are too many: {_shown(name)}.")
 
     def _frame(self) -> BoneFrame:
         time_s = self.pass_time(*self._begun)

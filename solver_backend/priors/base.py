@@ -84,7 +84,7 @@ def check_rotations(rotations: Array) -> None:
     xp = array_namespace(rotations)
     if rotations.ndim != 4 or tuple(rotations.shape[1:]) != (NUM_BODY_JOINTS, 3, 3):
         message = f"Poses must have the shape (N, {NUM_BODY_JOINTS}, 3, 3), not {tuple(rotations.shape)}."
-        raise PoseInvalid(message, hint="The root's rotation and the hands are left out: joints 1 to 21.")
+        raise PoseInvalid(message, hint="Pass the rotations of joints 1 to 21, without the root and the hands.")
     finite = xp.all(xp.isfinite(xp.reshape(rotations, (rotations.shape[0], 9 * NUM_BODY_JOINTS))), axis=-1)
     if not bool(xp.all(finite)):
         raise PoseInvalid("A pose has NaN or infinite rotations.", where=f"pose {_first_false(finite)}")

@@ -283,7 +283,7 @@ def load_view_lifter(path: Path = DEFAULT_WEIGHTS) -> ViewLifter:
     width = shapes.get("place", (0, 0))[-1]
     wanted = {"embed.weight": (width, TOKEN), "place": (WINDOW, width), "out.weight": (OUTPUTS, width)}
     if shapes != wanted or type(heads) is not int or heads < 1 or width % heads:
-        message = "The view lifter is of another kind."
+        message = "The file contains another kind of view lifter."
         raise WeightsInvalid(message, where=path.name, hint="Train the network again, or reinstall the program.")
     if not all(np.isfinite(array).all() for array in arrays.values()):
         raise WeightsInvalid("The view lifter's weights are not all finite.", where=path.name, hint="Reinstall them.")
@@ -370,5 +370,5 @@ def load_limb_slants(path: Path = SLANT_WEIGHTS) -> LimbSlants:
     weights = read_weights(path, "limb_slants")
     lifter = load_view_lifter()
     if weights.metadata.get("view_lifter_sha256") != lifter.metadata["sha256"]:
-        raise WeightsInvalid("The limbs' slants are of another view lifter.", where=path.name, hint="Train them again.")
+        raise WeightsInvalid("The limb slants are for another view lifter.", where=path.name, hint="Train them again.")
     return LimbSlants(read_stack(weights, "network", lifter.width, len(BONES) * CLASSES), weights.metadata)

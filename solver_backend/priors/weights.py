@@ -72,7 +72,9 @@ def read_weights(path: Path, prior: str | None) -> PriorWeights:
     """
     if not path.is_file():
         raise FileMissing(
-            f"The weights of {prior or 'the prior'} are missing.", where=path.name, hint="Train them, or reinstall."
+            f"The weights of {prior or 'the prior'} are missing.",
+            where=path.name,
+            hint="Train them, or reinstall the program.",
         )
     try:
         arrays = read_npz(path)
@@ -81,7 +83,7 @@ def read_weights(path: Path, prior: str | None) -> PriorWeights:
         raise WeightsInvalid("The file is not a weight file of a prior.", where=path.name, hint=str(error)) from error
     _check_header(header, prior, path.name)
     if arrays_hash(arrays) != header.get("sha256"):
-        raise WeightsInvalid("The weights are damaged: their hash differs.", where=path.name, hint="Reinstall them.")
+        raise WeightsInvalid("The weights are damaged (another hash).", where=path.name, hint="Reinstall them.")
     return PriorWeights(header["prior"], arrays, header, header["sha256"])
 
 
@@ -116,10 +118,10 @@ def _check_header(header: Any, prior: str | None, where: str) -> None:
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise WeightsInvalid("The file is not a weight file of a prior.", where=where)
     if header.get("version") != VERSION:
-        raise WeightsInvalid(f"The weights have version {header.get('version')}, this reads {VERSION}.", where=where)
+        raise WeightsInvalid(f"The weights have version {header.get('version')}, but {VERSION} is needed.", where=where)
     if not isinstance(header.get("prior"), str) or prior not in (None, header["prior"]):
         raise WeightsInvalid(f"The weights are for the prior {header.get('prior')!r}, not {prior!r}.", where=where)
     joints = header.get("body_joints")
     if not isinstance(joints, list) or tuple(joints) != BODY_JOINTS:
         hint = "They must be SMPL's joints 1 to 21."
-        raise WeightsInvalid("The weights are for another body: the joints differ.", where=where, hint=hint)
+        raise WeightsInvalid("The weights are for a body with other joints.", where=where, hint=hint)

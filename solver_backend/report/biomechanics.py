@@ -15,9 +15,9 @@ from solver_backend.report.markup import facts, number, section, text
 from solver_backend.types import Motion
 
 _LEAD = (
-    "Angles by the recommendations of the ISB (Wu et al. 2002 and 2005): smallest, mean and largest value in degrees. "
-    "The deviation is the median standard deviation from the posterior covariance of the pose. It does not contain "
-    "differences between definitions. <code>motion export</code> writes every frame."
+    "The table shows the smallest, mean and largest joint angles in degrees, as recommended by the ISB (Wu et "
+    "al. 2002 and 2005). The deviation is the median standard deviation from the posterior covariance of the "
+    "pose. It excludes differences between definitions. <code>motion export</code> writes the angles of every frame."
 )
 
 
@@ -30,7 +30,7 @@ def biomechanics_sections(motion: Motion) -> str:
     posed = posed_segments(motion, body)
     angles = isb_angles(posed, turn_covariances(motion))
     gait = find_gait(posed, virtual_markers(motion, body, posed), motion.flags)
-    found = section("Joint angles by ISB", _angle_table(angles), _LEAD, "isb")
+    found = section("ISB joint angles", _angle_table(angles), _LEAD, "isb")
     found += section("Gait", _gait_table(gait), identifier="gait") if gait.strides else ""
     return found + _support_section(motion, body)
 
@@ -52,11 +52,11 @@ def _support_section(motion: Motion, body: Body) -> str:
         )
     rows.append(("longest time above the floor", f"{support.longest_flight_s:.2f} s"))
     lead = (
-        "Contacts by the height and the speed of the skin, on the floor of the world. The centre of mass belongs to "
-        "the posed body with even density. Outside the support, the person moves or uses a chair or another support."
+        "Contacts are detected from the height and the speed of the skin above the floor. The centre of mass "
+        "assumes an even body density. If it is outside the support area, the person moves or leans on something."
     )
     if support.is_floating:
-        lead += f" No jump lasts longer than {JUMP_S:g} s: the person is on something, or the heights are wrong."
+        lead += f" No jump lasts longer than {JUMP_S:g} s, so the person is on something, or the heights are wrong."
     return section("Contacts and balance", facts(rows), lead, "balance")
 
 

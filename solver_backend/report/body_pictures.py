@@ -135,8 +135,9 @@ def poses_section(motion: Motion) -> str:
         left += scale * view.size_px[1]
     far = f"The body is at a height of {lowest:.1f} m, too far from the floor to show it."
     lead = (
-        f"The solved body at six moments, seen from one direction. {'The line is the floor.' if has_floor else far} "
-        "Use the pictures to check the person's build, the ground contact and which way the person faces."
+        "The pictures show the solved body at six times, seen from one direction. "
+        f"{'The line is the floor.' if has_floor else far} "
+        "Use them to check the body shape, the ground contact and the direction of the face."
     )
     return section("The body", figure("poses", WIDTH, floor + scale * max(below, 0.0) + CAPTION, parts), lead, "body")
 
@@ -155,11 +156,11 @@ def rest_pose_section(motion: Motion) -> str:
     views = [SurfaceView.of(title, side, vertices, body.faces) for title, side in sides]
     figures = [_figure(view, motion.marker_labels, found, expected, usual) for view in views]
     lead = (
-        "The person's body with every marker at its learned place. A line leads to it from the place of its name. "
-        "Larger and redder markers have a larger distance from the recording (median). The person's left is on the "
-        "right from the front."
+        "The pictures show the person's body and the estimated position of every marker. A line connects each "
+        "marker with its position in the layout. Larger and redder markers have a larger median distance from the "
+        "recording. In the front view, the person's left side is on the right."
     )
-    return section("Where the markers sit", f'<div class="pair">{"".join(figures)}</div>', lead, "places")
+    return section("Marker positions on the body", f'<div class="pair">{"".join(figures)}</div>', lead, "places")
 
 
 def rest_markers(body: Body, motion: Motion, offsets: np.ndarray) -> np.ndarray:
@@ -184,7 +185,7 @@ def _figure(
         worse = float(np.clip(np.nan_to_num(error / max(2.5 * everything, 1e-9)), 0.0, 1.0))
         name = label.rpartition(":")[2]
         moved = number(1000 * float(np.linalg.norm(here - there)), 0)
-        tooltip = f"{text(name)}: {number(error)} mm, {moved} mm from its rule"
+        tooltip = f"{text(name)}: {number(error)} mm, {moved} mm from its position in the layout"
         parts.append(
             f'<line class="moved" x1="{x0}" y1="{y0}" x2="{x}" y2="{y}"/>'
             f'<circle class="marker" style="--h:{100 * worse:.0f}%" cx="{x}" cy="{y}" r="{3 + 3 * worse:.1f}">'

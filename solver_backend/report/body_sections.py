@@ -20,9 +20,9 @@ ELLIPSE = 5.991**0.5
 OPEN_CODES = ("limb_depth_open",)  # Diagnostics that report limbs with ambiguous depth.
 TRUNK = "pelvis"
 _LEAD = (
-    "Ellipses hold 95 %: of hands, feet and head in colour, of the pelvis in grey. All joints share the grey one, "
-    "with the person's distance and size. Dashed limbs have ambiguous depth, towards the camera or away from it. "
-    "From the side the camera is on the left."
+    "Ellipses are 95 % confidence regions: coloured for hands, feet and head, grey for the pelvis. The "
+    "uncertainty of the pelvis, with the person's distance and size, applies to all joints. Dashed limbs could "
+    "point towards the camera or away from it. In the side view, the camera is on the left."
 )
 
 
@@ -51,7 +51,7 @@ def one_view_section(capture: Capture, motion: Motion) -> str:
     drawing = _drawing(motion, centres, frames, is_open)
     rows = [(part, flags.astype(float)) for part, flags in is_open.items()]
     strip = strip_plot(rows, motion.fps)
-    body = f"{drawing}<h3>Limbs with open depth</h3>{strip}"
+    body = f"{drawing}<h3>Limbs with ambiguous depth</h3>{strip}"
     return section("From the camera and from the side", body, _LEAD, "side")
 
 
@@ -166,7 +166,7 @@ def hands_section(motion: Motion) -> str:
     curls = [(f"{side} {finger}", curl[:, s, f]) for s, side in enumerate(SIDES) for f, finger in enumerate(FINGERS)]
     hidden = 100 * (1 - seen.max(axis=2).mean(axis=0))
     unseen = [f"the {side} hand in {share:.0f} %" for side, share in zip(SIDES, hidden, strict=True) if share > 0]
-    lead = "Fingers without any information rest relaxed and are flagged. The solver itself states the deviations."
+    lead = "Fingers without data stay relaxed and are flagged. The solver estimates the standard deviations."
     if unseen:
         lead += f" No camera sees {' and '.join(unseen)} of the frames."
     body = (
@@ -208,7 +208,7 @@ def _rows(motion: Motion) -> list[tuple[str, object]]:
     record = motion.provenance.get("hands", {})
     rows: list[tuple[str, object]] = []
     if "size" in record:
-        rows.append(("size of the hands", f"{100 * float(record['size']):.0f} % of what the shape gives"))
+        rows.append(("size of the hands", f"{100 * float(record['size']):.0f} % of the size in the body shape"))
     words = {
         "seen_percent": ("measured frames", "{} %"),
         "reprojection_median_px": ("median distance from the detections", "{} px"),

@@ -71,7 +71,7 @@ def _tiles(capture: Capture, views: _SharedViews | None, warnings: int) -> list[
         level = "good" if agreement >= 90 else "look" if agreement >= 75 else "bad"
         found.append(Tile("View agreement", number(agreement, 0), "%", "of the detections fit the other views", level))
         middle = float(quantile(views.off_px.ravel(), 0.5, axis=0))
-        found.append(Tile("Off the common points", number(middle), "px", "median of all detections"))
+        found.append(Tile("Distance between views", number(middle), "px", "median of all detections"))
     located = located_share(capture)
     if located is not None:
         found.append(Tile(seen_by_views(capture), number(100 * float(located.mean()), 0), "%", "of the keypoints"))
@@ -80,7 +80,7 @@ def _tiles(capture: Capture, views: _SharedViews | None, warnings: int) -> list[
         found.append(Tile("Markers seen", number(100 * float(known.mean()), 0), "%", "of all markers and frames"))
     people = max(len(capture.people), 1)
     found.append(Tile("People", str(people), "", capture.person or "one person"))
-    found.append(Tile("Corrected or doubtful", str(warnings), "", "see the list", "look" if warnings else "good"))
+    found.append(Tile("Warnings", str(warnings), "", "in the list below", "look" if warnings else "good"))
     return found
 
 
@@ -110,9 +110,10 @@ def _space_section(capture: Capture, views: _SharedViews | None, rows: np.ndarra
     way = middle[known_rows.any(1)] if len(points) else np.empty((0, 3))
     above = plan(capture.cameras, way[:, :2]) if len(way) else ""
     lead = (
-        "The person at a few moments, later ones stronger, left blue and right orange, with the floor, z = 0, and the "
-        "cameras with the corners of their pictures. Below it the same from above, world Y up. If feet are not on the "
-        "floor, or the person leans, the world is not the room's."
+        "The drawing shows the person at a few times, from faint to strong, with the left side in blue and the "
+        "right in orange. It also shows the floor at z = 0 and the view of each camera. The plan below shows them "
+        "from above, with the world's Y axis up. If the feet are off the floor or the person leans, the axes of "
+        "the world are wrong."
     )
     return section("Space", f'{drawing}<div class="pair">{above}{facts(values)}</div>', lead, "space")
 
@@ -123,7 +124,7 @@ def _agreement_section(capture: Capture, views: _SharedViews | None) -> str:
         return ""
     names, fps = capture.cameras.names, capture.keypoints.fps
     shown = f"<h3>Keypoints that each camera detected</h3>{strip_plot(_strips(names, seen), fps)}"
-    lead = "Detections of each camera over time. Full colour is all keypoints, empty is none."
+    lead = "The detections of each camera over time. Full colour means all keypoints, and empty none."
     if views is None:
         return section("Views", shown, lead, "views")
     frames = np.maximum(views.seen.sum(-1), 1)
@@ -131,10 +132,10 @@ def _agreement_section(capture: Capture, views: _SharedViews | None) -> str:
     rate = fps * views.seen.shape[1] / max(capture.num_frames, 1)
     table = _camera_table(names, views)
     lead += (
-        f" Detections agree if the views' common point is within {INLIER_SIGMAS:g} standard deviations. A strip "
-        "that is empty throughout points at a camera of another place, size or name. One that is empty for a while "
-        "points at a camera that was touched, or at another person. Gaps in all strips point at cameras that did not "
-        "start together."
+        f" Detections agree if they are within {INLIER_SIGMAS:g} standard deviations of the triangulated "
+        "point. If a strip is always empty, the camera has a wrong position, picture size or name. If it is empty "
+        "for a while, the camera was touched or saw another person. Gaps in all strips mean that the cameras did "
+        "not start together."
     )
     shown = f"<h3>Detections that agree with the other views</h3>{strip_plot(_strips(names, agrees), rate)}{shown}"
     return section("Views", f"{shown}<h3>Camera by camera</h3>{table}", lead, "views")
@@ -150,7 +151,7 @@ def _camera_table(names: tuple[str, ...], views: _SharedViews) -> str:
     usual = max(float(np.nan_to_num(np.nanmedian(off[:, 0]))) if np.isfinite(off).any() else 0.0, 1e-9)
     values = np.concatenate([agreement[:, None], off], axis=1)
     tint = np.concatenate([(100 - agreement[:, None]) / 40, off / usual / [3.0, 9.0]], axis=1)
-    return heat_table(values, names, ["agree, %", "off, px (median)", "off, px (90 %)"], strength=tint, unit="")
+    return heat_table(values, names, ["agree, %", "error, px (median)", "error, px (90 %)"], strength=tint, unit="")
 
 
 def _subtitle(capture: Capture) -> str:

@@ -24,7 +24,7 @@ def labelling_html(name: str, take: LabelledTake, fps: float) -> str:
             Tile("named", number(100 * float(named.mean())), "%", f"{len(set(labels[named].tolist()))} markers"),
             Tile("not the person's", number(100 * float((labels == GHOST).mean())), "%"),
             Tile("unknown", number(100 * float(unknown.mean())), "%", level="look" if unknown.any() else "good"),
-            Tile("stretches", str(len(take.tracklets)), "", f"{take.tracklets.num_chains} after joining"),
+            Tile("track segments", str(len(take.tracklets)), "", f"{take.tracklets.num_chains} after joining"),
         ]
     )
     body = [_over_time(take, there, fps), _by_marker(take), _stretches(take, fps)]
@@ -37,7 +37,7 @@ def _over_time(take: LabelledTake, there: np.ndarray, fps: float) -> str:
     sure = np.nansum(np.where(there, take.confidence, 0.0), axis=1) / count
     unknown = (there & (take.labels < 0)).sum(1) / count
     lines = [PlotCurve(100 * sure, "confidence", "a"), PlotCurve(100 * unknown, "unknown", "quiet")]
-    lead = "Mean confidence of the points' labels, and the share of points that stay unknown."
+    lead = "The plot shows the mean confidence of the labels and the share of points without a label."
     return section("Over time", time_plot(lines, fps, "%", from_zero=True), lead, "time")
 
 
@@ -63,15 +63,15 @@ def _stretches(take: LabelledTake, fps: float) -> str:
     doubt = (1.0 - np.nan_to_num(take.stretch_confidence)) * length
     order = [i for i in np.argsort(-doubt) if take.stretch_label[i] < 0 or take.stretch_confidence[i] < 0.95]
     if not order:
-        return section("Stretches to look at", "<p>none</p>", "", "stretches")
+        return section("Frame ranges to check", "<p>none</p>", "", "stretches")
     rows = "".join(
         f"<tr><td>{int(t.column[i])}</td><td>{t.first[i]}–{t.last[i]}</td><td>{number(length[i] / fps, 2)}</td>"
         f"<td>{text(_name(int(take.stretch_label[i])))}</td><td>{number(100 * take.stretch_confidence[i], 0)}</td></tr>"
         for i in order[:MOST_LISTED]
     )
     head = "<tr><th>point</th><th>frames</th><th>seconds</th><th>label</th><th>confidence %</th></tr>"
-    lead = "Frame ranges with an unknown or unsure label. Label them by hand (--labels) and run label again."
-    return section("Stretches to look at", f'<table class="facts">{head}{rows}</table>', lead, "stretches")
+    lead = "Labels in these frames are unknown or uncertain. Label them by hand (--labels), and run label again."
+    return section("Frame ranges to check", f'<table class="facts">{head}{rows}</table>', lead, "stretches")
 
 
 def _name(label: int) -> str:

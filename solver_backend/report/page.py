@@ -132,7 +132,7 @@ def headline_tiles(capture: Capture, motion: Motion, residuals: KeypointResidual
         share = 100 * float(located.mean())
         found.append(Tile(seen_by_views(capture), number(share, 0), "%", "of the keypoints", _level(share, 90, 70)))
     why = f"{sections.far_from(motion)} or very uncertain"
-    found.append(Tile("Frames to look at", str(unsure), "", why, "look" if unsure else "good"))
+    found.append(Tile("Frames to check", str(unsure), "", why, "look" if unsure else "good"))
     why = sections.why_interpolated(motion)
     found.append(Tile("Interpolated frames", str(unseen), "", why, "bad" if unseen else "good"))
     seconds = motion.provenance.get("solve_s")

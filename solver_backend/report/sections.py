@@ -33,9 +33,9 @@ def far_from(motion: Motion) -> str:
 def why_interpolated(motion: Motion) -> str:
     """Return the reason for interpolated frames as text."""
     if motion.markers is not None:
-        return "too few markers seen"
+        return "too few visible markers"
     is_one = motion.reprojection_px is not None and len(motion.reprojection_px) == 1
-    return f"nobody seen by {'the camera' if is_one else 'two cameras'}"
+    return f"not seen by {'the camera' if is_one else 'two cameras'}"
 
 
 def shades_key(motion: Motion) -> str:
@@ -62,7 +62,7 @@ def diagnostics_section(found: Sequence[Diagnostic], fps: float) -> str:
     notes = "".join(_item(item, "note", fps) for item in notes_in(found))
     body = f'<ul class="findings">{warnings or good}</ul>'
     body += f'<h3>Notes</h3><ul class="findings">{notes}</ul>' if notes else ""
-    return section("Where to look", body, identifier="look")
+    return section("Warnings and notes", body, identifier="look")
 
 
 def _item(found: Diagnostic, level: str, fps: float) -> str:
@@ -87,9 +87,9 @@ def reprojection_section(capture: Capture, residuals: KeypointResiduals | None) 
     low, high = (number(float(limit), 0) for limit in (residuals.limit_px.min(), residuals.limit_px.max()))
     limits = f"{low} px" if low == high else f"{low} to {high} px, by keypoint"
     lead = (
-        "Distance of the solved body from the detections of each camera. Agreement counts the detections that the "
-        f"solver did not treat as outliers (the limit is {limits}). "
-        "A conspicuous column points at a camera, a row at a keypoint, a single cell at an occlusion."
+        "The tables show the distance of the solved body from the detections of each camera, and the share of "
+        f"detections within the outlier limit ({limits}). A conspicuous column means a problem with a camera, a "
+        "row with a keypoint, and a single cell with an occlusion."
     )
     body = (
         f'<div class="pair"><div><h3>Median reprojection error in pixels</h3>{left}</div>'
@@ -109,10 +109,10 @@ def missing_section(capture: Capture, motion: Motion) -> str:
         return ""
     names = capture.cameras.names if capture.cameras is not None else [f"view {c}" for c in range(len(seen))]
     rows = [(str(name), seen[c]) for c, name in enumerate(names)]
-    lead = "The share of the keypoints that each camera detected in each frame. Full colour is complete, empty is none."
+    lead = "The share of keypoints that each camera detected in each frame. Full colour means all, and empty none."
     if capture.least_views > 1:
         rows.append(("two or more", located))
-        lead += " Keypoints that two or more cameras detected can be placed in space."
+        lead += " Keypoints that two or more cameras detected can be triangulated."
     return section("Missing data", strip_plot(rows, motion.fps, shades=shades_of(motion)), lead, "missing")
 
 
@@ -135,7 +135,7 @@ def _residual_section(motion: Motion, curves: tuple[np.ndarray, np.ndarray], uni
     marks = None if motion.keyframes is None else np.flatnonzero(motion.keyframes)
     plot = time_plot(lines, motion.fps, unit, shades=shades_of(motion), marks=marks, from_zero=True, size=(WIDTH, 190))
     key = f'<p class="key"><b class="a">— median</b> &nbsp; — 90 % of the {points} are below</p>'
-    lead = f"Distance between {ends}. Look at the peaks first."
+    lead = f"The plot shows the distance between {ends}. Check the peaks first."
     return section("Residual over time", plot + key + shades_key(motion), lead, "residual")
 
 
@@ -158,7 +158,10 @@ def angles_section(capture: Capture, motion: Motion) -> str:
     lean.append(PlotCurve(angles.trunk_lean_deg(motion.joints), "trunk"))
     plots.append(_small_plot("Trunk lean from the vertical", "°", lean, motion))
     key = SIDES_KEY.format(truth=' &nbsp; <b class="truth">┄ truth</b>' if truth is not None else "")
-    lead = "Curves should be smooth. Spikes are jitter, steps are swapped limbs. 0° is straight or hanging."
+    lead = (
+        "Curves should be smooth. Spikes mean jitter, and steps mean swapped limbs. At 0°, a joint is straight "
+        "or an arm hangs down."
+    )
     return section("Joint angles", f'<div class="pair">{"".join(plots)}</div>{key}', lead, "angles")
 
 
@@ -182,7 +185,7 @@ def truth_section(capture: Capture, motion: Motion, figures: list[str]) -> str:
     summary = f"<pre>{text(chr(10).join(figures))}</pre>" if figures else ""
     joints = f"<details><summary>Each joint</summary>{table}</details>"
     body = f"{summary}<h3>Error of the {len(names)} joints over time, mm</h3>{plot}{joints}"
-    lead = "The capture is synthetic: its motion is known."
+    lead = "The capture is synthetic, so its motion is known."
     if capture.keypoints is not None:
         lead += " The baseline is triangulation and a 6 Hz Butterworth filter."
     return section("Against the truth", body, lead, "truth")
@@ -199,14 +202,14 @@ def uncertainty_section(motion: Motion) -> str:
     if motion.joint_sigma is None:
         return ""
     sigma = 1000.0 * np.asarray(motion.joint_sigma, dtype=np.float64)
-    lead, marks = "One standard deviation of the joints, estimated by the solver.", None
+    lead, marks = "The plot shows the standard deviation of the joints, estimated by the solver.", None
     if motion.keyframes is not None:
         marks = np.flatnonzero(motion.keyframes)
-        lead += " The regular ripple is not motion: frames between keyframes (ticks) average their neighbours' errors."
+        lead += " The regular ripple is not motion. Frames between keyframes (ticks) average their neighbours' errors."
     if motion.resting is not None:
         always = motion.resting.all(axis=0)
         names = ", ".join(np.array(motion.body_layout.joints)[always]).replace("_", " ")
-        lead += f" Without joints at rest, which nothing measured informs{f': {names}' if names else ''}."
+        lead += f" Joints in the rest pose have no data and are left out{f': {names}' if names else ''}."
         sigma = np.where(motion.resting, np.nan, sigma)[:, ~always]
     lines = [
         PlotCurve(np.nanmax(sigma, axis=1), "least certain joint", "quiet"),
@@ -229,8 +232,11 @@ def scene_section(capture: Capture, motion: Motion) -> str:
     if capture.cameras is not None:
         named = zip(capture.cameras.names, capture.cameras.centres[:, 2], strict=True)
         rows.append(("height of the cameras", ", ".join(f"{name} {z:.2f} m" for name, z in named)))
-    wedges = "" if capture.cameras is None else ". Wedges are the cameras' views"
-    lead = f"From above, world Y up. Green is the start of the pelvis' path, red its end{wedges}."
+    wedges = "" if capture.cameras is None else ". Wedges show the camera views"
+    lead = (
+        "The plan shows the scene from above, with the world's Y axis up. The path of the pelvis starts at "
+        f"green and ends at red{wedges}."
+    )
     drawing = plan(capture.cameras, motion.joints[:, 0, :2])
     return section("Scene", f'<div class="pair">{drawing}{facts(rows)}</div>', lead, "scene")
 
@@ -264,8 +270,9 @@ def marker_section(motion: Motion) -> str:
     faint = np.concatenate([(100 - shares[:, :1]) / 40, shares[:, 1:] / 10], axis=1)
     right = heat_table(shares, names, heads, strength=faint, unit="%", digits=0)
     lead = (
-        "Distance of the solved body's markers from the recorded ones. Each marker's place on the body was learned. "
-        "A conspicuous marker may have a wrong name, be far from the place that its name states, or be loose."
+        "The table shows the distance between the recorded markers and the markers on the solved body. The "
+        "position of each marker on the body was estimated. A conspicuous marker may be loose, have a wrong name, "
+        "or be far from its position in the layout."
     )
     body = (
         f'<div class="pair"><div><h3>Residual in millimetres</h3>{left}</div>'
@@ -290,21 +297,21 @@ def gaps_section(motion: Motion) -> str:
     incomplete = np.flatnonzero(~seen.all(axis=0))
     rows = [(motion.marker_labels[i].rpartition(":")[2], seen[:, i].astype(float)) for i in incomplete]
     rows.append(("all markers", seen.mean(axis=1)))
-    lead = "Seen markers over time. Only markers with gaps have a row. The last row is the share of all markers."
+    lead = "Visible markers over time. Only markers with gaps have a row. The last row is the share of all markers."
     return section("Missing data", strip_plot(rows, motion.fps, shades=shades_of(motion)), lead, "missing")
 
 
 def props_section(motion: Motion) -> str:
     """Plot each prop's standard deviations over time, and show the percentage of frames with its markers."""
     lead = (
-        "Things with markers that the person does not wear, solved as rigid bodies. The curves are the standard "
-        "deviations of the origin and of the rotation about its least known axis."
+        "Props are objects with markers that the person does not wear. They are solved as rigid bodies. The "
+        "curves are the standard deviations of the origin and of the rotation about its least certain axis."
     )
     parts = list[str]()
     for prop in motion.props:
         seen = 100 * (np.asarray(prop.seen) >= 3).mean()
         who = f"{len(prop.labels)} markers ({', '.join(prop.labels)})"
-        facts = f"{who}, three or more seen in {seen:.0f} % of the frames"
+        facts = f"{who}, three or more are visible in {seen:.0f} % of the frames"
         curves = (
             (PlotCurve(1000 * prop.sigma[:, 0], "origin", "a"), "mm"),
             (PlotCurve(np.degrees(prop.sigma[:, 1]), "rotation", "b"), "°"),
@@ -332,11 +339,14 @@ def calibration_section(capture: Capture, fit: CameraFits | None) -> str:
     plot = time_plot(lines, capture.fps, "px", from_zero=True)
     tilt = f"{number(fit.tilt_deg)}° ± {number(fit.tilt_sigma_deg)}°"
     stature = f"{number(fit.stature_m, 2)} m"
-    world = facts([("stature by the calibration's scale", stature), ("the person's up against the world's", tilt)])
+    world = facts(
+        [("stature according to the calibration", stature), ("tilt of the person from the world's up direction", tilt)]
+    )
     lead = (
-        f"How well the cameras fit this take: {text(fit.verdict)}. <i>At best</i> is after the poses "
-        "were adjusted to the take: a camera far above it was moved. A rim far above the middle points at a lens of "
-        "another zoom. An epipolar distance that grows points at a camera that was touched, or a clock of another rate."
+        f"Result of the check: {text(fit.verdict)}. The column <i>at best</i> is the error after the poses "
+        "were adjusted to the take. A camera with a far larger error was moved. If the error at the rim is far "
+        "above the error in the centre, the lens had another zoom. If the epipolar distance grows, the camera was "
+        "touched, or its clock runs at another rate."
     )
     body = (
         f'<ul class="findings">{items}</ul><h3>Reprojection error by part of the picture, px</h3>{table}'

@@ -59,7 +59,7 @@ def residuals_of(capture: Capture, motion: Motion) -> KeypointResiduals | None:
         MotionInvalid: the frames, views or keypoints of motion and capture differ.
     """
     if motion.num_frames != capture.num_frames:
-        what = f"The motion has {motion.num_frames} frames, the capture {capture.num_frames}."
+        what = f"The motion has {motion.num_frames} frames, but the capture has {capture.num_frames}."
         hint = "Use the capture that the motion was solved from."
         raise MotionInvalid(what, where=capture.name, hint=hint)
     if capture.cameras is None or capture.keypoints is None:
@@ -71,7 +71,7 @@ def residuals_of(capture: Capture, motion: Motion) -> KeypointResiduals | None:
             return None
         error = reprojection_px(capture.cameras, motion.keypoints3d, capture.keypoints)
     if error.shape != shape:
-        what = f"The motion has residuals of shape {error.shape}, the capture detections of shape {shape}."
+        what = f"The residuals of the motion have the shape {error.shape}, but the detections of the capture {shape}."
         raise MotionInvalid(what, where=capture.name)
     error = np.where(capture.keypoints.confidence > 0, error, np.nan).astype(np.float64)
     return KeypointResiduals(error, _limit_px(motion, error))

@@ -48,7 +48,7 @@ def read_mixture(path: Path = ASSETS / "gmm.npz") -> tuple[np.ndarray, np.ndarra
     shares = stored.array("weights", (None,))
     count = len(shares)
     if count == 0 or (shares <= 0).any() or abs(shares.sum() - 1.0) > 1e-3:
-        raise WeightsInvalid("The weights of the mixture are not a distribution: positive numbers that add up to one.")
+        raise WeightsInvalid("The weights of the mixture must be positive and add up to 1.")
     means, factors = stored.array("means", (count, size)), np.tril(stored.array("factors", (count, size, size)))
     if (np.diagonal(factors, axis1=-2, axis2=-1) <= 0).any():
         raise WeightsInvalid("A covariance of the mixture is singular.")

@@ -328,7 +328,7 @@ class MarkerChain:
         if (index := self._index(name)) >= 0:
             self._gatherer.ended(index)
         if name not in self.ends:
-            self._report("sensor_failed", name, "its process ended without a message, and the others continue")
+            self._report("sensor_failed", name, "its process ended without a message. The other sensors continue")
 
     def _report(self, kind: str, name: str, message: str) -> None:
         found = diagnostic("sensor_failed", cameras=[name], reason=message)

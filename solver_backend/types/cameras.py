@@ -69,7 +69,7 @@ class Cameras:
         distortion[:, : given.shape[1]] = given
         sizes = np.asarray(self.image_size, dtype=np.float64)
         if not (np.abs(sizes) < _LARGEST_SIZE).all():  # also False for NaN
-            raise CalibrationInvalid("image_size must hold whole numbers of pixels.", where="cameras")
+            raise CalibrationInvalid("image_size must contain whole numbers of pixels.", where="cameras")
         K, R, t = (np.asarray(array, dtype=np.float64) for array in (self.K, self.R, self.t))
         arrays = {"K": (K, (count, 3, 3)), "distortion": (distortion, (count, 8)), "R": (R, (count, 3, 3))}
         arrays |= {"t": (t, (count, 3)), "image_size": (sizes.astype(np.int64), (count, 2))}

@@ -92,7 +92,7 @@ class Keypoints2D:
         if xy.ndim != 4 or xy.shape[-1] != 2 or confidence.shape != xy.shape[:-1]:
             shapes = f"xy {xy.shape} and confidence {confidence.shape}"
             raise KeypointCountMismatch(
-                f"{shapes} must be (views, frames, keypoints, 2) and the same without the last."
+                f"{shapes} must be (views, frames, keypoints, 2) and (views, frames, keypoints)."
             )
         if xy.shape[2] != self.joint_set.num_keypoints + len(self.own):
             fits = ", ".join(s.value for s in JointSet.fitting(xy.shape[2])) or "none"
@@ -229,7 +229,7 @@ class Capture:
             raise CaptureInvalid(what, where=self.name, hint=hint)
         for person in self.people:
             if found is None or person.keypoints.xy.shape != found.xy.shape:
-                what = f"{person.name} is seen in other views or frames than the capture."
+                what = f"The detections of {person.name} have other views or frames than the capture."
                 raise CaptureInvalid(what, where=self.name)
 
     @property
@@ -306,7 +306,7 @@ class Capture:
         if self.cameras is None or self.keypoints is None:
             raise TooFewViews("The capture has no calibrated 2D keypoints.", where=self.name)
         if not (self.keypoints.confidence > 0).any():
-            hint = "Run the detector again or choose other files."
+            hint = "Run the detector again, or choose other files."
             raise NoDetections("Every confidence is zero, so no person was detected.", where=self.name, hint=hint)
         return self.cameras, self.keypoints
 

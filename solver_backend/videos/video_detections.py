@@ -49,7 +49,9 @@ class VideoDetections(TimedPictures):
         if len(times) > 1:
             require_rate(self.fps if np.median(np.diff(times)) > 0 else np.inf, CaptureInvalid, self.name)
         if times[-1] - times[0] > LONGEST_S:
-            raise CaptureInvalid(f"The pictures span {times[-1] - times[0]:.3g} s.", where=self.name)
+            raise CaptureInvalid(
+                f"The pictures span {times[-1] - times[0]:.3g} s, which is not possible.", where=self.name
+            )
         missing = ~(np.abs(self.xy) <= FARTHEST_PX).all(-1) | ~(np.abs(self.confidence) <= FARTHEST_PX)
         if missing.any():
             object.__setattr__(self, "xy", np.where(missing[..., None], np.nan, self.xy))

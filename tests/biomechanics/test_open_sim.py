@@ -43,7 +43,7 @@ def test_files_are_written_once_and_read_back(tmp_path, capsys):
     command = ["motion export", str(tmp_path / "walk.npz"), "--out", str(folder)]
     assert main(command) == 0
     out = capsys.readouterr().out
-    assert "written" in out and "turned by 90 degrees" in out  # the walk goes along -y of the world
+    assert "written" in out and "rotated by 90 degrees" in out  # the walk goes along -y of the world
     assert main(command) == 3 and main([*command, "--overwrite"]) == 0
     columns = read_mot(folder / "walk.mot")
     assert columns["time"][-1] == pytest.approx(0.39) and columns["pelvis_tx"][-1] - columns["pelvis_tx"][0] > 0.99

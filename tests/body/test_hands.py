@@ -123,7 +123,7 @@ def test_larger_hands_grow_from_the_wrist(hands):
         for body in (large, hands)
     ]
     np.testing.assert_allclose(lengths[0] / lengths[1], 1.1, atol=2e-3)
-    with pytest.raises(BodyInvalid, match=r"relative size of hands is -1\.0"):
+    with pytest.raises(BodyInvalid, match=r"relative hand size is -1\.0"):
         with_hand_size(hands, -1.0)
 
 

@@ -66,7 +66,7 @@ def test_a_place_of_an_unknown_kind_is_named(tmp_path):
     values["midline"]["C7"]["kind"] = "cartilage"
     path = tmp_path / "layouts.json"
     path.write_text(json.dumps(values), encoding="utf-8")
-    with pytest.raises(BodyInvalid, match="C7 has the kind 'cartilage'. Known"):
+    with pytest.raises(BodyInvalid, match="C7 has the unknown kind 'cartilage'. Known"):
         load_layouts(path)
 
 

@@ -99,8 +99,8 @@ def test_a_board_is_told_by_a_word_and_by_its_file(tmp_path) -> None:
         path.write_text(board_toml(board_named(text)))
         assert board_named(str(path)) == board_named(text)
     for wrong, said in (
-        ("charuco:5x7", "columns x rows"), ("dominoes:5x7:30mm", "Unknown board"), ("charuco:5x7:35mm:red", "'red'"),
-        ("charuco:5x7:35", "'35'"), ("charuco:5x7:35mm:36mm", "does not fit"), ("checkerboard:5x7:35m", "impossible"),
+        ("charuco:5x7", "columns and rows"), ("dominoes:5x7:30mm", "Unknown board"), ("charuco:5x7:35mm:red", "'red'"),
+        ("charuco:5x7:35", "'35'"), ("charuco:5x7:35mm:36mm", "does not fit"), ("checkerboard:5x7:35m", "not possible"),
     ):  # fmt: skip
         with pytest.raises(JobInvalid, match=said):
             board_named(wrong)

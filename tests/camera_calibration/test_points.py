@@ -75,7 +75,7 @@ def test_bad_tables_and_too_few_points_are_named(tmp_path: Path) -> None:
     read = read_clicks(table)
     assert read == clicks
     few = replace(clicks, px={c: dict(list(points.items())[:3]) for c, points in clicks.px.items()})
-    with pytest.raises(CalibrationInvalid, match="3 points with known places"):
+    with pytest.raises(CalibrationInvalid, match="3 points with known positions"):
         calibrate_by_points(few, lenses)
     line = [(0.1 * i, 0.0, 0.0) for i in range(8)]
     with pytest.raises(CalibrationInvalid, match="not in a line"):

@@ -94,7 +94,7 @@ def test_a_board_on_the_floor_tells_the_world_of_a_take() -> None:
     assert np.linalg.norm(log_so3(again.bodies.R[i] @ np.diag([1.0, -1.0, -1.0]))) < 0.02
     with pytest.raises(CalibrationInvalid, match="not visible at frame 900"):
         calibrate_together(start, [board], origin_frame=900)
-    with pytest.raises(CalibrationInvalid, match="needs a board"):
+    with pytest.raises(CalibrationInvalid, match="needs footage of a board"):
         calibrate_together(start, [person_evidence(start, walked(truth, 2))], origin_frame=0)
 
 
@@ -136,7 +136,7 @@ def test_nothing_to_calibrate_by_is_named() -> None:
     with pytest.raises(NoDetections, match="No camera sees"):
         board_evidence(truth, BOARD, [{}, {}, {}])
     clicks = clicked(truth, 0)
-    with pytest.raises(CalibrationInvalid, match="2 known places are seen"):
+    with pytest.raises(CalibrationInvalid, match="2 known positions are seen"):
         in_world_of(Clicks(clicks.px, {k: PLACES[k] for k in ("p0", "p1")}), truth, with_scale=True)
     assert in_world_of(clicked(truth, 0, places=False), truth, with_scale=True) is truth
 

@@ -32,7 +32,7 @@ ANSWERS: tuple[tuple[str, str, str], ...] = (
     ("solve capture.npz", "needs a capture and --out", "solve CAPTURE --out MOTION.npz"),
     ("solve walk.mp4 -o m.npz", "is a video", "from-videos walk.mp4"),
     ("solve footage -o m.npz", "contains videos", "from-videos"),
-    ("solve one_video -o m.npz", "one recording and no detections", "from-videos one_video"),
+    ("solve one_video -o m.npz", "pictures of one camera and no detections", "from-videos one_video"),
     ("solve photo.jpg -o m.npz", "is a picture", "from-videos"),
     ("solve captur.npz -o m.npz", "no such file or folder", "capture.npz?"),
     ("solve nowhere/take.npz -o m.npz", "no such file or folder", "no folder"),
@@ -70,10 +70,10 @@ ANSWERS: tuple[tuple[str, str, str], ...] = (
     # Videos, boards and detectors.
     ("from-videos foot", "no such folder", "videos"),
     ("from-videos empty", "does not contain a take", "one video per camera"),
-    ("from-videos footage --dry-run --board nonsense", "A board needs", "charuco:5x7:35mm"),
+    ("from-videos footage --dry-run --board nonsense", "The number of columns and rows", "charuco:5x7:35mm"),
     ("from-videos footage --dry-run --detector gone.onnx", "no such model", "Check the path"),
     ("cameras detect wal.mp4 -o c.npz", "no such video", "walk.mp4?"),
-    ("cameras board a4 -o b.pdf", "A board needs", "charuco:5x7:35mm"),
+    ("cameras board a4 -o b.pdf", "The number of columns and rows", "charuco:5x7:35mm"),
     ("cameras board charuco:5x7:35mm -o b.png", "must end in .pdf or .svg", "--out"),
     ("cameras calibrate footage -o c.toml", "calibration board is unknown", "--board charuco"),
     # Motions, markers and Blender.

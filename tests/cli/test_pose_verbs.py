@@ -183,7 +183,7 @@ def test_a_motion_is_fitted_anew_to_the_keypoints_of_one_view(tmp_path, capsys):
     short = replace(small_motion(3, optional=False), body=body.id)
     write_motion(files[1], short, overwrite=True)
     assert main(["motion fit", *files, "--overwrite", "--json"]) == 3
-    assert "The motion has 3 frames, the capture 4" in capsys.readouterr().out
+    assert "The motion has 3 frames, but the capture has 4" in capsys.readouterr().out
     assert main(["motion fit", *files, "--noise-px", "0", "--overwrite"]) != 0
 
 

@@ -50,7 +50,7 @@ def test_a_body_without_an_arm_keeps_the_rest_of_the_tree():
     ("change", "message"),
     [
         ({"parents": (-1, 0)}, "2 parents"),
-        ({"joints": ("a", "b", "a")}, "do not make a layout"),
+        ({"joints": ("a", "b", "a")}, "are not a valid layout"),
         ({"parents": (-1, 2, 0)}, "not a tree"),
         ({"parents": (-1, -1, 0)}, "not a tree"),
     ],

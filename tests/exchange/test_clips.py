@@ -80,7 +80,7 @@ def test_frames_are_kept_as_they_are(walk: MotionFile, tmp_path: Path) -> None:
     back = read_motion(write_motion(tmp_path / "part.npz", done), whole=True)
     assert np.array_equal(back.contacts, walk.contacts[10:26])
     assert '"verb": "motion trim"' in back.provenance
-    with pytest.raises(MotionInvalid, match="frames 0 to 59"):
+    with pytest.raises(MotionInvalid, match="frames from 0 to 59"):
         clips.trim(walk, 10, 60)
 
 

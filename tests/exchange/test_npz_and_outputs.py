@@ -175,5 +175,5 @@ def test_missing_file(tmp_path: Path) -> None:
     with pytest.raises(FileMissing, match=r"no such file.*nowhere"):
         read_npz(tmp_path / "nowhere")
     for place in (tmp_path, Path(os.devnull)):
-        with pytest.raises(FileMissing, match="A folder, a pipe or a device is in the place of the file"):
+        with pytest.raises(FileMissing, match="The path is a folder, a pipe or a device"):
             read_npz(place)

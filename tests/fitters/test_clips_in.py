@@ -120,7 +120,7 @@ def test_a_clip_that_leaves_the_world_or_is_no_clip_is_named(tmp_path: Path, kno
     (tmp_path / "points.csv").write_bytes(b"x")
     with pytest.raises(MotionInvalid) as refused:
         read_foreign_clip(tmp_path / "points.csv")
-    assert refused.value.hint == "Points without rotations are solved: manifold solve points.csv"
+    assert refused.value.hint == "To solve points without rotations, use manifold solve points.csv"
 
 
 def test_a_rest_pose_that_is_a_frame_of_a_clip_is_reported(tmp_path: Path, known: KnownMotion, capsys: Any) -> None:

@@ -126,7 +126,7 @@ def test_what_gloves_do_not_cover_rests(tmp_path: Path) -> None:
     assert merged.motion.resting[:, 37:].all(), "the other hand has no glove"
     [part] = [item for item in merged.found if item.code == "gloves_cover_part"]
     assert part.where.frames[0] == (0, first)
-    with pytest.raises(MotionInvalid, match="share no frame"):
+    with pytest.raises(MotionInvalid, match="do not overlap the motion"):
         merge_gloves(DRAWN.motion, load_body(), gloves, 100.0)
 
 

@@ -96,7 +96,7 @@ def test_frame_method_is_accurate_enough_to_look_at(capture):
 def test_one_frame_is_solved_by_the_frame_method_and_named_by_the_bundle(capture):
     one = cut(capture, 30, 31)
     assert solve(one, SolveSettings(method="frame")).motion.num_frames == 1
-    with pytest.raises(TakeTooShort, match=r"needs 4 frames, the take has 1.*method 'frame'"):
+    with pytest.raises(TakeTooShort, match=r"needs 4 frames, but the take has 1.*--method frame"):
         solve(one)
 
 
@@ -156,7 +156,7 @@ def test_settings_without_effect_are_named(capture):
 
 
 def test_methods_that_hold_to_no_start_refuse_one(capture):
-    with pytest.raises(JobInvalid, match=r"'sliding' does not start at a motion.*method 'global'"):
+    with pytest.raises(JobInvalid, match=r"'sliding' cannot start from a motion.*method 'global'"):
         solve(cut(capture, 0, 6), SolveSettings(method="sliding"), start=short_motion(6))
 
 

@@ -170,9 +170,7 @@ def test_a_folder_with_several_formats_and_other_files(tmp_path: Path, cameras: 
 def test_no_calibration(tmp_path: Path) -> None:
     (tmp_path / "Config.toml").write_text("[project]\nframe_rate = 60\n")
     for path in (tmp_path, tmp_path / "Config.toml", tmp_path / "x.bin"):
-        with pytest.raises(
-            CalibrationMissing, match=r"No camera calibration was found.*Formats that are read: Pose2Sim"
-        ):
+        with pytest.raises(CalibrationMissing, match=r"No camera calibration was found.*Supported formats: Pose2Sim"):
             read_calibration(path)
 
 

@@ -101,7 +101,7 @@ def test_cameras_are_in_natural_order_and_extra_calibrations_are_named(trial: Pa
         np.linalg.norm(c[:, None] - c, axis=-1) for c in (read.cameras.centres, cameras.centres[views])
     )
     np.testing.assert_allclose(apart, true_apart, atol=1e-9)
-    assert "of them agree on the position. Check that the calibration matches the recording" in "\n".join(
+    assert "of them agree on the person's position. Check that the calibration matches the recording" in "\n".join(
         words(stated.problems)
     )
     order = [2, 1, 3, 0]

@@ -158,7 +158,7 @@ def test_one_camera_with_anybody(trial: Path) -> None:
     for camera in ("cam02", "cam03", "cam04"):
         for path in (trial / "pose" / f"{camera}_json").iterdir():
             path.write_text('{"people": []}')
-    with pytest.raises(TooFewViews, match="Only cam01 of 4 cameras has detections"):
+    with pytest.raises(TooFewViews, match="Of 4 cameras, only cam01 has detections"):
         load_capture(trial)
 
 

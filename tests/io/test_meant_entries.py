@@ -82,7 +82,7 @@ def test_focal_lengths_in_mm_are_refused_with_the_formula(tmp_path: Path) -> Non
 
     with pytest.raises(CalibrationInvalid, match="may be in mm") as refused:
         read_calibration(write(tmp_path / "cameras.json", in_mm), unit="m")
-    assert "sensor's width" in refused.value.hint
+    assert "sensor width" in refused.value.hint
 
 
 def test_rotation_vectors_in_degrees_are_read_as_such(tmp_path: Path) -> None:

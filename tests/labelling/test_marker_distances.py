@@ -161,7 +161,7 @@ def test_too_few_partners_say_nothing(moving, table):
 def test_a_table_of_other_places_is_refused(tmp_path):
     arrays = {name: np.zeros(10) for name in ("mean", "spread", "change", "change_spread")}
     write_weights(tmp_path / f"{NAME}.npz", PriorWeights(NAME, arrays, {}))
-    with pytest.raises(WeightsInvalid, match="other places"):
+    with pytest.raises(WeightsInvalid, match="other marker positions"):
         load_distances(tmp_path / f"{NAME}.npz")
 
 

@@ -167,7 +167,7 @@ def test_a_second_person_seen_as_well_is_named() -> None:
     detections, who = scene.detections()
     found = select_people(cameras, detections, 30.0)[0]
     assert len(np.unique(chosen(found, who))) == 1
-    assert "Person 2 is also visible, on average in 4.0 views and in 40 frames" in words(found.notes)[-1] and not words(
+    assert "Person 2 is also visible, in 40 frames and on average in 4.0 views" in words(found.notes)[-1] and not words(
         found.problems
     )
 
@@ -178,7 +178,7 @@ def test_views_that_agree_on_nobody_are_an_error() -> None:
     scene.add(walker(COCO, frames, (0.0, 0.0), (0.2, 0.0)), np.ones((2, frames), bool))
     detections, _ = scene.detections()
     detections.xy[1, ..., 1] += 250
-    with pytest.raises(NoDetections, match=r"No two cameras see a person.*cam_a, cam_b.*calibration"):
+    with pytest.raises(NoDetections, match=r"No two cameras agree.*cam_a, cam_b.*calibration"):
         select_people(cameras, detections, 30.0)[0]
 
 
@@ -189,7 +189,10 @@ def test_views_of_another_calibration_are_a_problem() -> None:
     detections, _ = scene.detections()
     detections.xy[2:, ..., 1] += np.array([250, -250], np.float32)[:, None, None, None]
     found = select_people(cameras, detections, 30.0)[0]
-    assert "On average 4.0 views see a person, but only 2.0 of them agree on the position." in words(found.problems)[0]
+    assert (
+        "On average, 4.0 views show a person, but only 2.0 of them agree on the person's position."
+        in words(found.problems)[0]
+    )
 
 
 def test_all_zero_confidences_and_single_views_are_errors() -> None:
@@ -197,7 +200,7 @@ def test_all_zero_confidences_and_single_views_are_errors() -> None:
     scene = Scene(cameras)
     scene.add(walker(COCO, frames, (0.0, 0.0), (0.2, 0.0)), everywhere(frames, (2,)))
     detections, _ = scene.detections()
-    with pytest.raises(TooFewViews, match="Only cam_c of 4 cameras has detections, but two are needed"):
+    with pytest.raises(TooFewViews, match="Of 4 cameras, only cam_c has detections, but two are needed"):
         select_people(cameras, detections, 30.0)[0]
     detections.confidence[:] = 0
     with pytest.raises(NoDetections, match="Every confidence is zero"):

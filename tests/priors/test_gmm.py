@@ -73,7 +73,7 @@ def test_bad_input_is_named(tmp_path: Path, prior: GaussianMixture) -> None:
         prior.decode(np.zeros((2, 32)))
     path, arrays = tmp_path / "gmm.npz", mixture_arrays()
     for change, text in (
-        ({"weights": np.full(3, 0.5)}, "not a distribution"),
+        ({"weights": np.full(3, 0.5)}, "must be positive and add up to 1"),
         ({"means": np.zeros((2, 63))}, "means.*shape"),
         ({"factors": np.zeros((3, 63, 63))}, "singular"),
     ):

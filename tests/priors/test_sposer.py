@@ -122,9 +122,9 @@ def rewritten(path: Path, change: dict[str, object], arrays: dict[str, np.ndarra
 def test_bad_weights_are_named(tmp_path: Path) -> None:
     path = tmp_path / "sposer.npz"
     for change, text in (
-        ({"version": 2}, "version 2, this reads 1"),
+        ({"version": 2}, "version 2, but 1 is needed"),
         ({"prior": "gmm"}, "for the prior 'gmm', not 'sposer'"),
-        ({"body_joints": ["tail"]}, "another body"),
+        ({"body_joints": ["tail"]}, "a body with other joints"),
         ({"activation": "sine"}, "Unknown activation 'sine'"),
         ({"decoder_hidden": [7, 7]}, "decoder_w0.*shape"),
         ({"format": "other"}, "not a weight file"),

@@ -74,4 +74,4 @@ def test_the_page_has_hands_where_the_motion_has_them() -> None:
     record = {"size": 1.04, "left": {"seen_percent": 91.0, "reprojection_median_px": 1.5, "status": "done"}}
     page = report_html(capture, replace(wide, provenance={**wide.provenance, "hands": record}))
     text = " ".join(Strict(page).words)
-    assert "104 % of what the shape gives" in text and "91.0 %" in text and "1.5 px" in text
+    assert "104 % of the size in the body shape" in text and "91.0 %" in text and "1.5 px" in text

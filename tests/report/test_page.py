@@ -24,7 +24,7 @@ def test_the_page_is_well_formed_and_names_what_it_shows():
     assert [tag for tag, _ in parsed.seen].count("h2") == 8
     text = "".join(parsed.words)
     for words in (
-        NAME, "Where to look", "Against the truth", "Residual over time", "Missing data", "Cameras and keypoints",
+        NAME, "Warnings and notes", "Against the truth", "Residual over time", "Missing data", "Cameras and keypoints",
         "Joint angles", "Scene", "Settings and provenance", "cam_a", "left shoulder",
     ):  # fmt: skip
         assert words in text
@@ -74,11 +74,9 @@ def test_residuals_are_computed_where_the_motion_has_none():
 def test_a_solve_of_another_capture_is_refused():
     capture, motion = solved()
     keypoints = capture.keypoints.frames(0, 50)
-    with pytest.raises(MotionInvalid, match="The motion has 90 frames, the capture 50"):
+    with pytest.raises(MotionInvalid, match="The motion has 90 frames, but the capture has 50"):
         report_html(replace(capture, keypoints=keypoints), motion)
-    with pytest.raises(
-        MotionInvalid, match=r"residuals of shape \(4, 90, 17\), the capture detections of shape \(3, 90"
-    ):
+    with pytest.raises(MotionInvalid, match=r"have the shape \(4, 90, 17\), but the detections of the capture \(3, 90"):
         report_html(capture.views([0, 1, 2]), motion)
 
 

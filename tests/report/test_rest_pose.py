@@ -52,7 +52,7 @@ def test_offsets_and_residuals_are_told():
     offsets[chest] = [0.0, -0.03, 0.0]
     there, expected = circles(rest_pose_section(motion_of(offsets))), circles(rest_pose_section(motion_of(0 * offsets)))
     assert there["STRN"][1] > expected["STRN"][1] + 5
-    assert there["STRN"][3].endswith("30 mm from its rule")
+    assert there["STRN"][3].endswith("30 mm from its position in the layout")
     assert there[PLACES[-1]][2] > there[PLACES[1]][2]
     assert there[PLACES[0]][3].startswith(f"{PLACES[0]}: – mm")
 

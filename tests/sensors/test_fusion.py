@@ -227,5 +227,5 @@ def test_moments_that_are_hours_apart_are_named_before_memory_is_taken() -> None
     tracks, tracked = MarkerTracks(), []
     for time in (100.0, 100.02, 100_000.0):
         tracked.append(tracks.update(moment(time, POINTS)))
-    with pytest.raises(RecordingInvalid, match=r"3 frames with markers span 99900 s at 60 per second"):
+    with pytest.raises(RecordingInvalid, match=r"3 frames with markers span 99900 s, which is impossible at 60"):
         build_cloud(tracked, 60.0)

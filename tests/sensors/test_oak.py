@@ -98,7 +98,7 @@ def test_stamps_of_ptp_are_the_systems(plugged_in: Callable[..., FakeDepthai]) -
         ([], {"sockets": ("a",)}, SensorUnknown, "no pair of mono"),
         ([], {"flood": False}, SensorUnknown, "flood"),
         ([], {"roles": False}, SensorFailed, "no such pin"),
-        ([], {"ends": False}, SensorFailed, "No frame came"),
+        ([], {"ends": False}, SensorFailed, "No frame arrived"),
         ([pair(0, 1.0), RuntimeError("X_LINK_ERROR")], {}, SensorFailed, "was lost"),
         ([pair(0, 5.0), pair(1, 4.0)], {}, SensorFailed, "jumped from 5.000 to 4.000"),
         ([pair(0, 5.0), pair(1, 50.0)], {}, SensorFailed, "jumped"),

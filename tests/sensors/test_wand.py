@@ -169,7 +169,7 @@ def never_together(views):
 BAD = {
     "no marker": (lambda v: [v[0], seen_nothing(v[1])], WandNotSeen, "sensor2"),
     "one sensor only": (lambda v: v[:1], WandNotSeen, "but two are needed"),
-    "never together": (never_together, WandNotSeen, "0 moments"),
+    "never together": (never_together, WandNotSeen, "Only 0 frames"),
     "a second wand": (lambda v: [v[0], replace(v[1], crowded=len(v[1]) - 3)], WandAmbiguous, "more than one wand"),
 }
 
@@ -186,7 +186,7 @@ def test_bad_recordings_are_named(case: str) -> None:
 def test_other_lengths_than_were_told_are_named() -> None:
     cameras = sensors(3)
     views = waved(cameras, Waving(seconds=8.0), WAND)
-    with pytest.raises(WandInvalid, match="proportion"):
+    with pytest.raises(WandInvalid, match="middle light divides the wand"):
         calibrate_by_wand(views, WandOptions(Wand(0.1, 0.3), triggered(cameras.names)))
     with pytest.raises(WandInvalid, match="too similar"):
         Wand(0.2, 0.21)

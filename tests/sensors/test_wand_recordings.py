@@ -119,7 +119,7 @@ def test_the_verb_writes_calibration_and_page(folder: Path, tmp_path: Path, caps
     cameras = read_calibration(out).cameras
     assert cameras.names == tuple(f"frame_{i}" for i in range(4))
     assert np.allclose(cameras.centres, [c["centre_m"] for c in result["cameras"]], atol=1e-4)
-    assert "Where the wand was" in page.read_text()
+    assert "Coverage of the wand" in page.read_text()
     assert main([*command, "--json"]) != 0
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["code"] == "output_exists"
     assert main(["sensors calibrate", str(folder), "--out", str(tmp_path / "b.toml"), "--json"]) != 0

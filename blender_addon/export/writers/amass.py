@@ -75,7 +75,7 @@ def _require_own_size(take: ExportTake) -> None:
 
 def _shape(take: ExportTake) -> tuple[np.ndarray, np.ndarray]:
     if "betas" not in take.armature:
-        hint = "AMASS describes a body's shape: export an armature that this add-on baked."
+        hint = "Choose an armature that this add-on baked, because AMASS files describe a body shape."
         raise NothingToExport("The armature does not state its body and shape.", where=take.name, hint=hint)
     solved, rest_pelvis = np.array(take.armature["betas"]), np.array(take.armature["rest_pelvis"])
     betas = get_betas(take.meshes[0]) if take.meshes and is_body(take) else solved

@@ -146,7 +146,9 @@ def export_blend(path: Path, take: ExportTake, progress: Progress) -> None:
     action = current_action(take.armature)
     if action is not None and is_take(action) and not same_rate(take.fps, float(action["fps"])):
         hint = "Leave the frame rate out, or choose another format."
-        raise NothingToExport("A Blender file contains the keys of the take.", where=take.name, hint=hint)
+        raise NothingToExport(
+            "A Blender file keeps the keys of the take, so it cannot change the frame rate.", where=take.name, hint=hint
+        )
     collection = bpy.data.collections.new(take.name)
     try:
         for obj in (take.armature, *take.meshes):

@@ -117,7 +117,9 @@ def find_captures(request: BatchRequest) -> list[Path]:
     names = [take_name(path) for path in found]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice or not found:
-        message = f"Two captures are called {', '.join(twice)}." if twice else "The folder contains no captures."
+        message = (
+            f"Several captures have the same name: {', '.join(twice)}." if twice else "The folder contains no captures."
+        )
         hint = f"Captures are files .npz, {', '.join(MARKER_SUFFIXES)} and folders with unique names."
         raise BatchInvalid(message, where=str(request.captures), hint=hint)
     return found
@@ -168,12 +170,12 @@ def _shared(path: Path | None) -> dict[str, Any]:
             raise _not_valid(f"{name} is {value!r}, but {row.expected} is expected.", path)
     settings = values.get("settings") or {}
     if not isinstance(settings, dict):
-        raise _not_valid("settings is a list or a value, but an object of settings is expected.", path)
+        raise _not_valid("settings must be an object with settings.", path)
     accepted = settings.get("accept") or []
     if not isinstance(accepted, list) or not all(isinstance(code, str) for code in accepted):
-        raise _not_valid("accept is a list of codes.", path)
+        raise _not_valid("accept must be a list of codes.", path)
     if not isinstance(values.get("strict", False), bool):
-        raise _not_valid("strict is true or false.", path)
+        raise _not_valid("strict must be true or false.", path)
     return values
 
 
@@ -247,7 +249,7 @@ class Watched:
             if other == path:
                 found.append(path)
             else:
-                self._doubled[str(path)] = f"{path.name} is not done: {other.name} is called the same."
+                self._doubled[str(path)] = f"{path.name} is skipped, because {other.name} has the same name."
         return found
 
     def notes(self) -> list[str]:

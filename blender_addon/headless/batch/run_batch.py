@@ -89,7 +89,7 @@ class Results:
 
     def _message(self) -> str:
         minutes = (time.monotonic() - self._start) / 60
-        rate = f"{self._done} done in {minutes:.1f} min" if self._done else "nothing was to be done"
+        rate = f"{self._done} done in {minutes:.1f} min" if self._done else "there was nothing to do"
         who = self._who if self._engine is None else self._engine.headline()
         return f"{rate} by {who}" if who else rate
 
@@ -125,7 +125,7 @@ def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread
     request.limits.require_possible()
     work = Takes(request, request.choices())
     if spread.watch and not request.captures.is_dir():
-        raise BatchInvalid("There is no such folder.", where=str(request.captures), hint="Make it first.")
+        raise BatchInvalid("There is no such folder.", where=str(request.captures), hint="Create it first.")
     source = Watched(request, spread.settled_s, spread.idle_s) if spread.watch else Listed(find_captures(request))
     results = Results(request.out)
     try:

@@ -115,7 +115,7 @@ def _known(record: TakeRecord, folder: Path, wanted: tuple[Step, ...]) -> TakeRe
     """Add the parts of the folder's record that are still valid to a take's record."""
     known = read_record(folder)
     if known is None and not is_free(folder):
-        message = "The take's folder has files that no batch has written."
+        message = "The folder of the take has files that a batch did not write."
         raise OutputExists(message, where=str(folder), hint="Choose another --out.")
     record = {**record, "inputs": wanted[0].key}
     if known is None or known.get("inputs") != record["inputs"]:

@@ -51,7 +51,7 @@ MARKERS = Need("Import a marker recording first", lambda context: len(context.sc
 BODY = Need("Solve a capture first", lambda context: context.scene.mocap.review.armature is not None)
 TAKE = Need("Solve a capture first", lambda context: context.scene.mocap.review.take is not None)
 EDITABLE = Need(
-    "This body is linked: choose Object > Library Override > Make first",
+    "This body is linked. Choose Object > Library Override > Make first",
     lambda context: context.scene.mocap.review.armature.is_editable,
 )
 OBJECT_MODE = Need("Change to object mode first", lambda context: context.mode == "OBJECT")

@@ -31,7 +31,7 @@ def _is_alone(context: bpy.types.Context) -> bool:
     return not has_layers(context.scene.mocap.review.armature)
 
 
-ALONE = Need("A layer plays on top of this take: bake it into the take, or push it down and mute it first", _is_alone)
+ALONE = Need("A layer plays on top of this take. Bake it into the take, or push it down and mute it first", _is_alone)
 
 
 def _add(context: bpy.types.Context, word: str, edit: Any, *, with_place: bool = False) -> str:
@@ -100,7 +100,7 @@ def loop_take(self: Any, context: bpy.types.Context) -> str:
         return found[0].motion
 
     message = _add(context, "loop", edit)
-    return f"{message}. At its ends, {found[0].gap}, which is blended"
+    return f"{message}. At its ends, {found[0].gap}. The difference is blended"
 
 
 @operator("Mirror", TAKE, EDITABLE, ALONE, options=_UNDO)

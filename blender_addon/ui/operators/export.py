@@ -44,7 +44,7 @@ class ChoosesOutput(ExportHelper):
         """Return the chosen path. A relative path in an unsaved file is an error."""
         if self.filepath.startswith("//") and not bpy.data.filepath:
             message = "A path that starts with // needs a saved file."
-            raise OutputNotWritable(message, where=self.filepath, hint="Save it, or enter the whole path.")
+            raise OutputNotWritable(message, where=self.filepath, hint="Save the file, or enter the full path.")
         return absolute(self.filepath)
 
 
@@ -196,7 +196,7 @@ class CurrentSending:
         """Send the pose of a frame, or stop if the body was removed."""
         message = "" if self.sender is None else self.sender.send(scene)
         if message is None:
-            self.stop("The body was removed: sending has stopped.")
+            self.stop("Sending has stopped, because the body was removed.")
         self.message = message or self.message
 
     def stop(self, message: str = "") -> None:

@@ -48,7 +48,7 @@ def _bring(
     bring_home()
     self.tell(*remarks(result), *take.notes, kind="WARNING")
     off_mm = result.get("distance_mm")
-    near = "" if off_mm is None else f". Limbs are {off_mm:.1f} mm from the clip's (root mean square)"
+    near = "" if off_mm is None else f". Limbs are {off_mm:.1f} mm from the clip (root mean square)"
     return f"Baked '{take.action.name}'{near}"
 
 

@@ -119,7 +119,7 @@ class CurrentLive:
                 if there:
                     self._frame(figure)
             if not there and not run.process.cancelling:
-                self.failure = "The live body or its character was removed (undone or deleted): the run was stopped."
+                self.failure = "The run was stopped, because the live body or its character was deleted or undone."
                 run.stop()
         if run.finished:
             self._ended(run)
@@ -223,7 +223,7 @@ def live_start(self: MocapOperator, context: bpy.types.Context) -> None:
     live.begin(run, scene, face=face, own_face=own_face, body=body, fingers=fingers, character=character)
     live.area = context.area.as_pointer() if context.area is not None else 0
     if settings.record and replays_motion(scene):
-        self.tell("Nothing is recorded: the source is a motion already, which Import Motion adds to the scene")
+        self.tell("Nothing is recorded, because the source is already a motion. Add it with Import Motion")
 
 
 def _character(operator: MocapOperator, context: bpy.types.Context, body: BodyFile) -> LiveRig:

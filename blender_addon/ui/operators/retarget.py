@@ -98,7 +98,9 @@ def retarget(self: Any, context: bpy.types.Context) -> str:
     mark_laid(done.action, actor.fps, actor.num_frames, timing.start, timing.scene_fps)
     show_frame(scene)
     self.tell(*warnings, *done.notes, kind="WARNING")
-    measured = f"{done.scale:.2f} (lengths by the body's: {done.proportions.describe()}; soles from {done.soles})"
+    measured = (
+        f"{done.scale:.2f} (lengths relative to the body: {done.proportions.describe()}. Soles from {done.soles})"
+    )
     match = f"hands and feet match within {max(done.deviation_mm, 0.1):.1f} mm"
     return f"'{done.action.name}': scaled by {measured}, {match}"
 

@@ -56,7 +56,7 @@ def add_face_shapes(self: Any, context: bpy.types.Context) -> str | set[str]:
     if mesh is None or not body.face_shapes:
         return self.give_up("Only the body that ships with the add-on has face shapes")
     if not mesh.data.is_editable:
-        return self.give_up("The mesh of this body is linked: add the face shapes in the file that has it")
+        return self.give_up("The mesh of this body is linked. Add the face shapes in its own file")
     count = add_face_shapes(mesh, body)
     show_look(mesh, context.scene.mocap.look)
     return f"{counted(count, 'face shape')} added to '{mesh.name}'"
@@ -109,14 +109,14 @@ def _edit_contact(self: Any, context: bpy.types.Context, *, touches: bool) -> st
     part = part_of_joint(bone.name) if bone is not None else None
     target = curve_target(review.take) if review.take.is_editable else None
     if target is None:
-        return self.give_up("This take is linked: make it local first")
+        return self.give_up("This take is linked. Make it local first")
     if part is None:
         return self.give_up("Select a bone of the body in Pose Mode, such as a knee or a hand")
     ends = review.first, review.last
     edit = [part, *capture_range(review.take, *ends), touches]
     edit_contact(target, review.armature, part, ends, edit)
     state = "touches the floor" if touches else "does not touch the floor"
-    return f"{part.replace('_', ' ').capitalize()} {state} in frames {ends[0]} to {ends[1]}: press Solve Range Again"
+    return f"{part.replace('_', ' ').capitalize()} {state} in frames {ends[0]} to {ends[1]}. Press Solve Range Again"
 
 
 @operator("Add Contact", TAKE, EDITABLE)
@@ -232,11 +232,11 @@ def feet_to_floor(self: Any, context: bpy.types.Context) -> str | set[str]:
 
 
 _FOREIGN = Need(
-    "This take is solved from a capture: raise Foot Lock and press Solve Again",
+    "This take is solved from a capture. Raise Foot Lock and press Solve Again",
     lambda context: not context.scene.mocap.capture.file or CLIP in (context.scene.mocap.review.take or ()),
 )
 _ON_BODY = Need(
-    "The root control carries this take: show its source take",
+    "The root control carries this take. Show its source take",
     lambda context: ROOT_MOTION not in context.scene.mocap.review.take,
 )
 _SLIDE = number("Longest Slide", "Largest slide to correct in mm, as longer ones are intentional", 100.0, 1, 500)
@@ -257,7 +257,7 @@ def lock_feet(self: Any, context: bpy.types.Context) -> Steps:
         name = made["action"] and made["action"].name
         stands, slid_mm = made.get("stands", 0), made.get("slid_mm", 0.0)
     if not name:
-        return self.give_up(f"Every planted foot slides by more than {self.slide_mm:g} mm: nothing was locked")
+        return self.give_up(f"Every planted foot slides by more than {self.slide_mm:g} mm, so nothing was locked")
     return f"{counted(stands, 'foot contact')} locked in '{name}': feet slid by up to {slid_mm:.0f} mm"
 
 

@@ -85,7 +85,7 @@ _KEPT = choice("Edits in the Range", "Treatment of the edits", "resolve_range.ed
 
 
 _OWN_FRAMES = Need(
-    "This clip is not the solved take: show its source take",
+    "This clip is not the solved take. Show its source take",
     lambda context: CLIP not in context.scene.mocap.review.take,
 )
 

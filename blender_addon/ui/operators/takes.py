@@ -66,7 +66,7 @@ def delete_take(self: Any, context: bpy.types.Context) -> None:
     settings = context.scene.mocap
     take, review = take_named(settings, self.name), settings.review
     if not take.is_editable:
-        raise TakeMissing(f"The take '{self.name}' is linked from another file: delete it there.")
+        raise TakeMissing(f"The take '{self.name}' is linked from another file. Delete it there.")
     others = [other for other in takes_of_person(settings) if other != take]
     if review.take == take and others:
         show_take(review.armature, others[-1])
@@ -155,7 +155,9 @@ def edit_aside(
         armature = next((obj for obj in bpy.data.objects if obj.session_uid == body), None)
         former = next((action for action in bpy.data.actions if action.session_uid == take), None)
         if armature is None or former is None:
-            raise TakeMissing("The body or its take was removed while the edit ran.", hint="Undo this, and try again.")
+            raise TakeMissing(
+                "The body or its take was removed while the edit ran.", hint="Undo the deletion, and try again."
+            )
         if result["action"]:
             with bpy.data.libraries.load(str(out)) as (_, wanted):
                 wanted.actions = [result["action"]]

@@ -256,5 +256,5 @@ def test_detector(self: Any, context: bpy.types.Context) -> str | set[str]:
         return note_detector(context, Path(sys.executable), included_wheels())
     python = detector_for(context)
     if python is None:
-        return self.give_up("No detector is set up: press Set Up Detector, or choose a Python with one")
+        return self.give_up("No detector is set up. Press Set Up Detector, or choose a Python with one")
     return note_detector(context, python)

@@ -45,8 +45,8 @@ def _hands_mean(arrays: dict[str, Any], body: Body, where: str) -> np.ndarray | 
     if body.layout.name == "SMPL":
         return None
     if not set(_HANDS) <= set(arrays):
-        what = f"The body file lacks its relaxed hands, but {', '.join(_HANDS)} are expected."
-        raise BodyInvalid(what, where=where, hint="Read the file with flat hands.")
+        what = f"The body file has no relaxed hand pose ({', '.join(_HANDS)})."
+        raise BodyInvalid(what, where=where, hint="Choose flat hands for this file.")
     mean = np.zeros((body.layout.num_joints, 3))
     for key, group in zip(_HANDS, ("left_hand", "right_hand"), strict=True):
         own, joints = np.asarray(arrays[key]), list(body.layout.group(group))
@@ -63,7 +63,7 @@ def _read_npz(path: Path) -> dict[str, Any]:
         return dict(read_npz(path, wanted.__contains__))
     except (FileMissing, FileDamaged) as error:
         what = f"The file cannot be read: {error.message}"
-        raise BodyInvalid(what, where=str(path), hint="The file may be truncated.") from error
+        raise BodyInvalid(what, where=str(path), hint="Copy or download the file again.") from error
 
 
 @dataclass(frozen=True)

@@ -174,7 +174,7 @@ class Machine:
         most = self._dialect.most or MAX_OPERATIONS
         for count, (operation, argument, _) in enumerate(pickletools.genops(self._stream)):
             if count > most:
-                many = f"The pickle has more than {most:,} operations, but a {self._dialect.kind} has thousands."
+                many = f"The pickle has more than {most:,} operations. A {self._dialect.kind} has only thousands."
                 raise self._refusal(many)
             if operation.name == "STOP":
                 return finished(*self._pop(1))
@@ -258,7 +258,7 @@ class Machine:
 
     def _call(self, called: Any, arguments: Any, *, only_classes: bool) -> None:
         if not isinstance(called, PickledName) or not isinstance(arguments, tuple):
-            raise Damage("something is called that is not a function")
+            raise Damage("a value that is not a function is called")
         dotted = f"{called.module}.{called.name}"
         call = self._dialect.calls.get(dotted, CALLS.get(dotted))
         if dotted in self._classes and not arguments:
@@ -276,7 +276,7 @@ class Machine:
         """Count the bytes created, because one text can be converted to arrays repeatedly."""
         self._bytes_left -= len(content) if isinstance(content, str | bytes | bytearray) else 0
         if self._bytes_left < 0:
-            raise Damage("its arrays would take many times the file's own size")
+            raise Damage("its arrays would need far more memory than the size of the file")
 
     def _build(self, state: Any) -> None:
         target = self._stack[-1] if self._stack else None
@@ -291,7 +291,7 @@ class Machine:
         elif isinstance(target, NamedDtype) and isinstance(state, tuple) and state[1:2] in (("<",), (">",), ("|",)):
             target.order = state[1]
         else:
-            raise self._refusal(f"The pickle sets the state of something that has none in a {self._dialect.kind}.")
+            raise self._refusal(f"The pickle sets the state of an object that has no state in a {self._dialect.kind}.")
 
     def _refusal(self, message: str) -> UnsafePickle:
         hint = f"Do not open this file with other tools. {self._dialect.remedy}."
@@ -320,7 +320,7 @@ def read_pickle(path: Path) -> dict[str, Any]:
     except (UnsafePickle, BodyInvalid):
         raise
     except _DAMAGE as error:
-        hint = "The file may be truncated."
+        hint = "The file may be truncated. Copy or download it again."
         raise BodyInvalid(f"The pickle cannot be read: {error}", where=str(path), hint=hint) from error
     raise BodyInvalid(f"The pickle contains a {type(content).__name__}, but a dictionary is expected.", where=str(path))
 

@@ -41,9 +41,9 @@ class Board:
             message = f"Unknown board '{self.kind}'. Choose one of {', '.join(KINDS)}."
             raise JobInvalid(message, hint=f"Write {EXAMPLE}.")
         if not all(isinstance(count, int) and 3 <= count <= 50 for count in (self.columns, self.rows)):
-            raise JobInvalid(f"A board has 3 to 50 columns and rows, not {self.columns} x {self.rows}.")
+            raise JobInvalid(f"A board must have 3 to 50 columns and rows, not {self.columns} x {self.rows}.")
         if not 0.001 <= self.square_m <= 2.0:
-            raise JobInvalid(f"A square of {square} is impossible. Squares have sides of 1 mm to 2 m.")
+            raise JobInvalid(f"Squares of {square} are not possible. Their sides must be 1 mm to 2 m long.")
         if self.kind == "charuco" and not 0.3 * self.square_m <= self.marker_m < self.square_m:
             raise JobInvalid(f"A marker of {marker} does not fit a square of {square}.")
 
@@ -100,7 +100,11 @@ def board_named(text: str) -> Board:
         else:
             raise JobInvalid(f"'{field}' is not a property of a board.", where=text, hint=f"Write {EXAMPLE}.")
     if counts is None or not lengths:
-        raise JobInvalid("A board needs columns x rows and the side of a square.", where=text, hint=f"Write {EXAMPLE}.")
+        raise JobInvalid(
+            "The number of columns and rows, or the size of the squares, is missing.",
+            where=text,
+            hint=f"Write {EXAMPLE}.",
+        )
     marker = lengths[1] if len(lengths) > 1 else round(MARKER_SHARE * lengths[0], 9)
     return Board(kind.lower(), *counts, lengths[0], marker if kind.lower() == "charuco" else 0.0, **other)
 
@@ -206,7 +210,7 @@ def charuco_boards(board: Board) -> list[Any]:
     cv2 = opencv()
     number = getattr(cv2.aruco, board.dictionary, None)
     if number is None:
-        raise JobInvalid(f"OpenCV has no dictionary {board.dictionary}.", hint="Use one such as DICT_4X4_100.")
+        raise JobInvalid(f"OpenCV has no dictionary {board.dictionary}.", hint="Use one, such as DICT_4X4_100.")
     dictionary = cv2.aruco.getPredefinedDictionary(number)
     needed = board.columns * board.rows // 2
     if len(dictionary.bytesList) < needed:

@@ -43,7 +43,7 @@ def board_footage(folder: Path) -> BoardFootage:
     if not lens and not extrinsic:
         extrinsic = board_cameras(folder)
     if not lens and not extrinsic:
-        hint = "Put one video per camera into it, or into its folders intrinsics and extrinsics."
+        hint = "Put one video per camera into it, or into its subfolders intrinsics and extrinsics."
         raise CaptureNotRecognised("The folder contains no pictures of a board.", where=str(folder), hint=hint)
     return BoardFootage(lens, extrinsic)
 
@@ -110,7 +110,7 @@ def entries(folder: Path) -> list[Path]:
 def grey_frames(path: Path) -> Iterator[tuple[int, np.ndarray]]:
     """Yield frame numbers from 0, and grey images (H, W) uint8."""
     if not path.exists():
-        raise FileMissing("There is no video, picture or folder of pictures here.", where=str(path))
+        raise FileMissing("The path is not a video, a picture or a folder of pictures.", where=str(path))
     any_frame = False
     for item in _of_pictures(path) if path.is_dir() or is_picture(path) else _of_video(path):
         any_frame = True

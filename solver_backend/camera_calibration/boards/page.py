@@ -74,7 +74,7 @@ def _paper(paper: str, needed: tuple[float, float], board: Board) -> tuple[float
         return needed
     by_name = {name.lower(): size for name, size in PAPERS.items()}
     if paper.lower() not in by_name:
-        raise JobInvalid(f"Unknown paper size '{paper}'.", hint=f"There are {', '.join(PAPERS)} and fit.")
+        raise JobInvalid(f"Unknown paper size '{paper}'.", hint=f"Choose {', '.join(PAPERS)} or fit.")
     upright = by_name[paper.lower()]
     turned = upright[1], upright[0]
     for size in (upright, turned):
@@ -82,7 +82,7 @@ def _paper(paper: str, needed: tuple[float, float], board: Board) -> tuple[float
             return size
     share = max(min(s[0] / needed[0], s[1] / needed[1]) for s in (upright, turned))
     message = f"The board needs {needed[0]:.0f} x {needed[1]:.0f} mm, but {paper} has {upright[0]:g} x {upright[1]:g}."
-    hint = f"Take squares of {int(share * board.square_m * 1000)} mm, larger paper, or --paper fit for a print shop."
+    hint = f"Use squares of {int(share * board.square_m * 1000)} mm, larger paper, or --paper fit for a print shop."
     raise JobInvalid(message, hint=hint)
 
 

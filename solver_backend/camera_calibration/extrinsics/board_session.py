@@ -167,7 +167,7 @@ def board_world(
         first: index of the body in the first frame.
     """
     if origin not in moments:
-        hint = f"It is visible in some of the frames {moments[0]} to {moments[-1]}."
+        hint = f"Choose a frame with the board. The first one is {moments[0]}, and the last one {moments[-1]}."
         raise CalibrationInvalid(f"The board is not visible at frame {origin}.", hint=hint)
     i = first + moments.index(origin)
     R = np.diag([1.0, -1.0, -1.0]) @ bodies.R[i].T

@@ -98,7 +98,7 @@ class _FlatViews:
     def of(cls, lenses: Cameras, keypoints: Keypoints2D, most: int) -> _FlatViews:
         frames, xy, confidence = sample_person(keypoints, most)
         if len(frames) < LEAST_MOMENTS:
-            message = f"Two cameras see the person together in {len(frames)} pictures, but {LEAST_MOMENTS} are needed."
+            message = f"Only {len(frames)} pictures show the person to two cameras, but {LEAST_MOMENTS} are needed."
             hint = "Film the person walking through the whole space for half a minute, or film a board."
             raise NoDetections(message, hint=hint)
         return cls(lenses, xy, confidence, frames, keypoints.xy.shape[2])
@@ -133,7 +133,7 @@ class _FlatViews:
                 best = score, replace(self.lenses.subset([i, j]), R=R, t=t)
         if best is None:
             hint = "Film the person where several cameras see them, and check that the videos are synchronised."
-            raise NoDetections(f"No two cameras see {FEWEST_COMMON} keypoints in common.", hint=hint)
+            raise NoDetections(f"No two cameras share {FEWEST_COMMON} keypoints.", hint=hint)
         return best[1]
 
     def with_next(self, cameras: Cameras, rng: np.random.Generator) -> Cameras:
@@ -200,7 +200,7 @@ def _sigma(found: Adjusted) -> float:
     off = np.linalg.norm(found.error, axis=-1)
     known = off[np.isfinite(off)]
     if not len(known):
-        message = "The person would be behind the cameras."
+        message = "The estimated cameras point away from the person."
         raise CalibrationInvalid(message, hint="Check that each video has its camera's name.")
     return max(float(np.median(known)) / 1.1774 * 1.2, 0.05)
 
@@ -330,7 +330,7 @@ def _moved(refined: CalibratedCameras, cameras: Cameras) -> tuple[Diagnostic, ..
     for c, name in enumerate(cameras.names):
         parts: list[str] = []
         if moved[c] > MOVED_SIGMAS * far[c]:
-            parts.append(f"stands {1000 * moved[c]:.0f} mm (± {1000 * far[c]:.0f}) from")
+            parts.append(f"is {1000 * moved[c]:.0f} mm (± {1000 * far[c]:.0f}) from")
         if turned[c] > MOVED_SIGMAS * away[c]:
             parts.append(f"points {np.degrees(turned[c]):.1f}° (± {np.degrees(away[c]):.1f}) away from")
         if parts:

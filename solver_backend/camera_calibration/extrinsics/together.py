@@ -51,7 +51,7 @@ def read_clicks(path: Path) -> Clicks:
         try:
             values = [float(v) for v in fields[2:] if v]
             if not (np.abs(values) <= FARTHEST_PX).all():
-                raise ValueError("no place and no pixel")
+                raise ValueError("a row has neither a position nor a pixel")
             if fields[1] == "world":
                 x, y, z = values
                 places[fields[0]] = x, y, z
@@ -59,7 +59,7 @@ def read_clicks(path: Path) -> Clicks:
                 u, v = values
                 px.setdefault(fields[1], {})[fields[0]] = u, v
         except (ValueError, IndexError) as error:
-            message = f"Line {number} is not point,camera,x,y or point,world,x,y,z."
+            message = f"Line {number} must have the form point,camera,x,y or point,world,x,y,z."
             raise FileDamaged(message, where=str(path)) from error
     return Clicks(px, places)
 
@@ -116,8 +116,8 @@ def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tu
     least = 4 if flat else 6
     if len(seen) < least or spread[1] < FLAT * spread[0] or spread[0] == 0:
         shape = "in a plane" if flat else "not in a plane"
-        count = f"{len(seen)} points with known places were clicked"
-        message = f"{count}, {shape}, but {least} that are not in a line are needed."
+        count = f"{len(seen)} points with known positions were clicked"
+        message = f"{count}, {shape}. At least {least} that are not in a line are needed."
         hint = "Click more known points, spread over the whole picture and over different depths."
         raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
     if not flat:
@@ -189,8 +189,8 @@ def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Camera
     both = np.isfinite(located).all(-1) & np.isfinite(known).all(-1)
     spread = np.linalg.svd(known[both] - known[both].mean(0))[1] if both.sum() >= LEAST_PLACES else np.zeros(2)
     if spread[1] < 0.02 * max(float(spread[0]), 1e-9):
-        count = f"{int(both.sum())} known places are seen by two cameras"
-        message = f"{count}, but {LEAST_PLACES} that are not in a line are needed to set the world."
+        count = f"{int(both.sum())} known positions are seen by two cameras"
+        message = f"{count}. At least {LEAST_PLACES} that are not in a line are needed to set the world."
         raise CalibrationInvalid(message, hint="Click more points with known positions, or omit the positions.")
     scale, R, t = umeyama(located[both], known[both], with_scale=with_scale)
     return two_views.in_other_world(cameras, np.asarray(R), np.asarray(t), float(scale))
@@ -227,7 +227,7 @@ def calibrate_together(
     unseen = set(range(len(start))) - set(np.concatenate([e.seen.camera for e in sources]).tolist())
     if unseen and hold_m is None:
         names = ", ".join(start.names[c] for c in sorted(unseen))
-        raise CalibrationInvalid(f"There are no observations for {names}.", hint="Film a board or a person there.")
+        raise CalibrationInvalid(f"There are no observations for {names}.", hint="Film a board or a person with them.")
     late = np.arange(len(start)) > 0 if any(e.seen.velocity is not None for e in sources) else None
     held = None if hold_m is None else Held(start, hold_m / HELD_REACH_M, hold_m)
     unknowns = Unknowns(np.ones(len(start), bool), delays=late, held=held)
@@ -319,7 +319,7 @@ def _in_world(
                 R, t, note = board_world(found.bodies, e.labels, origin, first)
                 return two_views.moved_world(result, R, t), note
             first += len(e.bodies.t)
-        raise CalibrationInvalid("An origin needs a board.", hint="Give the footage of the board, or omit --origin.")
+        raise CalibrationInvalid("--origin needs footage of a board.", hint="Give --footage, or omit --origin.")
     if held:
         return result, diagnostic("world_origin", source="held")
     metric, cameras = any(e.metric for e in sources), result.cameras

@@ -37,7 +37,7 @@ def read_lenses(path: Path) -> dict[str, Lens]:
         raise FileDamaged("The file is not a library of lenses.", where=str(path))
     lenses = table.get("lenses", {})
     if not isinstance(lenses, dict):
-        raise FileDamaged("'lenses' must hold a lens for each name.", where=str(path))
+        raise FileDamaged("'lenses' must contain a lens for each name.", where=str(path))
     return {str(name): _lens(entry, f"{path}, lens {name}") for name, entry in lenses.items()}
 
 
@@ -62,9 +62,9 @@ def lens_named(lenses: dict[str, Lens], name: str, image_size: tuple[int, int] |
     share = image_size[0] / lens.image_size[0]
     if abs(image_size[1] / lens.image_size[1] / share - 1.0) > 0.01:
         own, other = (f"{width} x {height}" for width, height in (lens.image_size, image_size))
-        shape = "of another shape, which is another part of the sensor"
+        shape = "with another aspect ratio, so they show another part of the sensor"
         message = f"The lens was calibrated with pictures of {own}, but these have {other}, {shape}."
-        raise CalibrationInvalid(message, where=where, hint="Film the board in the mode that the takes are filmed in.")
+        raise CalibrationInvalid(message, where=where, hint="Film the board in the video mode of the takes.")
     K = lens.K.copy()
     K[:2] *= share
     K[:2, 2] += (share - 1) / 2
@@ -141,7 +141,7 @@ def _given(text: str, image_size: tuple[int, int]) -> FocalLength:
     low, high = (share * max(image_size) for share in PLAUSIBLE_SHARE)
     if not (low <= px <= high and (unit == "px" or PLAUSIBLE_MM[0] <= value <= PLAUSIBLE_MM[1])):
         size = f"{px:.0f} px in pictures of {image_size[0]} x {image_size[1]}"
-        message = f"A focal length of {text.strip()} is {size}. Possible are {low:.0f} to {high:.0f} px."
+        message = f"A focal length of {text.strip()} is {size}. It must be {low:.0f} to {high:.0f} px."
         raise CommandLineInvalid(message, hint=f"Give it as {EXAMPLE}.")
     return FocalLength(px, 0.0 if unit == "px" else EQUIVALENT_SIGMA, f"{text.strip()} as given")
 

@@ -175,7 +175,7 @@ def recognise(skeleton: Skeleton) -> StructureGuess:
         return StructureGuess({}, ())
     best = ranked[0]
     if _is_quadruped(skeleton, best):
-        return StructureGuess({}, ("Its four limbs stand on the floor: this is not a person.",))
+        return StructureGuess({}, ("All four limbs stand on the floor, so the rig is not a person.",))
     up = _middle(skeleton, best.arms, 0) - _middle(skeleton, best.legs, 0)
     left, doubts = _left_first(skeleton, best, up / np.linalg.norm(up))
     if doubts:
@@ -277,7 +277,7 @@ def _left_first(skeleton: Skeleton, limbs: _Limbs, up: np.ndarray) -> tuple[bool
     shown = float(np.cross(up, ahead) @ apart)
     clear = abs(shown) > 0.02 * np.linalg.norm(apart) * skeleton.size
     if clear and unanimous and (shown > 0) != (votes_left > 0):
-        return True, ["The names and the toes disagree about left and right: correct the table."]
+        return True, ["The names and the toes disagree about left and right. Correct the table."]
     if clear:
         return shown > 0, []
     return votes_left > 0, [] if unanimous else ["Neither toes nor names show which side of the figure is left."]

@@ -51,7 +51,7 @@ def read_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
     if found is None or scheme not in schemes or not 0 < port < 65536:
         forms = ", ".join(f"{name}://HOST:PORT" for name in schemes)
         sent: dict[tuple[str, ...], str] = {(VMC,): "a VMC address", SENT: "an address of a receiver"}
-        what = f"This is not {sent.get(schemes, 'an address of a sender')}."
+        what = f"The text is not {sent.get(schemes, 'an address of a sender')}."
         hint = f"Write {forms} with a port of 1 to 65535. {SCHEME} alone means {VmcAddress()}."
         raise CommandLineInvalid(what, where=text[:80], hint=hint)
     return VmcAddress(found["host"].strip("[]") or LOOPBACK, port, scheme)

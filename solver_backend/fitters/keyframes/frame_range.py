@@ -46,7 +46,7 @@ class UserContact:
         _check_keys(values, {"part", "first", "last", "touches"}, set(), where)
         if values["part"] not in CONTACT_PARTS:
             hint = f"Known parts: {', '.join(CONTACT_PARTS)}."
-            raise JobInvalid(f"There is no part {values['part']!r} of the body.", where=where, hint=hint)
+            raise JobInvalid(f"There is no body part {values['part']!r}.", where=where, hint=hint)
         if not isinstance(values["touches"], bool):
             raise JobInvalid(f"touches is {values['touches']!r}, but true or false is expected.", where=where)
         return cls(values["part"], _whole(values, "first", where), _whole(values, "last", where), values["touches"])
@@ -117,7 +117,7 @@ class FrameRange:
 
 def _check_keys(values: Any, needed: set[str], optional: set[str], where: str) -> None:
     if not isinstance(values, Mapping) or needed - set(values) or set(values) - needed - optional:
-        message = f"{where} must hold {', '.join(sorted(needed))} and no other keys."
+        message = f"{where} must contain {', '.join(sorted(needed))} and no other keys."
         raise JobInvalid(message, where=where, hint=f"Known keys: {', '.join(sorted(needed | optional))}.")
 
 

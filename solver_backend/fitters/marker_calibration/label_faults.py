@@ -196,7 +196,8 @@ def check_sides(points: np.ndarray, landmarks: Landmarks) -> None:
         own, beyond = (_lateral(points, column, places, least) for places, least in ((base, 1), (limb, LEAST_PAIRS)))
         if own is not None and beyond is not None and _usual((unit(own) * beyond).sum(-1), SIDES_SHARE) < CROSSED_M:
             raise _mirrored(
-                f"The {which}' left markers are on the right of the body: their left and right labels are swapped.",
+                f"The left markers of the {which} are on the right of the body. Their left and right labels are "
+                "swapped.",
                 f"of the {which}",
             )
         for side in "LR" if own is not None else "":
@@ -212,7 +213,7 @@ def check_sides(points: np.ndarray, landmarks: Landmarks) -> None:
 
 
 def _mirrored(text: str, labels: str) -> MarkersMirrored:
-    return MarkersMirrored(text, where="markers", hint=f"Exchange L and R in the labels {labels}.")
+    return MarkersMirrored(text, where="markers", hint=f"Swap L and R in the labels {labels}.")
 
 
 def _check_limb(
@@ -225,7 +226,7 @@ def _check_limb(
     own, other, sign = _SIDES[names[0][0]]
     if _usual(sign * (unit(lateral) * (near - middle)).sum(-1), SIDES_SHARE) < CROSSED_M:
         raise _mirrored(
-            f"The {own} {limb}'s markers are on the {other} of the body: they are the {other} {limb}'s.",
+            f"The markers of the {own} {limb} are on the {other} of the body. They belong to the {other} {limb}.",
             f"of this {limb}",
         )
 
@@ -249,8 +250,8 @@ def _check_ankles(points: np.ndarray, column: dict[str, int]) -> None:
         outwards = np.where(sound & (abs(outwards) < FOOT_M), outwards, np.nan)
         if _usual(outwards) < INNER_M:
             raise _mirrored(
-                f"The {own} leg's outer ankle is on the inner side of its foot: the markers are those of a {other} "
-                "leg, or an axis points the other way.",
+                f"The outer ankle of the {own} leg is on the inner side of the foot. The markers belong to the "
+                f"{other} leg, or an axis is reversed.",
                 "of this leg, or export the take with right-handed axes",
             )
 

@@ -135,10 +135,9 @@ def check_handedness(points: np.ndarray, landmarks: Landmarks) -> None:
 def mirror_image(what: str) -> MarkersMirrored:
     """Return the error for markers that are a mirror image of a body's."""
     return MarkersMirrored(
-        f"The {what} are a mirror image of a body's: left and right labels are exchanged, or an axis points the other "
-        "way.",
+        f"The {what} are mirrored. Left and right labels are swapped, or an axis is reversed.",
         where="markers",
-        hint="Exchange L and R in the labels, or export the take with right-handed axes.",
+        hint="Swap L and R in the labels, or export the take with right-handed axes.",
     )
 
 
@@ -174,10 +173,11 @@ def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body, offsets
     if (apart[nearest] > LARGEST * along[nearest] + SLACK_M).all():
         one, two = ([landmarks.names[m] for m in known[which]] for which in (parts, ~parts))
         raise MarkersUnknown(
-            f"The markers are two groups {apart.min():.2f} m apart, farther than on one body: {listed(one)} and "
+            f"Two groups of markers are {apart.min():.2f} m apart, too far for one body: {listed(one)} and "
             f"{listed(two)}.",
             where="markers",
-            hint="They are on two people or objects. Give each a prefix, or leave one out with `markers layout`.",
+            hint="If they are on two people or objects, give each a label prefix, or leave one out with `markers "
+            "layout`.",
         )
 
 

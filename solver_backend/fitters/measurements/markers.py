@@ -53,7 +53,7 @@ def no_person_in(points: np.ndarray) -> str:
     if extent < UNIT_M:
         return f"All points are within {1000 * extent:.1f} mm, so the unit is wrong"
     if extent < SMALLEST_M:
-        return f"All points are within {extent:.2f} m, as those of a face, a hand or a prop"
+        return f"All points are within {extent:.2f} m, like the markers of a face, a hand or a prop"
     frames = np.flatnonzero(count == count.max())
     if count.max() > _MOST_RIGID or len(frames) < _LEAST_FRAMES:
         return ""
@@ -85,11 +85,11 @@ def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyTy
         sideless = [label for label in names.unknown if words.lacks_side(names.affixes.bare(label))]
         hint = "Label the markers by a layout such as Plug-in Gait, or add markers."
         if len(labels) >= LEAST_MARKERS:
-            hint = f"Write the places of at least {LEAST_MARKERS} labels with `markers layout` and solve with --layout."
+            hint = f"Write the positions of {LEAST_MARKERS} or more labels with `markers layout`. Solve with --layout."
         if sideless:
             hint = (
-                f"Labels name a limb without its side: {_listed(sideless)}. Write the limb's places (such as LELB, "
-                "RWRA) with `markers layout`, and solve with --layout."
+                f"Labels name a limb without its side: {_listed(sideless)}. Write the positions of the limb "
+                "(such as LELB, RWRA) with `markers layout`, and solve with --layout."
             )
         message = (
             f"A body needs {LEAST_MARKERS} markers with labels of a known layout, and a single arm or leg needs "
@@ -97,7 +97,7 @@ def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyTy
             f"{_listed(list(names.known))}. All labels: {_listed(read)}."
         )
         if names.virtual:
-            message += f" Left out as computed points were {_listed(list(names.virtual))}."
+            message += f" Ignored as computed points: {_listed(list(names.virtual))}."
         raise MarkersUnknown(message, where="markers", hint=hint)
     return cloud.columns([i for i, label in enumerate(labels) if label in names.known])
 
@@ -174,7 +174,7 @@ def _places(cloud: MarkerCloud, own: Mapping[str, str]) -> tuple[str, ...]:
     if len(names.known) < len(labels):
         taken = [names.known.get(label) or layouts.place_of(label) for label in labels]
         twice = sorted({str(place) for place in taken if taken.count(place) > 1})
-        raise MarkersUnknown(f"The label {', '.join(twice)} occurs twice.", hint="Give each marker its own name.")
+        raise MarkersUnknown(f"Labels occur more than once: {', '.join(twice)}.", hint="Give each marker its own name.")
     return tuple(names.known[label] for label in labels)
 
 

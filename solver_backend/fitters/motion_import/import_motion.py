@@ -54,8 +54,8 @@ def measure(motion: SkeletonMotion, roles: dict[str, str], own_rest: np.ndarray)
     index = {role: motion.names.index(name) for role, name in roles.items()}
     R = stage_axes({role: motion.rest[j] for role, j in index.items()})
     if R is None:
-        hint = "The skeleton needs both thighs or both upper arms."
-        raise MotionInvalid("The skeleton's left and right are not known.", where=motion.name, hint=hint)
+        hint = "Use a skeleton with both thighs or both upper arms."
+        raise MotionInvalid("The left and right sides of the skeleton are unknown.", where=motion.name, hint=hint)
     places, rest = np.full((motion.num_frames, NUM_JOINTS, 3), np.nan), np.full((NUM_JOINTS, 3), np.nan)
     for role, joint in JOINT_OF.items():
         if role in index and role != "pelvis" and not role.endswith("clavicle"):

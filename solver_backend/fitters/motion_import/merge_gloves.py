@@ -155,7 +155,7 @@ def merge_gloves(motion: Motion, body: Body, gloves: GloveTake, offset_s: float 
         MotionInvalid: the motion has another body, or the recordings share no frame.
     """
     if motion.body != body.id:
-        raise MotionInvalid(f"The motion is of the body {motion.body}, not {body.id}.", where="motion")
+        raise MotionInvalid(f"The motion was solved with the body {motion.body}, not {body.id}.", where="motion")
     found: list[Diagnostic] = []
     if offset_s is None:
         offset_s, clock = _offset(motion, gloves)
@@ -163,7 +163,7 @@ def merge_gloves(motion: Motion, body: Body, gloves: GloveTake, offset_s: float 
     times = np.arange(motion.num_frames) / motion.fps - offset_s
     covered = (times > gloves.times[0] - 1e-6) & (times < gloves.times[-1] + 1e-6)
     if not covered.any():
-        message = f"The gloves' {gloves.times[-1]:.1f} s from {offset_s:+.1f} s share no frame with the motion."
+        message = f"The {gloves.times[-1]:.1f} s of the gloves, from {offset_s:+.1f} s, do not overlap the motion."
         raise MotionInvalid(message, where=gloves.name, hint="Give a different --offset.")
     if not covered.all():
         found.append(diagnostic("gloves_cover_part", frames=true_runs(~covered), share=100.0 * covered.mean()))

@@ -55,7 +55,7 @@ def network_motion(
     chosen = next((one for one in people if person in (None, one.person)), None)
     if chosen is None:
         known = ", ".join(one.person for one in people)
-        raise MotionInvalid(f"The result has no person {person}, only {known}.", where="person")
+        raise MotionInvalid(f"The result has no person '{person}'.", where="person", hint=f"Choose one of {known}.")
     rate = fps or chosen.fps or RATE
     found = [] if fps or chosen.fps else [diagnostic("frame_rate_assumed", rate=RATE)]
     if len(people) > 1:

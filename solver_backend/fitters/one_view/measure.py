@@ -88,7 +88,7 @@ def size_of(
     else:
         average = fit(None, body.stature_m)
         at_odds = (by_floor.stature_m, by_floor.sigma * by_floor.stature_m) if by_floor else (0.0, 0.0)
-        return Size(average.betas, PEOPLE_SIGMA, "what adults are", capture.floor_from_person, at_odds=at_odds)
+        return Size(average.betas, PEOPLE_SIGMA, "typical adult sizes", capture.floor_from_person, at_odds=at_odds)
     if by_floor is not None:
         sigma = float(np.hypot(by_floor.sigma, SHAPE_SIGMA)) * by_floor.stature_m
         if abs(by_floor.stature_m - given) > AT_ODDS_SIGMAS * sigma:

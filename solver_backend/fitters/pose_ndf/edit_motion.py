@@ -80,7 +80,7 @@ def interpolated_motion(
     frames = frames_of(motion, body)
     if not (0 <= first < motion.num_frames and 0 <= last < motion.num_frames) or first == last:
         message = f"Frames {first} and {last} are not two frames of the motion."
-        raise JobInvalid(message, where="frames", hint=f"It has the frames 0 to {motion.num_frames - 1}.")
+        raise JobInvalid(message, where="frames", hint=f"Choose two frames from 0 to {motion.num_frames - 1}.")
     if count < 1:
         raise JobInvalid(f"{count} frames were requested, but at least 1 is needed.", where="count")
     ends = [first, last]
@@ -131,7 +131,7 @@ def fitted_motion(
     cameras, keypoints = capture.require_views()
     frames = frames_of(motion, body)
     if motion.num_frames != keypoints.xy.shape[1]:
-        message = f"The motion has {motion.num_frames} frames, the capture {keypoints.xy.shape[1]}."
+        message = f"The motion has {motion.num_frames} frames, but the capture has {keypoints.xy.shape[1]}."
         hint = "Use a motion that was solved from this capture."
         raise MotionInvalid(message, where=capture.name, hint=hint)
     joints, betas = keypoints.joint_set, motion.betas.astype(np.float64)

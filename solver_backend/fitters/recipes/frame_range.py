@@ -225,7 +225,7 @@ def spliced(problem: Problem, motion: Motion, solved: SolvedRange, frames: Solve
 def _require_alike(name: str, old: np.ndarray, new: np.ndarray) -> None:
     if old.shape != new.shape:
         message = f"The motion's {name} has the shape {old.shape}, but this recording gives {new.shape}."
-        hint = "Solve frames again with the recording that the motion was solved from."
+        hint = "Use the recording that the motion was solved from."
         raise MotionInvalid(message, where="motion", hint=hint)
 
 
@@ -233,7 +233,7 @@ def _copied(values: Array) -> Array:
     return values.copy() if isinstance(values, np.ndarray) else values.clone()
 
 
-STAGE = "Solving the stretch"
+STAGE = "Solving the frame range"
 
 
 def solve_range(
@@ -321,8 +321,8 @@ def _covariance(bundle: Bundle, solved: SolvedRange) -> np.ndarray:
 def _check_same_take(problem: Problem, subject: Subject, motion: Motion) -> None:
     if motion.num_frames != problem.num_frames or abs(motion.fps - problem.fps) > 1e-3:
         message = (
-            f"The motion has {motion.num_frames} frames at {motion.fps:g} fps, the capture {problem.num_frames} at "
-            f"{problem.fps:g}."
+            f"The motion has {motion.num_frames} frames at {motion.fps:g} fps, but the capture has "
+            f"{problem.num_frames} at {problem.fps:g} fps."
         )
         raise MotionInvalid(message, where="resolve", hint="Choose the motion that was solved from this capture.")
     motion.require_body(subject.body.id, subject.body.layout.recorded, where="resolve")

@@ -163,7 +163,7 @@ def numbers(value: Any, place: str) -> np.ndarray:
         raise CalibrationInvalid("The file has a value that is not a number.", where=place) from error
     if (largest := largest_finite(array)) > FARTHEST_IN_UNITS:
         most = f"at most {FARTHEST_IN_UNITS:g} is possible"
-        raise CalibrationInvalid(f"The camera has a number of {largest:.3g}; {most}.", where=place)
+        raise CalibrationInvalid(f"The camera contains the number {largest:.3g}, but {most}.", where=place)
     return array
 
 
@@ -202,7 +202,7 @@ def _constant(value: Any, place: str) -> Any:
     array = np.array(value, dtype=object)
     if not all(item == value[0] for item in value) and array.ndim > 1:
         what = "The camera moves: its calibration differs from frame to frame."
-        raise CalibrationInvalid(what, where=place, hint="Only fixed cameras are solved.")
+        raise CalibrationInvalid(what, where=place, hint="Use fixed cameras, with one pose for each.")
     return value[0] if array.ndim > 1 else value
 
 
@@ -240,7 +240,7 @@ def _rotation(value: Any, place: str) -> np.ndarray:
         # ``Cameras`` reports non-finite values.
         return np.asarray(exp_so3(R.reshape(3))) if np.isfinite(R).all() else np.full((3, 3), np.nan)
     if R.size != 9:
-        hint = "Write quaternions as matrices: the real part may be the first number or the last." * (R.size == 4)
+        hint = "Write the rotation as a matrix, because the order in a quaternion is ambiguous." * (R.size == 4)
         what = f"The rotation has {R.size} numbers, but a Rodrigues vector (3) or a matrix (9) is expected."
         raise CalibrationInvalid(what, where=place, hint=hint)
     return R.reshape(3, 3)

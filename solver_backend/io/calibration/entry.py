@@ -42,7 +42,7 @@ class CameraEntry:
     def __post_init__(self) -> None:
         for name in ("K", "distortion", "R", "t"):  # an uncalibrated camera may contain NaN
             if (largest := largest_finite(getattr(self, name))) > FARTHEST_IN_UNITS:
-                what = f"{name} contains {largest:.3g}; at most {FARTHEST_IN_UNITS:g} is possible."
+                what = f"{name} contains {largest:.3g}, but at most {FARTHEST_IN_UNITS:g} is possible."
                 raise CalibrationInvalid(what, where=f"camera {self.name}")
 
 
@@ -149,8 +149,8 @@ def meant_entries(entries: Sequence[CameraEntry]) -> tuple[list[CameraEntry], tu
     short = (0 < e.K[0, 0] < SHORTEST_SHARE * size[0] for e, size in zip(entries, sizes, strict=True))
     if sized and all(LENS_MODELS[e.model].is_straight for e in entries) and all(short):
         shortest, longest = min(e.K[0, 0] for e in entries), max(e.K[0, 0] for e in entries)
-        hint = "Write them in pixels: mm times the picture's width in pixels over the sensor's width in mm."
-        what = f"The focal lengths are {shortest:.3g} to {longest:.3g} px, which no lens has: they may be in mm."
+        hint = "Convert them to pixels. Multiply by the picture width in pixels, and divide by the sensor width in mm."
+        what = f"The focal lengths are {shortest:.3g} to {longest:.3g} px, which is not plausible. They may be in mm."
         raise CalibrationInvalid(what, hint=hint)
     if sized and all((np.abs(e.K[:2, 2]) < OFF_MIDDLE * size).all() for e, size in zip(entries, sizes, strict=True)):
         missing = not any(e.K[:2, 2].any() for e in entries)

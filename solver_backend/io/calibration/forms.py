@@ -282,7 +282,7 @@ def _chained(steps: _Steps, name: str) -> np.ndarray:
         if not (np.abs(step) <= FARTHEST_IN_UNITS).all() or not (np.abs(pose) <= FARTHEST_IN_UNITS).all():
             raise CalibrationInvalid("The camera poses contain NaN or infinite values.", where=f"camera {name}")
         pose = pose @ step
-    raise CalibrationInvalid("The poses of the cameras refer to each other in a circle.", where=f"camera {name}")
+    raise CalibrationInvalid("The poses of the cameras refer to each other in a loop.", where=f"camera {name}")
 
 
 def _multical(tree: Values) -> Content | None:
@@ -309,7 +309,7 @@ def _mccalib(tree: Values) -> Content | None:
         return None
     groups = {str(node.get("camera_group", 0)) for _, node in nodes}
     if len(groups) > 1:
-        what = f"The cameras are in {len(groups)} groups without common views: their poses have no common world."
+        what = f"The cameras are in {len(groups)} groups without common views, so their poses have no common world."
         raise CalibrationInvalid(what, hint="Record the board where cameras of both groups see it.")
     named = [
         (n, {**v, "distortion": v.get("distortion_vector"), "fisheye": v.get("distortion_type")}) for n, v in nodes
@@ -479,7 +479,7 @@ def _kalibr(tree: Values) -> Content | None:
     for i, (name, node) in enumerate(nodes):
         place = f"camera {name}"
         if str(node.get("camera_model", "pinhole")) != "pinhole":
-            what = f"Not supported: Kalibr's camera model {node['camera_model']}."
+            what = f"Kalibr's camera model {node['camera_model']} is not supported."
             raise CalibrationInvalid(what, where=place, hint="Calibrate with pinhole-radtan or pinhole-equi.")
         step = numbers(node.get(_FROM_PREVIOUS, np.eye(4) if i == 0 else []), place)
         if step.shape != (4, 4):

@@ -254,11 +254,11 @@ def _lens(fields: list[str], place: str) -> tuple[np.ndarray, np.ndarray, tuple[
     known = _MODELS.get(fields[0]) if fields else None
     if known is None:
         hint = f"Supported lens models: {', '.join(_MODELS)}."
-        raise CalibrationInvalid(f"The lens model {fields[0] if fields else ''} is not read.", where=place, hint=hint)
+        raise CalibrationInvalid(f"Unknown lens model: {fields[0] if fields else ''}.", where=place, hint=hint)
     model, focals, which = known
     values = _numbers(fields[1:], place)
     if len(values) != 2 + focals + 2 + len(which):
-        raise FileDamaged(f"{fields[0]} has {len(values) - 2} parameters, which does not fit.", where=place)
+        raise FileDamaged(f"{fields[0]} has {len(values) - 2} parameters, which is not the right number.", where=place)
     if not np.isfinite(values).all():
         raise FileDamaged("The lens has values that are not numbers.", where=place)
     size, values = (round(float(values[0])), round(float(values[1]))), values[2:]

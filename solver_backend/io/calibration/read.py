@@ -57,7 +57,7 @@ def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str 
     if found is None:
         if unknown := next(_not_understood(files), None):
             raise unknown
-        hint = f"Formats that are read: {FORMATS}."
+        hint = f"Supported formats: {FORMATS}."
         raise CalibrationMissing("No camera calibration was found.", where=str(path), hint=hint)
     return found
 
@@ -119,8 +119,8 @@ def _not_understood(files: Iterable[MatrixFile]) -> Iterator[CalibrationMissing]
             poses = [name for name, _ in file.content.nodes]
             held = f"the poses of {', '.join(poses)} without intrinsics" if poses else f"the keys {file.keys}"
             missing = _NEEDED[0] if poses else " with ".join(_NEEDED)
-            what = f"The file is not understood as a calibration. It has {held}. Missing: {missing} of each camera."
-            hint = f"Formats that are read: {FORMATS}."
+            what = f"The file is not recognised as a calibration. It has {held}. Each camera lacks {missing}."
+            hint = f"Supported formats: {FORMATS}."
             yield CalibrationMissing(what, where=str(file.path), hint=hint)
 
 

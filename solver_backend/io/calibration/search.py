@@ -36,7 +36,7 @@ _CAMERAS = ("cameras", "camera_parameters", "camera_params", "sparse", "sparse/0
 _OPENCAP, _MAPPING = "Videos", "mapping.txt"
 """OpenCap's folder with one folder per camera, and AIST++'s file that lists the cameras of each take."""
 _SESSION = re.compile(r"^S\d+(_P\d+)?", re.IGNORECASE)
-_PICKLE = "a pickle of another form", "Give a pickle of arrays the name calibration.pkl, or write them as JSON."
+_PICKLE = "a pickle of another form", "Name a pickle of arrays calibration.pkl, or write the arrays as JSON."
 _UNSUPPORTED = {
     ".mat": ("a MATLAB file", "Write K, R and t of each camera as JSON, with MATLAB's jsonencode."),
     ".pkl": _PICKLE,
@@ -132,7 +132,7 @@ def find_calibration(
         what, how = _name_unsupported(_folders(root)) or ("", "Put one into its 'calibration' folder.")
         what, where = (damaged[0].message, damaged[0].where) if damaged else (what, str(root))
         what = f"The recording has no camera calibration. {what}".rstrip()
-        raise CalibrationMissing(what, where=where, hint=f"{how} Formats that are read: {FORMATS}.")
+        raise CalibrationMissing(what, where=where, hint=f"{how} Supported formats: {FORMATS}.")
     if by_views is not None and not names:
         for calibration in others:
             order = by_views(calibration.cameras, counted_order(recorded, calibration.cameras.names))
@@ -159,13 +159,13 @@ def _mismatch(root: Path, others: Sequence[Calibration], recorded: Sequence[str]
         without = [name for name in recorded if name_key(name) not in keys]
         # Every calibrated camera is recorded exactly once.
         if without and {name_key(n) for n in recorded} >= keys and len(recorded) - len(without) == len(keys):
-            what = f"{listing(without)} {'is' if len(without) == 1 else 'are'} recorded and not calibrated: "
+            what = f"{listing(without)} {'is' if len(without) == 1 else 'are'} recorded but not calibrated. "
             what += f"{calibration.source.name} is for {listing(calibrated)}."
             hint = "Move detections without a calibrated camera out of the folder, or calibrate all cameras."
             return CalibrationMismatch(what, where=str(calibration.source), hint=hint)
     source, calibrated = others[0].source, others[0].cameras.names
     what = f"The recorded cameras are {listing(recorded)}, but {source.name} is for {listing(calibrated)}."
-    hint = f"Assign them with --camera {recorded[0]}={calibrated[0]} and so on. Or give the "
+    hint = f"Assign them with --camera {recorded[0]}={calibrated[0]} and so on. Or give the recorded "
     hint += "cameras the calibrated names (cam01 and cam_1 match), or remove the folders of uncalibrated cameras."
     return CalibrationMismatch(what, where=str(source), hint=hint)
 
@@ -246,5 +246,5 @@ def _name_unsupported(folders: Iterable[Path]) -> tuple[str, str] | None:
     for folder in folders:
         for path in sorted(folder.iterdir()) if folder.is_dir() else ():
             if (known := _UNSUPPORTED.get(path.suffix.lower())) is not None:
-                return f"{path.name} is {known[0]}, which is not read.", known[1]
+                return f"{path.name} is {known[0]}, which is not supported.", known[1]
     return None

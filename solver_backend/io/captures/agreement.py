@@ -333,7 +333,7 @@ def bring_to_agreement(
         moved = turned.detections is not detections
         return Agreeing(turned.calibration, InTime(turned.detections), (False,), turned.problems, moved)
     if not np.ptp(calibration.cameras.centres, axis=0).any():
-        what = "The calibration places all cameras at one point, because it has only intrinsics."
+        what = "All cameras are at one point, because the calibration has only intrinsics."
         hint = "Also calibrate the positions of the cameras, for example with `cameras calibrate`."
         raise CalibrationInvalid(what, where=str(calibration.source), hint=hint)
     ratios, stated = np.ones(files.count), stated_ratios(rates, fps)

@@ -46,7 +46,7 @@ def _read(path: Path, options: ReadOptions) -> Capture:
     ports, first = np.unique(numbers[:, 1]), int(numbers[:, 0].min())
     frames = int(numbers[:, 0].max()) - first + 1
     if frames > LARGEST_TAKE_FRAMES:
-        what = f"Its sync_index runs over {frames:,} frames, but a take has at most {LARGEST_TAKE_FRAMES:,}."
+        what = f"The sync_index covers {frames:,} frames, but a take has at most {LARGEST_TAKE_FRAMES:,}."
         raise FileDamaged(what, where=str(source))
     names = tuple(f"cam_{port}" for port in ports.tolist())
     body = numbers[:, 2] < MEDIAPIPE_POINTS

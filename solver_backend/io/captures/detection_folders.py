@@ -41,7 +41,7 @@ INSIDE_SHARE = 0.99  # Smallest fraction of the confident keypoints inside the i
 _LANDSCAPES = ((640, 480), (1280, 720), (1920, 1080), (3840, 2160))  # Common image sizes in pixels, or their transpose.
 _KIND = (
     "a Pose2Sim trial folder (pose/<camera>_json/*.json with a calibration); "
-    "a folder with detections of each camera and a calibration beside them "
+    "a folder with detections of each camera and a calibration next to them "
     "(OpenPose, AlphaPose, MMPose, OpenPifPaf, Ultralytics, EasyMocap, COCO, DeepLabCut, SLEAP, FreeMoCap, own tables)"
 )
 

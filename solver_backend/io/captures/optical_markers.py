@@ -63,7 +63,7 @@ def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
     for name in names:
         if name not in subjects:
             what = f"The file has no subject '{name}'. It contains {_counts(take) or 'labels without prefixes'}."
-            raise JobInvalid(what, where="subject_prefix", hint="Name the one to solve by its prefix.")
+            raise JobInvalid(what, where="subject_prefix", hint="Choose one of these subjects by its prefix.")
     beside = [name for name in subjects if name not in names]
     bodies = _parts(tuple(beside), {name: _places(take, name) for name in beside})
     return _part(take, names, [name for name in beside if name not in bodies])
@@ -108,11 +108,11 @@ def _parts(subjects: tuple[str, ...], places: dict[str, frozenset[str]]) -> list
 
 
 def _hint(parts: list[str], places: dict[str, frozenset[str]]) -> str:
-    one = "Name the one to solve: --subject-prefix NAME, in Blender Subject under Reading Options."
+    one = "Choose one with --subject-prefix NAME (in Blender, Subject under Reading Options)."
     claimed = [place for name in parts for place in places[name]]
     if len(parts) < 2 or len(claimed) > len(set(claimed)):
         return one
-    return f"{one} If they are parts of one person, name them all: --subject-prefix {SEPARATOR.join(parts)}."
+    return f"{one} If they are parts of one person, name all of them with --subject-prefix {SEPARATOR.join(parts)}."
 
 
 def _capture(path: Path, take: MarkerTake, options: ReadOptions) -> Capture:

@@ -59,7 +59,7 @@ def _column(heading: list[str], names: Sequence[str]) -> int | None:
 
 
 def _not_a_number(path: Path, error: Exception) -> FileDamaged:
-    return FileDamaged(f"A row is short or has a value that is not a number ({error}).", where=str(path))
+    return FileDamaged(f"A row is too short, or has a value that is not a number ({error}).", where=str(path))
 
 
 # Tables with a row per person, and columns for x, y and score of each point.
@@ -292,7 +292,9 @@ def read_deeplabcut(path: Path) -> CameraFrames:
     if numbers is None:
         numbers = frame_numbers([PurePath(cell).stem for cell in written], where=str(path)).tolist()
     if values.shape[1] < len(parts):
-        raise FileDamaged(f"The rows have {values.shape[1]} values, the headings {len(parts)}.", where=str(path))
+        raise FileDamaged(
+            f"The rows have {values.shape[1]} values, but there are {len(parts)} headings.", where=str(path)
+        )
     return frames_of_columns(numbers, values, people, parts, coords, path)
 
 

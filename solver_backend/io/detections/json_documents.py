@@ -121,9 +121,12 @@ def people_in_picture(document: Any, where: str) -> People:
         return _kept(_person(entry, where) for entry in people)
     if all(name in values for name in _BOXES):
         hint = "Run a pose estimator on the pictures, such as MMPose's inferencer with --pred-out-dir."
-        what = "The file has boxes of a detector, as MMDetection writes them, and no keypoints."
+        what = "The file has only boxes, as MMDetection writes them, and no keypoints."
         raise FileDamaged(what, where=where, hint=hint)
-    hint = "Also read: EasyMocap's 'annots', MMPose's instances with 'keypoints' and 'keypoint_scores', OpenPifPaf's "
+    hint = (
+        "Other supported formats are EasyMocap's 'annots', MMPose's instances with 'keypoints' and "
+        "'keypoint_scores', OpenPifPaf's "
+    )
     hint += "predictions, and points that are objects with x, y and score."
     raise FileDamaged("The file lacks OpenPose's list 'people'.", where=where, hint=hint)
 

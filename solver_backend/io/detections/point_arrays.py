@@ -78,7 +78,7 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
     """Return the arrays of a file by name. The array of a .npy file has the name ''."""
     if path.suffix.lower() == ".npz":
         if not 1 < len(array_names(path)) <= MOST_CAMERAS:
-            hint = f"Save 2 to {MOST_CAMERAS} arrays of (frames, K, 3), each by its camera's name."
+            hint = f"Save 2 to {MOST_CAMERAS} arrays of shape (frames, K, 3), each under the name of its camera."
             raise FileDamaged("The archive has no array per camera.", where=str(path), hint=hint)
         return {name: _checked(array, path) for name, array in read_npz(path).items()}
     if path.suffix.lower() != ".npy":
@@ -145,7 +145,7 @@ def _opened(path: Path, program: str) -> Iterator[Any]:
     try:
         h5py = import_module("h5py")
     except ModuleNotFoundError as error:
-        what = f"{program}'s HDF5 files are read with h5py, which is not installed."
+        what = f"Reading HDF5 files of {program} needs h5py, which is not installed."
         raise BackendMissing(what, where=str(path), hint="Install it with: pip install h5py.") from error
     try:
         file = h5py.File(path, "r")
@@ -157,7 +157,7 @@ def _opened(path: Path, program: str) -> Iterator[Any]:
         except MocapError:
             raise
         except (KeyError, ValueError, IndexError, TypeError, OSError, RecursionError, AttributeError) as error:
-            what = f"The file is not as {program} writes it ({error})."
+            what = f"The file does not have the layout of {program} ({error})."
             raise FileDamaged(what, where=str(path), hint=f"Export it from {program} again.") from error
 
 

@@ -87,7 +87,7 @@ def read_detections(
         joint_set = named[0].joint_set
     written = next((len(person) for picture in pictures for person in picture.people), 0)
     for picture in pictures:
-        _require_count(picture, written, "those before have {}")
+        _require_count(picture, written, "earlier people have {}")
     if written == 0:
         hint = f"Run the detector again. {HANDS_ALONE}"
         raise NoDetections("No person was detected. All lists of people are empty.", where=where, hint=hint)

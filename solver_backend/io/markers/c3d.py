@@ -503,7 +503,7 @@ def _parameter_section(size: C3dSize, scale: float) -> tuple[bytes, int]:
         groups["EVENT"] = _event_group(size.events)
     blocks = -(-(len(_records(groups)) + 4) // BLOCK)
     if blocks > MOST_BLOCKS:
-        raise ShapeMismatch(f"{len(labels)} labels are too long for the head of a C3D file.")
+        raise ShapeMismatch(f"{len(labels)} labels are too long for the header of a C3D file.")
     point["DATA_START"] = _words(2 + blocks)
     return _padded(bytes([1, KEY, blocks, Processor.INTEL]) + _records(groups)), 2 + blocks
 

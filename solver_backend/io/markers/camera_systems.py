@@ -140,7 +140,7 @@ def _motive_markers(columns: _Columns, path: Path) -> tuple[list[int], list[Diag
         bodies = {columns.names[i] for i in starts if columns.types[i] == _BODY}
         what = f"{len(bodies)} rigid bodies and {bones} bones" if bodies or bones else "none"
         hint = "Export the take again with 'Markers' enabled."
-        raise NoDetections(f"The file contains no markers but {what}.", where=str(path), hint=hint)
+        raise NoDetections(f"The file contains no markers, only {what}.", where=str(path), hint=hint)
     notes = [diagnostic("parts_not_read", kind="bones", count=bones)] if bones else []
     if measured and expected:
         notes.append(diagnostic("parts_not_read", kind="expected", count=len(expected)))
@@ -209,7 +209,7 @@ def read_nexus_csv(path: Path) -> MarkerSource:
         raise FileDamaged(what, where=str(path), hint="Export the file again.")
     if SECTIONS[0] not in sections:
         hint = "Export the trial again with 'Trajectories' enabled."
-        raise NoDetections(f"The file contains no markers but {listing(sections)}.", where=str(path), hint=hint)
+        raise NoDetections(f"The file contains no markers, only {listing(sections)}.", where=str(path), hint=hint)
     starts = [i for i, line in enumerate(lines) if _section(line) == SECTIONS[0]]
     read = [_trajectories(lines, start, path) for start in starts]
     delimiter, blocks = read[-1][0], [block for _, block in read]
@@ -300,7 +300,7 @@ def read_qualisys_tsv(path: Path) -> MarkerSource:
         raise FileDamaged(f"The file is not a QTM TSV, because it does not start with '{FIRST_LINE}'.", where=str(path))
     included = " ".join(header.get("DATA_INCLUDED", ["3D"]))
     if included.strip() and "3D" not in included.upper():
-        beside = f" Poses of rigid bodies become props: keep the file beside that of the markers, as take{_SIX_D}.tsv."
+        beside = f" To read rigid bodies as props, keep this file next to the marker file, as take{_SIX_D}.tsv."
         hint = f"Export 3D data.{beside if '6D' in included.upper() else ''}"
         raise CaptureNotRecognised(f"The file has {included} data, but markers need 3D.", where=str(path), hint=hint)
     labels = [name for name in header.get("MARKER_NAMES", []) if name]
@@ -407,7 +407,7 @@ def read_qualisys_mat(path: Path) -> MarkerSource:
         parts.append(data[:, :3].astype(np.float64))
         labels += [*names, *[""] * (len(data) - len(names))][: len(data)]
     if len({part.shape[-1] for part in parts}) > 1:
-        raise FileDamaged("The file's trajectories are of different lengths.", where=str(path))
+        raise FileDamaged("The file's trajectories have different lengths.", where=str(path))
     positions = np.concatenate(parts) if parts else np.zeros((0, 3, 0))
     rate, positions = _mat_number(record, "FrameRate"), np.moveaxis(positions, 2, 0)
     return MarkerSource(path, "Qualisys MAT", positions, tuple(labels), rate, "mm", "z")

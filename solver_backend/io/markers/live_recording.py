@@ -160,7 +160,8 @@ def read_live_recording(path: Path) -> MarkerSource:
             if 3 * extent.frames * extent.most > MOST_NUMBERS:
                 hint = f"At most {MOST_NUMBERS // 3} points are supported. Record in shorter takes."
                 what = (
-                    f"The live recording has {extent.frames} frames of {extent.most} points: too many to read at once."
+                    f"The live recording has {extent.frames} frames of {extent.most} points, which is too "
+                    "large to read at once."
                 )
                 raise FileDamaged(what, where=str(path), hint=hint)
             stream.seek(0)

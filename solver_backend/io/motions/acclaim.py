@@ -128,7 +128,7 @@ def _read_skeleton(path: Path) -> tuple[dict[str, _Bone], bool]:
                 for child in words[1:]:
                     bones[child].parent = words[0]
         except (KeyError, IndexError, ValueError) as error:
-            raise FileDamaged(f"The skeleton's line does not fit the format: {line.strip()}", where=where) from error
+            raise FileDamaged(f"The line of the skeleton is not valid: {line.strip()}", where=where) from error
     if not 1 < len(bones) <= _MOST_BONES:
         raise FileDamaged(f"The skeleton has {len(bones) - 1} bones.", where=str(path), hint="Export the file again.")
     if not bones["root"].channels:
@@ -198,7 +198,7 @@ def _read_frames(path: Path, bones: dict[str, _Bone]) -> tuple[dict[str, np.ndar
             continue
         bone = bones.get(words[0])
         if bone is None or len(words) - 1 != len(bone.channels):
-            known = "an unknown bone" if bone is None else f"{len(words) - 1} numbers of {len(bone.channels)}"
+            known = "an unknown bone" if bone is None else f"{len(words) - 1} numbers instead of {len(bone.channels)}"
             hint = "Choose the skeleton (ASF) of this take, or export both again."
             raise FileDamaged(f"Frame {last} has {known}: {line.strip()[:60]}", where=where, hint=hint)
         if len(rows[words[0]]) != frames - 1:

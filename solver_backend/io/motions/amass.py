@@ -94,7 +94,7 @@ def _poses(fields: Fields, frames: int) -> tuple[np.ndarray, np.ndarray, np.ndar
     if "poses" in fields:
         poses = fields.numbers("poses", (frames, None))
         if poses.shape[1] not in _WIDTHS:
-            what = f"'poses' has {poses.shape[1]} columns. Known are {', '.join(map(str, _WIDTHS))}."
+            what = f"'poses' has {poses.shape[1]} columns. AMASS files have {', '.join(map(str, _WIDTHS))}."
             raise FileDamaged(what, where=str(fields.path))
         model = _WIDTHS[poses.shape[1]]
         used = poses[:, 3:] if model == "smpl" else poses[:, 3 : 3 + _BODY]

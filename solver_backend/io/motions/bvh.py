@@ -86,7 +86,7 @@ def read_bvh(path: Path | str, *, metres_per_unit: float = METRES_PER_UNIT, up_a
     if not found or "HIERARCHY" not in head:
         raise FileDamaged("The file is truncated or is not BVH: HIERARCHY and MOTION are expected.", where=str(path))
     if len(head) > _LARGEST_HIERARCHY:
-        raise FileDamaged(f"HIERARCHY has {len(head):,} letters, which no skeleton has.", where=str(path))
+        raise FileDamaged(f"HIERARCHY has {len(head):,} characters, too many for a skeleton.", where=str(path))
     skeleton = _read_skeleton(head, path)
     values, fps = _read_motion(motion, skeleton, path)
     for name, numbers in (("OFFSET", [*skeleton.offsets, *skeleton.ends.values()]), ("MOTION", values)):
@@ -142,7 +142,9 @@ def _read_skeleton(text: str, path: Path | str) -> _Skeleton:
     if stack or not skeleton.names or skeleton.parents.count(-1) != 1:
         raise FileDamaged("HIERARCHY is not one tree of joints with closed brackets.", where=str(path))
     if len(skeleton.names) > _MOST_JOINTS:
-        raise FileDamaged(f"HIERARCHY has {len(skeleton.names):,} of at most {_MOST_JOINTS} joints.", where=str(path))
+        raise FileDamaged(
+            f"HIERARCHY has {len(skeleton.names):,} joints, but at most {_MOST_JOINTS} are supported.", where=str(path)
+        )
     return skeleton
 
 
@@ -169,7 +171,9 @@ def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.n
         what = f"MOTION is truncated or contains something other than numbers ({error})."
         raise FileDamaged(what, where=_torn(path, channels)) from error
     if not 0 < frame_time < np.inf or not 1 <= frames <= _MOST_FRAMES:
-        raise FileDamaged(f"MOTION states {str(frames)[:20]} frames of {frame_time:g} s.", where=str(path))
+        raise FileDamaged(
+            f"MOTION states {str(frames)[:20]} frames of {frame_time:g} s, which is not possible.", where=str(path)
+        )
     if not channels or frames * len(skeleton.names) > _MOST_POSES:
         what = f"{frames} frames of {len(skeleton.names)} joints with {channels} channels cannot be read at once."
         raise FileDamaged(what, where=str(path), hint="Cut the take.")

@@ -144,7 +144,7 @@ def read_c3d_segments(path: Path) -> tuple[SkeletonMotion, dict[str, str], list[
     segments = read_segments(path)
     where = str(path)
     if segments is None:
-        hint = "Markers are solved: use 'solve' for them."
+        hint = "To solve its markers, use `solve`."
         raise FileDamaged("The C3D file contains no rotations of segments.", where=where, hint=hint)
     at = {label: s for s, label in enumerate(segments.labels)}
     seen = np.isfinite(segments.positions).all(-1).mean(0)
@@ -236,7 +236,7 @@ def read_foreign_clip(
     joints, turns, leaps = bridge_jumps(metres * (motion.joints @ R.T), R @ motion.turns, pelvis, motion.fps)
     if (far := np.abs(joints).max()) > _MOST_M:
         hint = "Offsets and positions have different units. Export the file again."
-        raise MotionInvalid(f"The clip goes {far:.0f} m from the origin.", where=where, hint=hint)
+        raise MotionInvalid(f"The clip moves up to {far:.0f} m from the origin.", where=where, hint=hint)
     motion = replace(motion, rest=metres * motion.rest, joints=joints, turns=turns)
     return motion, roles, [*found, *units, *leaps, *first_frame_apart(motion)]
 
@@ -267,12 +267,12 @@ def read_stated(
         motion = read_skeleton(path)
         return motion, motion.roles, []
     if suffix in _THROUGH_BLENDER:
-        hint = f"manifold blender {through_blender} {path.name} reads it with Blender's importer."
-        raise MotionInvalid(f"{suffix[1:].upper()} is read through Blender.", where=where, hint=hint)
+        hint = f"manifold blender {through_blender} {path.name} uses Blender's importer."
+        raise MotionInvalid(f"{suffix[1:].upper()} files can only be read through Blender.", where=where, hint=hint)
     read = ", ".join((*_READ, *_THROUGH_BLENDER, ".npy", ".json", *PACKED))
-    hint = f"{read} are read. Export the clip in one of these formats."
+    hint = f"Export the clip in one of these formats: {read}."
     if suffix in _POINTS:
-        hint = f"Points without rotations are solved: manifold solve {path.name}"
+        hint = f"To solve points without rotations, use manifold solve {path.name}"
     raise MotionInvalid(f"The file type is not supported ({suffix or 'no ending'}).", where=where, hint=hint)
 
 

@@ -141,7 +141,7 @@ def read_network_result(path: Path) -> tuple[NetworkResult, ...]:
         raise
     except _DAMAGE as error:
         what = str(error) or type(error).__name__
-        raise FileDamaged(f"The network's result has another layout: {what}.", where=str(path)) from error
+        raise FileDamaged(f"The network's result has an unexpected layout: {what}.", where=str(path)) from error
     if not people:
         raise MotionInvalid("The network's result does not contain a person.", where=str(path))
     return tuple(sorted(people, key=lambda person: -len(person.frames)))
@@ -325,7 +325,9 @@ def _samples(content: dict[str, Any]) -> list[NetworkResult]:
     lengths = numbers(content["lengths"]) if "lengths" in content else [joints.shape[1]] * len(joints)
     for s, n in enumerate(lengths):
         if not n > 0:
-            raise MotionInvalid(f"Sample {s} has the length {n:g}.", hint="Generate the motion again.")
+            raise MotionInvalid(
+                f"Sample {s} has an impossible length of {n:g} frames.", hint="Generate the motion again."
+            )
     return [_generated("MDM", str(s), one[: int(n)]) for s, (one, n) in enumerate(zip(joints, lengths, strict=True))]
 
 
@@ -419,7 +421,7 @@ def _frame_numbers(values: Any, where: str) -> np.ndarray:
         message = f"The frame numbers span more than {_MOST_FRAMES:,} frames."
         raise MotionInvalid(message, where=where)
     if len(values) and values.max() >= 2**31:
-        raise MotionInvalid(f"The result has a frame {values.max():.0f}.", where=where)
+        raise MotionInvalid(f"The result has the impossible frame number {values.max():.0f}.", where=where)
     return values.astype(int)
 
 

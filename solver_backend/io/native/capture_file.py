@@ -170,7 +170,10 @@ def _keypoints(fields: Fields) -> tuple[Keypoints2D, tuple[PersonInViews, ...]]:
     if "own" in fields:
         names, bones = fields.texts("own_names"), fields.texts("own_bones")
         if len(names) != len(bones) or not set(bones) <= set(BONES):
-            raise FileDamaged(f"Own points {', '.join(names)} are on {', '.join(bones)}.", where=str(fields.path))
+            raise FileDamaged(
+                f"The bones of own points are not valid (points {', '.join(names)}, bones {', '.join(bones)}).",
+                where=str(fields.path),
+            )
         own = tuple(map(OwnPoint, names, bones))
     xy, confidence, hands = _seen(fields, "", (None, None, None, 2), len(own))
     chosen = Keypoints2D(xy, confidence, fields.joint_set(), fields.number("fps"), hands, own)
@@ -213,7 +216,7 @@ def _truth(fields: Fields) -> dict[str, np.ndarray]:
     found = {key[len(_TRUTH) :]: value for key, value in fields.arrays.items() if key.startswith(_TRUTH)}
     for name, value in found.items():
         if value.dtype.kind == "f" and (np.abs(value) > FARTHEST_M).any():
-            raise CaptureInvalid(f"The truth's {name} contain an impossible number.", where=str(fields.path))
+            raise CaptureInvalid(f"The ground truth '{name}' contains an impossible number.", where=str(fields.path))
     return found
 
 
@@ -238,7 +241,7 @@ def _covariance(fields: Fields, positions: np.ndarray) -> np.ndarray:
     wrong = np.argwhere(given & ~(finite & (least >= -ROUNDING * most)))
     if len(wrong):
         frame, marker = wrong[0]
-        hint = "Six numbers in m² are expected, xx, xy, xz, yy, yz, zz, or NaN where it is not known."
-        what = "A marker's covariance is not valid: it is not finite, or negative in some direction."
+        hint = "Write six numbers in m² (xx, xy, xz, yy, yz, zz), or NaN if the covariance is unknown."
+        what = "The covariance of a marker is infinite, or negative in some direction."
         raise NonFiniteData(what, where=f"{fields.path}, frame {frame}, marker {marker}", hint=hint)
     return covariance

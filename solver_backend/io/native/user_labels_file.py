@@ -33,7 +33,7 @@ def read_user_labels(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], st
     for number, item in enumerate(items):
         where = f"{path}: points[{number}]"
         if not isinstance(item, dict) or type(item.get("point")) is not int or type(item.get("frame")) is not int:
-            raise FileDamaged("An item must hold 'point', 'frame' and 'marker'.", where=where)
+            raise FileDamaged("An item must contain 'point', 'frame' and 'marker'.", where=where)
         marker = item.get("marker")
         if marker != "" and marker not in MARKERS:
             hint = f"Use one of {', '.join(MARKERS)}, or '' for no marker."
@@ -41,6 +41,6 @@ def read_user_labels(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], st
         column, frame = item["point"], item["frame"]
         frames, points = cloud.positions.shape[:2]
         if not (0 <= column < points and 0 <= frame < frames) or not np.isfinite(cloud.positions[frame, column]).all():
-            raise FileDamaged("There is no such point in that frame.", where=where)
+            raise FileDamaged("The point is not in this frame.", where=where)
         labels[column, frame] = str(marker)
     return labels

@@ -59,9 +59,9 @@ def _counted(numbers: np.ndarray, where: str) -> np.ndarray:
         return numbers
     span = int(ordered[-1]) - int(ordered[0])
     how = f"in steps of {step:g}, as times do" if step >= _STEP_OF_TIMES else f"over {span + 1:,} frames"
-    what = f"The numbers in the names of the {len(ordered)} files run from {ordered[0]} to {ordered[-1]} {how}; "
+    what = f"The numbers in the names of the {len(ordered)} files run from {ordered[0]} to {ordered[-1]} {how}. "
     hint = "Number the files 0, 1, 2 ... in each camera's folder."
-    raise FileDamaged(f"{what}numbers that count the frames are expected.", where=where, hint=hint)
+    raise FileDamaged(f"{what}Numbers that count the frames are expected.", where=where, hint=hint)
 
 
 def counted_together(numbers: Sequence[np.ndarray]) -> list[np.ndarray] | None:
@@ -115,8 +115,8 @@ def different_frames(spans: Mapping[str, tuple[int, int]], why: str = "") -> Fra
     common = min(b for _, b in spans.values()) - max(a for a, _ in spans.values()) + 1
     what = "recorded different numbers of frames" if common > 0 else "have no frame number in common"
     start = f"Synchronise them, or pass --trim to keep the {common} frames that all have,"
-    start = start if common > 0 else "Number the frames of all cameras from the same moment, or pass"
-    hint = f"{start} --by-order to count them from each camera's first, or --offset CAMERA=FRAMES."
+    start = start if common > 0 else "Number the frames of all cameras from the same time, or pass"
+    hint = f"{start} --by-order to count them from each camera's first frame, or --offset CAMERA=FRAMES."
     return FrameCountMismatch(f"The cameras {what}. {listing}.{' ' * bool(why)}{why}", hint=hint)
 
 

@@ -162,7 +162,7 @@ def upright_from_person(
     tall = middle["shoulder"] - middle["ankle"]
     length = np.linalg.norm(tall, axis=-1)
     if not np.isfinite(length).any():
-        raise NoDetections("Shoulders and ankles are never seen together, so the up direction is unknown.")
+        raise NoDetections("Shoulders and ankles are never visible at the same time, so the up direction is unknown.")
     standing = length > 0.9 * np.nanquantile(length, 0.9)
     trunk = _median_direction(tall[standing] / length[standing, None])
     kinds = foot_keypoints(joint_set)

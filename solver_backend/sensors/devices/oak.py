@@ -174,13 +174,15 @@ def paired_frames(
                 return
             if now_s - heard_s > silent_s:
                 hint = "Check the cable, which must carry USB 3 or PoE. A slave waits for its master's pulse."
-                raise SensorFailed(f"No frame came for {silent_s:g} s.", where=where, hint=hint)
+                raise SensorFailed(f"No frame arrived for {silent_s:g} s.", where=where, hint=hint)
             time.sleep(WAIT_S)
             continue
         heard_s, infrared = now_s, pair[INFRARED]
         counts, mm = np.array(infrared.getFrame()), np.array(pair[DEPTH].getFrame())
         if counts.shape != mm.shape:
-            message = f"Infrared is {counts.shape[1]} x {counts.shape[0]} pixels, depth {mm.shape[1]} x {mm.shape[0]}."
+            message = (
+                f"Infrared is {counts.shape[1]} x {counts.shape[0]} pixels, but depth is {mm.shape[1]} x {mm.shape[0]}."
+            )
             hint = "Use one size for both, and align depth to the infrared picture."
             raise PicturesDiffer(message, where=where, hint=hint)
         device_s = _exposure_s(dai, infrared, by_ptp, where)

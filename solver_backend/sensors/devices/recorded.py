@@ -368,7 +368,7 @@ def _png_pair(infrared: Path, depth: Path, at: int, *, has_depth: bool) -> tuple
     try:
         return read_png(infrared / name), read_png(depth / name) if has_depth else None
     except MocapError as error:
-        message, hint = f"Frame {at} cannot be read: {error.message}", "The frames before it are whole."
+        message, hint = f"Frame {at} cannot be read: {error.message}", "The frames before it are intact."
         raise SensorFailed(message, where=error.where, hint=hint) from error
 
 

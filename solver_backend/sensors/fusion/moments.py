@@ -506,7 +506,9 @@ def build_cloud(moments: Sequence[TrackedPoints], fps: float) -> MarkerCloud:
     rows, of_point, points, covariance = rows[kept], of_point[kept], points[kept], covariance[kept]
     column = _columns(rows, of_point, len(names))
     if span_s * fps > _MOST_UNSEEN * len(moments) + _PAUSE:
-        message = f"{len(moments)} frames with markers span {span_s:.0f} s at {fps:g} per second."
+        message = (
+            f"{len(moments)} frames with markers span {span_s:.0f} s, which is impossible at {fps:g} frames per second."
+        )
         hint = "Write the times of an index in seconds. Record in parts if there are long pauses."
         raise RecordingInvalid(message, where="index.csv", hint=hint)
     shape = round(span_s * fps) + 1, int(column.max(initial=-1)) + 1

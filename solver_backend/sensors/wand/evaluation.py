@@ -129,7 +129,7 @@ def wand_page(found: WandCalibration, ground: Ground | None = None) -> str:
     """Return the report as HTML, with up and floor if there was a Γ."""
     array, names = found.array, found.array.cameras.names
     head = [
-        Tile("Held-out error", number(found.held_out_px, 2), "px", "of time ranges that were not fitted"),
+        Tile("Held-out error", number(found.held_out_px, 2), "px", "in time ranges that were not fitted"),
         Tile("Moments", str(found.moments), "", "that were solved"),
         Tile("Volume", number(found.coverage.volume_m3), "m³", "with the wand"),
     ]
@@ -145,17 +145,20 @@ def wand_page(found: WandCalibration, ground: Ground | None = None) -> str:
     together = heat_table(counts, names, names, strength=strength, unit="moments", digits=0)
     body = [
         tiles(head),
-        section("What to look at", _paragraphs(words) or "<p>Nothing unusual was found.</p>"),
-        section("Sensors", facts(sensors), "Places and deviations, about the whole array."),
+        section("Warnings", _paragraphs(words) or "<p>Nothing unusual was found.</p>"),
+        section("Sensors", facts(sensors), "The table shows the position and the standard deviation of each sensor."),
         section("Clocks", _paragraphs([sentence(note) for note in found.clocks.notes()])),
-        section("Seen together", together, "Moments with the wand before two sensors."),
-        section("Where the wand was", "".join(_picture(found, c) for c in range(len(names))), _COVERED),
+        section("Seen together", together, "The table shows the number of times at which two sensors see the wand."),
+        section("Coverage of the wand", "".join(_picture(found, c) for c in range(len(names))), _COVERED),
         section("How", _paragraphs([sentence(note) for note in array.notes])),
     ]
     return page_of("Calibration by wand", f"{len(names)} sensors, {text(', '.join(names))}", "".join(body))
 
 
-_COVERED = f"Each sensor's picture in cells: dark with {LEAST_IN_CELL} sightings and more, light where none is."
+_COVERED = (
+    f"The picture of each sensor is divided into cells. Dark cells have {LEAST_IN_CELL} or more sightings, "
+    "and light cells have none."
+)
 
 
 def _paragraphs(words: Sequence[str]) -> str:

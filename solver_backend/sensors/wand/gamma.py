@@ -88,8 +88,8 @@ def ground_from_gamma(
     if found.sum() < LEAST_FRAMES:
         most = max((len(cloud) for cloud in clouds), default=0)
         raise GammaNotFound(
-            f"Three markers {gamma.long_m:.3f} and {gamma.short_m:.3f} m from a corner are found at "
-            f"{int(found.sum())} of {len(clouds)} moments; the moments have up to {most} points.",
+            f"The three markers of the Γ ({gamma.long_m:.3f} and {gamma.short_m:.3f} m) were found in only "
+            f"{int(found.sum())} of {len(clouds)} frames, which have up to {most} points.",
             hint="Lay the Γ where two sensors see all three markers, and give its edges (--gamma-lengths 0.6 0.4).",
         )
     places, covariance = _averaged(triples[found])

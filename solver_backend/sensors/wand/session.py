@@ -184,7 +184,7 @@ def _require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None
     """Compare (3,) triangulated distances with the wand's. Raise WandInvalid if its short part differs by 10 %."""
     share = float(min(measured_m[:2]) / measured_m[:2].sum())
     if abs(share / wand.short_share - 1.0) > 0.1:
-        message = f"The lights have a proportion of {share:.3f}, but the lengths give {wand.short_share:.3f}."
+        message = f"The middle light divides the wand at {share:.3f}, but the lengths give {wand.short_share:.3f}."
         hint = "Measure the wand from light to light, and give both lengths in metres (--wand 0.13 0.26)."
         raise WandInvalid(message, hint=hint)
 
@@ -400,12 +400,12 @@ def _require_seen(views: Sequence[WandView]) -> None:
     for view in views:
         seen = np.isfinite(view.px).all((1, 2))
         if view.crowded > MOST_CROWDED * max(len(view), 1):
-            message = f"In {view.crowded} of {len(view)} frames more than one wand or other light was visible."
+            message = f"In {view.crowded} of {len(view)} frames, more than one wand or another light was visible."
             hint = "Remove the second wand, lamps, mirrors and worn markers."
             raise WandAmbiguous(message, where=f"sensor {view.name}", hint=hint)
         if seen.sum() < LEAST_TOGETHER:
-            message = f"The wand is seen in {int(seen.sum())} of {len(view)} frames."
-            hint = "Check that its infrared is on, its exposure fixed, and the marker visible."
+            message = f"The wand is visible in only {int(seen.sum())} of {len(view)} frames."
+            hint = "Check that the infrared light is on, the exposure is fixed, and the marker is visible."
             raise WandNotSeen(message, where=f"sensor {view.name}", hint=hint)
     if len(views) < 2:
         raise WandNotSeen(
@@ -430,7 +430,7 @@ def _moments(views: Sequence[WandView], clocks: Clocks, options: WandOptions) ->
     if options.every_sensor:
         moments = moments.where(moments.seen.all(0))
     if (count := moments.px.shape[1]) < LEAST_TOGETHER:
-        message = f"At {count} moments {'all' if options.every_sensor else 'two'} sensors see the wand at once."
+        message = f"Only {count} frames show the wand to {'all' if options.every_sensor else 'two'} sensors at once."
         where = ", ".join(view.name for view in views)
         raise WandNotSeen(message, where=where, hint="Wave the wand where their views overlap.")
     return moments

@@ -314,7 +314,7 @@ class Coverage:
         parts = 3 * (rows * 3 // ROWS) + columns * 3 // COLUMNS
         down, across = divmod(int(np.bincount(parts, minlength=9).argmax()), 3)
         place = "middle" if down == across == 1 else f"{_DOWN[down]} {_ACROSS[across]}"
-        return f"Wave in the {place} of what {self.names[c]} sees: {1 - self.shares[c]:.0%} of its picture is open."
+        return f"Wave in the {place} of the view of {self.names[c]}. {1 - self.shares[c]:.0%} of it is not covered."
 
     def lines(self) -> list[str]:
         """Return a row per sensor with its image cells: ``#`` covered, ``+`` seen, ``.`` not covered."""
@@ -403,7 +403,7 @@ def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -
         raise FileMissing("The folder has no table (.csv) of a wand.", where=str(folder))
     views = [_view(path, lens_beside(path, lenses)) for path in files]
     if len({view.depth_m is None for view in views}) > 1:
-        message, hint = "Some tables have depth, others three lights.", "Keep them in separate folders."
+        message, hint = "Some tables have depth, and others have three lights.", "Keep them in separate folders."
         raise FileDamaged(message, where=str(folder), hint=hint)
     return [with_growing_times(view) for view in views]
 

@@ -93,7 +93,7 @@ def build_camera_array(description: Any, folder: Path = Path()) -> CameraRing:
     name = values.text("name", layout)
     low, high = values.numbers("range_m", 2).tolist() if "range_m" in values else (0.3, 10.0)
     if not 0 <= low < high:
-        message = "range_m needs a nearest and a larger depth."
+        message = "range_m must be a nearest depth and a larger farthest depth."
         raise StudioInvalid(message, where=f"camera array {name}")
     cameras = _LAYOUTS[layout](values, folder)
     fixed = layout in ("capture", "cameras")
@@ -154,7 +154,7 @@ def _of_capture(values: CheckedValues, folder: Path) -> Cameras:
     path = folder / values.text("capture", "")
     cameras = load_capture(path).cameras
     if cameras is None:
-        message, hint = "The capture has no cameras to film with.", "Name a capture of several views."
+        message, hint = "The capture has no cameras to film with.", "Choose a capture with several cameras."
         raise CalibrationMissing(message, where=str(path), hint=hint)
     return cameras
 

@@ -73,7 +73,7 @@ class CheckedValues:
             return values
         name = values.raw("preset")
         if not isinstance(name, str) or name not in presets:
-            hint = f"Known are {', '.join(sorted(presets))}."
+            hint = f"Known names: {', '.join(sorted(presets))}."
             raise StudioInvalid(f"There is no {where} '{name}'.", where=f"{where}: preset", hint=hint)
         named = {"name": name} if "name" in keys else {}
         rest = {key: value for key, value in given.items() if key != "preset"}

@@ -79,7 +79,7 @@ def check_data_set(spec: Spec, out: Path) -> Plan:
     needed = int(found.bytes * (1 - len(done) / len(found.shots))) + _SPARE
     free = free_bytes(out)
     if needed > free:
-        message = f"The data set needs about {_size(needed)} and the disk has {_size(free)} free."
+        message = f"The data set needs about {_size(needed)} but the disk has only {_size(free)} free."
         hint = "Film fewer frames, smaller pictures or fewer kinds, or choose another disk."
         raise DiskTooSmall(message, where=str(out), hint=hint)
     # Check one shot per motion and array, because the person hardly changes the view.

@@ -222,13 +222,13 @@ def _require_sense(spec: Spec) -> Spec:
             hint="Name a layout in 'markers', or leave these formats out.",
         )
     if "video" in spec.write and "rgb" not in spec.film:
-        raise StudioInvalid("Videos are made of colour pictures.", where="description: film", hint="Add 'rgb'.")
+        raise StudioInvalid("Videos need colour pictures.", where="description: film", hint="Add 'rgb'.")
     if spec.hands and spec.people.strange:
         raise StudioInvalid("People of unusual proportions have no finger joints.", where="description: hands")
     alone = [array.name for array in spec.arrays if len(array.cameras) < 2]
     if "pose2sim" in spec.write and alone:
         raise StudioInvalid(
-            f"A trial of Pose2Sim has two cameras at least, {', '.join(alone)} has one.",
+            f"A Pose2Sim trial needs at least two cameras, but {', '.join(alone)} has one.",
             where="description: write",
             hint="Leave out 'pose2sim', or film with more cameras.",
         )

@@ -131,7 +131,7 @@ def require_sight(stage: Stage) -> None:
         off = np.linalg.norm(skin - centre, axis=-1).min()
         if off < CLEARANCE_M or _inside(skin, stage.person.body.faces, centre):
             raise CameraInsideBody(
-                f"The camera stands {100 * off:.0f} cm from the person's skin or inside it.",
+                f"The camera is {100 * off:.0f} cm from the person's skin, or inside the body.",
                 where=f"shot {stage.shot.name}, camera {cameras.names[view]}",
                 hint="Move the array away from the person's path, or choose another motion.",
             )

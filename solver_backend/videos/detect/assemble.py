@@ -100,7 +100,7 @@ def assembled(
     made_of: dict[str, Any] = {"footage": footage, "detector": found[0].detector}
     if calibration is None:
         if len(found) < 2:
-            hint = "Add another camera's video, or `from-videos VIDEO`."
+            hint = "Add the video of another camera, or use `from-videos VIDEO` for a single camera."
             raise TooFewViews("A capture needs more than one video.", where=name, hint=hint)
         made_of["notes"] = (*detections.notes, diagnostic("person_chosen", basis="most_seen"))
         made_of["problems"] = (*detections.problems, diagnostic("cameras_not_calibrated"))

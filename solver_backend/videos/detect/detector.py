@@ -99,7 +99,7 @@ DESCRIPTION, _DESCRIBED = ".json", "described_pose"  # Suffix of the description
 _MEDIAPIPE_POINTS = 39  # Number of points in MediaPipe's landmark model: 33 of the body and 6 for internal use.
 HINT = (
     "In Blender, use Set Up Detector in the panel From Videos, or install the extension that includes a detector. "
-    "Elsewhere name a Python that has MediaPipe 0.10.21: --python."
+    "Otherwise, give a Python that has MediaPipe 0.10.21 with --python."
 )
 
 
@@ -345,7 +345,7 @@ class DetectorProcess:
         finally:
             timer.cancel()
         if self._late:  # the answer arrived when the process was killed
-            raise EOFError("the answer came too late")
+            raise EOFError("the answer arrived too late")
 
     def _time_out(self) -> None:
         self._late = True

@@ -29,12 +29,12 @@ def measure_noise_map(captures: Sequence[Capture], detector: str) -> NoiseMap:
     used = [c for c in captures if c.keypoints is not None and c.keypoints.num_views >= LEAST_VIEWS]
     if not used:
         message = f"A noise map needs captures with at least {LEAST_VIEWS} cameras."
-        raise TooFewViews(message, where=", ".join(c.name for c in captures), hint="Film once with more cameras.")
+        raise TooFewViews(message, where=", ".join(c.name for c in captures), hint="Record with more cameras.")
     parts = [_errors(capture) for capture in used]
     confidence, square = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
     if not len(confidence):
         message = "No detection can be compared with other cameras."
-        hint = "Film a person who moves, in three or more views that see them at once."
+        hint = "Film a moving person in view of three or more cameras."
         raise NoDetections(message, where=", ".join(c.name for c in used), hint=hint)
     order = np.argsort(confidence, kind="stable")
     steps = [step for step in np.array_split(order, BINS) if len(step)]

@@ -140,7 +140,7 @@ def _probe_file(path: Path) -> VideoInfo:
         packets = [(packet.pts, packet.dts) for packet in container.demux(stream) if packet.size]
     stamps = [pts for pts, _ in packets if pts is not None]
     if packets and not stamps:
-        hint = "Put it into a container at its rate: ffmpeg -r 30 -i VIDEO -c copy VIDEO.mp4."
+        hint = "Put the pictures into a container with their frame rate: ffmpeg -r 30 -i VIDEO -c copy VIDEO.mp4."
         raise VideoUnreadable("The file contains pictures without times.", where=str(path), hint=hint)
     if not stamps:
         raise VideoUnreadable("The video contains no picture.", where=str(path), hint=AGAIN)

@@ -154,8 +154,8 @@ def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, P
         if footage.kind in kinds:
             order = match_names(names, tuple(footage.cameras))
             if order is None:
-                message = f"The board was filmed by {', '.join(footage.cameras)}, the take by {', '.join(names)}."
-                hint = "Name both sets of files like the cameras, and film the board with all cameras."
+                message = f"The board was filmed by {', '.join(footage.cameras)}, but the take by {', '.join(names)}."
+                hint = "Film the board with all cameras, and give both sets of files the camera names."
                 raise CalibrationMissing(message, where=str(footage.folder), hint=hint)
             paths = list(footage.cameras.values())
             return {name: paths[i] for name, i in zip(names, order, strict=True)}

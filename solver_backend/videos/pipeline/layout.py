@@ -137,7 +137,10 @@ def look_through(root: Path) -> FoundFolder:
     if not takes:
         message = "The folder does not contain a take with one video per camera."
         hint = "Put one video per camera into a folder 'videos', and videos of the board into 'calibration'. Chapters "
-        one = "such as GX010001 and GX020001 are one recording of one camera. Name the video itself to solve from one."
+        one = (
+            "such as GX010001 and GX020001 are one recording of one camera. To solve a single camera, give the "
+            "video itself."
+        )
         raise NoVideos(message, where=str(root), hint=hint + one)
     footage = {f.folder: f for start in (root, root.parent) for f in _footage(start, start is root)}
     return FoundFolder(root, takes, tuple(footage.values()))

@@ -120,7 +120,7 @@ def detections_picture(found: Sequence[VideoDetections], path: Path) -> Path:
         step = max(1, min(item.size) // 540)
         drawn.append(draw_people(np.ascontiguousarray(picture.rgb[::step, ::step]), item, number, step))
         seen = float((item.confidence > 0).any((-1, -2)).mean()) if item.confidence.size else 0.0
-        titles.append(f"{item.name}: somebody in {seen:.0%}")
+        titles.append(f"{item.name}: a person in {seen:.0%}")
     return mosaic(drawn, titles).save(path)
 
 
@@ -221,7 +221,7 @@ def cameras_picture(cameras: Cameras, walked: np.ndarray, path: Path) -> Path:
         left = x - wide / 2 - ahead[0] * (wide / 2 + 8)
         left, y = np.clip(left, 4, SIDE - wide - 4), np.clip(y + 16 * ahead[1] + 4, 14, SIDE - 30)
         canvas.text(left, y, words, colour, 0.45)
-    canvas.text(10, SIDE - 12, "from above, lines are 1 m apart, heights after the names", INK, 0.45)
+    canvas.text(10, SIDE - 12, "from above, with lines every 1 m and heights after the names", INK, 0.45)
     return canvas.save(path)
 
 

@@ -441,7 +441,9 @@ class LiveMoments:
             late = [view.source.name for view in self._late(time.perf_counter())]
             self._behind |= set(late)
         for name in late:
-            message = f"{name}: no picture in time for {BEHIND_S:g} s. The camera stopped, or its pictures cannot be"
+            message = (
+                f"{name}: no picture arrived in time for {BEHIND_S:g} s. The camera stopped, or its pictures cannot be"
+            )
             yield event_line("camera_behind", f"{message} read as fast as they come.")
 
     def require_views(self) -> None:

@@ -88,7 +88,7 @@ def synchronise(
     """
     names = tuple(item.name for item in found)
     if way not in WAYS:
-        raise CommandLineInvalid(f"'{way}' is not a way to synchronise.", hint=f"Choose one of {', '.join(WAYS)}.")
+        raise CommandLineInvalid(f"'{way}' is not a synchronisation method.", hint=f"Choose one of {', '.join(WAYS)}.")
     if way == "none" or len(found) == 1:
         return Clocks.alike(names)
     progress("Synchronising", 0, 1)
@@ -155,6 +155,6 @@ def in_step(clocks: Clocks, fps: float) -> Clocks:
     # A rate that cannot be distinguished from zero within the take counts as zero.
     sure = np.abs(clocks.rate) > SIGMAS * np.sqrt(clocks.covariance[:, 1, 1])
     if (np.abs(clocks.offset_s) <= allowed).all() and not sure.any():
-        method = f"{clocks.method}, in step" if clocks.method != "as filmed" else clocks.method
+        method = f"{clocks.method}, in sync" if clocks.method != "as filmed" else clocks.method
         return replace(Clocks.alike(clocks.names), method=method, findings=clocks.findings)
     return replace(clocks, findings=(*clocks.findings, ROLLING_SHUTTER))

@@ -96,7 +96,7 @@ def test_a_body_without_fingers_rests_its_hands_and_says_so(scene, files):
     stand_in = read_body(files.body_path, SMPL_HANDS) if hasattr(files, "body_path") else files.body
     assert stand_in.layout == SMPL
     take = bake_take(scene, moving_fingers(stand_in.id), stand_in, settings=PLAIN)
-    assert "The body has no finger joints: its hands rest." in take.notes
+    assert "The body has no finger joints, so its hands stay at rest." in take.notes
     assert "left_hand" in take.armature.data.bones
 
 

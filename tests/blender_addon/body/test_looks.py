@@ -272,7 +272,7 @@ def test_a_body_without_the_look_changes_its_colours_alone(scene: Any, files: An
 @pytest.mark.parametrize(
     ("vertices", "offsets", "words"),
     [
-        (np.array([10**6]), np.zeros((1, 3)), "blank_vertices must name vertices"),
+        (np.array([10**6]), np.zeros((1, 3)), "blank_vertices must refer to vertices"),
         (np.array([1, 2]), np.zeros((1, 3)), "blank_offsets has shape"),
         (np.array([1]), np.full((1, 3), np.nan), "NaN"),
     ],

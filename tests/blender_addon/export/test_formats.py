@@ -162,7 +162,7 @@ def test_what_the_user_did_to_the_take_is_exported(scene: Any, take: BakedTake, 
     np.testing.assert_allclose(joints, expected, atol=1e-4)
     take.armature.scale = (2, 2, 1)
     bpy.context.view_layer.update()
-    with pytest.raises(NothingToExport, match="The armature is stretched"):
+    with pytest.raises(NothingToExport, match="The armature is scaled unevenly"):
         export_take(exported, "bvh", tmp_path / "scaled.bvh")
 
 
@@ -171,9 +171,9 @@ def test_what_cannot_be_exported_is_named(scene: Any, take: BakedTake, tmp_path:
         take_of(scene, None)
     with pytest.raises(NothingToExport, match="No armature is selected"):
         take_of(scene, take.cameras[0])
-    with pytest.raises(NothingToExport, match="The frames 9 to 3 are not a range"):
+    with pytest.raises(NothingToExport, match="The frames 9 to 3 are not a valid range"):
         take_of(scene, take.armature, (9, 3))
-    with pytest.raises(NothingToExport, match=r"A file of FBX ends in \.fbx.*Try walk\.fbx"):
+    with pytest.raises(NothingToExport, match=r"The name of this file must end in \.fbx.*Try walk\.fbx"):
         export_take(take_of(scene, take.armature), "fbx", tmp_path / "walk.obj")
     with pytest.raises(NothingToExport, match="There is no format 'obj'.*Known formats: bvh"):
         export_take(take_of(scene, take.armature), "obj", tmp_path / "walk.obj")

@@ -253,7 +253,7 @@ def test_bake_with_few_keys_says_how_far_it_is_off(
     command = ["bake", str(files.motion_path), "--body", str(files.body_path), "--out", str(tmp_path), "--no-pictures"]
     assert main([*command, "--keys-per-second", "2", "--asset", "--json"]) == 0
     result = said(capfd)
-    assert any("keys are left: joints are up to" in note for note in result["notes"])
+    assert any("keys are left. Joints are up to" in note for note in result["notes"])
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "walk.blend"))
     [action] = bpy.data.actions
     assert action.asset_data is not None and action["keys_deviation_mm"] > 0

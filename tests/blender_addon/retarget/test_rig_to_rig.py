@@ -143,7 +143,7 @@ def test_poses_empty_actions_and_absurd_sizes_are_named(scene: Any) -> None:
     rig, _ = foreign_rig(skeleton)
     rig.pose.bones["mixamorig:LeftLeg"].keyframe_insert("rotation_quaternion", frame=1)
     actor, timing, notes = read_rig_actor(rig, scene, map_rig(rig))
-    assert actor.num_frames == 1 and notes == ("One frame: the clip is a pose.",)
+    assert actor.num_frames == 1 and notes == ("The clip has one frame, so it is a pose.",)
     for size in (1e-6, 1e6):
         other, _ = foreign_rig(skeleton.placed(lambda place, size=size: size * place))
         with pytest.raises(TargetUnsuitable, match="times as large as the actor"):

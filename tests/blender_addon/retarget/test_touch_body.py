@@ -174,5 +174,5 @@ def test_a_touch_beyond_short_arms_stops_short_and_blames_no_constraint(scene: b
     scene.render.fps = 30
     done = played(actor, own_character(body, 1.0, 1.0, arms=0.7), held=True)
     assert done.deviation_mm < 0.5
-    assert [note for note in done.notes if "beyond the rig's arm" in note]
+    assert [note for note in done.notes if "out of reach of the rig's arm" in note]
     assert not [note for note in done.notes if "constraints" in note or "cannot follow" in note]

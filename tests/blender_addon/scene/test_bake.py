@@ -103,6 +103,6 @@ def test_two_takes_share_a_scene(scene: bpy.types.Scene, take: BakedTake, files:
 
 
 def test_motion_of_another_body_is_refused(scene: bpy.types.Scene, files: Any) -> None:
-    with pytest.raises(BodyMismatch, match="solved for the body 'other', not for 'stand_in'"):
+    with pytest.raises(BodyMismatch, match="solved with the body 'other', not 'stand_in'"):
         bake_take(scene, replace(files.motion, body="other"), files.body)
     assert not bpy.data.armatures and not bpy.data.actions

@@ -170,7 +170,7 @@ def test_skew_and_other_lengths_are_notes(scene: bpy.types.Scene, files: Any) ->
     assert notes == (
         "The capture has 50 frames and the motion 60. Both start together.",
         "The capture runs at 60 fps and the motion at 30, aligned by time.",
-        "Camera front: its skew of 1.5 px is left out.",
+        "Camera front: its skew of 1.5 px is ignored.",
     )
 
 

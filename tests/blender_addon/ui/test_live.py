@@ -75,7 +75,7 @@ def test_a_body_that_was_taken_away_ends_the_run_with_a_sentence(started):
     until(lambda: run.shown > 0)
     bpy.data.objects.remove(bpy.data.objects[live.figure.armature])
     until(lambda: not live.busy)
-    assert "was removed" in live.failure
+    assert "was deleted" in live.failure
 
 
 def test_a_body_that_was_taken_away_before_its_first_pose_ends_the_run(started, monkeypatch):
@@ -83,7 +83,7 @@ def test_a_body_that_was_taken_away_before_its_first_pose_ends_the_run(started, 
     monkeypatch.setattr(live, "_frame", framed.append)
     bpy.data.objects.remove(bpy.data.objects[live.figure.armature])
     until(lambda: not live.busy)
-    assert "was removed" in live.failure and not framed
+    assert "was deleted" in live.failure and not framed
 
 
 def test_a_child_that_dies_is_said_to_have_died(started):

@@ -79,7 +79,7 @@ def test_a_character_that_is_taken_away_ends_the_run_with_a_sentence(driven):
     assert bpy.ops.mocap.live_start() == {"FINISHED"}
     bpy.data.objects.remove(driven.retarget.target)
     until(lambda: not live.busy)
-    assert "character was removed" in live.failure
+    assert "character was deleted" in live.failure
 
 
 def test_a_shape_that_does_not_suit_the_rig_ends_the_run_with_its_reason(driven):

@@ -181,7 +181,7 @@ def test_two_people_are_asked_for_and_one_is_chosen(mocap, cloud, tmp_path):
         labels=(*cloud.labels, *(label.replace("Demo", "Anna") for label in cloud.labels)),
     )
     path = write_c3d(tmp_path / "pair.c3d", both)
-    with pytest.raises(RuntimeError, match=r"Demo \(42 markers\), Anna.*in Blender Subject under Reading Options"):
+    with pytest.raises(RuntimeError, match=r"Demo \(42 markers\), Anna.*in Blender, Subject under Reading Options"):
         bpy.ops.mocap.import_capture(filepath=str(path))
     assert Path(mocap.capture.source) == path and not mocap.capture.file
     mocap.reading.subject_prefix = "Anna"

@@ -88,7 +88,7 @@ def test_operator_bakes_a_file(registered: None, scene: bpy.types.Scene, files: 
 
 
 def test_operator_says_what_is_wrong(registered: None, files: Any) -> None:
-    with pytest.raises(RuntimeError, match="was solved for the body 'stand_in'"):
+    with pytest.raises(RuntimeError, match="was solved with the body 'stand_in'"):
         bpy.ops.mocap.import_motion(filepath=str(files.motion_path))
     with pytest.raises(RuntimeError, match="There is no such file"):
         bpy.ops.mocap.import_motion(filepath=str(files.folder / "gone.npz"))

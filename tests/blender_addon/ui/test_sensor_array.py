@@ -80,7 +80,7 @@ def test_a_wand_says_where_to_wave_next_and_stopping_keeps_it(rig):
 
 def test_a_wand_that_is_none_is_a_sentence_and_changes_nothing(rig, recording):
     rig.wand = str(recording)  # eight markers: no wand
-    with pytest.raises(RuntimeError, match="other light was visible"):
+    with pytest.raises(RuntimeError, match="another light was visible"):
         bpy.ops.mocap.calibrate_sensors()
     assert rig.calibration == "" and not current.busy
     assert not draw_panel(getattr(bpy.types, PANEL), 200).cut
@@ -132,5 +132,7 @@ def test_cameras_without_a_name_or_a_kind_are_refused(rig):
 @pytest.mark.parametrize("kind", ["FOLDER", "OAK"])
 def test_nothing_is_cut_off_in_a_narrow_sidebar(rig, kind):
     rig.kind, rig.gamma = kind, "//gamma_01"
-    rig.findings = "left has an error of 1.4 px against the wand. Calibrate this camera again in the mode of the takes."
+    rig.findings = (
+        "left has an error of 1.4 px relative to the wand. Calibrate this camera again in the mode of the takes."
+    )
     assert not draw_panel(getattr(bpy.types, PANEL), 200).cut

@@ -93,7 +93,7 @@ def test_addon_finds_the_body_of_a_motion(folder: Path) -> None:
         assert body_file.body_path_of(provenance) == resolve_body(choice)
     for silent in ("", "no json", "{}", '{"settings": null}'):
         assert body_file.body_path_of(silent) == DEFAULT_BODY
-    with pytest.raises(BodyMissing, match="solved for the body 'short', whose file does not exist") as error:
+    with pytest.raises(BodyMissing, match="solved with the body 'short', but its file does not exist") as error:
         body_file.body_path_of(json.dumps({"settings": {"body": "short"}}))
     assert str(folder) in error.value.hint
 

@@ -137,7 +137,7 @@ def spoil(arrays, **changes):
         ({"kintree_table": np.array([[-1, *[23] * 23], range(24)])}, "parents before their children are expected"),
         ({"v_template": np.array(["a", "b"])}, r"v_template contains <U1 of shape \(2,\), but numbers are expected"),
         ({"v_template": np.float64(3)}, r"v_template contains float64 of shape \(\), but numbers"),
-        ({"weights": np.zeros((60, 24))}, "weights leaves vertices without a joint"),
+        ({"weights": np.zeros((60, 24))}, "'weights' has vertices without a joint"),
         ({"shapedirs": np.zeros((60, 3, 5))}, r"shapedirs has shape \(60, 3, 5\), but \(60, 3, 10\) is expected"),
         (
             {"f": np.full((4, 3), 60)},

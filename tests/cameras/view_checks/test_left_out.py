@@ -36,7 +36,7 @@ def test_a_view_and_a_stretch_of_another_take_no_part(capture: Capture) -> None:
 
 @pytest.mark.parametrize(
     ("item", "message"),
-    [("nowhere", "no camera 'nowhere'"), ("{0}:19-10", "names no view"), ("{0}:40-50", "beyond the take")],
+    [("nowhere", "no camera 'nowhere'"), ("{0}:19-10", "is not a camera"), ("{0}:40-50", "after the last frame")],
 )
 def test_what_cannot_be_meant_is_named(capture: Capture, item: str, message: str) -> None:
     assert capture.cameras is not None

@@ -70,7 +70,7 @@ def test_a_dense_set_or_computed_points_are_not_told_to_add_markers(worn, word, 
     with pytest.raises(MarkersUnknown, match="needs 8 markers") as error:
         solve(Capture("take", markers=cloud), BY_FRAME)
     assert "add markers" not in error.value.hint and "`markers layout`" in error.value.hint
-    assert ("Left out as computed points were" in str(error.value)) == left_out
+    assert ("Ignored as computed points" in str(error.value)) == left_out
     own = dict(zip(cloud.names, LABELS, strict=False))
     assert known_markers_of(cloud, own).names == tuple(own)
 
@@ -92,7 +92,7 @@ def test_a_mirror_image_is_named(worn, person, how):
     if how == "the labels":
         points, labels = np.delete(worn.cloud.positions, LABELS.index("RBAK"), axis=1), exchanged
     for known in (None, person):
-        with pytest.raises(MarkersMirrored, match="mirror image"):
+        with pytest.raises(MarkersMirrored, match="are mirrored"):
             solve(capture_of(worn.cloud, positions=points, labels=labels), BY_FRAME, person=known)
 
 

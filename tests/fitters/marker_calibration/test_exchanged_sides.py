@@ -31,8 +31,8 @@ def exchanged(names: tuple[str, ...], places: tuple[str, ...]) -> tuple[str, ...
     ("places", "turned", "message"),
     [
         (LOWER, (), ""), (UPPER, (), ""), (("KNE", "ANK", "HEE", "TOE"), (), ""),
-        (LOWER, LOWER, "legs' markers are a mirror image"), (LOWER, LOWER[2:], "legs' left markers are on the right"),
-        (UPPER, UPPER[1:], "arms' left markers are on the right"),
+        (LOWER, LOWER, "legs' markers are mirrored"), (LOWER, LOWER[2:], "left markers of the legs are on the right"),
+        (UPPER, UPPER[1:], "left markers of the arms are on the right"),
     ],
 )  # fmt: skip
 def test_sides(places: tuple[str, ...], turned: tuple[str, ...], message: str) -> None:
@@ -53,8 +53,9 @@ PELVIS = ("LFWT", "RFWT", "LBWT", "RBWT")
 @pytest.mark.parametrize(
     ("kept", "limb", "message"),
     [
-        (PELVIS, LEG, "left leg's markers are on the right of the body"), (("LSHO", "RSHO"), UPPER[1:], "left arm's"),
-        ((), LEG, "left leg's outer ankle is on the inner side"),
+        (PELVIS, LEG, "markers of the left leg are on the right of the body"),
+        (("LSHO", "RSHO"), UPPER[1:], "markers of the left arm"),
+        ((), LEG, "outer ankle of the left leg is on the inner side"),
     ],
 )  # fmt: skip
 def test_one_limb_named_as_the_other_sides(kept: tuple[str, ...], limb: tuple[str, ...], message: str) -> None:
@@ -96,5 +97,5 @@ def test_joint_centres_in_left_handed_axes(places: tuple[str, ...]) -> None:
     local = exp_so3(truth["body_pose"][chosen, :63].reshape(-1, 21, 3))
     points = pose(subject, PosedFrames(exp_so3(truth["global_orient"][chosen]), local, truth["transl"][chosen])).points
     check_sides(points, landmarks)
-    with pytest.raises(MarkersMirrored, match="joint centres are a mirror image"):
+    with pytest.raises(MarkersMirrored, match="joint centres are mirrored"):
         check_sides(points * [-1.0, 1.0, 1.0], landmarks)

@@ -28,7 +28,7 @@ def cloud():
 
 def test_two_half_bodies_are_refused_with_their_distance(cloud):
     halves = replace(cloud, positions=cloud.positions + np.where(LEGS, 0.0, 1.5)[:, None] * [1.0, 0.5, 0.0])
-    with pytest.raises(MarkersUnknown, match=r"two groups 1\.\d\d m apart, farther than on one body"):
+    with pytest.raises(MarkersUnknown, match=r"Two groups of markers are 1\.\d\d m apart, too far for one body"):
         solve(Capture("halves", markers=halves))
 
 

@@ -116,7 +116,7 @@ def test_a_camera_whose_floor_is_elsewhere_is_named_without_a_stature(walked: Ca
     cameras, _ = parts(walked)
     lower = replace(cameras, t=cameras.t - np.einsum("cij,j->ci", cameras.R, [0.0, 0.0, 0.9]))
     _, found = doubts(replace(walked, cameras=lower))
-    assert found["stature_at_odds"].values["source"] == "what adults are"
+    assert found["stature_at_odds"].values["source"] == "typical adult sizes"
 
 
 @pytest.mark.slow

@@ -155,7 +155,7 @@ def test_a_range_outside_the_take_is_named(capture, solved, frame_range, message
 
 
 def test_a_motion_of_another_take_or_body_is_named(capture, solved):
-    with pytest.raises(MotionInvalid, match="has 100 frames at 60 fps, the capture 50"):
+    with pytest.raises(MotionInvalid, match="has 100 frames at 60 fps, but the capture has 50"):
         resolve_range(cut(capture, 0, 50), solved, FrameRange(10, 20), QUICK)
     with pytest.raises(MotionInvalid, match="with the body smpl_male"):
         resolve_range(capture, replace(solved, body="smpl_male"), FrameRange(10, 20), QUICK)

@@ -116,7 +116,7 @@ def test_v_counted_from_below(tmp_path: Path) -> None:
     capture = load_capture(tmp_path)
     assert median_error_m(capture, 0) < 0.03
     (found,) = [item for item in capture.problems if item.code == "detections_corrected"]
-    assert "v counts from the bottom" in found.values["found"] and "--as-calibrated" in words([found])[0]
+    assert "y counts from the bottom" in found.values["found"] and "--as-calibrated" in words([found])[0]
     kept = load_capture(tmp_path, as_calibrated=True)
     assert "detections_corrected" not in [item.code for item in kept.problems]
 
@@ -155,7 +155,9 @@ def test_names_of_a_ring_turned_on(tmp_path: Path, places: int, turned: bool) ->
     (exchanged,) = [item for item in capture.problems if item.code == "camera_names_exchanged"]
     assert f"{NAMES[0]} is the calibration's {NAMES[order[0]]}" in exchanged.values["pairs"]
     corrections = [item.values["meanings"] for item in capture.problems if item.code == "calibration_corrected"]
-    assert corrections == (["the recorded pictures are turned by 90° clockwise from those calibrated"] * turned)
+    assert corrections == (
+        ["the recorded pictures are rotated by 90° clockwise relative to the calibrated ones"] * turned
+    )
     assert median_error_m(capture, 60) < 0.03
 
 
@@ -163,7 +165,7 @@ def test_cameras_in_one_place_are_refused_by_name(tmp_path: Path) -> None:
     cameras = replace(CAMERAS, R=np.tile(np.eye(3), (4, 1, 1)), t=np.zeros((4, 3)))
     people = [(KEYPOINTS.xy[:, :30], KEYPOINTS.confidence[:, :30])]
     write_trial(tmp_path, cameras=cameras, people=people, names=NAMES, calibrated=NAMES)
-    with pytest.raises(CalibrationInvalid, match="places all cameras at one point"):
+    with pytest.raises(CalibrationInvalid, match="All cameras are at one point"):
         load_capture(tmp_path)
 
 

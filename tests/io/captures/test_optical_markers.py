@@ -173,7 +173,9 @@ def test_parts_that_may_be_one_person_are_offered(tmp_path, cloud):
     few = replace(cloud, positions=cloud.positions[:, : len(labels)], labels=labels)
     with pytest.raises(JobInvalid, match="3 subjects") as refused:
         load_capture(write_c3d(tmp_path / "parts.c3d", few))
-    assert "If they are parts of one person, name them all: --subject-prefix ArmL,Body" in (refused.value.hint or "")
+    assert "If they are parts of one person, name all of them with --subject-prefix ArmL,Body" in (
+        refused.value.hint or ""
+    )
 
 
 def test_points_that_nobody_named_are_read_and_not_solved(tmp_path, cloud):
@@ -187,7 +189,7 @@ def test_points_that_nobody_named_are_read_and_not_solved(tmp_path, cloud):
 def test_too_few_known_markers_say_how_many_are_needed(tmp_path, cloud):
     few = replace(cloud, positions=cloud.positions[:, :6], labels=("LASI", "RASI", "C7", "x1", "x2", "L_HJC"))
     capture = load_capture(write_c3d(tmp_path / "few.c3d", few))
-    few_known = "Only 3 labels name places on the body (LASI, RASI, C7), but a solve needs 8."
+    few_known = "Only 3 labels name positions on the body (LASI, RASI, C7), but a solve needs 8."
     assert any(problem.startswith(few_known) for problem in words(capture.problems))
     message = "needs 8 markers.*Of the 6 labels, 3 are known: LASI, RASI, C7. All labels: LASI, RASI, C7, x1, x2."
     with pytest.raises(MarkersUnknown, match=message):
@@ -206,7 +208,7 @@ def test_labels_that_name_no_places_are_left_to_the_network(tmp_path, cloud):
 def test_one_frame_is_a_pose(tmp_path, cloud):
     capture = load_capture(write_c3d(tmp_path / "static.c3d", replace(cloud, positions=cloud.positions[:1])))
     assert any("a single frame" in problem for problem in words(capture.problems))
-    with pytest.raises(TakeTooShort, match="needs 4 frames, the take has 1"):
+    with pytest.raises(TakeTooShort, match="needs 4 frames, but the take has 1"):
         solve(capture)
     motion = solve(capture, SolveSettings(method="frame")).motion
     assert motion.num_frames == 1 and np.nanmedian(motion.marker_residual_mm) < 15.0

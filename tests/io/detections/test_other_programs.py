@@ -189,7 +189,7 @@ def test_boxes_alone_are_named(tmp_path: Path) -> None:
         write_lines(
             tmp_path / "preds" / name / "000000.json", {"labels": [0], "scores": [0.9], "bboxes": [[0, 0, 9, 9]]}
         )
-    with pytest.raises(FileDamaged, match="boxes of a detector, as MMDetection") as found:
+    with pytest.raises(FileDamaged, match="only boxes, as MMDetection") as found:
         read_detections(camera_sources(tmp_path))
     assert "MMPose" in found.value.hint
 

@@ -168,7 +168,7 @@ def test_wrong_numbers_of_keypoints_name_the_sets_that_fit(tmp_path: Path) -> No
     ):
         read_folders({"a": good}, joint_set=JointSet.HALPE_26)
     mixed = write(tmp_path / "mixed", {0: [person(1, 25)], 1: [person(1, 17)]})
-    with pytest.raises(KeypointCountMismatch, match=r"has 17 keypoints where those before have 25.*000000000001"):
+    with pytest.raises(KeypointCountMismatch, match=r"has 17 keypoints where earlier people have 25.*000000000001"):
         read_folders({"a": mixed})
     (good / "cam_000000000000_keypoints.json").write_text('{"people": [{"pose_keypoints_2d": [1, 2, 3, 4]}]}')
     with pytest.raises(KeypointCountMismatch, match="contains 4 numbers, but x, y and confidence"):

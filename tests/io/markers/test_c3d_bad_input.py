@@ -60,7 +60,7 @@ def test_a_marker_that_never_moves(tmp_path: Path) -> None:
 
 def test_forces_only(tmp_path: Path) -> None:
     file = C3dBytes(np.zeros((12, 0, 3)), (), channels=("Fz1", "Fz2"))
-    with pytest.raises(NoDetections, match=r"no markers but 2 analog channels \(forces, muscles\)"):
+    with pytest.raises(NoDetections, match=r"no markers, only 2 analog channels \(forces, muscles\)"):
         take(tmp_path / "take.c3d", file)
 
 

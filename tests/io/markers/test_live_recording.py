@@ -85,7 +85,7 @@ def test_an_unfinished_recording_is_a_capture_that_says_where_it_ends(tmp_path: 
     assert np.allclose(capture.markers.positions[7, : len(expected)], expected, atol=1e-6)
     unfinished, damaged = capture.problems
     assert codes(capture.problems) == ("live_recording_incomplete", "live_recording_incomplete")
-    assert "incomplete: it ends with frame 11, at 0.17 s" in sentence(unfinished)
+    assert "incomplete. It ends with frame 11, at 0.17 s" in sentence(unfinished)
     assert damaged.values["bytes"] == len(DATA[-1]) - 7 and f"{len(DATA[-1]) - 7} bytes" in sentence(damaged)
 
 
@@ -108,7 +108,7 @@ def test_a_few_bytes_cannot_ask_for_much_memory(tmp_path: Path) -> None:
         stream.write(pack_block(LiveBlock(0.0, np.ones((400, 3)))))
         for _ in range(40):
             stream.write(empty * 10_000)
-    with pytest.raises(FileDamaged, match="too many to read at once"):
+    with pytest.raises(FileDamaged, match="too large to read at once"):
         taken(read_live_recording, path)
 
 

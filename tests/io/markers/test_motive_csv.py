@@ -175,7 +175,7 @@ def test_rates(tmp_path: Path) -> None:
 def test_no_markers_and_no_header(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     body = columns("Rigid Body", "Wand", "Position", "XYZ")
-    with pytest.raises(NoDetections, match="no markers but 1 rigid bodies and 0 bones.*'Markers' enabled"):
+    with pytest.raises(NoDetections, match="no markers, only 1 rigid bodies and 0 bones.*'Markers' enabled"):
         read(write(path, csv_text(body, ["0,0,1,2,3"])))
     with pytest.raises(FileDamaged, match="does not start with 'Format Version'"):
         read(write(path, "0,0.0,1,2,3\n"))

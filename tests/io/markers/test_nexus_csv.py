@@ -71,7 +71,7 @@ def test_a_label_less_than_columns(tmp_path: Path) -> None:
 
 def test_what_is_none(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
-    with pytest.raises(NoDetections, match=r"no markers but devices, events, model outputs.*'Trajectories' enabled"):
+    with pytest.raises(NoDetections, match=r"no markers, only devices, events, model outputs.*'Trajectories' enabled"):
         taken(read_nexus_csv, write(path, NEXUS_SECTIONS))
     with pytest.raises(FileDamaged, match="not a Nexus export"):
         taken(read_nexus_csv, write(path, "a,b\n1,2\n"))

@@ -145,7 +145,7 @@ def test_frame_numbers_that_jump(tmp_path: Path) -> None:
     del lines[1]
     found = read(write(tmp_path / "t.trc", lines))
     assert facts(found.problems) == (
-        "Frame numbers jump at 1 places, first from 1 to 3. The frames are treated as consecutive.",
+        "Frame numbers jump from 1 to 3 (number of jumps: 1). The frames are treated as consecutive.",
     )
 
 

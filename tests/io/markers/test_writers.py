@@ -135,6 +135,6 @@ def test_what_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(ShapeMismatch, match="2 labels do not fit 5 markers"):
         write_c3d(tmp_path / "none", MarkerCloud(cloud().positions, 100.0, ("A", "B")))
     long = tuple(f"{i:03d}{'x' * 250}" for i in range(900))
-    with pytest.raises(ShapeMismatch, match="too long for the head of a C3D file"):
+    with pytest.raises(ShapeMismatch, match="too long for the header of a C3D file"):
         write_c3d(tmp_path / "none", MarkerCloud(np.ones((1, 900, 3)), 100.0, long))
     assert [path.name for path in tmp_path.iterdir()] == ["take.c3d"]

@@ -82,7 +82,7 @@ def test_a_pair_is_found_by_either_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("asf", "amc", "error", "match"),
     [
-        (ASF, AMC.replace("shin 60", "shin 60 1"), FileDamaged, "2 numbers of 1"),
+        (ASF, AMC.replace("shin 60", "shin 60 1"), FileDamaged, "2 numbers instead of 1"),
         (ASF, AMC.replace("shin 60", "tail 60"), FileDamaged, "an unknown bone"),
         (ASF, AMC.replace("shin 60\n", ""), FileDamaged, "'shin' is missing in a frame"),
         (ASF, AMC.replace("shin 60\n", "shin 60\nshin 60\n"), FileDamaged, "occurs twice before frame 2"),
@@ -91,13 +91,13 @@ def test_a_pair_is_found_by_either_file(tmp_path: Path) -> None:
         (ASF, AMC + "3" * 5000 + "\n", FileDamaged, "Frame 2 has an unknown bone"),
         (ASF, AMC + "\u00b2\n", FileDamaged, "Frame 2 has an unknown bone"),
         (ASF.replace("   order TX TY TZ RX RY RZ\n", ""), AMC, FileDamaged, "root has no 'order'"),
-        (ASF.replace("dof rx ry rz", "dof rx ry ry", 1), AMC, FileDamaged, "does not fit the format"),
+        (ASF.replace("dof rx ry rz", "dof rx ry ry", 1), AMC, FileDamaged, "line of the skeleton is not valid"),
         (ASF.replace("dof rx ry rz", "dof rx ry tz", 1), AMC, FileDamaged, "'thigh' has the unsupported channel 'tz'"),
         (ASF, AMC.replace("shin 60", "shin x"), NonFiniteData, "not a number"),
         (ASF, AMC.replace("shin 60", "shin nan"), NonFiniteData, "shin"),
         (ASF.replace("    thigh shin\n", ""), AMC, FileDamaged, "not connected to the root: shin"),
         (ASF.replace("thigh shin", "thigh shin\n    shin thigh"), AMC, FileDamaged, "not connected to the root"),
-        (ASF.replace("direction 0 -1 0", "direction 0 -1", 1), AMC, FileDamaged, "does not fit the format"),
+        (ASF.replace("direction 0 -1 0", "direction 0 -1", 1), AMC, FileDamaged, "line of the skeleton is not valid"),
         (ASF, "1\n", FileDamaged, ""),
     ],
 )

@@ -78,7 +78,7 @@ def test_a_clip_becomes_a_motion(tmp_path: Path) -> None:
     ("changes", "error", "text"),
     [
         ({"poses": None}, FileDamaged, "not AMASS: it has neither 'poses' nor"),
-        ({"poses": np.zeros((5, 100))}, FileDamaged, "'poses' has 100 columns. Known are 72, 156, 165"),
+        ({"poses": np.zeros((5, 100))}, FileDamaged, "'poses' has 100 columns. AMASS files have 72, 156, 165"),
         ({"poses": np.zeros((4, 156))}, FileDamaged, r"'poses' is float64 of shape \(4, 156\).*\(5, any\)"),
         ({"trans": None}, FileDamaged, "lacks 'trans'"),
         ({"mocap_framerate": None}, FileDamaged, "states no frame rate.*--fps"),

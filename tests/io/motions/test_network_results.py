@@ -85,7 +85,7 @@ def test_two_people_are_named_and_one_is_chosen(filmed: FilmedMotion, tmp_path: 
     other = NetworkResult("WHAM", "7", person.frames[:3], person.local[:3], None, person.world[:3], person.transl[:3])
     motion, found = network_motion((person, other), filmed.body, person="7")
     assert motion.num_frames == 3 and "people_left_out" in {item.code for item in found}
-    with pytest.raises(MotionInvalid, match="no person 9, only 1, 7"):
+    with pytest.raises(MotionInvalid, match="no person '9'.*1, 7"):
         network_motion((person, other), filmed.body, person="9")
 
 
@@ -198,7 +198,7 @@ def test_mirrored_and_sheared_matrices_are_refused(tmp_path: Path) -> None:
 def test_json_without_frames_is_a_named_error(tmp_path: Path) -> None:
     path = tmp_path / "pose.json"
     path.write_text('{"world_landmarks": 1}')
-    with pytest.raises(FileDamaged, match="another layout"):
+    with pytest.raises(FileDamaged, match="unexpected layout"):
         read_network_result(path)
 
 
@@ -223,7 +223,7 @@ def test_a_storage_that_is_loaded_again_and_again_is_refused(tmp_path: Path) -> 
     start = b"\x80\x03]B" + len(data).to_bytes(4, "little") + data + b"q\x000ctorch.storage\n_load_from_bytes\nq\x010"
     path = tmp_path / "again.pkl"
     path.write_bytes(start + b"h\x01h\x00\x85Ra" * 30 + b".")
-    with pytest.raises(FileDamaged, match="many times the file's own size"):
+    with pytest.raises(FileDamaged, match="far more memory than the size of the file"):
         read_packed(path)
 
 

@@ -20,7 +20,7 @@ _SOUND = SkeletonMotion(
     ("change", "message"),
     [
         ({"names": ("neck", "neck")}, "Several joints are called 'neck'"),
-        ({"turns": _SOUND.turns + 1e6}, "turns of the joint 'hips' are not rotations"),
+        ({"turns": _SOUND.turns + 1e6}, "matrices of the joint 'hips' are not rotations"),
         ({"turns": _SOUND.turns * 1e300}, "are not rotations"),
         ({"turns": -_SOUND.turns}, "are not rotations"),
         ({"turns": np.full((4, 2, 3, 3), np.nan)}, "are not rotations"),

@@ -118,8 +118,8 @@ def test_a_motion_of_another_layout_is_refused_where_smpl_is_expected_by_both_na
     ("change", "message"),
     [
         ({"joint_parents": np.array([-1, 3, 0, 2])}, "not a tree"),
-        ({"joint_parents": np.array([-1.0, np.nan, 0, 2])}, "do not make a layout|not a layout"),
-        ({"joint_names": np.array(["hips", "spine", "tail1"])}, "do not make a layout|not a layout"),
+        ({"joint_parents": np.array([-1.0, np.nan, 0, 2])}, "are not a valid layout|not a layout"),
+        ({"joint_names": np.array(["hips", "spine", "tail1"])}, "are not a valid layout|not a layout"),
         ({"poses": np.zeros((5, 156), np.float32)}, "of the layout tailed"),
     ],
 )

@@ -106,7 +106,7 @@ def test_the_camera_without_calibration_is_named(tmp_path: Path) -> None:
     write_trial(tmp_path, frames=3, names=["cam01", "cam02", "cam03"], calibrated=["cam1", "cam2", "cam3"])
     calibration = tmp_path / "calibration" / "Calib.toml"
     calibration.write_text(calibration.read_text().split('["cam3"]')[0])
-    with pytest.raises(CalibrationMismatch, match="cam03 is recorded and not calibrated") as found:
+    with pytest.raises(CalibrationMismatch, match="cam03 is recorded but not calibrated") as found:
         load_capture(tmp_path)
     assert "--camera" not in found.value.hint and "out of the folder" in found.value.hint
 

@@ -152,8 +152,8 @@ def test_bad_input_is_named(prior: PoseNDF, tmp_path: Path) -> None:
         ({"field_size": SIZE}, {"encoder_w0": np.zeros((21, 6, 4))}, r"encoder_w0.*\(21, 6, 4\), not \(21, 5, 7\)"),
         ({"field_size": SIZE}, {"field_b1": np.full(16, np.nan)}, "field_b1.*not numbers"),
         ({}, {}, "do not state the network's size"),
-        ({"field_size": SIZE, "body_joints": ["pelvis"]}, {}, "another body"),
-        ({"field_size": SIZE, "version": 99}, {}, "version 99, this reads 1"),
+        ({"field_size": SIZE, "body_joints": ["pelvis"]}, {}, "a body with other joints"),
+        ({"field_size": SIZE, "version": 99}, {}, "version 99, but 1 is needed"),
     ],
 )
 def test_weights_that_do_not_fit_are_named(tmp_path: Path, metadata, changed, message) -> None:

@@ -290,7 +290,7 @@ def test_a_model_of_another_version_is_refused_by_its_hash_or_its_outputs(litert
     ):
         litert_pose.LiteRtHands({"model": str(tmp_path / "other.tflite")})
     (tmp_path / "other.tflite").write_bytes(b"with other outputs")
-    with pytest.raises(Refused, match=r"hold \[1, 63, 1, 63\] numbers, but \[63, 1, 1\] are expected"):
+    with pytest.raises(Refused, match=r"have \[1, 63, 1, 63\] numbers, but the first ones must have \[63, 1, 1\]"):
         litert_pose.LiteRtHands({"model": str(tmp_path / "other.tflite")})
 
 

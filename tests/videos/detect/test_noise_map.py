@@ -80,10 +80,10 @@ def test_other_files_are_refused(tmp_path: Path, text: str) -> None:
 def test_values_that_cannot_be_are_refused(tmp_path: Path) -> None:
     good = NoiseMap("d", np.array([0.2, 0.9]), np.array([20.0, 5.0])).as_dict()
     for change, why in (
-        ({"sigma_mm": [5.0, -1.0]}, "must lie above 0"),
-        ({"sigma_mm": [20.0, 1e9]}, "10000 at most"),
+        ({"sigma_mm": [5.0, -1.0]}, "must be above 0"),
+        ({"sigma_mm": [20.0, 1e9]}, "at most 10000"),
         ({"sigma_mm": [5.0, 20.0]}, "rises with the confidence"),
-        ({"confidence": [0.9, 0.2]}, "do not ascend"),
+        ({"confidence": [0.9, 0.2]}, "not in ascending order"),
         ({"sigma_mm": [1.0]}, "2 confidences and 1 values"),
         ({"sigma_mm": [], "confidence": []}, "has 0 steps"),
         ({"sigma_mm": "none"}, "sigma_mm is not a list of finite numbers"),

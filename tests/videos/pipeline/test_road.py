@@ -131,7 +131,7 @@ def test_cameras_are_calibrated_where_no_calibration_is(
 ) -> None:
     found, out = look_through(session), tmp_path / "out"
     [plan] = planned(found, out)
-    with pytest.raises(NoDetections, match="15 pictures, but 30 are needed"):
+    with pytest.raises(NoDetections, match="Only 15 pictures show the person to two cameras, but 30 are needed"):
         run_take(found, plan, settings(tmp_path))
     left = ["detections", "pictures", "road.json", "steps.json", "sync.json"]
     assert sorted(path.name for path in out.iterdir()) == left

@@ -93,7 +93,7 @@ def test_speeds_tell_the_clocks_without_calibration() -> None:
 def test_cameras_in_step_stay_in_step() -> None:
     take, _ = filmed([0.0] * 4, [0.0] * 4, seconds=5.0)
     told = in_step(clocks_by_geometry(take, 2.0), FPS)
-    assert (told.offset_s == 0).all() and (told.rate == 0).all() and "in step" in told.method
+    assert (told.offset_s == 0).all() and (told.rate == 0).all() and "in sync" in told.method
 
 
 @pytest.mark.parametrize(
@@ -213,7 +213,7 @@ def test_moments_lie_in_all_videos_and_between_pictures_is_linear() -> None:
 
 
 def test_an_unknown_way_has_a_name() -> None:
-    with pytest.raises(CommandLineInvalid, match="not a way to synchronise"):
+    with pytest.raises(CommandLineInvalid, match="not a synchronisation method"):
         synchronise([], None, "smell")
 
 

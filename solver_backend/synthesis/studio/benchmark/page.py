@@ -57,7 +57,10 @@ def page_html(out: Path, name: str, verdicts: Sequence[Verdict], places: Sequenc
         low = min((float(np.nanmin(p.error_mm)) for p in located), default=0.0)
         high = max((float(np.nanpercentile(p.error_mm, 95)) for p in located), default=1.0)
         drawn = "".join(place_map(p, low, high) for p in places)
-        lead = "Error of triangulated keypoints at each place of the floor, seen from above. Triangles are cameras."
+        lead = (
+            "The maps show the error of triangulated keypoints at each position on the floor, seen from above. "
+            "Triangles are cameras."
+        )
         parts.append(section("By place", drawn, lead, "places"))
     style = Path(report_page.__file__).with_name("page.css").read_text(encoding="utf-8")
     allowed = base64.b64encode(sha256(style.encode()).digest()).decode()
@@ -102,7 +105,7 @@ def place_map(places: PlaceErrors, low_mm: float, high_mm: float) -> str:
         corners += [(x - 12, y - 12), (x + 12, y + 12)]
         drawn.append(f'<path d="M{x - 6:.0f} {y + 5:.0f}h12l-6 -11z" fill="currentColor"/>')
     median = places.median_mm
-    message = "nobody is located anywhere" if median is None else f"median {median:.1f} mm over the floor"
+    message = "no keypoint can be triangulated" if median is None else f"median {median:.1f} mm over the floor"
     low, size = np.min(corners, axis=0), np.ptp(corners, axis=0)
     return (
         f"<figure><svg viewBox='{low[0]:.0f} {low[1]:.0f} {size[0]:.0f} {size[1]:.0f}' "

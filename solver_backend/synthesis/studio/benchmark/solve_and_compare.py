@@ -63,7 +63,7 @@ def solve_and_compare(
     unknown = sorted(set(methods) - {*METHOD_NAMES, YARDSTICK})
     if unknown:
         known = ", ".join((*METHOD_NAMES, YARDSTICK))
-        raise CommandLineInvalid(f"There is no method {', '.join(unknown)}.", hint=f"Known are {known}.")
+        raise CommandLineInvalid(f"There is no method {', '.join(unknown)}.", hint=f"Known methods: {known}.")
     spec, records = read_data_set(out)
     touched = {"views": spec.perturb.of_views or not spec.perturb.of_markers, "markers": spec.perturb.of_markers}
     chosen = sources or [source for source, perturbed in touched.items() if perturbed]

@@ -253,7 +253,7 @@ def test_wrong_batches_are_named(captures: Path, solver: Solver, tmp_path: Path)
     with pytest.raises(BatchInvalid, match="contains no captures"):
         run_batch(BatchRequest(captures / "a folder", tmp_path / "out"), silent)
     (captures / "good").mkdir()
-    with pytest.raises(BatchInvalid, match="Two captures are called good"):
+    with pytest.raises(BatchInvalid, match="Several captures have the same name: good"):
         run_batch(BatchRequest(captures, tmp_path / "out"), silent)
     (tmp_path / "job.json").write_text('{"camera": "hall=cam01"}')
     with pytest.raises(BatchInvalid, match=r"camera is 'hall=cam01', but a list of RECORDED=CALIBRATED is expected"):
@@ -262,8 +262,8 @@ def test_wrong_batches_are_named(captures: Path, solver: Solver, tmp_path: Path)
     with pytest.raises(BatchInvalid, match="cannot contain capture"):
         run_batch(BatchRequest(captures, tmp_path / "out", tmp_path / "job.json"), silent)
     for wrong, message in (
-        ('{"settings": [1]}', "an object of settings is expected"), ('{"settings": {"accept": "x"}}', "list of codes"),
-        ('{"strict": 5}', "strict is true or false"),
+        ('{"settings": [1]}', "must be an object with settings"), ('{"settings": {"accept": "x"}}', "list of codes"),
+        ('{"strict": 5}', "strict must be true or false"),
     ):  # fmt: skip
         (tmp_path / "job.json").write_text(wrong)
         with pytest.raises(BatchInvalid, match=message):

@@ -52,7 +52,7 @@ def test_a_capture_that_changes_arrives_again_and_a_second_of_its_name_is_told_o
     (captures / "a").mkdir()
     (captures / "a" / "frame.json").write_text("{}")
     assert source.arrived() == []
-    assert source.notes() == ["a is not done: a.npz is called the same."]
+    assert source.notes() == ["a is skipped, because a.npz has the same name."]
 
 
 @pytest.mark.parametrize("given", [[], ["captures", "--watch", "captures"]])

@@ -36,7 +36,7 @@ _CHOICES = {
 }
 _SIZES = range(16, 4097)  # Allowed side lengths of an input in pixels.
 _LARGEST = 1e6  # Largest number in a description. Chosen by hand.
-HINT = "See the page on detectors that you add, which has a complete example."
+HINT = "See docs/how-to/add-a-detector.md, which has a complete example."
 
 
 def read_description(given: dict[str, Any]) -> dict[str, Any]:
@@ -146,7 +146,7 @@ class DescribedPose(TopDown):
                     points[:, i] = rows[:, columns.index(name)]
             points[:, :2] *= np.array(self.size) if told["unit"] == "shares" else 1.0
         if len(points) not in self._counts:
-            raise ValueError(f"{len(points)} points, and the joint set has {' or '.join(map(str, self._counts))}")
+            raise ValueError(f"{len(points)} points, but the joint set has {' or '.join(map(str, self._counts))}")
         if told["score"] == "logit":
             points[:, 2] = 1.0 / (1.0 + np.exp(-np.clip(points[:, 2], -60.0, 60.0)))
         points[:, 2] = np.clip(points[:, 2], 0.0, 1.0)

@@ -50,7 +50,7 @@ class LiteRtModel:
         self._out = [output["index"] for output in outputs]
         found = [int(np.prod(output["shape"])) for output in outputs]
         if found[: len(widths)] != widths:
-            message = f"The outputs of {self.name} hold {found} numbers, but {widths} are expected first."
+            message = f"The outputs of {self.name} have {found} numbers, but the first ones must have {widths}."
             raise Refused("detector_outputs_unknown", message)
 
     def run(self, picture: np.ndarray) -> list[np.ndarray]:
@@ -150,7 +150,7 @@ class LiteRtPose:
         beside = path.with_name(DETECTOR_FILE)
         if not beside.is_file():
             message = f"The person detector {DETECTOR_FILE} is not in the folder of {path.name}."
-            hint = f"Leave the model in the folder that npm pack {PACKAGE.replace(' ', '@')} and tar make."
+            hint = f"Keep the model in the folder that npm pack {PACKAGE.replace(' ', '@')} and tar create."
             raise Refused("detector_missing", message, hint)
         widths = [_ALL_POINTS * _NUMBERS, 1, SIDE * SIDE, _HEAT * _HEAT * _ALL_POINTS]
         self._landmarks = LiteRtModel(path, LANDMARKS, PACKAGE, widths)

@@ -51,7 +51,7 @@ def test_scheduler_and_workers_listen_on_the_loopback_address_alone(tmp_path: Pa
 
 @pytest.mark.parametrize("address", ["tcp://10.0.0.5:8786", "render1:8786", "tcp://[2001:db8::1]:8786", "0.0.0.0:1"])
 def test_another_host_without_tls_is_refused(address: str, tmp_path: Path) -> None:
-    with pytest.raises(SchedulerUnsafe, match="another host and not encrypted"):
+    with pytest.raises(SchedulerUnsafe, match="another host is not encrypted"):
         require_safe(address)
     (tmp_path / "scheduler.json").write_text(f'{{"address": "{address}"}}')
     with pytest.raises(SchedulerUnsafe):
@@ -81,7 +81,7 @@ def test_tls_without_certificates_is_named(tmp_path: Path, capfd: pytest.Capture
     command = ["batch", str(tmp_path / "captures"), "--out", str(tmp_path / "out"), "--json"]
     assert main([*command, "--scheduler", "tls://127.0.0.1:1"]) == 3
     found = capfd.readouterr().out
-    assert "scheduler_unsafe" in found and "no certificates are given" in found and "--tls FOLDER" in found
+    assert "scheduler_unsafe" in found and "no certificates were given" in found and "--tls FOLDER" in found
 
 
 @pytest.fixture
