@@ -80,7 +80,7 @@ def _athletic(vertices: Array, faces: Array, mirror: Array, material: Array) -> 
     shoe = mesh.draw(_shoe_collar, 0.009, _GAP_M)
     sole = mesh.draw(_sole, 0.0, _GAP_M)
     mesh.even_out(3)
-    bare = own == SKIN  # eyes, lips and nails of fingers stay
+    bare = (own == SKIN) | (own == NAIL) & shoe.inside  # eyes, lips and nails of fingers stay
     shirt, shorts = collar.inside & sleeve.inside & waist.inside, leg.inside & ~waist.inside
     for chosen, number in (
         (brow.near | hair.inside, HAIR),
@@ -93,7 +93,7 @@ def _athletic(vertices: Array, faces: Array, mirror: Array, material: Array) -> 
         (shoe.inside | shoe.edge, SHOE),
         (sole.inside, SOLE),
     ):
-        own[chosen & (bare | (own == NAIL) & shoe.inside)] = number
+        own[chosen & bare] = number
     at = half.whole()
     dressed = _dress(half, at, half.marks(shirt), half.marks(shorts), half.marks(sock.inside & ~shoe.inside))
     dressed = _shod(half, dressed, half.marks(shoe.inside), half.marks(sole.inside))
