@@ -1,13 +1,13 @@
 """Show a body in one of its looks. A look has a material per face and, for the bundled body, a shape key.
 
-A new body shows the suit, which is the skin that the solver uses. Integer attributes keep the faces' materials in each
-look, so that a file can switch looks without the body file. Each look creates its materials when it is first shown,
-and keeps the user's changes to them.
+A new body shows the suit, which is the skin that the solver uses. The material slots belong to the shown look. Each
+other look is stored in the mesh, as an integer attribute of its faces and a custom property with its slots. A file can
+therefore switch looks without the body file, and each look keeps the user's changes to slots, materials and faces.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import bpy
 import numpy as np
@@ -59,8 +59,7 @@ _COLOURS = (
 )  # fmt: skip
 _SEGMENTS = tuple(_Paint(name, (*colour, 1.0)) for name, colour in zip(SEGMENTS, _COLOURS, strict=True))
 _PAINTS = {PERSON_LOOK: _PERSON, SUIT_LOOK: _PERSON, MANNEQUIN: _MANNEQUIN, SEGMENTS_LOOK: _SEGMENTS}
-_SHOWN, _READY = "look", "looks"  # Custom properties of a mesh: the look that it shows, and those with materials.
-_SLOTS = "look_slots"  # Custom property: the material of each stored slot number, 0 for none.
+_SHOWN = "look"  # Custom property of a mesh: the look that it shows.
 
 
 def add_looks(mesh: bpy.types.Object, body: BodyFile, materials: np.ndarray) -> None:
@@ -69,8 +68,7 @@ def add_looks(mesh: bpy.types.Object, body: BodyFile, materials: np.ndarray) -> 
     for look, of_faces in zip(LOOKS, materials, strict=True):
         attribute = data.attributes.new(_attribute(look), "INT", "FACE")
         attribute.data.foreach_set("value", of_faces.astype(np.int32))
-    data[_READY] = []
-    _paint(data, SUIT_LOOK)
+    _paint(mesh, SUIT_LOOK)
     basis = positions(data.shape_keys.reference_key.points)
     for look, name in LOOK_KEYS.items():
         moved = offsets_of(body, look)
@@ -99,8 +97,8 @@ def show_look(mesh: bpy.types.Object, look: str) -> None:
         for name in data.shape_keys.get(FACE, ()):
             if name in keys:
                 keys[name].mute = look == MANNEQUIN
-    if data.get(_SHOWN) != look or look not in data[_READY]:  # otherwise the faces may have the user's materials
-        _paint(data, look)
+    if data.get(_SHOWN) != look:
+        _paint(mesh, look)
 
 
 def look_of(mesh: bpy.types.Object) -> str:
@@ -115,72 +113,44 @@ def looks_of(mesh: bpy.types.Object) -> list[str]:
     return [look for look in LOOKS if not fixed and _attribute(look) in data.attributes]
 
 
-def _paint(data: bpy.types.Mesh, look: str) -> None:
-    """Assign a look's materials to the polygons, and store the materials of the previous look."""
-    before, faces = data.get(_SHOWN, look), np.empty(len(data.polygons), np.int32)
-    _follow_slots(data)
-    if before != look and (kept := data.attributes.get(_attribute(before))) is not None:
+def _paint(mesh: bpy.types.Object, look: str) -> None:
+    """Store the materials of the shown look, and show the stored or new materials of another one."""
+    data, faces = mesh.data, np.empty(len(mesh.data.polygons), np.int32)
+    if (before := data.attributes.get(_attribute(look_of(mesh)))) is not None:
         data.polygons.foreach_get("material_index", faces)
-        kept.data.foreach_set("value", faces)
-    stored = data.attributes[_attribute(look)].data
-    stored.foreach_get("value", faces)
-    if look not in data[_READY]:
-        slots = {material.name.split(".")[0]: k for k, material in enumerate(data.materials) if material is not None}
+        before.data.foreach_set("value", faces)
+        slots = enumerate(mesh.material_slots)
+        data[before.name] = {f"{k} {slot.link}": slot.material or 0 for k, slot in slots}  # 0 is an empty slot
+    data.attributes[_attribute(look)].data.foreach_get("value", faces)
+    slots = data.get(_attribute(look))
+    if slots is None:
         used, faces = np.unique(faces, return_inverse=True)
-        for paint in (_PAINTS[look][index] for index in used.tolist()):
-            if paint.name not in slots:
-                slots[paint.name] = len(data.materials)
-                data.materials.append(_create(paint))
-        faces = np.array([slots[_PAINTS[look][index].name] for index in used.tolist()], np.int32)[faces]
-        stored.foreach_set("value", faces)
-        data[_READY] = [*data[_READY], look]
-    data.polygons.foreach_set("material_index", faces)
-    data[_SHOWN], data[_SLOTS] = look, {str(k): material or 0 for k, material in enumerate(data.materials)}
+        known = {m.name.split(".")[0]: m for other in LOOKS for m in data.get(_attribute(other), {}).values() if m}
+        paints = [_PAINTS[look][index] for index in used.tolist()]
+        slots = {f"{k} DATA": known.get(paint.name) or _create(paint) for k, paint in enumerate(paints)}
+    data.materials.clear()
+    for name, material in slots.items():
+        data.materials.append(material or None)
+        slot = mesh.material_slots[-1]
+        slot.link, slot.material = name.split()[1], material or None
+    data.polygons.foreach_set("material_index", faces.astype(np.int32))
+    data[_SHOWN] = look
     data.update()
-
-
-def _follow_slots(data: bpy.types.Mesh) -> None:
-    """Update the stored slot numbers to the current slots, and restore slots that the user removed."""
-    now = [material or 0 for material in data.materials]
-    stored = data.get(_SLOTS, {})
-    former = [stored[str(k)] or 0 for k in range(len(stored))]
-    slots = np.arange(len(former), dtype=np.int32)
-    for k, material in enumerate(former):
-        if k < len(now) and now[k] == material:
-            continue
-        if material in now:
-            slots[k] = now.index(material)
-        elif len(now) < len(former) or now[k] in former:  # otherwise the slot has another material
-            slots[k] = len(data.materials)
-            data.materials.append(material or None)
-    for name in map(_attribute, data[_READY] if (slots != np.arange(len(slots))).any() else ()):
-        if (attribute := data.attributes.get(name)) is not None:
-            faces = np.empty(len(data.polygons), np.int32)
-            attribute.data.foreach_get("value", faces)
-            attribute.data.foreach_set("value", slots[np.minimum(faces, len(slots) - 1)])
 
 
 def _attribute(look: str) -> str:
     return f"look_{look}"
 
 
-def drop_unused(mesh: bpy.types.Object) -> None:
-    """Remove unused materials and the stored data of other looks from a mesh that has its own data."""
+def keep_shown(mesh: bpy.types.Object) -> None:
+    """Move the materials of a mesh with its own data to the data, and remove the other looks."""
     for slot in mesh.material_slots:
         material, slot.link = slot.material, "DATA"
         slot.material = material
-    data: Any = mesh.data
-    data.pop(_SLOTS, None)
-    faces = np.empty(len(data.polygons), np.int32)
-    data.polygons.foreach_get("material_index", faces)
-    used, faces = np.unique(faces, return_inverse=True)
-    for index in reversed(range(len(data.materials))):
-        if index not in used:
-            data.materials.pop(index=index)
-    data.polygons.foreach_set("material_index", faces.astype(np.int32))
-    for look in LOOKS:
-        if (attribute := data.attributes.get(_attribute(look))) is not None:
-            data.attributes.remove(attribute)
+    for name in map(_attribute, LOOKS):
+        mesh.data.pop(name, None)
+        if (attribute := mesh.data.attributes.get(name)) is not None:
+            mesh.data.attributes.remove(attribute)
 
 
 def _create(paint: _Paint) -> bpy.types.Material:

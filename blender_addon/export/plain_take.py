@@ -20,7 +20,7 @@ from ..body.controls.limbs import NAMES, ROOT
 from ..body.controls.wiring import FOLLOW
 from ..body.correctives import CORRECTIVES
 from ..body.layout import is_finger
-from ..body.looks import drop_unused
+from ..body.looks import keep_shown
 from ..body.shape import all_sliders, shaped_vertices
 from ..conventions.skeleton import BodyLayout, layout_of
 from ..conventions.timing import scene_frame_rate
@@ -59,7 +59,7 @@ def _copy_skin(
     if keys in bpy.data.shape_keys:  # before Blender 5 they outlive their mesh
         bpy.data.batch_remove((bpy.data.shape_keys[keys],))
     mesh.data.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
-    drop_unused(mesh)
+    keep_shown(mesh)
     mesh.data.update()
     mesh.parent = armature
     for joint in (name for name in layout.joints if name in armature.data.bones):

@@ -8,7 +8,10 @@ import bpy
 import pytest
 
 from blender_addon.animation.curves import current_action
+from blender_addon.body.rig import Rig
+from blender_addon.conventions.naming import MANNEQUIN, SEGMENTS_LOOK, SUIT_LOOK
 from blender_addon.ui.operators.import_results import take_capture, take_motion
+from tests.support.looks import look_of
 from tests.support.mixamo_rig import mixamo_rig
 from tests.support.narrow_layout import draw_panel
 from tests.support.shown_panels import panels_of_all_stages
@@ -65,3 +68,32 @@ def test_each_step_is_undone_and_redone(solved, tmp_path: Path) -> None:
         assert state() == wanted
     assert bpy.ops.mocap.export_take(filepath=str(tmp_path / "again.bvh"), format="bvh") == {"FINISHED"}
     assert (tmp_path / "again.bvh").read_bytes() == (tmp_path / "take.bvh").read_bytes()
+
+
+def test_a_changed_look_is_undone(mocap, rig: Rig) -> None:
+    """Undo restores the look of the scene and of the body, and the user's own slot."""
+    bpy.context.preferences.edit.use_global_undo = True
+    name, own = rig.mesh.name, bpy.data.materials.new("Mine").name
+    rig.mesh.data.materials.append(bpy.data.materials[own])
+    rig.mesh.data.polygons[5].material_index = len(rig.mesh.data.materials) - 1
+    mocap.look = SUIT_LOOK
+    step("own material")
+
+    def shown() -> tuple[object, ...]:
+        mesh = bpy.data.objects[name]
+        keys, slots = [key.value for key in mesh.data.shape_keys.key_blocks], [m.name for m in mesh.data.materials]
+        faces = [slots[face.material_index] for face in mesh.data.polygons]
+        return bpy.context.scene.mocap.look, look_of(mesh), faces, slots, keys
+
+    states = [shown()]
+    for look in (MANNEQUIN, SEGMENTS_LOOK, SUIT_LOOK):
+        bpy.context.scene.mocap.look = look
+        step("Look")
+        states.append(shown())
+    assert states[0] == states[3] and states[0][2][5] == own
+    for wanted in states[2::-1]:
+        bpy.ops.ed.undo()
+        assert shown() == wanted
+    for wanted in states[1:]:
+        bpy.ops.ed.redo()
+        assert shown() == wanted
