@@ -15,7 +15,7 @@ from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.types import Cameras
 
 LEAST_BONE_NOISE, UNRELATED_BONES, BONE_OUTLIERS = 0.03, 0.35, 0.3
-"""Logarithms of bone lengths: smallest noise, noise of bones that are not rigid, and their outlier rate and density."""
+"""Standard deviations of log bone lengths (smallest, and for non-rigid bones), and the outliers' rate and density."""
 BONES = (
     ("shoulder", "hip", 0.50), ("hip", "knee", 0.42), ("knee", "ankle", 0.42), ("shoulder", "elbow", 0.29),
     ("elbow", "wrist", 0.25), ("ankle", "big_toe", 0.18),
@@ -69,7 +69,7 @@ def judge_body(evidence: TakeEvidence, reading: Reading, effect: float | None = 
     ``handed`` (toes, knees and faces point forward), ``in front`` (of the cameras) and ``inside`` (the images).
 
     Args:
-        effect: number of bone lengths per independent one, by default estimated here. Compared interpretations need the
+        effect: number of bone lengths per independent length, estimated if not given. Compared interpretations need the
             same value, because smaller errors are correlated more strongly within a pose.
     """
     points, behind = triangulate_rays(evidence, reading)
@@ -114,7 +114,7 @@ def _lengths(place: dict[str, np.ndarray]) -> tuple[list[np.ndarray], np.ndarray
 
 
 def _rigid(evidence: TakeEvidence, off: np.ndarray) -> tuple[float, float]:
-    """Return the log-likelihood of log lengths (bones, P) around their medians, and lengths per independent one.
+    """Return the log-likelihood of log lengths (bones, P) around their medians, and lengths per independent length.
 
     The log-likelihood of a single pose is 0.
     """
@@ -225,7 +225,7 @@ def triangulate_rays(evidence: TakeEvidence, reading: Reading) -> tuple[np.ndarr
 
 
 def _meeting_points(rows: np.ndarray, weight: np.ndarray, matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the points (P, J, 3) nearest to their rays, and their coordinates (V, P, J, 3) in each camera."""
+    """Return the (P, J, 3) points nearest to their rays, and their (V, P, J, 3) coordinates in each camera."""
     weighted = rows * weight[..., None, None] ** 2
     normal = np.einsum("vpjac,vpjad->pjcd", rows[..., :3], weighted)
     normal[..., :3] += 1e-9 * np.eye(3)  # unseen points

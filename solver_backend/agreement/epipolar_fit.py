@@ -26,9 +26,11 @@ from solver_backend.types import Cameras, Keypoints2D
 FACTOR_SPREAD, TURN_SPREAD_RAD = 0.3, 0.005  # Prior deviations of the factor's logarithm and of a camera's rotation.
 OFF_PERSON = 0.006  # Smallest deviation of detections relative to the person's image size, for a still person.
 MOMENTS = 6
-"""Number of independent frames in a take, chosen so that ten simulated takes vary as their deviations state."""
+"""Number of independent frames in a take, chosen so that the estimated deviations match the scatter of ten takes."""
 CONVERGED = 1e-3
-"""Largest last step. Lengths and rotations are correlated, so a step removes a quarter of the error. 16 are usual."""
+"""Largest final step. Focal lengths and rotations are correlated, so a step removes only a quarter of the error.
+Usually 16 steps are needed.
+"""
 FRAMES = 24  # Frames to sample.
 EPIPOLE_ANGLE = np.radians(20.0)  # Smallest angle between a ray and the line through two cameras.
 SEEN = 0.3  # Smallest confidence of a keypoint. Larger ones bring recorded takes closer to their true lenses.
@@ -41,7 +43,7 @@ lenses (k1 from -0.32 to 0.2) reach 4.7. Undistorted pixels reach 9 to 33 if a p
 of distortion. 1 to 2 px in the image centre cannot be detected."""
 LEFT_SHARE = 0.3, 0.1
 """Smallest share of the factor that remains without any one camera, and mean share of the gain. If cameras follow a
-poster or a passer-by, less than nothing remains. For wrong lenses it is 0.22 and more."""
+poster or a passer-by, the remaining share is negative. For wrong lenses it is at least 0.22."""
 USUAL_K1 = -0.3, -0.15, 0.15  # Distortion coefficients to try if the calibration has none.
 _CAUCHY, _STEP = 2.0, 1e-6  # Scale of the weights in standard deviations, and step of numerical derivatives.
 
@@ -81,7 +83,7 @@ class ComparedViews:
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D) -> ComparedViews | None:
-        """Return up to ``EACH`` cameras in any unit and ``FRAMES`` frames, or None if there are too few cameras."""
+        """Return the views of up to ``EACH`` cameras in ``FRAMES`` frames, or None if there are too few cameras."""
         if len(cameras) < LEAST_CAMERAS or not keypoints.num_frames:
             return None
         chosen = np.unique(np.linspace(0, len(cameras) - 1, EACH).astype(int))
@@ -92,7 +94,7 @@ class ComparedViews:
 
     @cached_property
     def fit(self) -> EpipolarFit | None:
-        """Fit of the views, None if too little is visible or it does not converge."""
+        """Fit the views. Return None if too little is visible or the fit does not converge."""
         spreads = _spreads(1 + 3 * len(self.cameras))
         least = OFF_PERSON * float(np.nan_to_num(quantile(extent(self.xy), 0.5, (0, 1))))
         x = np.zeros(len(spreads))
@@ -148,7 +150,7 @@ class ComparedViews:
     def _off_epipoles(self) -> np.ndarray:
         """(C, C, F, J) mask of points with rays at a sufficient angle to the line through two cameras.
 
-        Near an epipole every point is near its epipolar line for any lens, as for opposite cameras of a ring.
+        Near an epipole, every point is near its epipolar line for any lens. Opposite cameras of a ring show this.
         """
         ways = _rays(self.cameras, self.xy, 0.0) @ self.cameras.R[:, None]
         ways = ways / np.linalg.norm(ways, axis=-1, keepdims=True)
@@ -163,7 +165,7 @@ class ComparedViews:
 
     @cached_property
     def _pixels_per_direction(self) -> np.ndarray:
-        """(C, F, J) pixels per unit of direction at each point, because lenses have another scale at their edge."""
+        """(C, F, J) pixels per unit of direction at each point, because a lens changes its scale towards the edge."""
         n, cameras = undistort(self.cameras, self.xy), self.cameras
         _, _, (xx, cross, yy) = distorted(n[..., 0], n[..., 1], cameras.distortion, cameras.models)
         focal = 0.5 * np.trace(cameras.K[:, :2, :2], axis1=1, axis2=2)

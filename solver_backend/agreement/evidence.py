@@ -348,7 +348,7 @@ class TakeEvidence:
         return float((seen * self.weight[:, None]).sum()) * share
 
     def design_effect(self, reading: Reading) -> float:
-        """Return the number of distances per independent one.
+        """Return the number of distances per independent distance.
 
         Errors common to a pose, and constant offsets of a joint, count as one observation each (Kish 1965).
         """

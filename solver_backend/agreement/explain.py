@@ -38,12 +38,12 @@ from solver_backend.types import Cameras
 BEAM, MOST_FAULTS = 5, 2  # Interpretations kept in the search, and largest number of faulty cameras.
 MOVED_OF = 2  # Number of best interpretations from which a moved camera is searched, because each needs a fit.
 JUDGED, SHORTLIST = 14, 28
-"""Number of most likely interpretations to triangulate, and number to rank with all poses, after a ranking with few."""
+"""Numbers of the most likely interpretations to triangulate, and to rank with all poses after a ranking with few."""
 AS_NOISY = 1.15  # Largest ratio of noise at which the simpler of two interpretations with one body wins.
 AS_EXACT = 0.2
-"""Largest deficit of the mean log density of a fitted view in nats, or a noise ratio of 1.2. It separates 48 simulated
-moved cameras of eight tuning takes, with at most 0.18, from 21 of 24 cameras of another, with at least 0.23. The other
-three have less."""
+"""Largest deficit in the mean log density of a fitted view, in nats. It corresponds to a noise ratio of 1.2. It
+separates 48 simulated moved cameras of eight tuning takes (at most 0.18) from 21 of 24 cameras of another take (at
+least 0.23)."""
 AGREED_NOISE, AGREED_TIMES, AGREED_OUTLIERS = 0.035, 1.6, 0.15
 """Limits for agreeing pairs of views: noise in person sizes, ratio to the best pair, and outlier rate."""
 AGREED_BODY = {"upright": -6.0, "handed": -8.0}
@@ -113,7 +113,7 @@ def explain(
     """Search the interpretation of C views. The literal one is kept unless another one is certain.
 
     Args:
-        names_stated: the user states the camera names, so that swapped names are not tried.
+        names_stated: true if the user states the camera names. Swapped names are then not tried.
         rows: faults to try. Conventions of all files are tried only with ``ROWS``.
     """
     evidence = TakeEvidence(cameras, detections)
@@ -161,7 +161,7 @@ class _Search:
         return [candidate for key in asked for candidate in self._proposed[key]]
 
     def search(self) -> list[Reading]:
-        """Return interpretations by likelihood: first common to all cameras, then two rounds of single cameras."""
+        """Return interpretations by likelihood. Try changes to all cameras first, then two rounds of single cameras."""
         self.quick.suspects = self.scout.suspects = self._suspects()
         everybody = len(self.quick.suspects) == self.quick.views
         common = [self.written, *(conventions(self.scout, self.written) if self.is_whole and everybody else ())]
@@ -231,7 +231,7 @@ class _Search:
         return one.total - other.total - self.luck(one, other)
 
     def agrees_without(self, left_out: tuple[int, ...] = ()) -> bool:
-        """Return whether the views except ``left_out`` agree literally, and the body is upright and not mirrored."""
+        """Return whether the views except ``left_out`` agree as the files state, with an upright, unmirrored body."""
         pairs, noise = self._written_noise
         kept = np.array([not set(pair) & set(left_out) for pair in pairs])
         if not kept.any():
@@ -264,7 +264,7 @@ class _Search:
         return bool(noise.is_related.all())
 
     def _fits(self, reading: Reading) -> bool:
-        """Return whether views with fitted parameters agree with the others as well as these with each other.
+        """Return whether views with fitted parameters agree with the others as well as the others with each other.
 
         Fitted parameters also make views of another take agree, but less well.
         """

@@ -19,7 +19,7 @@ LEAST_DELAY, LONGEST_DELAY = 3, 30
 """Delays to try, in frames. The solve measures shorter ones, and ``find_starts`` handles longer ones."""
 SIDES_ODDS = 3000  # Odds against a detector that swaps left and right in all views of upright images.
 MOST_PERMUTED = 4
-"""Up to this number of suspects all orders of names are tried, beyond it only swaps of two."""
+"""Largest number of suspects for which all orders of names are tried. With more, only swaps of two are tried."""
 
 
 Row = Callable[[TakeEvidence, Reading], Iterator[Reading]]

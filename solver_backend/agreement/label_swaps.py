@@ -157,7 +157,7 @@ def _over_time(a: np.ndarray, b: np.ndarray, step_px: np.ndarray) -> np.ndarray:
 
 
 def _compared(kept: Sequence[np.ndarray], crossed: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return sums over the last axis of costs in the labelled and the swapped state, for keypoints with both costs."""
+    """Return the costs of the labelled and the swapped state, summed over the keypoints (last axis) that have both."""
     known = [np.isfinite(one) & np.isfinite(other) for one, other in zip(kept, crossed, strict=True)]
     return [
         sum((np.where(k, cost, 0.0).sum(-1) for cost, k in zip(costs, known, strict=True)), np.zeros(1))
@@ -166,7 +166,7 @@ def _compared(kept: Sequence[np.ndarray], crossed: Sequence[np.ndarray]) -> list
 
 
 def _penalty(squared: np.ndarray) -> np.ndarray:
-    """Return ``½ s² r² / (r² + s²)`` of squared distances r² in variances (Geman and McClure 1987)."""
+    """Return the robust cost ``½ s² r² / (r² + s²)`` of squared normalised distances r² (Geman and McClure 1987)."""
     scale = ROBUST_SIGMAS**2
     return 0.5 * scale * squared / (squared + scale)
 
@@ -204,7 +204,7 @@ def exclude_bystanders(
 ) -> CheckedViews[ViewRange]:
     """Exclude a view's detections in frames in which its detector confused a passer-by with the person.
 
-    An equal number of views or more may agree on a passer-by. Tracking both in space and in each view identifies the
+    As many views, or more, may agree on a passer-by as on the person. Tracks in space and in each view identify the
     person (see ``follow_people``). A single view is not excluded.
 
     Args:
@@ -219,7 +219,7 @@ def exclude_bystanders(
 
 
 def _bystander(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
-    """Return a (C, F) mask of frames in which a view shows another person, and another view shows anyone."""
+    """Return a (C, F) mask of frames in which a view shows a different person while some other view shows anyone."""
     everybody = Detections.of_people(cameras.names, [keypoints])
     sees = (keypoints.confidence > 0).any(axis=-1)
     try:

@@ -18,7 +18,9 @@ from solver_backend.types import Cameras, Keypoints2D
 USUAL_TIMES = 4.0  # Largest distance of a person's detection relative to the median.
 CLOSEST_M = 0.04  # Distance that is always accepted.
 ALONE_SHARE, STRANGE_SHARE = 0.95, 0.2
-"""A view is doubtful if this share of its frames shows one person, and at most this share of them is accepted."""
+"""A view is doubtful if the first share of its frames shows one person, and at most the second share of them is
+accepted.
+"""
 SURE_SHARE = 0.8  # Share of a track from which its unusually distant detections are accepted too.
 
 
@@ -133,8 +135,8 @@ def _accepted(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a (C, F, P) mask of the person's detections, and the number of matching keypoints of each.
 
-    A detection is accepted if its keypoints are as close as usual in this recording, and most of its track in the view
-    is too. The rest of their tracks identifies people who pass behind the person.
+    A detection is accepted if its keypoints and most of its track in the view are as close as usual in this recording.
+    The track distinguishes the person from people who pass behind.
     """
     frames = np.flatnonzero(near)
     distance, fit = np.full(others.shape, np.inf), np.zeros(others.shape)
@@ -173,7 +175,7 @@ class SelectedPerson:
 def select_people(
     cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent
 ) -> tuple[SelectedPerson, ...]:
-    """Return all people that two or more views show for long enough, with detections, the most agreed on first.
+    """Return all people whom two or more views show for long enough, the person with the best agreement first.
 
     The person to solve is chosen later. Notes and problems are attached to the first person, who is solved by default.
     A detection near two people is assigned to the better fit. A view that never shows two people is assigned to the
@@ -219,7 +221,7 @@ def _selected(
 def _merged(
     detections: Detections, accepted: np.ndarray, fit: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray]:
-    """Merge a person's detections: xy (C, F, K, 2), confidence (C, F, K), hands, and (C, F) main detection.
+    """Merge a person's detections into xy (C, F, K, 2), confidence (C, F, K), hands, and (C, F) main detection.
 
     A detector may find one person in two pieces. The best-fitting piece is completed with the next.
     """

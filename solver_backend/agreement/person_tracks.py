@@ -17,7 +17,7 @@ OVERLAP_S = 0.1  # Largest overlap of two pieces of one person after wrongly pai
 
 
 def persons(people: PeopleInSpace, tracks: np.ndarray, fps: float) -> list[np.ndarray]:
-    """Return the rows of ``people`` for each person over the frames. The person with the most agreement is first.
+    """Return each person's rows of ``people`` over the frames. The person with the most agreement is first.
 
     Agreement is the sum of (score - 1)² over the rows, so one frame in four views counts as nine in two. A person who
     never moves, such as a mannequin, has half the weight.

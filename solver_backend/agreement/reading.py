@@ -137,7 +137,7 @@ class PictureReading:
 
     @property
     def mirror_meaning(self) -> str:
-        """Return text for the fault of mirrored images. Empty if the images are not mirrored."""
+        """Return the text that describes mirrored images, empty if the images are not mirrored."""
         return MIRROR_MEANINGS[self.turn] if self.mirrored else ""
 
 
@@ -261,7 +261,7 @@ def _evenly_cut(sizes: np.ndarray, cameras: Cameras, detections: Detections, rea
 
 
 def unmirror(xy: np.ndarray, turn: int, size: np.ndarray) -> np.ndarray:
-    """Return pixels (..., 2) of mirrored and rotated images in the original images.
+    """Convert (..., 2) pixels of mirrored and rotated images to pixels of the original images.
 
     Args:
         turn: quarter turns clockwise, before the mirroring.
@@ -273,7 +273,7 @@ def unmirror(xy: np.ndarray, turn: int, size: np.ndarray) -> np.ndarray:
 
 
 def unturn(xy: np.ndarray, turn: int, size: np.ndarray) -> np.ndarray:
-    """Return pixels (..., 2) of images rotated clockwise in the original images.
+    """Convert (..., 2) pixels of images rotated clockwise to pixels of the original images.
 
     Args: as in ``unmirror``.
     """

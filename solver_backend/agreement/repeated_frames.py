@@ -45,7 +45,7 @@ def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
 
 
 STRAIGHT_PX, LEAST_FILLED = 0.02, 10
-"""Largest distance of interpolated keypoints from a line in files with two decimals, and fewest frames."""
+"""Largest distance in px of interpolated keypoints from a line in files with two decimals, and fewest frames."""
 
 
 def filled_frames(keypoints: Keypoints2D) -> np.ndarray:

@@ -41,7 +41,9 @@ LEAST_STRENGTH = 3.0
 """Smallest number of matching frames per camera, times the square of their share. Simulated synchronised cameras reach
 10 to 60, real ones with a poor calibration 5 to 20, unrelated cameras up to 1.9."""
 RIVAL_SHARE = 0.7
-"""Share of the best gain from which frame numbers win, or another offset, rate or interpretation is an alternative."""
+"""Smallest share of the best gain with which frame numbers win, and with which another offset, rate or interpretation
+counts as an alternative.
+"""
 NEAR_S = 0.35  # Offsets closer to the best one count as the same result. The period of walking is longer.
 COMMON_SHARE = 0.5  # Share of the shortest recording that all cameras must have in common, otherwise two of them.
 LEAST_READING = 1.0  # Smallest strength of an interpretation.
@@ -82,8 +84,9 @@ def _disagreements(cameras: Cameras, pair: tuple[int, int], a: _ViewPeople, b: _
     """Return (N, G) distances from 0 to 1 between people in N frames of one view and G frames of another, or NaN.
 
     With lines ``l = E x_a / |(E x_a)_12|`` the squared distance ``(x_b' l)^2`` is a product of the six numbers of ``l
-    l'`` and of ``x_b x_b'``. Its sum over the keypoints for all pairs of frames is one matrix product. The best person
-    of the second view counts, with ``d^2 / (d^2 + scale^2)`` (Hartley and Zisserman 2004, sec. 9.6 and 11.4).
+    l'`` and of ``x_b x_b'``. Its sum over the keypoints for all pairs of frames is one matrix product. Only the best
+    person of the second view counts, with cost ``d^2 / (d^2 + scale^2)`` (Hartley and Zisserman 2004, sec. 9.6 and
+    11.4).
     """
     i, j = pair
     R = cameras.R[j] @ cameras.R[i].T
@@ -412,7 +415,7 @@ def at_one_rate(detections: Detections, rates: Sequence[float]) -> Detections:
 
 
 def _moments(detections: Detections, c: int, rate: float) -> np.ndarray:
-    """Return the row of a camera, as a fraction, for every frame of the take."""
+    """Return the fractional row of a camera for every frame of the take."""
     length = detections.lengths[c] if detections.lengths else detections.num_frames
     return np.arange(int((length - 1) / rate) + 1) * rate
 

@@ -147,9 +147,10 @@ STRIDE = 3  # Frames between compared lags. Gauss-Newton steps refine them.
 LEAST_FRAMES = 24  # Shortest take in which delays are estimated.
 ROUNDS, SETTLED_FRAMES = 12, 0.02  # Most steps, and largest last step.
 MOTION_FRAMES, LEAST_MOTION, LEAST_MOVING = 4, 6.0, 3
-"""Smallest mean square, in variances, of a keypoint's motion over twice this number of frames, and fewest such
-keypoints. Detector noise alone gives 4 without smoothing, and 3.1 in takes of people who stand. With 4 instead of 6,
-two short synchronised recordings (30 frames) are reported as late, and one more delay is found in 15 takes."""
+"""Half the number of frames over which motion is measured, smallest mean square motion of a moving keypoint in
+variances, and fewest moving keypoints. Detector noise alone gives 4 without smoothing, and 3.1 in takes of people who
+stand. With 4 instead of 6, two short synchronised recordings (30 frames) are reported as late, and one more delay is
+found in 15 takes."""
 LEAST_DELAY_FRAMES, LEAST_SIGMAS = 0.3, 8.0
 """Smallest delay, and deviations of a certain delay or drift. Slow detector errors look like delays."""
 LEAST_DRIFT_FRAMES = 1.0  # Smallest drift that is reported without a prior.
@@ -263,7 +264,7 @@ class _Rays:
         return np.concatenate([flat, np.where(np.isfinite(flat[..., :1]), 1.0, np.nan)], axis=-1), size
 
     def _distances(self, i: int, j: int, one: tuple[np.ndarray, float], other: tuple[np.ndarray, float]) -> np.ndarray:
-        """Return signed distances (L, N, K) in person sizes, minus each keypoint's constant offset for each L."""
+        """Return signed distances (L, N, K) in person sizes, minus each keypoint's constant offset at each delay."""
         first, second = ((self.cameras.R[v], self.cameras.t[v]) for v in (i, j))
         found = epipolar_distances(first, second, *one, *other)
         known = np.isfinite(found)
@@ -292,8 +293,9 @@ class _Rays:
     def beats_in_step(self, late: np.ndarray) -> np.ndarray:
         """Return a (C,) mask of (C, N) delays that explain the views better than none, in most time blocks.
 
-        With slow movement the likelihood is flat, and its maximum is not significant although the slopes suggest it. A
-        view in one or two time blocks has no known deviation, so its delay must be testable and better than none.
+        With slow movement the likelihood is flat, and its maximum is not significant although the slopes suggest it.
+        The standard deviation is unknown for a view in one or two time blocks, so its delay must be testable and better
+        than none.
         """
         count = len(late)
         late = late - _median(late.mean(axis=1))

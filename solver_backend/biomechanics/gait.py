@@ -147,7 +147,7 @@ def _events_of_foot(
 
 
 def _landings(fall: np.ndarray, first: int, fps: float) -> list[float]:
-    """Return the frame, with its fraction, where a heel first stops falling after frame ``first``, or nothing."""
+    """Return the fractional frame after ``first`` at which a heel first stops falling, or an empty list."""
     part = fall[first : first + int(LANDING_S * fps) + 1]
     landed = np.flatnonzero((part[:-1] < -LANDING_M_S) & (part[1:] >= -LANDING_M_S))
     return [first + int(k) + float((-LANDING_M_S - part[k]) / (part[k + 1] - part[k])) for k in landed[:1]]
@@ -196,9 +196,10 @@ def _strides(
 
 
 def mean_cycles(angles: Angles, gait: Gait, fps: float) -> dict[str, Float[np.ndarray, "points 2"]]:
-    """Return the (101, 2) mean and standard deviation over the cycles in degrees, by angle.
+    """Return each angle's mean and standard deviation over the cycles, (101, 2) in degrees.
 
-    Angles of a side are averaged over its cycles, all others over the right foot's. Without cycles angles are absent.
+    Angles of a side are averaged over the cycles of that side, all others over the right foot's cycles. Angles without
+    cycles are omitted.
     """
     share, times, found = np.linspace(0.0, 1.0, CYCLE_POINTS), np.arange(len(angles.degrees)) / fps, {}
     for k, name in enumerate(angles.names):

@@ -81,7 +81,9 @@ ISB: dict[str, JointRule] = {
     "forearm": JointRule(("flexion", "adduction", "pronation")),
     "hand": JointRule(("flexion", "ulnar_deviation", "")),
 }
-"""Angles by segment without its side, positive in the named direction on both sides, the pelvis' tilt backwards."""
+"""Angles by segment name without side. They are positive in the named direction on both sides, the pelvic tilt
+backwards.
+"""
 JOINT_WORDS = {
     "pelvis": "pelvis", "thorax": "spine", "head": "neck", "thigh": "hip", "shank": "knee", "foot": "ankle",
     "upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist",

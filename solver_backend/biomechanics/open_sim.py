@@ -170,7 +170,7 @@ MEASUREMENTS: dict[str, tuple[Sequence[str], Sequence[str], str]] = {
         )
     },
 }
-"""Pairs of markers by measurement, whose distances scale bodies of the models along the axes."""
+"""Pairs of markers for each measurement. Their distances scale the models' bodies along the axes."""
 
 
 def scale_setup(name: str, model: str, markers: str, frames: int, fps: float, height_m: float) -> str:

@@ -84,7 +84,7 @@ def _bone(body: Body, joint: int) -> tuple[float, int]:
 
 
 def turn_spread(body: Body, sigma_m: np.ndarray) -> Float[np.ndarray, "frames segments"]:
-    """Return (F, S) rotations in radians of each segment's bone from deviations (F, J) of its ends in metres."""
+    """Convert (F, J) deviations of joints in metres to (F, S) rotations of the segments' bones in radians."""
     recorded, found = list(body.recorded_joints), []
     for _, joint in SEGMENTS.values():
         j = body.layout.joints.index(joint)
@@ -124,14 +124,17 @@ def anatomical_frames(
 ) -> dict[str, Float[np.ndarray, "3 3"]]:
     """Return the axes of each segment in the body's rest frame as columns: x forward, y up, z to the right.
 
-    - Pelvis: z through the anterior iliac spines, x in the plane with the posterior ones' middle (Wu et al. 2002, hip).
-    - Thorax: y from the middle of xiphoid process and T8 to that of jugular notch and C7 (Wu et al. 2005, 2.3.1).
+    - Pelvis: z through the anterior iliac spines, x in the plane with the midpoint of the posterior spines (Wu et al.
+      2002, hip).
+    - Thorax: y from the midpoint of xiphoid process and T8 to the midpoint of jugular notch and C7 (Wu et al. 2005,
+      2.3.1).
     - Thigh, shank, upper arm, forearm: y along the line of the joint centres, z along the hinge below. The z axes of
       forearm and hand point to the right at full supination (Wu et al. 2002, hip and ankle, and 2005, 2.3.4 and 2.3.6).
     - Foot and toes: level and straight ahead, as in the rest pose (Wu et al. 2002, ankle).
 
-    The standards define these axes by palpated landmarks. Markers on such landmarks use the person's positions, which
-    changes the plane of the pelvis, the thorax, and the centres of knee, ankle and elbow. Others are from the body.
+    The standards define these axes by palpated landmarks. Where markers are on these landmarks, the person's positions
+    are used. They change the plane of the pelvis, the thorax, and the centres of knee, ankle and elbow. All other
+    landmarks come from the body model.
 
     Args:
         worn: (3,) offset in the rest frame from the body's landmark to the person's, in metres, by location.
@@ -291,7 +294,7 @@ def without_fingers(motion: Motion, body: Body) -> Motion:
 
 
 def turn_covariances(motion: Motion) -> dict[str, np.ndarray] | None:
-    """Return (F, 3, 3) covariances in rad² by segment, NaN where the segment is at rest, None if there are none."""
+    """Return (F, 3, 3) covariances in rad² by segment, NaN where the segment is at rest, or None without any."""
     if motion.turn_covariance is None:
         return None
     found, layout = unpacked(motion.turn_covariance.astype(np.float64)), motion.body_layout

@@ -14,15 +14,15 @@ from solver_backend.types import Motion
 from solver_backend.types.shapes import Float
 
 SIGMA_M, SIGMA_M_S = 0.02, 0.2
-"""Standard deviations of a touching point's height above the floor and speed. Both are chosen by hand, as skin and
-shoes deform and solves smooth the stop of a foot."""
+"""Standard deviations of the height (m) and of the speed (m/s) of a point that touches the floor. Both are chosen by
+hand, because skin and shoes deform, and a solve smooths the stop of a foot."""
 MOST_SAMPLES = 120  # Largest number of frames to examine. Longer takes are sampled evenly.
 AIR_M = 0.1  # Smallest height in metres of the lowest skin above the floor of a body in the air.
 JUMP_S = 1.0  # Longest time in the air, in seconds. A jump of 1 s raises the body by g T² / 8 = 1.2 m, out of reach.
 FLOOR_M = 0.05  # Largest height of the soles above the world's floor, in metres. Otherwise the floor is not at z = 0.
 LEVEL = 0.25
-"""Share of frames whose lowest skin is below the floor's level, which therefore includes the soles of shoes. With the
-world's floor instead, a person who squats in shoes (nimble, squats1) was in the air for 47 % of the take."""
+"""Share of frames in which the lowest skin is below the floor level. The level therefore includes the soles of shoes.
+With the world's floor instead, a person who squats in shoes (nimble, squats1) was in the air for 47 % of the take."""
 DIRECTIONS = 72  # Directions of the support polygon's edges. Its distance is up to 0.1 % too large.
 
 
@@ -47,7 +47,8 @@ class Support:
 def find_support(motion: Motion, body: Body) -> Support | None:
     """Return the contacts and balance of a motion, None if its floor is not at z = 0.
 
-    Its probability is ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)`` for a part's likeliest point at height z, speed v.
+    The contact probability of a part is ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)`` for its most likely point, with
+    height z and speed v.
     """
     frames = motion.num_frames
     own = np.arange(0, frames, -(-frames // MOST_SAMPLES))
@@ -81,7 +82,7 @@ def find_support(motion: Motion, body: Body) -> Support | None:
 
 
 def _centres_of_mass(skin: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return (S, 3) centres of closed surfaces (S, V, 3), by tetrahedra between their means and their triangles."""
+    """Return (S, 3) centres of closed surfaces (S, V, 3), from tetrahedra between the mean vertex and each triangle."""
     found = np.empty((len(skin), 3))
     for k, points in enumerate(skin):
         middle = points.mean(axis=0)

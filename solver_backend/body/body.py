@@ -35,7 +35,7 @@ class Body:
     shapedirs: Float[np.ndarray, "vertices 3 10"]
     """(V, 3, 10) derivatives of the vertices by the shape, metres per unit."""
     posedirs: Float[np.ndarray, "vertices 3 features"]
-    """(V, 3, 9 (J - 1)) metres per unit of the pose feature flatten(R_j - I), j = 1..J-1."""
+    """(V, 3, 9 (J - 1)) pose correctives in metres per unit of the feature flatten(R_j - I), j = 1..J-1."""
     J_regressor: Float[np.ndarray, "joints vertices"]
     """(J, V) weights of vertices that give the joints. Rows sum to 1."""
     weights: Float[np.ndarray, "vertices joints"]

@@ -23,7 +23,7 @@ _TABLE = [
 ANGLES: tuple[str, ...] = tuple(row[0] for row in _TABLE)  # Names of a hand's angles, the thumb's first.
 NUM_ANGLES = len(ANGLES)  # Angles of a hand.
 FINGER_OF, JOINT_OF, KIND_OF = (np.array([row[i] for row in _TABLE]) for i in (1, 2, 3))
-"""(A,) finger of each angle in ``FINGERS``, its joint (0 at the palm) and its kind."""
+"""(A,) index in ``FINGERS`` of each angle's finger, its joint (0 at the palm), and its kind."""
 FLEXION_OF = np.array([[r[1:3] for r in _TABLE].index(row[1:3]) for row in _TABLE])
 """(A,) index of the flexion angle of each angle's joint."""
 THUMB_TILT = float(np.deg2rad(45.0))  # A thumb bends across the palm, so that its nail partly faces sideways.

@@ -18,7 +18,7 @@ MARGIN_DEG = 15.0  # Tolerance at both ends, for differences of people (10 to 15
 
 
 def excess_deg(local: Array) -> Array:
-    """Return (N, 21) degrees by which joints 1..21 exceed their range and margin, 0 within."""
+    """Return (N, 21) degrees by which joints 1..21 exceed their range and margin, 0 inside it."""
     return _beyond(swing_and_twist(local) * (180.0 / np.pi), _LOW, _HIGH)
 
 

@@ -95,7 +95,7 @@ _ARM_AT_ORIGIN = np.concatenate([np.zeros((3, 3)), np.eye(3)], axis=1).reshape(1
 
 @dataclass(frozen=True)
 class _LandmarkPairs:
-    """Pairs (landmark, joint): whole ones, with all of the landmark below the joint, and N others.
+    """Pairs of a landmark and a joint: whole pairs, with all of the landmark below the joint, and N other pairs.
 
     In the other pairs the joint rotates a part of the landmark's bones, or moves it by a pose corrective.
     """
@@ -126,7 +126,8 @@ def rotation_jacobian(
     ``r_lk = sum_{c below k} G_c h_lc``. This is ``y_l - p_k`` if the whole landmark is below k. A pose corrective D
     moves the rest point by ``D_k vec([d]x R_k)``.
 
-    ``points`` are the posed landmarks, ``levers`` depend on the shape, ``correction`` correctives in the rest frame.
+    ``points`` are the posed landmarks. ``levers`` depend on the shape. ``correction`` has correctives in the rest
+    frame.
     """
     xp = array_namespace(points)
     pairs = _pairs(body.parents, landmarks, count)
@@ -270,7 +271,7 @@ def pose_landmarks(
     """Pose landmarks and differentiate them. The derivative by ``transl`` is the identity.
 
     Args:
-        local: (F, n, 3, 3) rotations of joints 1..n, at least of the solved ones.
+        local: (F, n, 3, 3) rotations of joints 1..n, which include all solved joints.
         offsets: (L, 3) metres in the rest frame, added to each landmark (detector bias, marker placement).
         by_shape: also differentiate by the shape.
         num_rotations: number of rotations to differentiate by (root and first joints). None for the solved ones.

@@ -308,7 +308,7 @@ def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType
 
 
 def _parts(bare: Mapping[str, str]) -> dict[str, str]:
-    """Return the location without side of each label. An ambiguous label gets the one on a limb of other labels."""
+    """Return the location without side of each label. For an ambiguous label, take the limb that other labels name."""
     words, there = load_layouts().words, set(bare.values())
     several: dict[str, tuple[str, ...]] = {}
     for label, name in bare.items():

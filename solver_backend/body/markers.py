@@ -46,7 +46,8 @@ def placement_precision(body: Body, names: tuple[str, ...]) -> np.ndarray:
     """Return the (L, 3, 3) precision of locations in 1/m² in the rest frame: ``n nᵀ / s² + (I - n nᵀ) / t²``.
 
     n is the skin's normal. The deviations s off the skin and t along it depend on the kind of location. Bone under thin
-    skin is palpated within a centimetre, but a thigh's middle is not well defined. Raises as ``marker_landmarks``.
+    skin is palpated within a centimetre, but a thigh's middle is not well defined. Raises the errors of
+    ``marker_landmarks``.
     """
     normal = skin_normals(body, names)
     off, along = np.array([_spread(name) for name in names]).T

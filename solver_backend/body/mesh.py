@@ -29,7 +29,7 @@ def pose_mesh(
 
     Args:
         root: (F, 3, 3) rotation body to world about the pelvis joint.
-        local: (F, n, 3, 3) rotations of joints 1..n, at least of the solved ones.
+        local: (F, n, 3, 3) rotations of joints 1..n, which include all solved joints.
         correctives: False omits the pose correctives (plain linear blend skinning).
     """
     xp = array_namespace(root)

@@ -29,7 +29,7 @@ def rest_rotations(body: Body, root: np.ndarray, local: np.ndarray, parts: tuple
 
     The trunk is upright on the pelvis, the head on the trunk. An upper arm hangs in the direction ``(o, -(max(-g_y, 0)
     + k), max(g_z, 0))`` of the chest's frame (left, up, front), with gravity g in this frame and o outwards. It points
-    down while the trunk leans forward, and never through or behind it. Thighs hang likewise in the pelvis's frame.
+    down while the trunk leans forward, and never through or behind it. Thighs hang in the same way in the pelvis frame.
 
     Args:
         root: (F, 3, 3) body to world, Z up.

@@ -10,12 +10,12 @@ import numpy as np
 
 CODE, ROOT, TRANSL, UNCOVERED, RESIDUAL = "code", "root", "transl", "uncovered", "residual"
 """Blocks of a state: the prior's code, the root's left rotation (world), the translation, rotation vectors of joints
-without a prior, and residual rotation vectors of joints with one."""
+without a prior, and residual rotation vectors of joints with a prior."""
 
 
 @dataclass(frozen=True)
 class PoseLayout:
-    """Tangent of a posed frame: left rotations of root (world) and joints (parent's frame), translation in metres.
+    """Layout of a pose's tangent: left rotations of root (world) and joints (parent's frame), translation in metres.
 
     ``R(δ) = exp([δ]x) R``, ``t(δ) = t + δ``.
     """
@@ -64,7 +64,7 @@ class Block:
 
 @dataclass(frozen=True)
 class StateLayout:
-    """Tangent of a key or a single frame: named blocks in order, rotation vectors last."""
+    """Layout of the tangent of a key or a single frame: named blocks in order, rotation vectors last."""
 
     blocks: tuple[Block, ...]
 

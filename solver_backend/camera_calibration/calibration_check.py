@@ -1,4 +1,4 @@
-"""Check a calibration against a take: by camera, image region and time, and by scale and up axis."""
+"""Check a calibration against a take: errors per camera, image region and time, then scale and up axis."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ FRAMES = 240  # Most frames that are used.
 WINDOWS = 6  # Number of parts of the take for epipolar errors.
 WORSE = 1.4  # A calibration is wrong if refined cameras reduce the error by this factor.
 SCALE_DOUBT, TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS, DRIFT = 0.12, 8.0, 3.0, 1.6
-"""Warning limits of the log scale, the tilt (degrees and deviations) and the growth of errors. Chosen by hand."""
+"""Limits beyond which to warn: log scale, tilt (in degrees and in sigmas), and growth of errors. Chosen by hand."""
 
 
 @dataclass(frozen=True)
 class CalibrationCheck(CameraFits):
-    """Result of the check, in px unless stated. ``best_px`` is after the poses were adjusted to the take."""
+    """Result of the check, in px unless stated. ``best_px`` is the error after fitting the poses to the take."""
 
     all_px: float  # Median reprojection error of all cameras.
     refined_px: float  # Median reprojection error after the poses were adjusted.

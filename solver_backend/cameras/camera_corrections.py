@@ -26,8 +26,8 @@ _GRAPHICS = np.diag([1.0, -1.0, -1.0])
 
 
 Window = tuple[float, float, float]
-"""Pixel aspect ratio of recorded images, and offsets by which they begin left of and above the calibrated ones, in
-image heights. Offsets are negative for cropped images and positive for bars."""
+"""Pixel aspect ratio of recorded images, and their offsets to the left of and above the calibrated images, in image
+heights. Offsets are negative for cropped images and positive for bars."""
 AS_CALIBRATED: Window = (1.0, 0.0, 0.0)
 
 
@@ -98,7 +98,7 @@ def unrolled(R: np.ndarray, turns: Sequence[int]) -> np.ndarray:
 
 
 def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
-    """Return the cameras with one of them for images of another size (width, height) with the same aspect ratio.
+    """Return the cameras with one camera changed to another image size (width, height) of the same aspect ratio.
 
     Pixel (0, 0) is a pixel centre, so ``u' + 0.5 = s (u + 0.5)`` px (as in OpenCV's ``resize``).
     """
@@ -111,7 +111,7 @@ def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
 
 
 def _reshaped(cameras: Cameras, c: int, window: Window) -> Cameras:
-    """Return the cameras with one of them for another crop of its images: ``u' + 0.5 = s (u + 0.5) + o`` px.
+    """Return the cameras with one camera changed to another image crop: ``u' + 0.5 = s (u + 0.5) + o`` px.
 
     The crop does not determine where the images end. Their right and bottom edges do not change.
     """

@@ -39,7 +39,7 @@ class NoiseMap:
     """Number of measured keypoints."""
 
     def weight(self, confidence: np.ndarray) -> np.ndarray:
-        """Return the weight of detections with the given confidence, 0 where it is 0.
+        """Return the weight of detections with the given confidence. Confidence 0 has weight 0.
 
         ``w(c) = w₀ (σ_m² + s²) / (σ(c)² + s²)`` is the inverse variance, with the calibration's error s and the
         detector's deviation σ. A detection with the map's median deviation σ_m has a typical weight w₀. Better ones may

@@ -80,7 +80,7 @@ def distort(xy: ImagePoints, distortion: Distortion, models: Models) -> ImagePoi
 def distorted(
     x: Coordinate, y: Coordinate, distortion: Distortion, models: Models
 ) -> tuple[Coordinate, Coordinate, tuple[Coordinate, Coordinate, Coordinate]]:
-    """Return ``distort`` for separate (C, ...) coordinates, and the entries xx, xy and yy of its symmetric Jacobian."""
+    """Distort separate (C, ...) coordinates. Also return the entries xx, xy and yy of the symmetric Jacobian."""
 
     def of_model(model: LensModel, x: Array, y: Array, distortion: Array) -> tuple[Array, Array, tuple[Array, ...]]:
         return model.distort(x, y, _coefficients(distortion, x), array_namespace(x))
@@ -221,7 +221,7 @@ class CameraArrays:
         return cls(K, distortion, R, t, cameras.models, float(cameras.image_size[:, 0].mean()), path)
 
     def astype(self, precision: Any) -> CameraArrays:
-        """Return the arrays in the given precision. Single precision resolves a thousand pixels to 0.0001."""
+        """Return the arrays in the given precision. Single precision resolves 0.0001 px in a thousand."""
         K, distortion, R, t = (astype(a, precision) for a in (self.K, self.distortion, self.R, self.t))
         path = self.path and CameraPath(astype(self.path.R, precision), astype(self.path.t, precision))
         return replace(self, K=K, distortion=distortion, R=R, t=t, path=path)
@@ -277,7 +277,7 @@ def project_with_jacobian(
 def undistort(cameras: AnyCameras, xy: ImagePoints) -> ImagePoints:
     """Return the undistorted normalised coordinates (C, ..., 2) x/z and y/z of pixels.
 
-    They are NaN for NaN, and for pixels to which the lens maps no point. Poses are not used.
+    They are NaN for NaN pixels, and for pixels to which the lens maps no point. Poses are not used.
     """
     K = cameras.K
     xp = array_namespace(K, xy)

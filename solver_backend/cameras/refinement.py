@@ -17,7 +17,7 @@ from solver_backend.types.shapes import Float
 
 FRAMES = 60  # Most frames used to correct cameras, spread over the take.
 _LEAST_EIGENVALUE = 1e-12
-"""Smallest eigenvalue of a camera's equations relative to the largest for a determined direction, chosen by hand."""
+"""Smallest ratio of an eigenvalue to the largest one for which a camera's direction is determined. Chosen by hand."""
 
 
 def refined_cameras(cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, rounds: int = 6) -> Cameras:
@@ -89,8 +89,9 @@ def _solved(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 LEAST_FRAMES = 8  # Fewest frames of a take. Half of them are fitted, the other half are measured.
 WHOLE_HAND = 4.0 / NUM_HAND_POINTS
-"""Weight of a hand point relative to a body point. The common error of a hand's 21 points in a view is half of their
-individual error, so they locate a hand as precisely as four points (docs/research-log/hands.md)."""
+"""Weight of a hand point relative to a body point. The common error of a hand's 21 points in a view is half of the
+error of a single point. The 21 points therefore locate a hand as precisely as four independent points
+(docs/research-log/hands.md)."""
 
 
 @dataclass(frozen=True)
@@ -117,8 +118,8 @@ class RefinedCalibration:
 def refine_calibration(capture: Capture) -> RefinedCalibration:
     """Return camera poses that better fit the detections of all people in a capture, including hands.
 
-    Every other frame is fitted, and the rest is measured. The triangulated points are aligned with the given
-    calibration's by a similarity, as detections have no scale.
+    Every other frame is used for the fit, and the remaining frames measure the gain. A similarity aligns the
+    triangulated points with the points of the given calibration, because detections have no scale.
 
     Raises:
         TooFewViews: fewer than two cameras have detections.
@@ -157,7 +158,7 @@ def _with_hands(
 
 
 def _in_the_same_world(cameras: Cameras, points: np.ndarray, where: np.ndarray) -> Cameras:
-    """Return cameras moved with the similarity ``x ↦ s Q x + q`` from their points (N, 3) to the original ones.
+    """Move cameras by the similarity ``x ↦ s Q x + q`` from their (N, 3) points to the points before.
 
     A camera ``x_cam = R x + t`` becomes ``R' = R Qᵀ``, ``t' = s t - R' q``, so that its image does not change.
     """
@@ -172,7 +173,7 @@ def view_distances(
     xy: Float[np.ndarray, "views frames keypoints 2"],
     confidence: Float[np.ndarray, "views frames keypoints"],
 ) -> Float[np.ndarray, " views"]:
-    """Return the (C,) median px between detections and triangulated points, NaN for views without people."""
+    """Return the (C,) median distances in px from detections to triangulated points, NaN for views without people."""
     points = triangulate(cameras, xy, confidence).points
     px = project(cameras, points)
     off = np.where(confidence > 0, np.linalg.norm(px - xy, axis=-1), np.nan).reshape(len(cameras), -1)

@@ -40,9 +40,10 @@ class UndistortedViews:
 
     @cached_property
     def candidates(self) -> list[tuple[Array, Array, Array, Array]]:
-        """Linear triangulations (3, N) of subsets of the views, and a mask (N,) of those that exist.
+        """Return (3, N) linear triangulations of subsets of the views, and an (N,) mask of those that exist.
 
-        Each also has squared residuals (C, N) in px² for every view, and a mask (C, N) of points in front.
+        For each subset also return (C, N) squared residuals in px² in every view, and a (C, N) mask of points in front
+        of the cameras.
         """
         xp = array_namespace(self.weight)
         equations = _ray_equations(self)
@@ -60,7 +61,7 @@ class UndistortedViews:
 
 
 def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
-    """Return the (N, 3) linear triangulation of every point that its views agree with most, or NaN.
+    """Return each point's linear triangulation that agrees best with the views, (N, 3), or NaN.
 
     The candidates are all usable views, all but one, and every pair of the ``MOST_VIEWS`` most confident views. The
     criterion is ``Σ ½ (1 + confidence) r²/(r² + scale²)`` over all views with residuals r in pixels (Geman and McClure
@@ -129,7 +130,7 @@ ROBUST_SIGMAS = 3.0  # Scale of the Geman-McClure weights.
 ROBUST_STEPS, FINAL_STEPS = 6, 3
 _LONGEST_STEP_M = 0.5
 _ROUGHLY_M, _SETTLED_M = 3e-4, 1e-6
-"""Largest movement of a finished point, before agreeing views are chosen, and at the end."""
+"""Largest movement in metres of a converged point, before agreeing views are chosen and at the end."""
 
 
 def fit_points(
@@ -201,7 +202,7 @@ def _bounded(step: Array) -> Array:
 
 
 def _errors(arrays: CameraArrays, px: Array, weight: Array, points: Array) -> tuple[Array, Array, Array]:
-    """Return errors (C, N, 2) and Jacobians (C, N, 2, 3), zero where unseen, and a mask (C, N) of seen ones."""
+    """Return errors (C, N, 2) and Jacobians (C, N, 2, 3), zero where unseen, and a (C, N) mask of seen detections."""
     xp = array_namespace(px)
     projected, J, _ = project_with_jacobian(arrays, points)
     seen = (weight > 0) & xp.isfinite(projected[..., 0])
@@ -249,7 +250,9 @@ START_SHARE = 0.001
 """Initial noise relative to the image width. It is small, so that outliers never count as noise."""
 SMALLEST_SIGMA_PX = 0.1
 NOISE_ROUNDS = 8
-"""Number of rounds. Too small an initial value grows by about 1.8 per round, as inliers then fill the allowed range."""
+"""Number of rounds. An initial value that is too small grows by a factor of about 1.8 per round, because inliers then
+fill the allowed range.
+"""
 _SETTLED_SHARE = 0.05  # Change of the noise below which it is measured.
 _ENOUGH_SHARE = 0.2  # Share of the points with three agreeing views from which other points are ignored.
 _SAMPLES = 5_000, 20_000  # Observations for measuring the noise, first roughly and then precisely.
@@ -296,7 +299,7 @@ def _spread_of(distance: Array, inliers: Array, otherwise: Array) -> Array:
 
     A point with V views has 2 V coordinates and 3 unknowns. ``Σ r²/σ²`` therefore has a χ² distribution with ``n = 2V -
     3`` degrees of freedom and the median ``n (1 - 2/(9n))³`` (Wilson and Hilferty 1931). Only points with three or more
-    views are used, unless they are few.
+    views are used, unless there are too few of them.
     """
     xp = array_namespace(distance)
     keypoints = int(otherwise.shape[0])
@@ -443,7 +446,7 @@ class Predictions:
     px: np.ndarray
     """(C, F, K, 2) pixels, NaN if no other view shows the keypoint."""
     covariance: np.ndarray
-    """(C, F, K, 2, 2) covariance in px² of a detection's distance from its prediction, with the detection's noise."""
+    """(C, F, K, 2, 2) covariance in px² of a detection minus its prediction, including the detection's noise."""
 
 
 def predict_views(

@@ -106,7 +106,7 @@ def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str]
 
 
 def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
-    """Return the same for uncalibrated detections. The person is the largest one in each view."""
+    """Return the values of ``_person`` for uncalibrated detections. The person is the largest one in each view."""
     sources = camera_sources(args.source)
     levels = levels_above(args.source)
     config = read_config(levels)

@@ -34,7 +34,7 @@ def describe_capture(capture: Capture) -> tuple[str, CaptureSummary]:
 
 
 def describe_motion(motion: Motion, solve_s: float) -> tuple[str, MotionSummary]:
-    """Return text and JSON values: length, residual and the number of frames to check."""
+    """Describe a motion as text and JSON values: length, residual and the number of frames to check."""
     flags = np.zeros(motion.num_frames, np.uint8) if motion.flags is None else motion.flags
     unseen, unsure = (int(np.count_nonzero(flags & bit)) for bit in (FLAG_UNSEEN, FLAG_UNSURE))
     data = MotionSummary(
@@ -88,7 +88,7 @@ def people_lines(people: list[PersonSummary]) -> list[str]:
 
 
 def frames_without_two_views(capture: Capture) -> list[list[int]]:
-    """Return [first, last] of each frame range without a keypoint in two cameras, or in the only one."""
+    """Return [first, last] of each frame range without a keypoint that two cameras (or the only camera) see."""
     return [list(run) for run in true_runs(~capture.placed.any(axis=-1))]
 
 

@@ -117,7 +117,7 @@ def _face(args: argparse.Namespace) -> LiveSource:
 
 
 def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
-    """Return the points of a take, or of lines, with a fit that converts them to poses."""
+    """Return the points of a take, or of input lines, with a fit that converts them to poses."""
     network, fit = person_fit(args.subject)
     if args.source == "-":
         session, fps = LiveSession(network, fit, unit=args.unit, up_axis=args.up_axis), args.fps
@@ -145,7 +145,7 @@ def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
 
 
 def _with_points(session: LiveSession, lines: Iterator[Any], keep_up: Any, *, shown: bool) -> Iterator[LiveLine]:
-    """Yield lines with fitted points and the number of dropped frames, and an event at the first drop."""
+    """Yield lines with poses fitted to points and the number of dropped frames, and an event at the first drop."""
     named = False
     for line in lines:
         if "frame" not in line:

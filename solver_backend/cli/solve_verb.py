@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Solve a capture, and write the motion and, if requested, the report. See ``_several`` for several."""
+    """Solve a capture, and write the motion and, if requested, the report. See ``_several`` for several takes."""
     jobs = _jobs(args)
     keep_freed_memory()
     if len(jobs) > 1 or jobs[0].person == EVERYBODY:
@@ -51,7 +51,7 @@ def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 @contextmanager
 def _stretches(scheduler: str | None, tls: Path | None) -> Iterator[Stretches]:
-    """Yield the solver for the segments of a long take: this process, or a cluster."""
+    """Yield the solver of a long take's segments, in this process or on a cluster."""
     from solver_backend.fitters.keyframes.optimise import in_turn
 
     if scheduler is None:
@@ -315,7 +315,7 @@ def _meetings(ended: Sequence[tuple[Job, str, object]]) -> Iterator[tuple[int, l
 
 
 def _parts(job: Job, progress: Progress) -> Iterator[tuple[Job, Capture]]:
-    """Yield jobs with their captures: for the capture's person, or for all people with separate files."""
+    """Yield jobs with their captures, either for one person or for all people with separate files."""
     if job.person == EVERYBODY and job.resolve is not None:
         raise CommandLineInvalid("Only one person can be solved again at a time.", hint="--person NAME")
     if job.person != EVERYBODY:

@@ -39,7 +39,7 @@ def triangulate_and_filter(cameras: Cameras, keypoints: Keypoints2D, cutoff_hz: 
 
 
 def bridged(points: np.ndarray) -> np.ndarray:
-    """Return (F, K, 3) points with gaps interpolated linearly in time and constant values before and after the data."""
+    """Return (F, K, 3) points with gaps interpolated linearly in time, and constant before and after the data."""
     frames = np.arange(len(points))
     filled = points.copy()
     for k in range(points.shape[1]):
@@ -237,7 +237,7 @@ def _of_angles(capture: Capture, motion: Motion) -> dict[str, float]:
 
 
 def _of_codes(found: np.ndarray, true: np.ndarray) -> dict[str, float]:
-    """Return FID and DIV, or nothing for few frames or without VPoser, which the extension does not contain."""
+    """Return FID and DIV. Return nothing for few frames or without VPoser, which is not part of the extension."""
     if len(found) < CODED_FRAMES:
         return {}
     try:

@@ -129,7 +129,7 @@ class BodyLayout:
 
     @cached_property
     def main_child(self) -> dict[int, int]:
-        """Child at the end of each joint's bone: the only child, or the child in the same group."""
+        """Child joint at the end of each joint's bone: the only child, or the child in the same group."""
         ends = {}
         for j, children in enumerate(self.children):
             own = [c for c in children if self.groups[c] == self.groups[j]]
@@ -152,7 +152,7 @@ class BodyLayout:
         return tuple(j for j, group in enumerate(self.groups) if group == name)
 
     def standing_for(self, other: BodyLayout) -> tuple[int, ...]:
-        """Return the joint of this body for each joint of another body. Raise ``BodyInvalid`` if one has none."""
+        """Return this body's joint for each joint of another body. Raise ``BodyInvalid`` if a joint has none."""
         names = [name if name in self.joints else _STAND_INS.get(name, name) for name in other.joints]
         missing = [name for name in names if name not in self.joints]
         if missing:

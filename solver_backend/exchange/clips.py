@@ -96,7 +96,7 @@ def repose(motion: MotionFile, rotvec: np.ndarray, pelvis: np.ndarray) -> Motion
 
 
 def unobserved(motion: MotionFile) -> MotionFile:
-    """Remove detections and markers from a motion, for edits that move the body away from them."""
+    """Remove detections and markers from a motion, because an edit moves the body away from them."""
     return replace(motion, **{name: getattr(MotionFile, name) for name in OBSERVED})
 
 
@@ -218,7 +218,7 @@ def _spline(values: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def _between(values: np.ndarray, at: np.ndarray, axis: int) -> np.ndarray:
-    """Interpolate values linearly between frames along an axis. At an exact frame its neighbours have no effect."""
+    """Interpolate values linearly between frames along an axis. Times exactly at a frame return that frame."""
     first = np.minimum(at.astype(int), values.shape[axis] - 1)
     second = np.minimum(np.ceil(at).astype(int), values.shape[axis] - 1)
     u = (at - first).reshape(-1, *[1] * (values.ndim - 1 - axis))
@@ -233,9 +233,10 @@ def _between(values: np.ndarray, at: np.ndarray, axis: int) -> np.ndarray:
 def mirror(motion: MotionFile) -> MotionFile:
     """Exchange left and right in a motion. The start position and direction do not change.
 
-    The world is reflected in the vertical plane through the first pelvis and the forward direction. A reflects the
-    world and M the body's frame. The root becomes ``A R M``. Every other joint becomes ``M R' M`` with R' of the joint
-    on the other side, so its rotation vector is ``(x, -y, -z)``. Mirroring twice gives the original motion.
+    The world is reflected in the vertical plane through the first pelvis and the forward direction. With A for the
+    reflection of the world and M for the reflection of the body's frame, the root's rotation R becomes ``A R M``. Every
+    other joint becomes ``M R' M``, where R' is the rotation of the joint on the other side. Its rotation vector is
+    ``(x, -y, -z)``. Mirroring twice gives the original motion.
     """
     rest, other = rest_joints(motion), list(motion.body_layout.mirror)
     R, pelvis = matrix_from_rotvec(motion.rotvec[:, 0]), rest[0] + motion.transl

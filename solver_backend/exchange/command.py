@@ -40,7 +40,7 @@ class Cancellation:
             raise self._error()
 
     def watched(self, progress: Progress) -> Progress:
-        """Wrap a progress receiver so that it raises the error again if a library has suppressed it."""
+        """Wrap a progress receiver so that it raises the cancellation again if a library has suppressed it."""
 
         def watching(stage: str, done: int, total: int) -> None:
             if self.asked:

@@ -11,7 +11,7 @@ CONTACT_PARTS = {
     "back": ("spine1", "spine2", "spine3", "left_collar", "right_collar", "left_shoulder", "right_shoulder"),
     "head": ("neck", "head"),
 }  # fmt: skip
-"""Joints with the largest influence on each part's skin. The bone of the first one represents the part in Blender. The
+"""Joints with the largest influence on each part's skin. The first joint's bone represents the part in Blender. The
 knee part includes the shank, the elbow part the forearm, and the seat the thighs."""
 FEET = 2  # Number of feet, which are the first parts.
 MIRRORED = (1, 0, 3, 2, 5, 4, 7, 6, 8, 9, 10)  # Index of the part on the other side.

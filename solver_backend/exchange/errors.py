@@ -196,7 +196,7 @@ class PoseInvalid(MocapError):
 
 
 class MotionInvalid(MocapError):
-    """A motion file lacks keys, or its arrays contradict each other or have impossible values."""
+    """The motion file lacks keys, or its arrays contradict each other or have impossible values."""
 
     hint = "Choose another motion, or write it again."
 

@@ -89,7 +89,7 @@ class JointSet(StrEnum):
         return len(self.keypoints)
 
     def mirrored(self, count: int = 0) -> tuple[int, ...]:
-        """Return for each column the column of the same point on the other side. Other columns do not change."""
+        """Return each column's counterpart on the other side. Columns without a counterpart map to themselves."""
         other = {"left": "right", "right": "left"}
         swapped = [_SIDE.sub(lambda found: other[found[0]], name) for name in self.keypoints]
         return (*map(self.keypoints.index, swapped), *range(len(swapped), count))

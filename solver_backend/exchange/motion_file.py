@@ -32,8 +32,8 @@ FLAG_UNSURE = 2  # The residual, or the uncertainty of a joint, is far above the
 FLAG_RESTING = 4
 """No measurement informs some body part in the frame. It is shown at rest (see ``MotionFile.resting``)."""
 MARKER_SEEN, MARKER_FILLED, MARKER_SWAPPED, MARKER_GHOST = 1, 2, 4, 8
-"""States of a marker in a frame: recorded, filled in a gap by the solve, recorded under another marker's label and
-corrected, or recorded at an impossible position, ignored and filled."""
+"""States of a marker in a frame: recorded; missing and filled by the solve; recorded under another marker's label and
+corrected; or recorded at an impossible position, ignored and filled."""
 _LAYOUT = ("body_layout", "joint_names", "joint_groups", "resting_groups")
 """Arrays of layouts other than SMPL's: layout name, joint names, joint groups and groups at rest."""
 _PARENTS = "joint_parents"  # Parent of each joint, -1 at the root.
@@ -102,7 +102,7 @@ class MotionFile:
     turn_covariance: np.ndarray | None = None  # (F, S, 6) covariance of each segment's rotation, rad², same order.
     flags: np.ndarray | None = None  # (F,) bit mask of ``FLAG_UNSEEN``, ``FLAG_UNSURE`` and ``FLAG_RESTING``.
     resting: np.ndarray | None = None
-    """(F, J) bool, True if no measurement informs the joint, which is shown at rest. None: all are informed."""
+    """(F, J) bool, True if no measurement informs the joint, which is shown at rest. None if all are informed."""
     root: np.ndarray | None = None
     """(F, 3) path of a root bone on the ground: x and y in metres, and the heading from -Y in radians. The body's pose
     remains in world coordinates."""
@@ -115,11 +115,11 @@ class MotionFile:
     marker_flags: np.ndarray | None = None
     """(F, M) bit mask of ``MARKER_SEEN``, ``MARKER_FILLED``, ``MARKER_SWAPPED`` and ``MARKER_GHOST``."""
     marker_sigma: np.ndarray | None = None
-    """(M,) standard deviation of each marker from its position on the body, per axis, metres."""
+    """(M,) standard deviation per axis of each marker from its position on the body, in metres."""
     cleaned_markers: np.ndarray | None = None
     """(F, M, 3) recorded markers in world metres, with swaps corrected and gaps filled."""
     offsets: np.ndarray | None = None
-    """(M, 3) offset of each marker from its nominal position in the rest frame, metres."""
+    """(M, 3) offset of each marker from its nominal position in the rest frame, in metres."""
     layout: tuple[str, ...] = ()  # M landmarks of the markers on the body.
     props: tuple[Prop, ...] = ()  # Rigid objects that do not belong to the person, F frames each.
     provenance: str = ""  # JSON text: version, settings and sources of the solve.
@@ -175,7 +175,7 @@ def read_motion(path: Path, *layouts: BodyLayout, whole: bool = False) -> Motion
 
 
 def _typed(fields: Fields, key: str, shape: Shape) -> np.ndarray:
-    """Return an optional array with its type. A bool must be 0 or 1, a flag 0 to 255."""
+    """Return an optional array, converted to its type. A bool must be 0 or 1, a flag 0 to 255."""
     value, kind = fields.shaped(key, shape, MotionInvalid), _DTYPES.get(key)
     if kind is None:
         return value

@@ -20,7 +20,7 @@ from .errors import FileDamaged
 from .outputs import atomic_output, open_regular, require_file
 
 MIN_ALLOWANCE, ALLOWANCE = 2**28, 50
-"""Largest total size of a file's arrays: bytes, or a multiple of the file size."""
+"""Largest total size of a file's arrays, in bytes and as a multiple of the file size. The larger limit applies."""
 MOST_MEMBERS = 10_000
 _LONGEST_HEADER = 10_000
 _MOST_DIMENSIONS = 8

@@ -26,7 +26,7 @@ _LEFTOVER = re.compile(r"\.part-[0-9a-f]{16}(_.*)?|\.probe-[0-9a-f]{16}", re.DOT
 _LIKE = 0.8  # Smallest similarity (0 to 1) of a suggested name, chosen by hand.
 _MOST_NEAR = 1000  # Maximum number of names in a folder to compare with a misspelt one, chosen by hand.
 _YOUNG_S, _OLD_S = 60.0, 86400.0
-"""Age in seconds from which a leftover is removed if its lock is free, and on systems without locks."""
+"""Age in seconds from which a leftover is removed: if its lock is free, and on systems without locks."""
 
 
 def is_leftover(name: str) -> bool:
@@ -362,7 +362,7 @@ def open_regular(path: Path | str) -> BinaryIO:
 
 
 def read_regular(path: Path | str, largest: int) -> tuple[bytes, int]:
-    """Return the bytes and size of a regular file: no bytes if it is larger than ``largest``, one more if it grows."""
+    """Return the bytes and size of a regular file: none if it is larger than ``largest``, an extra byte if it grows."""
     handle, size = _opened(path)
     try:
         if size > largest:

@@ -25,7 +25,7 @@ def _steers(character: str) -> bool:
 
 
 def pairs(text: str) -> dict[str, str]:
-    """Split a text into word pairs, and return the second word by the first."""
+    """Split a text into pairs of words, and map each first word to the second."""
     words = text.split()
     return dict(zip(words[::2], words[1::2], strict=True))
 

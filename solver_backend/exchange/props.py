@@ -21,7 +21,7 @@ POSE_POINTS = ("origin", "x", "y", "z")
 
 @dataclass(frozen=True)
 class Prop:
-    """A rigid body in F frames, ``x_world = R(rotvec) x + transl``, metres and radians."""
+    """A rigid body in F frames, ``x_world = R(rotvec) x + transl``, in metres and radians."""
 
     name: str
     labels: tuple[str, ...]  # M labels of the prop's markers.

@@ -81,7 +81,7 @@ class WorldSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingSettings:
-    """Facts that recorded files may lack. The panel has separate lists of sets, units, axes and people."""
+    """Information that recorded files may lack. The panel has separate lists of sets, units, axes and people."""
 
     # fmt: off
     fps: float | None = _reading(
@@ -148,6 +148,6 @@ def calibrated_names(texts: Sequence[str]) -> dict[str, str]:
 
 
 def options_of(values: Mapping[str, Any]) -> list[str]:
-    """Return the solver's command-line options for plain values by name. Missing values and defaults are omitted."""
+    """Convert plain values by setting name to command-line options of the solver. Omit missing values and defaults."""
     given = {name: value for name, row in ROWS.items() if (value := values.get(name)) != row.default}
     return [word for name, value in given.items() for word in ROWS[name].words(value)]

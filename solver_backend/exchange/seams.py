@@ -41,7 +41,9 @@ from .so3 import (
 SEAM_DEGREES, SEAM_MM = 2.0, 5.0
 """Largest rotation and distance of a joint at the seam of a loop."""
 GAP_DEGREES, GAP_MM = 15.0, 80.0
-"""Largest differences that a loop can hide. Two strides differ by half of it, other movements by more."""
+"""Largest differences in rotation and position that a loop can hide. Two strides differ by half as much, other
+movements by more.
+"""
 BLEND_S = 0.25  # Seconds on each side of a seam during which the difference fades, chosen by hand.
 SHORTEST_S = 0.4  # Shortest cycle in seconds, shorter than two running steps.
 _LEAST_MOTION = 0.5  # Smallest mean joint speed of a cycle relative to the take, so that no rest is looped.
@@ -49,7 +51,7 @@ _VELOCITY_S = 0.1  # Seconds that convert velocity differences to distances, cho
 _CONTACT_M = 0.05  # Distance equivalent to a foot that stands in only one of two frames, metres, chosen by hand.
 _SAMPLES = 900  # Maximum number of frames to compare with each other. Longer takes are subsampled for the first search.
 _FINE_HZ = 50.0
-"""Frame rate from which running cycles close: 11 of 12 runs of CMU subject 09 at 60 Hz, and none at 30 Hz."""
+"""Smallest frame rate at which running cycles close: 11 of 12 runs of CMU subject 09 at 60 Hz, and none at 30 Hz."""
 _CANDIDATES, _REFINED, _CLOSED = 60, 3, 12
 """Numbers of nearest pairs that are compared joint by joint, of the best pairs that are refined in a subsampled take,
 and of the best cycles that are closed and measured."""
@@ -356,7 +358,7 @@ def close_cycle(motion: MotionFile, first: int, last: int, blend_s: float = BLEN
 
 
 def _jump(closed: MotionFile, motion: MotionFile, last: int) -> tuple[float, float]:
-    """Return largest joint rotation (degrees) and distance (mm) between a closed cycle's last step and the take's."""
+    """Return largest rotation (degrees) and distance (mm) between the last step of a closed cycle and of the take."""
     one, two = quat_from_rotvec(closed.rotvec[-2:]), quat_from_rotvec(motion.rotvec[last - 1 : last + 1])
     turns = quat_multiply(
         _conjugate(quat_multiply(_conjugate(two[0]), two[1])), quat_multiply(_conjugate(one[0]), one[1])

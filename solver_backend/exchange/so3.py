@@ -1,4 +1,4 @@
-"""Rotation formulas for bakes and files on NumPy arrays, quaternions wxyz. Tests compare ``geometry/rotations.py``."""
+"""Convert rotations for bakes and files with NumPy, quaternions as wxyz. Tests compare ``geometry/rotations.py``."""
 
 from __future__ import annotations
 

@@ -30,9 +30,13 @@ LEAST_SIGMA_M = 0.01  # Smallest deviation of a network's point per axis, becaus
 LEAST_FRAMES, LEAST_COVERED = 5, 0.3  # Fewest frames of a result that fit the take, and their smallest share of it.
 LEAST_POINTS = 6  # Fewest points to position a frame's result in front of the camera.
 FITS_M, CHANCE = 0.12, 0.7
-"""Largest distance of points from their rays for a match in metres, or relative to the distance in other alignments."""
+"""Largest distance in metres of points from their rays for a match, and largest ratio to the distance in other
+alignments.
+"""
 DOUBTED = 1.5
-"""Factor on deviations of the lifted pose and triangulated points, for rare large errors. From subjects 08 and 60."""
+"""Factor on deviations of the lifted pose and triangulated points, for rare large errors. Measured on subjects 08 and
+60.
+"""
 BETTER = 0.85  # Another alignment replaces the file's frame numbers if its distance is below this share.
 SIZE_ALIKE = (0.8, 1.25)  # Scale factors within these limits leave the result's size unchanged.
 _SCAN_FRAMES, _SCAN_SHIFTS = 60, 900  # Frames to compare per shift, and largest shift in frames.
@@ -336,8 +340,9 @@ def deviations(
     """Estimate (L, 2) deviations of a result's points across and along the line of sight, in metres per axis.
 
     Across, they are the distances of the placed points from their rays. Along, they are the distances from ``other``
-    points less the ``variance`` of these. The ratio of along to across is at least that of the tracks' jitter. Also
-    return (L,) factors of at most 1 on the precision of the other points, for points with larger errors than stated.
+    points minus the ``variance`` of these points. The ratio of along to across is at least that of the tracks' jitter.
+    Also return (L,) factors of at most 1 on the precision of the other points, for points with larger errors than
+    stated.
     """
     weight = np.where(np.isfinite(points).all(-1), view.weight, 0.0)
     filled = np.nan_to_num(points)

@@ -250,9 +250,10 @@ def find_contacts(
 
     Args:
         points: (F, L, 3) solved positions in metres, Z up.
-        fixed: (F,) bool, frames that will not move. They define the anchor of a contact that includes some of them.
+        fixed: (F,) bool, true for frames that do not change. If a contact includes such frames, they define its anchor.
         sight: (F, 3) unit viewing direction of a single camera, None for several cameras.
-        heights: (L,) heights of a planted foot's points above a known floor, for their anchors. NaN elsewhere.
+        heights: (L,) heights in metres of a planted foot's points above a known floor, used as the anchors' heights.
+            NaN for other points.
     """
     fixed = np.zeros(len(points), dtype=bool) if fixed is None else fixed
     columns = _foot_columns(names) if heights is None else [int(k) for k in np.flatnonzero(np.isfinite(heights))]

@@ -81,7 +81,7 @@ class PointSource(Layer):
 
     @property
     def knows_floor(self) -> bool:
-        """True if z = 0 is the floor without a statement of the user."""
+        """True if z = 0 is known to be the floor even if the user does not state it."""
         return True
 
     def report(self, points: np.ndarray) -> tuple[np.ndarray | None, dict[str, float]]:

@@ -232,7 +232,7 @@ def _between(R: np.ndarray, t: np.ndarray, posed: np.ndarray) -> tuple[np.ndarra
 
 
 LAG_S, AROUND_S, USUAL_S = 0.1, 1.0, 0.1
-"""Seconds: lag of accelerations, averaging window of the unrest, and weight of the take's mean."""
+"""Lag of accelerations, averaging window of the unrest, and weight of the take's mean, all in seconds."""
 LEAST_SHARE, LEAST_M, LEAST_RAD = 0.02, 2e-4, 2e-3  # Smallest unrest relative to the take's, and of a still prop.
 
 
@@ -392,7 +392,7 @@ def _without_wrong_points(points: np.ndarray) -> np.ndarray:
 
 STAGE = "Solving the props"
 MOST = 12
-"""Largest number of props per take, those with the most markers. Many stray points form groups by chance."""
+"""Largest number of props per take. Those with the most markers are kept. Many stray points form groups by chance."""
 FAR_M = 0.004  # Smallest median marker error of a group that is not rigid.
 UNSURE_M, UNSURE_RAD = 0.02, np.radians(10.0)  # Standard deviations beyond which a prop's pose is unknown.
 

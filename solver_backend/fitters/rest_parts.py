@@ -44,22 +44,22 @@ SPREAD_MM: dict[str, dict[str, tuple[float, float, float]]] = {
     "hip": {"ankle": (13, 398, 81), "foot": (13, 352, 166)},
 }  # fmt: skip
 """Standard deviations in mm along the anchor bone's axes (left, up and front at rest) for a person with an upright
-pelvis, by anchor without side. Fitted with ``python -m tests.benchmarks.resting_spread`` to recordings of CMU, UI-PRMD
-and running laboratories, so that ellipsoids contain about 50, 80 and 95 %. Trunk and head have 1.2 to 2.5 times these
-values, as the pelvis leans by 8 degrees without their markers."""
+pelvis, keyed by anchor (without side). Fitted with ``python -m tests.benchmarks.resting_spread`` to recordings of CMU,
+UI-PRMD and running laboratories, so that ellipsoids contain about 50, 80 and 95 %. Trunk and head have 1.2 to 2.5 times
+these values, as the pelvis leans by 8 degrees without their markers."""
 BESIDE_MM: dict[str, dict[str, float]] = {
     "trunk": {"pelvis": 7.0, "hip": 9.5, "spine1": 20.0}, "thigh": {"pelvis": 6.5, "hip": 9.5},
 }  # fmt: skip
-"""Additional deviation per axis in mm of joints beside a resting part, by part without side. The part's markers would
-have shown the lean of the pelvis and the person's size. Two resting thighs both count."""
+"""Additional deviation per axis in mm of joints beside a resting part, keyed by part (without side). The part's markers
+would have shown the lean of the pelvis and the person's size. Two resting thighs both count."""
 TILT_DEG, MOST_DEG = 15.0, 60.0
 """Lean of the pelvis that doubles the spread of trunk, head and legs, and its limit, as people who sit or kneel
 vary more."""
 ARM_TILT_DEG, ARM_MOST_DEG = 100.0, 45.0
-"""The same for arms beyond ``TILT_DEG``. Without it ellipsoids are 1.1, 1.3 and 1.5 times too small at 25, 40
-and 60 degrees."""
+"""The same two values for arms, for leans beyond ``TILT_DEG``. Without it ellipsoids are 1.1, 1.3 and 1.5 times too
+small at 25, 40 and 60 degrees."""
 SLOW_M_S, FAST_M_S, WINDOW_S = 0.3, 0.8, 0.5
-"""Largest ground speed of a stationary pelvis, smallest speed of a walk, and averaging time."""
+"""Largest ground speed of a stationary pelvis, smallest speed of a walk (both in m/s), and averaging time in s."""
 WALKING = {"arm": 0.62, "upper": 0.75}
 """Spread of walkers' arms, and of head and shoulders above an observed pelvis, relative to other people's. Radii that
 contain 50, 80 and 95 % of CMU's walks are 0.47, 0.66 and 0.81 times as large for arms, and 0.74, 0.73 and 0.75 for the
@@ -134,8 +134,8 @@ def growth(shown: Stance, anchor: str, joint: str) -> np.ndarray:
     """Return the factor on a joint's spread about its anchor, relative to an upright person. Names have no sides.
 
     ``1 + min(θ, MOST_DEG) / TILT_DEG`` for trunk, head and legs, ``1 + clip(θ - TILT_DEG, 0, ARM_MOST_DEG) /
-    ARM_TILT_DEG`` for arms, and 1 for a head on an observed chest, times ``WALKING``, and legs ``LOW``. θ is the
-    pelvis's lean.
+    ARM_TILT_DEG`` for arms, and 1 for a head on an observed chest. For walkers it is multiplied by ``WALKING``, and for
+    legs by ``LOW``. θ is the pelvis's lean.
     """
     if joint in _ARM:
         leaning = 1.0 + np.clip(shown.lean - TILT_DEG, 0.0, ARM_MOST_DEG) / ARM_TILT_DEG
@@ -247,9 +247,9 @@ LEADS: dict[str, tuple[str, float]] = {
 have 53 mm about the lowest spine joint, C7 31 mm about the neck, and the acromion 34 mm about the shoulder."""
 HOLD_S, FADE_S = 0.5, 0.5  # Time for which an uninformed part follows the fit, and time of its transition to rest.
 UNKNOWN_S = 0.5
-"""Time after the informed frames in which a part's deviation rises to that at rest. Arms have errors of 29 to 242 mm
-after 0.5 s without markers (CMU, UI-PRMD), but the fit states 14 to 26 mm. The fit is still better than the rest
-pose."""
+"""Time in seconds after the informed frames in which a part's deviation rises to the resting deviation. Arms have
+errors of 29 to 242 mm after 0.5 s without markers (CMU, UI-PRMD), but the fit states 14 to 26 mm. The fit is still
+better than the rest pose."""
 
 
 BETWEEN = 0.4

@@ -102,7 +102,7 @@ def unset(shape: tuple[int, ...], like: Array) -> Array:
 
 
 def replaced(values: Array, where: Array, by: float) -> Array:
-    """Return a copy of the values with a number where the mask is true."""
+    """Return a copy of the values, with the number ``by`` where the mask is true."""
     copy = array_namespace(values).asarray(values, copy=True)
     copy[where] = by
     return copy

@@ -162,7 +162,8 @@ class KeyWeights:
 def slerp(a: Vectors, b: Vectors, t: Times) -> Vectors:
     """Return the point (..., d) at any real ``t`` on the geodesic from ``a`` (t = 0) to ``b`` (t = 1).
 
-    ``sin((1-t)ψ)/sinψ a + sin(tψ)/sinψ b``, with a series at ``ψ = 0``, and through a fixed direction to ``-a``.
+    The point is ``sin((1-t)ψ)/sinψ a + sin(tψ)/sinψ b``, with a series near ``ψ = 0``. A geodesic to ``-a`` has a fixed
+    direction.
 
     References: Shoemake 1985, thesis eq. 4.9 and 6.2.3.
     """
@@ -173,7 +174,7 @@ def slerp(a: Vectors, b: Vectors, t: Times) -> Vectors:
 def sider2(a: Vectors, b: Vectors, c: Vectors, t: Times) -> Vectors:
     """Return the point at any real ``t`` on the spherical parabola through ``a`` (t = 0), ``b`` (½) and ``c`` (1).
 
-    ``SLERP(SLERP(a, SLERP(c, b, 2), t), SLERP(SLERP(a, b, 2), c, t), t)``. The curve passes through ``b``. It is smooth
+    The point is ``SLERP(SLERP(a, SLERP(c, b, 2), t), SLERP(SLERP(a, b, 2), c, t), t)``. The curve is smooth
     in ``t`` if the path from ``a`` to ``b`` to ``c`` is shorter than half a circle.
 
     References: Fong and Leung 2023, thesis 6.2.3.

@@ -47,7 +47,8 @@ class Obstacles:
         """Return the signed distance (...) of points (..., 3) from the nearest obstacle, and its normal (..., 3) there.
 
         Distances are negative inside. Beyond ``reach`` from a mesh they are infinite if there is no plane. A point is
-        inside a mesh if the nearest triangle faces away from it. Of equally near ones the most perpendicular counts.
+        inside a mesh if the nearest triangle faces away from it. Of equally near triangles, the most perpendicular one
+        counts.
         """
         flat = points.reshape(-1, 3)
         heights = flat @ self.planes[:, :3].T - self.planes[:, 3]
@@ -160,7 +161,7 @@ def _read_mesh(path: Path) -> np.ndarray:
 
 
 def _is_closed(triangles: np.ndarray) -> bool:
-    """Return whether each edge belongs to two triangles (T, 3, 3), one per way. Equal positions are one vertex."""
+    """Return whether each edge belongs to two triangles, one per direction. Equal positions are one vertex."""
     places, corner = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
     corner = corner.reshape(-1, 3)
     edges = np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]])

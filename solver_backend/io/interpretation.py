@@ -34,7 +34,9 @@ MARKER_OPTIONS = frozenset({"fps", "unit", "up_axis"})  # Reading options that `
 STILL_FRAMES = 10  # A marker that does not move at all in this many frames was not measured.
 WIDEST_ARRAY_M = 60.0  # Largest camera distance that is plausible in metres. A larger value means another unit.
 OTHER_UNIT, LEAST_FOR_OTHER_UNIT = 20.0, 3
-"""A camera that widens the others' spread by this factor has another unit. The check needs this number of cameras."""
+"""A camera that widens the others' spread by this factor has another unit. The check needs at least this number of
+cameras.
+"""
 
 
 def interpret_rate(

@@ -201,7 +201,7 @@ class _Task:
             return pixels_of(now.cameras, self.seen.camera, x_cam) - target
 
     def of_camera(self, by_pose: np.ndarray, by_lens: np.ndarray, by_delay: np.ndarray) -> np.ndarray:
-        """Return the (N, 2, columns) derivatives by the unknown parameters of each point's camera."""
+        """Return (N, 2, columns) derivatives of the pixels by the unknown parameters of each point's camera."""
         if self.columns.max(initial=0) < 6:
             return by_pose[..., self.columns]
         return np.concatenate([by_pose, by_lens, by_delay], axis=-1)[..., self.columns]
@@ -229,7 +229,7 @@ class _Task:
 
 @dataclass(frozen=True)
 class _Equations:
-    """Normal equations: ``U`` (CP, CP) of cameras, ``V`` (B, 6, 6) of bodies, ``W`` (B, CP, 6) between them."""
+    """Normal equations: ``U`` (CP, CP) of cameras, ``V`` (B, 6, 6) of bodies, ``W`` (B, CP, 6) that couples them."""
 
     U: np.ndarray
     V: np.ndarray

@@ -99,7 +99,7 @@ def recordings_beside(folder: Path) -> dict[str, Path]:
 
 
 def entries(folder: Path) -> list[Path]:
-    """Return the paths in a folder in natural order, without hidden ones, and none if it cannot be read."""
+    """Return the visible paths in a folder in natural order, or no paths if the folder cannot be read."""
     try:
         shown = [path for path in folder.iterdir() if not path.name.startswith(".")]
         return sorted(shown, key=lambda path: natural_key(path.name))

@@ -56,7 +56,7 @@ def calibrate_from_board(
         fps: frames per second, to estimate each camera's delay relative to the first. None for no delays.
 
     Raises:
-        CalibrationInvalid: cameras never see the board together, or its ends look the same.
+        CalibrationInvalid: cameras never see the board together, or the board's ends look the same.
     """
     if not board.ends_differ:
         message = f"The {board} looks the same after half a turn, so its orientation is ambiguous."
@@ -87,7 +87,8 @@ def calibrate_from_board(
 def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
     """Report each camera whose lens has another zoom or mode.
 
-    A free focal length must differ by more than 3 % and five standard deviations, and reduce the error by a quarter.
+    A lens is reported if a free focal length differs by more than 3 % and five standard deviations, and reduces the
+    error by a quarter.
     """
     adjusted, names = solved.adjusted, solved.adjusted.cameras.names
     stated = adjusted.cameras
@@ -109,7 +110,7 @@ def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
 
 
 def lens_unknowns(lenses: Sequence[Lens]) -> Unknowns:
-    """Return unknowns for all poses and lenses: focal length, centre, and coefficients that are not zero."""
+    """Return the unknowns of all poses and lenses: focal length, centre, and coefficients that are not zero."""
     fitted = [np.flatnonzero(lens.distortion) for lens in lenses]
     default = LENS_MODELS["radial2"].fitted
     free = np.stack([lens_mask(used if len(used) else default, centre=True) for used in fitted])
@@ -177,7 +178,7 @@ def board_world(
 def widen_by_halves(
     found: CalibratedCameras, lenses: Sequence[Lens], board: Board, seen: Sequence[Mapping[int, BoardSighting]]
 ) -> CalibratedCameras:
-    """Widen the deviations of a calibration to the difference between two halves of its footage.
+    """Increase a calibration's standard deviations to match the difference between two halves of its footage.
 
     Errors of the corners in one image are correlated (lens model, flatness, print), so the covariance for independent
     corners is too small. A half has twice the variance of the whole, and the difference of two halves has four times
@@ -299,7 +300,7 @@ def _measured_lenses(
     options: BoardOptions,
     progress: Progress,
 ) -> dict[str, CameraLens]:
-    """Return the unknown lenses, each measured in its intrinsic footage or else in the footage for the poses.
+    """Measure each unknown lens in its intrinsic footage, or otherwise in the footage for the poses.
 
     All of them have the distortion model of the known lenses, or the model with the best prediction.
     """

@@ -36,7 +36,7 @@ FOCAL_SIGMA = 0.15  # Relative standard deviation of a guessed focal length.
 
 @dataclass(frozen=True)
 class PersonCalibration:
-    """Cameras estimated from a person, in the first camera's axes and an arbitrary unit."""
+    """Cameras estimated from a person, in the first camera's axes and an arbitrary length unit."""
 
     adjusted: Adjusted  # Cameras, points (as bodies) and errors.
     sigma_px: float  # Keypoint error per axis in px, measured from the residuals.
@@ -176,7 +176,7 @@ class _FlatViews:
 
 
 def sample_person(keypoints: Keypoints2D, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return at most F frames with two views, spread over the take, with (C, F K, 2) px and (C, F K) confidence.
+    """Return at most F frames with two views, spread over the take, their (C, F K, 2) px and (C, F K) confidence.
 
     Keypoints below ``LEAST_CONFIDENCE`` are NaN.
     """
@@ -196,7 +196,7 @@ def keypoint_sigma(confidence: np.ndarray, sigma_px: float = START_SIGMA_PX) -> 
 
 
 def _sigma(found: Adjusted) -> float:
-    """Return the deviation per axis in px from the median distance (Rayleigh) and the lost degrees of freedom."""
+    """Return the deviation per axis in px from the median distance (Rayleigh), corrected for the degrees of freedom."""
     off = np.linalg.norm(found.error, axis=-1)
     known = off[np.isfinite(off)]
     if not len(known):
@@ -251,7 +251,7 @@ def calibrate_by_person(
     """Calibrate cameras in metres with Z up and the floor at zero from one person's keypoints alone.
 
     Args:
-        others: the keypoints with other clocks of the cameras. The one with the largest share of inliers is used.
+        others: the same keypoints for other camera clocks. The clocks with the largest share of inliers are used.
         stature_m: stature of the person in metres.
         known_length: two keypoints and their distance in metres, instead of the stature.
         free_focal: also estimate focal lengths.

@@ -1,4 +1,4 @@
-"""Calibrate cameras from clicked points, or from board footage, a take and clicked points together."""
+"""Calibrate cameras from clicked points alone, or together with board footage and a take."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ class Evidence:
 def board_evidence(
     cameras: Cameras, board: Board, sightings: Sequence[Mapping[int, BoardSighting]], fps: float | None = None
 ) -> Evidence:
-    """Return the observations of a carried board. Its initial poses come from the camera that sees most of it."""
+    """Return the observations of a moving board. Its initial poses come from the camera that sees most of it."""
     poses = [poses_seen(board, seen, lens_of(cameras, c)) for c, seen in enumerate(sightings)]
     moments = tuple(sorted(set().union(*(p.keys() for p in poses))))
     if not moments:
@@ -281,13 +281,13 @@ def _errors(found: Adjusted, sources: Sequence[Evidence]) -> Iterator[tuple[Evid
 
 
 def _measured(found: Adjusted, sources: Sequence[Evidence]) -> list[float]:
-    """Return the ratio of each source's errors to its stated deviations, from Rayleigh's median."""
+    """Return the ratio of each source's errors to the stated standard deviations, from the Rayleigh median."""
     factors = (FREEDOM * float(np.nanmedian(far / e.seen.sigma)) / 1.1774 for e, far in _errors(found, sources))
     return [max(s, LEAST_SIGMA_PX / float(e.seen.sigma.min())) for e, s in zip(sources, factors, strict=True)]
 
 
 def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after: np.ndarray) -> list[Diagnostic]:
-    """Report the cameras with the largest growth of (C,) errors in the common adjustment."""
+    """Report the cameras with the largest increase of their (C,) errors in the common adjustment."""
     grown = np.nan_to_num(after - before)
     far = (after > np.maximum(CONTRADICTION * before, LEAST_CONTRADICTION_PX)) & (grown > WORST_SHARE * grown.max())
     found = []

@@ -45,7 +45,7 @@ def essential_matrix(
 ) -> tuple[Float[np.ndarray, "3 3"], Bool[np.ndarray, " n"]]:
     """Return E with ``x2ᵀ E x1 = 0``, and a mask of inliers.
 
-    Samples of eight points give hypotheses. Cauchy's penalty of the Sampson distance selects one to be refined.
+    Samples of eight points give hypotheses. The one with the lowest Cauchy penalty of Sampson distances is refined.
 
     Args:
         first: at least eight points.
@@ -164,7 +164,8 @@ def resected_pose(
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"], float]:
     """Return rotation, translation, and the share of points within three scales.
 
-    Samples of six points give hypotheses by the direct linear transform. Cauchy's penalty selects one to be refined.
+    Samples of six points give hypotheses by the direct linear transform. The one with the lowest Cauchy penalty is
+    refined.
 
     Args:
         points: at least six points that are not in one plane.
@@ -285,7 +286,8 @@ def result_of(method: str, found: Adjusted, *, measured: bool = False) -> Calibr
     """Return the calibration of an adjustment. A step ``x ← exp(ω) x + τ`` moves a centre by ``-Rᵀ exp(-ω) τ``.
 
     Args:
-        measured: the deviations of the sightings come from residuals. Otherwise the covariance is scaled to these.
+        measured: true if the standard deviations of the sightings come from residuals. Otherwise the covariance is
+            scaled to the residuals.
     """
     camera_of, noise_px = found.seen.camera, found.seen.sigma
     C = len(found.cameras)

@@ -206,7 +206,7 @@ def _held_out(
 
 
 def choose_family(lenses: Mapping[str, CameraLens], models: Sequence[str]) -> str | None:
-    """Return the distortion model with the best prediction for all cameras together, None if one of them lacks it.
+    """Return the distortion model that predicts best for all cameras together, or None if a camera lacks it.
 
     The evidence of a camera is ``-n log σ`` if its best model predicts corners of n images to σ px, with normal errors.
     """

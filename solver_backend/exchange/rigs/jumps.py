@@ -54,7 +54,8 @@ def _fastest(steps: np.ndarray, runs: list[tuple[int, int]]) -> float:
 def _kept(place: np.ndarray, pieces: list[tuple[int, int]], fps: float) -> list[bool]:
     """Return a mask of the pieces near the longest piece, or near its continuation if the figure returns.
 
-    The first and last piece never return. A run of pieces longer than a jump does not either, as for a fast figure.
+    The first and last piece never return. A run of pieces longer than a jump does not return either, because the figure
+    may be fast.
     """
     lengths = [stop - first for first, stop in pieces]
     anchor = int(np.argmax(lengths))

@@ -26,7 +26,7 @@ def stage_axes(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
     """Return the (3, 3) rotation from a skeleton's axes to the stage, or None if left and right cannot be told apart.
 
     Args:
-        places: (3,) head position at rest by role, with the pelvis or the feet.
+        places: maps roles to (3,) head positions at rest, including the pelvis or the feet.
     """
     above = next(role for role in ("head", "neck_1", "left_upper_arm", "right_upper_arm", *places) if role in places)
     feet = [places[f"{side}_foot"] for side in SIDES if f"{side}_foot" in places]
@@ -50,7 +50,7 @@ def bent_at_rest(places: Mapping[str, np.ndarray]) -> Diagnostic | None:
     """Return a diagnostic if a rest pose is not standing, such as the first frame of a clip.
 
     Args:
-        places: (3,) head position at rest by role.
+        places: maps roles to (3,) head positions at rest.
     """
     for roles in LIMBS.values():
         if set(roles) <= places.keys():
@@ -63,10 +63,12 @@ def bent_at_rest(places: Mapping[str, np.ndarray]) -> Diagnostic | None:
 
 
 def off_stance_deg(places: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the angle between trunk and legs minus 180 degrees (...), or 0 if unknown. Upright figures have about 0.
+    """Return by how many degrees (...) trunk and legs deviate from a straight line, or 0 if unknown.
+
+    Upright figures have about 0.
 
     Args:
-        places: (..., 3) head position by role, at rest or in any pose.
+        places: maps roles to (..., 3) head positions, at rest or in any pose.
     """
     line = _trunk_and_legs(places)
     return np.zeros(places["pelvis"].shape[:-1]) if line is None else _angles_deg(line[0], -line[1])
@@ -76,7 +78,7 @@ def standing_frame(places: Mapping[str, np.ndarray], up: np.ndarray) -> int | No
     """Return the frame with the straightest legs under the most upright trunk, or None if no frame is upright.
 
     Args:
-        places: (F, 3) head positions by role.
+        places: maps roles to (F, 3) head positions.
         up: (F, 3) upward directions.
     """
     line = _trunk_and_legs(places)

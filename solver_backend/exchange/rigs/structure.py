@@ -361,7 +361,7 @@ def _add_trunk(roles: dict[str, int], skeleton: Skeleton, limbs: _Limbs, up: np.
 
 
 def _add_named_head(roles: dict[str, int], skeleton: Skeleton, trunk: list[int]) -> list[str]:
-    """Add the only named head above the chest, because bones along a single axis do not show one by position."""
+    """Add the only named head above the chest, because positions along a single axis do not reveal a head."""
     heads = [bone for bone in skeleton.below(trunk[0]) if names_part(skeleton.names[bone], "head")]
     if len(heads) != 1:
         return ["No head was found."]

@@ -163,7 +163,7 @@ class Humanoid:
         return normal * _MIRROR_QUAT, np.array([x, z, -y]) * _MIRROR
 
     def from_unity(self, quat: np.ndarray, hips: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (J, 3) rotation vectors and (3,) translation of bones as in ``to_unity``. Other joints are at rest."""
+        """Convert bones as in ``to_unity`` to (J, 3) rotation vectors and a translation. Other joints are at rest."""
         after = unturned(np.concatenate([_Y_UP[None], self._turns[self._parents]]))
         local = quat_multiply(quat_multiply(after, quat * _MIRROR_QUAT), self._turns[self.joints])
         rotvec = np.zeros((self.layout.num_joints, 3))

@@ -113,7 +113,9 @@ def marker_size(skeleton: HandSkeleton, labels: tuple[str, ...], positions: np.n
 
 LEAST_FRAMES = 8  # Smallest number of frames that show a marker.
 SPREAD_M, REACH_M = 0.008, 0.035
-"""Largest median distances: of a marker from its mean position on a segment, and of that position from the bone."""
+"""Largest median distances in metres, of a marker from its mean position on a segment and of this position from the
+bone.
+"""
 AS_GOOD, AS_GOOD_M = 1.5, 0.002  # A segment is a candidate up to this factor on the smallest spread, plus these metres.
 _SEGMENTS = HandSites(
     np.array([0, *np.repeat(np.arange(5), 3)]), np.array([0, *np.tile(np.arange(1, 4), 5)]), np.zeros((16, 3))

@@ -242,7 +242,9 @@ def finger_turns_of(motion: Motion) -> Float[np.ndarray, "frames 30 3"] | None:
 
 STEPS = 6  # Gauss-Newton steps. Shifts are at most a few centimetres. Three steps are enough for bent arms.
 COLLAR = 0.1
-"""Ease of rotating the collar relative to shoulder and elbow. By hand: Pose2Sim's balancing trial needs 11 degrees."""
+"""Ease of rotating the collar relative to shoulder and elbow. Chosen by hand: Pose2Sim's balancing trial needs 11
+degrees.
+"""
 PRONATION = 0.5  # The elbow's share of a hand's twist about the forearm, as in the recordings of the pose prior.
 LOADING_M2 = 1e-4  # Damping of the normal matrix in m², for wrists beyond the reach of arm and collar.
 

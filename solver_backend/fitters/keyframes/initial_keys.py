@@ -69,7 +69,9 @@ def _neighbours(seen: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.nda
 
 CALM_M_S2 = 5.2  # Mean acceleration of landmarks up to which the settings' window is kept. Walking has 2 to 5.
 CLOSEST = 0.6
-"""Smallest window relative to the settings' one, for dances: ``bench floor`` on salsa_07 falls from 4.93 to 2.93 mm."""
+"""Smallest window relative to the window in the settings, for dances. It reduces ``bench floor`` on salsa_07 from 4.93
+to 2.93 mm.
+"""
 
 
 def dense_layout(
@@ -112,8 +114,8 @@ def window_of(motion: Motion, window: int) -> int:
 
 
 DETECTED_M, WORN_M = (0.15, 0.08), (0.06, 0.04)
-"""Smallest distance of a lost landmark in one frame and in adjacent frames, for detections and for markers. With keys
-three frames apart, one wrong key bends four frames and moves two of them that far."""
+"""Smallest distance in metres of a lost landmark in one frame and in adjacent frames, for detections and for markers.
+With keys three frames apart, one wrong key bends four frames and moves two of them that far."""
 LOST_SIGMAS = 6.0  # The distance must also exceed this number of standard deviations of the point.
 SURE_M = 0.03  # A point is precise if its standard deviation per axis is smaller.
 ROUGHNESS = 2.5

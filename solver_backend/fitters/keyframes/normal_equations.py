@@ -483,7 +483,8 @@ REACH = 3.0
 reduces point errors by 1.5 %. A toe bent by 70 degrees reaches 44 instead of 25. 2.5 adds jitter."""
 STEADINESS = 0.15
 """Precision of the second difference of residual rotations over three keys, relative to a frame's precision. 0.15
-reduces acceleration errors by 3 % and point errors by 0.7 % compared with a Gaussian. 0.3 removes jitter and gain."""
+reduces acceleration errors by 3 % and point errors by 0.7 % compared with a Gaussian. 0.3 removes the jitter, but also
+the gain."""
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,7 @@ def clean_labels(
 
 
 def shared_error(off: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return (F, M, 3) errors of the body near each marker: medians over its neighbours, 0 if unknown."""
+    """Return (F, M, 3) errors in metres of the body near each marker: medians over its neighbours, 0 if unknown."""
     ordered = np.sort(off[:, around], axis=2)  # (F, M, n, 3). What is missing comes last
     count = np.maximum(np.isfinite(ordered).sum(axis=2, keepdims=True), 1)
     middle = [np.take_along_axis(ordered, place, 2) for place in ((count - 1) // 2, count // 2)]
@@ -172,8 +172,8 @@ OF_CENTRES = dict[str, str](map(str.split, _CENTRES.split(", ")))  # Skin marker
 _SIDES = {"L": ("left", "right", 1.0), "R": ("right", "left", -1.0)}  # Side, other side, sign of its direction.
 LEAST_PAIRS = 2  # Fewest pairs of a limb's markers.
 MIRRORED, CROSSED_M, SIDES_SHARE = -0.3, -0.05, 0.75
-"""Limits of the median sine of the feet's direction, and of a quantile of the left legs' distance to the left in
-metres. In 45 recordings the median sine exceeds 0.5, and the quantile of 0.75 exceeds 0.12 m."""
+"""Limit of the median sine of the feet's direction, limit in metres of a quantile of the left leg's distance to the
+left, and this quantile. In 45 recordings the median sine exceeds 0.5, and the quantile of 0.75 exceeds 0.12 m."""
 INNER_M, FOOT_M = -0.015, 0.1
 """Smallest distance in metres of the outer ankle towards the outer side of the foot, and largest plausible one. In 160
 recordings 320 feet have 27 to 58 mm, except one (btkdata's ADemo1) with -4 mm."""
@@ -382,7 +382,9 @@ def _towards_upper_arm(inner: np.ndarray, outer: np.ndarray, shoulder: np.ndarra
 
 FRAMES = 16  # Varied frames to compare before a person is calibrated.
 OFF_M, EXCHANGE_LEAVES = 0.04, 0.3
-"""Smallest RMS distance of both markers from their positions, and largest share of it that remains after a swap."""
+"""Smallest RMS distance in metres of both markers from their positions, and largest share of it that remains after a
+swap.
+"""
 LEAST = 8  # Fewest frames that show both markers.
 
 

@@ -71,7 +71,9 @@ from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, MarkerCloud, MarkerSubject
 
 FARTHEST_M = {"shaft": 0.19, "hand": 0.15, "trunk": 0.15, "head": 0.15, "bone": 0.13, "foot": 0.11}
-"""Largest distance of a marker from its location by kind, in metres. Wands reach 0.155, others 0.13 (1,900 markers)."""
+"""Largest distance in metres of a marker from its location, for each kind of location. Wands reach 0.155, others 0.13
+(1,900 markers).
+"""
 FREE_M = {"BAC": 0.25, "SACR": 0.16}  # The same for freely chosen positions: the back's offset, the sacrum's wands.
 
 

@@ -80,7 +80,7 @@ def _moves(points: np.ndarray) -> bool:
 NUM_ATTACHED = 1 + NUM_BODY_JOINTS  # Number of bones that can carry markers with unknown names.
 LEAST_FRAMES_OF_BONE = 8  # Fewest frames of a marker to identify its bone.
 RESIDUAL_M, REACH_M = 0.03, 0.45
-"""Largest median distance of a marker from its position on the bone, and of that position from the joint."""
+"""Largest median distance in metres of a marker from its position on the bone, and of this position from the joint."""
 _MEDIAN_LENGTH = 1.54  # Median length of a three-dimensional Gaussian, in standard deviations per axis.
 
 

@@ -18,8 +18,8 @@ ROWS, WINDOW_S = 300, 10.0  # Number of training frames of a gap, and time span 
 NOISE_M = 0.00055  # Noise of a neighbour's position in metres, as of an optical tracker.
 ROWS_BY_NEIGHBOUR = 3  # Smallest number of frames per neighbour, because each has three unknowns.
 HIDDEN = 5.0  # Ratio of a hidden marker's error to a visible one's, which attracts the body.
-"""Chosen on 19 fillings of 12 takes (marker_files.md). Half the window, 0.3 mm, 8 neighbours or a factor of 2 raise the
-mean error by 3 to 7 %, a ``FAR`` of 0.005 by 2 %, a ``MOSTLY`` of 1 by 3 %."""
+"""These constants were chosen on 19 gap fillings of 12 takes (marker_files.md). Half the window, 0.3 mm, 8 neighbours
+or a factor of 2 raise the mean error by 3 to 7 %, a ``FAR`` of 0.005 by 2 %, a ``MOSTLY`` of 1 by 3 %."""
 
 
 def steadiest_first(points: np.ndarray, pool: np.ndarray) -> np.ndarray:
@@ -94,7 +94,9 @@ def between_ends(frames: np.ndarray, ends: np.ndarray, errors: np.ndarray, lasti
 
 
 LAG_S, LONGER = 0.2, 3.0
-"""Lag of the error correlation, and its factor in gaps, because the fit of visible markers removes slow errors."""
+"""Lag in seconds at which the error correlation is measured, and factor on the correlation time in gaps, because the
+fit of visible markers removes slow errors.
+"""
 CORRELATION = (0.01, 0.98)  # Limits of this correlation.
 
 
@@ -109,8 +111,8 @@ def filled(
     process, which is ``d_a e^{-(t - a) / τ}`` for a gap with one end. The take gives the correlation time τ.
 
     The second prediction follows from the neighbours (see ``among``). Frames around the gap give the mean squared
-    errors ``e²`` of both. The second has the weight ``e_1² / (e_1² + e_2²)``. If both predictions differ by more, the
-    body is assumed to be wrong. A limb with no visible marker is undetermined.
+    errors ``e²`` of both. The second has the weight ``e_1² / (e_1² + e_2²)``. If the predictions differ by more than
+    these errors, the body is assumed to be wrong. A limb with no visible marker is undetermined.
 
     ``bones`` are (F, M, 3, 3) weighted mean rotations of each marker's bones. ``others`` are (F, U, 3) recorded points
     that the body does not use. They predict markers of limbs without other known markers.

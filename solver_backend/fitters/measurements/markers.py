@@ -32,8 +32,8 @@ SMALLEST_M = 0.55
 Small children and people who crouch for a whole take are larger. Chosen by hand."""
 UNIT_M = 0.01  # Smaller extents indicate a wrong unit, such as metres read as millimetres.
 RIGID_M, TURNED = 0.005, 0.1
-"""Largest change of distances in a rigid body, and smallest relative change of the points' second moments that shows
-its rotation. A person who stands still and is carried does not rotate."""
+"""Largest change in metres of distances in a rigid body, and smallest relative change of the points' second moments
+that shows its rotation. A person who stands still and is carried does not rotate."""
 _LOOKED_AT, _LEAST_FRAMES, _MOST_RIGID = 200, 10, 20  # Most and fewest compared frames, most points of a rigid body.
 
 

@@ -59,8 +59,9 @@ OF_MARKERS_M = {
     "spine3": 0.0039, "foot": 0.0052, "neck": 0.0044, "collar": 0.0044, "head": 0.0049, "shoulder": 0.0057,
     "elbow": 0.0083, "wrist": 0.0054, "hand": 0.0066,
 }  # fmt: skip
-"""The same deviations by joint for markers of a calibrated person. Four fifths of the error comes from the calibration
-and is the same in all frames. Measured with ``python -m tests.benchmarks.marker_takes.coverage`` on other takes."""
+"""The same standard deviations of the joints, for markers of a calibrated person. Four fifths of the error comes from
+the calibration and is the same in all frames. Measured with ``python -m tests.benchmarks.marker_takes.coverage`` on
+other takes."""
 
 
 class _Points(PointSource):

@@ -59,7 +59,7 @@ class KeyframeLayout:
         return np.arange(self.bounds[0], self.bounds[-1] + 1)
 
     def positions(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the windows of frame numbers and the positions in them, 0 to 1. A bound is in the earlier window."""
+        """Return the window of each frame number and its position there, 0 to 1. A bound is in the earlier window."""
         window = np.clip(np.searchsorted(self.bounds, times, side="left") - 1, 0, self.num_windows - 1)
         return window, (times - self.bounds[window]) / np.diff(self.bounds)[window]
 

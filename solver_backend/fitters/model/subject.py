@@ -74,7 +74,7 @@ def _transposed(matrices: Array, vectors: Array) -> Array:
 
 
 def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) -> tuple[Array, Array | None]:
-    """Return the joints' left tangents by the ambient code (F, 63, d), and by their residual ρ (F, 21, 3, 3) or None.
+    """Return derivatives of joint tangents by the ambient code (F, 63, d), and by residuals ρ (F, 21, 3, 3) or None.
 
     ``dR = [exp(ρ) J_z dz]x R`` and ``dR = [J_l(ρ) dρ]x R``. The derivative only affects steps, so single precision
     suffices and halves the most expensive product of a solve.

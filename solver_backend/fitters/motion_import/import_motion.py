@@ -45,7 +45,7 @@ def measure(motion: SkeletonMotion, roles: dict[str, str], own_rest: np.ndarray)
     so that its bones have the same directions.
 
     Args:
-        roles: the skeleton's joint by role.
+        roles: maps each role to a joint of the skeleton.
         own_rest: (NUM_JOINTS, 3) joints of the body at rest in metres, Y up.
 
     Raises:
@@ -66,7 +66,7 @@ def measure(motion: SkeletonMotion, roles: dict[str, str], own_rest: np.ndarray)
 
 
 def _alignments(index: dict[str, int], rest: np.ndarray, own: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the rotation by role from the skeleton's bone at rest to the body's, both in stage axes."""
+    """Return each role's rotation from the skeleton's bone to the body's bone, both at rest in stage axes."""
     aligned: dict[str, np.ndarray] = {}
     for limb, roles in LIMBS.items():
         if not set(roles[:2]) <= index.keys():
@@ -265,7 +265,9 @@ _PAIRS = (
 )  # Ends of compared lengths: bones of limbs, widths, trunk, and shoulders to head, or the middle of joints.
 _STARTS, _ENDS = (np.array([(pair[end][0], pair[end][-1]) for pair in _PAIRS]) for end in (0, 1))  # (12, 2) joints.
 _SIGMA_M = np.array([0.004] * 8 + [0.008, 0.006, 0.008, 0.04])
-"""Standard deviation of lengths in metres, small for widths and trunk to keep collars from folding. Heads differ."""
+"""Standard deviation of lengths in metres, small for widths and trunk so that collars do not fold, and large for heads,
+which differ.
+"""
 _SHAPE_ROUNDS = 4
 _EXACT, _SAME_M, _PLAUSIBLE = 16.0, 0.001, 5.0
 """Weight factor, largest error in metres and largest shape coefficient that identify a skeleton made from this body."""
@@ -337,7 +339,7 @@ def _lengths(joints: np.ndarray) -> np.ndarray:
 
 
 def _ways(joints: np.ndarray) -> np.ndarray:
-    """Return (12, ...) vectors from the midpoints of starts to those of ends, of (J, ...) positions or derivatives."""
+    """Return the (12, ...) vectors of the fitted lengths, between midpoints of (J, ...) joints or their derivatives."""
     return np.asarray(joints[_ENDS].mean(axis=1) - joints[_STARTS].mean(axis=1))
 
 
@@ -349,7 +351,7 @@ _NEAR_M, _STILL_M_S = 0.04, 0.3  # Largest height of a standing ball of the foot
 def floor_height(body: Body, betas: np.ndarray, joints: np.ndarray) -> float:
     """Return the height of the lowest soles in metres.
 
-    A sole is below ankle and ball of the foot by their height in the rest pose. ``joints`` are (F, 24, 3), metres.
+    A sole is as far below ankle and ball of the foot as at rest. ``joints`` are (F, 24, 3) positions in metres.
     """
     above = _rest_heights(body, betas)
     lowest = np.min([joints[:, joint, 2] - above[joint] for foot in _FEET for joint in foot], axis=0)
@@ -389,7 +391,7 @@ def import_motion(
     """Transfer a skeleton's motion to the body, with a shape that fits its bones, and with fingers if they move.
 
     Args:
-        roles: the skeleton's joint by role.
+        roles: maps each role to a joint of the skeleton.
         body: a body whose first joints are SMPL's.
         keep_height: keep the clip's height. Otherwise the lowest soles are moved to z = 0.
 

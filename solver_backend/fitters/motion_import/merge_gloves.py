@@ -47,7 +47,7 @@ class WristClock:
 def wrist_speeds(rotations: Float[np.ndarray, "n 3 3"], times: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
     """Return angular speeds in rad/s at ``RATE`` samples per second, NaN if fewer than two are known.
 
-    ``rotations`` are (F, 3, 3) in any world and axes, ``times`` (F,) ascending seconds.
+    ``rotations`` are (F, 3, 3) in any world and axes, ``times`` (F,) are ascending, in seconds.
     """
     steps = np.linalg.norm(log_so3(np.swapaxes(rotations[:-1], -1, -2) @ rotations[1:]), axis=-1) / np.diff(times)
     middles = 0.5 * (times[1:] + times[:-1])
@@ -61,7 +61,7 @@ def wrist_speeds(rotations: Float[np.ndarray, "n 3 3"], times: Float[np.ndarray,
 
 
 def find_wrist_clock(one: list[np.ndarray], other: list[np.ndarray]) -> WristClock | None:
-    """Estimate the start of the other recording on the clock of the first. None if no wrist moves or one is too short.
+    """Estimate the start of the other recording on the clock of the first. None without movement or overlap.
 
     The offset maximises the correlation of all wrists' speeds over the overlap, with a parabola between samples. Speeds
     are (n,) and (m,) of the same wrists at ``RATE`` samples per second.
@@ -130,7 +130,9 @@ def _vertex(scores: np.ndarray, best: int) -> float:
 
 
 _AGREE, _CLEARLY, _CERTAIN = 0.6, 0.1, 5.0
-"""Thresholds of a reliable offset: correlation of speeds, lead over other offsets, and certainty in deviations."""
+"""Thresholds of a reliable offset: correlation of speeds, lead over other offsets, and significance in standard
+deviations.
+"""
 _BEYOND_DEG, _BEYOND_SHARE = 15.0, 0.05  # Degrees beyond human ranges and share of frames that are reported.
 
 

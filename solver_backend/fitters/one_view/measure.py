@@ -97,7 +97,7 @@ def size_of(
 
 
 def turn_sigma(take: LiftedTake, body: Body) -> np.ndarray:
-    """Return (F, 1 + J) deviations of the lifted rotations of the root and the solved joints, radians."""
+    """Return (F, 1 + J) deviations of the lifted rotations of the root and the solved joints, in radians."""
     sigma = np.zeros((len(take.z), 1 + body.layout.num_solved))
     if has_segments(body):
         joints = [body.layout.joints.index(joint) for _, joint in SEGMENTS.values()]
@@ -106,15 +106,15 @@ def turn_sigma(take: LiftedTake, body: Body) -> np.ndarray:
 
 
 def depth_sigma(take: LiftedTake, body: Body) -> np.ndarray:
-    """Return (F, R) the lifter's deviations of the recorded joints along the line of sight, metres."""
+    """Return the lifter's (F, R) deviations of the recorded joints along the line of sight, in metres."""
     return take.view.sigma_m[:, [SMPL_JOINTS.index(name) for name in body.layout.recorded.joints], 1]
 
 
 MODEL_ERROR_M = 0.015
 """Error of a body of average proportions at keypoints per axis, because no second view shows limb lengths."""
 ALIKE_S = 0.07
-"""Frames within this time count once, because neighbouring windows share frames. Chosen on takes of subjects 08 and 60.
-Longer correlations are covered by wider deviations (see ``with_open_depth``)."""
+"""Frames within this time in seconds count once, because neighbouring windows share frames. Chosen on takes of subjects
+08 and 60. Longer correlations are covered by wider deviations (see ``with_open_depth``)."""
 
 
 def measure_one_view(

@@ -137,7 +137,8 @@ def fit_shape(
     stature by Σ g·ω, so ``pose_sigma² = Σ_fj |g_fj|² σ_fj² / e`` for errors that stay for ``ALIKE_S``.
 
     Args:
-        turn_sigma: (F, 1 + J) deviations of the lifted turns of the root and the solved joints, radians.
+        turn_sigma: (F, 1 + J) standard deviations of the lifted rotations of the root and the solved joints, in
+            radians.
         floor: camera rotations (F, 3, 3) from the world and centres (F, 3) in metres, over a floor at z = 0, or None.
         stature_m: given stature in metres, 0 if unknown.
     """

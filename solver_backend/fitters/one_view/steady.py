@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from solver_backend.fitters.one_view.depth import OneView
 
 DEPTH_S, ACROSS_S = 0.067, 0.023
-"""Standard deviations of the temporal Gaussian filters along and across the line of sight, seconds. For a bone nearly
-parallel to the image, pixel noise becomes centimetres of depth. 0.05 and 0.1 s change joint errors by < 0.3 mm."""
+"""Standard deviations of the temporal Gaussian filters along and across the line of sight, in seconds. For a bone
+nearly parallel to the image, pixel noise becomes centimetres of depth. 0.05 and 0.1 s change joint errors by < 0.3 mm.
+"""
 _LEAST = 1e-6  # Regularises joints without bones, and sigmas of 0.
 
 
@@ -55,7 +56,7 @@ def steady_depth(solved: SolvedFrames, one: OneView, fps: float) -> SolvedFrames
 
 
 def _turns(G: np.ndarray, rest: np.ndarray, parents: np.ndarray, sight: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, J, 3) world rotation vectors ``(Σ 1 - u uᵀ)⁺ Σ u × u'`` over the bones of each joint."""
+    """Return (F, J, 3) world rotation vectors that align the bones u of each joint: ``(Σ 1 - u uᵀ)⁺ Σ u × u'``."""
     children = np.arange(1, len(parents))
     bones = rest[children] - rest[parents[children]]
     u = np.einsum("fjab,jb->fja", G[:, parents[children]], bones / np.linalg.norm(bones, axis=1, keepdims=True))
@@ -169,7 +170,7 @@ def _slides(foot: np.ndarray, runs: list[tuple[int, int]]) -> np.ndarray:
 
 
 def _stands_around(stands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the last standing frame up to each of F frames, or -1, and the next one from it, or F."""
+    """Return, for each of F frames, the last standing frame up to it (or -1) and the next one from it (or F)."""
     number = np.arange(len(stands))
     after = np.minimum.accumulate(np.where(stands, number, len(stands))[::-1])[::-1]
     return np.maximum.accumulate(np.where(stands, number, -1)), after

@@ -335,7 +335,7 @@ def _with_limb(frames: PosedFrames, missing: tuple[int, ...], limb: Array) -> Po
 
 
 WEIGHTS = ManifoldWeights(data=1.0, manifold=0.03, smoothness=2.0, level=0.5)
-"""Chosen on takes of training subjects, clean and with noise of 6.5 degrees, at 30 frames per second."""
+"""Weights chosen on takes of training subjects, both clean and with noise of 6.5 degrees, at 30 frames per second."""
 
 
 @dataclass(frozen=True)

@@ -175,7 +175,7 @@ def _with_own_fingers(made: Motion, motion: Motion, body: Body) -> Motion:
 
 
 def _on_the_way(ends: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Return (n, K, 3, 3) rotations at positions (n,) from 0 to 1 on the geodesics between two (2, K, 3, 3) sets."""
+    """Return (n, K, 3, 3) rotations at positions (n,) from 0 to 1 on geodesics between the ends (2, K, 3, 3)."""
     a, b = quat_from_matrix(ends)
     b = np.where((a * b).sum(-1, keepdims=True) >= 0, b, -b)
     shape = (len(share), *a.shape)

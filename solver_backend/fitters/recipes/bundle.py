@@ -278,7 +278,7 @@ def world_of(settings: SolveSettings) -> Obstacles:
 
 
 def holds_skin(problem: Problem, settings: SolveSettings) -> bool:
-    """Return whether the skin touches floor and objects, as the floor is known or a file of objects states it."""
+    """Return whether to hold the skin outside of floor and objects: one of them is known and contacts are on."""
     return settings.contacts and (problem.measurements.source.knows_floor or bool(settings.objects))
 
 

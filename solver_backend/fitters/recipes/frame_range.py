@@ -109,7 +109,8 @@ def contacts_in_place(
 ) -> tuple[Contacts | None, SkinContacts | None]:
     """Return the contacts of the earlier motion with the new frames inserted and the user's changes applied.
 
-    If ``detects`` is false, standing feet are only those that the user added. If ``every`` is false, other parts are.
+    If ``detects`` is false, the feet have only the contacts that the user added. If ``every`` is false, the same
+    applies to all other parts.
     """
     whole = PosedFrames(*(_copied(getattr(before, name)) for name in ("root", "local", "transl")))
     for name in ("root", "local", "transl"):
@@ -248,7 +249,8 @@ def solve_range(
 
     Keys are at the range's ends, at the pins, which have fixed poses, and evenly spaced between. A fixed window on both
     sides of the range preserves speed and direction. The solve starts from the motion and from fits of single frames,
-    and keeps the better result. Then planted feet are locked. Feet also planted outside it keep their position.
+    and keeps the better result. Then planted feet are locked. Feet that are also planted outside the range keep their
+    position.
 
     Raises:
         JobInvalid: the frame range is outside the take.
@@ -329,7 +331,7 @@ def _check_same_take(problem: Problem, subject: Subject, motion: Motion) -> None
 
 
 def _keys_at(problem: Problem, poses: PosedFrames, times: np.ndarray) -> Keyframes:
-    """Return keys with exactly these poses at the given times, half-way along the rotation between two frames."""
+    """Return keys with exactly the given poses. A key between two frames has the half-way rotation."""
     early, late = np.floor(times).astype(int), np.ceil(times).astype(int)
 
     def midway(R: Array) -> Array:

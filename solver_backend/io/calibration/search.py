@@ -29,7 +29,7 @@ MOST_LEVELS = 5
 AGREES_BY_NAME = 0.7
 """If at least this fraction of keypoints agrees with the assignment by name, no other assignment is tried."""
 CLEARLY_BETTER = 0.2
-"""Another calibration replaces the first one if this much more of the keypoints agrees with it, as a fraction."""
+"""Smallest increase in the fraction of agreeing keypoints with which another calibration replaces the first one."""
 _CALIBRATION = re.compile(r"calib(ration)?s?\d*([_\-\s.].*)?|.+[_\-\s.]calib(ration)?s?", re.IGNORECASE)
 _CAMERAS = ("cameras", "camera_parameters", "camera_params", "sparse", "sparse/0", "colmap", "colmap/sparse/0")
 """Folders of AIST++, Fit3D and COLMAP next to a recording."""

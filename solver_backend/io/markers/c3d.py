@@ -68,7 +68,7 @@ _BYTES = {-1: 1, 1: 1, 2: 2, 4: 4}  # Bytes per element by parameter type: chara
 
 @dataclass(frozen=True)
 class Header:
-    """The first block. Counts are unsigned, because files of more than 32,767 frames need them to be."""
+    """The first block. Counts are unsigned, because files may have more than 32,767 frames."""
 
     points: int  # Points per frame.
     analog: int  # Analog samples per frame, all channels together.

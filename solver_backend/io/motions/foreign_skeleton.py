@@ -246,8 +246,8 @@ def read_stated(
 ) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
     """Read BVH, MVNX, ASF/AMC, C3D segments, or a skeleton file from Blender, in the file's unit and axes.
 
-    ``through_blender`` is the verb and arguments of the add-on's command line that reads other files. The joints by
-    role are empty if the format does not state them.
+    ``through_blender`` is the verb and arguments of the add-on's command line that reads other files. The map from
+    roles to joints is empty if the format states none.
 
     Raises:
         MocapError: the reader's own errors, or the format is not supported.
