@@ -391,7 +391,10 @@ def _diagnose_steps(solved: SolvedFrames, problem: Problem, joints: np.ndarray) 
     names, seen = problem.body.layout.joints, problem.measurements.seen
     root, feet = joints[:, 0], joints[:, [names.index("left_ankle"), names.index("right_ankle")]]
     found: list[Diagnostic] = []
-    runs = glides(root, feet, seen, problem.fps)
+    measured = problem.measurements
+    ankles = [k for k, name in enumerate(measured.landmarks.names) if name.endswith("_ankle")]
+    steps_seen = seen & np.isfinite(measured.points[:, ankles]).all(axis=(1, 2))  # Legs out of view take no steps.
+    runs = glides(root, feet, steps_seen, problem.fps)
     if runs:
         size = max(float(np.linalg.norm(root[last, :2] - root[first, :2])) for first, last in runs)
         found.append(diagnostic("person_glides", frames=runs, size=size))
