@@ -22,7 +22,7 @@ _JSON = """A progress line has `stage`, `done`, `total` and `eta_s`. The result 
 The lines have no version, so ignore keys that you do not know."""
 _HEAD = """# Command line
 
-`manifold VERB` runs the solver, and needs only NumPy. The verbs of `manifold blender` that bake, render, export,
+`manifold VERB` runs the solver and needs only NumPy. Under `manifold blender`, the verbs that bake, render, export,
 retarget or import also need Blender's Python module `bpy`.
 
 | where you are | how to call it |

@@ -15,8 +15,8 @@ A diagnostic reports what the program noticed while it read a capture, solved it
 the report, Blender's panel and `--json` all show the same diagnostics.
 
 - An **error** means that the input or the result is refused and no file is written. A solve refuses useless results
-  with one of these codes: {refusals}. A small fault with the same code is only a warning. To keep a refused result, use
-  the option `--accept CODE`, the entry `"accept": ["CODE"]` in the `settings` of a [job file](job-file.md), or
+  with one of these codes: {refusals}. If the fault is small, the same code is only a warning. To keep a refused result,
+  use the option `--accept CODE`, the entry `"accept": ["CODE"]` in the `settings` of a [job file](job-file.md), or
   *Accepted Faults* in the panel.
 - A **warning** means that the result may be wrong. With `--strict`, or `"strict": true` in a job file, a solve with
   warnings writes no file and ends with exit code 3.
@@ -26,14 +26,14 @@ With `--json`, each diagnostic is an object with the keys `code`, `severity`, `w
 `where` can have `file`, `frames` (pairs of first and last frame), `cameras`, `markers`, `joints` and `person`. The
 `remedy` is {remedies}. A motion file stores its diagnostics in `provenance`.
 
-The table links each code to its message, its usual cause and the remedy. `manifold explain CODE` prints the same text.
+Each code in the table links to its message, its usual cause and the remedy. `manifold explain CODE` prints the same.
 [Error codes](errors.md) lists the errors that end a command."""
 
 _ERRORS = """# Error codes
 
-An error ends a command. Its message states the fault, its place and a hint. With `--json`, the error also has one of
-these codes, which `manifold explain CODE` explains. Findings that do not end a command are
-[diagnostics](diagnostics.md). See also the [exit codes](command-line.md#exit-codes-and-json).
+An error ends a command. The message states what happened, where, and what to do. With `--json`, the error also has one
+of these codes, which `manifold explain CODE` explains. A finding that does not end the command is a
+[diagnostic](diagnostics.md). See also the [exit codes](command-line.md#exit-codes-and-json).
 
 | code | exit code | meaning |
 |---|---|---|"""

@@ -11,9 +11,9 @@ _HEAD = """<!-- Made by python3 dev.py docs from solver_backend/exchange/job_fil
 
 # The job file
 
-A job file is JSON with everything that one solve needs. `solve --job JOB.json` runs it and takes no other options of
-a solve. The panel *Solve* writes a job
-file next to each take. [Batches](../how-to/batch-and-cluster.md#batches) take a job without `capture` and `out`.
+A job file is JSON with the input, the settings and the output of one solve. `solve --job JOB.json` runs it. Do not add
+other options of a solve. The panel *Solve* writes a job file next to each take.
+[Batches](../how-to/batch-and-cluster.md#batches) accept a job without `capture` and `out`.
 
 ```json
 {
@@ -26,8 +26,8 @@ file next to each take. [Batches](../how-to/batch-and-cluster.md#batches) take a
 }
 ```
 
-Missing keys have their default values. A job with an unknown key or another version is rejected. The object `settings`
-contains [settings of a solve](settings.md). Paths are absolute, or relative to the folder of the job file."""
+If a key is missing, its default applies. A job with an unknown key or another version is rejected. The object
+`settings` contains [settings of a solve](settings.md). Paths are absolute, or relative to the folder of the job file."""
 _TABLES = (
     (
         "JobFile",
@@ -39,7 +39,7 @@ _TABLES = (
         "Solve a range again: `resolve`",
         "The object `resolve` describes the range. Frames outside the range do not change.",
     ),
-    ("JobContact", "Edited contacts: items of `contacts`", "The solver follows them in the frames of the range."),
+    ("JobContact", "Edited contacts: items of `contacts`", "The solver applies them to the frames of the range."),
     ("JobPin", "Pinned poses: items of `pins`", "Each item is a pose that the solver keeps in its frame."),
 )
 _REQUIRED = "–"
@@ -79,6 +79,6 @@ def _row(name: str, kind: str, default: str, text: str) -> str:
     parts = [part.strip() for part in kind.split("|") if part.strip() != "None"]
     described = " or ".join(kinds.get(part, "list") for part in parts)
     sentence = " ".join(text.split())
-    for word, shown_as in {"``": "`", "None": "null", "JobRange": "below", "|": "\\|"}.items():
+    for word, shown_as in {"``": "`", "None": "null", "|": "\\|"}.items():
         sentence = sentence.replace(word, shown_as)
     return f"| `{name}` | {described} | {shown if shown == _REQUIRED else f'`{shown}`'} | {sentence} |"

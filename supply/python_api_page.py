@@ -10,9 +10,9 @@ _HEAD = """<!-- Made by python3 dev.py docs from solver_backend.__all__; edit th
 
 # Python API
 
-These are the public names of the package `solver_backend`. Their full descriptions follow the table on the site, where
-the lines that start with `:::` are replaced. `help(NAME)` also prints them. [Extend the program](../how-to/extend.md)
-links example scripts.
+The table lists the public names of the package `solver_backend`. On the site, full descriptions replace the lines that
+start with `:::`. `help(NAME)` also prints the description of a name. [Extend the program](../how-to/extend.md) links
+example scripts.
 
 The public names follow [Semantic Versioning](https://semver.org/spec/v2.0.0.html). Before version 1.0.0, a minor
 version may change them. All other names may change in any version.
@@ -25,7 +25,7 @@ print(solution.motion.joint_sigma)  # (F, J) standard deviation of each joint in
 write_motion("motion.npz", solution.motion)
 ```
 
-Arrays of your own make a capture. Lengths are metres and Z is up:
+You can make a capture from your own arrays. Lengths are in metres, and Z is up:
 
 ```python
 from solver_backend import Cameras, Capture, JointSet, Keypoints2D, solve
@@ -35,7 +35,7 @@ keypoints = Keypoints2D(xy=xy, confidence=confidence, joint_set=JointSet("BODY_2
 solution = solve(Capture(name="take", cameras=cameras, keypoints=keypoints))
 ```
 
-Markers need only `Capture(name="take", markers=MarkerCloud(positions=points, fps=100.0, labels=names))`.
+For markers, use `Capture(name="take", markers=MarkerCloud(positions=points, fps=100.0, labels=names))`.
 """
 
 

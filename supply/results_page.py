@@ -50,12 +50,12 @@ CHARTS = (
         ),
     ),
     ChartOfBars(
-        "cameras", "Distance to the detections of a camera that was left out, real recording", "calibration", "px",
+        "cameras", "Distance to the detections of an excluded camera, real recording", "calibration", "px",
         ("median distance",),
         (
-            ("its own calibration", ("real_own_held_out_px",)),
-            ("refined by the person", ("real_refined_held_out_px",)),
-            ("found by the person alone", ("real_person_held_out_px",)),
+            ("original calibration", ("real_own_held_out_px",)),
+            ("refined from the person", ("real_refined_held_out_px",)),
+            ("made from the person alone", ("real_person_held_out_px",)),
         ),
     ),
 )  # fmt: skip
@@ -71,12 +71,12 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ("Keypoint error with exact detections, bodies outside our shape space", "floor", "exact_points_mm", "mm"),
         ("Keypoint error with detector noise, bodies outside our shape space", "floor", "noisy_points_mm", "mm"),
         ("Frames with a lost limb in twenty fast takes", "floor", "frames_with_a_lost_limb", "frames"),
-        ("Error of two people relative to each person alone, worst of ten pairs", "people", "against_alone", ""),
+        ("Error of people solved in pairs relative to people alone, worst of ten pairs", "people", "against_alone", ""),
         ("Median error of the estimated clocks of four cameras started by hand", "sync", "median_error", "frames"),
         ("Corrected cases with a wrong calibration, picture or name", "agreement", "static_good_percent", "%"),
         ("Corrected cases with two such faults", "agreement", "two_good_percent", "%"),
         (
-            "Corrected or harmless cases with a rotated or moved camera, or one of another take",
+            "Corrected or harmless cases with a rotated or moved camera, or a camera of another take",
             "agreement",
             "unknown_good_percent",
             "%",
@@ -132,7 +132,7 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ("Solve time of body and hands relative to the body alone", "hands", "times_the_body_alone", ""),
         ("CPU time to find both hands in a picture", "hand_detection", "two_hands_ms", "ms"),
         (
-            "Frames of the balancing videos with the right hand in two views or more",
+            "Frames of the balancing videos with the right hand in at least two views",
             "hand_detection",
             "right_found_percent",
             "%",
@@ -154,13 +154,13 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ("Residual with the calibration of the trial", "video_cameras", "four_calibrated_px", "px"),
         ("Size error with four cameras calibrated without a board", "video_cameras", "four_size_percent", "%"),
         (
-            "Size error with four such cameras and a given stature",
+            "Size error with these four cameras and a given stature",
             "video_cameras",
             "four_with_stature_size_percent",
             "%",
         ),
-        ("Residual with the worst three such cameras", "video_cameras", "three_px", "px"),
-        ("Size error with the worst three such cameras", "video_cameras", "three_size_percent", "%"),
+        ("Residual with the worst three of these cameras", "video_cameras", "three_px", "px"),
+        ("Size error with the worst three of these cameras", "video_cameras", "three_size_percent", "%"),
         (
             "Detection speed with four cameras on two cores",
             "video_speed",
@@ -194,8 +194,8 @@ _HEAD = """<!-- Made by python3 dev.py docs from tests/benchmarks/baseline.json 
 # Results
 
 Each row has the command that measures the figure again, and the date. The machine has {machine}.
-Most commands need recordings of CMU and others, which are not part of the repository. They are in the folder that the
-variable `MOCAP_SHARED_DATA` names, or in `shared/data` next to the repository.
+Most commands need recordings of CMU and others, which are not part of the repository. Put them into the folder that
+the variable `MOCAP_SHARED_DATA` names, or into `shared/data` next to the repository.
 Most recordings are copies of public ones (CMU, UI-PRMD, Pose2Sim, BTKData, nimblephysics and others) in our own file
 layout. A benchmark whose recordings are missing prints `skipped` and the reason.
 

@@ -23,9 +23,9 @@ class JobPin:
     """A pose that the animator set and the solver keeps."""
 
     frame: int  # Frame of the capture, from 0.
-    global_orient: Sequence[float]  # Axis-angle of the pelvis, (3,) numbers, from body to world.
-    body_pose: Sequence[float]  # Axis-angle of joints 1 to 23, (69,) numbers, or (153,) with fingers.
-    transl: Sequence[float]  # Translation in metres, (3,) numbers.
+    global_orient: Sequence[float]  # Axis-angle of the pelvis from body to world, 3 numbers.
+    body_pose: Sequence[float]  # Axis-angles of joints 1 to 23 as 69 numbers, or 153 numbers with fingers.
+    transl: Sequence[float]  # Translation in metres, 3 numbers.
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class JobRange:
     first: int  # First frame, from 0.
     last: int  # Last frame, which is included.
     pins: tuple[JobPin, ...] = ()  # Fixed poses inside the range.
-    contacts: tuple[JobContact, ...] = ()  # Contacts with the floor inside the range. Later ones win.
+    contacts: tuple[JobContact, ...] = ()  # Contacts with the floor in the range. Later items override earlier ones.
     forgets: bool = False  # Ignore the contacts of earlier solves of the range.
 
 
@@ -61,13 +61,13 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
     capture: Path  # File or folder of the capture.
     out: Path  # Motion file to write.
     report: Path | None = None  # HTML page to write. With None, no page is written.
-    overwrite: bool = False  # Replace results that are already there.
+    overwrite: bool = False  # Replace existing results.
     strict: bool = False  # Refuse a result that has warnings, and write nothing.
-    subject: Path | None = None  # Subject file of the person. With None, the person is learned from the take.
+    subject: Path | None = None  # Subject file of the person. With None, the take calibrates the person.
     start_from: tuple[str, ...] = ()  # Earlier motions or network results to start from, each as ``[CAMERA=]FILE``.
     labels: Path | None = None  # File of labels that the user assigned to markers. The solver never overrides them.
     settings: Any = field(default_factory=dict)  # Settings of the solve that differ from their defaults, by key.
-    resolve: Any = None  # ``JobRange``: frames of an earlier motion to solve again. None means the whole take.
+    resolve: Any = None  # Frames of an earlier motion to solve again. With None, the whole take is solved.
 
     def __post_init__(self) -> None:
         TimeSettings.__post_init__(self)  # checks the settings of all classes

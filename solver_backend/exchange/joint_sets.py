@@ -42,7 +42,7 @@ _EYES = "right_eye left_eye right_ear left_ear"
 
 
 class JointSet(StrEnum):
-    """A detector's keypoints. The value is the name in files."""
+    """Set of keypoints that a detector finds. The value is the name of the set in files."""
 
     _value_: str
     keypoints: tuple[str, ...]  # Anatomical name of each used column, starting at the first.

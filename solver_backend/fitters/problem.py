@@ -218,7 +218,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Solution:
-    """Solved take: the motion, and a sentence about the end of the solve."""
+    """Solved take: the motion, and a sentence that describes how the solve ended."""
 
     motion: Motion
     status: str
