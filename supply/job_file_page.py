@@ -27,7 +27,7 @@ other options of a solve. The panel *Solve* writes a job file next to each take.
 ```
 
 If a key is missing, its default applies. A job with an unknown key or another version is rejected. The object
-`settings` contains [settings of a solve](settings.md). Paths are absolute, or relative to the folder of the job file."""
+`settings` contains [settings of a solve](settings.md). Paths are absolute, or relative to the job file's folder."""
 _TABLES = (
     (
         "JobFile",
