@@ -35,7 +35,8 @@ def explain(args: argparse.Namespace, progress: Progress) -> Outcome:
     if code in table:
         return _of_diagnostic(code, table[code])
     if code in named:
-        lines = [f"{code}: error", named[code].__doc__ or "", f"Exit code {int(named[code].exit_code)}."]
+        remedy = [f"What to do: {named[code].hint}"] if named[code].hint else []
+        lines = [f"{code}: error", named[code].__doc__ or "", *remedy, f"Exit code {int(named[code].exit_code)}."]
         return Outcome("\n".join(lines), {"code": code, "severity": "error", "text": named[code].__doc__})
     hint = suggest(code, [*table, *named], _LIKENESS) or "Errors of the add-on have no code. Their message is complete."
     raise CommandLineInvalid(f"There is no code {code!r}.", where="explain", hint=hint)

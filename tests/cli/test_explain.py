@@ -29,6 +29,8 @@ def test_an_error_is_explained_and_a_misspelled_code_is_corrected(capsys: pytest
     assert main(["explain", "file_missing", "--json"]) == ExitCode.RESULT
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert result["code"] == "file_missing" and result["severity"] == "error" and result["text"]
+    main(["explain", "file_damaged"])
+    assert "What to do: Correct the file" in capsys.readouterr().out
     assert main(["explain", "camera_turnd"]) == ExitCode.USAGE
     assert "Did you mean camera_turned?" in capsys.readouterr().err
 
