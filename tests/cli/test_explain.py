@@ -8,7 +8,7 @@ import pytest
 
 from solver_backend.cli.main import main
 from solver_backend.exchange.diagnostics import list_refusals, load_table
-from solver_backend.exchange.errors import ExitCode
+from solver_backend.exchange.errors import ExitCode, FileDamaged, MocapError
 
 
 def test_every_diagnostic_is_explained_with_cause_and_remedy(capsys: pytest.CaptureFixture[str]) -> None:
@@ -65,3 +65,11 @@ def test_an_error_of_the_add_on_alone_is_not_taken_for_another(capsys: pytest.Ca
     for code in own:
         assert main(["explain", code]) == ExitCode.USAGE
         assert "Did you mean" not in capsys.readouterr().err
+
+
+def test_an_error_without_a_hint_has_the_remedy_of_its_class() -> None:
+    assert str(FileDamaged("The file is empty.", where="a.npz")).startswith(
+        "The file is empty. (a.npz) Correct the file"
+    )
+    assert FileDamaged("The file is empty.", hint="Copy it again.").hint == "Copy it again."
+    assert not MocapError("Something failed.").hint
