@@ -59,7 +59,7 @@ def _drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: Body
 
 @once_a_body
 def _sources(body: BodyFile, names: tuple[str, ...], axes: bytes) -> list[tuple[_Driven, list[tuple[float, _Driven]]]]:
-    """Return every location that betas move, with earlier locations that can drive it. The list is empty for betas.
+    """Return every location that betas move, with the earlier locations that can drive it, or [] if betas drive it.
 
     Args:
         names: N bones: each bone that moves relative to its parent, then a deform bone per joint.

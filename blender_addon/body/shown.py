@@ -17,7 +17,7 @@ _ROWS, _FACE = ("row_vertex", "row_joint", "rows"), ("shapes", "shape", "shape_v
 Looks = dict[str, tuple[np.ndarray, np.ndarray]]
 """(T,) face materials and (V, 3) offsets in metres, per look."""
 Shapes = dict[str, tuple[np.ndarray, np.ndarray]]
-"""(N,) vertices and their (N, 3) offsets in metres at value 1, by ARKit name."""
+"""Shapes by ARKit name: (N,) vertices and their (N, 3) offsets in metres at value 1."""
 
 
 def add_shown(arrays: dict[str, np.ndarray], path: Path) -> tuple[dict[str, np.ndarray], Shapes, Looks]:

@@ -97,7 +97,7 @@ def _end_of(armature: bpy.types.Object, bones: dict[str, str], role: str, before
     """Return the (3,) end of a hand or foot: the toe, the knuckles, or its children's mean, NaN if unknown.
 
     A hand points to the middle finger's knuckle, as our body's does, or otherwise to the mean of all knuckles.
-    ``bones`` by role include fingers, and ``before`` is the length of the forearm or shin.
+    ``bones`` maps roles, including fingers, to bones, and ``before`` is the length of the forearm or shin.
     """
     side, _, part = role.partition("_")
     knuckle = f"{side}_middle_1"
@@ -138,8 +138,8 @@ def _skin_by_part(armature: bpy.types.Object, bones: dict[str, str]) -> dict[str
     """Return the (V, 3) rest vertices by body part, in the armature's space.
 
     A vertex belongs to the part of the bone that it mainly follows. The part follows from the bone's role, from the
-    limb on which the bone starts (twist helpers, deform bones of a control rig), or from its parent. ``bones`` are by
-    role.
+    limb on which the bone starts (twist helpers, deform bones of a control rig), or from its parent. ``bones`` maps
+    roles to bones.
     """
     parts = _parts_of_bones(armature, bones)
     found: dict[str, list[np.ndarray]] = {}

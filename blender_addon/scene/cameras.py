@@ -101,7 +101,7 @@ def laid_footage_rate(camera: bpy.types.Camera) -> float:
 
 
 def lay_footage(camera: bpy.types.Camera, timing: TakeTiming) -> None:
-    """Show the image for each scene frame's time. A driver sets the image number if the rates differ."""
+    """Show the footage image at the time of each scene frame. A driver sets the image number if the rates differ."""
     user, count = camera.background_images[0].image_user, int(camera[_COUNT])
     rate = camera[FOOTAGE_RATE] / timing.scene_fps
     camera[_LAID] = timing.scene_fps

@@ -127,7 +127,7 @@ def grade_markers(cloud: bpy.types.Object, motion: MotionFile | None) -> None:
 
 
 def marker_positions(cloud: bpy.types.Object, frame: float) -> dict[str, tuple[float, float, float]]:
-    """Return the positions of visible markers at a scene frame, by label, in the object's axes."""
+    """Return the positions of visible markers at a scene frame, keyed by label, in the object's axes."""
     count, vertices, seen = int(cloud[POINTS]), cloud.data.vertices, cloud.data.attributes[SEEN].data
     first = played_row(cloud, frame) * count
     return {

@@ -20,8 +20,8 @@ from solver_backend.types import MarkerCloud
 FRAMES, LEAST_COMMON = 240, 5
 """Maximum number of frames of a take to use, and minimum number of frames with both markers of a known pair."""
 FLOOR_M, NEAR_M, BEND = 0.008, 0.12, 0.15
-"""Standard deviation (m) of a rigid pair's distance by soft tissue, and its relative increase per distance beyond
-``NEAR_M``, because another take bends joints that are still in this one."""
+"""Standard deviation (m) of a rigid pair's distance caused by soft tissue, and its relative increase per distance
+beyond ``NEAR_M``, because another take bends joints that are still in this one."""
 RIGID_M = 0.02  # Standard deviation of a pair with half weight, metres.
 VOLUME = 0.12  # Additional standard deviation of a triple product of unit vectors between takes.
 
@@ -365,9 +365,10 @@ def _handedness(points: np.ndarray, pair: np.ndarray, c: int, d: int) -> tuple[f
 
 
 CLEAR_GAIN, CLEAR_OF_TWO = 3.0, 6.0
-"""Smallest gain of an exchange against every other take (see ``exchange_gains``), and if the layout decides. In five
-correctly labelled takes each of UI-PRMD's eight people, none gains more than 1.3 against all others, and 2 to 22
-against a single one. Exchanged C7 and T10 gain at least 23, LUPA and LFRM 5, knee and shank 2, wrists -8 to 8."""
+"""Smallest gain of a certain exchange against every other take (see ``exchange_gains``), and smallest gain if the
+layout decides. In five correctly labelled takes each of UI-PRMD's eight people, none gains more than 1.3 against all
+others, and 2 to 22 against a single one. Exchanged C7 and T10 gain at least 23, LUPA and LFRM 5, knee and shank 2,
+wrists -8 to 8."""
 CLEAR_BY_LAYOUT = 3.0  # Smallest gain against the layout if equally many takes support and oppose an exchange.
 EXCHANGE_ROUNDS = 12  # Maximum number of exchanges in one take. Takes are compared again after each.
 MOST_TOGETHER, BESIDE = 12, 3

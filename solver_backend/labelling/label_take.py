@@ -168,7 +168,7 @@ GHOST_M, _FARTHEST_M = 0.12, 0.2
 """Distance (m) from all markers at which a point is equally likely not a marker, and largest distance that counts."""
 GUESS_WIDER, STEPS = 3.0, 5  # Factor on the network's standard deviation of uncertain markers, and steps per frame.
 BAD_FIT_M = 0.06
-"""Largest median distance of a body from all markers or from a limb's, metres. A worse fit is not used."""
+"""Largest median distance in metres of a body from all markers, or from a limb's markers. A worse fit is not used."""
 _FEWEST = 12  # Minimum number of certain markers in a frame.
 
 

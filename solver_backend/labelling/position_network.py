@@ -16,7 +16,9 @@ from solver_backend.labelling.outputs import LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import CloudReading, LandmarkNetwork, load_network, lower_median
 
 SIGMA_M, GHOST_M = 0.03, 0.09
-"""Standard deviation (m) of a point from its marker. A point at 3 deviations from all is no marker. Chosen by hand."""
+"""Standard deviation (m) of a point from its marker. A point 3 deviations from all markers is no marker. Chosen by
+hand.
+"""
 
 
 @dataclass(frozen=True)

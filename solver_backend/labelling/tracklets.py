@@ -18,7 +18,7 @@ SPLIT_GAP_S = 0.1  # A point that is missing for longer (seconds) may return as 
 JUMP_M, JUMP_M_S2 = 0.03, 300.0
 """Largest change between steps in metres, and largest acceleration, which no marker on a person exceeds."""
 JOIN_S, JOIN_M = 0.1, 0.02
-"""Longest gap between a tracklet and its continuation, and largest distance from the extrapolated position."""
+"""Longest gap (s) between a tracklet and its continuation, and largest distance (m) from the extrapolated position."""
 CLEAR = 0.5  # Largest ratio of the distances of the chosen and the next continuation.
 
 

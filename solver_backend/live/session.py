@@ -220,8 +220,9 @@ AXES = ("z", "y", "x", "-y", "-z", "-x")
 _PEOPLE_M = (0.5, 3.5)  # Plausible extent of a person's markers in metres.
 _CLEARLY = 0.08  # Smallest gain in certainty for an up axis other than z.
 _UPRIGHT = 0.1
-"""Weight of a standing person in that certainty. In eight recorded takes the true axis is better than the next one by
--0.001 to 0.21. Along wrong axes the head is at most 0.16 trunk lengths above the pelvis."""
+"""Weight of a standing person in the certainty of an up axis (see ``up_axis_of``). In eight recorded takes the true
+axis is better than the next one by -0.001 to 0.21. Along wrong axes the head is at most 0.16 trunk lengths above the
+pelvis."""
 _HEAD, _PELVIS = (len(LANDMARKS) - len(JOINTS) + JOINTS.index(name) for name in ("head", "pelvis"))
 
 

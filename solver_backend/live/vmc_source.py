@@ -44,7 +44,7 @@ class BoneFrame:
 
 
 class FrameAssembly(OneSender[list[OscMessage], BoneFrame]):
-    """Collects the bones of one sender. A frame ends when all bones of the last frame have arrived, or one twice."""
+    """Collects one sender's bones. A frame ends when all bones of the last frame have arrived, or one arrives twice."""
 
     words = "Another sender is ignored while the first one sends.", "A packet is not Open Sound Control"
 

@@ -83,7 +83,7 @@ class DenseStack:
         return x, jacobian
 
     def with_vjp(self, x: Array) -> tuple[Array, Callable[[Array], Array]]:
-        """Return the output (N, out) and the map from cotangents of the output (N, out) to those of the input (N, in).
+        """Return the output (N, out) and the map from its cotangents (N, out) to the input's cotangents (N, in).
 
         Reverse mode, ``v -> W_1ᵀ a'(h_1) ... W_nᵀ a'(h_n) v``: one pass costs as much as the forward pass.
         """

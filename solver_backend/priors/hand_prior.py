@@ -21,7 +21,7 @@ contradictory detections bend a joint up to 17 degrees beyond its range (docs/re
 
 @dataclass(frozen=True)
 class HandPrior:
-    """Prior ``E(a) = ½ (a - μ)ᵀ Σ⁻¹ (a - μ) + ½ Σ_i (max(0, a_i - high_i, low_i - a_i) / σ)²`` of A angles, radians."""
+    """Prior ``E(a) = ½ (a - μ)ᵀ Σ⁻¹ (a - μ) + ½ Σ_i (max(0, a_i - high_i, low_i - a_i) / σ)²`` of A angles (rad)."""
 
     mean: Float[np.ndarray, " a"]  # (A,) μ: a relaxed hand.
     covariance: Float[np.ndarray, "a a"]  # (A, A) Σ.

@@ -49,7 +49,7 @@ class TrunkFrame:
 
 
 def trunk_frame(points: Array, seen: Array) -> TrunkFrame:
-    """Return the frames of shoulders and hips of (F, 19, 3) finite ``POINTS`` in metres, with a mask of seen ones."""
+    """Return the trunk frames of finite (F, 19, 3) ``POINTS`` in metres. ``seen`` (F, 19) marks the known points."""
     xp = array_namespace(points)
     left_shoulder, right_shoulder, left_hip, right_hip = (points[:, i] for i in range(4))
     up = 0.5 * (left_shoulder + right_shoulder - left_hip - right_hip)
@@ -87,7 +87,7 @@ class Lifter:
     metadata: dict[str, Any]  # Training command, data and evaluation.
 
     def __call__(self, points: Array, seen: Array, names: tuple[str, ...]) -> Lifted:
-        """Return the start of a fit to named, finite world points (F, L, 3) in metres, with a mask of seen ones."""
+        """Return the start of a fit to named (F, L, 3) world points in metres. ``seen`` marks the known points."""
         xp = array_namespace(points)
         device = device_of(points)
         known = xp.asarray([name in names for name in POINTS], device=device)

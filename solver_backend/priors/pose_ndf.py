@@ -91,7 +91,7 @@ class SoftplusStack:
         return x, slopes
 
     def backward(self, slopes: list[Array], by_output: Array) -> Array:
-        """Return the derivative by the input (N, in) from the one by the output (N, out)."""
+        """Return the derivative by the input (N, in) from the derivative by the output (N, out)."""
         xp = array_namespace(by_output)
         for number in range(len(self.weights) - 1, -1, -1):
             if number < len(slopes):
@@ -211,7 +211,7 @@ class PoseField:
         return features, slopes
 
     def _by_quats(self, slopes: list[Array], by_feature: Array) -> Array:
-        """Return (21, N, 4) derivatives by the quaternions, from (21, N, l) ones by the features, by level."""
+        """Return (21, N, 4) derivatives by quaternions, from (21, N, l) derivatives by features, level by level."""
         xp = array_namespace(by_feature)
         parts: list[Array] = []
         last, from_below = NUM_BODY_JOINTS, None

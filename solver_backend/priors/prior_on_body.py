@@ -16,7 +16,7 @@ UNCOVERED_SIGMA_RAD = 0.5  # Standard deviation from rest of joints without prio
 
 
 def prior_on_body(prior: AutoencodingPrior, layout: BodyLayout) -> AutoencodingPrior:
-    """Return the prior for all joints that a solve rotates, itself if these are its joints.
+    """Return the prior for all joints that a solve rotates, or the same prior if these are its joints.
 
     Raises:
         PriorInvalid: its numbers do not match its own joints or codes, or the body has none of its joints.

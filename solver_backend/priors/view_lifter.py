@@ -1,4 +1,4 @@
-"""The view lifter: pose code, root, up direction and their errors from one camera's keypoints over 27 frames.
+"""Estimate pose code, root, up direction and their errors from one camera's keypoints over 27 frames.
 
 Distance and size cannot be seen in one image and are not estimated. Windows are rotated towards the person and divided
 by the angular size, so that the position in the image does not matter.
@@ -47,7 +47,7 @@ def layer(arrays: Arrays, x: np.ndarray, name: str, heads: int, bias: np.ndarray
 
 
 def dense(arrays: Arrays, x: np.ndarray, name: str) -> np.ndarray:
-    """Return ``W x + b`` of the last axis, without b if it does not exist."""
+    """Apply ``W x + b`` to the last axis, without b if there is none."""
     product = times_transposed(x.reshape(-1, x.shape[-1]), arrays[name + ".weight"])
     bias = arrays.get(name + ".bias")
     if bias is not None:
@@ -99,8 +99,9 @@ FACE = ("left_ear", "right_ear", "nose")
 """Points of the head among the network's inputs."""
 NECKS = ("neck", "upper_neck", "thorax")
 HEAD_SHARE = {"head_top": 0.55, "head": 1.0}
-"""Position of the middle of the head between the neck and the first of these that a detector has. On four takes of
-subjects 01, 08 and 60 with MPII's points it reduces limb errors from 44.2 to 34.8 mm, with 0.5 as with 0.62."""
+"""Position of the head's centre, as a fraction of the way from the neck to the first of these points that a detector
+has. On four takes of subjects 01, 08 and 60 with MPII's points it reduces limb errors from 44.2 to 34.8 mm. Fractions
+of 0.5 and 0.62 give the same result."""
 _CENTRE_FRAMES = 2.0  # Standard deviation, in frames, of the weights that locate the person around the middle frame.
 _FAINT = 1e-6  # Weight added to all frames, relevant if the person is lost in the middle.
 _SMALLEST = 1e-6
@@ -126,7 +127,7 @@ class LiftedView:
     root: Array  # (N, 3, 3) body to camera.
     up: Array  # (N, 3) unit, against gravity.
     sigma_m: Array
-    """(N, 24, 2) standard deviations of each joint relative to the body's middle on a skeleton of 1.70 m: per axis
+    """(N, 24, 2) standard deviations of each joint relative to the body's centre on a skeleton of 1.70 m: per axis
     across the image, and along the line of sight."""
     sight: Array  # (N, 3, 3) rows: right, down and forward of a camera that looks at the person.
     hidden: np.ndarray | None = None  # (N, d) features before the last layer, None during training.

@@ -68,7 +68,7 @@ def read_weights(path: Path, prior: str | None) -> PriorWeights:
 
     Raises:
         FileMissing: the file does not exist.
-        WeightsInvalid: it is no weight file, or for another prior, body or version, or damaged.
+        WeightsInvalid: it is not a weight file, is for another prior, body or version, or is damaged.
     """
     if not path.is_file():
         raise FileMissing(

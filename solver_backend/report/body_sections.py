@@ -67,7 +67,7 @@ def open_limbs(motion: Motion) -> dict[str, np.ndarray]:
 
 
 def sight_sigma_m(motion: Motion, centres: np.ndarray) -> np.ndarray:
-    """Return (F, J) standard deviations of the joints along the line of sight from (F, 3) positions, metres."""
+    """Return (F, J) standard deviations of the joints along the line of sight from (F, 3) positions, in metres."""
     assert motion.joint_covariance is not None
     away = motion.joints - centres[:, None]
     sight = away / np.linalg.norm(away, axis=-1, keepdims=True)
@@ -110,7 +110,7 @@ def _axes(sight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _corners(points: np.ndarray, covariance: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lower and upper bounds of a person with ellipses on each axis, metres."""
+    """Return the lower and upper bounds on each axis, in metres, of a person with the ellipses."""
     flat, reach = points @ axes.T, ELLIPSE * np.sqrt(np.einsum("ka,jab,kb->jk", axes, covariance, axes))
     return (flat - reach).min(axis=0), (flat + reach).max(axis=0)
 

@@ -202,8 +202,9 @@ have errors of 0.8 to 1.5 %."""
 DETECTOR_SHARE, USELESS_SHARE = 0.04, 0.1
 """Median distances relative to the person's extent that exceed any detector's, and that make a result useless."""
 TILT_DEGREES, LEANS_DEGREES, TILT_SIGMAS = 8.0, 25.0, 3.0
-"""Suspicious angles of a person's stance to the world's up: for joint centres, for views, in standard deviations.
-Levelled takes stay within 5 degrees, but people who dance or climb stairs lean by 19 (``bench_good_captures``)."""
+"""Suspicious angles between a person's stance and the world's up direction: in degrees for joint centres and for views,
+and in standard deviations. Levelled takes stay within 5 degrees, but people who dance or climb stairs lean by 19
+(``bench_good_captures``)."""
 STANDS_SHARE = 0.5  # Smallest fraction of frames with a person within 45° of upright, as evidence of up.
 
 
@@ -399,7 +400,8 @@ def recorded_diagnostics(motion: Motion) -> tuple[Diagnostic, ...]:
 def by_gravity(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     """Return each diagnostic once, errors and warnings before notes.
 
-    Two are equal if code, names and named values are. Figures that are computed again differ in the last digit.
+    Two are equal if their codes, names and named values are equal. Figures that are computed again differ in the last
+    digit.
     """
     first: dict[object, Diagnostic] = {}
     for item in found:

@@ -197,7 +197,7 @@ class Capture:
     stature_m: float = 0.0
     """Given stature of the person in metres, 0 if unknown."""
     floor_from_person: bool = False
-    """True if a person of this or average stature determined floor and scale of a single camera's world."""
+    """True if a person of stated or average stature determined floor and scale of a single camera's world."""
     focal_sigma: float = 0.0
     """Relative standard deviation of a single camera's focal length if it was estimated."""
     detector: str = ""

@@ -71,11 +71,11 @@ class Motion:
     marker_flags: np.ndarray | None = None
     """(F, M) uint8 bit mask of MARKER_*: seen, filled, swapped, ghost."""
     marker_sigma: np.ndarray | None = None
-    """(M,) standard deviation of each marker from its position on the body, per axis, metres."""
+    """(M,) standard deviation of each marker from its position on the body, per axis, in metres."""
     cleaned_markers: np.ndarray | None = None
     """(F, M, 3) recorded markers in world metres, with swaps corrected and gaps filled."""
     offsets: np.ndarray | None = None
-    """(M, 3) offset of each marker from its nominal position in the rest frame, metres."""
+    """(M, 3) offset of each marker from its nominal position in the rest frame, in metres."""
     layout: tuple[str, ...] | None = None
     """M landmarks of the markers on the body."""
     props: tuple[Prop, ...] = ()

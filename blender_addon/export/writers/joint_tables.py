@@ -34,7 +34,7 @@ def export_bvh(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def channels(pose: PoseSamples) -> np.ndarray:
-    """Return (F, 3 + 3 J) channels: root position in centimetres, then Z, X, Y degrees of each joint to its parent."""
+    """Return (F, 3 + 3 J) channels: root position in centimetres, then each joint's Z, X and Y angles in degrees."""
     local = against_parents(R_YUP_ZUP @ pose.rotations @ R_YUP_ZUP.T, pose.parents)
     root = pose.parents.index(-1)
     path = pose.heads[:, root] @ R_YUP_ZUP.T * UNITS_PER_METRE

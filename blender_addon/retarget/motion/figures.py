@@ -80,7 +80,7 @@ class Actor:
     trunk: Trunk | None = None  # Trunk of a figure whose bones differ from our body's, otherwise None.
     hands: tuple[Hand, ...] = ()  # Hands whose fingers the motion includes.
     skin: Mapping[str, np.ndarray] = field(default_factory=dict)
-    """(V, 3) skin points at rest by body part, in metres, empty if unknown."""
+    """(V, 3) skin points at rest in metres for each body part, empty if unknown."""
 
     @property
     def num_frames(self) -> int:
@@ -104,7 +104,7 @@ class Target:
     unit_m: float  # Metres per unit of the armature's space.
     ground: np.ndarray  # (3,) metres from the armature's origin to the stage's, in the stage's axes.
     skin: Mapping[str, np.ndarray] = field(default_factory=dict)
-    """(V, 3) skin points in the rest pose by body part, in metres, empty if unknown."""
+    """(V, 3) skin points in the rest pose in metres for each body part, empty if unknown."""
 
     def index(self, role: str) -> int:
         """Return the index of a role's control, -1 for none."""

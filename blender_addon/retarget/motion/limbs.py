@@ -48,7 +48,7 @@ def bend_to(reach: np.ndarray, upper: np.ndarray, lower: np.ndarray, axis: np.nd
 
 
 def longest_reach(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
-    """Return the (...) maximum reach in metres of limbs with (..., 3) bones, at least the actor's current reach."""
+    """Return the maximum reach (...) in metres of limbs with bones (..., 3), or the actor's reach if that is larger."""
     a, b = np.linalg.norm(upper, axis=-1), np.linalg.norm(lower, axis=-1)
     return np.maximum(_STRAIGHTEST * (a + b), np.linalg.norm(upper + lower, axis=-1))
 

@@ -283,7 +283,7 @@ def keep_hands_on_body(
         A: (N, 3, 3) map pose of the target.
         turns: (N, F, 3, 3) rotations of the controls, with limbs bent to their goals.
         places: (N, F, 3) heads of the controls in metres.
-        goals: (F, 3) goal positions by role, including hands.
+        goals: maps roles, including hands, to (F, 3) goal positions in metres.
         scale: leg length of the target relative to the actor's.
     """
     own, theirs = _solids_of_actor(actor), _solids_of_target(target, A)

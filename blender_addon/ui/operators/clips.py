@@ -122,7 +122,7 @@ _BLEND = number("Blend Time", "Seconds on each side of the seam over which the d
 
 @operator("Join", TAKE, EDITABLE, ALONE, options=_UNDO, invoke=ask, draw=_draw_other, name=str, blend_s=_BLEND)
 def join_takes(self: Any, context: bpy.types.Context) -> str:
-    """Add a take of this one and another take of the body after it, aligned by the planted feet."""
+    """Add a take that joins this take and another take of the body, aligned by the planted feet."""
     from ..._exchange.seams import join, join_notes
     from ...animation.takes import show_take
     from ...scene.clips import played_motion

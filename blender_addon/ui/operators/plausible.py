@@ -76,7 +76,7 @@ _LIMB = choice("Limb", "Limb to replace", "complete_limb.limb")
 
 @operator("Complete Limb", TAKE, EDITABLE, ALONE, invoke=ask, limb=_LIMB)
 def complete_limb(self: Any, context: bpy.types.Context) -> Steps:
-    """Add a take with plausible poses of one limb in the range, by the rest of the body (Pose-NDF)."""
+    """Add a take with plausible poses of one limb in the range, to fit the rest of the body (Pose-NDF)."""
     return (yield from _reposed(context, "completed", lambda part: ("complete", ["--missing", self.limb]), fades=True))
 
 

@@ -207,7 +207,7 @@ def push_down(self: Any, context: bpy.types.Context) -> str:
 
 @operator("Edit on a Layer", TAKE, EDITABLE)
 def edit_on_layer(self: Any, context: bpy.types.Context) -> str:
-    """Add an action on top of the take, which keeps its own keys on the NLA."""
+    """Add an action on top of the take, and keep the take's keys on the NLA."""
     from ...animation.layers import add_layer
 
     review = context.scene.mocap.review

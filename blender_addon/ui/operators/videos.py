@@ -194,7 +194,7 @@ _WIDTH_PX = 520
 
 
 class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
-    """Install MediaPipe or LiteRT, which detect people in videos, in an environment of its own after a question."""
+    """Install MediaPipe or LiteRT, which detect people in videos, in a separate environment, after you confirm."""
 
     bl_label = "Set Up Detector…"
     bl_options = base.OPENS | base.INTERNAL

@@ -19,8 +19,8 @@ SEGMENTS = (
     (0.2175, "shoulder", "hip", 0.45), (0.0271, "shoulder", "elbow", 0.577), (0.0223, "elbow", "wrist", 0.68),
     (0.1416, "hip", "knee", 0.41), (0.0570, "knee", "ankle", 0.55), (0.034, "hip", "shoulder", 1.5),
 )  # fmt: skip
-"""Mass fraction per side, end points, and relative position of the centre of mass between them. The head's is beyond
-the end. Hands count with forearms, feet with shanks (de Leva 1996, mean of both sexes)."""
+"""Mass fraction per side, end points, and relative position of the centre of mass between them. The head's centre of
+mass is beyond the end. Hands count with forearms, feet with shanks (de Leva 1996, mean of both sexes)."""
 CARRIES_AT = 0.45
 """Relative position between heel and toe that supports a standing person. With 0.5, recorded people seem to lean."""
 AHEAD_M = 0.05  # Distance in metres from the ankle forward to that point if neither heels nor toes are known.
@@ -71,7 +71,7 @@ def _sole(at: dict[str, np.ndarray], side: str, up: np.ndarray) -> np.ndarray:
 
 
 def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"], tilt_sigma: float) -> Float[np.ndarray, "frames 3"]:
-    """Return horizontal offsets of the centre of mass from its support, as slopes ``d / h``, in frames on the feet.
+    """Return horizontal offsets of the centre of mass from its support, as slopes ``d / h``, in frames with a support.
 
     The support is the lower foot. If the other foot is nearly as low, it is the point between both that is nearest to
     the projected centre of mass. The tolerance grows with the uncertainty of up, which affects the heights of the feet.
@@ -109,11 +109,11 @@ def independent_count(values: Float[np.ndarray, "frames axes"]) -> float:
 
 
 BODY_SIGMA = np.radians(12.0)
-"""Standard deviation per axis (radians) of the direction from ankles to shoulders from gravity over a take. If it is
-larger, the person runs, leaps or tumbles, and the frames show little about gravity."""
+"""Standard deviation per axis (radians) over a take of the angle between gravity and the direction from ankles to
+shoulders. If the angle varies more, the person runs, leaps or tumbles, and the frames show little about gravity."""
 BALANCE_SIGMA = np.radians(3.5)
-"""Standard deviation per axis (radians) of the mean direction from support to centre of mass from gravity, in a long
-take. Accelerations and errors of the masses cause it."""
+"""Standard deviation per axis (radians) in a long take of the angle between gravity and the mean direction from support
+to centre of mass. Accelerations and errors of the masses cause it."""
 APART_SIGMAS = 1.4
 """Multiple of ``BODY_SIGMA`` beyond which trunk and balance contradict each other, so that up is uncertain."""
 FOOT_SIGMA_M = 0.02  # Standard deviation of a standing foot's keypoint height, metres.
@@ -214,7 +214,7 @@ def turn_to_z(up: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
 
 
 def _gravity(feet: np.ndarray, trunk: np.ndarray, body: BalancePoints, fps: float) -> tuple[np.ndarray, float, float]:
-    """Return the rotation of up to Z, its standard deviation (radians), and the distance that the feet walked.
+    """Return the rotation from up to Z, its standard deviation (radians), and the distance that the feet walked.
 
     With slopes a and b of the plane across gravity, up is ``(-a, -b, 1)``.
     """

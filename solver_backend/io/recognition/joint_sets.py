@@ -124,7 +124,7 @@ def recognise_joint_set(
 
 
 def bone_score(joint_set: JointSet, xy: np.ndarray, confidence: np.ndarray) -> float:
-    """Return the median over people of RMS bone length by height in the image. It is infinite without visible people.
+    """Return the median over people of RMS bone length relative to height in the image, infinity without people.
 
     Args:
         xy: (N, K, 2) keypoints in pixels, NaN where missing.

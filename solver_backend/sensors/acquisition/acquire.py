@@ -47,10 +47,11 @@ class RingDepths:
 
 
 def ring_of(blobs: Blobs, depth_mm: np.ndarray, saturated: np.ndarray, scratch: np.ndarray) -> Ring:
-    """Return the pixels with a depth within ``ring_px`` of each blob's blind patch. The nearer of two blobs takes them.
+    """Return the pixels with a depth within ``ring_px`` of each blob's blind patch.
 
-    Depths are (h, w) uint16, 0 where unknown. Saturated pixels (``saturated``, (P,)) of a blob are blind. If there are
-    none, the pixels without depth are. ``scratch`` (h * w,) int32 has any content and avoids an allocation per frame.
+    Pixels near two blobs belong to the nearer one. Depths are (h, w) uint16, 0 where unknown. Saturated pixels
+    (``saturated``, (P,)) of a blob are blind. If there are none, the pixels without depth are. ``scratch`` (h * w,)
+    int32 has any content and avoids an allocation per frame.
     """
     flat, (height, width) = depth_mm.reshape(-1), depth_mm.shape
     core = saturated
@@ -311,7 +312,7 @@ class SensorSightings:
 SUNLIGHT = "sensor_sunlight"  # Code of a frame without markers because of sunlight, a window or a lamp.
 _MOST_PIXELS = 1e7  # Maximum number of pixels of an image, ten times an Azure Kinect's. Its lens table takes 1 GB.
 MEDIAN_LOSS = 1.25
-"""Ratio of the standard deviations of median and mean. The ring's mean around the median is no worse."""
+"""Ratio of a median's standard deviation to a mean's. The ring's mean around the median is no worse."""
 
 
 class Acquisition:

@@ -35,13 +35,13 @@ class AcquisitionSettings:
     ring_px: int = 2  # Width of the ring around the blind patch.
     least_ring: int = 4  # Minimum number of ring depths that determine a marker's depth.
     mad_limit: float = 3.0
-    """Depths further from the ring's median are skipped, in standard deviations (Leys et al. 2013)."""
+    """Largest distance of a used depth from the ring's median, in standard deviations (Leys et al. 2013)."""
     mad_floor_m: float = 0.003  # Smallest standard deviation of a ring (m), so that quantised depths are not outliers.
     two_depths_m: float = 0.010
     """Standard deviation (m) above which a ring is on two surfaces. The closest half of its depths is then used."""
     most_spread_m: float = 0.020  # Largest standard deviation of a ring with a depth. Otherwise the marker is a ray.
     behind_m: float = 0.030
-    """Depths further behind belong to another surface, metres: three standard deviations of a pixel at 3 m."""
+    """Depths more than this behind (m) belong to another surface: three standard deviations of a pixel at 3 m."""
     most_behind: float = 0.1  # Above this fraction behind it, the depth is an occluder's and the marker is a ray.
     surface_radii: float = 2.0 / 3.0
     """Distance of the reflecting surface from a sphere's centre in radii. 2/3 is the mean over its disc."""

@@ -424,7 +424,7 @@ def _recording(path: Path, calibration: Path | None) -> SensorFolder:
 
 
 def _zeros(indices: list[np.ndarray]) -> list[float]:
-    """Return each sensor's time zero: a common time, or the host's for a sensor with another clock."""
+    """Return each sensor's time zero: a common time, or the host's time for a sensor with another clock."""
     firsts = np.array([rows[0, 1:] if len(rows) else (np.nan, np.nan) for rows in indices])
     if not np.isfinite(firsts).any():
         return [0.0] * len(indices)

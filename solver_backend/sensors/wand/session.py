@@ -352,8 +352,9 @@ def calibrate_by_wand(
 ) -> WandCalibration:
     """Calibrate the sensor poses from a wand that all sensors saw.
 
-    First come the clocks: given, or estimated from speed and refined by the adjustment. Then poses of pairs, from
-    aligned points or essential matrices and wand lengths, are chained. Finally a sparse bundle adjustment refines all.
+    The clocks are given, or estimated from speed and refined by the adjustment. Poses of sensor pairs come from aligned
+    points, or from essential matrices and wand lengths, and are chained. Finally a sparse bundle adjustment refines
+    all.
 
     Raises:
         WandNotSeen: a sensor, or all others together, never saw it with another one.

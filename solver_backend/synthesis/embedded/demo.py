@@ -205,7 +205,7 @@ class RecordedMarkers:
 
     cloud: MarkerCloud
     truth: dict[str, np.ndarray]
-    """SMPL parameters, ``joints`` (F, 24, 3) and ``markers`` (F, M, 3) on the body, metres."""
+    """SMPL parameters, ``joints`` (F, 24, 3) and ``markers`` (F, M, 3) on the body, in metres."""
 
     @property
     def joints(self) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 An ellipsoid of the body or a piece of furniture hides a point if it blocks the line of sight. The line ``t w`` from the
 camera, ``0 <= t <= 1``, enters an ellipsoid ``(x - c)^T B (x - c) = 1`` if ``(w^T B c)^2 > (w^T B w) (c^T B c - 1)``.
-It enters before its end if ``w^T B c < w^T B w`` or if the end is inside.
+The line enters before its own end if ``w^T B c < w^T B w`` or if the end is inside.
 """
 
 from __future__ import annotations

@@ -91,7 +91,9 @@ PRESETS: dict[str, Faults] = {
     "optical_markers": Faults(markers=replace(OPTICAL_MARKERS, swaps_per_minute=1.0, ghosts=0.001)),
     "depth_markers": Faults(markers=_DEPTH_MARKERS),
 }
-"""'detector' is measured, 'optical_markers' is from the demo recording, and the others are chosen by hand."""
+"""Presets of faults. 'detector' is measured, 'optical_markers' comes from the demo recording, and the others are chosen
+by hand.
+"""
 
 
 def read_faults(description: Any) -> Faults:

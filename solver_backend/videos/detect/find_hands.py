@@ -95,7 +95,7 @@ Each = Callable[[Callable[[int], object], Iterable[int]], Iterable[object]]  # `
 
 @dataclass(frozen=True)
 class Arms:
-    """Elbows and wrists in F frames, or in one frame without that axis. The left side is first."""
+    """Elbows and wrists in F frames, left side first. Arrays for a single frame have no frame axis."""
 
     places: np.ndarray  # (F, 2, 2, 3) elbow and wrist of each side in metres, NaN if no views agree.
     detected: np.ndarray  # (C, F, 2, 2, 3) pixels and confidence of the same points in each view.
@@ -121,7 +121,7 @@ def search_hands(
     """Return (C, 2, 21, 3) x, y and confidence of both hands in each view, with NaN if undetected.
 
     Args:
-        pictures: (H, W, 3) uint8 images by view.
+        pictures: (H, W, 3) uint8 image of each view.
         before: (C, 2, 21, 3) hands in the previous frame. A hand that is still there is searched once.
         due: (C, 2) mask of views that search each hand. None for all.
         each: calls ``look`` for several views at a time if it uses threads.
@@ -368,7 +368,7 @@ def is_due(before: np.ndarray | None, frame: int, every: int) -> np.ndarray | No
 
 
 def seen_by(capture: Capture, least: int) -> dict[str, float]:
-    """Return the percentage of frames in which at least ``least`` views show a hand, by side."""
+    """Return, for each side, the percentage of frames in which at least ``least`` views show a hand."""
     assert capture.keypoints is not None and capture.keypoints.hands is not None
     views = (capture.keypoints.hands[..., 2] > 0).any(axis=-1).sum(axis=0)
     return {side: round(100.0 * float((views[:, s] >= least).mean()), 1) for s, side in enumerate(SIDES)}

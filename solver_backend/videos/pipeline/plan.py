@@ -140,7 +140,7 @@ class Records:
     def making(self, output: Path, made_of: Any = None) -> Iterator[None]:
         """Mark an output as ours before it is written, so that the next run may replace an incomplete one.
 
-        Afterwards, record its inputs if any.
+        Afterwards, record the output's inputs if there are any.
         """
         self._keys[output.name] = _BEGUN
         self._write()

@@ -104,7 +104,7 @@ def place_errors(
 
 @lru_cache(maxsize=8)
 def _keypoints(body: Body) -> Landmarks:
-    """Return the keypoints. The object is always the same, because sight tables are cached by it."""
+    """Return the keypoints, always as the same object, because sight tables are cached for it."""
     return keypoint_landmarks(body, _SET)
 
 
