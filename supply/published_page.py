@@ -15,7 +15,10 @@ from supply.take_ratios import interval, take_medians, take_ratios
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "tests" / "benchmarks"
 PUBLISHED, BASELINE = BENCHMARKS / "published_tables.json", BENCHMARKS / "baseline.json"
-TAKE_FILES = {"many_takes": BENCHMARKS / "many_takes.json", "noise_aware": BENCHMARKS / "noise_takes.json"}
+TAKE_FILES = {
+    "many_takes": BENCHMARKS / "many_takes.json", "walking_takes": BENCHMARKS / "walking_takes.json",
+    "noise_aware": BENCHMARKS / "noise_takes.json",
+}  # fmt: skip
 REPRODUCED, CONTRADICTED, UNDECIDED = "reproduced", "contradicted", "undecided"
 WITHOUT_INTERVAL, TOO_SMALL, SMOOTHING = "without interval", "too small to judge", "same without the prior"
 BOTH_SIDES = "published on both sides"

@@ -38,7 +38,8 @@ CHARTS = (
         ),
     ),
     ChartOfBars(
-        "noise_aware", "Error of simulated markers under three kinds of noise (RMSE)", "noise_aware", "mm", METHODS,
+        "noise_aware", "Error of simulated markers under three kinds of noise, twelve takes (RMSE)", "noise_aware",
+        "mm", METHODS,
         tuple((f"{n} noise", tuple(f"{n}_m_{m}_rmse_mm" for m in METHODS)) for n in ("data", "inference", "both")),
     ),
     ChartOfBars(

@@ -7,11 +7,11 @@ from collections import Counter
 
 import pytest
 
-from supply.published_page import LEAST_TAKES, rows
+from supply.published_page import BASELINE, LEAST_TAKES, rows
 from supply.published_page import PUBLISHED as PUBLISHED_ROWS
 from tests.benchmarks import bench_noise_aware
 from tests.benchmarks.comparison.landmark_takes import NOISES
-from tests.benchmarks.comparison.noise_takes import OURS, SEEDS, TAKES, parts
+from tests.benchmarks.comparison.noise_takes import OURS, RESULTS, SEEDS, TAKES, parts
 
 NAMES = {part.name for part in parts()}
 
@@ -38,6 +38,12 @@ def test_published_rows_name_methods_that_are_measured_and_rest_on_enough_takes(
 def test_published_methods_come_before_what_the_tables_do_not_publish():
     order = [part.method == OURS for part in parts() if part.seed == 0]
     assert order == sorted(order)
+
+
+def test_the_baseline_has_the_figures_of_the_takes() -> None:
+    kept, known = (json.loads(path.read_text(encoding="utf-8")) for path in (RESULTS, BASELINE))
+    figures = {key: figure["value"] for key, figure in known["noise_aware"]["figures"].items() if key != "alpha"}
+    assert {m.key: round(m.value, 5) for m in bench_noise_aware.metrics_of(kept["runs"])} == figures
 
 
 def runs(noise_aware: float) -> dict:
