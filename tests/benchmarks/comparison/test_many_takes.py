@@ -6,8 +6,10 @@ import json
 
 import pytest
 
+from supply.published_page import LEAST_TAKES
+from supply.published_page import PUBLISHED as PUBLISHED_ROWS
 from tests.benchmarks import tune_baselines
-from tests.benchmarks.comparison import kept_runs, many_takes
+from tests.benchmarks.comparison import kept_runs, many_takes, walking_takes
 from tests.benchmarks.comparison.methods import Method
 
 
@@ -88,3 +90,11 @@ def test_a_call_may_measure_some_seeds_and_drops_none_of_the_others(one_method, 
     found = json.loads(many_takes.RESULTS.read_text())["runs"]["MuVS"]
     assert {take: sorted(rows) for take, rows in found.items()} == {"a": ["0", "1"], "b": ["0", "1"]}
     assert one_method == ["a", "b", "a", "b"]
+
+
+def test_walks_are_other_takes_than_those_of_the_main_tables() -> None:
+    walks, main = ({take.partition(":")[0] for take in takes} for takes in (walking_takes.TAKES, many_takes.TAKES))
+    assert len(walking_takes.TAKES) == len(walks) == LEAST_TAKES and not walks & main
+    rows = json.loads(PUBLISHED_ROWS.read_text(encoding="utf-8"))["rows"]
+    named = {name for row in rows if row.get("bench") == "walking_takes" for name in row["methods"]}
+    assert named == {part.name for part in walking_takes.parts()}
