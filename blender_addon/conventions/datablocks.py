@@ -42,7 +42,7 @@ def create_material(name: str, colour: Colour, *, roughness: float = 0.55, gloss
 
 
 def shader_of(owner: bpy.types.Material | bpy.types.World, kind: str = "BsdfPrincipled") -> Any:
-    """Return the shader node of a new material or world, None if it has none of this kind."""
+    """Return the shader node of a new material or world, or None without a node of this kind."""
     if bpy.app.version < (5, 0):  # later ones always have nodes, and setting it is deprecated
         owner.use_nodes = True
     return next((node for node in owner.node_tree.nodes if node.bl_idname == f"ShaderNode{kind}"), None)

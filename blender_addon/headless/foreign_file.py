@@ -1,9 +1,9 @@
 """Open files of other programs in a child process with memory and time limits.
 
 Blender's importers can expand a few kilobytes to any amount of memory, and damaged files crash them. So a child opens
-the file and samples its frames, and this process reads the arrays that the child wrote. A rig to retarget to must
-remain Blender data. The child converts such a rig of another program to a Blender file. For a Blender file it only
-checks that it opens, because a copy would lose relative paths. Scripts in files never run.
+the file and samples its frames, and this process reads the arrays that the child wrote. The target rig of a retarget
+must remain Blender data. If the rig is from another program, the child converts the rig to a Blender file. The child
+only checks that a Blender file opens, because a copy would lose relative paths. Scripts in files never run.
 """
 
 from __future__ import annotations

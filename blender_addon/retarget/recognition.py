@@ -151,7 +151,7 @@ def map_rig(armature: bpy.types.Object, user_folder: Path | None = None) -> RigM
 
 
 def state_humanoid(armature: bpy.types.Object, bones: Mapping[str, str]) -> None:
-    """Store the VRM names of an armature's bones on it, as its file states them."""
+    """Store on an armature the VRM names of its bones, as the file states them."""
     if any(bone in armature.data.bones for bone in bones.values()):
         armature.data[_STATED] = json.dumps(dict(bones))
 
@@ -229,7 +229,7 @@ def frame_rate(header: dict[str, Any]) -> float | None:
 
 
 def humanoid(header: dict[str, Any]) -> dict[str, str]:
-    """Return node names by VRM bone name (VRM 0.x, 1.0 and animations), empty for other files."""
+    """Return node names by VRM bone name (VRM 0.x, 1.0 and animations), or {} for other files."""
     extensions, nodes = _dict(header.get("extensions")), _list(header.get("nodes"))
     pairs = list(_nodes_of_bones(header).items())
     older = _list(_dict(_dict(extensions.get("VRM")).get("humanoid")).get("humanBones"))

@@ -75,9 +75,9 @@ def array_of_scene(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> di
 def _camera(scene: bpy.types.Scene, obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> dict[str, Any]:
     """Return one camera, with K from Blender's projection matrix.
 
-    With normalised device coordinates ``x = P00 X/z - P02`` and ``y = -P11 Y/z - P12`` of OpenCV's camera frame, and
-    pixels measured from the centre of the first: ``fx = P00 w/2``, ``cx = (1 - P02) w/2 - 1/2``, ``fy = P11 h/2``, ``cy
-    = (1 + P12) h/2 - 1/2``.
+    The formulas for K use normalised device coordinates ``x = P00 X/z - P02`` and ``y = -P11 Y/z - P12`` of OpenCV's
+    camera frame, and pixels from the centre of the first pixel: ``fx = P00 w/2``, ``cx = (1 - P02) w/2 - 1/2``, ``fy =
+    P11 h/2``, ``cy = (1 + P12) h/2 - 1/2``.
     """
     render = scene.render
     size = obj.data.get("image_size")

@@ -266,7 +266,7 @@ class MocapCapture(bpy.types.PropertyGroup):
         return next((index for index, person in enumerate(self.people) if person.key == key), 0)
 
     def owns(self, obj: bpy.types.Object) -> bool:
-        """Return whether an object is the capture's body, its skin, or in its collection."""
+        """Return whether an object is the capture's body or skin, or belongs to the capture's collection."""
         if any(review.plays(obj) for review in self.reviews):
             return True
         collection = self.collection

@@ -326,7 +326,7 @@ class TakeEvidence:
     def likelihoods(self, readings: Sequence[Reading]) -> tuple[np.ndarray, Noise]:
         """Return (N,) mean log-likelihood ratios per constraint relative to unrelated views, and the noise.
 
-        Distances of excluded views count as those of unrelated views, with a ratio of 0.
+        Distances of excluded views count as distances between unrelated views, with a ratio of 0.
         """
         counts = self.counts(readings)
         noise = fit_noise(counts)
@@ -446,7 +446,7 @@ def independent_poses(xy: np.ndarray, person_px: np.ndarray) -> tuple[np.ndarray
     The distance between two poses is a median over keypoints and views, so that errors of one view have no effect.
 
     Args:
-        xy: (C, F, J, 2) px, NaN where unseen.
+        xy: (C, F, J, 2) keypoints in px, NaN where unseen.
         person_px: (C,) size of the person in each view.
     """
     seen = (np.isfinite(xy[..., 0]).sum(-1) >= MIN_POINTS).sum(0)

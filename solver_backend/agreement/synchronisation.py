@@ -60,9 +60,9 @@ def delay_step(
     sandwich ``H⁻¹ (Σ g_b g_bᵀ) H⁻¹`` over blocks of frames, because errors of neighbouring frames are correlated.
 
     Args:
-        xy: (C, N, K, 2) px, NaN where missing.
-        velocity: (C, N, K, 2) px per frame.
-        points: (N, K, 3) metres, NaN where unknown.
+        xy: (C, N, K, 2) keypoints in px, NaN where missing.
+        velocity: (C, N, K, 2) velocities in px per frame.
+        points: (N, K, 3) positions in metres, NaN where unknown.
         at: (N,) relative time of the frames, from -1 at the take's first frame to 1 at its last.
         sigma_px: (K,) or (C, N, K) standard deviation of the detections in px.
         blocks: number of time blocks with independent errors. It must be several times the number of cameras.
@@ -102,8 +102,8 @@ def _equations(
     Args:
         J: (C, N, K, 2, 3) derivatives of the detections by the points.
         moved: (C, N, K, 3) step of a point that follows the velocity in each view.
-        velocity: (C, N, K, 2) px per frame.
-        error: (C, N, K, 2) px, with the steps of the points eliminated.
+        velocity: (C, N, K, 2) velocities in px per frame.
+        error: (C, N, K, 2) errors in px, with the steps of the points eliminated.
         weight: (C, N, K) weights.
         ramps: (1 or 2, N) ones, and relative times.
     """
@@ -195,7 +195,7 @@ def estimate_delays(
     (calibration errors). A delay must be better than zero delay in consecutive time blocks. Frames need two views.
 
     Args:
-        xy: (C, F, K, 2) px of limbs of one or more people, NaN where missing.
+        xy: (C, F, K, 2) keypoints in px of limbs of one or more people, NaN where missing.
         reach: largest lag between two cameras in frames.
         located: triangulation of the detections without delays, if available.
         rate_sigma: prior deviation of the cameras' rates. If None, only large and certain drifts are estimated.

@@ -112,7 +112,7 @@ def gather(seen: Sightings, frame: np.ndarray, points: np.ndarray) -> tuple[np.n
 
     Args:
         frame: (N,) frame of each person.
-        points: (N, J, 3) world metres, NaN where unknown.
+        points: (N, J, 3) world positions in metres, NaN where unknown.
 
     Returns:
         Members (N, C), -1 without a detection, mask (N, C) of swapped sides, and score (N,) as in ``PeopleInSpace``.
@@ -137,7 +137,7 @@ def detection_distances(
 
     Args:
         frame: (N,) frame of each person.
-        points: (N, J, 3) world metres, NaN where unknown.
+        points: (N, J, 3) world positions in metres, NaN where unknown.
 
     Returns:
         (N, P) number of keypoints at their expected positions (a soft count), (N, P) median distance in metres at the

@@ -52,7 +52,7 @@ def inconsistent_ranges(triangulation: Triangulation, confidence: np.ndarray, le
     keypoint that three views show and no two agree on is an outlier in each.
 
     Args:
-        confidence: (C, F, K), 0 where missing.
+        confidence: (C, F, K) confidences, 0 where missing.
         least_frames: shorter ranges are ignored.
 
     References: Viterbi 1967, and Rabiner 1989, "A tutorial on hidden Markov models".

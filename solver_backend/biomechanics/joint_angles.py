@@ -107,7 +107,7 @@ def isb_angles(posed: PosedSegments, covariances: dict[str, np.ndarray] | None =
     """Return the angles of all joints, such as ``left_knee_flexion``.
 
     Args:
-        covariances: (F, 3, 3) rad² of each segment's rotation, in the parent segment's joint frame.
+        covariances: (F, 3, 3) covariances in rad² of each segment's rotation, in the parent segment's joint frame.
     """
     names, columns, deviations = [], [], []
     for segment in SEGMENTS:

@@ -22,7 +22,7 @@ from solver_backend.types import MarkerCloud, Motion
 ANKLE_AXIS, SUBTALAR_AXIS = np.array([-0.105, -0.174, 0.979]), np.array([0.787, 0.605, -0.121])
 """Hinges of the right ankle, in the axes of the shank, and below its talus (Inman 1976, from Delp et al. 1990)."""
 ELBOW_AXIS, PRONATION_AXIS = np.array([0.226, 0.022, 0.974]), np.array([0.056, 0.998, 0.002])
-"""The models' hinge of the right elbow, in the upper arm's axes, and of pronation, in the forearm's axes."""
+"""Hinge of the right elbow in the upper arm's axes, and pronation axis in the forearm's axes, as in the models."""
 
 
 def _hinges(first: np.ndarray, other: np.ndarray, *, middle: bool) -> tuple[np.ndarray, ...]:

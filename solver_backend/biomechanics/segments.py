@@ -46,7 +46,7 @@ def turn_covariance(
 
     ``C = A P Aᵀ + c² I`` with the covariance P of the pose. A combines the rotations d of the joints between the two
     segments, ``d = Σ_k R_1 … R_{k-1} d_k``. c is the rotation from constant errors of both ends of the segment's bone.
-    Axes are those of the parent segment's joint, and the world's for the pelvis. Joints outside the pose add nothing.
+    The axes belong to the parent segment's joint, or to the world for the pelvis. Joints outside the pose add nothing.
 
     Args:
         local: rotations of the joints 1..n.

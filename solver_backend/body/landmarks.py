@@ -53,7 +53,7 @@ class Landmarks:
 
         Args:
             rest: (P, 3) rest positions of the mean shape in metres.
-            shapedirs: (P, 3, 10) metres per unit of shape.
+            shapedirs: (P, 3, 10) displacements in metres per unit of shape.
             weights: (P, J) skinning weights, rows sum to 1.
             mix: (L, P) weight of each point, rows sum to 1. None makes each point a landmark.
             posedirs: (P, 3, 9 (J - 1)) pose correctives of unmixed points.
@@ -272,7 +272,7 @@ def pose_landmarks(
 
     Args:
         local: (F, n, 3, 3) rotations of joints 1..n, which include all solved joints.
-        offsets: (L, 3) metres in the rest frame, added to each landmark (detector bias, marker placement).
+        offsets: (L, 3) offsets in metres in the rest frame, added to each landmark (detector bias, marker placement).
         by_shape: also differentiate by the shape.
         num_rotations: number of rotations to differentiate by (root and first joints). None for the solved ones.
     """

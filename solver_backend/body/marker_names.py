@@ -209,8 +209,8 @@ def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyTyp
     Labels of a skeleton's joint centres are recognised together, see ``joint_centre_places``.
 
     Args:
-        own: the user's location by label, which always wins: a name in the layouts, ``@`` and a bone's joint (several
-            labels may share it), or empty text to exclude the label.
+        own: maps labels to the user's locations, which always win: a name in the layouts, ``@`` and a bone's joint
+            (several labels may share it), or empty text to exclude the label.
     """
     found = _named(tuple(labels), tuple(own.items()))
     return replace(found, known=dict(found.known), ambiguous=dict(found.ambiguous))
@@ -286,7 +286,7 @@ def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType
     pair, if labels state a side, or if markers are on both sides of the median plane.
 
     Args:
-        own: the user's locations by label, which always win.
+        own: maps labels to the user's locations, which always win.
     """
     labels = [label for label in cloud.labels or () if not is_unnamed(label)]
     names = name_markers(labels, own)

@@ -22,7 +22,7 @@ row vectors, ``x = R x_cam + t`` and ``x_cam = R (x - t)``."""
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Rotation of the camera axes for an image rotated by 90 degrees clockwise."""
 _GRAPHICS = np.diag([1.0, -1.0, -1.0])
-"""OpenCV's camera axes (x right, y down, z forward) from those of OpenGL and Blender (y up, z backward)."""
+"""Rotation from the camera axes of OpenGL and Blender (y up, z backward) to OpenCV's (y down, z forward)."""
 
 
 Window = tuple[float, float, float]

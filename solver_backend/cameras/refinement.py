@@ -27,8 +27,8 @@ def refined_cameras(cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, ro
 
     Args:
         cameras: C cameras.
-        xy: (C, F, K, 2) px, NaN where missing.
-        confidence: (C, F, K), 0 where missing.
+        xy: (C, F, K, 2) keypoints in px, NaN where missing.
+        confidence: (C, F, K) confidences, 0 where missing.
         rounds: number of rounds of triangulation and resection.
 
     Reference: Triggs et al. 2000, "Bundle adjustment: a modern synthesis", sec. 7 (resection-intersection).
@@ -51,9 +51,9 @@ def resected(
 
     Args:
         cameras: C cameras near the solution.
-        xy: (C, F, K, 2) px, NaN where missing.
-        confidence: (C, F, K), 0 where missing.
-        points: (F, K, 3) world metres, NaN where unknown.
+        xy: (C, F, K, 2) keypoints in px, NaN where missing.
+        confidence: (C, F, K) confidences, 0 where missing.
+        points: (F, K, 3) world positions in metres, NaN where unknown.
         scale_px: residual beyond which a detection loses weight.
         steps: number of Gauss-Newton steps.
 
@@ -197,7 +197,7 @@ def estimated_rotation(
 
     Args:
         camera: one camera before the rotation.
-        points: (N, 3) world metres.
+        points: (N, 3) world positions in metres.
         px: (N, 2) pixels of the points.
         sigma_px: (N,) standard deviations in px.
 
@@ -228,7 +228,7 @@ def rotated_back(
     Args:
         camera: one camera before the rotation.
         px: (..., 2) pixels of the rotated camera.
-        rotation: (3,) radians, see ``estimated_rotation``, or (F, 3) for (F, n, 2) pixels.
+        rotation: (3,) rotation vector in radians, see ``estimated_rotation``, or (F, 3) for (F, n, 2) pixels.
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 8.4 (cameras with one centre).
     """

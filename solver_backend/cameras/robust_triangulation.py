@@ -233,7 +233,7 @@ def _agreeing(arrays: CameraArrays, px: Array, weight: Array, points: Array, spr
 def covariance_of(arrays: CameraArrays, weight: Array, points: Array, spread: Array) -> Array:
     """Return the (N, 3, 3) covariance of the weighted estimator in m², NaN with fewer than two weighted views.
 
-    ``σ² A⁻¹ (Σ w² JᵀJ) A⁻¹`` with ``A = Σ w JᵀJ`` (Huber 1967, the sandwich estimator).
+    The covariance is ``σ² A⁻¹ (Σ w² JᵀJ) A⁻¹`` with ``A = Σ w JᵀJ`` (Huber 1967, the sandwich estimator).
     """
     xp = array_namespace(weight)
     zero = xp.zeros_like(weight)
@@ -368,8 +368,8 @@ def triangulate(
 
     Args:
         cameras: C cameras.
-        xy: (C, F, K, 2) px, NaN where missing.
-        confidence: (C, F, K), 0 where missing.
+        xy: (C, F, K, 2) keypoints in px, NaN where missing.
+        confidence: (C, F, K) confidences, 0 where missing.
         sigma_px: standard deviation of a detection's coordinate in px, scalar or (K,). None estimates it.
         progress: called after each block of frames.
 
@@ -464,8 +464,8 @@ def predict_views(
 
     Args:
         cameras: C cameras.
-        xy: (C, F, K, 2) px, NaN where missing.
-        confidence: (C, F, K), 0 where missing.
+        xy: (C, F, K, 2) keypoints in px, NaN where missing.
+        confidence: (C, F, K) confidences, 0 where missing.
         triangulation: triangulation of the same detections.
         frames: numbers of the frames to predict, None for all.
 

@@ -116,7 +116,7 @@ def _cell(value: float) -> str:
 
 
 def gait_lines(gait: Gait) -> list[str]:
-    """Return the mean of every stride value by side, and its standard deviation if there are several strides."""
+    """Return the mean of every stride value for each side, and the deviation if there are several strides."""
     lines = []
     for side in SIDES:
         strides = [stride for stride in gait.strides if stride.side == side]

@@ -199,7 +199,7 @@ def blend_end(motion: MotionFile, seam: Seam, blend_s: float) -> MotionFile:
 
 
 def blend_start(motion: MotionFile, seam: Seam, blend_s: float) -> MotionFile:
-    """Blend the start of a motion into the seam, in its own ground coordinates."""
+    """Blend the start of a motion into the seam, in the ground coordinates of this motion."""
     back = seam.placement.turn.T
     own = replace(seam, shift=back @ seam.shift, velocity=back @ seam.velocity)
     return _offset(motion, own, np.arange(motion.num_frames) / motion.fps, 0.5, blend_s)

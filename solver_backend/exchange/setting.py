@@ -134,7 +134,7 @@ class Setting:
         return isinstance(value, str) and (self.kind in ("file", "text") or bool(value.strip()))
 
     def words(self, value: Any) -> list[str]:
-        """Return the command-line arguments for a value, none for None, an empty list and a flag that is off."""
+        """Return the command-line arguments for a value. None, an empty list and a flag that is off have none."""
         if value is None or (is_list(value) and not value):
             return []
         if self.positional:
@@ -168,7 +168,7 @@ def setting(kind: Kind, default: Any, label: str, description: str, *, group: st
 
 
 def settings_of_class(cls: Any) -> dict[str, Setting]:
-    """Return the settings that a dataclass or its instance declares, ordered and by name."""
+    """Return the settings that a dataclass or its instance declares, in order and keyed by name."""
     return _settings_of(cls if isinstance(cls, type) else type(cls))
 
 
@@ -200,7 +200,7 @@ def check_settings(values: Any) -> None:
 
 
 def _in_metres(row: Setting, value: Any) -> str:
-    """Return a hint for a length that would be valid in centimetres or millimetres, or "" for others."""
+    """Return a hint for a length that would be valid in centimetres or millimetres, or "" for any other length."""
     sizes = (value / 100, value / 1000) if row.unit == "m" and _is_number(value, Real) and value > 0 else ()
     valid = [size for size in sizes if row.accepts(size)]
     return f"Lengths are in metres: {valid[0]:g}." if valid else ""

@@ -220,8 +220,8 @@ def _lengths(points: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
 def distances(points: np.ndarray, view: _View, frames: np.ndarray) -> np.ndarray:
     """Return the (F,) RMS distances of points from their rays in metres per axis, for the best position and size.
 
-    ``min_{s, t} Σ w |x - s p_xy - t|²`` (weak perspective), divided by s. NaN if there are too few points. ``points``
-    (F, L, 3) belong to the take's ``frames`` (F,).
+    ``min_{s, t} Σ w |x - s p_xy - t|²`` (weak perspective), divided by the best s. NaN if there are too few points.
+    ``points`` (F, L, 3) belong to the take's ``frames`` (F,).
     """
     x, w = view.image[frames], np.where(np.isfinite(points).all(-1), view.weight[frames], 0.0)
     x, p = np.where(w[..., None] > 0, x, 0.0), np.where(w[..., None] > 0, points[..., :2], 0.0)
@@ -340,9 +340,9 @@ def deviations(
     """Estimate (L, 2) deviations of a result's points across and along the line of sight, in metres per axis.
 
     Across, they are the distances of the placed points from their rays. Along, they are the distances from ``other``
-    points minus the ``variance`` of these points. The ratio of along to across is at least that of the tracks' jitter.
-    Also return (L,) factors of at most 1 on the precision of the other points, for points with larger errors than
-    stated.
+    points minus the ``variance`` of these points. The ratio of along to across is at least the ratio of the tracks'
+    jitter. Also return (L,) factors of at most 1 on the precision of the other points, for points with larger errors
+    than stated.
     """
     weight = np.where(np.isfinite(points).all(-1), view.weight, 0.0)
     filled = np.nan_to_num(points)

@@ -234,7 +234,7 @@ class Contacts:
         return replace(self, planted=planted)
 
     def term(self, like: Array, firmness: float = 1.0) -> PositionTerm:
-        """Return the term that attracts planted points to their anchors. ``firmness`` divides its deviation."""
+        """Return the term that attracts planted points to their anchors. ``firmness`` divides the term's deviation."""
         return foot_contact_term(self.planted, self.anchors, like, SIGMA_M / firmness)
 
 

@@ -54,8 +54,8 @@ from solver_backend.types.network_result import StartingResult
 
 STATURE_ERROR_M = 0.001  # Difference from a given stature that counts as none.
 LIMBS_SIGMA, STATURE_SIGMAS = 0.015, 2.0
-"""Relative deviation of the stature that limbs give for scaling a calibration, and the multiple of it that contradicts
-a given stature (1.8 % on a take of 1.80 m)."""
+"""Relative standard deviation of a stature estimated from limbs, and number of deviations at which it contradicts a
+given stature (1.8 % on a take of 1.80 m)."""
 
 
 def solve_single_frames(

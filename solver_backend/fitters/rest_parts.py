@@ -133,9 +133,9 @@ def with_resting_spread(
 def growth(shown: Stance, anchor: str, joint: str) -> np.ndarray:
     """Return the factor on a joint's spread about its anchor, relative to an upright person. Names have no sides.
 
-    ``1 + min(θ, MOST_DEG) / TILT_DEG`` for trunk, head and legs, ``1 + clip(θ - TILT_DEG, 0, ARM_MOST_DEG) /
-    ARM_TILT_DEG`` for arms, and 1 for a head on an observed chest. For walkers it is multiplied by ``WALKING``, and for
-    legs by ``LOW``. θ is the pelvis's lean.
+    The factor is ``1 + min(θ, MOST_DEG) / TILT_DEG`` for trunk, head and legs, ``1 + clip(θ - TILT_DEG, 0,
+    ARM_MOST_DEG) / ARM_TILT_DEG`` for arms, and 1 for a head on an observed chest. For walkers it is multiplied by
+    ``WALKING``, and for legs by ``LOW``. θ is the pelvis's lean.
     """
     if joint in _ARM:
         leaning = 1.0 + np.clip(shown.lean - TILT_DEG, 0.0, ARM_MOST_DEG) / ARM_TILT_DEG
@@ -276,11 +276,11 @@ def resting_shares(
 ) -> PartShares:
     """Return the weights of rest pose and resting variance for each part that is not informed in all frames.
 
-    A landmark informs a part if its lever about the part's first joint is at least that of ``LEADS``. The weight of the
-    rest pose is ``3 u² - 2 u³``. u rises from 0 to 1 within ``FADE_S``, beginning ``HOLD_S`` after the last informed
-    frame. The weight of the variance is the squared time over ``UNKNOWN_S`` before the first and after the last
-    informed frame. Between informed frames it is the third power, at most ``BETWEEN``. Frames outside ``seen`` (F,) do
-    not place the body and are interpolated. ``pinned`` frames inform every part.
+    A landmark informs a part if its lever about the part's first joint is at least the lever in ``LEADS``. The weight
+    of the rest pose is ``3 u² - 2 u³``. u rises from 0 to 1 within ``FADE_S``, beginning ``HOLD_S`` after the last
+    informed frame. The weight of the variance is the squared time over ``UNKNOWN_S`` before the first and after the
+    last informed frame. Between informed frames it is the third power, at most ``BETWEEN``. Frames outside ``seen``
+    (F,) do not place the body and are interpolated. ``pinned`` frames inform every part.
     """
     known = np.isin(np.arange(len(seen)), list(pinned))
     frames, every, found = np.flatnonzero(seen | known), np.arange(len(seen)), PartShares({}, {})

@@ -137,7 +137,7 @@ _START_POSES: tuple[dict[str, Angles], ...] = (
 """Axis-angle rotations in rad of start poses: standing, arms up, arms forward, squatting, two steps. Chosen by hand."""
 STAGE = "Fitting single frames"
 POSE_SIGMA_M = 0.03
-"""Error in metres of points on a body of unknown shape, added to their own error."""
+"""Error in metres of points on a body of unknown shape, added to the points' measurement error."""
 BLOCK_FRAMES = 64  # Frames fitted at a time.
 NEAR, FAR = ((8.0,), 4), ((20.0, 5.0), 12)  # Robust scales and linearisations from the lifter's, and from a start pose.
 TOLERANCE = 1e-2  # Initial values are good enough if no frame's cost decreases by more than this share.

@@ -41,7 +41,7 @@ def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
 
 
 def first_bytes(path: Path, length: int) -> bytes:
-    """Read the first bytes of a file for recognition, empty for an unreadable file."""
+    """Read the first bytes of a file for recognition, or no bytes of an unreadable file."""
     with suppress(OSError), open_regular(path) as stream:
         return stream.read(length)
     return b""
@@ -90,7 +90,7 @@ def read_xml(path: Path, largest: int, kind: str) -> ElementTree.Element:
 
 
 def npz_names(path: Path) -> frozenset[str]:
-    """Return the array names of an ``.npz`` file for recognition, none for an unreadable file."""
+    """Return the array names of an ``.npz`` file for recognition, or no names for an unreadable file."""
     with suppress(MocapError):
         if path.suffix.lower() == ".npz":
             return array_names(path)

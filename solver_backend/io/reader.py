@@ -47,7 +47,7 @@ class Reader(Generic[Content]):
     read: Callable[[Path, ReadOptions], Content]
     """Function that reads a recognised path and raises our own errors. ``open`` first rejects unsupported options."""
     takes: frozenset[str] = frozenset()
-    """Reading options that apply in addition to those of ``load_capture``. All others are rejected."""
+    """Reading options that apply in addition to the options of ``load_capture``. All others are rejected."""
 
     def open(self, path: Path, options: ReadOptions, also: frozenset[str] = frozenset()) -> Content:
         """Read a recognised path. The caller applies the options in ``also``.

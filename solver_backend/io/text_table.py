@@ -53,7 +53,7 @@ def split_rows(lines: Iterable[str], delimiter: str) -> list[list[str]]:
 
 
 def heading_of(path: Path) -> list[str]:
-    """Return the cells of a table's first line, none if the file is not a text table."""
+    """Return the cells of a table's first line, or no cells if the file is not a text table."""
     if path.suffix.lower() not in (".csv", ".tsv", ".txt"):
         return []
     start = first_bytes(path, _START_BYTES)

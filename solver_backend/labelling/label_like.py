@@ -21,7 +21,7 @@ FRAMES, LEAST_COMMON = 240, 5
 """Maximum number of frames of a take to use, and minimum number of frames with both markers of a known pair."""
 FLOOR_M, NEAR_M, BEND = 0.008, 0.12, 0.15
 """Standard deviation (m) of a rigid pair's distance caused by soft tissue, and its relative increase per distance
-beyond ``NEAR_M``, because another take bends joints that are still in this one."""
+beyond ``NEAR_M``, because another take bends joints that do not move in this take."""
 RIGID_M = 0.02  # Standard deviation of a pair with half weight, metres.
 VOLUME = 0.12  # Additional standard deviation of a triple product of unit vectors between takes.
 
@@ -302,9 +302,9 @@ def shape_of(points: np.ndarray, skin_m: float = SKIN_M) -> TakeShape:
 def exchange_gains(one: TakeShape, other: TakeShape, pairs: np.ndarray) -> np.ndarray:
     """Return (P,) gains of exchanging each of (P, 2) marker pairs in one take, in half squared deviations.
 
-    ``Σ_c w_c [q(a, a) + q(b, b) - q(a, b) - q(b, a)]`` with ``q(x, y) = min(½ (d_xc - d'_yc)² / v_c, cap)`` over the
-    other markers c. The same sum of triple products, whose sign an exchange changes, is added. Both takes show the same
-    M markers.
+    The gain is ``Σ_c w_c [q(a, a) + q(b, b) - q(a, b) - q(b, a)]`` with ``q(x, y) = min(½ (d_xc - d'_yc)² / v_c, cap)``
+    over the other markers c. The same sum of triple products, whose sign an exchange changes, is added. Both takes show
+    the same M markers.
     """
     a, b = pairs.T
     variance = one.variance + other.variance
@@ -421,7 +421,7 @@ def names_over_takes(clouds: Sequence[MarkerCloud], kept: Collection[str] = ()) 
 
 
 def _of_many(takes: list[MarkerCloud], kept: Collection[str]) -> NamesOverTakes:
-    """Compare some of many takes with each other, and the remaining ones with a few of these."""
+    """Compare some of the takes with each other, and the remaining takes with a few of them."""
     chosen = np.unique(np.linspace(0, len(takes) - 1, MOST_TOGETHER).astype(int)).tolist()
     found = names_over_takes([takes[i] for i in chosen], kept)
     changes = [replace(change, take=chosen[change.take]) for change in found.changes]

@@ -301,9 +301,10 @@ def distance_evidence(
 ) -> np.ndarray:
     """Return (C, 54) log likelihoods of each chain's labels from its distances to the trusted chains.
 
-    ``sum_j log t(m_ij / s | mu_ab, sigma_ab) + log t(c_ij | ...)`` with the person's relative size s, tempered to
-    ``READINGS`` partners. If both counterparts on the body's other side are labelled, half of the first density is
-    centred on *their* distance in this take. A ghost is at a landmark of other layouts, or anywhere on the body.
+    The log likelihood is ``sum_j log t(m_ij / s | mu_ab, sigma_ab) + log t(c_ij | ...)`` with the person's relative
+    size s, tempered to ``READINGS`` partners. If both counterparts on the body's other side are labelled, half of the
+    first density is centred on *their* distance in this take. A ghost is at a landmark of other layouts, or anywhere on
+    the body.
     """
     chains = len(labels)
     partners = np.flatnonzero(trusted & (labels >= 0) & (labels < GHOST))

@@ -134,8 +134,8 @@ _PULL = 1e-11  # Weight of the mean shape in square metres, for directions that 
 def own_shape(body: Body, joints: np.ndarray) -> np.ndarray | None:
     """Return the (10,) shape with these (24, 3) joints in T-pose, or None if the sender has another body.
 
-    ``min Σ |b_j(β) - b_j|² + λ |β|²`` by Gauss-Newton. The sum covers the bones b that the T-pose does not rotate, and
-    the lengths ``|b_j|`` of the others: ``d|b| = b/|b| · db``. Missing joints are NaN.
+    ``min Σ |b_j(β) - b_j|² + λ |β|²`` is minimised by Gauss-Newton steps. The sum covers the bones b that the T-pose
+    does not rotate, and the lengths ``|b_j|`` of the others: ``d|b| = b/|b| · db``. Missing joints are NaN.
     """
     layout, count = body.layout, len(joints)
     child = np.array([j for j in range(1, count) if np.isfinite(joints[j]).all()])

@@ -69,8 +69,8 @@ def mpjpe_mm(found: Points, truth: Points) -> float:
 def rmse_mm(found: Points, truth: Points) -> float:
     """Return the mean over frames of the root mean squared distance, without alignment, in millimetres.
 
-    ``1/N Σ_i √(1/J Σ_j |found_ij - truth_ij|²)`` for N frames of J points (..., J, 3) in metres. Frames without a
-    common point are excluded. Thesis eq. 4.28 prints the norm without its square, and no unit.
+    The error is ``1/N Σ_i √(1/J Σ_j |found_ij - truth_ij|²)`` for N frames of J points (..., J, 3) in metres. Frames
+    without a common point are excluded. Thesis eq. 4.28 prints the norm without its square, and no unit.
     """
     squared = distances_m(found, truth) ** 2
     known = np.isfinite(squared)

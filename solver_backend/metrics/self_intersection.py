@@ -56,8 +56,8 @@ def capsules_of(body: Body) -> Capsules:
 def self_intersection_m(body: Body, joints: Float[np.ndarray, "poses 24 3"]) -> Float[np.ndarray, " poses"]:
     """Return (N,) depths in metres of the deepest intersection of two capsules in each pose, 0 without any.
 
-    ``max(0, r_a + r_b - d(a, b))`` over the pairs, with the distance d of two line segments (Ericson 2005, 5.1.9), for
-    the (N, 24, 3) joints in metres of an SMPL body of mean shape.
+    The depth is ``max(0, r_a + r_b - d(a, b))`` over the pairs, with the distance d of two line segments (Ericson 2005,
+    5.1.9), for the (N, 24, 3) joints in metres of an SMPL body of mean shape.
     """
     capsules = capsules_of(body)
     parts = [joints[first : first + _AT_A_TIME] for first in range(0, len(joints), _AT_A_TIME)]

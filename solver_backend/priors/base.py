@@ -75,7 +75,7 @@ class AutoencodingPrior(PosePrior):
     """Metadata of the weights: command, data, evaluation and ``sha256``, empty without weights."""
 
     def reconstruct(self, rotations: Array) -> Array:
-        """Return ``G(E(θ))`` (N, 21, 3, 3) of (N, 21, 3, 3) poses, encoded and decoded (thesis eq. 4.1)."""
+        """Encode and decode (N, 21, 3, 3) poses, and return the result ``G(E(θ))`` (thesis eq. 4.1)."""
         return self.decode(self.encode(rotations))
 
 

@@ -30,7 +30,7 @@ def place_before_camera(points: np.ndarray, image: np.ndarray, weight: np.ndarra
     The residuals of ``Σ_i w_i |(p_i + t)_xy - x_i (p_i + t)_z|²`` are linear in t. Points far from rays lose weight.
 
     Args:
-        points: (F, L, 3) points in camera axes, metres.
+        points: (F, L, 3) points in camera axes, in metres.
         image: (F, L, 2) image points x in focal lengths.
         weight: (F, L) weights, 0 for an unseen point.
     """
@@ -223,8 +223,9 @@ def up_by_floor(
 ) -> np.ndarray:
     """Return the lifter's (3,) up direction in camera axes, tilted towards feet at one height.
 
-    ``min_δ n Σ (h_i - h̄)² / σ_h² / N + |δ|² / σ_u²`` over tilts δ, with the heights h of N lower soles, of which n are
-    independent. ``points`` (F, L, 3) are in camera axes, or in other axes if ``expected`` gives their up direction.
+    The tilt is the minimum ``min_δ n Σ (h_i - h̄)² / σ_h² / N + |δ|² / σ_u²`` over tilts δ, with the heights h of N
+    lower soles, of which n are independent. ``points`` (F, L, 3) are in camera axes, or in other axes if ``expected``
+    gives their up direction.
     """
     expected = take.up if expected is None else expected
     up: np.ndarray = expected

@@ -358,8 +358,8 @@ def slant_classes(slants: np.ndarray) -> np.ndarray:
 def flip_chances(chances: np.ndarray, slants: np.ndarray) -> np.ndarray:
     """Return (F, 4) probabilities that a bone of a limb points in the opposite direction to the solve.
 
-    ``1 - Π_b (1 - p_b)`` over its two bones, with p the probability of the opposite class, 0 for a bone across.
-    ``chances`` are (F, 8, 3) (``LimbSlants``), and ``slants`` (F, 8).
+    The probability is ``1 - Π_b (1 - p_b)`` over the limb's two bones, with p the probability of the opposite class, 0
+    for a bone across. ``chances`` are (F, 8, 3) (``LimbSlants``), and ``slants`` (F, 8).
     """
     opposite = np.where(slants > SLANT, chances[..., 0], np.where(slants < -SLANT, chances[..., 2], 0.0))
     return 1.0 - (1.0 - opposite[:, 0::2]) * (1.0 - opposite[:, 1::2])
@@ -367,7 +367,7 @@ def flip_chances(chances: np.ndarray, slants: np.ndarray) -> np.ndarray:
 
 @cache
 def load_limb_slants(path: Path = SLANT_WEIGHTS) -> LimbSlants:
-    """Load the network's weights. Errors are those of ``read_weights``, and another view lifter is an error."""
+    """Load the network's weights. Raise the errors of ``read_weights``, also for another view lifter."""
     weights = read_weights(path, "limb_slants")
     lifter = load_view_lifter()
     if weights.metadata.get("view_lifter_sha256") != lifter.metadata["sha256"]:

@@ -22,7 +22,7 @@ _LEAD = (
 
 
 def biomechanics_sections(motion: Motion) -> str:
-    """Return the angles and gait of a motion of the neutral body, nothing for other bodies."""
+    """Return the angles and gait of a motion of the neutral body, or empty text for other bodies."""
     body = load_body()
     motion = without_fingers(motion, body)
     if motion.body != body.id or motion.body_layout != SMPL:
@@ -36,7 +36,7 @@ def biomechanics_sections(motion: Motion) -> str:
 
 
 def _support_section(motion: Motion, body: Body) -> str:
-    """Return floor contacts and balance, nothing for a motion that is not on the floor z = 0."""
+    """Return floor contacts and balance, or empty text for a motion that is not on the floor z = 0."""
     if (support := find_support(motion, body)) is None:
         return ""
     shares = {part: 100.0 * float((chance > 0.5).mean()) for part, chance in support.probability.items()}

@@ -100,14 +100,14 @@ FAR_MM, CENTRES_FAR_MM = 10.0, 30.0
 """Suspicious median residuals (mm) of markers and joint centres. 60 recordings of other laboratories have 0.1 to 5 (7
 if a network labelled the points), 3D keypoints of networks up to 25."""
 ALWAYS_MM, WHILE_MM, WHILE_S = 20.0, 50.0, 0.3
-"""Suspicious median residual of one marker, residual in some frames, and duration of these. Good markers in 60
+"""Suspicious median residual of one marker, residual in some frames, and duration of such frames. Good markers in 60
 recordings have medians up to 19, and 50 for at most 0.24 s."""
 STANDS_OUT = 2.0  # Ratio to the take's residual from which a distant marker is reported separately.
 _WAIST = ("LFWT", "RFWT", "LBWT", "RBWT")
 _HIPS = (("=pelvis",), ("~mid_hip",), ("=left_hip", "=right_hip"), ("~left_hip", "~right_hip"), _WAIST, _WAIST[:2])
 HIPS_STILL_M, HIPS_BESIDE_M = 2e-4, 0.1
 """Largest movement of the hip centre if positions are relative to it (rounding in files), and smallest movement of
-another point in that case, metres."""
+another point in that case, both in metres."""
 USELESS = 5.0  # Factor on these limits at which a result is useless.
 
 

@@ -47,7 +47,7 @@ def independent_lbfgs(
 
     Args:
         objective: costs and gradients. A cost that is not finite means that a step is too long.
-        start: (B, n).
+        start: (B, n) initial points.
         scale: (B, n) positive estimates of the inverse second derivatives.
     """
     x, moving = np.array(start, dtype=np.float64), np.arange(len(start))

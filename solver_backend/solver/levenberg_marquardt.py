@@ -162,7 +162,7 @@ def levenberg_marquardt(
 
     ``(H + λ diag H) δ = -g``. ``x ← retract(x, δ)`` if the cost falls, otherwise λ grows (Levenberg 1944, Marquardt
     1963). A problem may return the costs of its P consecutive parts, each with its own λ. A part that a step makes
-    worse keeps its λ and that of the next part, with which it shares unknowns, and both grow if the step is rejected.
+    worse keeps its λ and the λ of the next part, with which it shares unknowns, and both grow if the step is rejected.
     Steps are accepted as a whole or rejected. Steps that promise too little end the minimisation (Moré 1978).
 
     Args:

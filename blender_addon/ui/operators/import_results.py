@@ -176,7 +176,7 @@ def take_motion(
     result: SolveResult | None = None,
     tell: Callable[[str], None] | None = None,
 ) -> bpy.types.Action:
-    """Add a solved motion to the body of its person in a capture, the current capture if ``of`` is None.
+    """Add a solved motion to its person's body in the capture ``of``, by default in the current capture.
 
     ``again`` is a range that was solved again, and all other frames keep their edits. ``result`` contains the take's
     error and warnings. ``tell`` receives a sentence if a user's action moves to the NLA.

@@ -93,7 +93,7 @@ def project_local(
     Args:
         cameras: C cameras. Their poses are not used.
         which: (N,) camera of each point.
-        x_cam: (N, 3) metres. Points behind the camera give NaN.
+        x_cam: (N, 3) positions in metres. Points behind the camera give NaN.
 
     Returns:
         Pixels (N, 2), and their derivatives by the point (N, 2, 3) in px/m and by ``PARAMETERS`` (N, 2, 12).

@@ -242,7 +242,7 @@ def _posed(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return poses (n, 3, 3), (n, 3) of frames from known points, and (n, P) errors, by Gauss-Newton steps.
 
-    ``min Σ ρ(|π(R X + t) - x| / σ)`` with the Geman-McClure penalty ρ. Its scale decreases to the noise level.
+    The cost is ``Σ ρ(|π(R X + t) - x| / σ)`` with the Geman-McClure penalty ρ. Its scale decreases to the noise level.
     """
     known = np.isfinite(x).all(-1) & np.isfinite(X).all(-1)
     X0, x0 = np.nan_to_num(X), np.nan_to_num(x)

@@ -137,9 +137,9 @@ def point_bodies(
     """Return points seen by two cameras or with known positions, their sightings and their indices.
 
     Args:
-        xy: (C, P, 2) px, NaN where unseen.
+        xy: (C, P, 2) keypoints in px, NaN where unseen.
         sigma: (C, P) standard deviations in px.
-        known: (P, 3) metres, NaN where unknown.
+        known: (P, 3) positions in metres, NaN where unknown.
     """
     located = intersected(cameras.R, cameras.t, undistort(cameras, xy))
     if known is not None:

@@ -149,7 +149,8 @@ class Humanoid:
         """Convert a pose to bones in Unity's world, which has our origin and floor.
 
         Args:
-            rotvec: (n, 3) rotation vectors of the first n joints. The root's is from body to world. Others are at rest.
+            rotvec: (n, 3) rotation vectors of the first n joints. The root's vector rotates the body to the world.
+                Other joints are at rest.
             transl: (3,) translation in metres, Z up. The pelvis is at ``J_0 + transl``.
 
         Returns:

@@ -54,7 +54,8 @@ def states_at(keys: Float[np.ndarray, "keys d"], rows: WindowRows) -> Float[np.n
 def covariance_at(system: BlockTridiagonal, layout: KeyframeLayout) -> tuple[np.ndarray, WindowRows]:
     """Return (N n, D, D) covariances of the states in the frames of N windows, and these frames.
 
-    ``Σ_ab w_a w_b S_ab`` over the three keys of each window, with blocks S of the inverse (see ``marginals``).
+    The covariance is ``Σ_ab w_a w_b S_ab`` over the three keys of each window, with blocks S of the inverse (see
+    ``marginals``).
     """
     diagonal, upper = system.marginals()
     rows = layout.rows()

@@ -372,7 +372,7 @@ def _solve_each(
     solve: Callable[[int, MeasuredHand, Callable[[], None]], HandRange],
     progress: Progress,
 ) -> tuple[SolvedFrames, dict[int, HandRange]]:
-    """Solve each measured hand. Return the poses with adjusted arms, and the hands by side."""
+    """Solve each measured hand. Return the poses with adjusted arms, and the solved hand of each side."""
     hands = dict[int, HandRange]()
     subject, poses, count = solved.subject, solved.frames, len(found.hands)
     for number, (side, hand) in enumerate(found.hands.items()):
@@ -429,7 +429,7 @@ def solve_hands_again(
     settings: SolveSettings,
     progress: Progress,
 ) -> tuple[SolvedFrames, dict[int, HandRange]]:
-    """Solve the hands of a frame range again. Return the poses with adjusted arms, and the hands by side.
+    """Solve the hands of a frame range again. Return the poses with adjusted arms, and the solved hand of each side.
 
     The hands keep the size of the earlier solve. If the earlier motion has no fingers, there are no hands.
     """

@@ -140,13 +140,13 @@ def attach(points: np.ndarray, bones: BonePoses, named: str | None = None) -> At
 def common_bones(
     points: np.ndarray, labels: Sequence[str], bones: BonePoses, known: Mapping[str, tuple[int, ...]]
 ) -> dict[str, str]:
-    """Return the joint of the bone for each unknown marker of a rigid group, by label.
+    """Map the label of each unknown marker of a rigid group to the joint of its bone.
 
     The markers of a rigid plate are on one bone: a possible one of the group's known markers, or else any. The bone
     with the most constant offsets of the whole group is chosen, as single markers may also fit a neighbouring bone.
 
     Args:
-        points: (F, N, 3) metres, NaN where missing.
+        points: (F, N, 3) positions in metres, NaN where missing.
         known: numbers of the possible bones by label. A wrist marker moves with the forearm, not with the hand.
     """
     found = dict[str, str]()

@@ -45,8 +45,8 @@ def among(
 
     In the moving frame of the neighbours (Kabsch 1976), the marker's position is ``u = W v``, found by ridge regression
     on the neighbours' positions v in this frame. v describes the movement of the neighbours within the cluster. Errors
-    at the gap's ends are interpolated into it. With ``h = vᵀ (VᵀV)⁻¹ v``, the squared error is that of the training
-    frames times ``1 + R h + (h / h_max)²``: errors of W grow linearly with the distance v, nonlinear movement
+    at the gap's ends are interpolated into it. With ``h = vᵀ (VᵀV)⁻¹ v``, the squared error is the training frames'
+    error times ``1 + R h + (h / h_max)²``: errors of W grow linearly with the distance v, nonlinear movement
     quadratically. In the training frame with the largest h, the latter is as large as the training error.
 
     Args:

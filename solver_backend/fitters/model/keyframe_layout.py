@@ -217,7 +217,7 @@ _TOLERANCE = 1e-10  # Relative residual at which the iteration ends. Chosen by h
 def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
     """Return the control points of the spline nearest to the parabolas through the same number of keys.
 
-    ``argmin_c Σ_f |Σ_k B_k(f) c_k - Σ_k w_k(f) x_k|²`` over the frames f, with cubic B-splines B (see
+    The points are ``argmin_c Σ_f |Σ_k B_k(f) c_k - Σ_k w_k(f) x_k|²`` over the frames f, with cubic B-splines B (see
     ``KeyframeLayout.spline_shares``) and Lagrange weights w. Neighbouring keys are close, so codes and quaternions are
     treated as points in flat space. Points on the spline are normalised later.
     """

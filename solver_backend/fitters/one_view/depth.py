@@ -327,7 +327,7 @@ class OneCamera(PointSource):
 
 
 def with_open_depth(solved: SolvedFrames, one: OneView, joints: np.ndarray) -> SolvedFrames:
-    """Add the uncertainty of a single camera: ``Σ + a² 1 + ((k l)² + f² z²) d dᵀ + s² p pᵀ``, and that of rotations.
+    """Add the uncertainty of a single camera: ``Σ + a² 1 + ((k l)² + f² z²) d dᵀ + s² p pᵀ``, and of rotations.
 
     a is ``ACROSS_M``, k ``ALIKE``, l the lifter's deviation, d the line of sight, z the depth and p the vector from the
     camera to the joint. A person scaled by s at a scaled distance has the same image, and a focal length with relative

@@ -199,4 +199,4 @@ READ: Mapping[str, tuple[Callable[[Path], Any], int]] = {
     ".txt": (_of_text, _LARGEST_TEXT),
     ".csv": (_of_text, _LARGEST_TEXT),
 }
-"""Function that reads the nested content, and the largest file size in bytes, by suffix."""
+"""For each suffix, the function that reads the nested content, and the largest file size in bytes."""

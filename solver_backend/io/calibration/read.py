@@ -68,8 +68,8 @@ def calibrations_in(
     """Return every calibration in a folder, and the errors of damaged, invalid or unknown files.
 
     Each TOML, Qualisys, Vicon or Metashape file is a calibration, and so is each OpenCV file with several cameras. The
-    remaining OpenCV files form one calibration. Other files are skipped. ``nested`` also reads the camera folders in
-    it. If each camera folder has the same several files, files with equal names form a calibration.
+    remaining OpenCV files form one calibration. Other files are skipped. ``nested`` also reads camera folders inside
+    the folder. If each camera folder has the same several files, files with equal names form a calibration.
     """
     files = sorted(p for p in folder.iterdir() if not p.name.startswith("."))
     own = [folder, *(p for p in files if nested or not p.is_dir())]  # other folders may be other recordings

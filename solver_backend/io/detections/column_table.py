@@ -41,7 +41,7 @@ def _rows(path: Path, text: tuple[str, str] | None = None) -> tuple[list[str], l
 
 
 def _by_camera(path: Path, read: Callable[[list[str], list[list[str]]], CameraFrames]) -> Cameras:
-    """Return the cameras of a table that has a camera column, none for other tables."""
+    """Return the cameras of a table that has a camera column, or {} for other tables."""
     column = _column(heading_of(path), CAMERAS)
     if column is None:
         return {}
@@ -80,7 +80,7 @@ def is_table(path: Path) -> bool:
 
 
 def cameras_in(path: Path) -> Cameras:
-    """Return the cameras of a table that contains several, none for a table of one camera."""
+    """Return the cameras of a table with several cameras, or {} for a table of one camera."""
     return _by_camera(path, lambda heading, rows: _frames(heading, rows, path))
 
 
@@ -166,7 +166,7 @@ def has_point_rows(path: Path) -> bool:
 
 
 def cameras_in_point_rows(path: Path) -> Cameras:
-    """Return the cameras of a table that contains several, none for a table of one camera."""
+    """Return the cameras of a table with several cameras, or {} for a table of one camera."""
     return _by_camera(path, lambda heading, rows: _frames_of_points(heading, partial(_cells, rows), path))
 
 

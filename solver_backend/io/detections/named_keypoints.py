@@ -118,7 +118,9 @@ _WORDS = ("thumb", "index forefinger fore pointer", "middle mid", "ring", "pinky
 _FINGERS = {word: finger for finger, words in enumerate(_WORDS) for word in words.split()}
 _OF_THUMB = {"cmc": 0, "mcp": 1, "ip": 2, "dip": 2, "tip": 3, "end": 3}
 _OF_FINGER = {"mcp": 0, "knuckle": 0, "base": 0, "pip": 1, "dip": 2, "tip": 3, "end": 3}
-"""Index along a finger by word. Numbers count from 1, which is the thumb's base or another finger's knuckle."""
+"""Index along a finger for each word in a name. Numbers count from 1, which is the thumb's base or another finger's
+knuckle.
+"""
 _ROOTS = ({"hand", "root"}, {"hand", "wrist"})  # Words for the wrist point of a hand.
 _NOISE = {"finger", "hand", "joint", "keypoint", "kp"}
 HAND_LANDMARKS = tuple(f"{side}_{point}" for side in SIDES for point in HAND_POINTS[1:])

@@ -57,7 +57,7 @@ def body_points(points: Float[np.ndarray, "frames keypoints 3"], joint_set: Join
 
 
 def _sole(at: dict[str, np.ndarray], side: str, up: np.ndarray) -> np.ndarray:
-    """Return (F, 3) supporting points of a sole, between heel and toe, or slightly ahead of the ankle without these."""
+    """Return (F, 3) supporting points of a sole, between heel and toe, or else slightly ahead of the ankle."""
     ankle, heel, toe = (at.get(f"{side}_{part}") for part in ("ankle", "heel", "big_toe"))
     assert ankle is not None
     across = at["left_hip"] - at["right_hip"]
@@ -77,7 +77,7 @@ def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"], tilt_sigma: float)
     the projected centre of mass. The tolerance grows with the uncertainty of up, which affects the heights of the feet.
 
     Args:
-        tilt_sigma: standard deviation of up, radians.
+        tilt_sigma: standard deviation of the up direction in radians.
     """
     level = np.eye(3) - np.outer(up, up)
     left_lower = ((body.feet[0] - body.feet[1]) @ up < 0)[:, None]

@@ -105,8 +105,8 @@ def _upright_turns(camera: Cameras, keypoints: Keypoints2D, path: FilmedPath) ->
 def scale_by_feet(feet: np.ndarray, centre: np.ndarray, sight: np.ndarray, fps: float) -> tuple[float, float]:
     """Return metres per unit of a camera path and the relative standard deviation, from planted feet.
 
-    ``min_s Σ_f min_k ρ(|Δp_k + s Δc| / Δt)`` over the foot points k, with Geman and McClure's ρ. A walking person
-    always has a planted foot. For a static camera the scale is 1 with an infinite deviation.
+    The scale is the minimum ``min_s Σ_f min_k ρ(|Δp_k + s Δc| / Δt)`` over the foot points k, with Geman and McClure's
+    ρ. A walking person always has a planted foot. For a static camera the scale is 1 with an infinite deviation.
 
     Args:
         feet: (F, K, 3) foot points relative to the camera in world axes, metres, NaN where undetected.

@@ -59,7 +59,7 @@ def scale_from_stature(
     stature_m: float | None,
     body: Body | None = None,
 ) -> tuple[float, float]:
-    """Return metres per unit, and its relative standard deviation.
+    """Return the metres per unit of the points, and the relative standard deviation of this scale.
 
     Scale s and shape β minimise ``Σ (s l_i - L_i(β))²/σ² + |β|² + (h(β) - stature)²/σ_h²`` by Gauss-Newton iterations.
     Here l are measured lengths and L the body's lengths. Legs, arms, trunk and breadths are used.
@@ -141,7 +141,7 @@ def rest_keypoints(body: Body, landmarks: Landmarks, betas: np.ndarray) -> Float
 
 
 def _statures(body: Body) -> tuple[float, np.ndarray]:
-    """Return the stature of the mean shape and its derivative by the ten betas, metres."""
+    """Return the stature of the mean shape and its derivative by the ten betas, in metres."""
 
     def of(betas: np.ndarray) -> float:
         y = (body.v_template + body.shapedirs[..., :10] @ betas)[:, 1]

@@ -371,7 +371,7 @@ def _fit_one_camera(camera: Cameras, keypoints: Keypoints2D, settings: WorldSett
 def _fit_carried_camera(
     camera: Cameras, keypoints: Keypoints2D, settings: WorldSettings, check: WorldCheck
 ) -> WorldFit:
-    """Apply the path in a file to the camera, or its own path again if its world is to be levelled."""
+    """Apply the path in a file to the camera, or the earlier path again if the world is to be levelled."""
     count = keypoints.num_frames
     if settings.camera_path:
         path = read_camera_path(settings.camera_path, count, keypoints.fps)

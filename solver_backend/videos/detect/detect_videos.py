@@ -111,7 +111,7 @@ class _Sight:
         return cls(time_s, person, velocity)
 
     def similarity(self, person: np.ndarray, time_s: float) -> float:
-        """Return the similarity of a person to the extrapolated position of this one, 0 to 1."""
+        """Return the similarity of a person to the extrapolated position of this track, 0 to 1."""
         both = (person[:, 2] > 0) & (self.person[:, 2] > 0)
         if both.sum() < 3:
             return 0.0

@@ -148,7 +148,7 @@ def _by_one_camera(
 
 
 def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, Path]:
-    """Return the board footage of these kinds by the camera names of the take, or nothing."""
+    """Return the board footage of these kinds for each camera of the take, or {}."""
     names = request.take.cameras
     for footage in request.found.footage:
         if footage.kind in kinds:

@@ -157,7 +157,7 @@ def convolved(values: np.ndarray, kernel: np.ndarray, axis: int = 0) -> np.ndarr
 
 
 def smoothed(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Smooth (N, ...) values with a Gaussian over the known ones. NaN where less than half of the weight is known.
+    """Smooth (N, ...) values with a Gaussian over the known values. NaN where less than half of the weight is known.
 
     Args:
         values: NaN where unknown.
@@ -319,7 +319,7 @@ def _at(pair: PairLag, middle_s: float) -> float:
 
 
 def _solved(count: int, pairs: Mapping[tuple[int, int], PairLag], middle_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return offsets and rates (C, 2) and covariances (C, 2, 2). The first camera's are zero."""
+    """Return offsets and rates (C, 2) and covariances (C, 2, 2). They are zero for the first camera."""
     normal, right = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
     for (i, j), pair in pairs.items():
         moved = np.array([[1.0, middle_s - pair.middle_s], [0.0, 1.0]])

@@ -37,7 +37,7 @@ def clocks_by_geometry(filmed: FilmedTracks, reach_s: float) -> Clocks:
     """Estimate the clocks of calibrated cameras (see ``estimate_delays``).
 
     Raises:
-        SyncUnknown: too little moves, or the views agree at no offset.
+        SyncUnknown: there is too little movement, or the views agree at no offset.
     """
     names, cameras = filmed.cameras.names, filmed.cameras
     longest = max(float(when[-1]) for when in filmed.times_s)

@@ -95,7 +95,7 @@ class _PoseModel:
 
 
 class TopDown(_PoseModel):
-    """A model that processes the box of one person, taken from the previous image."""
+    """A model that processes one person at a time, in the box from the previous image."""
 
     size: tuple[int, int] = (0, 0)  # Width and height of the input in pixels.
     padding = 1.25  # Growth of a person's box.
