@@ -11,7 +11,7 @@ from solver_backend.body.body import Body
 from solver_backend.body.landmarks import Landmarks
 from solver_backend.body.mesh import face_normals
 from solver_backend.exchange.motion_file import FLAG_UNSEEN
-from solver_backend.fitters.model.subject import PosedFrames, Subject, points_of
+from solver_backend.fitters.model.subject import BLOCK_POSES, PosedFrames, Subject, points_of
 from solver_backend.types import Motion
 
 SPACING_M = 0.025  # Distance of chosen points on the skin.
@@ -61,15 +61,18 @@ class OtherSkin:
         names = tuple(f"skin {number}" for number in range(len(both)))
         arrays = body.shapedirs[both], body.weights[both]
         skin = Landmarks.of_points(names, ends, *arrays, posedirs=body.posedirs[both])
-        points, out = list[np.ndarray](), list[np.ndarray]()
-        for motion in motions:
-            person = Subject(body, skin, motion.betas, np.zeros((len(both), 3)))
-            found, tips = np.split(np.asarray(points_of(person, PosedFrames.of_motion(motion, np.zeros(1)))), 2, axis=1)
-            out.append(((tips - found) / np.linalg.norm(tips - found, axis=-1, keepdims=True)).astype(np.float32))
-            if motion.flags is not None:
-                found[motion.flags & FLAG_UNSEEN > 0] = _FAR_M
-            points.append(found.astype(np.float32))
-        return cls(np.concatenate(points, axis=1), np.concatenate(out, axis=1))
+        people = [Subject(body, skin, motion.betas, np.zeros((len(both), 3))) for motion in motions]
+        poses = [PosedFrames.of_motion(motion, np.zeros(1)) for motion in motions]
+        shape = motions[0].num_frames, len(motions) * len(vertices), 3
+        points, out = np.full(shape, _FAR_M, np.float32), np.zeros(shape, np.float32)
+        for number, (motion, person, posed) in enumerate(zip(motions, people, poses, strict=True)):
+            own = slice(number * len(vertices), (number + 1) * len(vertices))
+            seen = np.ones(len(points), bool) if motion.flags is None else motion.flags & FLAG_UNSEEN == 0
+            for frames in np.array_split(np.flatnonzero(seen), 1 + len(points) // BLOCK_POSES):
+                found, tips = np.split(np.asarray(points_of(person, posed.select(frames))), 2, axis=1)
+                points[frames, own] = found
+                out[frames, own] = (tips - found) / np.linalg.norm(tips - found, axis=-1, keepdims=True)
+        return cls(points, out)
 
     def nearest(self, points: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the signed distance (F, S) of points (F, S, 3) from the plane of the nearest skin, and its normal.

@@ -79,3 +79,12 @@ def test_each_moves_out_by_half(capture: Capture, alone: Motion) -> None:
     assert note["values"]["size"] == pytest.approx(-0.1 * before, rel=0.3)
     apart = solve(capture, others=[beside(alone, 1.0)]).motion
     np.testing.assert_array_equal(apart.joints, alone.joints)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("metres", [0.0, 0.06])
+def test_a_second_track_of_the_same_person_moves_nobody(capture: Capture, alone: Motion, metres: float) -> None:
+    found = solve(capture, others=[beside(alone, metres)]).motion
+    np.testing.assert_array_equal(found.joints, alone.joints)
+    refused = [item for item in found.provenance["diagnostics"] if item["code"] == "surface_contradicted"]
+    assert [item["values"]["surface"] for item in refused] == ["other people"] * (metres > 0)
