@@ -29,7 +29,7 @@ JOINT, VERTEX = "joint", "vertex"  # Names of the table's attributes for the joi
 ROW = "corrective row"  # Name of the skin's attribute for a vertex's first row in the table.
 IN_POSITION = 2, 2  # Row and column of ``R - I`` whose vectors are stored as the table's positions.
 NO_ROW, MIRRORED = -1, -2
-"""Row number of unaffected vertices, and its start for mirrored vertices: -2 - r refers to row r."""
+"""Row number of unaffected vertices, and first row number of mirrored vertices: -2 - r mirrors row r."""
 
 
 def _column_attribute(row: int, column: int) -> str:

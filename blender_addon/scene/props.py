@@ -17,7 +17,7 @@ from ..conventions.timing import TakeTiming
 
 MARKERS = "marker_labels"  # Custom property of a prop's mesh: the labels of its vertices, one per line.
 SIGMA_MM, SIGMA_DEG = "sigma_mm", "sigma_deg"
-"""Animated custom properties of a prop's empty: the standard deviations of its position and rotation."""
+"""Animated custom properties of a prop's empty: the standard deviations of its position (mm) and rotation (degrees)."""
 _EMPTY_M = 0.1  # Length of an empty's arrows in metres.
 _EDGES = 3  # Minimum number of edges per marker, drawn to the nearest markers.
 

@@ -341,14 +341,14 @@ MOST_WAYS = 50_000  # Largest number of assignments to compare (40,320 for 8 cam
 
 
 def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: list[int] | None) -> list[int] | None:
-    """Assign a calibrated camera to each recorded one by the agreement of views. Return None if it is ambiguous.
+    """Assign a calibrated camera to each recorded one by the agreement of views. Return None if that is ambiguous.
 
     Rings of equal cameras look the same after a rotation. Then only ``by_order`` can resolve the assignment.
 
     Args:
         calibrated: A cameras in any unit.
         detections: detections of C recorded cameras, with C from 3 to A.
-        by_order: (C,) assignment by counting the names, None if they do not count.
+        by_order: (C,) assignment of numbered names in order (``counted_order``), None for other names.
     """
     count, total = len(detections.cameras), len(calibrated)
     if not LEAST_CAMERAS <= count <= total or perm(total, count) > MOST_WAYS:

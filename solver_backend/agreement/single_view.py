@@ -22,8 +22,9 @@ USUAL_M, NOBODY_M = (1.4, 2.1), (0.7, 2.6)  # Usual statures, and limits of huma
 SIZES = (0.5, 2.0 / 3.0, 1.5, 2.0)  # Image sizes relative to the calibrated ones.
 UNLIKE_FLOORS = (0.5, 2.0)  # Sizes that no floor can imitate. A sloping floor 1 m off level looks like 1.5 or 2/3.
 LEVEL_M, SLOPING_M = 0.15, 0.3
-"""Variation of the floor height under an average adult over a take: largest on a level floor, and smallest on a wrong
-one. Chosen by hand between 0.05 m for a walk and 1.0 m for the same walk in images of half the size."""
+"""Variation in metres, over a take, of the floor height under an average adult: largest value on a level floor, and
+smallest value on a wrong floor. Chosen by hand between 0.05 m for a walk and 1.0 m for the same walk in images of half
+the size."""
 SHOULDER_SHARE, ANKLE_M = 0.82, 0.09  # Shoulder height relative to stature, and height of the ankles above the floor.
 AS_RECORDED = "the person is lying or upside down"
 OFF_THE_FLOOR = "the person's floor is not at z = 0"

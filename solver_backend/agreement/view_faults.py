@@ -22,7 +22,9 @@ from solver_backend.types import Cameras, Keypoints2D
 FRAME_WEIGHT, SWITCH_COST = 6.0, 15.0
 """Number of independent keypoints per frame, and cost of a transition between the two states."""
 LASTING_S, BRIEF_S = 1.0, 0.25
-"""Shortest fault of names, sides and cameras, and shortest excluded range. The robust kernel handles shorter ones."""
+"""Shortest fault of names, sides and cameras, and shortest excluded range, in seconds. The robust kernel handles
+shorter ones.
+"""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from solver_backend.types import Keypoints2D
 
 FORMAT = "manifold_mocap_detector_noise"
 SYSTEMATIC_MM = 8.0
-"""Standard deviation per axis of errors unrelated to confidence, as caused by typical calibrations."""
+"""Standard deviation in mm per axis of errors unrelated to confidence, as caused by typical calibrations."""
 USUAL_CONFIDENCE = 0.65
 """Confidence of an average detection for which the solver's balance of data and priors was chosen."""
 WEIGHTS = (0.02, 20.0)  # Smallest and largest weight of a detection.

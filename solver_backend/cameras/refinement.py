@@ -193,7 +193,7 @@ def estimated_rotation(
 ) -> Float[np.ndarray, " 3"]:
     """Return the (3,) rotation vector ω in radians and camera axes with ``R_now = exp(ω) R``, from points and pixels.
 
-    Gauss-Newton on ``Σ ρ(|π(exp(ω) (R X + t)) - x| / σ)`` with graduated non-convexity.
+    Gauss-Newton steps minimise ``Σ ρ(|π(exp(ω) (R X + t)) - x| / σ)`` with graduated non-convexity.
 
     Args:
         camera: one camera before the rotation.

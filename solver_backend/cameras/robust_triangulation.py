@@ -332,7 +332,7 @@ class Triangulation:
     """K keypoints triangulated from C views over F frames."""
 
     points: Float[Array, "frames keypoints 3"]
-    """(F, K, 3) world metres, NaN if fewer than two views agree or the point is uncertain."""
+    """(F, K, 3) world positions in metres, NaN if fewer than two views agree or the point is uncertain."""
     covariance: Float[Array, "frames keypoints 3 3"]
     """(F, K, 3, 3) covariance in m² from the inliers' noise, NaN with the point."""
     inliers: Bool[Array, "views frames keypoints"]

@@ -41,8 +41,8 @@ from .so3 import (
 SEAM_DEGREES, SEAM_MM = 2.0, 5.0
 """Largest rotation and distance of a joint at the seam of a loop."""
 GAP_DEGREES, GAP_MM = 15.0, 80.0
-"""Largest differences in rotation and position that a loop can hide. Two strides differ by half as much, other
-movements by more.
+"""Largest differences in rotation (degrees) and position (mm) that a loop can hide. Two strides differ by half as much,
+other movements by more.
 """
 BLEND_S = 0.25  # Seconds on each side of a seam during which the difference fades, chosen by hand.
 SHORTEST_S = 0.4  # Shortest cycle in seconds, shorter than two running steps.
@@ -358,7 +358,7 @@ def close_cycle(motion: MotionFile, first: int, last: int, blend_s: float = BLEN
 
 
 def _jump(closed: MotionFile, motion: MotionFile, last: int) -> tuple[float, float]:
-    """Return largest rotation (degrees) and distance (mm) between the last step of a closed cycle and of the take."""
+    """Return the largest rotation (degrees) and distance (mm) between the last steps of closed cycle and take."""
     one, two = quat_from_rotvec(closed.rotvec[-2:]), quat_from_rotvec(motion.rotvec[last - 1 : last + 1])
     turns = quat_multiply(
         _conjugate(quat_multiply(_conjugate(two[0]), two[1])), quat_multiply(_conjugate(one[0]), one[1])

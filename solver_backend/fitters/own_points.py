@@ -32,7 +32,9 @@ from solver_backend.solver.levenberg_marquardt import LMSettings
 from solver_backend.types import BONES, Cameras, Keypoints2D, OwnPoint
 
 LOOSE_M = 0.06
-"""Largest median distance of a point from its position on the bone, twice a marker's because twist is uncertain."""
+"""Largest median distance in metres of a point from its position on the bone. It is twice a marker's, as twist is
+uncertain.
+"""
 PLACE_SIGMA_M = 0.05  # Error of the first position per axis: a rotation of 45° moves a limb's skin so far. By hand.
 SAMPLE_FRAMES = 48  # Number of frames used to fit positions.
 _STEPS = LMSettings(40, 1e-4)  # Settings of that fit.

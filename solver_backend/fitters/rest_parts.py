@@ -4,8 +4,9 @@ No measurement depends on the rotations of such parts. With the conditional prio
 the posterior factors: observed joints keep the optimum of the fit, the part gets its rest pose, and its covariance is
 the spread in recordings. A prior within the fit would move observed joints too, because the marker on a shoulder moves
 with the arm. For a raised arm without other markers (UI-PRMD m06_s04_e05) a prior of 0.3 rad moves the shoulder by 36
-mm instead of 8. Such markers are compared with the pose before the rest. ``offsets`` are (L, 3) offsets of the
-landmarks in the rest frame in metres. ``located`` (F, L) marks the known landmarks.
+mm instead of 8. Markers that move with a resting part are compared with the pose before the part is put at rest.
+``offsets`` are (L, 3) offsets of the landmarks in the rest frame in metres. ``located`` (F, L) marks the known
+landmarks.
 """
 
 from __future__ import annotations
@@ -53,8 +54,8 @@ BESIDE_MM: dict[str, dict[str, float]] = {
 """Additional deviation per axis in mm of joints beside a resting part, keyed by part (without side). The part's markers
 would have shown the lean of the pelvis and the person's size. Two resting thighs both count."""
 TILT_DEG, MOST_DEG = 15.0, 60.0
-"""Lean of the pelvis that doubles the spread of trunk, head and legs, and its limit, as people who sit or kneel
-vary more."""
+"""Lean of the pelvis in degrees that doubles the spread of trunk, head and legs, and largest lean that counts, because
+people who sit or kneel vary more."""
 ARM_TILT_DEG, ARM_MOST_DEG = 100.0, 45.0
 """The same two values for arms, for leans beyond ``TILT_DEG``. Without it ellipsoids are 1.1, 1.3 and 1.5 times too
 small at 25, 40 and 60 degrees."""
@@ -157,9 +158,9 @@ NEAR_M, NEAR_HIP_M = 0.13, 0.17
 """Largest distance of a landmark from a joint that it measures. The pelvis markers are 114 mm from the pelvis joint and
 150 mm from the hips. The acromion marker is 153 mm from the neck. A wand, 230 mm from the hip, does not measure it."""
 BEYOND_CHEST_RAD, BEYOND_LIMBS_RAD, BEYOND_LIMB_RAD = 0.15, 0.25, 0.60
-"""Deviation per axis of an assumed joint, per metre from the nearest landmark: with a measured trunk or head, with two
-measured limbs, and with one. In six takes of CMU and UI-PRMD the pelvis has RMS errors per axis of 33 mm below a chest,
-85 above legs, 90 between arms, 155 above one leg and 290 below one arm."""
+"""Standard deviation per axis, in metres, of an assumed joint per metre from the nearest landmark: with a measured
+trunk or head, with two measured limbs, and with one. In six takes of CMU and UI-PRMD the pelvis has RMS errors per axis
+of 33 mm below a chest, 85 above legs, 90 between arms, 155 above one leg and 290 below one arm."""
 _LEG_JOINTS = ("hip", "knee", "ankle", "foot")
 _SHOWN = "pelvis pelvis, hip hips, knee knees, spine trunk, collar shoulders, shoulder shoulders, neck head, head head"
 _WORDS = dict[str, str](map(str.split, _SHOWN.split(", ")))

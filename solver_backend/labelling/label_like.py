@@ -69,7 +69,7 @@ def distance_statistics(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def triple_products(points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return the (...) triple products of the unit vectors from (..., 3) points to (..., 3, 3) others."""
+    """Return the (...) triple products of the unit vectors from (..., 3) points to three other points (..., 3, 3)."""
     along = unit(others - points[..., None, :])
     return np.einsum("...i,...i->...", along[..., 0, :], np.cross(along[..., 1, :], along[..., 2, :]))
 
@@ -120,7 +120,7 @@ def label_like(
     gets the only label that fits its distances to the labelled points.
 
     The names of the cloud are ignored. ``persistent``: each column is one marker throughout. ``proposed`` (F, N) are
-    the network's labels, -1 for none, as another start. The better fit wins.
+    the network's labels, -1 for none, as a second initial labelling. The better fit wins.
 
     Raises:
         NoDetections: no frame shows enough of the points.

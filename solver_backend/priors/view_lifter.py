@@ -239,7 +239,7 @@ class ViewLifter:
 
 
 def known_points(points: np.ndarray, confidence: np.ndarray, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the network's (F, 19, 2) points, finite, and their confidences, 0 where missing.
+    """Return the network's finite (F, 19, 2) points, and their confidences, 0 where missing.
 
     The middle of the head replaces missing ears and nose (``HEAD_SHARE``).
     """

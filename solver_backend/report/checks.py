@@ -34,7 +34,9 @@ DRIFT_M, DRIFT_ENDS_S = 0.5, 0.5
 STEADY = 0.3  # Smallest fraction of the change that the median speed explains in a drift. Steps are sudden.
 _LEAST_STANCES = 0.1  # Smallest fraction of frames in which a foot is still on the ground, for stances to count.
 SKATING_CM_S, _SLIDING_HZ = 15.0, 30.0
-"""Speed of feet on the floor that counts as skating, and sampling rate that excludes the noise of fast recordings."""
+"""Speed (cm/s) of feet on the floor that counts as skating, and sampling rate (Hz) that excludes the noise of fast
+recordings.
+"""
 _ON_FLOOR_SHARE = 0.02  # Fraction of the frames with the lowest feet, which determine the floor.
 
 
@@ -100,8 +102,8 @@ FAR_MM, CENTRES_FAR_MM = 10.0, 30.0
 """Suspicious median residuals (mm) of markers and joint centres. 60 recordings of other laboratories have 0.1 to 5 (7
 if a network labelled the points), 3D keypoints of networks up to 25."""
 ALWAYS_MM, WHILE_MM, WHILE_S = 20.0, 50.0, 0.3
-"""Suspicious median residual of one marker, residual in some frames, and duration of such frames. Good markers in 60
-recordings have medians up to 19, and 50 for at most 0.24 s."""
+"""Suspicious median residual (mm) of one marker, residual (mm) in some frames, and duration (s) of such frames. Good
+markers in 60 recordings have medians up to 19, and 50 for at most 0.24 s."""
 STANDS_OUT = 2.0  # Ratio to the take's residual from which a distant marker is reported separately.
 _WAIST = ("LFWT", "RFWT", "LBWT", "RBWT")
 _HIPS = (("=pelvis",), ("~mid_hip",), ("=left_hip", "=right_hip"), ("~left_hip", "~right_hip"), _WAIST, _WAIST[:2])

@@ -147,5 +147,5 @@ def _given(text: str, image_size: tuple[int, int]) -> FocalLength:
 
 
 def _of_equivalent(mm: float, image_size: tuple[int, int]) -> float:
-    """Convert a 35 mm equivalent to pixels: ``f = mm / 43.27 mm * diagonal``."""
+    """Convert a 35 mm equivalent focal length to pixels: ``f = mm / 43.27 mm * diagonal``."""
     return mm / FILM_DIAGONAL_MM * float(np.hypot(*image_size))

@@ -32,7 +32,7 @@ class HandViews:
 
 
 NEAR_M, OFTEN = 0.06, 0.8
-"""An unknown marker within this distance of a hand marker, in this share of common frames, belongs to the hand."""
+"""An unknown marker within this distance (m) of a hand marker, in this share of common frames, belongs to the hand."""
 
 
 @dataclass(frozen=True)

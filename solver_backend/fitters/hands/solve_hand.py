@@ -73,7 +73,9 @@ def covariance_at(system: BlockTridiagonal, layout: KeyframeLayout) -> tuple[np.
 
 
 GIVES_WAY_M, SIGMA_M = 0.002, 0.001
-"""Overlap that soft skin allows, and deviation of the rest: half of the spread of finger breadths among people."""
+"""Overlap in metres that soft skin allows, and standard deviation of any further overlap: half of the spread of finger
+breadths among people.
+"""
 
 
 def contact_equations(

@@ -28,8 +28,8 @@ SIGMA_M = 0.01  # Deviation of a marker relative to the body per axis, from slid
 
 
 SMALLEST_M = 0.55
-"""Smallest extent of a whole person's points, in the frame with the largest extent. Faces, hands and props are smaller.
-Small children and people who crouch for a whole take are larger. Chosen by hand."""
+"""Smallest extent in metres of a whole person's points, in the frame with the largest extent. Faces, hands and props
+are smaller. Small children and people who crouch for a whole take are larger. Chosen by hand."""
 UNIT_M = 0.01  # Smaller extents indicate a wrong unit, such as metres read as millimetres.
 RIGID_M, TURNED = 0.005, 0.1
 """Largest change in metres of distances in a rigid body, and smallest relative change of the points' second moments

@@ -32,8 +32,8 @@ CUT_SHARE, CUT_TIMES = 0.3, 6.0
 """Jump at a cut, relative to the person's extent and usual step. Sprinters move 0.15 extents per frame at 30 fps."""
 CUT_POINTS, USUAL_S = 4, 0.5  # Keypoints that both frames must show, and time around them for the usual step.
 GLIDE_M_S, GLIDE_S, GLIDE_SHARE = 0.35, 0.7, 0.5
-"""A person glides if the body moves faster than this speed for this time in seconds, while the feet move relative to
-the body at less than this share of its speed. A walker's feet move as fast as the body, and jumps are shorter."""
+"""A person glides if the body moves faster than this speed (m/s) for this time (s), while the feet move relative to the
+body at less than this share of its speed. A walker's feet move as fast as the body, and jumps are shorter."""
 SMOOTH_S = 0.25  # Averaging time that removes the jitter of a lifted pose, seconds.
 _LEAST_EXTENT_PX = 1.0  # Smallest extent of a person in pixels.
 

@@ -111,7 +111,7 @@ def depth_sigma(take: LiftedTake, body: Body) -> np.ndarray:
 
 
 MODEL_ERROR_M = 0.015
-"""Error of a body of average proportions at keypoints per axis, because no second view shows limb lengths."""
+"""Error in metres per axis of a body of average proportions at keypoints, because no second view shows limb lengths."""
 ALIKE_S = 0.07
 """Frames within this time in seconds count once, because neighbouring windows share frames. Chosen on takes of subjects
 08 and 60. Longer correlations are covered by wider deviations (see ``with_open_depth``)."""

@@ -133,7 +133,9 @@ LARGEST_SHARE = 10.0
 SHORTEST_SHARE = 0.05
 """Smallest focal length in image widths, with a field of view of 168 degrees. Smaller values are not in pixels."""
 OFF_MIDDLE = 0.15
-"""Largest distance of a principal point from the image centre, in image sizes. From a corner it is 0.3 or more."""
+"""Largest distance of a principal point from the image centre, in image sizes. A principal point measured from a corner
+has 0.3 or more.
+"""
 SURELY_DEGREES = 4.0 * np.pi  # A longer rotation vector is not in radians, because it would exceed two full turns.
 _MIRROR = np.diag([-1.0, 1.0, 1.0])
 

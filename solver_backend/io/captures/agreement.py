@@ -53,8 +53,9 @@ def reads_apart(options: ReadOptions) -> bool:
 def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, options: ReadOptions) -> InTime:
     """Align the rows of the detections in time across all cameras.
 
-    Offsets from the user always win. Otherwise cameras are shifted if their views agree far better than with the frame
-    numbers, and at no further offsets (``find_starts``). Uncertain cameras keep their frame numbers and are reported.
+    Offsets from the user always win. Otherwise cameras are shifted if their views agree far better than at the offsets
+    of the frame numbers, and agree at only one offset (``find_starts``). Uncertain cameras keep their frame numbers and
+    are reported.
 
     Args:
         detections: each camera starts with its own first frame if the first frames differ.

@@ -187,7 +187,7 @@ class SensorRecorder:
         self._thread.start()
 
     def __call__(self, frame: SensorFrame) -> None:
-        """Queue a frame. It is dropped if the disk is too slow or its size differs."""
+        """Queue a frame. The frame is dropped if the disk is too slow or the frame's size differs."""
         if self.ended:
             return
         try:

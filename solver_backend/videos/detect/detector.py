@@ -175,8 +175,8 @@ def chosen_detector(
     Args:
         name: one of ``DETECTORS``, or the path of a model: RTMPose, RTMO, YOLO-pose or MoveNet in ONNX, MediaPipe in
             LiteRT, or the description of any other model.
-        python: interpreter to use. The default is MediaPipe's environment if there is one, and our own for a model
-            and for the MediaPipe in the extension.
+        python: interpreter to use. The default is MediaPipe's environment if there is one. For a model, and for the
+            MediaPipe in the extension, the default is our own interpreter.
         hands: also detect hands if the detector can. The included one only detects bodies.
         worker: a user-written program that replaces the detector (see ``pose_workers.serve``).
     """

@@ -302,8 +302,8 @@ def _errors(hand: np.ndarray, wrist: np.ndarray) -> np.ndarray | None:
 
 _STEP = 25  # Number of frames between progress reports. Chosen by hand.
 AGAIN_S, ENOUGH = 0.05, 2
-"""Seconds between searches for a hidden hand, because each costs up to six crops, and number of views with a hand that
-makes the others search in turn (docs/research-log/hands.md)."""
+"""Seconds between searches for a hidden hand, each of which costs up to six crops, and smallest number of views with a
+hand for which the other views search in turn (docs/research-log/hands.md)."""
 
 
 def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = silent) -> Capture:
