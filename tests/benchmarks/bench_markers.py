@@ -11,6 +11,7 @@ markers. Needs the recordings (MOCAP_SHARED_DATA).
 from __future__ import annotations
 
 import sys
+from functools import partial
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.fitters import solve
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud, Motion
-from tests.benchmarks.kept_parts import kept_metrics
+from tests.benchmarks.kept_parts import kept, kept_metrics
 from tests.benchmarks.marker_takes import coverage, joint_angles
 from tests.benchmarks.marker_takes.held_out import held_out, pooled, report
 from tests.benchmarks.marker_takes.rigid_bones import HINGES, flexion_in_bones, motion_in_bones
@@ -51,17 +52,23 @@ def _held_out() -> list[Metric]:
 
 def _other_labs() -> list[Metric]:
     """Return the mean filling errors of our method and of the rigid method, over takes and two further seeds."""
-    shares = []
-    for seed in (1, 2):
-        for take in takes_of_other_labs():
-            found = held_out(take, seed)
-            shares.append([found.figures(which)[0] for which in ("ours", "rigid")])
+    takes, name = takes_of_other_labs(), "tests.benchmarks.bench_markers"
+    shares = [
+        kept(name, f"other labs {number} seed {seed}", partial(_errors_mm, take, seed), quiet=True)
+        for seed in (1, 2)
+        for number, take in enumerate(takes)
+    ]
     ours, rigid = np.array(shares).T
     return [
         Metric("other_labs_mean_share", float((ours / rigid).mean()), "", rel_tol=0.1),
         Metric("other_labs_worst_share", float((ours / rigid).max()), "", rel_tol=0.15),
         Metric("other_labs_mm", float(ours.mean()), "mm", rel_tol=0.1),
     ]
+
+
+def _errors_mm(take: MarkerCloud, seed: int) -> list[float]:
+    found = held_out(take, seed)
+    return [found.figures(which)[0] for which in ("ours", "rigid")]
 
 
 def _spoiled() -> list[Metric]:

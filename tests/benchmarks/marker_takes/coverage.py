@@ -49,7 +49,8 @@ def stranger(seed: int) -> RecordedMarkers:
     hidden = bursts(rng.random((len(places), FRAMES)), noise.hidden, noise.hidden_s * FPS).T
     measured = rng.normal(size=(FRAMES, len(places), 3))
     points = posed.points + 1e-3 * (noise.skin_mm * sliding + noise.measurement_mm * measured)
-    return RecordedMarkers(MarkerCloud(np.where(hidden[..., None], np.nan, points), FPS, places), posed.skeleton.joints)
+    cloud = MarkerCloud(np.where(hidden[..., None], np.nan, points), FPS, places)
+    return RecordedMarkers(cloud, {"joints": posed.skeleton.joints})
 
 
 def held() -> dict[str, float]:
