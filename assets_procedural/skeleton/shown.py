@@ -52,7 +52,7 @@ _WAYS = {
     "collar": _Way(0.040, 0.0, 0.0),
     "shoulder": _Way(0.040, 0.1, 0.5),
     "elbow": _Way(0.022, 0.0, 1.0),
-    "hip": _Way(0.040, 0.7, 1.5, (0.95, 1.25)),
+    "hip": _Way(0.040, 0.7, 1.5, (0.6, 1.0)),
 }
 """Parameters of the joints that get further correctives."""
 _SECOND = SECOND_BEND | {"left_hip": ((-0.74, 0.66, -0.12), 0.0, 2.3)}  # as in sitting cross-legged
