@@ -27,14 +27,16 @@ def test_smoothing_follows_a_turned_body_and_leaves_the_rest_pose(body: BakedBod
     np.testing.assert_allclose(mush(moved), moved, atol=1e-9)
 
 
-@pytest.mark.parametrize("pose", ["arms down", "crossed arms", "seated", "cross-legged"])
-def test_the_shown_body_loses_less_volume(pose: str) -> None:
+@pytest.mark.parametrize(
+    ("pose", "share"), [("arms down", 0.9), ("crossed arms", 0.9), ("seated", 0.4), ("cross-legged", 0.4)]
+)
+def test_the_shown_body_loses_less_volume(pose: str, share: float) -> None:
     lost = []
     for found in bodies().values():
         lost.append(
             abs(volume(found.posed(rotations(NAMED[pose])), found.faces) / volume(found.vertices, found.faces) - 1)
         )
-    assert lost[1] < 0.9 * lost[0]
+    assert lost[1] < share * lost[0]
 
 
 def test_the_shown_body_barely_crosses_itself_more_than_the_solvers() -> None:
