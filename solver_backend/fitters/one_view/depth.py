@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import ClassVar
 
 import numpy as np
@@ -379,7 +380,7 @@ def diagnose_one_view(solved: SolvedFrames, one: OneView, problem: Problem) -> l
         runs = [run for run in true_runs(doubtful) if run[1] - run[0] + 1 >= SHORTEST_S * fps]
         if runs:
             found.append(diagnostic("limb_depth_open", frames=runs, joints=[name], part=part))
-    return found + _diagnose_steps(solved, problem, posed)
+    return found + _diagnose_steps(solved, problem)
 
 
 def _all_joints(solved: SolvedFrames) -> np.ndarray:
@@ -387,17 +388,18 @@ def _all_joints(solved: SolvedFrames) -> np.ndarray:
     return np.concatenate([_joints(solved.subject, solved, part) for part in blocks])
 
 
-def _diagnose_steps(solved: SolvedFrames, problem: Problem, joints: np.ndarray) -> list[Diagnostic]:
-    names, seen = problem.body.layout.joints, problem.measurements.seen
-    root, feet = joints[:, 0], joints[:, [names.index("left_ankle"), names.index("right_ankle")]]
-    found: list[Diagnostic] = []
-    measured = problem.measurements
-    ankles = [k for k, name in enumerate(measured.landmarks.names) if name.endswith("_ankle")]
-    steps_seen = seen & np.isfinite(measured.points[:, ankles]).all(axis=(1, 2))  # Legs out of view take no steps.
-    runs = glides(root, feet, steps_seen, problem.fps)
-    if runs:
-        size = max(float(np.linalg.norm(root[last, :2] - root[first, :2])) for first, last in runs)
-        found.append(diagnostic("person_glides", frames=runs, size=size))
+def _diagnose_steps(solved: SolvedFrames, problem: Problem) -> list[Diagnostic]:
+    measured, found = problem.measurements, list[Diagnostic]()
+    names, seen = measured.landmarks.names, measured.seen
+    parts = [[f"{side}_{part}" for side in SIDES] for part in ("hip", "ankle")]
+    if all(name in names for name in chain(*parts)):
+        # Of the lifted points. In the solution, contacts hold the feet of a standing person in a zoom.
+        hips, feet = (measured.points[:, [names.index(name) for name in part]] for part in parts)
+        root, shown = hips.mean(axis=1), seen & np.isfinite(feet).all(axis=(1, 2)) & np.isfinite(hips).all(axis=(1, 2))
+        runs = glides(root, feet, shown, problem.fps)
+        if runs:
+            size = max(float(np.linalg.norm(root[last, :2] - root[first, :2])) for first, last in runs)
+            found.append(diagnostic("person_glides", frames=runs, size=size))
     if solved.contacts is not None and not solved.contacts[seen].mean() > STANDS_SHARE:
         found.append(diagnostic("feet_never_stand"))
     return found
