@@ -150,7 +150,7 @@ class ComparedViews:
     def _off_epipoles(self) -> np.ndarray:
         """(C, C, F, J) mask of points with rays at a sufficient angle to the line through two cameras.
 
-        Near an epipole, every point is near its epipolar line for any lens. Opposite cameras of a ring show this.
+        Near an epipole, every point is near its epipolar line for any lens. This affects opposite cameras of a ring.
         """
         ways = _rays(self.cameras, self.xy, 0.0) @ self.cameras.R[:, None]
         ways = ways / np.linalg.norm(ways, axis=-1, keepdims=True)

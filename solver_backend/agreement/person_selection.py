@@ -18,7 +18,7 @@ from solver_backend.types import Cameras, Keypoints2D
 USUAL_TIMES = 4.0  # Largest distance of a person's detection relative to the median.
 CLOSEST_M = 0.04  # Distance that is always accepted.
 ALONE_SHARE, STRANGE_SHARE = 0.95, 0.2
-"""A view is doubtful if the first share of its frames shows one person, and at most the second share of them is
+"""A view is unreliable if the first share of its frames shows one person, and at most the second share of them is
 accepted.
 """
 SURE_SHARE = 0.8  # Share of a track from which its unusually distant detections are accepted too.

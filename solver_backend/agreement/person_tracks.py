@@ -23,7 +23,7 @@ def persons(people: PeopleInSpace, tracks: np.ndarray, fps: float) -> list[np.nd
     never moves, such as a mannequin, has half the weight.
 
     Args:
-        tracks: (C, F, P) number of the track in its view that each detection belongs to.
+        tracks: (C, F, P) track number of each detection in its view (see ``view_tracks``).
     """
     if not len(people.frame):
         return []
@@ -197,7 +197,7 @@ def assigned_exclusively(people: PeopleInSpace, tracks: np.ndarray) -> PeopleInS
     different people meet in some frames only.
 
     Args:
-        tracks: (C, F, P) number of the track in its view that each detection belongs to.
+        tracks: (C, F, P) track number of each detection in its view (see ``view_tracks``).
     """
     score: np.ndarray = people.score * _lasting_agreement(people, tracks)
     left = np.ones(len(score), bool)

@@ -435,7 +435,7 @@ def _check(cameras: Cameras, xy: Array, confidence: Array) -> None:
 
 
 DEPTH_SIGMA_M = 0.5
-"""Standard deviation of a point around its initial position, which limits the depth from a single other view."""
+"""Standard deviation (m) of a point around its initial position, which limits the depth from a single other view."""
 BLOCK_FRAMES = 256  # Frames to process at a time.
 
 

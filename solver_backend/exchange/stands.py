@@ -1,4 +1,4 @@
-"""Find frame ranges with standing feet, from slow and low points. Breaks too short for a step are bridged."""
+"""Find frame ranges with standing feet, from slow and low points. Breaks too short for a step are ignored."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ WALKING = {"arm": 0.62, "upper": 0.75}
 contain 50, 80 and 95 % of CMU's walks are 0.47, 0.66 and 0.81 times as large for arms, and 0.74, 0.73 and 0.75 for the
 upper body."""
 LOW_M, LOWEST_M, LOW = 0.03, 0.14, 1.35
-"""Drops of the pelvis at which the legs' spread starts and stops to grow, and its largest factor (CMU: 1.2 to 1.4)."""
+"""Pelvis drops (m) at which the legs' spread starts and stops to grow, and its largest factor (CMU: 1.2 to 1.4)."""
 _ARM, _LEG, _UPPER = ("elbow", "wrist", "hand"), ("knee", "ankle", "foot"), ("neck", "head", "collar", "shoulder")
 
 

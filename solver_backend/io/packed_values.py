@@ -139,7 +139,7 @@ def _follow(
 
 
 def _behind(wrapper: StandIn, stream: BinaryIO | BytesIO, held: BytesIO | None, path: Path) -> Stored:
-    """Return the joblib array that follows its description, and move the stream behind it."""
+    """Return the joblib array that follows its description, and move the stream past the array."""
     shape, dtype = wrapper.state.get("shape"), wrapper.state.get("dtype")
     if not isinstance(dtype, NamedDtype):
         raise Damage("an array's description is not valid")

@@ -76,8 +76,8 @@ def triple_products(points: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 BEAM, FIRST_BEAM, SEED = 150, 3000, 5  # Number of hypotheses, also while fewer than ``SEED`` labels are assigned.
 CAP, SKIP = 6.0, 2.0
-"""Largest cost of one pair in half squared deviations, as for a bent joint or wrong pair, and cost of a pair without a
-point for its label. A correct pair costs 0.5."""
+"""Largest cost of one pair in half squared deviations, which applies to a bent joint or a wrong pair, and cost of a
+pair without a point for its label. A correct pair costs 0.5."""
 VOLUMES, VOLUME_WEIGHT = 3, 3.0  # Triple products per new label, and the weight of each relative to a rigid pair.
 FITS, CLEAR = 4.0, 0.2
 """Largest mean cost of a tracklet that fits a label, and smallest cost difference to the next label."""

@@ -65,7 +65,7 @@ class Tracks:
         return cls(tuple(np.flatnonzero(row) for row in known), tuple(p[row] for p, row in zip(xy, known, strict=True)))
 
     def table(self, frames: Sequence[int]) -> np.ndarray:
-        """Return (N, P, 2) the tracks visible in N frames, NaN where one is not."""
+        """Return the (N, P, 2) tracks visible in N frames, NaN where a track is not visible."""
         names = np.unique(np.concatenate([self.names[n] for n in frames]))
         found = np.full((len(frames), len(names), 2), np.nan)
         for row, n in enumerate(frames):
@@ -74,11 +74,11 @@ class Tracks:
 
 
 def estimate_path(camera: Cameras, tracks: Tracks, progress: Progress = silent) -> FoundPath | None:
-    """Estimate the path of a camera from tracks in px. None if it fails.
+    """Estimate the path of a camera from tracks in px. Return None if it fails.
 
     The first two keyframes with enough parallax give the first pose. Each further keyframe is added with its points and
     adjusted with the last ones. Where it shows no known points, as before the camera is carried, a rotation alone must
-    explain its tracks. Finally all are adjusted, and the frames between are posed with the points.
+    explain its tracks. Finally all keyframes are adjusted, and the frames between them are posed with the points.
 
     Args:
         camera: one camera, for its lens.
@@ -153,9 +153,9 @@ def estimate_path(camera: Cameras, tracks: Tracks, progress: Progress = silent) 
 
 
 def _key_pictures(tracks: Tracks, apart_px: float) -> list[int]:
-    """Return frames between which the background moves by about this distance, including the first and the last.
+    """Return keyframes between which the background moves by about ``apart_px``, including the first and the last.
 
-    Tracks end, so a keyframe shares most of its points with the one before.
+    Tracks end, so keyframes are also close enough to share most of their points.
     """
     keys = [0]
     for frame in range(1, len(tracks.px)):
@@ -170,7 +170,7 @@ def _key_pictures(tracks: Tracks, apart_px: float) -> list[int]:
 
 
 def _first_pair(x: Tracks, keys: list[int], start: int, noise: float) -> tuple[int, int, np.ndarray, np.ndarray] | None:
-    """Return a keyframe, a later one that shares points with it and has the most parallax, and its pose."""
+    """Return a keyframe, the later keyframe with shared points and the most parallax, and the later one's pose."""
     rng, best = np.random.default_rng(0), (0.0, start, 0, np.eye(3), np.zeros(3))
     for key in range(start + 1, len(keys)):
         table = x.table([keys[start], keys[key]])

@@ -170,7 +170,7 @@ class Keyframes(Rows):
 
 
 def rotations_of(step: Array, layout: StateLayout, num_joints: int) -> Array:
-    """Return (K, J, 3) rotation vectors by joint of (K, n) steps, zero for a joint without a block."""
+    """Return the (K, J, 3) rotation vectors of the joints in (K, n) steps, zero for a joint without a block."""
     vectors = array_namespace(step).reshape(step[:, layout.turns], (step.shape[0], -1, 3))
     if layout.turned == tuple(range(num_joints)):
         return vectors

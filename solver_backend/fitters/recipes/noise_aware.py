@@ -194,8 +194,8 @@ def solve_noise_aware(
 ) -> MethodResult:
     """Minimise thesis eq. 5.8 in its two stages (thesis 5.2.3), and interpolate unobserved frames.
 
-    First fit shape, poses and translations with fixed variances, the shape from ``SHAPE_FRAMES`` frames. Then keep the
-    shape and fit poses, translations and each landmark's log-variance in each frame (``loss``).
+    First fit shape, poses and translations with fixed variances. The shape uses only ``SHAPE_FRAMES`` frames. Then keep
+    the shape and fit poses, translations and each landmark's log-variance in each frame (``loss``).
     """
     like, measured = subject.betas, problem.measurements
     person = replace(subject, betas=to_numpy(subject.betas), offsets=to_numpy(subject.offsets))

@@ -205,7 +205,7 @@ def _median_direction(directions: np.ndarray) -> np.ndarray:
 
 
 def turn_to_z(up: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
-    """Return the smallest rotation of a direction to Z, a half turn about X if it points down."""
+    """Return the smallest rotation from a direction to Z, a half turn about X if the direction points down."""
     up = up / np.linalg.norm(up)
     if up[2] < -0.999999:
         return np.diag([1.0, -1.0, -1.0])

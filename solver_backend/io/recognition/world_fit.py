@@ -279,7 +279,7 @@ def fit_world(
 
     Args:
         cameras: C cameras in metres.
-        up_axis: up axis from the user. It remains the nearest axis.
+        up_axis: up axis from the user. No other axis is then tried.
         rolls: quarter turns of recorded images relative to the calibrated ones. Either may be upright.
 
     Raises:
