@@ -153,14 +153,16 @@ def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body, offsets
     The longest edge of the minimum spanning tree of median distances separates the groups. Then the pairs across the
     gap with the smallest distances d along the skeleton are compared. The groups are on different bodies if every pair
     is farther apart than ``LARGEST d + SLACK_M``. ``offsets`` are (L, 3) in metres of the markers from their locations
-    in the rest frame of an average body.
+    in the rest frame of an average body. Markers of a bone alone without an offset are not compared.
 
     Raises:
         MarkersUnknown: the groups are too far apart.
     """
     some = points[np.unique(np.linspace(0, len(points) - 1, DISTANCE_FRAMES).astype(int))]
     distance = quantile(np.linalg.norm(some[:, :, None] - some[:, None], axis=-1), 0.5, axis=0)
-    known = np.flatnonzero(np.isfinite(distance).sum(axis=1) > LEAST_GROUP)
+    placed = np.broadcast_to(offsets, landmarks.anchors.shape[::2]).any(axis=-1)
+    placed |= [not name.startswith(ON_BONE) for name in landmarks.names]
+    known = np.flatnonzero((np.isfinite(distance).sum(axis=1) > LEAST_GROUP) & placed)
     if len(known) < 2 * LEAST_GROUP:
         return
     between = np.where(np.isfinite(distance), distance, np.inf)[np.ix_(known, known)]

@@ -57,5 +57,8 @@ def test_markers_that_are_known_by_their_bone_alone_are_where_they_are(cloud):
     points = cloud.positions.copy()
     points[:, [label in ("T10", "STRN", "RBAC") or label in np.array(LABELS)[ARMS] for label in LABELS]] = np.nan
     check_one_body(points, landmarks, body, offsets)
+    far = points.copy()
+    far[:, [label in bones for label in LABELS]] += 1.5
     with pytest.raises(MarkersUnknown):
-        check_one_body(points, landmarks, body)
+        check_one_body(far, landmarks, body, offsets)
+    check_one_body(points, landmarks, body)  # Without offsets, nothing is known about the distance.
