@@ -118,4 +118,4 @@ def test_what_stays_without_a_name_is_noted_in_percent() -> None:
     percent = 100.0 * float((take.point_labels[there] < 0).mean())
     [doubt] = noisy.problems
     assert doubt.code == "points_not_named" and doubt.values["percent"] == pytest.approx(percent, rel=1e-5)
-    assert f"{percent:.0f} % of the points could not be named surely." in words([doubt])[0] and percent > 10.0
+    assert f": {percent:.0f} % remain without a label." in words([doubt])[0] and percent > 10.0
