@@ -108,7 +108,7 @@ def test_what_cannot_be_named_is_named(worn):
     for labels, message in (
         (None, "The markers have no labels.*Label them"),
         (("XYZ", *LABELS[1:]), "No known layout has the marker XYZ.*Known markers: ARIEL, C7"),
-        ((LABELS[1], *LABELS[1:]), "The label RFHD occurs twice"),
+        ((LABELS[1], *LABELS[1:]), "Labels occur more than once: RFHD"),
     ):
         with pytest.raises(MarkersUnknown, match=message):
             measure_markers(replace(cloud, labels=labels), body, np.zeros(1))
