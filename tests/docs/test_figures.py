@@ -35,12 +35,10 @@ WRITTEN = {
     },
     "docs/questions.md": {r"about (\d+) ms of CPU": [("detector", "cpu_ms")]},
     "docs/tutorials/first-animation.md": {
-        rf"\*\*{preset.title()}\*\*.*?" + r"\| ([\d.]+) mm, ([\d.]+) m/s², ([\d.]+) s " * 2:
-        [("presets", f"{take}_{preset}_{key}") for take in TAKES for key in ("mpjpe_mm", "accel_m_s2", "cpu_s")]
+        rf"\*\*{preset.title()}\*\*.*?" + r"\| ([\d.]+) mm, ([\d.]+) m/s², (\d+) Hz, ([\d.]+) s " * 2:
+        [("presets", f"{take}_{preset}_{key}")
+         for take in TAKES for key in ("mpjpe_mm", "accel_m_s2", "half_hz", "cpu_s")]
         for preset in ("fast", "balanced")
-    } | {
-        r"up to (\d+) Hz \(exercises\) and (\d+) Hz \(dance\), and \*Balanced\* up to (\d+) and (\d+) Hz": [
-            ("presets", f"{take}_{preset}_half_hz") for preset in ("fast", "balanced") for take in TAKES],
     },
     "docs/how-to/edit-a-take.md": {
         rf"\| {n} \| (\d+) mm \| (\d+) mm": [("few_keys", f"{take}_{n}_keys_largest_mm") for take in TAKES]
