@@ -38,7 +38,7 @@ class StandIns:
             raise self.load_error
         return small_capture(FRAMES)
 
-    def solve(self, capture, settings, progress, *, person=None, start=None, results=(), each=None):
+    def solve(self, capture, settings, progress, *, person=None, start=None, results=(), others=(), each=None):
         self.calls.append(("solve", {"capture": capture.name, "settings": settings}))
         sys.stdout.write("a library that prints\n")
         progress("Solving", 0, 2)
