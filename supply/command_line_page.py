@@ -91,7 +91,7 @@ def _describe(verb: Verb, program: Program, shared: list[Setting]) -> list[str]:
 
 
 def _table(rows: list[Setting]) -> list[str]:
-    return ["| argument | what it does |", "|---|---|", *map(_row, rows)]
+    return ["| argument | meaning |", "|---|---|", *map(_row, rows)]
 
 
 def _row(row: Setting) -> str:

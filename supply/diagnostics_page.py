@@ -32,14 +32,17 @@ Each code in the table links to its message, its usual cause and the remedy. `ma
 _ERRORS = """# Error codes
 
 An error ends a command. The message states what happened, where, and what to do. With `--json`, the error also has one
-of these codes, which `manifold explain CODE` explains. A finding that does not end the command is a
-[diagnostic](diagnostics.md). See also the [exit codes](command-line.md#exit-codes-and-json).
+of these codes, which `manifold explain CODE` explains. The exit code is 3 if the table has none. A finding that does
+not end the command is a [diagnostic](diagnostics.md). See also the
+[exit codes](command-line.md#exit-codes-and-json).
 
 | code | exit code | meaning |
 |---|---|---|"""
 
-_INTRO = """*Slanted* words are values from your recording."""
+_INTRO = """Each code has its messages, then the usual cause and what to do.
+*Slanted* words are values from your recording."""
 
+USUAL_EXIT = 3  # Exit code of most errors. The page states only others.
 GROUPS = {entry.group.lower().replace(" ", "-"): entry.group for entry in load_table().values()}
 """Groups of diagnostics by the ending of their page's name."""
 
@@ -68,16 +71,20 @@ def diagnostics_group(page: str) -> str:
     parts = [_NOTICE.format(source="solver_backend/exchange/diagnostics.json"), "", f"# {GROUPS[page]}", "", _INTRO]
     for code, entry in _entries(GROUPS[page]):
         first, *others = _forms(entry)
-        rows = [(entry.severity.value.title(), first), *(("or", form) for form in others)]
-        rows += [("Cause", entry.cause), ("What to do", entry.remedy)]
-        lines = [f"| {head} | {_slanted(text)} |" for head, text in rows if text]
-        parts += ["", f"## {code}", "", lines[0], "|---|---|", *lines[1:]]
+        rows = [f"{entry.severity.value.title()}: {first}", *(f"or: {form}" for form in others)]
+        rows += [" ".join(filter(None, (entry.cause, entry.remedy)))]
+        lines = [f"| {_slanted(text)} |" for text in rows if text]
+        parts += ["", f"## {code}", "", lines[0], "|---|", *lines[1:]]
     return "\n".join([*parts, ""])
 
 
 def errors_page() -> str:
     """Return the page of the errors that end a command."""
-    rows = [f"| `{code}` | {int(kind.exit_code)} | {kind.__doc__} |" for code, kind in list_errors().items()]
+    exits = {code: int(kind.exit_code) for code, kind in list_errors().items()}
+    rows = [
+        f"| `{code}` | {'' if exits[code] == USUAL_EXIT else exits[code]} | {kind.__doc__} |"
+        for code, kind in list_errors().items()
+    ]
     return "\n".join([_NOTICE.format(source="the docstrings of the errors"), "", _ERRORS, *rows, ""])
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,26 @@ import pytest
 from supply.site_hooks import OUTSIDE
 
 ROOT = Path(__file__).resolve().parents[2]
+MOST_WORDS = 52_700
+"""Of all pages of the site, by ``count_words``. The goal is 45,000, so lower this number when text goes."""
+
+
+def count_words(text: str) -> int:
+    """Count a page's words and pieces of inline code without code blocks, table markup and targets of links."""
+    text = re.sub(r"```.*?```|<!--.*?-->|\]\([^)]*\)", " ", text, flags=re.DOTALL).replace("|", " ")
+    return sum(1 for word in text.split() if re.search(r"\w", word))
+
+
+def test_the_site_stays_short() -> None:
+    navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:")[2]
+    pages = re.findall(r"[\w/-]+\.md", navigation)
+    words = {page: count_words((ROOT / "docs" / page).read_text(encoding="utf-8")) for page in pages}
+    assert len(words) > 60
+    assert sum(words.values()) <= MOST_WORDS, words
+
+
+def test_words_of_a_page_are_counted_without_markup() -> None:
+    assert count_words("# Two words\n\n| `a b` | [link](to/page.md) |\n|---|---|\n```sh\nrun it\n```\n") == 5
 
 
 def build(config: Path, out: Path) -> subprocess.CompletedProcess[str]:
