@@ -107,7 +107,7 @@ def export_fbx(path: Path, take: ExportTake, progress: Progress) -> None:
         "bake_anim_simplify_factor": 0.0,
     }
     with plain_take(take, progress) as plain, chosen(plain):
-        for modifier in [modifier for mesh in plain.meshes for modifier in mesh.modifiers]:
+        for modifier in [m for mesh in plain.meshes for m in mesh.modifiers if plain.is_plain]:
             modifier.show_viewport = False  # the exporter visits each frame, and takes the skin from the rest pose
         run_exporter(bpy.ops.export_scene.fbx, path, settings)
 

@@ -30,6 +30,7 @@ from blender_addon.export.writers.blender_exporters import run_exporter
 from blender_addon.scene.bake import BakedTake, bake_take
 from solver_backend.io.motions.bvh import read_bvh
 from tests.support.full_disk import full_disk
+from tests.support.mixamo_rig import mixamo_rig
 
 FEW = (1, 12)  # Frames of a file whose contents do not matter; more than a disk of 6,000 bytes holds.
 
@@ -129,6 +130,31 @@ def state(scene: Any) -> tuple[Any, ...]:
         scene.frame_start, scene.frame_end, scene.frame_current, scene.render.fps, scene.render.fps_base,
         len(bpy.data.scenes), len(bpy.data.actions), len(bpy.data.objects), bpy.data.filepath,
     )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["fbx", "gltf"])
+def test_another_rig_keeps_its_modifiers_and_its_skin_in_the_file(scene: Any, tmp_path: Path, name: str) -> None:
+    rig = mixamo_rig()
+    data = bpy.data.meshes.new("Skin")
+    data.from_pydata([(0, 0, 0), (0, 1, 0), (1, 0, 0)], [], [(0, 1, 2)])
+    mesh = bpy.data.objects.new("Skin", data)
+    scene.collection.objects.link(mesh)
+    mesh.parent = rig
+    mesh.vertex_groups.new(name="mixamorig:Hips").add([0, 1, 2], 1.0, "ADD")
+    mesh.modifiers.new("Armature", "ARMATURE").object = rig
+    mesh.modifiers.new("Subdivision", "SUBSURF").show_viewport = False
+    hips = rig.pose.bones["mixamorig:Hips"]
+    for frame in (1, 10):
+        hips.location = (0, frame, 0)
+        hips.keyframe_insert("location", frame=frame)
+    path = tmp_path / f"walk{FORMATS[name].suffix}"
+    export_take(take_of(scene, rig, (1, 10)), name, path)
+    assert [modifier.show_viewport for modifier in mesh.modifiers] == [True, False]
+    importer = bpy.ops.import_scene.fbx if name == "fbx" else bpy.ops.import_scene.gltf
+    before = set(bpy.data.objects)
+    importer(filepath=str(path))
+    [read] = [obj for obj in set(bpy.data.objects) - before if obj.type == "MESH" and obj.vertex_groups]
+    assert len(read.data.vertices) == 3 and [m.type for m in read.modifiers] == ["ARMATURE"]
 
 
 def test_a_range_of_frames(scene: Any, take: BakedTake, tmp_path: Path) -> None:
