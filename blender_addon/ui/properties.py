@@ -215,6 +215,10 @@ _ACTOR = {"type": bpy.types.Object, "name": "Actor", "poll": _is_other_than_targ
 _TARGET = {"type": bpy.types.Object, "name": "Target", "poll": _is_other_armature, "update": _map_target}
 
 
+def _set_automatic_scale(settings: bpy.types.PropertyGroup, on: bool) -> None:
+    settings.scale = 0.0 if on else settings.scale or 1.0
+
+
 class MocapRetarget(bpy.types.PropertyGroup):
     """Settings of the retargeting."""
 
@@ -224,6 +228,13 @@ class MocapRetarget(bpy.types.PropertyGroup):
     way: choice("Root Motion", "Bone with the motion over the ground", "retarget.way")
     scale: number(
         "Scale", "Scale of the motion over the ground, 0 for the ratio of the leg lengths", 0.0, 0, 1000, soft_max=10
+    )
+    automatic_scale: switch(
+        "Automatic Scale",
+        "Scale the motion over the ground by the ratio of the leg lengths",
+        on=True,
+        get=lambda settings: not settings.scale,
+        set=_set_automatic_scale,
     )
     label: str  # Name of the preset in the table.
     table: Items[MocapRole]

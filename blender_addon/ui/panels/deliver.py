@@ -77,7 +77,9 @@ def retarget(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         return
     layout.prop(settings, "limbs", expand=True)
     layout.prop(settings, "way", text="")
-    layout.prop(settings, "scale", text="Scale" if settings.scale else "Scale (Automatic)")
+    layout.prop(settings, "automatic_scale")
+    if not settings.automatic_scale:
+        layout.prop(settings, "scale")
     draw_button(layout, "mocap.retarget", "ARMATURE_DATA", 1.4)
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from blender_addon.animation.curves import current_action
 from blender_addon.retarget import recognition
+from blender_addon.ui.operators.retarget import chosen_settings
 from tests.support.mixamo_rig import PREFIX, mixamo_rig
 from tests.support.narrow_layout import draw_panel
 
@@ -48,6 +49,25 @@ def test_the_target_is_mapped_when_it_is_chosen(mocap, rig, solved_take):
     assert "Choose the bones" in " ".join(drawn) and "Retarget" not in drawn
     mocap.retarget.target = None
     assert not len(mocap.retarget.table) and not mocap.retarget.warnings
+
+
+def test_the_scale_is_shown_only_where_the_user_sets_it(mocap, rig, solved_take):
+    settings = mocap.retarget
+
+    def drawn() -> list[str]:
+        return draw_panel(bpy.types.VIEW3D_PT_mocap_retarget, 283).drawn
+
+    assert settings.automatic_scale and settings.scale == 0
+    assert "Automatic Scale" in drawn() and "Scale" not in drawn()
+    settings.automatic_scale = False
+    assert "Scale" in drawn() and settings.scale == 1, "the actor's own travel is where a user begins"
+    settings.scale = 2.5
+    settings.automatic_scale = False
+    assert settings.scale == 2.5 and not settings.automatic_scale, "a scale that is set is kept"
+    assert chosen_settings(bpy.context.scene).transfer.scale == 2.5
+    settings.automatic_scale = True
+    assert settings.scale == 0 and "Scale" not in drawn()
+    assert chosen_settings(bpy.context.scene).transfer.scale == 0
 
 
 def test_left_and_right_stand_beside_each_other(mocap, rig, solved_take):
