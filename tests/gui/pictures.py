@@ -37,6 +37,7 @@ def cameras(user: Any) -> Any:
         bpy.ops.wm.drop_import_file("INVOKE_DEFAULT", directory=str(TRIAL), files=files)
     yield from user.until(lambda: mocap().capture.file, "the recording is there", 300)
     bpy.context.scene.frame_set(_FILMED_FRAME)
+    yield from user.find("mocap.view_camera(index=3)", 0.3)  # scrolls down to the whole list
     yield from user.press("mocap.view_camera(index=0)", 0.3)
     yield _SETTLED_S
     yield from user.shot("cameras")
