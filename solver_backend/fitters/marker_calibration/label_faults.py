@@ -177,15 +177,19 @@ left, and this quantile. In 45 recordings the median sine exceeds 0.5, and the q
 INNER_M, FOOT_M = -0.015, 0.1
 """Smallest distance in metres of the outer ankle towards the outer side of the foot, and largest plausible one. In 160
 recordings 320 feet have 27 to 58 mm, except one (btkdata's ADemo1) with -4 mm."""
-KNEE_BENT = 0.08  # Smallest distance of a bent knee from the line of hip and ankle, by its length (18 degrees).
+KNEE_BENT, KNEELS = 0.08, 0.3
+"""Smallest distance of a bent knee from the line of hip and ankle, by its length (18 degrees), and of a knee that tells
+forward better than the foot (62 degrees), because the foot of a kneeling leg points backwards."""
+_SHIN = ("KNE", "KNM"), ("ANK", "ANM", "HEE")
 
 
 def check_sides(points: np.ndarray, landmarks: Landmarks) -> None:
     """Check that left legs and arms are left of the waist and shoulders, and that feet point forward.
 
-    With l from right to left, u from feet to waist and f from heels to toes, ``(l × u) · f > 0``. For joint centres
-    without toes, f points from the midpoint of hip and ankle to the forward knee, or from neck or ears to the nose. A
-    single limb is compared with waist or shoulders, a single leg with its ankle.
+    With l from right to left, u from feet to waist and f from heels to toes, ``(l × u) · f > 0``. For strongly bent
+    knees and for joint centres without toes, f points from the line of hip and ankle to the forward knee, for other
+    joint centres from neck or ears to the nose. A single limb is compared with waist or shoulders, a single leg with
+    its ankle.
 
     Raises:
         MarkersMirrored: a condition does not hold in most frames.
@@ -264,15 +268,36 @@ def _on_skin(name: str) -> str:
 
 
 def _feet_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | None:
-    """Return the (n, F) sines of the feet's direction relative to waist and legs, positive forwards, or None."""
+    """Return the (n, F) sines of the feet's direction relative to waist and legs, positive forwards, or None.
+
+    Feet of kneeling legs point backwards, so legs with strongly bent knees are judged by the knees' direction.
+    """
     lateral = _lateral(points, column, WAIST, 1)
     lateral = _lateral(points, column, LEGS, LEAST_PAIRS) if lateral is None else lateral
     waist, feet = (_mean(points, column, _both(places)) for places in (WAIST, (*TOES, *HEELS)))
-    known = [step for side in "LR" if (step := _along(points, column, side)) is not None]
+    known = {side: step for side in "LR" if (step := _along(points, column, side)) is not None}
     if lateral is None or waist is None or feet is None or not known:
         return None
     across = np.cross(unit(lateral), unit(waist - feet))
-    return np.stack([(across * step).sum(-1) for step in known])
+    found = []
+    for side, step in known.items():
+        sine = (across * step).sum(-1)
+        knee, ankle = (_mean(points, column, [side + place for place in places]) for places in _SHIN)
+        if knee is not None and ankle is not None:
+            bent = _knee_forward(lateral, waist, knee, ankle, KNEELS)
+            sine = np.where(np.isfinite(bent), bent, sine)
+        found.append(sine)
+    return np.stack(found)
+
+
+def _knee_forward(
+    lateral: np.ndarray, hip: np.ndarray, knee: np.ndarray, ankle: np.ndarray, least: float
+) -> np.ndarray:
+    """Return the (F,) sines of the direction in which the knee bends, NaN if it bends less than ``least``."""
+    along, bend = unit(hip - ankle), knee - ankle
+    bend = bend - (bend * along).sum(-1, keepdims=True) * along
+    bent = np.linalg.norm(bend, axis=-1) > least * np.linalg.norm(hip - ankle, axis=-1)
+    return np.where(bent, (np.cross(unit(lateral), along) * unit(bend)).sum(-1), np.nan)
 
 
 def _centres_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | None:
@@ -283,11 +308,7 @@ def _centres_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray |
         for side in "LR":
             leg = [side + place for place in ("FWT", "KNE", "ANK")]
             if set(leg) <= column.keys():
-                hip, knee, ankle = (points[:, column[name]] for name in leg)
-                along, bend = unit(hip - ankle), knee - ankle
-                bend = bend - (bend * along).sum(-1, keepdims=True) * along
-                bent = np.linalg.norm(bend, axis=-1) > KNEE_BENT * np.linalg.norm(hip - ankle, axis=-1)
-                found.append(np.where(bent, (np.cross(unit(hips), along) * unit(bend)).sum(-1), np.nan))
+                found.append(_knee_forward(hips, *(points[:, column[name]] for name in leg), KNEE_BENT))
     if shoulders is not None and "~nose" in column:
         base = _mean(points, column, [name for name in ("~left_ear", "~right_ear") if name in column])
         base = _mean(points, column, [name for name in ("~neck", "=neck") if name in column]) if base is None else base

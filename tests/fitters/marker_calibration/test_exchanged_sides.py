@@ -12,6 +12,7 @@ from solver_backend.fitters.marker_calibration.label_faults import check_sides
 from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.demo import demo_capture
+from tests.support.floor_takes import kneeling
 from tests.support.worn_markers import worn_markers
 
 LOWER = ("FWT", "BWT", "THI", "KNE", "SHN", "ANK", "HEE", "TOE", "MT5")
@@ -44,6 +45,21 @@ def test_sides(places: tuple[str, ...], turned: tuple[str, ...], message: str) -
         return
     with pytest.raises(MarkersMirrored, match=message):
         check_sides(points, landmarks)
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_legs_that_kneel_with_the_toes_backwards_are_no_mirror_image(exact: bool) -> None:
+    names, person, rng = tuple(side + place for place in LOWER for side in "LR"), kneeling(24), np.random.default_rng(2)
+    landmarks = marker_landmarks(person.body, names)
+    points = person.pose(landmarks).points
+    if not exact:
+        points = points + 0.01 * rng.normal(size=points.shape[1:])
+        points[::3, names.index("RTOE")] = np.nan
+    check_sides(points, landmarks)
+    with pytest.raises(MarkersMirrored, match="legs' markers are mirrored"):
+        check_sides(points * [-1.0, 1.0, 1.0], landmarks)
+    with pytest.raises(MarkersMirrored, match="left markers of the legs are on the right"):
+        check_sides(points, marker_landmarks(person.body, exchanged(names, LOWER[2:])))
 
 
 LEG = ("KNE", "SHN", "ANK", "HEE", "TOE")
