@@ -12,6 +12,7 @@ from solver_backend.fitters.one_view.shape import (
     SeenShape,
     fit_shape,
     foot_columns,
+    rising_shins,
     sole_heights,
     standing_soles,
     with_soles,
@@ -22,6 +23,7 @@ from solver_backend.priors.lifted_take import LiftedTake
 from solver_backend.priors.view_lifter import LiftedView
 from solver_backend.synthesis.simulation.cast import cast_person
 from solver_backend.types import JointSet
+from tests.support.floor_takes import FPS, kneeling
 from tests.support.one_view_people import PersonTake, betas_of_stature, figures, filmed
 from tests.support.walking_take import walk
 
@@ -102,6 +104,23 @@ def test_a_lifted_foot_and_a_fast_one_do_not_stand() -> None:
     points[20:, 0, 0] = 0.1 * np.arange(10)
     stands = standing_soles(points, np.zeros(2), UP, np.tile([0.0, 1.0, 0.0], (30, 1)), 30.0)
     assert stands[2:18, 0].all() and not stands[22:, 0].any() and not stands[:, 1].any()
+
+
+def test_feet_below_a_flat_shin_do_not_stand() -> None:
+    names, points = ("left_toe", "left_ankle", "left_knee", "right_toe"), np.zeros((3, 4, 3))
+    points[:, 2] = [[0.0, 0.0, 0.4], [0.3, 0.0, 0.25], [0.4, 0.0, 0.0]]
+    rising = rising_shins(points, names, [0, 3], np.tile(UP, (3, 1)))
+    assert rising.tolist() == [[True, True], [True, True], [False, True]]
+
+
+@pytest.mark.parametrize("joint_set", [JointSet.BODY_25, JointSet.COCO_17])
+def test_toes_of_a_person_who_kneels_show_no_stature(joint_set: JointSet) -> None:
+    body, rng = load_body(), np.random.default_rng(5)
+    take = filmed("kneels", replace(kneeling(60), betas=betas_of_stature(body, rng, 1.9)), FPS, 1.5, joint_set, rng)
+    motion = solve(take.capture).motion
+    assert body.stature_of(motion.betas) == pytest.approx(body.stature_m, abs=0.02)
+    (stated,) = [item for item in motion.provenance["diagnostics"] if item["code"] == "one_camera"]
+    assert stated["values"]["source"] == "typical adult sizes"
 
 
 @pytest.mark.slow
