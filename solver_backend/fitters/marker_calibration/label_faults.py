@@ -308,7 +308,8 @@ def _centres_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray |
         for side in "LR":
             leg = [side + place for place in ("FWT", "KNE", "ANK")]
             if set(leg) <= column.keys():
-                found.append(_knee_forward(hips, *(points[:, column[name]] for name in leg), KNEE_BENT))
+                hip, knee, ankle = (points[:, column[name]] for name in leg)
+                found.append(_knee_forward(hips, hip, knee, ankle, KNEE_BENT))
     if shoulders is not None and "~nose" in column:
         base = _mean(points, column, [name for name in ("~left_ear", "~right_ear") if name in column])
         base = _mean(points, column, [name for name in ("~neck", "=neck") if name in column]) if base is None else base
