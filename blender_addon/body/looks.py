@@ -1,8 +1,10 @@
 """Show a body in one of its looks. A look has a material per face and, for the bundled body, a shape key.
 
 A new body shows the suit, which is the skin that the solver uses. The material slots belong to the shown look. Each
-other look is stored in the mesh, as an integer attribute of its faces and a custom property with its slots. A file can
-therefore switch looks without the body file, and each look keeps the user's changes to slots, materials and faces.
+other look is stored in the mesh, as an integer attribute of its faces and a custom property with its slots, and in
+the objects of the mesh, as a custom property with their own materials. A file can therefore switch looks without the
+body file, and each look keeps the user's changes to slots and to the materials of faces. Faces of a joined mesh have
+the first slot in the other looks.
 """
 
 from __future__ import annotations
@@ -107,32 +109,40 @@ def look_of(mesh: bpy.types.Object) -> str:
 
 
 def looks_of(mesh: bpy.types.Object) -> list[str]:
-    """Return the looks that a body can show. There are none in Edit Mode, with linked data, or on a foreign mesh."""
-    data = mesh.data
-    fixed = data.library is not None or data.is_editmode
+    """Return a body's available looks: none in Edit Mode, with linked or overridden data, or on a foreign mesh."""
+    data = mesh.data  # a file does not keep the slots and faces of an overridden mesh
+    fixed = data.library is not None or data.override_library is not None or data.is_editmode
     return [look for look in LOOKS if not fixed and _attribute(look) in data.attributes]
 
 
 def _paint(mesh: bpy.types.Object, look: str) -> None:
     """Store the materials of the shown look, and show the stored or new materials of another one."""
     data, faces = mesh.data, np.empty(len(mesh.data.polygons), np.int32)
+    objects = [obj for obj in bpy.data.objects if obj.data == data and obj.is_editable]
     if (before := data.attributes.get(_attribute(look_of(mesh)))) is not None:
         data.polygons.foreach_get("material_index", faces)
         before.data.foreach_set("value", faces)
-        slots = enumerate(mesh.material_slots)
-        data[before.name] = {f"{k} {slot.link}": slot.material or 0 for k, slot in slots}  # 0 is an empty slot
+        data[before.name] = {str(k): material or 0 for k, material in enumerate(data.materials)}  # 0 is an empty slot
+        for obj in objects:
+            slots = enumerate(obj.material_slots)
+            obj.pop(before.name, None)
+            if own := {str(k): slot.material or 0 for k, slot in slots if slot.link == "OBJECT"}:
+                obj[before.name] = own
     data.attributes[_attribute(look)].data.foreach_get("value", faces)
     slots = data.get(_attribute(look))
     if slots is None:
         used, faces = np.unique(faces, return_inverse=True)
         known = {m.name.split(".")[0]: m for other in LOOKS for m in data.get(_attribute(other), {}).values() if m}
         paints = [_PAINTS[look][index] for index in used.tolist()]
-        slots = {f"{k} DATA": known.get(paint.name) or _create(paint) for k, paint in enumerate(paints)}
+        slots = {str(k): known.get(paint.name) or _create(paint) for k, paint in enumerate(paints)}
     data.materials.clear()
-    for name, material in slots.items():
+    for material in slots.values():
         data.materials.append(material or None)
-        slot = mesh.material_slots[-1]
-        slot.link, slot.material = name.split()[1], material or None
+    for obj in objects:
+        own = obj.get(_attribute(look), {})
+        for k, slot in enumerate(obj.material_slots):
+            if str(k) in own:
+                slot.link, slot.material = "OBJECT", own[str(k)] or None
     data.polygons.foreach_set("material_index", faces.astype(np.int32))
     data[_SHOWN] = look
     data.update()
@@ -148,6 +158,7 @@ def keep_shown(mesh: bpy.types.Object) -> None:
         material, slot.link = slot.material, "DATA"
         slot.material = material
     for name in map(_attribute, LOOKS):
+        mesh.pop(name, None)
         mesh.data.pop(name, None)
         if (attribute := mesh.data.attributes.get(name)) is not None:
             mesh.data.attributes.remove(attribute)

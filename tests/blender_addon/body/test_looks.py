@@ -14,7 +14,7 @@ import pytest
 from blender_addon.__main__ import main
 from blender_addon._exchange.errors import BodyInvalid
 from blender_addon.body.body_file import BodyFile, default_body_path, read_body
-from blender_addon.body.looks import show_look
+from blender_addon.body.looks import looks_of, show_look
 from blender_addon.body.rig import Rig, create_rig
 from blender_addon.conventions.naming import LOOKS, MANNEQUIN, PERSON_LOOK, SEGMENTS, SEGMENTS_LOOK, SUIT_LOOK
 from blender_addon.export.plain_take import plain_copy
@@ -241,6 +241,48 @@ def test_looks_keep_their_own_slots(rig: Rig) -> None:
     assert data.polygons[5].material_index == len(before) - 1
     show_look(rig.mesh, MANNEQUIN)
     assert list(data.materials) == grey
+
+
+def test_objects_of_one_mesh_keep_their_own_materials(scene: Any, rig: Rig, tmp_path: Path) -> None:
+    """A look is the mesh's. A material of an object returns with the look, also from a file and on a copy."""
+    two = rig.mesh.copy()
+    scene.collection.objects.link(two)
+    for mesh, k in ((two, 1), (two, 3), (rig.mesh, 3)):
+        own = None if mesh is rig.mesh else bpy.data.materials.new(f"Own {k}")
+        mesh.material_slots[k].link, mesh.material_slots[k].material = "OBJECT", own
+    names = rig.mesh.name, two.name
+
+    def slots() -> list[list[tuple[str, str]]]:
+        meshes = map(bpy.data.objects.get, names)
+        return [[(slot.link, slot.material.name if slot.material else "") for slot in m.material_slots] for m in meshes]
+
+    before = slots()
+    under = list(rig.mesh.data.materials)
+    for mesh in (rig.mesh, two):
+        show_look(mesh, MANNEQUIN)
+    assert {link for found in slots() for link, _ in found} == {"DATA"}
+    show_look(two, SUIT_LOOK)
+    assert slots() == before and list(rig.mesh.data.materials) == under
+    show_look(rig.mesh, MANNEQUIN)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "two.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "two.blend"))
+    show_look(bpy.data.objects[names[0]], SUIT_LOOK)
+    assert slots() == before
+
+
+def test_an_overridden_mesh_keeps_its_saved_look(rig: Rig, tmp_path: Path) -> None:
+    """A file does not keep the slots of an overridden mesh, but it would keep the name of the look."""
+    name = rig.mesh.name
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "library.blend"))
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, wanted):
+        wanted.objects = [name]
+    mesh = wanted.objects[0].override_create()
+    bpy.context.scene.collection.objects.link(mesh)
+    mesh.data = mesh.data.override_create()
+    before = [slot.material for slot in mesh.material_slots]
+    show_look(mesh, MANNEQUIN)
+    assert not looks_of(mesh) and [slot.material for slot in mesh.material_slots] == before
 
 
 def test_a_look_without_its_attribute_is_left_and_not_shown(rig: Rig) -> None:
