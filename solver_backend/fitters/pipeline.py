@@ -174,11 +174,13 @@ def require_start(settings: SolveSettings, capture: Capture) -> None:
 
 
 def diagnose_settings(settings: SolveSettings, measured: Measurements) -> Iterator[Diagnostic]:
-    """Yield warnings about settings that the method or its layers ignore."""
+    """Yield warnings about settings that the method, its layers or one camera ignore."""
     read = {name for layer in measured.layers for name in layer.SETTINGS}
     idle = [name for name in settings.without_effect if name not in read]
     if idle:
-        yield diagnostic("setting_without_effect", method=settings.method, settings=", ".join(idle))
+        yield diagnostic("setting_without_effect", user="method", method=settings.method, settings=", ".join(idle))
+    if settings.objects and "objects" not in idle and measured.source.recipe == "one camera":
+        yield diagnostic("setting_without_effect", user="take", method=settings.method, settings="objects")
 
 
 def _able(trait: str) -> str:

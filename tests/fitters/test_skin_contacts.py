@@ -22,7 +22,7 @@ from solver_backend.exchange.joint_sets import SMPL_JOINTS, JointSet
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.keyframes.frame_range import FrameRange, UserContact
 from solver_backend.fitters.model.subject import FrameObjective, PosedFrames, Subject, frame_equations, points_of
-from solver_backend.fitters.pipeline import solve
+from solver_backend.fitters.pipeline import resolve_range, solve
 from solver_backend.fitters.recipes.frame_range import trusted_world, with_earlier_contacts
 from solver_backend.fitters.skin_contacts import (
     FLOOR,
@@ -375,6 +375,17 @@ def test_an_object_is_obeyed_unless_the_views_contradict_it(tmp_path: Path) -> N
                 and motion.touches[:, 2:4].any()
                 and trusted_world(settings, motion).has_objects
             )
+
+
+def test_one_camera_does_not_use_objects_and_says_so(tmp_path: Path) -> None:
+    person, file = kneeling(24), tmp_path / "objects.json"
+    views = film_benchmark(person, FPS, "kneels", BenchmarkSettings(seed=6), np.random.default_rng(6)).views([0])
+    file.write_text(json.dumps({"planes": [{"point": [0, 0, 0.05], "normal": [0, 0, 1]}]}))
+    settings = SolveSettings(objects=str(file), iterations=1)
+    motion = solve(views, settings).motion
+    assert codes_of(motion)["setting_without_effect"]["settings"] == "objects"
+    again = resolve_range(views, motion, FrameRange(6, 18), settings).motion
+    assert again.touches is None, "the whole take has no check whether the floor is true"
 
 
 @pytest.mark.slow

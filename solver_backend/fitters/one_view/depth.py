@@ -286,11 +286,6 @@ class OneCamera(PointSource):
         return "one camera"
 
     @property
-    def knows_floor(self) -> bool:
-        """Return whether the person's size agrees with the floor."""
-        return self.heights is not None
-
-    @property
     def sight(self) -> np.ndarray:
         """(F, 3) unit directions from the camera to the person."""
         return self.open.sight

@@ -278,8 +278,12 @@ def world_of(settings: SolveSettings) -> Obstacles:
 
 
 def holds_skin(problem: Problem, settings: SolveSettings) -> bool:
-    """Return whether to hold the skin outside of floor and objects: one of them is known and contacts are on."""
-    return settings.contacts and (problem.measurements.source.knows_floor or bool(settings.objects))
+    """Return whether to hold the skin outside of floor and objects: one of them is known and contacts are on.
+
+    With one camera the depth is too uncertain to check them.
+    """
+    source = problem.measurements.source
+    return settings.contacts and source.recipe != "one camera" and (source.knows_floor or bool(settings.objects))
 
 
 def hold_skin(bundle: Bundle) -> Bundle:
