@@ -68,7 +68,8 @@ class OtherSkin:
         for number, (motion, person, posed) in enumerate(zip(motions, people, poses, strict=True)):
             own = slice(number * len(vertices), (number + 1) * len(vertices))
             seen = np.ones(len(points), bool) if motion.flags is None else motion.flags & FLAG_UNSEEN == 0
-            for frames in np.array_split(np.flatnonzero(seen), 1 + len(points) // BLOCK_POSES):
+            for first in range(0, int(seen.sum()), BLOCK_POSES):
+                frames = np.flatnonzero(seen)[first : first + BLOCK_POSES]
                 found, tips = np.split(np.asarray(points_of(person, posed.select(frames))), 2, axis=1)
                 points[frames, own] = found
                 out[frames, own] = (tips - found) / np.linalg.norm(tips - found, axis=-1, keepdims=True)

@@ -10,6 +10,7 @@ import pytest
 from research.simulation.benchmark import BenchmarkSettings, film_benchmark
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.exchange.motion_file import FLAG_UNSEEN
+from solver_backend.fitters.model.subject import BLOCK_POSES
 from solver_backend.fitters.other_skin import OtherSkin, come_close, spread_vertices
 from solver_backend.fitters.pipeline import solve
 from solver_backend.geometry.rotations import exp_so3
@@ -61,6 +62,18 @@ def test_distances_are_signed_and_end_where_nobody_is_seen(alone: Motion) -> Non
         assert ((normals[0] * skin.normals[0]).sum(axis=-1) > 0.999).mean() > 0.99
     assert np.isinf(skin.nearest(middle[None], np.array([5]))[0]).all()
     assert np.isinf(skin.nearest(middle[None] + [0.0, 3.0, 0.0], np.array([0]))[0]).all()
+
+
+@pytest.mark.parametrize("seen", [0, 1])
+def test_a_long_take_with_few_seen_frames_has_a_skin(seen: int) -> None:
+    zeros = np.zeros((3 * BLOCK_POSES, 72), np.float32)
+    flags = np.full(len(zeros), FLAG_UNSEEN, np.uint8)
+    flags[7 : 7 + seen] = 0
+    joints = zeros.reshape(-1, 24, 3)
+    motion = Motion(zeros[0, :10], zeros[:, :3], zeros[:, 3:], zeros[:, :3], FPS, BODY.id, joints, flags=flags)
+    rest = BODY.v_template[spread_vertices(BODY)]
+    height, _ = OtherSkin.of(BODY, [motion]).nearest(np.stack([rest, rest]), np.array([7, 8]))
+    assert np.isfinite(height).all(axis=1).tolist() == [seen > 0, False]
 
 
 def test_only_people_who_come_close_meet(alone: Motion) -> None:
