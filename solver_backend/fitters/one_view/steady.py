@@ -72,9 +72,9 @@ def _turns(G: np.ndarray, rest: np.ndarray, parents: np.ndarray, sight: np.ndarr
 UNDER_M = 0.03  # Vertices of a foot up to this height above its lowest one at rest may touch the floor.
 TOUCH_M = 0.005  # Decay of a vertex's contact weight with its height above the foot's lowest vertex, metres.
 BODY_S = 0.05  # Standard deviation in time of the body's vertical correction. The legs take the rest.
-FLIGHT_M_S2 = 0.25 * 9.81
-"""A body in the air is ``g a b / 2`` higher than at its take-off, a seconds ago, and its landing in b seconds. A lower
-foot of less than half of this height counts as planted although it seems to move."""
+FLIGHT_M_S2 = 9.81 / 8.0
+"""A flight of T seconds rises by ``g (T / 2)² / 2``. Feet that rise by less than 1/4 of this during T seconds without a
+contact count as planted. So a jump counts as one if at least half of this time is flight."""
 SLOW_S, DEEPER = 0.25, 3.5
 """Correlation time of a depth error in seconds, and ratio of its size to the error across the line of sight."""
 UP = np.array([0.0, 0.0, 1.0])
@@ -87,9 +87,9 @@ def stand_on_floor(solved: SolvedFrames, sight: np.ndarray, fps: float) -> Solve
     """Put the lowest points of planted feet on the floor z = 0, and remove foot sliding.
 
     The body moves by the mean height of its planted feet, smoothed in time. In frames without a contact, the lower foot
-    counts instead if it is too low for a flight. A slow height error comes from a depth error, so its slow part moves
-    the body by the most likely shift ``C e / (eᵀ C e)`` with ``C = 1 + (k² - 1) d dᵀ``, e upwards, d along ``sight``
-    (F, 3) and k ``DEEPER``. The rest moves it vertically.
+    counts instead if it never rises enough for a flight. A slow height error comes from a depth error, so its slow part
+    moves the body by the most likely shift ``C e / (eᵀ C e)`` with ``C = 1 + (k² - 1) d dᵀ``, e upwards, d along
+    ``sight`` (F, 3) and k ``DEEPER``. The rest moves it vertically.
 
     Then the legs bend until each planted foot is on the floor at its mean position. Feet keep their orientation. Feet
     below the floor are lifted too. No foot moves by more than ``MOST_M`` relative to the body.
@@ -107,11 +107,11 @@ def stand_on_floor(solved: SolvedFrames, sight: np.ndarray, fps: float) -> Solve
         return solved
     frames, standing = np.arange(len(low)), stands.any(axis=1)
     drop = np.where(stands, -low, 0.0).sum(axis=1) / np.maximum(stands.sum(axis=1), 1)
-    before, after = _stands_around(standing)
-    since = np.where(before < 0, after - frames, frames - before) / fps
-    until = np.where(after == len(low), since, (after - frames) / fps)
     lower = np.where(standing, drop, -low.min(axis=1))
-    grounded = -lower < FLIGHT_M_S2 * since * until
+    above, grounded = np.interp(frames, frames[standing], drop[standing]) - lower, ~standing
+    for first, last in true_runs(~standing):
+        run = slice(first, last + 1)
+        grounded[run] = above[run].max() < FLIGHT_M_S2 * ((last - first + 2) / fps / 2.0) ** 2
     known = standing | (grounded & (np.abs(lower) < MOST_M))  # nobody stands in a handstand
     rise = smooth(np.interp(frames, frames[known], lower[known])[:, None], BODY_S * fps)[:, 0]
     slow = smooth(rise[:, None], SLOW_S * fps)

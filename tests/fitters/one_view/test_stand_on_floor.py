@@ -126,6 +126,19 @@ def test_a_contact_that_is_missed_for_a_moment_is_no_flight_and_a_jump_is() -> N
             assert stays or np.abs(low).max() < 0.006
 
 
+@pytest.mark.parametrize("fps", [30.0, 60.0])
+@pytest.mark.parametrize("missed", [0, 1, 2])
+def test_a_jump_keeps_its_height_if_contacts_beside_it_are_missed(fps: float, missed: int) -> None:
+    take, flight_s = solved(0.0), 0.25
+    time = (np.arange(FRAMES) - FRAMES // 2) / fps
+    height = 0.5 * 9.81 * np.clip((flight_s / 2) ** 2 - time**2, 0.0, None)
+    stands = np.abs(time) >= flight_s / 2 + (missed - 1e-6) / fps
+    frames = replace(take.frames, transl=take.frames.transl + height[:, None] * [0.0, 0.0, 1.0])
+    stood = stand_on_floor(replace(take, frames=frames, contacts=np.tile(stands[:, None], 2)), LEVEL, fps)
+    for foot in soles(stood):
+        assert np.abs(foot[..., 2].min(axis=1) - height).max() < 0.1 * height.max()
+
+
 def test_without_contacts_nothing_moves() -> None:
     take = replace(solved(0.03), contacts=np.zeros((FRAMES, 2), dtype=bool))
     assert stand_on_floor(take, LEVEL, FPS) is take
