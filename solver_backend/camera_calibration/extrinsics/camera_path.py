@@ -85,6 +85,8 @@ def estimate_path(camera: Cameras, tracks: Tracks, progress: Progress = silent) 
 
     References: Hartley and Zisserman 2004, ch. 9 and 18; Mouragnon et al. 2006 (local bundle adjustment).
     """
+    if not any(len(px) for px in tracks.px):
+        return None
     places = np.split(
         np.asarray(undistort(camera, np.concatenate(tracks.px)[None, None]))[0, 0],
         np.cumsum([len(px) for px in tracks.px])[:-1],

@@ -63,7 +63,8 @@ def track_background(found: VideoDetections, pictures: Iterable[np.ndarray], pro
         rows.append((names, points / scale))
         before = grey
         progress("Following the background", number + 1, found.num_frames)
-    lengths = np.bincount(np.concatenate([row[0] for row in rows]), minlength=count) if rows else np.zeros(0, int)
+    rows += [(np.zeros(0, int), np.zeros((0, 2)))] * (found.num_frames - len(rows))  # The file may have lost its end.
+    lengths = np.bincount(np.concatenate([row[0] for row in rows]), minlength=count)
     kept = [lengths[names] >= SHORTEST for names, _ in rows]
     return Tracks(*(tuple(row[part][long] for row, long in zip(rows, kept, strict=True)) for part in (0, 1)))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tracemalloc
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -165,6 +166,14 @@ def test_a_turn_a_zoom_and_too_few_points_show_no_path() -> None:
     blank = replace(seen(R[:FRAMES], t[:FRAMES]))
     grey = (np.full((HEIGHT, WIDTH, 3), 90, np.uint8) for _ in range(FRAMES))
     assert follow_camera(blank, camera(), grey, Path("unused.txt")) is None
+
+
+@pytest.mark.parametrize("pictures", [0, 30])
+def test_a_video_with_fewer_pictures_than_detections_shows_no_path(tmp_path: Path, pictures: int) -> None:
+    R, t = camera_way(pelvis(), FPS, "hand-held", 5)
+    found, out = seen(R, t), tmp_path / "camera_path.txt"
+    few = islice(filmed(found, R, t * 0.75), pictures)
+    assert follow_camera(found, camera(), few, out) is None and not out.exists()
 
 
 @pytest.mark.slow
