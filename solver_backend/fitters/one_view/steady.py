@@ -110,8 +110,9 @@ def stand_on_floor(solved: SolvedFrames, sight: np.ndarray, fps: float) -> Solve
     lower = np.where(standing, drop, -low.min(axis=1))
     above, grounded = np.interp(frames, frames[standing], drop[standing]) - lower, ~standing
     for first, last in true_runs(~standing):
-        run = slice(first, last + 1)
-        grounded[run] = above[run].max() < FLIGHT_M_S2 * ((last - first + 2) / fps / 2.0) ** 2
+        run, inside = slice(first, last + 1), first > 0 and last < len(low) - 1
+        half_s = (last - first + 2) / fps / (2.0 if inside else 1.0)  # The take may show half of a flight only.
+        grounded[run] = above[run].max() < FLIGHT_M_S2 * half_s**2
     known = standing | (grounded & (np.abs(lower) < MOST_M))  # nobody stands in a handstand
     rise = smooth(np.interp(frames, frames[known], lower[known])[:, None], BODY_S * fps)[:, 0]
     slow = smooth(rise[:, None], SLOW_S * fps)

@@ -134,9 +134,12 @@ def test_a_jump_keeps_its_height_if_contacts_beside_it_are_missed(fps: float, mi
     height = 0.5 * 9.81 * np.clip((flight_s / 2) ** 2 - time**2, 0.0, None)
     stands = np.abs(time) >= flight_s / 2 + (missed - 1e-6) / fps
     frames = replace(take.frames, transl=take.frames.transl + height[:, None] * [0.0, 0.0, 1.0])
-    stood = stand_on_floor(replace(take, frames=frames, contacts=np.tile(stands[:, None], 2)), LEVEL, fps)
-    for foot in soles(stood):
-        assert np.abs(foot[..., 2].min(axis=1) - height).max() < 0.1 * height.max()
+    take = replace(take, frames=frames, contacts=np.tile(stands[:, None], 2))
+    for shown in (slice(None), slice(FRAMES // 2 + 1), slice(FRAMES // 2, None)):  # The ends show half of the flight.
+        posed = PosedFrames(frames.root[shown], frames.local[shown], frames.transl[shown])
+        stood = stand_on_floor(replace(take, frames=posed, contacts=take.contacts[shown]), LEVEL[shown], fps)
+        for foot in soles(stood):
+            assert np.abs(foot[..., 2].min(axis=1) - height[shown]).max() < 0.1 * height.max()
 
 
 def test_without_contacts_nothing_moves() -> None:
