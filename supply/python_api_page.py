@@ -12,7 +12,8 @@ _HEAD = """<!-- Made by python3 dev.py docs from solver_backend.__all__; edit th
 
 The table lists the public names of the package `solver_backend`. On the site, full descriptions replace the lines that
 start with `:::`. `help(NAME)` also prints the description of a name. [Extend the program](../how-to/extend.md) links
-example scripts.
+example scripts. [`bake_headless`](../examples/bake_headless.py) in the folder
+`docs/examples` bakes a motion without Blender's window.
 
 The public names follow [Semantic Versioning](https://semver.org/spec/v2.0.0.html). Before version 1.0.0, a minor
 version may change them. All other names may change in any version.

@@ -195,10 +195,11 @@ _HEAD = """<!-- Made by python3 dev.py docs from tests/benchmarks/baseline.json 
 # Results
 
 Each row has the command that measures the figure again, and the date. The machine has {machine}.
-Most commands need recordings of CMU and others, which are not part of the repository. Put them into the folder that
-the variable `MOCAP_SHARED_DATA` names, or into `shared/data` next to the repository.
-Most recordings are copies of public ones (CMU, UI-PRMD, Pose2Sim, BTKData, nimblephysics and others) in our own file
-layout. A benchmark whose recordings are missing prints `skipped` and the reason.
+Only `bake`, `body`, `register`, `solve_in_blender` and `marker_speed` need no recordings. The others need recordings
+in the folder that the variable `MOCAP_SHARED_DATA` names, or in `shared/data` next to the repository. Most are copies
+of public ones (CMU, UI-PRMD, Pose2Sim, BTKData, nimblephysics and others) in our own file layout. The [model
+cards](explanation/body-and-patents.md#weights) name sources. No converter is included. A benchmark whose recordings
+are missing prints `skipped` and the reason.
 
 **Most figures are simulated.** *Simulated* means that simulated cameras or sensors recorded generated bodies with
 recorded motion. The detector's noise was measured on 100 frames of a real recording with OpenPose. *Real* means
