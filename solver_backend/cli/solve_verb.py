@@ -259,17 +259,19 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[Ta
             except MocapError as error:
                 ended.append((job, title, error))
     for index, others in _meetings(ended):
-        own, title, _ = ended[index]
+        own, title, alone = ended[index]
+        assert isinstance(alone, Outcome)
         step = prefixed(progress, f"{title}, with other people: ")
-        capture = load(own.capture, own.reading(), step)
-        if capture.several_views is None:
-            continue
         try:
-            ended[index] = own, title, _solve_one(replace(own, overwrite=True), capture, step, each, others)
+            capture = load(own.capture, own.reading(), step)
+            if capture.several_views is not None:
+                again = _solve_one(replace(own, overwrite=True), capture, step, each, others)
+                ended[index] = own, title, again
         except Cancelled:
             raise
         except MocapError as error:
-            ended[index] = own, title, error
+            line = f"warning: The motion of the person alone is kept, as the solve with other people failed: {error}"
+            ended[index] = own, title, replace(alone, summary=(line, *alone.summary))
     texts: list[str] = []
     summary: list[str] = []
     to_check: list[str] = []
@@ -301,17 +303,24 @@ def _meetings(ended: Sequence[tuple[Job, str, object]]) -> Iterator[tuple[int, l
     from solver_backend.fitters.other_skin import come_close
     from solver_backend.io.native.motion_file import read_motion
 
-    takes: dict[Path, dict[str, int]] = {}
+    takes: dict[str, list[int]] = {}
     for index, (job, _, outcome) in enumerate(ended):
-        if isinstance(outcome, Outcome) and job.settings.contacts and job.settings.method == GLOBAL and not job.resolve:
-            takes.setdefault(job.capture, {})[outcome.data.get("person", "")] = index
-    for people in takes.values():
-        indices = [index for name, index in people.items() if name]
-        motions = [read_motion(ended[index][0].out) for index in indices]
-        for index, one in zip(indices, motions, strict=True):
-            others = [other for other in motions if other is not one and come_close(one, other)]
+        alone = isinstance(outcome, Outcome) and outcome.data.get("person") and not job.resolve
+        if alone and job.settings.contacts and job.settings.method == GLOBAL:
+            world = job.capture, {**job.reading(), "person": None}
+            takes.setdefault(repr(world), []).append(index)
+    for indices in takes.values():
+        motions = {index: read_motion(ended[index][0].out) for index in indices}
+        for index, one in motions.items():
+            others = {
+                other.provenance["person"]: other
+                for other in motions.values()
+                if other.provenance["person"] != one.provenance["person"]
+                and other.body == one.body
+                and come_close(one, other)
+            }
             if others:
-                yield index, others
+                yield index, list(others.values())
 
 
 def _parts(job: Job, progress: Progress) -> Iterator[tuple[Job, Capture]]:
