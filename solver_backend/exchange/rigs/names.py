@@ -49,6 +49,7 @@ _NOT_BODY = _set(
 _LEFT = _set("l left lft lt li links gauche izq izquierda izquierdo sx sinistra sinistro esquerda esquerdo")
 _RIGHT = _set("r right rgt rt re rechts droite droit der derecha derecho dx destra destro direita direito")
 """Sides in English, German, French, Spanish, Italian and Portuguese."""
+_MIDDLE = _set("c m")  # Letters of centre and middle.
 _GLUED = ("left", "right", "l", "r")
 """Side names that may precede a part without a space, the longest first: ``lhumerus``, ``righthand``."""
 _OF_A_SIDE = frozenset(
@@ -109,8 +110,10 @@ def words_of(bone: str) -> tuple[str, ...]:
 @lru_cache(maxsize=4096)
 def _words(bone: str) -> tuple[str, tuple[str, ...]]:
     """Return the side and lower-case words of a name: ``mixamorig:LeftForeArm`` is left, fore, arm."""
-    name = bone.rpartition(":")[2] or bone  # without the namespace of the file
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", name)
+    space, _, rest = bone.partition(":")
+    if rest and set(words_of(rest)) - _MIDDLE and not side_of_name(space) and not _NOT_BODY & set(words_of(space)):
+        return _words(rest)  # without the namespace of the file
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", bone)
     parts = [part for word in re.split(r"[^A-Za-z]+|\d+", spaced.lower()) if word for part in _split_off_side(word)]
     left, right = (any(word in parts for word in side) for side in (_LEFT, _RIGHT))
     side = "" if left == right else SIDES[0] if left else SIDES[1]

@@ -59,6 +59,35 @@ def test_roles_are_told_from_names(naming: str) -> None:
     assert (found["spine_1"], found["spine_2"]) == (name("Spine", ""), name("Chest", ""))
 
 
+SIDE = {"L": "Left", "R": "Right", "": ""}
+SPACES: dict[str, Callable[[str, str], str]] = {
+    "file": lambda part, side: f"hero:{side + '_' if side else ''}{part}",
+    "two": lambda part, side: f"scene:hero2:{part}{'_' + side if side else ''}",
+    "side last": lambda part, side: f"{part}:{side}" if side else part,
+    "middle last": lambda part, side: f"{part}:{side or 'M'}",
+    "side between": lambda part, side: f"rig:{SIDE[side].lower() or 'mid'}:{part}",
+    "side first": lambda part, side: f"{SIDE[side]}:{part}" if side else part,
+    "number last": lambda part, side: f"{SIDE[side]}{part}:1",
+    "human ik": lambda part, side: f"Character1_{SIDE[side]}{part}",
+}
+
+
+@pytest.mark.parametrize("spaces", SPACES)
+def test_roles_are_told_from_names_with_colons(spaces: str) -> None:
+    name = SPACES[spaces]
+    parents = tree(name)
+    controls = {f"ik:{SIDE[side]}{part}": name("Hips", "") for side in "LR" for part in ("Hand", "Foot")}
+    bones = list(dict.fromkeys([*controls, *parents.values(), *parents]))
+    found, plain = guess_roles(bones, parents | controls), tree(NAMINGS["suffix"])
+    usual = guess_roles(list(dict.fromkeys([*plain.values(), *plain])), plain)
+    renamed = {
+        NAMINGS["suffix"](part, side): name(part, side)
+        for part in {*TREE[""], *TREE["Hips"], *TREE["Chest"]}
+        for side in ("", "L", "R")
+    }
+    assert found == {role: renamed[bone] for role, bone in usual.items()}
+
+
 def test_a_limb_is_believed_as_far_as_its_bones_hang_below_each_other() -> None:
     parents = tree(NAMINGS["suffix"]) | {"LowerArm_L": "Head"}
     found = guess_roles(list(dict.fromkeys([*parents.values(), *parents])), parents)
