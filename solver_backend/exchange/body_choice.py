@@ -19,7 +19,7 @@ def bodies_folder(environment: Mapping[str, str] = os.environ, platform: str = s
     It is the value of ``MANIFOLD_MOCAP_BODIES``, or ``bodies`` in the system's folder for application data.
     """
     if environment.get(FOLDER_VARIABLE):
-        return Path(environment[FOLDER_VARIABLE]).expanduser()
+        return Path(os.path.expanduser(environment[FOLDER_VARIABLE]))
     home = Path.home()
     if platform == "win32":
         data = Path(environment.get("APPDATA") or home / "AppData" / "Roaming")

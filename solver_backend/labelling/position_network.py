@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import os
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -56,7 +57,7 @@ def chosen_network(file: str = "") -> LandmarkNetwork:
         FileMissing, WeightsInvalid: there is no such file, or it is not a landmark network.
         BackendMissing: onnxruntime is not installed.
     """
-    path = Path(file).expanduser()
+    path = Path(os.path.expanduser(file))
     if not file or path.suffix.lower() != ".onnx":
         return load_network(path if file else None)
     if not path.is_file():

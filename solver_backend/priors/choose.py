@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import cache
 from pathlib import Path
 from typing import get_args
@@ -104,7 +105,7 @@ def load_gaussian(choice: str = AUTO_PRIOR) -> GaussianVAE:
 def _load(choice: str) -> AutoencodingPrior:
     if choice in NAMES:
         return _load_named(choice)
-    path = Path(choice).expanduser()
+    path = Path(os.path.expanduser(choice))
     if not path.is_file():
         hint = f"Use one of {', '.join(NAMES)}, or give a file of weights that train wrote."
         raise FileMissing(f"There is no prior {choice!r} and no such file.", hint=hint)
