@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from solver_backend.body.label_words import LabelWords, Letters, words_of_file
-from solver_backend.exchange.errors import BodyInvalid
+from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.json_file import read_json_file
 
 DEFAULT = Path(__file__).parents[1] / "assets" / "marker_layouts.json"
@@ -83,16 +83,16 @@ def load_layouts(path: Path = DEFAULT) -> LayoutFile:
     """Read a file of layouts.
 
     Raises:
-        FileMissing, FileDamaged: the file does not exist, or is not JSON.
-        BodyInvalid: the file has another format, an ambiguous name, or a location of an unknown kind or rule.
+        FileMissing: the file does not exist.
+        FileDamaged: it is not JSON, or has another format, an ambiguous name, or a location of an unknown kind or rule.
     """
     values = read_json_file(path)
     if not isinstance(values, dict) or (values.get("format"), values.get("version")) != (FORMAT, VERSION):
-        raise BodyInvalid(f"The file is not a {FORMAT} of version {VERSION}.", where=str(path))
+        raise FileDamaged(f"The file is not a {FORMAT} of version {VERSION}.", where=str(path))
     try:
         return _layouts(values, path)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, re.error) as error:
-        raise BodyInvalid(f"The layouts cannot be read: {error!r}.", where=str(path)) from error
+        raise FileDamaged(f"The layouts cannot be read: {error!r}.", where=str(path)) from error
 
 
 def _layouts(values: dict[str, Any], path: Path) -> LayoutFile:
@@ -100,13 +100,13 @@ def _layouts(values: dict[str, Any], path: Path) -> LayoutFile:
     names = {place: place for place in places}
     for place, alias in _aliases(values):
         if place not in places:
-            raise BodyInvalid(f"The name {alias} is for the position {place}, which has no rule.", where=str(path))
+            raise FileDamaged(f"The name {alias} is for the position {place}, which has no rule.", where=str(path))
         if names.setdefault(alias, place) != place:
-            raise BodyInvalid(f"The name {alias} means both {names[alias]} and {place}.", where=str(path))
+            raise FileDamaged(f"The name {alias} means both {names[alias]} and {place}.", where=str(path))
     for place, rule in [*values["midline"].items(), *values["sided"].items()]:
         if rule["kind"] not in values["kinds"]:
             known = ", ".join(values["kinds"])
-            raise BodyInvalid(
+            raise FileDamaged(
                 f"The position {place} has the unknown kind {rule['kind']!r}. Known kinds: {known}.", where=str(path)
             )
     return LayoutFile(
@@ -128,7 +128,7 @@ def _family(values: dict[str, Any], places: set[str], path: Path) -> Family:
         for side, bone in (("L", "left"), ("R", "right")):
             place = f"@{bone}_{part[1:]}" if part[0] == "@" else side + part
             if part[0] != "@" and place not in places:
-                raise BodyInvalid(f"The position {place} of a group of names has no rule.", where=str(path))
+                raise FileDamaged(f"The position {place} of a group of names has no rule.", where=str(path))
             names |= {label_key(side + alias): place for alias in aliases}
     return Family(_both_sides(values["signs"]), names, _both_sides(values["virtual"]))
 

@@ -116,7 +116,8 @@ def _lens(model: str, terms: np.ndarray, camera: str) -> tuple[str, np.ndarray]:
     for name, focals, places in LENS_MODELS[model].colmap:
         if focals == 2 and len(places) >= LEAST_TERMS and not np.delete(terms, places).any():
             return name, terms[list(places)]
-    raise CalibrationInvalid(f"COLMAP has no lens model '{model}'.", where=f"camera {camera}")
+    hint = "Write another format, or calibrate with another lens model."
+    raise CalibrationInvalid(f"COLMAP has no lens model '{model}'.", where=f"camera {camera}", hint=hint)
 
 
 def opencv_yaml(cameras: Cameras) -> str:

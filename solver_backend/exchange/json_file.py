@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import FileDamaged
-from .outputs import open_regular, require_file
+from .outputs import open_regular, require_file, unreadable
 
 LARGEST = 20_000_000  # Largest size in bytes of a text file by a person or a program. Real files have kilobytes.
 
@@ -21,7 +21,9 @@ def read_json_file(path: Path | str, largest: int = LARGEST) -> Any:
         with open_regular(path) as stream:
             data = stream.read(largest + 1)
         text = data.decode("utf-8-sig") if len(data) <= largest else ""
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise unreadable(path, error) from error
+    except UnicodeDecodeError as error:
         raise FileDamaged(f"The file cannot be read as text: {error}.", where=str(path)) from error
     if len(data) > largest:
         hint = "Check that it is the right file."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import errno
 import re
 import struct
 import sys
@@ -17,7 +18,7 @@ from typing import IO
 import numpy as np
 
 from .errors import FileDamaged
-from .outputs import atomic_output, open_regular, require_file
+from .outputs import atomic_output, open_regular, require_file, unreadable
 
 MIN_ALLOWANCE, ALLOWANCE = 2**28, 50
 """Largest total size of a file's arrays, in bytes and as a multiple of the file size. The larger limit applies."""
@@ -188,5 +189,7 @@ def _opened(path: Path | str) -> Iterator[Members]:
             with zipfile.ZipFile(stream) as archive:
                 yield Members(archive, path.stat().st_size)
     except _DAMAGE as error:
+        if isinstance(error, OSError) and error.errno in (errno.EACCES, errno.EIO):
+            raise unreadable(path, error) from error
         message = f"The file is truncated or is not an .npz of plain arrays ({error})."
         raise FileDamaged(message, where=str(path), hint="Copy or export it again.") from error

@@ -12,7 +12,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from .errors import FileMissing, OutputExists, OutputNotWritable
+from .errors import FileDamaged, FileMissing, OutputExists, OutputNotWritable
 
 try:
     import fcntl
@@ -333,6 +333,12 @@ def require_file(path: Path | str) -> Path:
         what = "The path is a folder, a pipe or a device, not a file."
         raise FileMissing(what, where=str(path), hint="Name a file.")
     return require_path(path)
+
+
+def unreadable(path: Path | str, error: OSError) -> FileDamaged:
+    """Return the error for an existing file that the system cannot read."""
+    hint = "Check its permissions and its disk."
+    return FileDamaged(f"The file cannot be read: {error.strerror or error}.", where=str(path), hint=hint)
 
 
 def require_path(path: Path | str, what: str = "file") -> Path:

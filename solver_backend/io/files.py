@@ -17,7 +17,7 @@ import numpy as np
 from solver_backend.exchange.errors import FileDamaged, MocapError, OutputNotWritable
 from solver_backend.exchange.json_file import parse_json
 from solver_backend.exchange.npz import NeedsPickle, array_names, read_array_header
-from solver_backend.exchange.outputs import open_regular, read_regular, require_file
+from solver_backend.exchange.outputs import open_regular, read_regular, require_file, unreadable
 
 LARGEST_TAKE = 1_000_000_000  # Largest size of a take in bytes.
 LARGEST_TEXT = 20_000_000  # Largest size in bytes of a calibration, a job or a frame's detections. Real files have kB.
@@ -33,7 +33,7 @@ def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
         data, size = read_regular(path, largest)
     except OSError as error:
         require_file(path)
-        raise FileDamaged(f"The file cannot be read: {error.strerror or error}.", where=str(path)) from error
+        raise unreadable(path, error) from error
     if (size := max(size, len(data))) > largest:
         what = f"The file has {size / 1e6:,.1f} MB, but a file of this kind has at most {largest / 1e6:g} MB."
         raise FileDamaged(what, where=str(path), hint="Check that it is the right file, or remove it.")

@@ -37,6 +37,7 @@ from solver_backend.live.frames import PointFrame
 from solver_backend.types import Motion
 
 Item = ParamSpec("Item")
+_AGAIN = "Record again. The unfinished recording is kept."
 
 
 class RecordingFormat(ABC, Generic[Item]):
@@ -162,7 +163,7 @@ def read_rows(
             return found, np.frombuffer(content[: 8 * size * count], "<f8").reshape(count, size)
     except (ValueError, KeyError, TypeError, RecursionError, MocapError):
         pass
-    raise FileDamaged("The recording cannot be read, or belongs to another body.", where=str(recording))
+    raise FileDamaged("The recording cannot be read, or belongs to another body.", where=str(recording), hint=_AGAIN)
 
 
 PointRecorder = Recorder[[PointFrame]]
@@ -264,7 +265,7 @@ class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
             try:
                 betas, source = np.array(head["betas"], np.float64).reshape(10), str(head["source"])
             except (KeyError, TypeError, ValueError) as error:
-                raise FileDamaged("The recording contains no body shape.", where=str(recording)) from error
+                raise FileDamaged("The recording contains no body shape.", where=str(recording), hint=_AGAIN) from error
             fps, times = even_times(rows[:, 0])
             motion = poses_at(times, rows, fps, betas, body, source)
             write_motion(path, motion, overwrite=overwrite)
@@ -354,7 +355,7 @@ class FaceRecording(RecordingFormat[[float, dict[str, float]]]):
                     seconds, channels = json.loads(line)
                     frames.append((float(seconds), {str(name): float(value) for name, value in channels.items()}))
         except (ValueError, TypeError, AttributeError, RecursionError) as error:
-            raise FileDamaged("The recording of a face cannot be read.", where=str(recording)) from error
+            raise FileDamaged("The recording of a face cannot be read.", where=str(recording), hint=_AGAIN) from error
         if frames:
             names = list(dict.fromkeys(name for _, channels in frames for name in channels))
             table, last = io.StringIO(newline=""), dict.fromkeys(names, 0.0)

@@ -35,7 +35,8 @@ class MarkerCloud:
                 f"Markers have the shape {shape}, but (frames, markers, 3) is expected.", where="markers"
             )
         if shape[1] and not shape[0]:
-            raise CaptureInvalid(f"The recording of {shape[1]} markers has no frames.", where="markers")
+            hint = "Record or export it again."
+            raise CaptureInvalid(f"The recording of {shape[1]} markers has no frames.", where="markers", hint=hint)
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise NonFiniteData(f"The frame rate must be a positive number, not {self.fps}.", where="markers")
         if self.labels is not None and len(self.labels) != shape[1]:

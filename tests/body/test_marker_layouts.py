@@ -8,7 +8,7 @@ import pytest
 
 from solver_backend.body.marker_layouts import DEFAULT, load_layouts
 from solver_backend.body.marker_names import name_markers
-from solver_backend.exchange.errors import BodyInvalid
+from solver_backend.exchange.errors import FileDamaged
 
 
 @pytest.mark.parametrize("name", ["CMU_41", "PLUGIN_GAIT_39", "MANIFOLD_53"])
@@ -54,10 +54,10 @@ def test_a_name_of_two_places_is_refused(tmp_path):
     values["aliases"]["KNE"].append("ASIS")
     path = tmp_path / "layouts.json"
     path.write_text(json.dumps(values), encoding="utf-8")
-    with pytest.raises(BodyInvalid, match="The name LASIS means both L... and L..."):
+    with pytest.raises(FileDamaged, match="The name LASIS means both L... and L..."):
         load_layouts(path)
     path.write_text('{"format": "other"}', encoding="utf-8")
-    with pytest.raises(BodyInvalid, match="is not a manifold_mocap_marker_layouts of version 1"):
+    with pytest.raises(FileDamaged, match="is not a manifold_mocap_marker_layouts of version 1.*Correct the file"):
         load_layouts(path)
 
 
@@ -66,7 +66,7 @@ def test_a_place_of_an_unknown_kind_is_named(tmp_path):
     values["midline"]["C7"]["kind"] = "cartilage"
     path = tmp_path / "layouts.json"
     path.write_text(json.dumps(values), encoding="utf-8")
-    with pytest.raises(BodyInvalid, match="C7 has the unknown kind 'cartilage'. Known"):
+    with pytest.raises(FileDamaged, match="C7 has the unknown kind 'cartilage'. Known"):
         load_layouts(path)
 
 
@@ -75,5 +75,5 @@ def test_a_name_of_a_place_without_a_rule_is_refused(tmp_path):
     values["midline"]["T8x"] = values["midline"].pop("T8")
     path = tmp_path / "layouts.json"
     path.write_text(json.dumps(values), encoding="utf-8")
-    with pytest.raises(BodyInvalid, match="which has no rule"):
+    with pytest.raises(FileDamaged, match="which has no rule"):
         load_layouts(path)

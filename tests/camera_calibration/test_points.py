@@ -77,6 +77,9 @@ def test_bad_tables_and_too_few_points_are_named(tmp_path: Path) -> None:
     few = replace(clicks, px={c: dict(list(points.items())[:3]) for c, points in clicks.px.items()})
     with pytest.raises(CalibrationInvalid, match="3 points with known positions"):
         calibrate_by_points(few, lenses)
+    one = replace(clicks, px=dict(list(clicks.px.items())[:1]))
+    with pytest.raises(CalibrationInvalid, match="clicked in 1 cameras.*at least two cameras"):
+        calibrate_by_points(one, lenses)
     line = [(0.1 * i, 0.0, 0.0) for i in range(8)]
     with pytest.raises(CalibrationInvalid, match="not in a line"):
         calibrate_by_points(clicked(line)[1], lenses)

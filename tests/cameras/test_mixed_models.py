@@ -14,6 +14,7 @@ from solver_backend.cameras.camera_corrections import CameraCorrection, correcte
 from solver_backend.cameras.projection import CameraArrays, project, project_with_jacobian, undistort
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange import capture_file
+from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.exchange.lens import LENS_MODELS
 from solver_backend.exchange.lens_model import LensModel
 from solver_backend.fitters import solve
@@ -147,6 +148,8 @@ def test_a_new_model_is_one_row(mixed: Cameras, tmp_path: Path, monkeypatch: pyt
         np.testing.assert_allclose(J[..., i], numeric, rtol=1e-4, atol=1e-3)
     local = POINTS @ np.swapaxes(cameras.R, -1, -2)[:, None] + cameras.t[:, None, None]
     np.testing.assert_allclose(undistort(cameras, px), local[..., :2] / local[..., 2:], atol=1e-10)
+    with pytest.raises(CalibrationInvalid, match="COLMAP has no lens model 'division'.*Write another format"):
+        colmap_texts(cameras)
     for name, text in (("c.toml", pose2sim_toml(cameras)), ("c.yml", opencv_yaml(cameras))):
         (tmp_path / name).write_text(text, "utf-8")
         again = read_calibration(tmp_path / name, unit="m").cameras

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import time
 from collections.abc import Callable
@@ -42,6 +43,22 @@ def test_a_file_of_the_system_that_waits_for_data_is_named(
     monkeypatch.setattr(os, "read", refuse_to_wait)
     with pytest.raises(FileDamaged, match=r"waits for data"):
         read(path)
+
+
+@pytest.mark.parametrize("number", [errno.EACCES, errno.EIO])
+@pytest.mark.parametrize("read", [read_json_file, read_npz, read_bytes, read_live_recording])
+def test_a_file_that_the_system_cannot_read_needs_no_correction(
+    tmp_path: Path, read: Callable[[Path], object], number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*args: object) -> int:
+        raise OSError(number, os.strerror(number))
+
+    path = tmp_path / "take"
+    path.touch()
+    monkeypatch.setattr(os, "open", refuse)
+    with pytest.raises(FileDamaged, match=rf"cannot be read: {os.strerror(number)}\.") as caught:
+        read(path)
+    assert caught.value.hint == "Check its permissions and its disk."
 
 
 def test_ordinary_files_are_opened_empty_or_not(tmp_path: Path) -> None:

@@ -73,7 +73,8 @@ def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> Calibrate
     """
     names = tuple(clicks.px)
     if len(names) < 2:
-        raise CalibrationInvalid(f"Points were clicked in {len(names)} cameras, but two are needed.")
+        hint = "Click points in at least two cameras."
+        raise CalibrationInvalid(f"Points were clicked in {len(names)} cameras, but two are needed.", hint=hint)
     rng = np.random.default_rng(0)
     for name in names:
         if name not in lenses:

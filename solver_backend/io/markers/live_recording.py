@@ -21,7 +21,7 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import FileDamaged, NoDetections
-from solver_backend.exchange.outputs import open_regular, require_file
+from solver_backend.exchange.outputs import open_regular, require_file, unreadable
 from solver_backend.exchange.plausible import FRAME_RATES
 from solver_backend.io.markers.source import MarkerSource
 
@@ -167,7 +167,7 @@ def read_live_recording(path: Path) -> MarkerSource:
             stream.seek(0)
             [positions] = read_parts(stream, extent.most, extent.frames)
     except OSError as error:
-        raise FileDamaged(f"The file cannot be read: {error.strerror or error}.", where=str(path)) from error
+        raise unreadable(path, error) from error
     problems = [diagnostic("live_recording_incomplete", kind="unfinished", count=extent.frames, time=extent.last)]
     if extent.damaged:
         problems.append(diagnostic("live_recording_incomplete", kind="damaged", bytes=extent.damaged))

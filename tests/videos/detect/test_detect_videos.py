@@ -25,7 +25,7 @@ from solver_backend.videos.files.video import SameVideoTwice, VideoUnreadable
 from solver_backend.videos.pipeline.pictures import glances_picture
 from solver_backend.videos.sync.clocks import Clocks, at_times
 from solver_backend.videos.sync.signals import speeds
-from solver_backend.videos.video_detections import VideoDetections
+from solver_backend.videos.video_detections import VideoDetections, read_detections, write_detections
 from tests.support.pose_models import write_rtmpose
 from tests.support.videos import write_dots, write_timed_video
 
@@ -320,3 +320,19 @@ def test_points_beyond_any_picture_are_missing_ones() -> None:
 
 def test_one_picture_has_no_speeds() -> None:
     assert speeds(np.ones((1, 17, 2)), np.zeros(1), JointSet.COCO_17).values.shape[0] == 1
+
+
+@pytest.mark.parametrize(("changed", "words"), [({"xy": 16}, "do not fit"), ({"size": 0}, "picture size")])
+def test_a_damaged_file_of_detections_is_detected_again(tmp_path: Path, changed: dict[str, int], words: str) -> None:
+    points = np.zeros((2, 1, 17, 2))
+    facts = "v.mp4", "ab12", "detector", JointSet.COCO_17, (640, 480), np.arange(2) / 30
+    path = tmp_path / "v.npz"
+    write_detections(path, VideoDetections(tmp_path / facts[0], *facts[1:], points, points[..., 0], np.zeros((2, 1))))
+    arrays = dict(np.load(path))
+    if "xy" in changed:
+        arrays |= {key: arrays[key][:, :, : changed["xy"]] for key in ("xy", "confidence")}
+    else:
+        arrays["size"] = np.zeros(2)
+    np.savez(path, **arrays)
+    with pytest.raises(CaptureInvalid, match=f"{words}.*Detect the video again"):
+        read_detections(path, tmp_path / "v.mp4")
