@@ -32,7 +32,7 @@ Each code in the table links to its message, its usual cause and the remedy. `ma
 _ERRORS = """# Error codes
 
 An error ends a command. The message states what happened, where, and what to do. With `--json`, the error also has one
-of these codes, which `manifold explain CODE` explains. The exit code is 3 if the table has none. A finding that does
+of these codes, which `manifold explain CODE` explains. The exit code is 3 if the table has none. A message that does
 not end the command is a [diagnostic](diagnostics.md). See also the
 [exit codes](command-line.md#exit-codes-and-json).
 

@@ -12,7 +12,7 @@ from .._exchange.vmc.sender import SENT, VMC, VmcAddress, read_address
 from ..conventions.file_paths import file_of
 from .setting_properties import Items, choice, flags, items_of, number, path, switch, text
 
-_SUBJECT = "Calibrated person, empty to learn the body shape while they move"
+_SUBJECT = "Calibrated person (leave blank to learn the body shape while the person moves)"
 
 
 class SendingProperties:
@@ -27,7 +27,7 @@ class MocapLive(SendingProperties, bpy.types.PropertyGroup):
 
     kind: choice("Source", "Source of the points or poses", "live.kind")
     source: path(
-        "Recording", "Marker recording (C3D, TRC, CSV, TSV) or motion (.npz), empty for the capture's own markers"
+        "Recording", "Marker recording (C3D, TRC, CSV, TSV) or motion (.npz). Leave blank to use the capture's markers"
     )
     listen: text(
         "Listen At",
@@ -78,9 +78,9 @@ class MocapSensors(SendingProperties, bpy.types.PropertyGroup):
     source: path("Recording", "Folder of infrared and depth images from several sensors", folder=True)
     oaks: text("Cameras", "Camera identifiers, if needed with names: ID=front ID=left. The first drives a sync wire")
     sync: choice("Sync", "Synchronisation of the cameras", "sensors.sync")
-    calibration: path("Calibration", "Calibration of the sensors, empty for the one in the recording")
+    calibration: path("Calibration", "Calibration of the sensors (leave blank to use the recording's calibration)")
     wand: path("Wand", "Recording of a single moving marker", folder=True)
-    gamma: path("Γ", "Recording of three floor markers, empty to use the first sensor as the origin", folder=True)
+    gamma: path("Γ", "Recording of three floor markers (leave blank for an origin at the first sensor)", folder=True)
     long_edge: number("Long Edge", "Long edge of the Γ between marker centres", 0.6, 0.05, 5, "m")
     short_edge: number("Short Edge", "Short edge of the Γ between marker centres", 0.4, 0.05, 5, "m")
     trigger: switch("One Trigger", "One signal exposes all sensors, so their clocks are not estimated")
@@ -152,7 +152,7 @@ class MocapStudio(bpy.types.PropertyGroup):
     faults: choice("Faults", "Simulated detector and tracker errors", FAULTS, **_PLAN)
     engine: choice("Engine", "Render engine of the colour images", "studio.engine", **_PLAN)
     scale: number("Image Scale", "Scale of the image sizes", 1.0, 0.05, 4, **_PLAN)
-    out: path("Folder", "Folder of the data set, empty for a new folder among the takes", folder=True, **_PLAN)
+    out: path("Folder", "Folder of the data set (leave blank to create a folder among the takes)", folder=True, **_PLAN)
     methods: flags("Methods", "Methods to compare", _METHODS, "triangulation", "global")
     against: flags("Compare With", "Further arrays to evaluate", PRESET_ARRAYS)
     fewer: switch("One Camera Fewer", "Also evaluate the array without its last camera")

@@ -25,12 +25,12 @@ class MocapPreferences(bpy.types.AddonPreferences):
 
     python: path(
         "Python with PyTorch",
-        "Python 3.11 or later with torch and NumPy for faster solves, empty for Blender's own",
+        "Python 3.11 or later with torch and NumPy, for faster solves (leave blank to use Blender's Python)",
         **_WHOLE,
     )
     detector: path(
         "Python with MediaPipe",
-        "Python 3.9 or later with NumPy and MediaPipe or onnxruntime, empty for the one of Set Up Detector",
+        "Python 3.9 or later with NumPy and MediaPipe or onnxruntime (leave blank to use that of Set Up Detector)",
         **_WHOLE,
     )
     acquisition: switch("Acquire Tab", "Show the tab for live capture, the sensor array and the studio")

@@ -87,7 +87,7 @@ class MocapSolve(SolveProperties, bpy.types.PropertyGroup):
     """Settings of a solve."""
 
     preset: choice("Preset", "Group of solver settings", "solve.preset", "BALANCED")
-    subject: path("Subject", "Calibrated person with the markers, empty to calibrate on the take itself")
+    subject: path("Subject", "Calibrated person with the markers (leave blank to calibrate on the take itself)")
     keep_shape: switch("Keep Shape", "Use the shape of the body's sliders instead of estimating it", on=True)
     report: switch("Report", "Write a page about the solve", on=True)
 
@@ -132,10 +132,10 @@ class MocapVideos(
         "Folder with one video per camera, and with footage of the board in 'calibration'",
         folder=True,
     )
-    stature: number("Stature", "Height of the person as the scale without a board, 0 for the mean", 0.0, 0, 2.6, "m")
+    stature: number("Stature", "Height of the person, to scale without a board (0 uses the mean)", 0.0, 0, 2.6, "m")
     detector: choice("Detector", "Keypoint detector", _DETECTORS)
     model: path("Model", "Pose model (.onnx or .tflite), or a .json file that describes one")
-    hands: path("Hand Model", "MediaPipe's hand_landmark_full.tflite to solve fingers, empty for the body only")
+    hands: path("Hand Model", "MediaPipe's hand_landmark_full.tflite (leave blank to solve only the body)")
     fingers: switch("Fingers", "Find hands with the included detector and solve the fingers", on=True)
     results: str  # Folder of detections, delays, calibration and capture.
     steps: Items[MocapVideoStep]
@@ -208,7 +208,7 @@ def show_map(settings: bpy.types.PropertyGroup, rig_map: RigMap) -> None:
 class MocapRole(bpy.types.PropertyGroup):
     """A role of the bone map."""
 
-    bone: text("Bone", "Bone of the rig in this role, empty for none")
+    bone: text("Bone", "Bone of the rig in this role (leave blank if there is none)")
 
 
 _ACTOR = {"type": bpy.types.Object, "name": "Actor", "poll": _is_other_than_target}
@@ -222,12 +222,14 @@ def _set_automatic_scale(settings: bpy.types.PropertyGroup, on: bool) -> None:
 class MocapRetarget(bpy.types.PropertyGroup):
     """Settings of the retargeting."""
 
-    actor: bpy.props.PointerProperty(description="Armature with the motion, empty for the solved body", **_ACTOR)
+    actor: bpy.props.PointerProperty(
+        description="Armature that provides the motion (leave blank to use the solved body)", **_ACTOR
+    )
     target: bpy.props.PointerProperty(description="Armature of the character to animate", **_TARGET)
-    limbs: choice("Limbs", "Active controls of the rig, both sets get keys", "retarget.limbs")
+    limbs: choice("Limbs", "Active controls of the rig. Both sets get keys", "retarget.limbs")
     way: choice("Root Motion", "Bone with the motion over the ground", "retarget.way")
     scale: number(
-        "Scale", "Scale of the motion over the ground, 0 for the ratio of the leg lengths", 0.0, 0, 1000, soft_max=10
+        "Scale", "Scale of the motion over the ground (0 uses the ratio of the leg lengths)", 0.0, 0, 1000, soft_max=10
     )
     automatic_scale: switch(
         "Automatic Scale",
@@ -251,7 +253,7 @@ def _show_look(settings: bpy.types.PropertyGroup, context: bpy.types.Context) ->
 
 _LOOKS = (
     (PERSON_LOOK, "Athletic Wear", "Shirt, shorts, shoes and short hair"),
-    (SUIT_LOOK, "Suit", "A tight suit without hair, exactly the skin that the solver uses"),
+    (SUIT_LOOK, "Suit", "A tight suit without hair, with exactly the skin that the solver uses"),
     (MANNEQUIN, "Mannequin", "A grey figure with marked joints and no face"),
     (SEGMENTS_LOOK, "Segments", "One colour per body segment, left in blue and right in orange"),
 )
@@ -260,7 +262,9 @@ _LOOKS = (
 class MocapSettings(bpy.types.PropertyGroup):
     """All settings and data of one scene."""
 
-    folder: path("Folder", "Folder of captures and takes, empty for 'mocap' next to the .blend file", folder=True)
+    folder: path(
+        "Folder", "Folder of captures and takes (leave blank to use 'mocap' next to the .blend file)", folder=True
+    )
     exported: str  # Description of the last export's files and folder.
     session: str  # Folder of the takes until the scene is saved.
     look: choice("Look", "Appearance of the bodies in this scene", _LOOKS, update=_show_look)

@@ -204,7 +204,7 @@ def _make_property(row: Setting, default: Any, **more: Any) -> Any:
             words |= {"search": lambda _self, _context, _text: names, "search_options": {"SUGGESTION"}}
         return bpy.props.StringProperty(**words, default=(default or "") if row.kind == "text" else "")
     if default is None:
-        words["description"] += ", 0 for automatic"
+        words["description"] += " (0 is automatic)"
         return bpy.props.FloatProperty(**words, default=0.0, min=0.0, max=row.high, soft_max=row.soft_high or row.high)
     declare = bpy.props.IntProperty if row.kind == "whole" else bpy.props.FloatProperty
     limits = {"min": row.low, "max": row.high, "soft_max": row.soft_high}

@@ -78,7 +78,7 @@ def view_runs(states: np.ndarray) -> list[ViewRange]:
 
 
 def without_faults(cameras: Cameras, keypoints: Keypoints2D, reading: Reading, frames: slice) -> Keypoints2D:
-    """Return the detections in a range without an interpretation's faults (rotated cameras, mirrored images, names)."""
+    """Return the detections in a range, corrected for the faults of an interpretation."""
     everybody = Detections.of_people(cameras.names, [keypoints.at(frames)])
     _, read = apply_reading(cameras, everybody, replace(reading, owners=tuple(range(len(cameras))), moved=()))
     xy, confidence = read.xy[:, :, 0].copy(), read.confidence[:, :, 0].copy()

@@ -177,7 +177,7 @@ def worn_offsets(motion: Motion) -> dict[str, np.ndarray]:
 
 
 def _centres(body: Body, betas: np.ndarray, worn: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the rest joints by name. Across the hinge, knees, ankles and elbows are midway between their landmarks."""
+    """Return the rest joints by name. Hinge joints lie midway between their landmarks."""
     at = dict(zip(body.layout.joints, body.rest_joints(betas), strict=True))
     names = tuple(side + place for places in PALPATED.values() for place in places for side in "LR")
     skin = _skin(body, betas, names, {})
@@ -307,7 +307,7 @@ def turn_covariances(motion: Motion) -> dict[str, np.ndarray] | None:
 
 
 def _quarter_turn(forward: np.ndarray) -> np.ndarray:
-    """Return the (3, 3) rotation by multiples of 90 degrees about the vertical that best aligns a (2,) direction to x.
+    """Return the 90-degree rotation about the vertical that best aligns a (2,) direction to x.
 
     OpenSim's inverse kinematics starts facing x, and finds wrong minima for people who face another way.
     """

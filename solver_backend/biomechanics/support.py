@@ -82,7 +82,7 @@ def find_support(motion: Motion, body: Body) -> Support | None:
 
 
 def _centres_of_mass(skin: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return (S, 3) centres of closed surfaces (S, V, 3), from tetrahedra between the mean vertex and each triangle."""
+    """Return the (S, 3) centroids of the volumes in closed surfaces (S, V, 3)."""
     found = np.empty((len(skin), 3))
     for k, points in enumerate(skin):
         middle = points.mean(axis=0)

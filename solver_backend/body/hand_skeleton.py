@@ -286,7 +286,7 @@ def nearest_points(
     c: Float[np.ndarray, "*batch 3"],
     d: Float[np.ndarray, "*batch 3"],
 ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 3"]]:
-    """Return the nearest points of segments a-b and c-d as fractions along them, and the vector from second to first.
+    """Return the nearest points of two segments as fractions, and the vector between them.
 
     Reference: Ericson 2004, "Real-Time Collision Detection", section 5.1.9.
     """

@@ -75,7 +75,7 @@ def hand_size_directions(
     weights: Float[np.ndarray, "vertices 52"],
     joints: Float[np.ndarray, "52 3"],
 ) -> Float[np.ndarray, "vertices 3"]:
-    """Return (V, 3) ``s (v - wrist)`` in metres per unit of relative hand size. ``s`` rises with the hand's weights."""
+    """Return (V, 3) displacements in metres per unit of relative hand size."""
     directions = np.zeros_like(vertices)
     for side in ("left", "right"):
         wrist = SMPL_HANDS.joints.index(f"{side}_wrist")
@@ -109,14 +109,14 @@ def hand_of_shape(body: Body, betas: Float[np.ndarray, " 10"], side: int) -> Han
 
 
 def by_joint(values: np.ndarray) -> np.ndarray:
-    """Return (F, 15, ...) values of a hand's joints in SMPL-H's order, from (F, 5, 3, ...) by finger of ``FINGERS``."""
+    """Convert (F, 5, 3, ...) values by finger of ``FINGERS`` to SMPL-H's order (F, 15, ...)."""
     ordered = np.empty((len(values), JOINTS_OF_A_HAND, *values.shape[3:]), values.dtype)
     ordered[:, np.array(COLUMNS)] = values
     return ordered
 
 
 def by_finger(values: np.ndarray) -> np.ndarray:
-    """Return (F, 5, 3, ...) values by finger of ``FINGERS``, from (F, 15, ...) of a hand's joints in SMPL-H's order."""
+    """Convert (F, 15, ...) values in SMPL-H's order to (F, 5, 3, ...) by finger of ``FINGERS``."""
     return values[:, np.array(COLUMNS)]
 
 

@@ -313,8 +313,9 @@ def _levers(xp: Any, body: Body, landmarks: Landmarks, betas: Array, offsets: Ar
 
 
 def _constant_levers(body: Body, weights: np.ndarray, anchors: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Return ``h_lc = a_lc - w_lc J_c + sum_{j child of c} s_lj (J_j - J_c)`` with s the weight at or below a joint.
+    """Return the constant part h of the levers, which give landmarks from joint rotations.
 
+    ``h_lc = a_lc - w_lc J_c + sum_{j child of c} s_lj (J_j - J_c)``, where s is the weight at or below a joint.
     ``joints`` (J, ...) are rest joints or derivatives by the shape. ``anchors`` (L, J, ...) correspond to them.
     """
     extra = (1,) * (joints.ndim - 1)

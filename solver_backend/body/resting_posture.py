@@ -54,7 +54,7 @@ def rest_rotations(body: Body, root: np.ndarray, local: np.ndarray, parts: tuple
 
 
 def _bend(name: str, joint: str) -> np.ndarray:
-    """Return the rotation vector of a joint at rest, about the left axis or, for elbows, the vertical of the T-pose."""
+    """Return a joint's rotation vector at rest, about the left or (for elbows) vertical axis."""
     angle = np.radians(FLEXION_DEG.get(name, 0.0))
     if name == "elbow":
         return np.array([0.0, -angle if joint.startswith("left") else angle, 0.0])

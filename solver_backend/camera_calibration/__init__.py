@@ -1,1 +1,1 @@
-"""Calibrate cameras with boards, people or points. Write and check calibrations. Solves do not import this package."""
+"""Calibrate cameras with boards, people or points. Solves do not import this package."""

@@ -1,4 +1,4 @@
-"""Distort lenses, project world points to pixels with derivatives, and compute normalised coordinates of pixels.
+"""Project world points to pixels through distorted lenses, and normalise pixels.
 
 Pixels and Jacobians are NaN for points less than ``NEAR_M`` in front of a camera, or beyond the radius at which the
 lens distortion is no longer monotonic (``largest_radius``). The depth is finite for every finite point.

@@ -191,7 +191,7 @@ def estimated_rotation(
     px: Float[np.ndarray, "points 2"],
     sigma_px: Float[np.ndarray, " points"],
 ) -> Float[np.ndarray, " 3"]:
-    """Return the (3,) rotation vector ω in radians and camera axes with ``R_now = exp(ω) R``, from points and pixels.
+    """Estimate the (3,) rotation vector ω of a camera, with ``R_now = exp(ω) R``.
 
     Gauss-Newton steps minimise ``Σ ρ(|π(exp(ω) (R X + t)) - x| / σ)`` with graduated non-convexity.
 

@@ -1,1 +1,1 @@
-"""Implement the command line: verbs, exit codes, progress lines. Each verb calls one function of other packages."""
+"""Implement the command line. Each verb calls one function of other packages."""

@@ -1,4 +1,4 @@
-"""Run the verb ``live stream``, and write the outputs of all live runs: lines, poses for a receiver, recordings."""
+"""Run the verb ``live stream``, and write the outputs of live runs."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ def _ranges(angles: Angles) -> list[str]:
 
 
 def angles_text(angles: Angles, fps: float, flags: np.ndarray | None) -> str:
-    """Return a table of angles with a row per frame and two columns per angle. Unknown standard deviations are empty.
+    """Return a table of angles and standard deviations with a row per frame.
 
     The column ``interpolated`` is 1 in frames without measurements (``FLAG_UNSEEN`` in the motion's (F,) flags).
     """

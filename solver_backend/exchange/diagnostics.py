@@ -1,4 +1,4 @@
-"""Represent findings as values from reader to report, with texts in ``diagnostics.json`` by group and code."""
+"""Represent diagnostics as values from reader to report, with texts in ``diagnostics.json`` by group and code."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Severity(StrEnum):
 
 
 class Remedy(StrEnum):
-    """Action of the program after a finding. The value is the name in files."""
+    """Action of the program after a diagnostic. The value is the name in files."""
 
     REPORTED = "reported"  # Nothing was changed.
     REPAIRED = "repaired"  # The detections, labels or the camera were corrected.
@@ -114,7 +114,7 @@ class DiagnosticValues(TypedDict):
 
 @dataclass(frozen=True)
 class Diagnostic:
-    """One finding."""
+    """Statement about a capture or result, with a code and a severity."""
 
     code: str  # Key in the table. Files of other versions may have unknown codes.
     severity: Severity
@@ -242,7 +242,7 @@ def word(found: Diagnostic, fps: float = 0.0) -> Words:
 
 
 def sentence(found: Diagnostic, fps: float = 0.0) -> str:
-    """Return a diagnostic on one line, with the finding, its location and the remedy."""
+    """Return a diagnostic on one line, with its message, location and remedy."""
     return " ".join(part for part in word(found, fps) if part)
 
 
@@ -338,7 +338,7 @@ def check_accepted(codes: Iterable[str]) -> None:
 
 
 def refuse_errors(found: Iterable[Diagnostic], accepted: Iterable[str], where: str) -> tuple[Diagnostic, ...]:
-    """Return the findings. Accepted errors become warnings.
+    """Return the diagnostics with accepted errors as warnings.
 
     Args:
         accepted: codes of ``list_refusals``.

@@ -30,7 +30,7 @@ class GroundPath:
 
 
 def ground_path(hips: np.ndarray, turns: np.ndarray, fps: float) -> GroundPath:
-    """Return the smoothed path of the hips (F, 3), Z up, and the smoothed heading from -Y of their rotations (F, 3, 3).
+    """Return the smoothed path (F, 3) and headings (F, 3, 3) of the hips, with Z up.
 
     The heading of a rotation q is the twist of its swing-twist decomposition, ``2 atan2(q_z, q_w)``.
     """

@@ -189,7 +189,7 @@ def check_output(path: Path | str, *, overwrite: bool = False) -> Path:
 
 @contextmanager
 def atomic_output(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]:
-    """Yield a temporary path next to ``path`` that becomes ``path`` if the block succeeds, and is removed otherwise."""
+    """Yield a temporary path that becomes ``path`` on success, and is removed otherwise."""
     with atomic_files([path], overwrite=overwrite) as [temporary]:
         yield temporary
 
@@ -368,7 +368,7 @@ def open_regular(path: Path | str) -> BinaryIO:
 
 
 def read_regular(path: Path | str, largest: int) -> tuple[bytes, int]:
-    """Return the bytes and size of a regular file: none if it is larger than ``largest``, an extra byte if it grows."""
+    """Return a file's bytes and size, without bytes if it is larger than ``largest``."""
     handle, size = _opened(path)
     try:
         if size > largest:

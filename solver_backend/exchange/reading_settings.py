@@ -14,9 +14,15 @@ from .setting import Choice, Setting, check_settings, setting, settings_of_class
 READING, TIME, WORLD = "Reading", "Time", "World"  # Groups.
 AUTO, ON, OFF = "auto", "on", "off"
 LEVELS = (
-    Choice(AUTO, "If Certain", "Level the world if balance, feet and cameras show that it is tilted"),
-    Choice(ON, "From the Person", "Level the world from the motion of a person who walks in it"),
-    Choice(OFF, "As Calibrated", "Keep the up direction and the floor of the calibration"),
+    Choice(
+        AUTO,
+        "If Certain",
+        "Level the world if balance, feet and cameras show that it is tilted. If unsure, keep this choice",
+    ),
+    Choice(ON, "From the Person", "Level the world from a walking person. Use this if the calibrated floor is tilted"),
+    Choice(
+        OFF, "As Calibrated", "Keep the calibration's up direction and floor. Use this if the calibrated floor is right"
+    ),
 )
 _JOINT_SETS = ", ".join(joint_set.value for joint_set in JointSet)
 _reading, _time, _world = (partial(setting, group=group) for group in (READING, TIME, WORLD))
@@ -32,7 +38,7 @@ class TimeSettings:
 
     # fmt: off
     camera: tuple[str, ...] = _time(
-        "texts", (), "Camera Names", "Assign a recorded camera to a camera of the calibration that has another name",
+        "texts", (), "Camera Names", "Name of a recorded camera, and its different name in the calibration",
         metavar="RECORDED=CALIBRATED", rare=True)
     offset: tuple[str, ...] = _time(
         "texts", (), "Start Offsets", "Number of frames by which a camera started after the others, negative if it "

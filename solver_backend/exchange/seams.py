@@ -309,7 +309,7 @@ def _gap(motion: MotionFile, first: int, last: int) -> Seam:
 
 
 def _size(seam: Seam) -> float:
-    """Return the largest ratio of a seam's figures to their limits. A closed seam has half of a corner on each side."""
+    """Return the largest ratio of a seam's figures to their limits."""
     apart = seam.degrees / GAP_DEGREES, seam.mm / GAP_MM
     return max(*apart, seam.corner_degrees / 2.0 / SEAM_DEGREES, seam.corner_mm / 2.0 / SEAM_MM)
 

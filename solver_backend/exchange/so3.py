@@ -1,4 +1,4 @@
-"""Convert rotations for bakes and files with NumPy, quaternions as wxyz. Tests compare ``geometry/rotations.py``."""
+"""Convert rotations for bakes and files with NumPy. Quaternions are wxyz."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def quat_from_rotvec(rotvec: np.ndarray) -> np.ndarray:
 
 
 def rotvec_from_quat(quat: np.ndarray) -> np.ndarray:
-    """Return rotation vectors ``a v/|v|`` with ``a = 2 atan2(|v|, w)`` in [0, pi], the inverse of ``quat_from_rotvec``.
+    """Convert quaternions to rotation vectors of length 0 to pi. This inverts ``quat_from_rotvec``.
 
     Args:
         quat: (..., 4) unit quaternions wxyz of either sign.
@@ -32,7 +32,7 @@ def quat_multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def matrix_from_rotvec(rotvec: np.ndarray) -> np.ndarray:
-    """Return ``I + sin(a)/a [v]x + (1 - cos(a))/a² [v]x²`` (Rodrigues): (..., 3) radians to (..., 3, 3)."""
+    """Convert rotation vectors (..., 3) in radians to matrices (..., 3, 3) by Rodrigues' formula."""
     angle = np.linalg.norm(rotvec, axis=-1)[..., None, None]
     x, y, z = np.moveaxis(np.asarray(rotvec, np.float64), -1, 0)
     o = np.zeros_like(x)

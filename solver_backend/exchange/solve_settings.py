@@ -13,53 +13,102 @@ METHOD, CLEAN_UP, RECORDING, RESOURCES = "Method", "Clean-up", "Recording and re
 """Groups of settings. A panel preset sets those in the first group."""
 GLOBAL, SLIDING, BUNDLEMOCAP, NOISE_AWARE = "global", "sliding", "bundlemocap++", "noise-aware"
 METHODS = (
-    Choice(GLOBAL, "Whole Take", "Solve all keyframes of the take at once"),
+    Choice(GLOBAL, "Whole Take", "Solve all keyframes of the take at once. If unsure, keep this method"),
     Choice(
         BUNDLEMOCAP,
         "BundleMoCap++",
-        "Solve windows as published, from the detections alone (thesis, chapter 6)",
+        "Solve windows from the detections alone, as in Albanis 2026 (thesis 6.2.5). Use this to compare with it",
     ),
-    Choice(SLIDING, "Sliding Windows", "Solve windows with our pose mixture, learned shape and Gauss-Newton steps"),
-    Choice("frame", "Frame by Frame", "Solve every frame on its own, for single poses and for comparison"),
+    Choice(
+        SLIDING,
+        "Sliding Windows",
+        "Solve windows with our pose mixture, learned shape and Gauss-Newton steps. Use this for very long takes",
+    ),
+    Choice("frame", "Frame by Frame", "Solve each frame separately. Use this for single poses"),
     Choice(
         NOISE_AWARE,
         "Noise-Aware",
-        "Solve single frames as published, with estimated reliability (thesis, chapter 5)",
+        "Solve each frame with estimated reliability, as in Albanis 2026 (thesis, chapter 5). "
+        "Use this if a network estimated your landmarks",
     ),
 )
 """Sources: thesis (Albanis 2026), 6.2.5 for 'bundlemocap++', eq. 6.5 for 'frame', eq. 5.8 for 'noise-aware'."""
 AUTO_PRIOR = "auto"
 PRIORS = (
-    Choice(AUTO_PRIOR, "Method Default", "Use SPoser, or RVPoser for the method noise-aware (recommended)"),
-    Choice("sposer", "SPoser", "Prior with codes on a sphere (thesis 6.2.2), the default of most methods"),
-    Choice("rvposer", "RVPoser", "Prior with robust Gaussian codes (thesis 4.2.4), the default of noise-aware"),
-    Choice("vposer", "VPoser", "Earlier prior with Gaussian codes (Pavlakos et al. 2019), for comparison"),
+    Choice(
+        AUTO_PRIOR, "Method Default", "Use RVPoser for the method noise-aware, otherwise SPoser. If unsure, keep this"
+    ),
+    Choice(
+        "sposer",
+        "SPoser",
+        "Codes on a sphere (Albanis 2026, thesis 6.2.2), the default of most methods. Do not use this for noise-aware",
+    ),
+    Choice(
+        "rvposer",
+        "RVPoser",
+        "Robust Gaussian codes (Albanis 2026, thesis 4.2.4). Use this for the method noise-aware",
+    ),
+    Choice("vposer", "VPoser", "Gaussian codes (Pavlakos et al. 2019). Use this to compare with earlier results"),
 )
 LANDMARKS_LABELLED, LANDMARKS_NETWORK, LANDMARKS_JOINTS = "labelled", "network", "network-joints"
 LANDMARKS = (
-    Choice(LANDMARKS_LABELLED, "Labelled", "The recorded markers, labelled first if they have no labels"),
-    Choice(LANDMARKS_NETWORK, "Network", "The 53 markers that the labelling network estimates in every frame"),
-    Choice(LANDMARKS_JOINTS, "With Joints", "The 53 markers and the 24 joints that the labelling network estimates"),
+    Choice(
+        LANDMARKS_LABELLED,
+        "Labelled",
+        "The recorded markers, labelled first if they have no labels. If unsure, keep these",
+    ),
+    Choice(
+        LANDMARKS_NETWORK,
+        "Network",
+        "The 53 markers that the labelling network estimates in each frame. Use these to fit estimates directly",
+    ),
+    Choice(
+        LANDMARKS_JOINTS,
+        "With Joints",
+        "The 53 markers and 24 joints that the labelling network estimates. Use these to fit joints, too",
+    ),
 )
 """The thesis fits estimated landmarks directly (5.2.2)."""
 APART, SCREW = "apart", "screw"
 ROOT_CURVES = (
-    Choice(APART, "Apart", "Interpolate rotation and translation on separate curves, as published"),
-    Choice(SCREW, "Screw", "Interpolate both together as screw motions in SE(3), so that a turn follows an arc"),
+    Choice(
+        APART,
+        "Apart",
+        "Interpolate rotation and translation separately, as in Albanis 2026 (thesis 6.2.5). If unsure, keep this",
+    ),
+    Choice(
+        SCREW,
+        "Screw",
+        "Interpolate rotation and translation together as screw motions in SE(3). Use this to let a turn follow an arc",
+    ),
 )
 """Source: thesis 6.2.5 (eq. 6.10), and 6.4 for the screw."""
 METHOD_NAMES = tuple(method.value for method in METHODS)
 BACKENDS = (
-    Choice("numpy", "NumPy", "Works everywhere"),
-    Choice("torch", "PyTorch", "Needs a Python with torch, chosen in the add-on's preferences"),
-    Choice("cuda", "CUDA", "Needs a Python with torch for CUDA and an NVIDIA graphics processor"),
+    Choice("numpy", "NumPy", "Works everywhere. If unsure, keep NumPy"),
+    Choice(
+        "torch",
+        "PyTorch",
+        "Use this for faster solves. It needs a Python with torch, chosen in the add-on's preferences",
+    ),
+    Choice(
+        "cuda",
+        "CUDA",
+        "Use this to compute on an NVIDIA graphics processor. It needs a Python with torch for CUDA",
+    ),
 )
 """The results of both agree within 0.1 mm."""
 SYNC_AUTO, SYNC_ON, SYNC_OFF = "auto", "on", "off"
 SYNCS = (
-    Choice(SYNC_AUTO, "If Certain", "Shift cameras in time if the views then agree clearly better"),
-    Choice(SYNC_ON, "Required", "Like auto, but refuse a capture if the views do not confirm the synchronisation"),
-    Choice(SYNC_OFF, "As Recorded", "Do not shift cameras in time"),
+    Choice(
+        SYNC_AUTO, "If Certain", "Shift cameras in time if the views then agree clearly better. If unsure, keep this"
+    ),
+    Choice(
+        SYNC_ON,
+        "Required",
+        "Shift cameras in time, or refuse an unconfirmed capture. Use this if the cameras started separately",
+    ),
+    Choice(SYNC_OFF, "As Recorded", "Do not shift cameras in time. Use this if the cameras started together"),
 )
 _method, _clean_up, _recording, _resource = (
     partial(setting, group=group) for group in (METHOD, CLEAN_UP, RECORDING, RESOURCES)
@@ -87,8 +136,8 @@ class SolveSettings:
     """The same for 'global' as a duration, in frames at 60 Hz. Fast takes use shorter windows: at least 0.6 times as
     long with views, and 0.4 times with markers."""
     interpolation: int = _method(
-        "whole", 2, "Keys per Window", "Free keyframes per window, the n of SIDER-n. 1 gives SLERP, and 2 is as "
-        "published", low=1, high=6, methods=(SLIDING,), rare=True)
+        "whole", 2, "Keys per Window", "Free keyframes per window, the n of SIDER-n. 1 gives SLERP. Albanis 2026 uses "
+        "2", low=1, high=6, methods=(SLIDING,), rare=True)
     """Used only by 'sliding' (thesis 6.4). Above 6, a polynomial of translations oscillates between its keys."""
     root_curve: str = _method(
         "choice", APART, "Root Curve", "Curve of the body's path and heading between the keyframes of a window",
@@ -106,7 +155,7 @@ class SolveSettings:
         methods=(GLOBAL,), rare=True)
     """Otherwise all views of a keypoint have the same weight."""
     temporal: bool = _method(
-        "switch", False, "Temporal Term", "Limit the accelerations of landmarks. The published method does not do this",
+        "switch", False, "Temporal Term", "Limit the accelerations of landmarks. Albanis 2026 (thesis 5.4) does not",
         methods=(NOISE_AWARE,), rare=True)
     """Solves the frames of a block together (thesis 5.4 names the lack of this term as a limit)."""
     iterations: int = _method(

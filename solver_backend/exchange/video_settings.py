@@ -9,19 +9,27 @@ from .setting import Choice, check_settings, setting, settings_of_class
 
 VIDEOS = "Videos"  # Name of the group.
 CAMERAS = (
-    Choice("auto", "Automatic", "Use the calibration next to the videos, or else the filmed board, or else the person"),
+    Choice(
+        "auto",
+        "Automatic",
+        "Use the calibration next to the videos, or else the board, or else the person. If unsure, keep this choice",
+    ),
     Choice(
         "board",
         "Filmed Board",
-        "Use the board in 'calibration' or 'extrinsics', even if there is a calibration",
+        "Use the board in 'calibration' or 'extrinsics'. Use this if the cameras moved after an earlier calibration",
     ),
-    Choice("person", "The Person", "Use the person who walks in the take, even if there is a calibration"),
+    Choice(
+        "person",
+        "The Person",
+        "Calibrate from the person who walks in the take. Use this if the existing calibration is wrong",
+    ),
 )
 CLOCKS = (
-    Choice("auto", "Automatic", "Use keypoints, otherwise sound, otherwise no correction"),
-    Choice("keypoints", "Keypoints", "Compare the movement of the person"),
-    Choice("sound", "Sound", "Compare a clap, music or speech that all microphones recorded"),
-    Choice("none", "In Step", "The cameras started together"),
+    Choice("auto", "Automatic", "Use keypoints, otherwise sound, otherwise no correction. If unsure, keep this choice"),
+    Choice("keypoints", "Keypoints", "Compare the movement of the person. Use this if the videos have no sound"),
+    Choice("sound", "Sound", "Compare sound. Use this if all microphones recorded a clap, music or speech"),
+    Choice("none", "In Step", "Do not correct delays. Use this if the cameras started together"),
 )
 _video = partial(setting, group=VIDEOS)
 
@@ -70,7 +78,7 @@ MEDIAPIPE = "mediapipe"  # Default detector.
 DETECTORS = {
     MEDIAPIPE: NamedDetector(
         "MediaPipe",
-        "One person, 33 keypoints, in the Python of the preferences",
+        "One person, 33 keypoints. It runs in the Python environment chosen in the preferences",
         "mediapipe_pose",
         True,
     )

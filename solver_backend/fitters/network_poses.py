@@ -1,4 +1,4 @@
-"""Use results of networks as measurements: poses relative to the pelvis, with a covariance estimated from the take."""
+"""Use poses of networks as measurements, with a covariance estimated from the take."""
 
 from __future__ import annotations
 

@@ -354,7 +354,7 @@ def solve(
 
 
 def _with_stature(found: Solution, stature: float, known: float, *, has_shape: bool) -> Solution:
-    """Return the solution with the stature of its body and its difference from ``known``, 0 if unknown, in the record.
+    """Record the body's stature and its difference from ``known`` (0 if unknown).
 
     Args:
         has_shape: the user gives the body's shape, which determines the stature.

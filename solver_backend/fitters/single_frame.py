@@ -1,4 +1,4 @@
-"""Start a solve: sample frames, fit their poses to triangulated points (thesis eq. 6.5), and estimate rough motions."""
+"""Fit poses of sampled frames to triangulated points (thesis eq. 6.5), and estimate rough motions."""
 
 from __future__ import annotations
 

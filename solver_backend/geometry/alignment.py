@@ -9,7 +9,7 @@ from solver_backend.types.shapes import Float
 
 
 def nearest_rotation(M: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3 3"]:
-    """Return the (..., 3, 3) rotations that maximise ``tr(Rᵀ M)``: ``U diag(1, 1, det U Vᵀ) Vᵀ`` for ``M = U S Vᵀ``.
+    """Return the rotations (..., 3, 3) that maximise ``tr(Rᵀ M)``, from the SVD of M.
 
     References: Kabsch 1976, Wahba 1965 (the same problem).
     """

@@ -26,7 +26,7 @@ _NO_ANGLE = 1e-24  # Bound on ``sin²(ψ/2)`` below which there is no division b
 
 
 def spherical_normalisation(v: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
-    """Return ``(v - mean(v)) / |v - mean(v)|``, the nearest unit vector of zero mean. Entries must not all be equal.
+    """Return the nearest unit vector of zero mean to v. Entries must not all be equal.
 
     References: thesis 6.2.2 (eq. 6.2), Zhao et al. 2019, "Latent Variables on Spheres".
     """
@@ -36,8 +36,9 @@ def spherical_normalisation(v: Float[Array, "*batch d"]) -> Float[Array, "*batch
 
 
 def geodesic_weights(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
-    """Return ``sin(tψ)/sinψ`` and its derivative by ``cosψ``, for ``y = sin²(ψ/2)`` and ``z = cos²(ψ/2)``.
+    """Return the weights of a point on a geodesic and their derivatives by ``cosψ``.
 
+    The weight is ``sin(tψ)/sinψ``, for ``y = sin²(ψ/2)`` and ``z = cos²(ψ/2)``.
     Near ``ψ = 0`` the hypergeometric series ``t ₂F₁(1-t, 1+t; 3/2; y)`` avoids a small denominator. All arrays are
     (...), and t is any real number. Antipodal points with ``z = 0`` have large but finite weights.
 

@@ -1,4 +1,4 @@
-"""Read floors and objects that a body cannot enter (planes, boxes, triangle meshes), and compute distances to them."""
+"""Read objects that a body cannot enter, and compute distances to them."""
 
 from __future__ import annotations
 

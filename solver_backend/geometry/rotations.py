@@ -91,7 +91,7 @@ def quat_from_rotvec(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
 
 
 def rotvec_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
-    """Return (..., 3) rotation vectors in rad, with length 0 to π, of (..., 4) quaternions with any length except zero.
+    """Convert (..., 4) non-zero quaternions to (..., 3) rotation vectors of length 0 to π rad.
 
     ``v = 2 atan2(|u|, w) u/|u|`` with ``q = (w, u)`` and ``w >= 0``, exact at 0 and at π (Grassia 1998).
     """
@@ -160,8 +160,9 @@ def log_so3(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3"]:
 
 
 def left_jacobian_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
-    """Return ``J`` with ``exp(v + dv) ≈ exp(J dv) exp(v)``: ``I + (1 - cosθ)/θ² [v]x + (θ - sinθ)/θ³ [v]x²``.
+    """Return the left Jacobian ``J`` of rotation vectors, with ``exp(v + dv) ≈ exp(J dv) exp(v)``.
 
+    ``J = I + (1 - cosθ)/θ² [v]x + (θ - sinθ)/θ³ [v]x²``.
     Reference: Chirikjian 2012, "Stochastic Models, Information Theory, and Lie Groups 2", eq. 10.86.
     """
     return _polynomial(v, *_coefficients(v, 1, 2))
@@ -196,9 +197,10 @@ def matrix_to_6d(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 6"]:
 def matrix_from_6d_with_jacobian(
     x: Float[Array, "*batch 6"],
 ) -> tuple[Float[Array, "*batch 3 3"], Float[Array, "*batch 3 6"]]:
-    """Return ``R(x)`` of ``matrix_from_6d``, and ``J`` with ``R(x + dx) ≈ exp([J dx]x) R(x)``.
+    """Return the rotations of ``matrix_from_6d`` and their Jacobians.
 
-    It follows from ``ω = b1 (b3·db2) - b2 (b3·db1) + b3 (b2·db1)``, the rotation of the frame b1 b2 b3.
+    The Jacobian J in ``R(x + dx) ≈ exp([J dx]x) R(x)`` follows from
+    ``ω = b1 (b3·db2) - b2 (b3·db1) + b3 (b2·db1)``, the rotation of the frame b1 b2 b3.
     """
     xp = array_namespace(x)
     b1, b2, b3, length1, length2, along = _gram_schmidt(x)
@@ -255,7 +257,7 @@ def _horner(x: Array, coefficients: tuple[float, ...]) -> Array:
 
 
 def _polynomial(v: Array, first: Array, second: Array) -> Array:
-    """Return ``I + first [v]x + second [v]x²``, with ``[v]x² = v vᵀ - |v|² I``."""
+    """Return the polynomial ``I + first [v]x + second [v]x²`` of the cross-product matrix of v."""
     identity = constant(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), v)
     outer = v[..., :, None] * v[..., None, :]
     square = squared_length(v)[..., None, None]

@@ -1,4 +1,4 @@
-"""Operate on batches of small matrices and vectors: closed-form inverses, packed symmetric matrices, short sums."""
+"""Operate on batches of small matrices and vectors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read text, JSON, TOML, XML and arrays with size limits and errors that name the file. Append to growing files."""
+"""Read text, JSON, TOML, XML and arrays with size limits, and append to files."""
 
 from __future__ import annotations
 

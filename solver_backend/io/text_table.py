@@ -240,7 +240,7 @@ def different_count(items: str, stated: float | None, count: int) -> tuple[Diagn
 def frame_facts(
     numbers: np.ndarray | None, times: np.ndarray | None = None, rate: float | None = None, count: float | None = None
 ) -> tuple[float | None, tuple[Diagnostic, ...]]:
-    """Return the frame rate of a table (None if unknown), and contradictions between frame numbers, counts and times.
+    """Return a table's frame rate, or None, and contradictions of frame numbers and times.
 
     ``numbers`` and ``times`` are (F,) columns, None if missing. ``rate`` and frame ``count`` come from the header.
     """

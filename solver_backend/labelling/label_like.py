@@ -55,7 +55,7 @@ def reference_of(cloud: MarkerCloud) -> ReferenceTake:
 
 
 def distance_statistics(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, N) means and variances of distances between (F, N, 3) points, with NaN if too few frames show both."""
+    """Return (N, N) means and variances of point distances, NaN if seen together too rarely."""
     count = points.shape[1]
     total, square, seen = (np.zeros((count, count)) for _ in range(3))
     for frame in points:

@@ -114,7 +114,7 @@ LEAST_FRAMES = 10  # Minimum number of frames that show all four markers.
 def with_head_forward(
     positions: np.ndarray, tracklets: Tracklets, labels: np.ndarray, bound: dict[int, int]
 ) -> np.ndarray:
-    """Return the label of each chain. The head's four labels are rotated by quarter turns if the head faces sideways.
+    """Return the label of each chain, with the head's labels rotated if it faces sideways.
 
     The distances of a head that is wider than long also fit after a quarter turn. A head with a user's label
     (``bound``, by chain) does not change.

@@ -209,7 +209,7 @@ def require_at_most(most: int, found: int, what: str) -> None:
 
 
 def frame_landmarks(positions: np.ndarray, network: LandmarkNetwork, progress: Progress = silent) -> np.ndarray:
-    """Return (F, 77, 3) markers and joints in metres from (F, N, 3) points (Z up), NaN in frames with too few points.
+    """Estimate (F, 77, 3) markers and joints in metres from (F, N, 3) points, NaN if too few.
 
     Raises:
         NoDetections, CaptureInvalid: see ``require_points``.

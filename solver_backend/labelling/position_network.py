@@ -67,7 +67,7 @@ def chosen_network(file: str = "") -> LandmarkNetwork:
     except ImportError as error:
         hint = "Install it with: pip install onnxruntime."
         raise BackendMissing("An ONNX network needs onnxruntime.", where=path.name, hint=hint) from error
-    hint = "Write the network with train export."
+    hint = "Export the network with `train export`."
     try:
         quiet = onnxruntime.SessionOptions()
         quiet.log_severity_level = 3  # only errors, because it warns about its own exporter's symbolic sizes

@@ -31,7 +31,7 @@ Ask = Callable[[socket.socket], None]  # Asks a sender to start sending, through
 def listen(
     address: VmcAddress, assembly: OneSender[Any, Frame], ask: Ask = lambda _: None
 ) -> Generator[Frame | EventLine, None, None]:
-    """Yield frames and events as they arrive. Wait while another program uses the port. Request packets during silence.
+    """Yield frames and events as they arrive, and wait while another program uses the port.
 
     Raises:
         CommandLineInvalid: this machine does not have the address.

@@ -202,7 +202,7 @@ def _split(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _nearest(people: np.ndarray, expected: np.ndarray | None) -> np.ndarray | None:
-    """Return the person among (P, K, 3) detections who is nearest to (K, 2) pixels, or the largest one at the start."""
+    """Return the detected person nearest to (K, 2) pixels, or the largest at the start."""
     shown, confidence = _split(people)
     known = np.isfinite(shown).all(-1).any(axis=1)
     if not known.any():

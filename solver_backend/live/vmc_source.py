@@ -44,7 +44,7 @@ class BoneFrame:
 
 
 class FrameAssembly(OneSender[list[OscMessage], BoneFrame]):
-    """Collects one sender's bones. A frame ends when all bones of the last frame have arrived, or one arrives twice."""
+    """Collects a sender's bones. A frame is complete when all bones arrived or one repeats."""
 
     words = "Another sender is ignored while the first one sends.", "A packet is not Open Sound Control"
 

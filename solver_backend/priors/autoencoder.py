@@ -30,7 +30,7 @@ LEAK = 0.01  # Slope of LeakyReLU below zero: torch's default, as in training.
 
 @dataclass(frozen=True)
 class DenseStack:
-    """Dense layers ``x -> W_n a(... a(W_1 x + b_1) ...) + b_n``, optionally with an activation after the last layer."""
+    """Dense layers ``W_n a(... a(W_1 x + b_1) ...) + b_n``, optionally with a last activation."""
 
     weights: tuple[Array, ...]  # (out, in) each.
     biases: tuple[Array, ...]  # (out,) each.

@@ -45,7 +45,7 @@ class PosePrior(ABC):
 
     @abstractmethod
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
-        """Return ``decode(z)`` and J (N, 21, 3, d) with ``R_j(z + dz) ~ exp([J_j dz]x) R_j(z)``."""
+        """Return decoded poses and J (N, 21, 3, d), with ``R_j(z + dz) ~ exp([J_j dz]x) R_j(z)``."""
 
     def decode_with_vjp(self, z: Codes) -> tuple[Poses, Callable[[Array], Array]]:
         """Return ``decode(z)`` and ``v -> J_zᵀ v``, from (N, 21, 3) cotangents of the left tangents to (N, d)."""

@@ -1,4 +1,4 @@
-"""Pose-NDF: the distance to the manifold of plausible poses as a neural field over quaternions (Tiwari et al. 2022)."""
+"""Estimate the distance to plausible poses with a neural field over quaternions (Tiwari et al. 2022)."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class SoftplusStack:
 
 
 def softplus(x: Array) -> tuple[Array, Array]:
-    """Return ``log(1 + exp(β x)) / β`` and its derivative, the sigmoid of ``β x``, without overflow."""
+    """Return the softplus function ``log(1 + exp(β x)) / β`` and its derivative, without overflow."""
     xp = array_namespace(x)
     scaled = SHARPNESS * x
     magnitude = xp.abs(scaled)
@@ -128,7 +128,7 @@ def pose_distance(a: Array, b: Array) -> Array:
 
 
 def half_angles(a: Array, b: Array) -> Array:
-    """Return ``arccos|a · b| = 2 arcsin(min|a ∓ b|/2)``, half the angle between (..., 4) quaternions in radians."""
+    """Return half the angle between (..., 4) quaternions in radians, ``2 arcsin(min|a ∓ b|/2)``."""
     xp = array_namespace(a, b)
     near, far = xp.sum((a - b) ** 2, axis=-1), xp.sum((a + b) ** 2, axis=-1)
     return 2.0 * xp.asin(0.5 * xp.sqrt(xp.where(near < far, near, far)))
@@ -160,7 +160,9 @@ _ORDER = tuple(joint for level in LEVELS for joint in level.joints)
 
 @dataclass(frozen=True)
 class PoseField:
-    """Network ``f(θ) = f_df([v_1 .. v_21])`` of ``v_k = W1_k s(W0_k [θ_k, v_parent] + b0_k) + b1_k`` (Pose-NDF, eq. 3).
+    """Network ``f(θ) = f_df([v_1 .. v_21])`` (Pose-NDF, eq. 3).
+
+    The features are ``v_k = W1_k s(W0_k [θ_k, v_parent] + b0_k) + b1_k``.
 
     ``s`` is the softplus. The pelvis has no feature, so its children use zeros instead.
     """
@@ -288,7 +290,7 @@ class PoseNDF(PosePrior):
         return matrix_from_quat(_unit(array_namespace(z).reshape(z, (z.shape[0], NUM_BODY_JOINTS, 4))))
 
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
-        """Return ``decode(z)`` and its left tangents (N, 21, 3, 84), ``dω = 2 (dq q⁻¹)`` at unit quaternions."""
+        """Return decoded poses and their Jacobian (N, 21, 3, 84), from ``dω = 2 (dq q⁻¹)``."""
         xp = array_namespace(z)
         rotations = self.decode(z)
         quats = xp.reshape(z, (z.shape[0], NUM_BODY_JOINTS, 4))

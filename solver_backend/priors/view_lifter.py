@@ -150,7 +150,7 @@ def look_at(points: Array, confidence: Array) -> LookAt:
 
 
 def features(points: Array, confidence: Array, up: Array, view: LookAt) -> Array:
-    """Return (N, 27, 62) inputs: rotated and scaled points with confidences, 0 where missing, size, and up direction.
+    """Return (N, 27, 62) inputs: normalised points (0 if missing), confidences, size and up.
 
     The last five are the same in all frames of a window. ``up`` (N, 3) is a unit vector against gravity in camera axes,
     zero if unknown. The others are as in ``look_at``.

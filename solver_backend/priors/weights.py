@@ -90,7 +90,7 @@ def read_weights(path: Path, prior: str | None) -> PriorWeights:
 def read_stack(
     weights: PriorWeights, part: str, inputs: int, outputs: int, *, activate_last: bool = False
 ) -> DenseStack:
-    """Return a stack of dense layers from arrays ``<part>_w0, <part>_b0, ...`` and the hidden widths in the metadata.
+    """Return dense layers from the arrays ``<part>_w0, <part>_b0, ...`` and the metadata.
 
     Raises:
         WeightsInvalid: an array is missing or of another shape, or the activation is unknown.

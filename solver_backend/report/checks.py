@@ -1,4 +1,4 @@
-"""Check a capture and its solve, and return the findings with the most severe first."""
+"""Check a capture and its solve, and return the diagnostics, the most severe first."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ USELESS = 5.0  # Factor on these limits at which a result is useless.
 
 
 def marker_plausibility(motion: Motion) -> Iterator[Diagnostic]:
-    """Yield findings about the distance between the body and all markers, or single markers."""
+    """Yield diagnostics about the distance between the body and all markers, or single markers."""
     error = motion.marker_residual_mm
     if error is None or motion.marker_labels is None or not isinstance(motion.provenance.get("markers"), list):
         return
@@ -128,7 +128,7 @@ def marker_plausibility(motion: Motion) -> Iterator[Diagnostic]:
 
 
 def _side_by_name(places: tuple[str, ...]) -> Iterator[Diagnostic]:
-    """Yield a finding if only labels determine the side of a single limb. The ankle determines it for a leg."""
+    """Yield a diagnostic if only labels determine the side of a single limb. The ankle determines it for a leg."""
     named = [place for place in places if place[:1] in ("L", "R") and not is_joint_centre(place)]
     if len(named) < len(places) or not of_one_limb(named, load_layouts()):
         return
@@ -169,7 +169,7 @@ def hips_never_move(capture: Capture, motion: Motion) -> bool:
 
 
 def _far_markers(motion: Motion, usual: float, scale: float) -> Iterator[Diagnostic]:
-    """Yield findings about markers that are far from their position on the body, always or temporarily.
+    """Yield diagnostics about markers that are far from their position on the body, always or temporarily.
 
     Args:
         usual: median residual of the take in millimetres.
@@ -319,7 +319,7 @@ _STANCE = JointSet.COCO_17
 
 
 def _tilt(motion: Motion) -> Iterator[Diagnostic]:
-    """Yield a finding about the angle between Z and a person's stance, from trunk, balance and feet."""
+    """Yield a diagnostic if a person's stance, from trunk, balance and feet, is tilted from Z."""
     limbs = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
     names = [f"{side}_{limb}" for limb in limbs for side in ("left", "right")]
     joints = joints_of(motion, *names)
@@ -390,12 +390,12 @@ SELDOM_PERCENT, OUTLIER_PERCENT = 50.0, 20.0
 
 
 def capture_diagnostics(capture: Capture) -> tuple[Diagnostic, ...]:
-    """Return the findings of the capture's reader."""
+    """Return the diagnostics of the capture's reader."""
     return (*capture.notes, *capture.problems)
 
 
 def recorded_diagnostics(motion: Motion) -> tuple[Diagnostic, ...]:
-    """Return the findings that a motion stored when it was solved."""
+    """Return the diagnostics that the solve stored in a motion."""
     return read_diagnostics(motion.provenance.get("diagnostics"))
 
 
@@ -490,7 +490,7 @@ def run_checks(capture: Capture, motion: Motion, residuals: KeypointResiduals | 
 
 
 def diagnose(capture: Capture, motion: Motion, residuals: KeypointResiduals | None = None) -> tuple[Diagnostic, ...]:
-    """Return all findings, the most severe first. Repeating this for a motion with findings gives the same ones.
+    """Return all diagnostics, the most severe first. A motion with stored diagnostics gives the same ones again.
 
     Args:
         residuals: residuals of the motion in the capture, computed if None.

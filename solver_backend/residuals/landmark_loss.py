@@ -69,7 +69,7 @@ class LearnedVariances:
         return s
 
     def penalty(self, squared: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return ``exp(-s) r² + s + 2 λ s²`` at the best s and its derivative by r², without a robust scale."""
+        """Return the penalty ``exp(-s) r² + s + 2 λ s²`` at the best s, and its derivative by r²."""
         s = self.best(squared)
         precision = np.exp(-s)
         return precision * squared + s + 2.0 * self.weight * s * s, precision

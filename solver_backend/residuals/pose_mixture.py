@@ -1,4 +1,4 @@
-"""Prefer the poses of real people where keypoints do not decide, as for lumbar bends, forearm twists and wrists."""
+"""Prefer real poses where keypoints are ambiguous, such as lumbar bends and forearm twists."""
 
 from __future__ import annotations
 
@@ -80,7 +80,10 @@ def rest_precision(joints: tuple[str, ...] = BODY_JOINTS) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PoseMixtureTerm:
-    """Term ``E = -s log Σ_k a_k exp(-½ |x_c - μ_k|²_P) + ½ |x|²_Q`` of the rotation vectors x of J joints, x_c of n."""
+    """Term that prefers the poses of a Gaussian mixture.
+
+    ``E = -s log Σ_k a_k exp(-½ |x_c - μ_k|²_P) + ½ |x|²_Q`` with the rotation vectors x of J joints, x_c of n.
+    """
 
     mixture: PoseMixture = field(default_factory=load_pose_mixture)  # Peaks a, means μ, precisions P and columns c.
     weight: float = WEIGHT  # s.

@@ -114,7 +114,7 @@ class PoseTerm(FrameTerm, Protocol):
 
 
 def geman_mcclure(squared: Array, scale: float) -> tuple[Array, Array]:
-    """Return penalty ``s² r² / (r² + s²)`` and IRLS weight ``(s² / (r² + s²))²`` of squared residuals r², in variances.
+    """Return penalty ``s² r² / (r² + s²)`` and IRLS weight ``(s² / (r² + s²))²`` of squared residuals.
 
     Residuals far beyond the scale s have no effect. A large scale gives a plain square, the start of graduated
     non-convexity (Geman and McClure 1987; Yang et al. 2020, "Graduated non-convexity for robust spatial perception").

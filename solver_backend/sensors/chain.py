@@ -260,7 +260,7 @@ class MarkerChain:
                 process.join()
 
     def moments(self, until: float = float("inf")) -> Iterator[LiveMoment | Finding]:
-        """Yield moments and sensor findings until all sensors have ended, or until a host time (``perf_counter``)."""
+        """Yield moments and sensor diagnostics until all sensors end or a host time (``perf_counter``)."""
         while self._open and time.perf_counter() <= until:
             self._listen(LISTEN_S)
             yield from self._fused(time.perf_counter())
@@ -404,7 +404,7 @@ def capture_of(
 
 
 def counted(findings: Sequence[Finding]) -> list[Diagnostic]:
-    """Return each kind of finding once, with its first time and its count."""
+    """Return one diagnostic for each kind of finding, with its first time and its count."""
     alike: dict[str, list[Finding]] = {}
     for finding in findings:
         alike.setdefault(finding.message, []).append(finding)
@@ -429,7 +429,7 @@ LARGEST_INTERLEAVE_S = 0.02  # Largest exposure delay in seconds between two sen
 
 
 def triggered(names: tuple[str, ...], interleave_s: float = 0.0) -> Clocks:
-    """Return the clocks of sensors on one trigger. Sensor c's frame with stamp t was exposed at ``t + c · interleave``.
+    """Return clocks for one trigger: sensor c's frame t was exposed at ``t + c · interleave``.
 
     Raises:
         CommandLineInvalid: the interleave is negative or too long.

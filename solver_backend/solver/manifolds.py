@@ -35,7 +35,7 @@ class Euclidean:
         return float(array_namespace(u, v).sum(u * v))
 
     def combine(self, a: float, u: Array, b: float, v: Array) -> Array:
-        """Return ``a u + b v`` for two tangent vectors at one state."""
+        """Return the combination ``a u + b v`` of two tangent vectors at one state."""
         return a * u + b * v
 
 
@@ -43,11 +43,11 @@ class UnitVectors(Euclidean):
     """Unit vectors (..., d) in R^d or in a hyperplane through the origin."""
 
     def retract(self, x: Array, v: Array) -> Array:
-        """Return ``(x + v)/|x + v|``. Reference: thesis 6.2.4, Algorithm 1."""
+        """Return x moved by v on the sphere, ``(x + v)/|x + v|`` (thesis 6.2.4, Algorithm 1)."""
         return (x + v) / _length(x + v)
 
     def velocity(self, x: Array, v: Array, y: Array) -> Array:
-        """Return ``(v - (v·y) y)/|x + v|``."""
+        """Return the tangent at y of the retraction of v, ``(v - (v·y) y)/|x + v|``."""
         return _without(v, y) / _length(x + v)
 
 
@@ -104,7 +104,7 @@ class Product:
         return sum(m.inner(*a) for m, *a in zip(self.factors, u, v, strict=True))
 
     def combine(self, a: float, u: State, b: float, v: State) -> State:
-        """Return ``a u + b v`` in every factor."""
+        """Return the combination ``a u + b v`` in each factor."""
         return tuple(m.combine(a, p, b, q) for m, p, q in zip(self.factors, u, v, strict=True))
 
 

@@ -100,7 +100,7 @@ def autoregressive(shape: tuple[int, ...], correlation: float, rng: np.random.Ge
 
 
 def bursts(draws: np.ndarray, share: float, length: float) -> np.ndarray:
-    """Return a mask with runs from a two-state Markov chain. It leaves runs with ``1 / length`` and covers ``share``.
+    """Return a Markov chain's mask with runs of mean ``length`` that cover ``share``.
 
     ``draws`` (C, F, ...) are uniform in 0..1. ``length`` is in frames.
     """

@@ -1,4 +1,4 @@
-"""Array types that state their shape. In ``Float[Array, "*batch 3"]`` a name is the same size throughout a signature.
+"""Array types that state their shape. Equal names in a signature have equal sizes.
 
 ``*batch`` is any number of dimensions, and ``#`` marks broadcast ones (jaxtyping's notation). Type checkers only see
 the array. Nothing is checked at run time, unless jaxtyping was imported before this module, as the tests do.

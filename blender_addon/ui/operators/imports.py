@@ -71,9 +71,9 @@ class MOCAP_OT_import_motion(SolverOperator, bpy.types.Operator, base.choose_fil
 
     filename_ext = ".npz"
     capture_path: text("Capture", "Capture file of a solved motion, to add its cameras, footage and detections")
-    body_path: text("Body", "Body file, empty for the one of the solve, or the neutral one")
+    body_path: text("Body", "Body file (leave blank to use the solve's body, or the neutral one)")
     armature: _ARMATURE
-    clip: text("Action", "Action of an FBX, glTF or Blender file, empty for the active one")
+    clip: text("Action", "Action of an FBX, glTF or Blender file (leave blank to use the active one)")
     keep_height: switch("Keep Height", "Keep the height of a clip instead of placing it on the floor")
     scene_setup: SCENE_SETUP
     floor: switch("Floor", "Add a floor of metre tiles", on=True)

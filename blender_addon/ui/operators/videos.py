@@ -200,7 +200,7 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
     bl_options = base.OPENS | base.INTERNAL
 
     kind: choice("Detector", "Detector to install", "set_up_detector.kind")
-    wheels: path("Wheels", "Folder of wheels to install from, empty for the package registry", folder=True)
+    wheels: path("Wheels", "Folder of wheels to install (leave blank to use the package registry)", folder=True)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         from ...solving.pythons import detector_kind

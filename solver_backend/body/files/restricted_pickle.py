@@ -80,7 +80,7 @@ def array_of(shape: Any, dtype: Any, by_columns: Any, data: Any) -> np.ndarray:
 
 def _empty_array(kind: Any = None, *_: Any) -> UnbuiltArray:
     if kind != PickledName("numpy", "ndarray"):
-        raise Damage("an array of an unknown class")
+        raise Damage("an array has an unknown class")
     return UnbuiltArray()
 
 

@@ -191,7 +191,7 @@ def _first_pair(x: Tracks, keys: list[int], start: int, noise: float) -> tuple[i
 
 
 def _is_flat(depth: np.ndarray) -> bool:
-    """Return whether all points have the same distance from the first camera, so that a zoom looks like an approach."""
+    """Return whether all points are equally far from the first camera, which hides zoom."""
     far, near = np.percentile(depth, [90.0, 10.0]) if len(depth) else (0.0, 1.0)
     return bool(far < FLAT * near)
 
@@ -212,7 +212,7 @@ def _points(poses: Poses, x: np.ndarray, noise: float, but: Collection[int] = ()
 
 
 def _far_points(poses: Poses, key: int, x: np.ndarray, noise: float) -> np.ndarray:
-    """Return (P, 3) points far away on their rays from a keyframe and others at its place. They show rotations only."""
+    """Return (P, 3) far points on the rays of a keyframe. They show only rotations."""
     R, t = _stacked(poses)
     centres = -np.einsum("nba,nb->na", R, t)
     here = centres[sorted(poses).index(key)]

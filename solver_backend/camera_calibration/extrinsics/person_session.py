@@ -48,7 +48,7 @@ class PersonCalibration:
 def calibrate_from_person(
     names: Sequence[str], lenses: Sequence[Lens], keypoints: Keypoints2D, *, free_focal: bool = False
 ) -> PersonCalibration:
-    """Estimate camera poses from one person's keypoints: the best pair, then camera after camera, then all together.
+    """Estimate camera poses from one person's keypoints, starting with the best pair.
 
     Raises:
         NoDetections: no two cameras have enough in common.
@@ -196,7 +196,7 @@ def keypoint_sigma(confidence: np.ndarray, sigma_px: float = START_SIGMA_PX) -> 
 
 
 def _sigma(found: Adjusted) -> float:
-    """Return the deviation per axis in px from the median distance (Rayleigh), corrected for the degrees of freedom."""
+    """Estimate the standard deviation per axis in px from the median distance (Rayleigh)."""
     off = np.linalg.norm(found.error, axis=-1)
     known = off[np.isfinite(off)]
     if not len(known):
@@ -330,9 +330,9 @@ def _moved(refined: CalibratedCameras, cameras: Cameras) -> tuple[Diagnostic, ..
     for c, name in enumerate(cameras.names):
         parts: list[str] = []
         if moved[c] > MOVED_SIGMAS * far[c]:
-            parts.append(f"is {1000 * moved[c]:.0f} mm (± {1000 * far[c]:.0f}) from")
+            parts.append(f"{1000 * moved[c]:.0f} mm (± {1000 * far[c]:.0f})")
         if turned[c] > MOVED_SIGMAS * away[c]:
-            parts.append(f"points {np.degrees(turned[c]):.1f}° (± {np.degrees(away[c]):.1f}) away from")
+            parts.append(f"{np.degrees(turned[c]):.1f}° (± {np.degrees(away[c]):.1f})")
         if parts:
             found.append(diagnostic("camera_moved", amount="refined", cameras=[name], moves=" and ".join(parts)))
     return tuple(found)

@@ -23,7 +23,7 @@ _SNAP = np.cos(np.radians(12.0))  # Cosine of the angle below which a facing dir
 
 
 def stage_axes(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Return the (3, 3) rotation from a skeleton's axes to the stage, or None if left and right cannot be told apart.
+    """Return the rotation from a skeleton's axes to the stage, None if its sides are unknown.
 
     Args:
         places: maps roles to (3,) head positions at rest, including the pelvis or the feet.

@@ -1,4 +1,4 @@
-"""Fit a hand with a known wrist to its markers. Calibrate marker offsets and hand size, and regularise the fingers."""
+"""Fit a hand with a known wrist to its markers, with marker offsets and hand size."""
 
 from __future__ import annotations
 

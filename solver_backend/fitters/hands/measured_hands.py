@@ -1,4 +1,4 @@
-"""Prepare the hands of a body: sort detections by wrist, estimate their noise, triangulate points and measure size."""
+"""Sort hand detections by wrist, estimate their noise, triangulate points and measure hands."""
 
 from __future__ import annotations
 
@@ -35,8 +35,9 @@ _LOOSE = 3.0  # Robust scale of offsets if none is given.
 
 @dataclass(frozen=True)
 class HandViewTerm:
-    """``E = ½ Σ_c min_o [Σ_l c_l ρ(|π(y_l) - k_l - o| / σ_l) + c ρ(|o| / τ_c)]`` with an offset o of the hand per view.
+    """Reprojection term of a hand, with an offset o of the whole hand per view.
 
+    ``E = ½ Σ_c min_o [Σ_l c_l ρ(|π(y_l) - k_l - o| / σ_l) + c ρ(|o| / τ_c)]``.
     A misplaced detector crop moves all 21 points of a hand equally, so they locate it no better than one point.
     Eliminating o leaves ``H = Σ_l w PᵀP - (Σ_l w P)ᵀ (Σ_l w P) / (Σ_l w + w_o)`` for each view.
     """

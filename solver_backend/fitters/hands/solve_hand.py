@@ -46,7 +46,7 @@ FLOOR = 1e-3  # Smallest precision of every unknown.
 
 
 def states_at(keys: Float[np.ndarray, "keys d"], rows: WindowRows) -> Float[np.ndarray, "n d"]:
-    """Return (N n, D) states of the frames of N windows, interpolated by parabolas through each window's three keys."""
+    """Interpolate N windows of frames by parabolas through each window's three keys."""
     triples = np.stack([keys[i : len(keys) - 2 + i : 2] for i in range(3)], axis=1)
     return (lagrange(rows.time) @ triples).reshape(-1, keys.shape[1])
 
@@ -320,7 +320,7 @@ def initial_keys(
 
 
 def palm_turns(skeleton: HandSkeleton, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (F, 3, 3) rotations from rest to world that fit the palm (Kabsch 1976), and an (F,) mask of valid ones."""
+    """Fit (F, 3, 3) rotations from rest to world to the palm (Kabsch 1976), with a mask."""
     palm, rest = points[:, PALM], skeleton.points_at_rest[list(PALM)]
     seen = np.isfinite(palm).all(-1)
     located = (seen.sum(1) >= LEAST_PALM) & seen[:, 0]
@@ -334,7 +334,7 @@ def palm_turns(skeleton: HandSkeleton, points: np.ndarray) -> tuple[np.ndarray, 
 
 
 def _means(near: np.ndarray, values: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
-    """Return (K, d) weighted means over time of (F, d) values, NaN where missing, regularised towards ``otherwise``."""
+    """Return (K, d) weighted temporal means of (F, d) values, regularised towards ``otherwise``."""
     known = np.isfinite(values)
     weight, least = near @ known, 0.1
     return (near @ np.where(known, values, 0.0) + least * otherwise) / (weight + least)

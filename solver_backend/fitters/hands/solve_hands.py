@@ -429,7 +429,7 @@ def solve_hands_again(
     settings: SolveSettings,
     progress: Progress,
 ) -> tuple[SolvedFrames, dict[int, HandRange]]:
-    """Solve the hands of a frame range again. Return the poses with adjusted arms, and the solved hand of each side.
+    """Solve the hands of a frame range again. Return adjusted poses and the hand of each side.
 
     The hands keep the size of the earlier solve. If the earlier motion has no fingers, there are no hands.
     """

@@ -489,8 +489,9 @@ the gain."""
 
 @dataclass(frozen=True)
 class ResidualRotationTerm:
-    """``E = n/2 sum_ki c² s / (s + c²) + m/2 sum_ki b²`` of residual rotations ``r_ki = rho_ki / sigma_i``.
+    """Prior on residual rotations ``r_ki = rho_ki / sigma_i`` at the keys.
 
+    The cost is ``E = n/2 sum_ki c² s / (s + c²) + m/2 sum_ki b²``.
     The penalty of ``s = r_ki²`` has heavy tails, because toes move rarely but far (Geman and McClure 1987). The second
     difference ``b = r_{k-1,i} - 2 r_ki + r_{k+1,i}`` is the motion prior of rotations that codes cannot express.
     """

@@ -1,4 +1,4 @@
-"""Solve latent keyframes, window by window (thesis 6.3.2) or all at once, and compute their posterior covariance."""
+"""Solve latent keyframes by windows (thesis 6.3.2) or together, and compute covariances."""
 
 from __future__ import annotations
 

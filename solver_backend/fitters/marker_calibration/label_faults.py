@@ -236,7 +236,7 @@ def _check_limb(
 
 
 def _check_ankles(points: np.ndarray, column: dict[str, int]) -> None:
-    """Raise ``MarkersMirrored`` if the outer ankle is on the inner side of a foot, because the leg is the other one.
+    """Raise ``MarkersMirrored`` if the outer ankle marker is on the inner side of a foot.
 
     With u from ankle to knee, heel h and f from heel to toes, ``± (u × f) · (ankle - h) > 0`` for left and right.
     """

@@ -166,7 +166,7 @@ def common_bones(
 def bone_offsets(
     points: np.ndarray, joints: np.ndarray, rotations: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return a marker's (22, 3) offset from every bone, its (22,) median distance from that, and the offset's length.
+    """Return a marker's offset from each bone, its median distance, and the offset's length.
 
     ``points`` (F, 3) and ``joints`` (F, 24, 3) are in metres, ``rotations`` (F, 24, 3, 3) are global.
     """

@@ -23,7 +23,7 @@ or a factor of 2 raise the mean error by 3 to 7 %, a ``FAR`` of 0.005 by 2 %, a 
 
 
 def steadiest_first(points: np.ndarray, pool: np.ndarray) -> np.ndarray:
-    """Return (M, N) indices that sort an (F, N, 3) pool by the variance of its distances from each of (F, M, 3) points.
+    """Return (M, N) indices that sort pool points by the variance of their distance to each point.
 
     A term for the distance puts near points first if all variances are small, as for a person who stands still. Missing
     points are NaN. Points that are visible together in fewer than two sampled frames come last.

@@ -74,7 +74,7 @@ def _transposed(matrices: Array, vectors: Array) -> Array:
 
 
 def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) -> tuple[Array, Array | None]:
-    """Return derivatives of joint tangents by the ambient code (F, 63, d), and by residuals ρ (F, 21, 3, 3) or None.
+    """Return Jacobians of joint rotations by the code (F, 63, d) and residuals (F, 21, 3, 3), if any.
 
     ``dR = [exp(ρ) J_z dz]x R`` and ``dR = [J_l(ρ) dρ]x R``. The derivative only affects steps, so single precision
     suffices and halves the most expensive product of a solve.
@@ -336,7 +336,9 @@ def frame_equations(
     scale: float,
     hessian_frames: np.ndarray | slice | None = None,
 ) -> FrameEquations:
-    """Return ``g = Jᵀ e`` and ``H = Jᵀ Λ J`` of every frame's objective by its pose's tangent (``PoseLayout``).
+    """Return gradient and Hessian of each frame's objective by its pose's tangent (``PoseLayout``).
+
+    They are ``g = Jᵀ e`` and ``H = Jᵀ Λ J``.
 
     Args:
         objective: terms of these frames.

@@ -1,4 +1,4 @@
-"""Add glove recordings of hands to a body's motion. The wrists synchronise them, and the prior gives unknown angles."""
+"""Add glove recordings to a body's motion, synchronised by the wrists."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Estimate the uncertainty of a one-camera solve: deviations along the line of sight, and limbs of uncertain depth."""
+"""Estimate the depth uncertainty of a one-camera solve."""
 
 from __future__ import annotations
 

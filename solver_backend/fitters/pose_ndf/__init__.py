@@ -1,1 +1,1 @@
-"""Uses of Pose-NDF (Tiwari et al. 2022, section 4): denoising, completion, generation, interpolation, 2D keypoints."""
+"""Apply Pose-NDF to denoise, complete, generate and interpolate poses (Tiwari et al. 2022)."""

@@ -47,7 +47,7 @@ class KeypointFit:
 
 @dataclass(frozen=True)
 class KeypointObjective:
-    """``L_J + λ_θ L_θ + λ_β L_β + λ_α L_α`` of F frames of one person (Pose-NDF eqs. 10 and 11)."""
+    """Keypoint objective ``L_J + λ_θ L_θ + λ_β L_β + λ_α L_α`` of F frames (Pose-NDF, eqs. 10 and 11)."""
 
     subject: Subject
     prior: PoseNDF
@@ -383,7 +383,7 @@ def interpolate_poses(
     settings: ProjectionSettings = ALONG,
     progress: Progress = silent,
 ) -> Array:
-    """Interpolate (N, count, 21, 3, 3) poses on the manifold between pairs of (N, 21, 3, 3) poses, without the ends.
+    """Interpolate ``count`` poses on the manifold between each of N pairs, without the ends.
 
     ``θ_t = θ'_{t-1} + τ (θ'_T - θ'_{t-1})`` with ``τ = 1/(T - t + 1)`` along geodesics. θ' is projected with eq. 6.
 

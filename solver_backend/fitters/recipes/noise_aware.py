@@ -31,8 +31,9 @@ ACCEL_M_S2 = 8.0
 
 @dataclass(frozen=True)
 class SteadyLandmarks:
-    """``E_t = 1/2 sum_l |y_{l,t-1} - 2 y_{l,t} + y_{l,t+1}|² / (a dt²)²``, a temporal term in addition to the thesis.
+    """Temporal term that limits the accelerations of landmarks. The thesis does not have it.
 
+    ``E_t = 1/2 sum_l |y_{l,t-1} - 2 y_{l,t} + y_{l,t+1}|² / (a dt²)²``.
     Section 5.4 names the lack of temporal correlation as the method's limitation.
     """
 

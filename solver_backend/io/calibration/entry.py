@@ -97,7 +97,7 @@ def _is_rounded(R: np.ndarray) -> bool:
 
 
 def _exact_rotation(R: np.ndarray) -> np.ndarray:
-    """Return the nearest exact rotation to a rounded one. Other matrices are unchanged, and ``Cameras`` checks them."""
+    """Return the nearest rotation to a rounded one, and other matrices unchanged."""
     if not _is_rounded(R):
         return R
     U, _, Vt = np.linalg.svd(R)

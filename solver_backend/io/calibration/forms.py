@@ -207,7 +207,7 @@ def _unity(values: Values) -> Values | None:
 
 
 def _blender(values: Values) -> Values | None:
-    """Read a Blender camera with ``matrix_world``, or with ``location`` and a rotation (radians or quaternion wxyz).
+    """Read a Blender camera with ``matrix_world``, or with ``location`` and radians or a quaternion wxyz.
 
     The lens is ``lens`` and ``sensor_width`` in mm with ``sensor_fit``, or ``angle`` in radians. Shifts are optional.
     """
@@ -353,7 +353,7 @@ def _stereo(tree: Values) -> Content | None:
 
 
 def _ros_pose(entry: Any) -> np.ndarray | None:
-    """Return the (4, 4) pose of a child in its parent frame from a ROS Transform or Pose, or None for other content."""
+    """Return the (4, 4) pose in a ROS Transform or Pose, or None for other content."""
     while isinstance(entry, Mapping):
         inner = next((entry[key] for key in ("transform", "pose") if isinstance(entry.get(key), Mapping)), None)
         if inner is None:

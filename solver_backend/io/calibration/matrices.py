@@ -117,7 +117,7 @@ def stated_cameras(files: Sequence[MatrixFile]) -> StatedCameras:
 
 
 def _keys(path: Path, tree: Any) -> str:
-    """Return the keys of content that may be a calibration, or '' if neither the keys nor the file name suggest one."""
+    """Return the keys of a possible calibration, or '' if nothing suggests one."""
     if not isinstance(tree, Mapping) or not tree:
         return ""
     inner = next((node for node in tree.values() if isinstance(node, Mapping) and node), {})

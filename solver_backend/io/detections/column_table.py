@@ -1,4 +1,4 @@
-"""Read detections from text tables: a row per person (SLEAP, own tables), a row per point, DeepLabCut, Ultralytics."""
+"""Read detections from text tables with a row per person or per point."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ def _cells(rows: list[list[str]], column: int) -> list[str]:
 
 
 def _even_cells(text: str, delimiter: str) -> list[str] | None:
-    """Return all cells of a table if its rows have equal lengths and it has no quotes or blank lines, otherwise None.
+    """Return the cells of a table with equal rows and no quotes or blank lines, or None.
 
     Splitting the whole text once is four times as fast as splitting each row. The first cell of each row after the
     heading begins with a line break, which reveals rows of different length.

@@ -294,7 +294,7 @@ _KINDS = ("Labeled", "Unidentified")  # Groups of trajectories that are read fro
 
 
 def read_qualisys_tsv(path: Path) -> MarkerSource:
-    """Read the markers of QTM's TSV file. Raise FileMissing, FileDamaged, or CaptureNotRecognised for 2D or 6D data."""
+    """Read the markers of QTM's TSV file. 2D and 6D data raise CaptureNotRecognised."""
     lines, first, header = _tsv(path)
     if not (lines and lines[0].strip().upper().startswith(FIRST_LINE)):
         raise FileDamaged(f"The file is not a QTM TSV, because it does not start with '{FIRST_LINE}'.", where=str(path))

@@ -27,7 +27,7 @@ _AXES = {"X": 0, "Y": 1, "Z": 2}  # Column of each axis.
 
 @dataclass(frozen=True)
 class BvhClip:
-    """A moving skeleton in metres with Z up: ``p_j = p_parent + G_parent @ local_j``, ``G_j = G_parent @ rotations_j``.
+    """Moving skeleton in metres with Z up, ``p_j = p_parent + G_parent @ local_j``.
 
     Offsets are in the skeleton's rest axes (usually Y up). The root's rotation includes the rotation to Z up.
     """

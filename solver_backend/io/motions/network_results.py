@@ -141,7 +141,8 @@ def read_network_result(path: Path) -> tuple[NetworkResult, ...]:
         raise
     except _DAMAGE as error:
         what = str(error) or type(error).__name__
-        raise FileDamaged(f"The network's result has an unexpected layout: {what}.", where=str(path)) from error
+        what = f"The network's result has an unexpected layout: {what}."
+        raise FileDamaged(what, where=str(path), hint="Write the file again with the network.") from error
     if not people:
         raise MotionInvalid("The network's result does not contain a person.", where=str(path))
     return tuple(sorted(people, key=lambda person: -len(person.frames)))
@@ -234,7 +235,7 @@ def _matrices(values: np.ndarray) -> np.ndarray:
     if values.ndim >= 3 and values.shape[-2:] == (3, 3):
         return values.reshape(len(values), -1, 3, 3)
     if np.nanmax(np.abs(values), initial=0.0) > _MOST_TURN:
-        raise ValueError("rotation vectors are too large")
+        raise ValueError("its rotation vectors are too large")
     return np.asarray(exp_so3(values.reshape(len(values), -1, 3)))
 
 
@@ -253,7 +254,7 @@ def _of_turns(
         local = turns[:, :NUM_TURNED]
         fingers = turns[:, -_FINGERS:] if turns.shape[1] >= NUM_TURNED + _FINGERS else None
     if local.shape[1] < NUM_TURNED:
-        raise ValueError(f"{local.shape[1]} joints turn, but {NUM_TURNED} are expected")
+        raise ValueError(f"it has rotations for {local.shape[1]} joints, but {NUM_TURNED} are expected")
     if fingers is not None and np.abs(fingers - np.eye(3)).max() < 1e-6:
         fingers = None
     level = None if world is None else Y_UP_TO_Z_UP @ world
@@ -304,7 +305,7 @@ def _by_person(rows: Any) -> list[NetworkResult]:
 def _of_points(name: str, frames: np.ndarray, points: np.ndarray) -> NetworkResult:
     count = points.shape[1]
     if count not in _POINTS or points.shape[2:] != (3,):
-        raise ValueError(f"points of shape {points.shape[1:]}")
+        raise ValueError(f"its points have the unknown shape {points.shape[1:]}")
     program, names = _POINTS[count]
     hands = points[:, np.array(_MHR_HANDS)] if count == 70 else None
     if count == 133:

@@ -79,7 +79,7 @@ def by_subject(labels: Sequence[str]) -> tuple[str, ...]:
 
 
 def _people(labels: Sequence[str], pattern: re.Pattern[str]) -> dict[str, str]:
-    """Return ``Subject:name`` for each label of a subject with body markers. Empty unless there are several subjects.
+    """Return ``Subject:name`` for labels of several subjects with body markers.
 
     The subjects must share at least half of the landmarks of the smallest one. Parts of one person under several names
     share none.

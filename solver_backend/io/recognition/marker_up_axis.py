@@ -177,7 +177,7 @@ def _person_raised(positions: np.ndarray, labels: Sequence[str]) -> np.ndarray |
 
 
 def raised_part(positions: np.ndarray, labels: Sequence[str]) -> tuple[np.ndarray | None, tuple[float, float, float]]:
-    """Return (F, 3) vectors from a lower to a higher body part, and their smallest, usual and largest length in metres.
+    """Return (F, 3) upward body vectors, and their smallest, usual and largest length in metres.
 
     The vectors are None without two such parts. Long takes are subsampled.
     """

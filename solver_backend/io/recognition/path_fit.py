@@ -1,4 +1,4 @@
-"""Align the path of a moving camera with a world in metres, with Z up and the floor at zero, from the filmed person."""
+"""Align the path of a moving camera with a world in metres from the filmed person."""
 
 from __future__ import annotations
 

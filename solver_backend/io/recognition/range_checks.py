@@ -1,4 +1,4 @@
-"""Check the numbers of every capture with one table. Impossible values are errors, implausible ones are warnings."""
+"""Check the numbers of each capture. Impossible values are errors, implausible ones warnings."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _OUTSIDE, _FAR_OUTSIDE, _MANY = 1.0, 50.0, 0.2
 
 
 def checked(capture: Capture) -> Capture:
-    """Return the capture with confidences in 0..1 and a problem for each new finding.
+    """Return the capture with confidences in 0..1 and new diagnostics among its problems.
 
     Raises:
         CalibrationInvalid, CaptureInvalid: a number is impossible.

@@ -388,7 +388,7 @@ def _fit_carried_camera(
 
 
 def stand_camera(camera: Cameras, keypoints: Keypoints2D, stature_m: float = 0.0) -> tuple[Cameras, Diagnostic]:
-    """Place a camera above the origin of a world with the person's up and floor. Return it with a note on its position.
+    """Place a camera above the origin of the person's world. Return it with a note.
 
     Args:
         camera: one camera. Its pose is not used.

@@ -78,7 +78,7 @@ SETTINGS = AcquisitionSettings()
 
 
 def connected(pixels: np.ndarray, width: int) -> tuple[np.ndarray, int]:
-    """Return the patch number of each bright pixel and the number of patches. Pixels are (P,) increasing flat indices.
+    """Return the patch number of each bright pixel (sorted flat indices), and the patch count.
 
     Runs of pixels that touch a run in the next row, also at corners, belong to one patch.
     """

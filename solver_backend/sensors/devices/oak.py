@@ -1,4 +1,4 @@
-"""Read OAK-D and OAK-4 cameras with depthai 3: infrared under a flood light, stereo depth, and synchronous colour."""
+"""Read infrared, depth and colour of OAK-D and OAK-4 cameras with depthai 3."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def paired(
 def paired_frames(
     dai: Any, name: str, queue: Any, running: Callable[[], bool], silent_s: float, by_ptp: bool = False
 ) -> Iterator[SensorFrame]:
-    """Yield frames from a queue of pairs while the device is ``running``. It counts as lost after ``silent_s`` seconds.
+    """Yield frames from a queue while the device is ``running``. It is lost after ``silent_s``.
 
     Raises:
         SensorFailed: the device was lost or silent, or its clock was reset.

@@ -353,8 +353,9 @@ class StudioSensor(ReplayedSensor):
         """Return the rows (see ``ReplayedSensor``)."""
         number = np.arange(len(list((self.folder / "infrared" / self.name).glob("*.png"))))
         if not len(number):
-            hint = 'Film it with "film": ["infrared", "depth"].'
-            raise RecordingInvalid(f"The shot has no infrared of {self.name}.", where=str(self.folder), hint=hint)
+            hint = 'In the description of the data set, set "film": ["infrared", "depth"]. Then make the shot again.'
+            message = f"The shot has no infrared images from camera {self.name}."
+            raise RecordingInvalid(message, where=str(self.folder), hint=hint)
         return np.stack([number, number / self.fps, np.full(len(number), np.nan)], axis=1)
 
     def pictures(self, at: int) -> tuple[np.ndarray, np.ndarray | None]:

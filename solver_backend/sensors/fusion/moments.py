@@ -23,7 +23,7 @@ from solver_backend.videos.detect.detect_videos import least_cost_assignment
 class FusionSettings:
     """Constants of the fusion."""
 
-    radius_m: float = 0.01  # Radius of the published clusters in metres (paper, appendix K).
+    radius_m: float = 0.01  # Radius of the published clusters in metres (Noise-In, Bias-Out, appendix K).
     calibration_m: float = 0.0012
     """Standard deviation per axis of a sensor's calibration in metres. It affects tests, not results."""
     joined: float = 16.27  # Largest χ² between two sightings of one marker: 0.999 with three degrees of freedom.

@@ -1,4 +1,4 @@
-"""Find up, floor and origin from three markers on the floor that form the letter Γ seen from above (appendix K)."""
+"""Find up, floor and origin from three floor markers in the form of a Γ (Noise-In, Bias-Out, appendix K)."""
 
 from __future__ import annotations
 

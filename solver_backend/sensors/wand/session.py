@@ -75,7 +75,7 @@ def cameras_at(views: Sequence[WandView], poses: Sequence[tuple[np.ndarray, np.n
 
 
 def adjusted(task: WandTask, moments: Moments) -> tuple[Adjusted, np.ndarray]:
-    """Minimise the reprojection error of a rigid wand or a marker. Return the result and the indices of used moments.
+    """Minimise the error of a rigid wand or a marker. Return the result and the used moments.
 
     The world has the first sensor's axes. One marker does not determine the scale (see ``depth_scale``).
 
@@ -148,7 +148,7 @@ def robust_umeyama(
 def _poses_by_depth(
     names: Sequence[str], points: np.ndarray, sigma: np.ndarray, rng: np.random.Generator
 ) -> list[Pose]:
-    """Return each sensor's pose, from the first sensor's axes to its own, from (C, M, 3) positions of one marker (m).
+    """Estimate each sensor's pose relative to the first from (C, M, 3) marker positions in metres.
 
     Points are in each sensor's axes, NaN where missing, with standard deviations (C, M).
     """

@@ -391,7 +391,7 @@ def points_files(folder: Path) -> list[Path]:
 
 
 def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -> list[WandView]:
-    """Return the views of a folder's tables, ``NAME.csv`` per sensor. Missing lenses are read from files next to them.
+    """Return the views of a folder with ``NAME.csv`` per sensor. Lenses may be files next to them.
 
     Raises:
         FileMissing: there is no table.
@@ -458,7 +458,7 @@ def _view(path: Path, lens: Lens) -> WandView:
 def wand_views(
     folder: Path, lenses: Path | None, *, lights: bool, empty: Path | None = None, progress: Progress = silent
 ) -> list[WandView]:
-    """Return the views of a wand. Without ``lenses`` (a calibration or a library), files next to the tables are read.
+    """Return the views of a wand, with ``lenses`` or the lens files next to the tables.
 
     Raises:
         FileMissing: there is no recording.

@@ -1,1 +1,1 @@
-"""Create captures with known ground truth, from a description of shots to infrared, depth, masks and a scored solve."""
+"""Create captures with known ground truth from a description of shots."""

@@ -1,4 +1,4 @@
-"""Create the clean and the perturbed capture of a shot, with simulated faults of detectors, trackers and cameras."""
+"""Create the clean capture of a shot, and one with simulated faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Create the room: floor, walls and ceiling around cameras and person, and furniture that hides some sight lines."""
+"""Create a room around cameras and person, with furniture that hides some sight lines."""
 
 from __future__ import annotations
 

@@ -181,7 +181,7 @@ def measure_depth(seen: Seen, retro: np.ndarray, model: TimeOfFlightModel, rng: 
 def _with_rings(
     depth: np.ndarray, blind: np.ndarray, spheres: Spheres, before_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the depth with the nearest sphere's ring of two pixels around blind patches, and the (h, w) mask of rings.
+    """Return depth with a two-pixel ring around blind patches, and the (h, w) mask of rings.
 
     A sphere reflects light ``before_m`` in front of its centre.
     """

@@ -1,4 +1,4 @@
-"""Combine the detections of several videos into a capture with one clock, and compensate the rotation of a camera."""
+"""Combine the detections of videos into a capture, and compensate camera rotation."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ MOST_PEOPLE = 12  # Maximum number of tracked people per image, chosen by confid
 
 
 def tracked(frames: list[np.ndarray], times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Track people with (N, K, 3) detections in F images. Return the (F, P) detection and track indices, -1 for none.
+    """Track people in F images. Return (F, P) detection and track indices, -1 if missing.
 
     The similarity of a detection and a track is ``mean_k exp(-d_k² / (2 s² κ²))`` over common keypoints. Here d is the
     distance to the position extrapolated by the velocity, s the person's size, and κ is ``SPREAD``, which grows with

@@ -29,7 +29,7 @@ from solver_backend.types import JointSet
 
 
 class DetectorMissing(MocapError):
-    """No detector is installed, or the given Python or model has none."""
+    """No detector is installed, or the given Python or model file contains none."""
 
 
 class DetectorOutputsUnknown(MocapError):
@@ -62,7 +62,7 @@ def read_head(stream: IO[bytes]) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise AnswerInvalid("a line is not JSON") from error
     if not isinstance(head, dict):
-        raise AnswerInvalid("a line is not an object")
+        raise AnswerInvalid("a line is not a JSON object")
     return head
 
 
@@ -296,7 +296,7 @@ class DetectorProcess:
             self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._log, env=environment)
         except OSError as error:
             self._log.close()
-            message = f"The Python of the detector cannot be started: {error.strerror}."
+            message = f"The detector's Python cannot be started: {error.strerror}."
             raise DetectorMissing(message, where=str(python), hint="Check the path of --python.") from error
         assert self._process.stdin is not None and self._process.stdout is not None
         self._pictures, self._answers = self._process.stdin, self._process.stdout
@@ -375,7 +375,7 @@ class DetectorProcess:
                 head = read_head(self._answers)
             if "error" in head:
                 if not isinstance(head["error"], dict):
-                    raise AnswerInvalid("its error is not an object")
+                    raise AnswerInvalid("its error is not a JSON object")
                 code, message, hint = (str(head["error"][key]) for key in ("code", "message", "hint"))
                 where = str(self._choice.options.get("model", self._choice.python))
                 raise _ERRORS.get(code, DetectorFailed)(plain(message), where=where, hint=plain(hint))

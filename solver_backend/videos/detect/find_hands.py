@@ -210,7 +210,7 @@ def _where_others_see_it(searches: Mapping[int, _HandSearch], cameras: Cameras, 
 
 
 def footage_scale(cameras: Cameras, videos: Sequence[VideoInfo | None]) -> Float[np.ndarray, "views 2"]:
-    """Return (C, 2) scale factors of width and height from calibrated images to the footage, or 1 for another aspect.
+    """Return (C, 2) scale factors from calibrated images to the footage, 1 for another aspect.
 
     Calibrations have the aspect of the displayed or of the stored images, which differ if pixels are not square.
     """

@@ -63,7 +63,7 @@ class KnownOfCameras:
 
 
 def calibration_source(found: FoundFolder, known: KnownOfCameras) -> str:
-    """Return the source for uncalibrated cameras: "board", "lenses" (board for lenses, person for poses) or "person".
+    """Return the source for uncalibrated cameras: "board", "lenses" or "person".
 
     The first two detect boards in footage, which needs OpenCV.
     """
@@ -77,10 +77,11 @@ def calibration_source(found: FoundFolder, known: KnownOfCameras) -> str:
 def calibrate_take(
     request: CalibrationRequest, known: KnownOfCameras, progress: Progress
 ) -> tuple[str, tuple[Diagnostic, ...]]:
-    """Calibrate the cameras of a take and write them. Return the method (board, person or ``ONE_CAMERA``) and findings.
+    """Calibrate and write the cameras of a take. Return the method and diagnostics.
 
-    Board footage from several cameras is sufficient. If only lenses are known or have footage, the person determines
-    the poses. Otherwise lenses are guessed from the image size and refined with the poses.
+    The method is board, person or ``ONE_CAMERA``. Board footage from several cameras is sufficient. If only lenses are
+    known or have footage, the person determines the poses. Otherwise, lenses are guessed from the image size and
+    refined with the poses.
     """
     lens, places = _footage(request, ("intrinsics",)), _footage(request, _PLACES)
     names = request.take.cameras

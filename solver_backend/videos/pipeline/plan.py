@@ -1,4 +1,4 @@
-"""Plan the steps of every take, and record their inputs and findings."""
+"""Plan the steps of every take, and record their inputs and diagnostics."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def worker(folder: Path, answer: str, ready: object = READY) -> DetectorProcess:
     ("answer", "message"),
     [
         ("out.write(b'no json\\n'); out.flush()", "not JSON"),
-        ("out.write(b'[1]\\n'); out.flush()", "not an object"),
+        ("out.write(b'[1]\\n'); out.flush()", "not a JSON object"),
         ("out.write(b'[' * 100000 + b'\\n'); out.flush()", "not JSON"),
         ("out.write(b'\\xff\\xfe\\n'); out.flush()", "not JSON"),
         ("out.write(b'x' * (1 << 21)); out.flush()", "too long"),
