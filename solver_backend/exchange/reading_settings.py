@@ -14,15 +14,9 @@ from .setting import Choice, Setting, check_settings, setting, settings_of_class
 READING, TIME, WORLD = "Reading", "Time", "World"  # Groups.
 AUTO, ON, OFF = "auto", "on", "off"
 LEVELS = (
-    Choice(
-        AUTO,
-        "If Certain",
-        "Level the world if balance, feet and cameras show that it is tilted. If unsure, keep this choice",
-    ),
-    Choice(ON, "From the Person", "Level the world from a walking person. Use this if the calibrated floor is tilted"),
-    Choice(
-        OFF, "As Calibrated", "Keep the calibration's up direction and floor. Use this if the calibrated floor is right"
-    ),
+    Choice(AUTO, "If Certain", "Level the world if balance, feet and cameras show that it is tilted (recommended)"),
+    Choice(ON, "From the Person", "Level the world from a walking person, for a tilted calibration"),
+    Choice(OFF, "As Calibrated", "Keep the up direction and the floor of the calibration, if they are right"),
 )
 _JOINT_SETS = ", ".join(joint_set.value for joint_set in JointSet)
 _reading, _time, _world = (partial(setting, group=group) for group in (READING, TIME, WORLD))

@@ -13,102 +13,67 @@ METHOD, CLEAN_UP, RECORDING, RESOURCES = "Method", "Clean-up", "Recording and re
 """Groups of settings. A panel preset sets those in the first group."""
 GLOBAL, SLIDING, BUNDLEMOCAP, NOISE_AWARE = "global", "sliding", "bundlemocap++", "noise-aware"
 METHODS = (
-    Choice(GLOBAL, "Whole Take", "Solve all keyframes of the take at once. If unsure, keep this method"),
+    Choice(GLOBAL, "Whole Take", "Solve all keyframes of the take at once (recommended)"),
     Choice(
         BUNDLEMOCAP,
         "BundleMoCap++",
-        "Solve windows from the detections alone, as in Albanis 2026 (thesis 6.2.5). Use this to compare with it",
+        "Solve windows from the detections alone, to compare with Albanis 2026 (thesis 6.2.5)",
     ),
     Choice(
-        SLIDING,
-        "Sliding Windows",
-        "Solve windows with our pose mixture, learned shape and Gauss-Newton steps. Use this for very long takes",
+        SLIDING, "Sliding Windows", "Solve windows with our pose mixture and Gauss-Newton steps, for very long takes"
     ),
-    Choice("frame", "Frame by Frame", "Solve each frame separately. Use this for single poses"),
+    Choice("frame", "Frame by Frame", "Solve each frame separately, for single poses"),
     Choice(
         NOISE_AWARE,
         "Noise-Aware",
-        "Solve each frame with estimated reliability, as in Albanis 2026 (thesis, chapter 5). "
-        "Use this if a network estimated your landmarks",
+        "Estimate reliability in each frame, for a network's landmarks (Albanis 2026, chapter 5)",
     ),
 )
 """Sources: thesis (Albanis 2026), 6.2.5 for 'bundlemocap++', eq. 6.5 for 'frame', eq. 5.8 for 'noise-aware'."""
 AUTO_PRIOR = "auto"
 PRIORS = (
-    Choice(
-        AUTO_PRIOR, "Method Default", "Use RVPoser for the method noise-aware, otherwise SPoser. If unsure, keep this"
-    ),
-    Choice(
-        "sposer",
-        "SPoser",
-        "Codes on a sphere (Albanis 2026, thesis 6.2.2), the default of most methods. Do not use this for noise-aware",
-    ),
-    Choice(
-        "rvposer",
-        "RVPoser",
-        "Robust Gaussian codes (Albanis 2026, thesis 4.2.4). Use this for the method noise-aware",
-    ),
-    Choice("vposer", "VPoser", "Gaussian codes (Pavlakos et al. 2019). Use this to compare with earlier results"),
+    Choice(AUTO_PRIOR, "Method Default", "Use SPoser, or RVPoser for the method noise-aware (recommended)"),
+    Choice("sposer", "SPoser", "Codes on a sphere (Albanis 2026, thesis 6.2.2), for most methods"),
+    Choice("rvposer", "RVPoser", "Robust Gaussian codes (Albanis 2026, thesis 4.2.4), for noise-aware"),
+    Choice("vposer", "VPoser", "Gaussian codes (Pavlakos et al. 2019), for comparison"),
 )
 LANDMARKS_LABELLED, LANDMARKS_NETWORK, LANDMARKS_JOINTS = "labelled", "network", "network-joints"
 LANDMARKS = (
-    Choice(
-        LANDMARKS_LABELLED,
-        "Labelled",
-        "The recorded markers, labelled first if they have no labels. If unsure, keep these",
-    ),
+    Choice(LANDMARKS_LABELLED, "Labelled", "The recorded markers, labelled first if they have no labels (recommended)"),
     Choice(
         LANDMARKS_NETWORK,
         "Network",
-        "The 53 markers that the labelling network estimates in each frame. Use these to fit estimates directly",
+        "The 53 markers that the labelling network estimates, as in Albanis 2026 (thesis 5.2.2)",
     ),
     Choice(
         LANDMARKS_JOINTS,
         "With Joints",
-        "The 53 markers and 24 joints that the labelling network estimates. Use these to fit joints, too",
+        "Like network, with its 24 joints, too",
     ),
 )
 """The thesis fits estimated landmarks directly (5.2.2)."""
 APART, SCREW = "apart", "screw"
 ROOT_CURVES = (
-    Choice(
-        APART,
-        "Apart",
-        "Interpolate rotation and translation separately, as in Albanis 2026 (thesis 6.2.5). If unsure, keep this",
-    ),
-    Choice(
-        SCREW,
-        "Screw",
-        "Interpolate rotation and translation together as screw motions in SE(3). Use this to let a turn follow an arc",
-    ),
+    Choice(APART, "Apart", "Interpolate rotation and translation separately, as in Albanis 2026 (recommended)"),
+    Choice(SCREW, "Screw", "Interpolate both as screw motions in SE(3), for turns on an arc"),
 )
 """Source: thesis 6.2.5 (eq. 6.10), and 6.4 for the screw."""
 METHOD_NAMES = tuple(method.value for method in METHODS)
 BACKENDS = (
-    Choice("numpy", "NumPy", "Works everywhere. If unsure, keep NumPy"),
-    Choice(
-        "torch",
-        "PyTorch",
-        "Use this for faster solves. It needs a Python with torch, chosen in the add-on's preferences",
-    ),
-    Choice(
-        "cuda",
-        "CUDA",
-        "Use this to compute on an NVIDIA graphics processor. It needs a Python with torch for CUDA",
-    ),
+    Choice("numpy", "NumPy", "Works everywhere (recommended)"),
+    Choice("torch", "PyTorch", "Faster, needs a Python with torch in the add-on's preferences"),
+    Choice("cuda", "CUDA", "For an NVIDIA graphics processor, and a Python with torch for CUDA"),
 )
 """The results of both agree within 0.1 mm."""
 SYNC_AUTO, SYNC_ON, SYNC_OFF = "auto", "on", "off"
 SYNCS = (
-    Choice(
-        SYNC_AUTO, "If Certain", "Shift cameras in time if the views then agree clearly better. If unsure, keep this"
-    ),
+    Choice(SYNC_AUTO, "If Certain", "Shift cameras in time if the views then agree clearly better (recommended)"),
     Choice(
         SYNC_ON,
         "Required",
-        "Shift cameras in time, or refuse an unconfirmed capture. Use this if the cameras started separately",
+        "Like auto, but refuse a capture that stays uncertain, for unsynchronised cameras",
     ),
-    Choice(SYNC_OFF, "As Recorded", "Do not shift cameras in time. Use this if the cameras started together"),
+    Choice(SYNC_OFF, "As Recorded", "Do not shift cameras in time, for cameras that started together"),
 )
 _method, _clean_up, _recording, _resource = (
     partial(setting, group=group) for group in (METHOD, CLEAN_UP, RECORDING, RESOURCES)
@@ -136,8 +101,8 @@ class SolveSettings:
     """The same for 'global' as a duration, in frames at 60 Hz. Fast takes use shorter windows: at least 0.6 times as
     long with views, and 0.4 times with markers."""
     interpolation: int = _method(
-        "whole", 2, "Keys per Window", "Free keyframes per window, the n of SIDER-n. 1 gives SLERP. Albanis 2026 uses "
-        "2", low=1, high=6, methods=(SLIDING,), rare=True)
+        "whole", 2, "Keys per Window", "Free keyframes per window, the n of SIDER-n. 1 gives SLERP, and 2 is that of "
+        "Albanis 2026", low=1, high=6, methods=(SLIDING,), rare=True)
     """Used only by 'sliding' (thesis 6.4). Above 6, a polynomial of translations oscillates between its keys."""
     root_curve: str = _method(
         "choice", APART, "Root Curve", "Curve of the body's path and heading between the keyframes of a window",
@@ -155,7 +120,7 @@ class SolveSettings:
         methods=(GLOBAL,), rare=True)
     """Otherwise all views of a keypoint have the same weight."""
     temporal: bool = _method(
-        "switch", False, "Temporal Term", "Limit the accelerations of landmarks. Albanis 2026 (thesis 5.4) does not",
+        "switch", False, "Temporal Term", "Limit the accelerations of landmarks. Albanis 2026 does not",
         methods=(NOISE_AWARE,), rare=True)
     """Solves the frames of a block together (thesis 5.4 names the lack of this term as a limit)."""
     iterations: int = _method(
@@ -177,7 +142,7 @@ class SolveSettings:
         "choice", SYNC_AUTO, "Synchronise", "Synchronisation of the cameras", choices=SYNCS, metavar="NAME")
     estimate_sync: bool = _recording(
         "switch", False, "Correct Delays",
-        "Also correct small delays. By default, only delays above 0.3 frames are corrected", rare=True)
+        "Also correct delays below 0.3 frames", rare=True)
     leave_out: tuple[str, ...] = _recording(
         "texts", (), "Left-out Views", "Camera to ignore, in all frames or in a range of frames counted from 0",
         metavar="CAMERA[:FIRST-LAST]", control="*Cameras*", rare=True)
@@ -211,8 +176,7 @@ class SolveSettings:
         "default, the known layouts are used", metavar="LAYOUT.json", control="*Markers*", rare=True)
     prior: str = _resource(
         "name_or_file", AUTO_PRIOR, "Pose Prior", "Pose prior: sposer, rvposer, vposer, or a file of trained "
-        "weights. By default, SPoser is used, or RVPoser for "
-        "noise-aware", choices=PRIORS, metavar="NAME|PATH", rare=True)
+        "weights. The default depends on the method", choices=PRIORS, metavar="NAME|PATH", rare=True)
     backend: str = _resource("choice", "numpy", "Compute", "Array library that the solver computes with",
         choices=BACKENDS, metavar="NAME", rare=True)
     # fmt: on

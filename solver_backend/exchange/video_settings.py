@@ -12,24 +12,20 @@ CAMERAS = (
     Choice(
         "auto",
         "Automatic",
-        "Use the calibration next to the videos, or else the board, or else the person. If unsure, keep this choice",
+        "Use the calibration next to the videos, otherwise the board, otherwise the person (recommended)",
     ),
     Choice(
         "board",
         "Filmed Board",
-        "Use the board in 'calibration' or 'extrinsics'. Use this if the cameras moved after an earlier calibration",
+        "Use the board in 'calibration' or 'extrinsics', for cameras that moved after calibration",
     ),
-    Choice(
-        "person",
-        "The Person",
-        "Calibrate from the person who walks in the take. Use this if the existing calibration is wrong",
-    ),
+    Choice("person", "The Person", "Use the person who walks in the take, for a wrong calibration"),
 )
 CLOCKS = (
-    Choice("auto", "Automatic", "Use keypoints, otherwise sound, otherwise no correction. If unsure, keep this choice"),
-    Choice("keypoints", "Keypoints", "Compare the movement of the person. Use this if the videos have no sound"),
-    Choice("sound", "Sound", "Compare sound. Use this if all microphones recorded a clap, music or speech"),
-    Choice("none", "In Step", "Do not correct delays. Use this if the cameras started together"),
+    Choice("auto", "Automatic", "Use keypoints, otherwise sound, otherwise no correction (recommended)"),
+    Choice("keypoints", "Keypoints", "Compare the person's movement, for videos without sound"),
+    Choice("sound", "Sound", "Compare a clap, music or speech that all microphones recorded"),
+    Choice("none", "In Step", "Correct nothing, for cameras that started together"),
 )
 _video = partial(setting, group=VIDEOS)
 
