@@ -155,7 +155,7 @@ class SolveSettings:
         "name_or_file", "neutral", "Body", "Name of a body, or path of a body file. The default ships with the program",
         metavar="NAME|PATH")
     betas: tuple[float, ...] | None = _resource(
-        "numbers", None, "Shape", "Known shape of the body, otherwise estimated from the take", count=10,
+        "numbers", None, "Shape", "Known shape of the body, or else estimated", count=10,
         metavar="B0,B1,…", control="*Keep Shape* and the body's sliders", rare=True)
     noise: str = _resource(
         "file", "", "Detector Noise", "File of `cameras noise` with the scatter of keypoints at each confidence. "

@@ -108,7 +108,7 @@ def test_a_camera_that_was_moved_is_found_and_corrected(noisy: Capture) -> None:
     assert apart(moved, cameras, False)[1] > 1.0
     [finding] = refined.findings
     assert (finding.code, finding.where.cameras) == ("camera_moved", (cameras.names[2],))
-    assert re.search(r"points 1\.[5-9]°", sentence(finding)) and "to have moved" in sentence(finding)
+    assert re.search(r"pose by 1\.[5-9]°", sentence(finding)) and "to have moved" in sentence(finding)
 
 
 def test_true_cameras_stay_bit_for_bit_and_nobody_is_accused(noisy: Capture) -> None:
