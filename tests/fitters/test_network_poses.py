@@ -99,7 +99,7 @@ def test_wrong_results_are_refused_by_name(filmed: Filmed) -> None:
         filmed.joined(replace(person, local=mirrored))
     with pytest.raises(MotionInvalid, match="too few frames"):
         filmed.joined(person.of_frames(np.arange(3)))
-    with pytest.raises(JobInvalid, match="no camera cam9"):
+    with pytest.raises(JobInvalid, match="no camera 'cam9'"):
         filmed.joined(person, camera="cam9")
     with pytest.raises(JobInvalid, match="Several cameras see the person"):
         filmed.joined(person, capture=filmed.whole)

@@ -84,7 +84,7 @@ def test_weights_of_something_else_are_named(tmp_path: Path, name: str) -> None:
     for change, text in (
         ({"version": 9}, "version 9"),
         ({"written_as": "gmm"}, f"for the prior 'gmm', not '{name}'"),
-        ({"body_joints": ["tail"]}, "another body"),
+        ({"body_joints": ["tail"]}, "a body with other joints"),
         ({"decoder_hidden": [7, 7]}, "decoder_w0.*shape"),
         ({"decoder_hidden": ["a"]}, "hidden widths of the decoder"),
         ({"decoder_hidden": 1e400}, "hidden widths of the decoder"),

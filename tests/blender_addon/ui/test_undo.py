@@ -79,7 +79,7 @@ def test_a_changed_look_is_undone(mocap, rig: Rig) -> None:
     mocap.look = SUIT_LOOK
     step("own material")
 
-    def shown() -> tuple[object, ...]:
+    def shown() -> tuple[str, str, list[str], list[str], list[float]]:
         mesh = bpy.data.objects[name]
         keys, slots = [key.value for key in mesh.data.shape_keys.key_blocks], [m.name for m in mesh.data.materials]
         faces = [slots[face.material_index] for face in mesh.data.polygons]
