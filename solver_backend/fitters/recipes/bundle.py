@@ -289,22 +289,25 @@ def holds_skin(problem: Problem, settings: SolveSettings) -> bool:
 def hold_skin(bundle: Bundle) -> Bundle:
     """Solve again with the skin outside of floor, objects and other people, unless only feet touch the floor.
 
-    Skin is fixed where it touches floor or objects. If measurements contradict the other people, they are not used.
-    If they contradict the objects, only the floor is used. If they contradict the floor, nothing is used.
+    Skin is fixed where it touches floor or objects. Surfaces that the measurements contradict are not used: other people
+    if the rest agrees, otherwise the objects, then also the floor.
     """
     if not holds_skin(bundle.problem, bundle.settings):
         return bundle
-    world, refused, others = world_of(bundle.settings), tuple[Diagnostic, ...](), bundle.problem.others
-    tries = [(world, others)] if others is not None else []
-    for surfaces, people in (*tries, (world, None), (Obstacles.floor(), None))[: None if world.has_objects else -1]:
+    world, floor, others = world_of(bundle.settings), Obstacles.floor(), bundle.problem.others
+    worlds = [(world, "objects"), (floor, "floor and objects")] if world.has_objects else [(floor, "floor")]
+    tries = [(*tried, people) for tried in worlds for people in ((None,) if others is None else (others, None))]
+    refused = tuple[Diagnostic, ...]()
+    for surfaces, name, people in tries if others is None else (*tries, (floor.without_floor, PEOPLE, others)):
         held, works = _hold_outside(bundle, surfaces, people)
         if held.skin is None or not contradicts(works, 2.0 * (held.data_cost - bundle.data_cost)):
+            if people is not others:
+                refused = (*refused, diagnostic("surface_contradicted", surface=PEOPLE))
             return replace(held, notes=(*refused, *held.notes))
-        if people is not None:
-            refused = (diagnostic("surface_contradicted", surface=PEOPLE),)
-            continue
-        name = "objects" if surfaces.has_objects else "floor and objects" if world.has_objects else "floor"
-        refused = (diagnostic("surface_contradicted", surface=name),)
+        if people is None:
+            refused = (diagnostic("surface_contradicted", surface=name),)
+    if others is not None:
+        refused = (*refused, diagnostic("surface_contradicted", surface=PEOPLE))
     return replace(bundle, notes=refused)
 
 
