@@ -300,7 +300,7 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[Ta
 
 def _meetings(ended: Sequence[tuple[Job, str, object]]) -> Iterator[tuple[int, list[Motion]]]:
     """Yield the index of people who came close to others of their take, and the others' motions as solved alone."""
-    from solver_backend.fitters.other_skin import come_close
+    from solver_backend.fitters.other_skin import only_close
     from solver_backend.io.native.motion_file import read_motion
 
     takes: dict[str, list[int]] = {}
@@ -313,11 +313,11 @@ def _meetings(ended: Sequence[tuple[Job, str, object]]) -> Iterator[tuple[int, l
         motions = {index: read_motion(ended[index][0].out) for index in indices}
         for index, one in motions.items():
             others = {
-                other.provenance["person"]: other
+                other.provenance["person"]: near
                 for other in motions.values()
                 if other.provenance["person"] != one.provenance["person"]
                 and other.body == one.body
-                and come_close(one, other)
+                and (near := only_close(one, other)) is not None
             }
             if others:
                 yield index, list(others.values())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,22 +31,29 @@ def spread_vertices(body: Body) -> np.ndarray:
     return np.array(taken)
 
 
-def come_close(one: Motion, other: Motion) -> bool:
-    """Return whether joints of two people of the same take come within ``CLOSE_M``."""
+def only_close(one: Motion, other: Motion) -> Motion | None:
+    """Return the other person's motion, unseen in frames in which no joints of both are within ``CLOSE_M``.
+
+    None if these are all frames. Frames in which either person is unseen count as such.
+    """
     if one.joints is None or other.joints is None or len(one.joints) != len(other.joints):
-        return False
-    return any(
-        bool((np.linalg.norm(one.joints[:, joint, None] - other.joints, axis=-1) < CLOSE_M).any())
-        for joint in range(one.joints.shape[1])
-    )
+        return None
+    apart = (np.linalg.norm(one.joints[:, joint, None] - other.joints, axis=-1) for joint in range(one.joints.shape[1]))
+    near = np.any([(distance < CLOSE_M).any(axis=1) for distance in apart], axis=0) & _seen(one) & _seen(other)
+    return replace(other, flags=np.where(near, 0, FLAG_UNSEEN).astype(np.uint8)) if near.any() else None
+
+
+def _seen(motion: Motion) -> np.ndarray:
+    return np.ones(motion.num_frames, bool) if motion.flags is None else motion.flags & FLAG_UNSEEN == 0
 
 
 @dataclass(frozen=True)
 class OtherSkin:
-    """T points on the skin of other people in all frames of a take."""
+    """T points on the skin of other people, in the N frames in which any of them is seen."""
 
-    points: np.ndarray  # (F, T, 3) metres, single precision.
-    normals: np.ndarray  # (F, T, 3) unit vectors out of the skin.
+    points: np.ndarray  # (N, T, 3) metres, single precision.
+    normals: np.ndarray  # (N, T, 3) unit vectors out of the skin.
+    rows: np.ndarray  # (F,) row of each frame of the take, -1 if nobody is seen.
 
     @classmethod
     def of(cls, body: Body, motions: Sequence[Motion]) -> OtherSkin:
@@ -63,17 +70,18 @@ class OtherSkin:
         skin = Landmarks.of_points(names, ends, *arrays, posedirs=body.posedirs[both])
         people = [Subject(body, skin, motion.betas, np.zeros((len(both), 3))) for motion in motions]
         poses = [PosedFrames.of_motion(motion, np.zeros(1)) for motion in motions]
-        shape = motions[0].num_frames, len(motions) * len(vertices), 3
+        seen = np.array([_seen(motion) for motion in motions])
+        rows = np.where(seen.any(axis=0), np.cumsum(seen.any(axis=0)) - 1, -1)
+        shape = int(rows.max()) + 1, len(motions) * len(vertices), 3
         points, out = np.full(shape, _FAR_M, np.float32), np.zeros(shape, np.float32)
-        for number, (motion, person, posed) in enumerate(zip(motions, people, poses, strict=True)):
+        for number, (person, posed) in enumerate(zip(people, poses, strict=True)):
             own = slice(number * len(vertices), (number + 1) * len(vertices))
-            seen = np.ones(len(points), bool) if motion.flags is None else motion.flags & FLAG_UNSEEN == 0
-            for first in range(0, int(seen.sum()), BLOCK_POSES):
-                frames = np.flatnonzero(seen)[first : first + BLOCK_POSES]
+            for first in range(0, int(seen[number].sum()), BLOCK_POSES):
+                frames = np.flatnonzero(seen[number])[first : first + BLOCK_POSES]
                 found, tips = np.split(np.asarray(points_of(person, posed.select(frames))), 2, axis=1)
-                points[frames, own] = found
-                out[frames, own] = (tips - found) / np.linalg.norm(tips - found, axis=-1, keepdims=True)
-        return cls(points, out)
+                points[rows[frames], own] = found
+                out[rows[frames], own] = (tips - found) / np.linalg.norm(tips - found, axis=-1, keepdims=True)
+        return cls(points, out, rows)
 
     def nearest(self, points: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the signed distance (F, S) of points (F, S, 3) from the plane of the nearest skin, and its normal.
@@ -81,21 +89,24 @@ class OtherSkin:
         Distances are negative inside, and infinite beyond ``REACH_M``. ``frames`` (F,) are the numbers of the frames.
         """
         height, normals = np.full(points.shape[:2], np.inf), np.tile([0.0, 0.0, 1.0], (*points.shape[:2], 1))
-        for first in range(0, len(frames), BLOCK):
-            some = slice(first, first + BLOCK)
-            skin = self.points[frames[some]]
+        kept = np.flatnonzero(self.rows[frames] >= 0)
+        for first in range(0, len(kept), BLOCK):
+            some = kept[first : first + BLOCK]
+            rows = self.rows[frames[some]]
+            skin = self.points[rows]
             theirs = _columns_in(skin, points[some])
             ours = _columns_in(points[some], skin[:, theirs])
             if not len(ours):
                 continue
-            own, skin, out = points[some, ours], skin[:, theirs].astype(float), self.normals[frames[some]][:, theirs]
+            both = np.ix_(some, ours)
+            own, skin, out = points[both], skin[:, theirs].astype(float), self.normals[rows][:, theirs]
             squared = (own**2).sum(-1)[..., None] + (skin**2).sum(-1)[:, None] - 2.0 * own @ skin.swapaxes(1, 2)
             pick = squared.argmin(axis=2)[..., None]
             normal = np.take_along_axis(out, pick, 1)
             away = own - np.take_along_axis(skin, pick, 1)
             near = np.linalg.norm(away, axis=-1) < REACH_M
-            height[some, ours] = np.where(near, (away * normal).sum(axis=-1), np.inf)
-            normals[some, ours] = normal
+            height[both] = np.where(near, (away * normal).sum(axis=-1), np.inf)
+            normals[both] = normal
         return height, normals
 
 

@@ -207,19 +207,22 @@ def find_skin_contacts(
     return SkinContacts(joined, parts, *arrays, lost)
 
 
-def find_touching_people(subject: Subject, frames: PosedFrames, fps: float, others: OtherSkin) -> SkinContacts | None:
+def find_touching_people(
+    subject: Subject, frames: PosedFrames, fps: float, others: OtherSkin, seen: np.ndarray
+) -> SkinContacts | None:
     """Find skin near or in other people, which stays outside of them, None if none is deeper than ``DEEP_M``.
 
-    Nothing is held, because people move.
+    Nothing is held, because people move. Frames outside of the (F,) mask ``seen`` have no contacts.
     """
     vertices, count = spread_vertices(subject.body), frames.transl.shape[0]
-    sampled = np.arange(0, count, max(1, round(SAMPLE_S * fps)))
+    sampled, known = np.arange(0, count, max(1, round(SAMPLE_S * fps))), np.flatnonzero(seen)
     skin, placed = _posed_skin(subject, frames.select(index(sampled, frames.transl)), vertices)
     near = (others.nearest(placed, sampled)[0] < REACH_M).any(axis=0)
     if not near.any():
         return None
     skin, placed = _posed_skin(subject, frames, vertices[near])
-    height, normals = others.nearest(placed, np.arange(count))
+    height, normals = np.full(placed.shape[:2], np.inf), np.tile([0.0, 0.0, 1.0], (*placed.shape[:2], 1))
+    height[known], normals[known] = others.nearest(placed[known], known)
     solid, parts = np.isfinite(height), parts_of_skin(subject.body)[vertices[near]]
     if not (height < -DEEP_M).any():
         return None

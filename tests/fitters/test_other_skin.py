@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 
 from research.simulation.benchmark import BenchmarkSettings, film_benchmark
+from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.mesh import pose_mesh
+from solver_backend.exchange.joint_sets import JointSet
 from solver_backend.exchange.motion_file import FLAG_UNSEEN
-from solver_backend.fitters.model.subject import BLOCK_POSES
-from solver_backend.fitters.other_skin import OtherSkin, come_close, spread_vertices
+from solver_backend.fitters.model.subject import BLOCK_POSES, PosedFrames, Subject
+from solver_backend.fitters.other_skin import OtherSkin, only_close, spread_vertices
 from solver_backend.fitters.pipeline import solve
+from solver_backend.fitters.skin_contacts import find_touching_people
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import Capture, Motion
 from tests.support.floor_takes import FPS, kneeling
@@ -34,13 +37,11 @@ def solved_alone(capture: Capture) -> Motion:
     return solve(capture).motion
 
 
-def beside(motion: Motion, metres: float) -> Motion:
-    """Return the same person so far behind."""
-    return replace(
-        motion,
-        transl=motion.transl + np.float32([0.0, metres, 0.0]),
-        joints=None if motion.joints is None else motion.joints + np.float32([0.0, metres, 0.0]),
-    )
+def beside(motion: Motion, metres: float | np.ndarray) -> Motion:
+    """Return the same person so far behind, in all frames or in each of them (F, 1)."""
+    away = (metres * np.array([0.0, 1.0, 0.0])).astype(np.float32)
+    joints = None if motion.joints is None else motion.joints + away.reshape(-1, 1, 3)
+    return replace(motion, transl=motion.transl + away, joints=joints)
 
 
 def gaps_mm(one: Motion, other: OtherSkin) -> np.ndarray:
@@ -77,8 +78,27 @@ def test_a_long_take_with_few_seen_frames_has_a_skin(seen: int) -> None:
 
 
 def test_only_people_who_come_close_meet(alone: Motion) -> None:
-    assert come_close(alone, beside(alone, 0.2)) and not come_close(alone, beside(alone, 1.0))
-    assert not come_close(alone, replace(alone, joints=None))
+    assert only_close(alone, beside(alone, 1.0)) is None and only_close(alone, replace(alone, joints=None)) is None
+    metres = np.where(np.arange(FRAMES) < 5, 0.2, 1.0)[:, None]
+    near = only_close(alone, beside(alone, metres))
+    assert near is not None and near.flags is not None
+    np.testing.assert_array_equal(near.flags == 0, np.arange(FRAMES) < 5)
+    skin, whole = (OtherSkin.of(BODY, [motion]) for motion in (near, beside(alone, metres)))
+    assert len(skin.points) == 5 and len(whole.points) == FRAMES
+    taken = np.arange(2, 8)
+    height, found = (other.nearest(whole.points[taken].astype(float), taken)[0] for other in (skin, whole))
+    np.testing.assert_array_equal(height[:3], found[:3])
+    assert np.isinf(height[3:]).all() and np.isfinite(found).all()
+
+
+def test_frames_in_which_either_is_unseen_are_no_meeting(alone: Motion) -> None:
+    unseen, other = replace(alone, flags=np.full(FRAMES, FLAG_UNSEEN, np.uint8)), beside(alone, 0.2)
+    assert only_close(unseen, other) is None and only_close(other, unseen) is None
+    subject = Subject.average(BODY, keypoint_landmarks(BODY, JointSet.BODY_25), np.zeros(1))
+    frames, seen = PosedFrames.of_motion(alone, subject.betas), np.arange(FRAMES) < 5
+    met = find_touching_people(subject, frames, FPS, OtherSkin.of(BODY, [other]), seen)
+    assert met is not None and met.works[:5].any() and met.solid[:5].any()
+    assert not met.works[5:].any() and not met.solid[5:].any()
 
 
 @pytest.mark.slow

@@ -289,8 +289,8 @@ def holds_skin(problem: Problem, settings: SolveSettings) -> bool:
 def hold_skin(bundle: Bundle) -> Bundle:
     """Solve again with the skin outside of floor, objects and other people, unless only feet touch the floor.
 
-    Skin is fixed where it touches floor or objects. Surfaces that the measurements contradict are not used: other people
-    if the rest agrees, otherwise the objects, then also the floor.
+    Skin is fixed where it touches floor or objects. Surfaces that the measurements contradict are not used: only the
+    other people if the rest agrees, otherwise the objects, then also the floor.
     """
     if not holds_skin(bundle.problem, bundle.settings):
         return bundle
@@ -316,8 +316,8 @@ def _hold_outside(bundle: Bundle, world: Obstacles, others: OtherSkin | None) ->
     standing, names = bundle.contacts, bundle.posed.subject.landmarks.names
     works = np.zeros((bundle.problem.num_frames, len(CONTACT_PARTS)), bool)
     last = Pass(bundle.schedule, tuple(block.name for block in bundle.free.blocks), looseness=bundle.looseness)
-    before, fps = bundle.everywhere, bundle.problem.fps
-    met = None if others is None else find_touching_people(before.subject, before.poses, fps, others)
+    before, fps, seen = bundle.everywhere, bundle.problem.fps, bundle.problem.measurements.seen
+    met = None if others is None else find_touching_people(before.subject, before.poses, fps, others, seen)
     for _ in range(ROUNDS):
         posed = bundle.everywhere
         skin = find_skin_contacts(posed.subject, posed.poses, to_numpy(posed.points), bundle.problem.fps, world)
