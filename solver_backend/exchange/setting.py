@@ -49,7 +49,7 @@ class Setting:
     kind: Kind
     label: str  # Noun phrase in the panel.
     description: str  # Tooltip and help text, a sentence without a full stop.
-    group: str = ""  # Heading in help and panels, empty for a verb's own options.
+    group: str = ""  # Heading in help and panels. Empty if the options belong to one verb.
     low: float | None = None  # Smallest number, or smallest count of "numbers".
     high: float | None = None  # Largest number, or largest count of "numbers".
     soft_high: float | None = None  # End of the panel's slider if smaller than ``high``.
@@ -58,18 +58,18 @@ class Setting:
     choices: tuple[Choice, ...] = ()
     metavar: str = ""  # Placeholder of the value in help texts.
     control: str = ""  # Special control in the panel, for the reference page. Empty for a property.
-    methods: tuple[str, ...] = ()  # Solve methods in which the setting has an effect, empty for all.
+    methods: tuple[str, ...] = ()  # Solve methods in which the setting has an effect. Empty if it affects all.
     name: str = ""  # Key in job files, name of the parsed argument and of the panel's property.
     default: Any = None
     of_class: bool = False
     """True if declared in a dataclass, which has the default. The command line then passes None if not given."""
-    option: str = ""  # Command line options separated by spaces, empty for ``--name``.
+    option: str = ""  # Command line options separated by spaces. Empty means ``--name``.
     positional: bool = False  # True if identified by its position on the command line.
     required: bool = False
     many: bool = False  # Accepts one or more values.
     repeated: bool = False  # Can be given several times. The value is a list.
     excludes: str = ""  # Settings of a verb with the same text here exclude each other.
-    endings: tuple[str, ...] = ()  # Allowed file suffixes with dots, empty for any.
+    endings: tuple[str, ...] = ()  # Allowed file suffixes with dots. Empty allows any.
     is_output: bool = False  # True for a file that the verb writes. It is checked before the work begins.
     hidden: bool = False  # Omitted in help and reference pages.
     rare: bool = False  # Omitted in ``--help``, but listed by ``--help-all``.

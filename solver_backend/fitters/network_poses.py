@@ -77,7 +77,7 @@ class _Match:
     points: np.ndarray  # (F, L, 3) in the camera's axes, NaN where the result has none.
     local: np.ndarray | None  # (F, 22, 3, 3) rotations, anything where the result has none; None for points.
     off_m: float  # Median distance of its points from their rays.
-    reason: str  # How the frames were matched, empty for the file's frame numbers.
+    reason: str  # Method that matched the frames. Empty if the file's frame numbers did.
 
 
 def with_network_results(

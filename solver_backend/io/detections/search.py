@@ -287,7 +287,7 @@ class TrialConfig:
 
     fps: float | None = None  # Frames per second, None if no file states a number.
     joint_set: JointSet | None = None  # Joint set that ``pose_model`` names, None if unknown.
-    frame_range: tuple[int, ...] = ()  # Frames that Pose2Sim processes, empty for all.
+    frame_range: tuple[int, ...] = ()  # Frames that Pose2Sim processes. Empty means all.
     sources: tuple[str, ...] = ()  # Files that were read.
     rate_file: str = ""  # File that states the frame rate.
 

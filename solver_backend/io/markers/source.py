@@ -55,7 +55,7 @@ class MarkerSource:
     path: Path
     format: str  # Name and version of the format.
     positions: np.ndarray  # (F, M, 3) positions in the file's unit and axes, NaN where missing.
-    labels: tuple[str, ...]  # M labels, empty for unnamed points.
+    labels: tuple[str, ...]  # M labels. They are empty if points have no names.
     rate: float | None  # Frames per second, None if the file does not state it.
     default_unit: str  # Most common unit of the format.
     default_up_axis: str  # Most common upward axis of the format.
