@@ -15,7 +15,7 @@ FORMAT, VERSION = "manifold_mocap_user_labels", 1
 
 
 def read_user_labels(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], str]:
-    """Return the marker name for each (column, frame) in a file's ``points``. The name is empty if the point is no marker.
+    """Return the marker name of each (column, frame), which is empty if the point is no marker.
 
     Each item has ``point`` (column, from 0), ``frame`` (from 0) and ``marker`` (a superset name, or "").
 
