@@ -58,8 +58,21 @@ class _NoDocstrings(ast.NodeTransformer):
 
 @cache
 def _instructions(source: str) -> str:
-    """Return a module's source without the parts that have no effect when it runs."""
-    return ast.unparse(_NoDocstrings().visit(ast.parse(source)))
+    """Return a module's syntax tree without the parts that have no effect when it runs."""
+    return _told(_NoDocstrings().visit(ast.parse(source)))
+
+
+def _told(node: object) -> str:
+    """Return a syntax tree as text. Unlike ``ast.dump`` and ``ast.unparse``, it is the same in Python 3.11 to 3.13.
+
+    Only some versions have empty fields, and empty constants in f-strings.
+    """
+    if isinstance(node, ast.JoinedStr):
+        node = ast.JoinedStr([part for part in node.values if not isinstance(part, ast.Constant) or part.value])
+    if isinstance(node, ast.AST):
+        fields = (f"{name}={_told(value)}" for name, value in ast.iter_fields(node) if value not in (None, []))
+        return f"{type(node).__name__}({','.join(fields)})"
+    return f"[{','.join(map(_told, node))}]" if isinstance(node, list) else repr(node)
 
 
 def _file(module: str) -> Path | None:

@@ -84,3 +84,16 @@ def test_words_about_the_code_are_no_part_of_its_version(
     before = code_version.__wrapped__("solver_backend.start")
     path.write_text(source, encoding="utf-8")
     assert (code_version.__wrapped__("solver_backend.start") == before) == is_same
+
+
+def test_the_version_does_not_depend_on_the_version_of_python() -> None:
+    source = 'def row(name, width=8):\n    return f"{name:<{width}} {width!r}"\n'
+    parts = [
+        f"FormattedValue(value=Name(id='width',ctx=Load()),conversion={conversion})" for conversion in (-1, ord("r"))
+    ]
+    form = f"JoinedStr(values=[Constant(value='<'),{parts[0]}])"
+    name = f"FormattedValue(value=Name(id='name',ctx=Load()),conversion=-1,format_spec={form})"
+    arguments = "arguments(args=[arg(arg='name'),arg(arg='width')],defaults=[Constant(value=8)])"
+    returned = f"Return(value=JoinedStr(values=[{name},Constant(value=' '),{parts[1]}]))"
+    expected = f"Module(body=[FunctionDef(name='row',args={arguments},body=[{returned}])])"
+    assert versions._instructions(source) == expected, "the same in Python 3.11, 3.12 and 3.13"
