@@ -38,4 +38,4 @@ def test_a_measurement_that_was_stopped_leaves_nothing(tmp_path: Path) -> None:
 
 def test_the_code_of_a_benchmark_is_its_own_too() -> None:
     names = {path.name for path in closure(NAME, (*PACKAGES, "tests"))}
-    assert {"bench_sync.py", "validation_takes.py", "geometry.py", "filming.py"} <= names
+    assert {"bench_sync.py", "validation_takes.py", "synchronise.py", "filming.py"} <= names
