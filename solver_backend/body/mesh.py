@@ -59,6 +59,14 @@ def face_normals(vertices: Float[np.ndarray, "*batch v 3"], faces: Int[np.ndarra
     return np.cross(b - a, c - a)
 
 
+def vertex_normals(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "t 3"]) -> np.ndarray:
+    """Return the (V, 3) sums of the normals of each vertex's triangles, which weights them by area."""
+    across, normals = face_normals(vertices, faces), np.zeros_like(vertices)
+    for corners in faces.T:
+        np.add.at(normals, corners, across)
+    return normals
+
+
 def _skinned(xp: Any, weights: Array, transforms: Array, rest: Array) -> Array:
     """Return (f, V, 3) skinned points from (f, J, 3, 4) transforms and (f or 1, V, 3) rest points."""
     blend = xp.matmul(weights, xp.reshape(transforms, (*transforms.shape[:2], 12)))

@@ -9,7 +9,7 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.landmarks import Landmarks
-from solver_backend.body.mesh import face_normals
+from solver_backend.body.mesh import vertex_normals
 from solver_backend.exchange.motion_file import FLAG_UNSEEN
 from solver_backend.fitters.model.subject import BLOCK_POSES, PosedFrames, Subject, points_of
 from solver_backend.types import Motion
@@ -18,7 +18,7 @@ SPACING_M = 0.025  # Distance of chosen points on the skin.
 NORMAL_M = 0.01  # Length of the posed normals.
 REACH_M = 0.08  # Largest distance of skin that may touch.
 CLOSE_M = 0.3  # Joints so near may belong to bodies that touch: flesh of two trunks. Chosen by hand.
-_FAR_M = 1e4  # Place of a person who is not seen.
+_FAR_M = 1e4  # Coordinates of a person who is not seen, in metres.
 BLOCK = 8  # Frames at a time. Affects time and memory only.
 
 
@@ -59,10 +59,8 @@ class OtherSkin:
     def of(cls, body: Body, motions: Sequence[Motion]) -> OtherSkin:
         """Return the skin of motions of this body with the same frames."""
         vertices = spread_vertices(body)
-        normals = np.zeros_like(body.v_template)
-        for corners in body.faces.T:
-            np.add.at(normals, corners, face_normals(body.v_template, body.faces))
-        normals = normals[vertices] / np.linalg.norm(normals[vertices], axis=-1, keepdims=True)
+        normals = vertex_normals(body.v_template, body.faces)[vertices]
+        normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
         both, rest = np.r_[vertices, vertices], body.v_template[vertices]
         ends = np.concatenate([rest, rest + NORMAL_M * normals])
         names = tuple(f"skin {number}" for number in range(len(both)))

@@ -8,7 +8,7 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.markers import marker_landmarks, skin_normals
-from solver_backend.body.mesh import face_normals
+from solver_backend.body.mesh import vertex_normals
 from solver_backend.camera_calibration.pictures import Canvas
 from solver_backend.synthesis.simulation.keypoint_detector import cross_2d
 from solver_backend.synthesis.studio.z_buffer import rasterise
@@ -93,9 +93,7 @@ def _shaded(vertices: np.ndarray, faces: np.ndarray, px: np.ndarray, size: np.nd
     """Return the (h, w, 3) uint8 image of the smoothly shaded body on white."""
     fine = (int(FINER * size[0]), int(FINER * size[1]))
     seen = rasterise(px * FINER, _AWAY_M - vertices[:, 2], faces, fine)
-    across, normals = face_normals(vertices, faces), np.zeros_like(vertices)
-    for k in range(3):
-        np.add.at(normals, faces[:, k], across)
+    normals = vertex_normals(vertices, faces)
     rows, columns = np.nonzero(seen.face >= 0)
     face = faces[seen.face[rows, columns]]
     share = _barycentric((px * FINER)[face], np.stack([columns, rows], -1))
