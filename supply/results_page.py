@@ -94,9 +94,9 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
     ),
     "From one calibrated camera": (
         ("Joint error in the world, unseen people of 1.45 to 2.05 m", "one_camera_people", "world", "mm"),
-        ("Joint error of these people after similarity alignment of each frame", "one_camera_people", "pa", "mm"),
+        ("The same after similarity alignment of each frame", "one_camera_people", "pa", "mm"),
         ("Joint error in the world, dances unlike the training motion", "one_camera_people", "class_world", "mm"),
-        ("Joint error of these dances after similarity alignment of each frame", "one_camera_people", "class_pa", "mm"),
+        ("The same after similarity alignment of each frame", "one_camera_people", "class_pa", "mm"),
         ("True joints inside the 95 % confidence ellipsoids, unseen people", "one_camera_people", "inside_95", "%"),
     ),
     "From optical markers": (
@@ -155,7 +155,7 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ("Residual with the calibration of the trial", "video_cameras", "four_calibrated_px", "px"),
         ("Size error with four cameras calibrated without a board", "video_cameras", "four_size_percent", "%"),
         (
-            "Size error with these four cameras and a given stature",
+            "The same with a given stature",
             "video_cameras",
             "four_with_stature_size_percent",
             "%",
@@ -194,19 +194,19 @@ _HEAD = """<!-- Made by python3 dev.py docs from tests/benchmarks/baseline.json 
 
 # Results
 
-Each row has the command that measures the figure again, and the date. The machine has {machine}.
+Run `python3 dev.py bench NAME` to measure the figures of a benchmark again. The machine has {machine}.
 Only `bake`, `body`, `register`, `solve_in_blender` and `marker_speed` need no recordings. The others need recordings
-in the folder that the variable `MOCAP_SHARED_DATA` names, or in `shared/data` next to the repository. Most are copies
-of public ones (CMU, UI-PRMD, Pose2Sim, BTKData, nimblephysics and others) in our own file layout. The [model
-cards](explanation/body-and-patents.md#weights) name sources. No converter is included. A benchmark whose recordings
-are missing prints `skipped` and the reason.
+in the folder that the variable `MOCAP_SHARED_DATA` names, or in `shared/data` next to the repository, and print
+`skipped` without them. Most are copies of public ones (CMU, UI-PRMD, Pose2Sim, BTKData, nimblephysics and others) in
+our own file layout, for which there is no converter. The [model cards](explanation/body-and-patents.md#weights) name
+sources.
 
 **Most figures are simulated.** *Simulated* means that simulated cameras or sensors recorded generated bodies with
 recorded motion. The detector's noise was measured on 100 frames of a real recording with OpenPose. *Real* means
 recorded markers or videos. Other methods are our own implementations. The cases in *From several views* are held-out
 captures with one or two faults. A fault is harmless if the error grows by at most 15 %. The search for wrong
-calibrations has changed since some rows were measured. The [research log](research-log/README.md) has later figures,
-and [accuracy](explanation/accuracy.md) explains the measures."""
+calibrations has changed since some rows were measured ([later figures](research-log/README.md)).
+[Accuracy](explanation/accuracy.md) explains the measures."""
 
 
 def results_page() -> str:
@@ -217,14 +217,14 @@ def results_page() -> str:
             "",
             f"## {title}",
             "",
-            "| measurement | data | result | command | measured on |",
+            "| measurement | data | result | benchmark | measured on |",
             "|---|---|---|---|---|",
         ]
         for what, bench, key, unit in rows:
             data = "real" if key in REAL else "–" if bench in SPEED else "simulated"
             # A figure that was not measured again with its benchmark has a date of its own.
             found = _baseline()[bench]
-            made = f"`dev.py bench {bench}` | {found['figures'].get(key, {}).get('recorded', found['recorded'])}"
+            made = f"`{bench}` | {found['figures'].get(key, {}).get('recorded', found['recorded'])}"
             shown, gap = _show(bench, key), "" if unit in ("", "°") else " "
             one = unit.removesuffix("s") if shown == "1" and unit == "cases" else unit
             parts.append(f"| {what} | {data} | {shown}{gap}{one} | {made} |")
