@@ -70,6 +70,9 @@ on the published side. A row without an interval has no verdict.
 The column *published* shows the ratio of the two published figures, for each published data set. The column *here*
 shows our ratio, with our two figures in brackets. The conditions of each table are under its heading.
 
+PCK is the share of joints within 1, 3 or 7 cm. FID is the Fréchet distance to real poses, and DIV is the
+distance between random pairs of poses, both in VPoser's codes.
+
 | verdict of a row | condition |
 |---|---|
 """

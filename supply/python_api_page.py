@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import inspect
-
 import solver_backend
 
 _HEAD = """<!-- Made by python3 dev.py docs from solver_backend.__all__; edit that. -->
 
 # Python API
 
-The table lists the public names of the package `solver_backend`. On the site, full descriptions replace the lines that
-start with `:::`. `help(NAME)` also prints the description of a name. [Extend the program](../how-to/extend.md) links
-example scripts. [`bake_headless`](../examples/bake_headless.py) in the folder
-`docs/examples` bakes a motion without Blender's window.
+These are the public names of the package `solver_backend`. `help(NAME)` prints the description of a name, and the site
+shows all descriptions. [Extend the program](../how-to/extend.md) links example scripts, such as
+[`bake_headless`](../examples/bake_headless.py), which bakes a motion without Blender's window.
 
 The public names follow [Semantic Versioning](https://semver.org/spec/v2.0.0.html). Before version 1.0.0, a minor
 version may change them. All other names may change in any version.
@@ -44,10 +41,4 @@ def python_api_page() -> str:
     """Return the page that lists all public names."""
     objects = [getattr(solver_backend, name) for name in solver_backend.__all__]
     paths = sorted(f"{found.__module__}.{found.__qualname__}" for found in objects)
-    table = [f"| `{name}` | {_first_line(getattr(solver_backend, name))} |" for name in sorted(solver_backend.__all__)]
-    head = [_HEAD, "| name | description |", "|---|---|"]
-    return "\n".join([*head, *table, "", *(f"::: {path}\n" for path in paths)])
-
-
-def _first_line(public: object) -> str:
-    return (inspect.getdoc(public) or "").partition("\n")[0].replace("``", "`").replace("|", "\\|")
+    return "\n".join([_HEAD, *(f"::: {path}\n" for path in paths)])

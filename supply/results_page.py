@@ -61,7 +61,6 @@ CHARTS = (
     ),
 )  # fmt: skip
 
-DETECTIONS = "Detections in videos"
 TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
     "From several views": (
         ("Joint error with four views, three takes", "bundle", "mpjpe_mm", "mm"),
@@ -139,7 +138,7 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
             "%",
         ),
     ),
-    DETECTIONS: (
+    "Detections in videos": (
         (
             "Median distance of the included detector from OpenPose's keypoints, 448 pictures",
             "detector",
@@ -228,38 +227,11 @@ def results_page() -> str:
             shown, gap = _show(bench, key), "" if unit in ("", "°") else " "
             one = unit.removesuffix("s") if shown == "1" and unit == "cases" else unit
             parts.append(f"| {what} | {data} | {shown}{gap}{one} | {made} |")
-        if title == DETECTIONS:
-            parts += ["", *_by_joint()]
     parts += ["", "## Charts"]
     for chart in CHARTS:
         parts += ["", f"### {chart.title}", "", f"![Chart](images/results_{chart.name}.svg)", ""]
         parts += [f"Measured with `python3 dev.py bench {chart.bench}` on {_baseline()[chart.bench]['recorded']}."]
     return "\n".join([*parts, ""])
-
-
-_BY_JOINT = {
-    "px": "distance, detected (px)",
-    "solved_px": "distance, solved (px)",
-    "missing": "missed (%)",
-    "swapped": "sides swapped, detected (%)",
-    "solved_swapped": "sides swapped, solved (%)",
-}
-
-
-def _by_joint() -> list[str]:
-    """Return the table of the included detector's figures for each joint."""
-    keys = _baseline()["detector"]["figures"]
-    lines = [
-        "This table shows the included detector for each joint, on real videos (`dev.py bench detector`). Distances"
-        " from OpenPose's keypoints are medians.",
-        "",
-        f"| joint | {' | '.join(_BY_JOINT.values())} |",
-        "|---" * (len(_BY_JOINT) + 1) + "|",
-    ]
-    for joint in [key.removesuffix("_missing") for key in keys if key.endswith("_missing")]:
-        cells = [_show("detector", f"{joint}_{key}") for key in _BY_JOINT]
-        lines.append(f"| {joint.replace('_', ' ')} | {' | '.join(cells)} |")
-    return lines
 
 
 def draw_chart(chart: ChartOfBars) -> str:
