@@ -37,7 +37,7 @@ class Family:
 
 @dataclass(frozen=True)
 class LayoutFile:
-    """Contents of a file of marker layouts (see ``docs/reference/file-formats-markers.md``)."""
+    """Contents of a file of marker layouts (see ``docs/how-to/extend.md``)."""
 
     kinds: dict[str, tuple[float, float]]  # Spread of each kind of location off the skin and along it, metres.
     midline: dict[str, dict[str, Any]]  # Rule of each midline location.

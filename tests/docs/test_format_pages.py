@@ -94,8 +94,9 @@ def test_a_json_file_has_these_keys(title: str, module: str) -> None:
 
 def test_the_layouts_have_these_keys() -> None:
     known = json.loads(LAYOUTS_FILE.read_text("utf-8"))
-    text = section(_FORMATS, "Marker files, and the layouts")
-    assert keys(text) == {*known, "places"}
+    text = (ROOT / "docs" / "how-to" / "extend.md").read_text("utf-8")
+    assert keys(section(text, "Add marker names")) == known.keys()
+    assert keys(section(_FORMATS, "Marker files, and the layouts")) == {"format", "version", "places"}
 
 
 def test_every_export_format_has_its_row() -> None:
