@@ -8,9 +8,8 @@ _HEAD = """<!-- Made by python3 dev.py docs from solver_backend/exchange/joint_s
 
 # Joint sets
 
-A joint set names the points that a detector finds. If several sets fit your files, choose one with `--joint-set`. The
-table lists the number of points in a file, and their names in the order of the file. If a file has more points than
-names, the other points belong to the hands and the face. For other points, write a
+A joint set names the points that a detector finds. If several sets fit your files, choose one with `--joint-set`. If a
+file has more points than names, the other points belong to the hands and the face. For other points, write a
 [`keypoints.json`](../how-to/choose-a-detector.md#your-own-keypoints-keypointsjson).
 
 | name | points in a file | names of the points, in order |

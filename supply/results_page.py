@@ -172,7 +172,6 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
     "In Blender": (
         ("CPU time to bake 10,000 frames of 24 bones", "bake", "bake_cpu_s_10000_frames", "s"),
         ("Largest distance between the joints in Blender and in the solver", "body", "joints_deviation_mm", "mm"),
-        ("CPU time to register the extension", "register", "register_cpu_ms", "ms"),
         ("CPU time to retarget 1,000 frames", "retarget", "cpu_s_1000_frames", "s"),
         ("Additional CPU time of a solve inside Blender", "solve_in_blender", "added_cpu_s", "s"),
     ),
@@ -186,7 +185,7 @@ REAL = {
     "detected_swaps_percent", "solved_swaps_percent", "cpu_ms",
 }  # fmt: skip
 """Figures of real recordings. The others are simulated, or only measure speed."""
-SPEED = {"marker_speed", "bake", "body", "register", "retarget", "solve_in_blender"}
+SPEED = {"marker_speed", "bake", "body", "retarget", "solve_in_blender"}
 """Benchmarks that only measure speed, on any data."""
 
 _HEAD = """<!-- Made by python3 dev.py docs from tests/benchmarks/baseline.json (dev.py bench --update records it). -->
@@ -194,7 +193,7 @@ _HEAD = """<!-- Made by python3 dev.py docs from tests/benchmarks/baseline.json 
 # Results
 
 Run `python3 dev.py bench NAME` to measure the figures of a benchmark again. The machine has {machine}.
-Only `bake`, `body`, `register`, `solve_in_blender` and `marker_speed` need no recordings. The others need recordings
+Only `bake`, `body`, `solve_in_blender` and `marker_speed` need no recordings. The others need recordings
 in the folder that the variable `MOCAP_SHARED_DATA` names, or in `shared/data` next to the repository, and print
 `skipped` without them. Most are copies of public ones (CMU, UI-PRMD, Pose2Sim, BTKData, nimblephysics and others) in
 our own file layout, for which there is no converter. The [model cards](explanation/body-and-patents.md#weights) name
@@ -204,7 +203,7 @@ sources.
 recorded motion. The detector's noise was measured on 100 frames of a real recording with OpenPose. *Real* means
 recorded markers or videos. Other methods are our own implementations. The cases in *From several views* are held-out
 captures with one or two faults. A fault is harmless if the error grows by at most 15 %. The search for wrong
-calibrations has changed since some rows were measured ([later figures](research-log/README.md)).
+calibrations has changed since some rows were measured. The [research log](research-log/README.md) has later figures.
 [Accuracy](explanation/accuracy.md) explains the measures."""
 
 

@@ -80,7 +80,7 @@ def read_weights(path: Path, prior: str | None) -> PriorWeights:
         arrays = read_npz(path)
         header = json.loads(str(arrays.pop("header")))
     except (FileDamaged, KeyError, ValueError, RecursionError) as error:
-        raise WeightsInvalid("The file is not a weight file of a prior.", where=path.name) from error
+        raise WeightsInvalid("The file is not a weight file of a prior.", where=path.name, hint=str(error)) from error
     _check_header(header, prior, path.name)
     if arrays_hash(arrays) != header.get("sha256"):
         raise WeightsInvalid("The weights are damaged (another hash).", where=path.name, hint="Reinstall them.")

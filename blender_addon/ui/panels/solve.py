@@ -73,11 +73,8 @@ def solve_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     draw_settings(layout, context, context.scene.mocap, "folder")
 
 
-_PUBLICATIONS = {
-    "bundlemocap++": "10.1016/j.cviu.2024.104190", "noise-aware": "10.48550/arXiv.2309.14330",
-    "sposer": "10.1016/j.cviu.2024.104190", "rvposer": "10.48550/arXiv.2309.14330", "vposer": "10.1109/CVPR.2019.01123",
-}  # fmt: skip
-"""DOI of the publication of each method and prior. The first is that of thesis chapter 6, the second of 4 and 5."""
+_PUBLICATIONS = {"bundlemocap++": "10.1016/j.cviu.2024.104190", "noise-aware": "10.48550/arXiv.2309.14330"}
+"""DOI of each method's publication, as in ``CITATION.cff``."""
 
 
 @panel("Explain Method", "SOLVE", parent="solve", closed=True, needs=CAPTURE.is_met)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from types import SimpleNamespace
 
 import bpy
@@ -12,7 +11,7 @@ from blender_addon.conventions.naming import counted
 from blender_addon.ui.operators.base import current
 from blender_addon.ui.operators.import_results import take_capture, take_motion
 from blender_addon.ui.translation import CONTEXT
-from tests.support.narrow_layout import NarrowContext, NarrowLayout
+from tests.support.narrow_layout import NarrowContext
 from tests.support.panel_layout import Layout
 
 
@@ -90,10 +89,3 @@ def test_a_full_scene_keeps_everything_of_the_users(mocap, solved) -> None:
     assert (scene.render.fps, scene.frame_start, scene.frame_end, scene.camera, scene.frame_current) == settings
     assert bpy.context.view_layer.objects.active == cube and bpy.context.selected_objects == [cube]
     assert set(theirs) <= {obj.name for obj in scene.objects} and len(bpy.data.collections) > 100
-
-
-def test_methods_and_priors_of_publications_are_named_with_a_link(solved_take) -> None:
-    layout = NarrowLayout()
-    bpy.types.VIEW3D_PT_mocap_explain_method.draw(SimpleNamespace(layout=layout), NarrowContext(1000))
-    linked = [text.partition(":")[0] for text, link in pairwise(layout.drawn) if link == "Publication"]
-    assert {"BundleMoCap++", "Noise-Aware", "SPoser", "RVPoser", "VPoser"} == set(linked), layout.drawn

@@ -55,19 +55,3 @@ def test_a_range_without_frames_between_its_ends_is_refused(mocap, solved_take) 
     mocap.review.first, mocap.review.last = 11, 12
     with pytest.raises(RuntimeError, match="2 frames, and at least 3"):
         bpy.ops.mocap.denoise_range()
-
-
-def test_a_denoised_range_is_undone_and_redone(mocap, solved_take, chosen) -> None:
-    bpy.context.preferences.edit.use_global_undo = True
-    bpy.ops.ed.undo_push(message="before")
-    names = [solved_take.name]
-    assert bpy.ops.mocap.denoise_range() == {"FINISHED"}
-    names.append(mocap.review.take.name)
-    bpy.ops.ed.undo_push(message="Denoise Range")
-    bpy.ops.ed.undo()
-    review = bpy.context.scene.mocap.review
-    assert review.take.name == names[0] and names[1] not in bpy.data.actions
-    np.testing.assert_array_equal(played(bpy.context.scene.mocap, review.take), chosen)
-    bpy.ops.ed.redo()
-    review = bpy.context.scene.mocap.review
-    assert review.take.name == names[1] and np.abs(played(bpy.context.scene.mocap, review.take) - chosen).max() > 1e-3
