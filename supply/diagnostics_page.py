@@ -39,9 +39,6 @@ not end the command is a [diagnostic](diagnostics.md). See also the
 | code | exit code | meaning |
 |---|---|---|"""
 
-_INTRO = """Each code has its messages, then the usual cause and what to do.
-*Slanted* words are values from your recording."""
-
 USUAL_EXIT = 3  # Exit code of most errors. The page states only others.
 GROUPS = {entry.group.lower().replace(" ", "-"): entry.group for entry in load_table().values()}
 """Groups of diagnostics by the ending of their page's name."""
@@ -68,7 +65,7 @@ def diagnostics_page() -> str:
 
 def diagnostics_group(page: str) -> str:
     """Return the page of a group, with a heading for each code and every form of its message."""
-    parts = [_NOTICE.format(source="solver_backend/exchange/diagnostics.json"), "", f"# {GROUPS[page]}", "", _INTRO]
+    parts = [_NOTICE.format(source="solver_backend/exchange/diagnostics.json"), "", f"# {GROUPS[page]}"]
     for code, entry in _entries(GROUPS[page]):
         first, *others = _forms(entry)
         rows = [f"{entry.severity.value.title()}: {first}", *(f"or: {form}" for form in others)]
@@ -89,15 +86,13 @@ def errors_page() -> str:
 
 
 def _forms(entry: DiagnosticEntry) -> list[str]:
-    """Return the message and, for each other value of a parameter, the message from this parameter on."""
+    """Return the message, and the other values of each parameter that has several."""
     values = {name: [*words.values()] for name, words in entry.words.items()}
     usual = {name: words[0] for name, words in values.items() if len(words) > 1}
     forms = [_filled(entry.text, usual)]
     for name, words in values.items():
-        before, after = re.split(r"\{" + name + r"[^}]*\}", entry.text)
-        start = "… " if len(before.split()) > 2 else before
-        ends = [word.lstrip(" ,.") for word in words[len(words) > 1 :]]
-        forms += [f"{start}{end}{_filled(after, usual)}" for end in ends]
+        start = "" if entry.text.startswith("{" + name) else "… "
+        forms += [f"{start}{word.lstrip(' ,.')}" for word in words[len(words) > 1 :]]
     return forms
 
 

@@ -59,7 +59,8 @@ def _of_all(table: Mapping[str, DiagnosticEntry], named: Mapping[str, type[Mocap
     lines, group = [], ""
     for code, entry in table.items():
         lines += ["", entry.group] if entry.group != group else []
-        lines.append(f"  {code:<28} {entry.severity.value:<7}  {entry.cause}")
+        about = entry.cause or _VALUE.sub(r"<\1>", entry.text)
+        lines.append(f"  {code:<28} {entry.severity.value:<7}  {about}")
         group = entry.group
     lines += ["", "Errors that end a command, with the exit code"]
     lines += [f"  {code:<28} {int(kind.exit_code):<7}  {kind.__doc__}" for code, kind in named.items()]
@@ -73,7 +74,8 @@ def _of_diagnostic(code: str, entry: DiagnosticEntry) -> Outcome:
     for name, words in entry.words.items():
         texts = [_VALUE.sub(r"<\1>", word).strip(" ,:") for word in words.values()]
         lines += [f"  <{name}>: {text}" for text in texts if text]
-    lines.append(f"Usual cause: {entry.cause}")
+    if entry.cause:
+        lines.append(f"Usual cause: {entry.cause}")
     if entry.remedy:
         lines.append("What to do: " + _VALUE.sub(r"<\1>", entry.remedy))
     if code in list_refusals():

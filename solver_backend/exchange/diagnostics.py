@@ -1,4 +1,4 @@
-"""Represent diagnostics as values from reader to report, with texts in ``diagnostics.json`` by group and code."""
+"""Represent diagnostics as values, with texts in ``diagnostics.json``."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ class DiagnosticEntry:
     group: str  # Heading on the reference page.
     severity: Severity  # Default severity.
     text: str  # Sentence without its full stop, with parameters in braces.
-    cause: str  # The usual cause, for the reference page.
-    remedy: str  # Advice, empty if there is nothing to do.
+    cause: str = ""  # The usual cause, empty if the text states it.
+    remedy: str = ""  # Advice, empty if there is nothing to do.
     role: str = ""  # Role regarding camera faults: "explains", "doubts", "compares" or "compares all".
     words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     """Text of each named parameter value. It may contain parameters."""
@@ -290,7 +290,7 @@ def _by_name(found: Diagnostic) -> str:
 
 
 def summarise(found: Sequence[Diagnostic], fps: float = 0.0) -> list[str]:
-    """Return a line per warning and a summary line, "OK" or "Look at" with cameras, markers, joints and frames.
+    """Return a line per warning, and a last line with "OK" or with what to check.
 
     After a multi-view solve, the last line states the stature, because scaling the world changes no image.
     """

@@ -126,7 +126,7 @@ def test_an_axis_stated_against_the_body(tmp_path: Path) -> None:
     high = rotated + [0, 2500, 900]
     found = take(tmp_path / "take.c3d", C3dBytes(high, LABELS))
     assert stated(found).up_axis == "z"
-    assert "Z is used. If the axis is wrong, give it with --up-axis." in words(found.problems)[0]
+    assert "Z is used. If the axis is wrong, give --up-axis." in words(found.problems)[0]
     assert words(take(tmp_path / "take.c3d", C3dBytes(high, LABELS), up_axis="y").problems) == ()
 
 
