@@ -11,15 +11,18 @@ from solver_backend.exchange.verb import Program, Verb, describe_default, descri
 from solver_backend.exchange.verbs import GROUPS
 from solver_backend.exchange.verbs import shared as named_settings
 
-SHARED = 3  # An option of at least this many verbs is listed once.
+_SETTINGS = (
+    ("SOLVING", 0.5, "the [settings of a solve](settings.md)"),
+    ("READING", 1.0, "the [reading options](settings.md#reading)"),
+    ("WORLD", 1.0, "the [world options](settings.md#world)"),
+)  # Name of a group of settings, the least share of its rows that a verb has to have, and the link.
 _MADE = """<!-- Made by python3 dev.py docs from the tables of verbs in solver_backend/exchange/verbs.json and
 blender_addon/headless/verbs.json; edit those. -->
 
 """
 _JSON = """A progress line has `stage`, `done`, `total` and `eta_s`. The result of `solve` has `motion`, `report`,
 `frames`, `fps`, `duration_s`, `solve_s`, `reprojection_median_px`, `marker_median_mm`, `unseen_frames`,
-`unsure_frames` and `diagnostics`. Each diagnostic has `code`, `severity`, `where`, `values` and `remedy`.
-The lines have no version, so ignore keys that you do not know."""
+`unsure_frames` and [`diagnostics`](diagnostics.md). Ignore keys that you do not know."""
 _HEAD = """# Command line
 
 `manifold VERB` runs the solver and needs only NumPy. Under `manifold blender`, the verbs that bake, render, export,
@@ -31,63 +34,87 @@ retarget or import also need Blender's Python module `bpy`.
 | a clone without an environment | `python -m solver_backend` and `python -m blender_addon` |
 | Blender with the extension | `blender --command manifold_mocap`, for the verbs of `manifold blender` |
 
-`VERB --help` prints the options of a verb. `--help-all` adds the rarely used ones."""
+`VERB --help` prints the options of a verb. `--help-all` adds the rarely used ones. Every verb also takes `--json` and
+`--verbose`."""
 
 
 def command_line_page() -> str:
     """Return the page with the groups, the verbs outside groups, common options and exit codes."""
-    shared = _shared(PROGRAM)
     rows = [f"| [`manifold {group}`](command-line-{group}.md) | {text} |" for group, text in GROUPS.items()]
-    parts = [_MADE + _HEAD, "", "| group | purpose |", "|---|---|", *rows, ""]
-    for verb in PROGRAM.verbs.values():
-        parts += [] if verb.group else _describe(verb, PROGRAM, shared)
-    parts += ["## Common options", "", *_table(shared), ""]
+    parts = [_MADE + _HEAD, "", "| group | purpose |", "|---|---|", *rows, "", *_verbs(PROGRAM, "")]
+    parts += ["## Common options", "", *_table(_shared(PROGRAM)), ""]
     return "\n".join([*parts, "## Exit codes and JSON", "", "```text", PROGRAM.epilog, "```", "", _JSON, ""])
 
 
 def group_page(group: str) -> str:
     """Return the page of a group's verbs."""
     program = blender_program(f"{PROGRAM.name} blender") if group == "blender" else PROGRAM
-    text, shared = GROUPS[group], _shared(program)
+    text = GROUPS[group]
     parts = [f"{_MADE}# {group.title()} verbs", "", f"{text[:1].upper()}{text[1:]}.", ""]
-    for verb in program.shown:
-        parts += _describe(verb, program, shared) if group in ("blender", verb.group) else []
-    if group == "blender":
-        parts += ["## Common options", "", *_table(shared), ""]
-    return "\n".join(parts)
+    return "\n".join([*parts, *_verbs(program, group)])
 
 
-def _shown(verb: Verb, program: Program) -> list[Setting]:
-    return [row for row in (*verb.settings, *program.common()) if not row.hidden]
+def _verbs(program: Program, group: str) -> list[str]:
+    """Return the sections of a group's verbs, then the arguments that several of them share."""
+    verbs = [verb for verb in program.shown if group in ("blender", verb.group)]
+    everywhere = _shared(PROGRAM) if program is PROGRAM else []
+    shown = (row for verb in verbs for row in _shown(verb) if row not in everywhere and not _settings(verb, row))
+    here = _most_frequent(Counter(shown), 2)
+    parts = [line for verb in verbs for line in _describe(verb, program, everywhere, here)]
+    return [*parts, *(["## Common arguments", "", *_table(here), ""] if here else [])]
+
+
+def _shown(verb: Verb) -> list[Setting]:
+    return [row for row in verb.settings if not row.hidden]
 
 
 def _shared(program: Program) -> list[Setting]:
-    """Return the options that several verbs share."""
-    counts = Counter(row for verb in program.shown for row in _shown(verb, program) if not row.required)
-    most = {row.options[-1]: row for row, _ in reversed(counts.most_common()) if not row.positional}
-    return [row for row, count in counts.items() if count >= SHARED and most.get(row.options[-1]) is row]
+    """Return the options of all verbs, and those in several groups except settings, which have their own page."""
+    rows = Counter({row: len(GROUPS) for row in program.common() if not row.hidden})
+    for group in ("", *GROUPS):
+        verbs = [verb for verb in program.shown if verb.group == group]
+        named = (row for verb in verbs for row in _shown(verb) if not (row.positional or _settings(verb, row)))
+        rows.update(dict.fromkeys(named).keys())
+    return _most_frequent(rows, 2)
 
 
-def _describe(verb: Verb, program: Program, shared: list[Setting]) -> list[str]:
-    rows = _shown(verb, program)
-    solving = named_settings()["SOLVING"]
-    settings = [row for row in rows if row in solving]
-    if 2 * len(settings) < len(solving):
-        settings = []
-    listed = [row for row in rows if row not in shared and row not in settings]
-    others = [f"`{row.options[-1]}`" for row in rows if row in shared and row not in settings]
+def _most_frequent(counts: Counter[Setting], least: int) -> list[Setting]:
+    """Return the rows with enough verbs or groups, and of the rows with one name only the most frequent."""
+    most = {_name(row): row for row, _ in reversed(counts.most_common())}
+    rows = (row for row in most.values() if counts[row] >= least and (row.positional or row.name != "out"))
+    return sorted(rows, key=lambda row: (not row.positional, _name(row)))
+
+
+def _name(row: Setting) -> str:
+    return (row.options or (row.metavar,))[-1]
+
+
+def _settings(verb: Verb, row: Setting) -> str:
+    """Return the link to a group of settings that the verb has as a whole and that contains the row, else ""."""
+    for name, least, link in _SETTINGS:
+        group = named_settings()[name]
+        if row in group and sum(own in group for own in verb.settings) >= least * len(group):
+            return link
+    return ""
+
+
+def _describe(verb: Verb, program: Program, everywhere: list[Setting], here: list[Setting]) -> list[str]:
+    links = {row: _settings(verb, row) for row in _shown(verb)}
+    listed = [row for row, link in links.items() if not link and row not in everywhere and row not in here]
     lines = [f"## {verb.name}", "", f"{verb.help[:1].upper()}{verb.help[1:]}.", ""]
     lines += ["```sh", f"{program.name} {verb.example}", "```", ""]
     lines += [*_table(listed), ""] if listed else []
-    if settings:
-        lines += ["It also takes the [settings of a solve](settings.md) as options.", ""]
-    page = "" if program is not PROGRAM else "command-line.md"
-    many = f"[Common options]({page}#common-options)"
-    lines += [f"{many}: {', '.join(others)}.", ""] if others else []
+    page = "" if not verb.group else "command-line.md"
+    others = [
+        f"[{', '.join(names)}]({target})"
+        for target, rows in (("#common-arguments", here), (f"{page}#common-options", everywhere))
+        if (names := [f"`{_name(row)}`" for row in links if row in rows])
+    ]
+    others += dict.fromkeys(filter(None, links.values()))
     if verb.passes_on:
         page = f"command-line{'-' * bool(verb.group)}{verb.group}.md#{verb.name.replace(' ', '-')}"
-        lines += [f"Takes every option of the solver's [`{verb.name}`]({page}).", ""]
-    return lines
+        others += [f"the options of [`{PROGRAM.name} {verb.name}`]({page})"]
+    return [*lines, *([f"Also: {', '.join(others)}.", ""] if others else [])]
 
 
 def _table(rows: list[Setting]) -> list[str]:

@@ -10,11 +10,11 @@ from solver_backend.exchange.verb import describe_default, describe_range
 SOURCE = "solver_backend/exchange/solve_settings.py, and reading_settings.py"
 _HEAD = """# Settings of a solve
 
-If you are unsure, keep the defaults. You can give each setting as an option of `solve` and `from-videos`, as a key
-under `settings` in a [job file](job-file.md), or in Blender's panel *Solve*. Options with the values on and off have a
-second form. For example, `--no-contacts` turns `--contacts` off."""
-_OF_READING = """Every command that reads a capture has these options. In a job file, they are keys next to `settings`.
-In Blender, they are under *Reading Options*. The [command line](command-line.md#common-options) explains them."""
+If you are unsure, keep the defaults. Each setting is an option of `solve` and `from-videos`, a key under `settings` in
+a [job file](job-file.md), and a control in Blender's panel *Solve*. The key `foot_lock` is the option `--foot-lock`.
+For a setting with the values on and off, `--no-contacts` turns `--contacts` off."""
+_OF_READING = """Every command that reads a capture has these options and `--sync`. In a job file, they are keys next to
+`settings`. In Blender, they are under *Reading Options*."""
 
 
 def settings_page() -> str:
@@ -23,22 +23,21 @@ def settings_page() -> str:
     rows = settings_of_class(SolveSettings) | READING_ROWS
     for title in dict.fromkeys(row.group for row in rows.values()):
         listed = [(name, row) for name, row in rows.items() if row.group == title]
-        of_reading = listed[0][0] in READING_ROWS  # the command line's page describes these
         parts += ["", f"## {title}", "", *([_OF_READING, ""] if listed[0][0] == next(iter(READING_ROWS)) else [])]
-        columns = ["key", "option", "panel", "values", "default", *(() if of_reading else ("what it does",))]
-        parts += [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
-        parts += [_row(name, row, described=not of_reading) for name, row in listed]
+        parts += ["| key | panel | values | default | meaning |", "|---|---|---|---|---|"]
+        parts += [_row(name, row) for name, row in listed]
         choices = [(row, choice) for _, row in listed for choice in row.choices]
         if choices:
             parts += ["", *(f"- {row.label} `{c.value}` (*{c.label}*): {c.description}." for row, c in choices)]
     return "\n".join([*parts, ""])
 
 
-def _row(name: str, row: Setting, *, described: bool) -> str:
+def _row(name: str, row: Setting) -> str:
+    if row.options[0] != f"--{name.replace('_', '-')}":
+        raise ValueError(f"The page derives the option of {name} from its key, but it is {row.options[0]}.")
     panel = row.control or f"*{row.label}*"
     values = describe_range(row) or row.metavar or "on, off"
     several = "s" * (len(row.methods) > 1)
     alone = f" Only for method{several} {' and '.join(f'`{name}`' for name in row.methods)}." if row.methods else ""
-    what = f"{row.description}.{alone}"
-    cells = (f"`{name}`", f"`{row.options[0]}`", panel, values, describe_default(row) or "–", *[what] * described)
+    cells = (f"`{name}`", panel, values, describe_default(row) or "–", f"{row.description}.{alone}")
     return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"

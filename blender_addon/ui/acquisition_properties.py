@@ -25,9 +25,9 @@ class SendingProperties:
 class MocapLive(SendingProperties, bpy.types.PropertyGroup):
     """Settings of a live run."""
 
-    kind: choice("Source", "Source of the points or poses", "live.kind")
+    kind: choice("Source", "Origin of the points or poses", "live.kind")
     source: path(
-        "Recording", "Marker recording (C3D, TRC, CSV, TSV) or motion (.npz). Leave blank to use the capture's markers"
+        "Recording", "Marker recording (C3D, TRC, CSV, TSV) or motion (.npz), or blank for the capture's markers"
     )
     listen: text(
         "Listen At",
@@ -36,10 +36,10 @@ class MocapLive(SendingProperties, bpy.types.PropertyGroup):
     )
     cameras: text(
         "Cameras",
-        "Two to four sources (webcam:0, oak:ID or a video file). "
-        "Add the camera's name in the calibration if it differs, such as left=webcam:0",
+        "Two to four sources: webcam:0, oak:ID or a video file, with the name in the calibration if it differs "
+        "(left=webcam:0)",
     )
-    calibration: path("Calibration", "Calibration of the cameras")
+    calibration: path("Calibration", "File with the positions and lenses of the cameras")
     subject: path("Subject", _SUBJECT)
     record: switch("Record", "Save the points as a take, or the poses as a motion", on=True)
     drive: switch("Drive Character", "Move the target of the Retarget panel live")
@@ -74,15 +74,19 @@ GAMMA_S = 5.0  # Recording time of the Γ in seconds.
 class MocapSensors(SendingProperties, bpy.types.PropertyGroup):
     """Settings and recordings of the sensor array."""
 
-    kind: choice("Sensors", "Source of the images", "sensors.kind")
+    kind: choice("Sensors", "Origin of the images: connected cameras or a recording", "sensors.kind")
     source: path("Recording", "Folder of infrared and depth images from several sensors", folder=True)
-    oaks: text("Cameras", "Camera identifiers, if needed with names: ID=front ID=left. The first drives a sync wire")
-    sync: choice("Sync", "Synchronisation of the cameras", "sensors.sync")
+    oaks: text(
+        "Cameras", "Identifiers, if needed with names (ID=front ID=left), first the camera that drives a sync wire"
+    )
+    sync: choice("Sync", "Way to expose all cameras at the same time", "sensors.sync")
     calibration: path("Calibration", "Calibration of the sensors (leave blank to use the recording's calibration)")
     wand: path("Wand", "Recording of a single moving marker", folder=True)
     gamma: path("Γ", "Recording of three floor markers (leave blank for an origin at the first sensor)", folder=True)
-    long_edge: number("Long Edge", "Long edge of the Γ between marker centres", 0.6, 0.05, 5, "m")
-    short_edge: number("Short Edge", "Short edge of the Γ between marker centres", 0.4, 0.05, 5, "m")
+    long_edge: number("Long Edge", "Distance of the marker centres along the longer side of the Γ", 0.6, 0.05, 5, "m")
+    short_edge: number(
+        "Short Edge", "Distance of the marker centres along the shorter side of the Γ", 0.4, 0.05, 5, "m"
+    )
     trigger: switch("One Trigger", "One signal exposes all sensors, so their clocks are not estimated")
     subject: path("Subject", _SUBJECT)
     record: switch("Record", "Save the sensor images to solve them later, 90 MB per second and sensor", on=True)
@@ -135,26 +139,33 @@ class MocapBenchmarkRow(bpy.types.PropertyGroup):
 class MocapStudio(bpy.types.PropertyGroup):
     """Settings of data sets and benchmarks."""
 
-    motion: choice("Motion", "Motion of the filmed people", "studio.motion", **_PLAN)
+    motion: choice("Motion", "Origin of the filmed people's movement", "studio.motion", **_PLAN)
     motion_path: path("Path", "Motion file, or a folder with several", **_PLAN)
     frames: number("Frames", "Maximum number of frames per shot", 60, 1, 100_000, **_PLAN)
-    fps: number("Rate", "Images per second", 30.0, 1, 1000, **_PLAN)
-    people: number("People", "Number of people, each filmed alone", 1, 1, 1000, **_PLAN)
+    fps: number("Rate", "Images per second and camera", 30.0, 1, 1000, **_PLAN)
+    people: number("People", "Number of different bodies, each filmed alone", 1, 1, 1000, **_PLAN)
     strange: switch("Unusual Proportions", "Use body proportions outside our body model", **_PLAN)
-    seed: number("Seed", "Random seed of people, clothes and errors", 0, 0, 2**31 - 1, **_PLAN)
-    array: choice("Camera Array", "Cameras that film", (*items_of("studio.array"), *PRESET_ARRAYS), **_PLAN)
-    count: number("Cameras", "Number of cameras in the ring", 4, 1, 64, **_PLAN)
-    radius_m: number("Radius", "Radius of the ring", 3.0, 0.2, 50, "m", **_PLAN)
-    height_m: number("Height", "Height of the cameras above the floor", 1.4, 0, 20, "m", **_PLAN)
+    seed: number("Seed", "Number that selects the random people, clothes and errors", 0, 0, 2**31 - 1, **_PLAN)
+    array: choice(
+        "Camera Array",
+        "Positions and lenses of the simulated cameras",
+        (*items_of("studio.array"), *PRESET_ARRAYS),
+        **_PLAN,
+    )
+    count: number("Cameras", "Number in the ring", 4, 1, 64, **_PLAN)
+    radius_m: number("Radius", "Distance from the centre of the ring", 3.0, 0.2, 50, "m", **_PLAN)
+    height_m: number("Height", "Distance from the floor to the lenses", 1.4, 0, 20, "m", **_PLAN)
     look: choice("Look", "Clothes and room", "studio.look", **_PLAN)
-    film: flags("Film", "Kinds of images to make", "studio.film", "infrared", "depth", "masks", **_PLAN)
-    write: flags("Write", "File formats of other programs", "studio.write", **_PLAN)
-    faults: choice("Faults", "Simulated detector and tracker errors", FAULTS, **_PLAN)
-    engine: choice("Engine", "Render engine of the colour images", "studio.engine", **_PLAN)
-    scale: number("Image Scale", "Scale of the image sizes", 1.0, 0.05, 4, **_PLAN)
+    film: flags("Film", "Images that each camera records", "studio.film", "infrared", "depth", "masks", **_PLAN)
+    write: flags("Write", "Additional files for other programs", "studio.write", **_PLAN)
+    faults: choice("Faults", "Errors added to the simulated detections or markers", FAULTS, **_PLAN)
+    engine: choice("Engine", "Blender's renderer of the colour images", "studio.engine", **_PLAN)
+    scale: number(
+        "Image Scale", "Factor of width and height, such as 0.5 for a quarter of the pixels", 1.0, 0.05, 4, **_PLAN
+    )
     out: path("Folder", "Folder of the data set (leave blank to create a folder among the takes)", folder=True, **_PLAN)
-    methods: flags("Methods", "Methods to compare", _METHODS, "triangulation", "global")
-    against: flags("Compare With", "Further arrays to evaluate", PRESET_ARRAYS)
+    methods: flags("Methods", "Ways to solve the take, for a comparison", _METHODS, "triangulation", "global")
+    against: flags("Compare With", "Additional camera arrays in the comparison", PRESET_ARRAYS)
     fewer: switch("One Camera Fewer", "Also evaluate the array without its last camera")
     planned: str  # Size of the checked data set, "" after a setting has changed.
     planned_file: str

@@ -28,7 +28,7 @@ _NAME_ITEMS = (
 class MocapCamera(bpy.types.PropertyGroup):
     """A camera of the capture."""
 
-    use: switch("Use", "Use this camera in the solve", on=True)
+    use: switch("Use", "Include this camera in the next solve", on=True)
     seen_percent: float
     has_footage: bool
     before_px: float  # Median reprojection error in pixels before the calibration was refined.
@@ -52,7 +52,7 @@ class MocapMarker(bpy.types.PropertyGroup):
     meaning: str  # One of ``panels.capture.MEANINGS``.
     gaps: int
     missing_percent: float
-    bone: choice("Moves With", "Bone that carries the marker", _BONE_ITEMS)
+    bone: choice("Moves With", "Bone under the marker", _BONE_ITEMS)
 
     @property
     def place(self) -> str | None:
@@ -162,7 +162,7 @@ class MocapCapture(bpy.types.PropertyGroup):
     subjects: str
     cloud_tag: str
     cloud = TaggedObject("cloud_tag")
-    show_names: switch("Names", "Show marker names in the viewport")
+    show_names: switch("Names", "Show the name next to each marker in the viewport")
     show_residuals: switch(
         "Residuals",
         "Colour markers by their distance from the body: green to 10 mm, orange to 25 mm, then red",

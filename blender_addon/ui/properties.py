@@ -86,10 +86,10 @@ class MocapReading(ReadingProperties, bpy.types.PropertyGroup):
 class MocapSolve(SolveProperties, bpy.types.PropertyGroup):
     """Settings of a solve."""
 
-    preset: choice("Preset", "Group of solver settings", "solve.preset", "BALANCED")
+    preset: choice("Preset", "Settings by purpose, instead of one by one", "solve.preset", "BALANCED")
     subject: path("Subject", "Calibrated person with the markers (leave blank to calibrate on the take itself)")
     keep_shape: switch("Keep Shape", "Use the shape of the body's sliders instead of estimating it", on=True)
-    report: switch("Report", "Write a page about the solve", on=True)
+    report: switch("Report", "Write an HTML page with errors, warnings and charts", on=True)
 
     def acts(self, name: str) -> bool:
         """Return whether a setting affects the chosen method. Presets use the solver's default method."""
@@ -132,8 +132,15 @@ class MocapVideos(
         "Folder with one video per camera, and with footage of the board in 'calibration'",
         folder=True,
     )
-    stature: number("Stature", "Height of the person, to scale without a board (0 uses the mean)", 0.0, 0, 2.6, "m")
-    detector: choice("Detector", "Keypoint detector", _DETECTORS)
+    stature: number(
+        "Stature",
+        "Height of the person, for the scale without a board (0 is automatic: the mean height)",
+        0.0,
+        0,
+        2.6,
+        "m",
+    )
+    detector: choice("Detector", "Program that finds people in the videos", _DETECTORS)
     model: path("Model", "Pose model (.onnx or .tflite), or a .json file that describes one")
     hands: path("Hand Model", "MediaPipe's hand_landmark_full.tflite (leave blank to solve only the body)")
     fingers: switch("Fingers", "Find hands with the included detector and solve the fingers", on=True)
@@ -225,15 +232,22 @@ class MocapRetarget(bpy.types.PropertyGroup):
     actor: bpy.props.PointerProperty(
         description="Armature that provides the motion (leave blank to use the solved body)", **_ACTOR
     )
-    target: bpy.props.PointerProperty(description="Armature of the character to animate", **_TARGET)
-    limbs: choice("Limbs", "Active controls of the rig. Both sets get keys", "retarget.limbs")
+    target: bpy.props.PointerProperty(description="Armature that receives the motion", **_TARGET)
+    limbs: choice(
+        "Limbs", "Controls that the rig follows after retargeting, while both sets get keys", "retarget.limbs"
+    )
     way: choice("Root Motion", "Bone with the motion over the ground", "retarget.way")
     scale: number(
-        "Scale", "Scale of the motion over the ground (0 uses the ratio of the leg lengths)", 0.0, 0, 1000, soft_max=10
+        "Scale",
+        "Factor of the motion over the ground (0 is automatic: the ratio of the leg lengths)",
+        0.0,
+        0,
+        1000,
+        soft_max=10,
     )
     automatic_scale: switch(
         "Automatic Scale",
-        "Scale the motion over the ground by the ratio of the leg lengths",
+        "Use the ratio of the leg lengths",
         on=True,
         get=lambda settings: not settings.scale,
         set=_set_automatic_scale,
@@ -267,8 +281,8 @@ class MocapSettings(bpy.types.PropertyGroup):
     )
     exported: str  # Description of the last export's files and folder.
     session: str  # Folder of the takes until the scene is saved.
-    look: choice("Look", "Appearance of the bodies in this scene", _LOOKS, update=_show_look)
-    stage: choice("Stage", "Stage of the work to show", STAGES)
+    look: choice("Look", "Clothing or colours of all bodies in this scene", _LOOKS, update=_show_look)
+    stage: choice("Stage", "Group of panels to show", STAGES)
     reading: MocapReading
     captures: Items[MocapCapture]
     blank: MocapCapture

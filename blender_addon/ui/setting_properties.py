@@ -91,7 +91,7 @@ def path(label: str, description: str, *, folder: bool = False, **more: Any) -> 
 def number(
     label: str, description: str, default: float, low: float, high: float, unit: str = "", **more: Any
 ) -> PropertyRow:
-    """Return a row with a number within limits, an integer if its default is one. The unit is m or one of Blender's."""
+    """Return a row with a number within limits, an integer if its default is one."""
     kind = "whole" if isinstance(default, int) else "number"
     shown: dict[str, Any] = {"unit": unit} if unit else {}
     if unit == "m":
@@ -100,7 +100,7 @@ def number(
 
 
 def choice(label: str, description: str, choices: str | Sequence[Any], default: str = "", **more: Any) -> PropertyRow:
-    """Return a row with choices: ``Choice``, values, or a name in ``choices.txt``. The default is the first."""
+    """Return a row with choices, by default the first, or a name in ``choices.txt``."""
     items = _choices(choices)
     return _row("choice", label, description, default or items[0].value, more, choices=items)
 
@@ -213,7 +213,7 @@ def _make_property(row: Setting, default: Any, **more: Any) -> Any:
 
 
 def reset_unknown(group: Any) -> None:
-    """Reset choices of a property group and its subgroups that an opened file contains but this version lacks."""
+    """Reset choices that an opened file contains but this version lacks."""
     for name, prop in group.bl_rna.properties.items()[1:]:  # The first one is the type.
         if prop.type == "ENUM" and prop.enum_items_static and not prop.is_enum_flag and not getattr(group, name):
             group.property_unset(name)

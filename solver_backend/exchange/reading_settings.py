@@ -14,9 +14,9 @@ from .setting import Choice, Setting, check_settings, setting, settings_of_class
 READING, TIME, WORLD = "Reading", "Time", "World"  # Groups.
 AUTO, ON, OFF = "auto", "on", "off"
 LEVELS = (
-    Choice(AUTO, "If Certain", "Level the world if balance, feet and cameras show that it is tilted (recommended)"),
-    Choice(ON, "From the Person", "Level the world from a walking person, for a tilted calibration"),
-    Choice(OFF, "As Calibrated", "Keep the up direction and the floor of the calibration, if they are right"),
+    Choice(AUTO, "If Certain", "Correct a tilt that balance, feet and cameras show (recommended)"),
+    Choice(ON, "From the Person", "Use a walking person, for a tilted calibration"),
+    Choice(OFF, "As Calibrated", "Keep the up direction and floor of the calibration"),
 )
 _JOINT_SETS = ", ".join(joint_set.value for joint_set in JointSet)
 _reading, _time, _world = (partial(setting, group=group) for group in (READING, TIME, WORLD))
@@ -32,14 +32,14 @@ class TimeSettings:
 
     # fmt: off
     camera: tuple[str, ...] = _time(
-        "texts", (), "Camera Names", "Name of a recorded camera, and its different name in the calibration",
+        "texts", (), "Camera Names", "Name of a recorded camera, and its name in the calibration",
         metavar="RECORDED=CALIBRATED", rare=True)
     offset: tuple[str, ...] = _time(
-        "texts", (), "Start Offsets", "Number of frames by which a camera started after the others, negative if it "
-        "started before them. The program then does not estimate delays", metavar="CAMERA=FRAMES", rare=True)
+        "texts", (), "Start Offsets", "Frames by which a camera started after the others (negative: before), instead "
+        "of an estimate", metavar="CAMERA=FRAMES", rare=True)
     by_order: bool = _time(
-        "switch", False, "Frames by Order", "Ignore the frame numbers in the files, and treat the first frames of all "
-        "cameras as simultaneous", rare=True)
+        "switch", False, "Frames by Order", "Ignore the frame numbers in the files, because all cameras started "
+        "together", rare=True)
     frames: tuple[int, int] | None = _time(
         "range", None, "Frames", "First and last frame of the take to read, from 0", metavar="FIRST LAST")
     # fmt: on
@@ -56,18 +56,18 @@ class WorldSettings:
 
     # fmt: off
     stature: float = _world(
-        "number", 0.0, "Stature", "Height of the person without shoes, which sets the scale. 0 keeps the scale of "
-        "the calibration", low=0, high=2.6, unit="m")
+        "number", 0.0, "Stature", "Height of the person without shoes, which sets the scale (0 keeps the "
+        "calibration's)", low=0, high=2.6, unit="m")
     scale: float = _world(
         "number", 1.0, "Scale", "Factor for all lengths of the calibration, if its unit is unknown", low=1e-6, high=1e6,
         soft_high=10, rare=True)
     """Length factor, for example the size of a board square in metres if the calibration counts squares."""
     level: str = _world(
-        "choice", AUTO, "Level", "Levelling of the world, which makes Z point up and puts the floor at z = 0",
+        "choice", AUTO, "Level", "Rotation and shift that make Z point up and put the floor at z = 0",
         choices=LEVELS, metavar="NAME", rare=True)
     camera_path: str = _world(
-        "file", "", "Camera Path", "Path of a carried camera: a COLMAP text model, a TUM trajectory, or JSON of ARKit, "
-        "ARCore or Blender", metavar="FILE", rare=True)
+        "file", "", "Camera Path", "File with the motion of a carried camera: COLMAP text model, TUM trajectory, or "
+        "JSON of ARKit, ARCore or Blender", metavar="FILE", rare=True)
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -81,14 +81,14 @@ class WorldSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingSettings:
-    """Information that recorded files may lack. The panel has separate lists of sets, units, axes and people."""
+    """Information that recorded files may lack."""
 
     # fmt: off
     fps: float | None = _reading(
         "number", None, "Frame Rate", "Frames per second, if the capture has none", low=1e-3, high=1e6, soft_high=240,
         unit="Hz")
     joint_set: str | None = _reading(
-        "text", None, "Keypoints", f"Joint set of the keypoints, if their number fits several sets: {_JOINT_SETS}",
+        "text", None, "Keypoints", f"Joint set, if the number of keypoints fits several: {_JOINT_SETS}",
         metavar="NAME", control="*Keypoints*", rare=True)
     unit: str | None = _reading(
         "text", None, "Unit", "Length unit of the recording: m, cm, mm, inch or foot", metavar="UNIT",
@@ -97,15 +97,15 @@ class ReadingSettings:
         "text", None, "Up Axis", "Axis that points up: x, y, z, -x, -y or -z", metavar="AXIS",
         control="*Up Axis*")
     trim: bool = _reading(
-        "switch", False, "Cut to the Shortest", "Keep only the frames that all cameras have", rare=True)
+        "switch", False, "Cut to the Shortest", "Drop the frames that some cameras lack", rare=True)
     as_calibrated: bool = _reading(
         "switch", False, "Calibration as Written",
-        "Trust the calibration file, even if the views agree far better with another interpretation of it", rare=True)
+        "Trust the calibration file, even if the views contradict it", rare=True)
     subject_prefix: str | None = _reading(
-        "text", None, "Subject", "Label prefix of the person to solve, if the file has several people. Several "
-        "prefixes name parts of one person", metavar="NAME[,NAME…]", rare=True)
+        "text", None, "Subject", "Label prefix of the person to solve, or several prefixes for the parts of one "
+        "person", metavar="NAME[,NAME…]", rare=True)
     person: str | None = _reading(
-        "text", None, "Person", "Name of the person to solve. The verb info lists the names", metavar="NAME",
+        "text", None, "Person", "Name of the person to solve, from the list of info", metavar="NAME",
         control="the list of people")
     # fmt: on
 
@@ -148,6 +148,6 @@ def calibrated_names(texts: Sequence[str]) -> dict[str, str]:
 
 
 def options_of(values: Mapping[str, Any]) -> list[str]:
-    """Convert plain values by setting name to command-line options of the solver. Omit missing values and defaults."""
+    """Convert values by setting name to options of the solver, without defaults."""
     given = {name: value for name, row in ROWS.items() if (value := values.get(name)) != row.default}
     return [word for name, value in given.items() for word in ROWS[name].words(value)]

@@ -1,4 +1,4 @@
-"""Declare the settings of a solve. Solver, job file, command line, panels and reference page use these rows."""
+"""Declare the settings of a solve for solver, jobs, command line, panels and pages."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ METHODS = (
     Choice(
         BUNDLEMOCAP,
         "BundleMoCap++",
-        "Solve windows from the detections alone, to compare with Albanis 2026 (thesis 6.2.5)",
+        "Solve windows from the detections alone, as in Albanis 2026 (thesis 6.2.5)",
     ),
     Choice(
         SLIDING, "Sliding Windows", "Solve windows with our pose mixture and Gauss-Newton steps, for very long takes"
@@ -43,12 +43,12 @@ LANDMARKS = (
     Choice(
         LANDMARKS_NETWORK,
         "Network",
-        "The 53 markers that the labelling network estimates, as in Albanis 2026 (thesis 5.2.2)",
+        "The 53 markers of the labelling network, as in Albanis 2026 (thesis 5.2.2)",
     ),
     Choice(
         LANDMARKS_JOINTS,
         "With Joints",
-        "Like network, with its 24 joints, too",
+        "The network's 53 markers and 24 joints",
     ),
 )
 """The thesis fits estimated landmarks directly (5.2.2)."""
@@ -61,8 +61,8 @@ ROOT_CURVES = (
 METHOD_NAMES = tuple(method.value for method in METHODS)
 BACKENDS = (
     Choice("numpy", "NumPy", "Works everywhere (recommended)"),
-    Choice("torch", "PyTorch", "Faster, needs a Python with torch in the add-on's preferences"),
-    Choice("cuda", "CUDA", "For an NVIDIA graphics processor, and a Python with torch for CUDA"),
+    Choice("torch", "PyTorch", "Faster, with a Python that has torch"),
+    Choice("cuda", "CUDA", "For NVIDIA graphics processors, with a Python that has torch for CUDA"),
 )
 """The results of both agree within 0.1 mm."""
 SYNC_AUTO, SYNC_ON, SYNC_OFF = "auto", "on", "off"
@@ -89,38 +89,38 @@ class SolveSettings:
     """
 
     # fmt: off
-    method: str = _method("choice", GLOBAL, "Method", "Method that solves the frames of a take", choices=METHODS,
+    method: str = _method("choice", GLOBAL, "Method", "Frames that are solved together", choices=METHODS,
         metavar="NAME")
     window: int = _method(
-        "whole", 20, "Window", "Length of a window of keyframes, in frames at 60 Hz", low=4, high=240,
+        "whole", 20, "Window", "Span of the keyframes that are solved together, at 60 Hz", low=4, high=240,
         unit="frames", methods=(SLIDING, BUNDLEMOCAP), rare=True)
     """Frames per window in both sliding methods, with a key at each end and ``interpolation`` - 1 keys in between."""
     refine_window: int = _method(
-        "whole", 10, "Refined Window", "Length of a window in the last passes. Short windows follow fast limbs better",
+        "whole", 10, "Refined Window", "Frames at 60 Hz per window in the last passes, few for fast limbs",
         low=2, high=240, unit="frames", methods=(GLOBAL,), rare=True)
     """The same for 'global' as a duration, in frames at 60 Hz. Fast takes use shorter windows: at least 0.6 times as
     long with views, and 0.4 times with markers."""
     interpolation: int = _method(
-        "whole", 2, "Keys per Window", "Free keyframes per window, the n of SIDER-n. 1 gives SLERP, and 2 is that of "
-        "Albanis 2026", low=1, high=6, methods=(SLIDING,), rare=True)
+        "whole", 2, "Keys per Window", "Free keyframes, the n of SIDER-n, where 1 gives SLERP and 2 is Albanis 2026",
+        low=1, high=6, methods=(SLIDING,), rare=True)
     """Used only by 'sliding' (thesis 6.4). Above 6, a polynomial of translations oscillates between its keys."""
     root_curve: str = _method(
-        "choice", APART, "Root Curve", "Curve of the body's path and heading between the keyframes of a window",
+        "choice", APART, "Root Curve", "Interpolation of the body's path and heading between keyframes",
         choices=ROOT_CURVES, metavar="NAME", methods=(SLIDING,), rare=True)
     """Used only by 'sliding'."""
     residual_rotations: bool = _method(
-        "switch", True, "Free Joints", "Let joints deviate slightly from the poses that the pose prior knows",
+        "switch", True, "Free Joints", "Let each joint leave the poses of the pose prior by a small rotation",
         methods=(GLOBAL,), rare=True)
     """Each joint may leave the prior's manifold by a small rotation during the refinement."""
     contacts: bool = _method(
-        "switch", True, "Foot Contact", "Lock feet and other parts on the floor", methods=(GLOBAL,)
+        "switch", True, "Foot Contact", "Keep feet and other parts still while they touch the floor", methods=(GLOBAL,)
     )
     learn_noise: bool = _method(
         "switch", True, "Camera Weighting", "Estimate the reliability of each keypoint in each view",
         methods=(GLOBAL,), rare=True)
     """Otherwise all views of a keypoint have the same weight."""
     temporal: bool = _method(
-        "switch", False, "Temporal Term", "Limit the accelerations of landmarks. Albanis 2026 does not",
+        "switch", False, "Temporal Term", "Limit the accelerations of landmarks, which Albanis 2026 does not",
         methods=(NOISE_AWARE,), rare=True)
     """Solves the frames of a block together (thesis 5.4 names the lack of this term as a limit)."""
     iterations: int = _method(
@@ -131,53 +131,53 @@ class SolveSettings:
         unit="standard deviations", rare=True)
     """Geman-McClure scale in standard deviations of the detector noise."""
     smoothing: float = _clean_up(
-        "number", 1.0, "Smoothing", "Smoothness. 1 follows the detections, 3 gives smooth motion, and 10 loses detail",
+        "number", 1.0, "Smoothing", "1 follows the detections, 3 gives smooth motion, and 10 loses detail",
         low=0.1, high=100, soft_high=10, methods=(GLOBAL,))
     """Factor on the acceleration bound, which was measured in recorded motion."""
     foot_lock: float = _clean_up(
-        "number", 1.0, "Foot Lock", "Foot-lock strength. Higher values reduce foot sliding", low=0.1, high=5,
+        "number", 1.0, "Foot Lock", "Higher values reduce foot sliding", low=0.1, high=5,
         methods=(GLOBAL,))
     """Above 5 the equations are too stiff, and feet slip again."""
     sync: str = _recording(
-        "choice", SYNC_AUTO, "Synchronise", "Synchronisation of the cameras", choices=SYNCS, metavar="NAME")
+        "choice", SYNC_AUTO, "Synchronise", "Correction of camera delays", choices=SYNCS, metavar="NAME")
     estimate_sync: bool = _recording(
         "switch", False, "Correct Delays",
         "Also correct delays below 0.3 frames", rare=True)
     leave_out: tuple[str, ...] = _recording(
-        "texts", (), "Left-out Views", "Camera to ignore, in all frames or in a range of frames counted from 0",
+        "texts", (), "Left-out Views", "Camera to ignore in all frames, or in a range of frames from 0",
         metavar="CAMERA[:FIRST-LAST]", control="*Cameras*", rare=True)
     accept: tuple[str, ...] = _recording(
-        "texts", (), "Accepted Faults", "Code of an error to treat as a warning, to keep the result: "
+        "texts", (), "Accepted Faults", "Error that becomes a warning, so that the result is kept: "
         "views_contradict, residual_large, markers_far, markers_of_nobody, stature_odd, motion_rate_odd or "
         "motion_place_impossible", metavar="CODE", rare=True)
     """Codes of errors in the diagnostics table."""
     body: str = _resource(
-        "name_or_file", "neutral", "Body", "Name of a body, or path of a body file. The default ships with the program",
+        "name_or_file", "neutral", "Body", "Name of a body, or path of a body file",
         metavar="NAME|PATH")
     betas: tuple[float, ...] | None = _resource(
-        "numbers", None, "Shape", "Known shape of the body, or else estimated", count=10,
+        "numbers", None, "Shape", "Shape coefficients of a known body, which are otherwise estimated", count=10,
         metavar="B0,B1,…", control="*Keep Shape* and the body's sliders", rare=True)
     noise: str = _resource(
-        "file", "", "Detector Noise", "File of `cameras noise` with the scatter of keypoints at each confidence. "
-        "Without it, confidences are used directly", metavar="NOISE.json", rare=True)
+        "file", "", "Detector Noise", "Scatter of keypoints at each confidence, a file of `cameras noise`",
+        metavar="NOISE.json", rare=True)
     objects: str = _resource(
-        "file", "", "Objects", "File of planes, boxes and meshes that the body touches but cannot enter. By default, "
-        "only the floor is used, and nothing for markers", metavar="OBJECTS.json", methods=(GLOBAL,), rare=True)
+        "file", "", "Objects", "File of planes, boxes and meshes that the body touches but cannot enter, by "
+        "default the floor for views and nothing for markers", metavar="OBJECTS.json", methods=(GLOBAL,), rare=True)
     landmarks: str = _recording(
-        "choice", LANDMARKS_LABELLED, "Landmarks", "Points of a marker recording that the method noise-aware "
-        "uses", choices=LANDMARKS, metavar="NAME", rare=True)
+        "choice", LANDMARKS_LABELLED, "Landmarks", "Marker points that the method noise-aware fits",
+        choices=LANDMARKS, metavar="NAME", rare=True)
     """Solves a network's landmarks per frame directly, instead of labelling markers first."""
     network: str = _resource(
-        "file", "", "Label Network", "File of a labelling network that train wrote or exported. By default, the "
-        "included one is used", metavar="NETWORK.npz|.onnx", rare=True)
+        "file", "", "Label Network", "Labelling network of train model or train export, by default the "
+        "included one", metavar="NETWORK.npz|.onnx", rare=True)
     """Labels points, and supplies the landmarks for ``landmarks``."""
     layout: str = _resource(
-        "file", "", "Marker Layout", "File of `markers layout` with the position of each marker label. By "
-        "default, the known layouts are used", metavar="LAYOUT.json", control="*Markers*", rare=True)
+        "file", "", "Marker Layout", "Position of each marker label, a file of `markers layout`, by default the "
+        "known layouts", metavar="LAYOUT.json", control="*Markers*", rare=True)
     prior: str = _resource(
-        "name_or_file", AUTO_PRIOR, "Pose Prior", "Pose prior: sposer, rvposer, vposer, or a file of trained "
-        "weights. The default depends on the method", choices=PRIORS, metavar="NAME|PATH", rare=True)
-    backend: str = _resource("choice", "numpy", "Compute", "Array library that the solver computes with",
+        "name_or_file", AUTO_PRIOR, "Pose Prior", "Model of plausible poses: sposer, rvposer, vposer, or a file of "
+        "trained weights", choices=PRIORS, metavar="NAME|PATH", rare=True)
+    backend: str = _resource("choice", "numpy", "Compute", "Library for the array computations",
         choices=BACKENDS, metavar="NAME", rare=True)
     # fmt: on
 

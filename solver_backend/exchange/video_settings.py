@@ -12,7 +12,7 @@ CAMERAS = (
     Choice(
         "auto",
         "Automatic",
-        "Use the calibration next to the videos, otherwise the board, otherwise the person (recommended)",
+        "Use the calibration next to the videos, else the board, else the person (recommended)",
     ),
     Choice(
         "board",
@@ -22,7 +22,7 @@ CAMERAS = (
     Choice("person", "The Person", "Use the person who walks in the take, for a wrong calibration"),
 )
 CLOCKS = (
-    Choice("auto", "Automatic", "Use keypoints, otherwise sound, otherwise no correction (recommended)"),
+    Choice("auto", "Automatic", "Use keypoints, else sound, else correct nothing (recommended)"),
     Choice("keypoints", "Keypoints", "Compare the person's movement, for videos without sound"),
     Choice("sound", "Sound", "Compare a clap, music or speech that all microphones recorded"),
     Choice("none", "In Step", "Correct nothing, for cameras that started together"),
@@ -36,19 +36,19 @@ class VideoSettings:
 
     # fmt: off
     cameras: str = _video(
-        "choice", "auto", "Cameras", "Calibration of the cameras", choices=CAMERAS, metavar="NAME")
+        "choice", "auto", "Cameras", "Source of the calibration", choices=CAMERAS, metavar="NAME")
     board: str = _video(
-        "text", "", "Board", "Kind of the filmed board, such as charuco:5x7:35mm. By default from board.toml",
+        "text", "", "Board", "Filmed calibration board, such as charuco:5x7:35mm, by default from board.toml",
         metavar="BOARD")
     lenses: str = _video(
-        "file", "", "Lenses", "Calibration or lens library with the lenses. By default, they are found or estimated",
+        "file", "", "Lenses", "Calibration or lens library with the lenses, by default found or estimated",
         metavar="FILE")
     focal: str = _video(
-        "text", "", "Focal Length", "Focal length of an unknown lens: 26mm (35 mm equivalent) or 1450px. By "
-        "default, it is read from the video file or estimated", metavar="26mm|1450px")
-    people: int = _video("whole", 1, "People", "Number of people to find in each view", low=1, high=8)
+        "text", "", "Focal Length", "26mm (35 mm equivalent) or 1450px for an unknown lens, by default from "
+        "the video file or estimated", metavar="26mm|1450px")
+    people: int = _video("whole", 1, "People", "Largest number of people to find in each view", low=1, high=8)
     clocks: str = _video(
-        "choice", "auto", "Sync", "Synchronisation of the cameras", choices=CLOCKS, metavar="NAME")
+        "choice", "auto", "Sync", "Source of the camera delays", choices=CLOCKS, metavar="NAME")
     """The option is --sync, which is also a solve setting for captures."""
     # fmt: on
 
@@ -74,7 +74,7 @@ MEDIAPIPE = "mediapipe"  # Default detector.
 DETECTORS = {
     MEDIAPIPE: NamedDetector(
         "MediaPipe",
-        "One person, 33 keypoints. It runs in the Python environment chosen in the preferences",
+        "33 keypoints of one person, in the Python environment of the preferences",
         "mediapipe_pose",
         True,
     )

@@ -61,7 +61,7 @@ ANSWERS: tuple[tuple[str, str, str], ...] = (
     ("solve capture.npz -o m.npz --frames 10", "expected 2 arguments", "--frames FIRST LAST"),
     ("solve capture.npz -o m.npz --frames a b", "'a' is not a whole number", "--frames FIRST LAST"),
     ("solve capture.npz -o m.npz --frames 10 5", "frames = (10, 5) is not valid", "First and last frame"),
-    ("solve capture.npz -o m.npz --method best", "one of global", "Method that solves the frames of a take"),
+    ("solve capture.npz -o m.npz --method best", "one of global", "Frames that are solved together"),
     ("solve capture.npz -o m.npz --preset best", "'best' is unknown. Known: fast, balanced", "--preset"),
     ("solve capture.npz -o m.npz --smothing 3", "--smothing", "Did you mean --smoothing?"),
     ("solve capture.npz -o m.npz --body nobody", "Unknown body 'nobody'", "body file"),

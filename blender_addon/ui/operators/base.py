@@ -1,4 +1,4 @@
-"""Base classes of operators: their conditions, one undo step, non-blocking solver runs, and file choosers."""
+"""Define conditions, undo steps, solver runs and file choosers of operators."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ class ViewportDrop(FileHandler):
 
 
 def choose_file(suffixes: Sequence[str], *, several: bool = False) -> Any:
-    """Return a mixin with the properties of Blender's file browser. List it before the helper among the bases.
+    """Return a mixin with the properties of Blender's file browser.
 
     With ``several``, several files, a folder or dropped files are accepted.
     """

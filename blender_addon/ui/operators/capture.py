@@ -1,4 +1,4 @@
-"""Correct a capture: its cameras and their calibration, marker labels, and buttons that resolve diagnostics."""
+"""Correct a capture: cameras, calibration, labels and diagnostics."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ def range_of_take(take: bpy.types.Action, scene_range: Any) -> tuple[int, int]:
     return max(first, 0), min(last, take["frames"] - 1)
 
 
-_SHORTEST = number("Shortest Cycle", "Shortest cycle to accept, in seconds", 0.4, 0.1, 60)
+_SHORTEST = number("Shortest Cycle", "Least length of the cycle in seconds", 0.4, 0.1, 60)
 """Shortest cycle in seconds, see ``seams.SHORTEST_S``."""
 _STAY = switch("In Place", "Remove the travel and the turn of the cycle")
 
@@ -143,7 +143,7 @@ def join_takes(self: Any, context: bpy.types.Context) -> str:
     return ". ".join([_add(context, "join", edit), *notes])
 
 
-_SPEED = number("Speed", "Speed relative to the take's", 1.0, 0.05, 20)
+_SPEED = number("Speed", "Factor, such as 2 for twice as fast", 1.0, 0.05, 20)
 """Speed factor, with limits chosen by hand."""
 
 
@@ -211,7 +211,7 @@ def mark_pose(self: Any, context: bpy.types.Context) -> str:
 
 
 def _file_asset(self: Any, context: bpy.types.Context, action: bpy.types.Action, catalog: tuple[str, str]) -> str:
-    """Render an asset's preview, and add the asset to a catalog in the .blend file's folder. Return a message."""
+    """Render an asset's preview, add it to a catalog, and return a message."""
     from ...body.shape import body_mesh
     from ...render.asset import add_catalog, show_preview
 

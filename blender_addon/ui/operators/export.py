@@ -69,12 +69,20 @@ class MOCAP_OT_export_take(
         Need("Solve a capture, or select an armature first", lambda context: exported_armature(context) is not None),
     )
 
-    format: choice("Format", "File format", _FORMATS, "fbx")
-    fps: number("Frame Rate", "Frames per second (0 uses the rate of the solve)", 0.0, 0, 1e6, soft_max=240, **_UNSAVED)
-    unit: choice("Unit", "Length unit of the file", UNITS, **_UNSAVED)
-    up: choice("Up Axis", "Axis that points up", UP_AXES, **_UNSAVED)
+    format: choice("Format", "Kind of file for the program that opens it", _FORMATS, "fbx")
+    fps: number(
+        "Frame Rate",
+        "Frames per second of the file (0 is automatic: the rate of the solve)",
+        0.0,
+        0,
+        1e6,
+        soft_max=240,
+        **_UNSAVED,
+    )
+    unit: choice("Unit", "Length that the number 1 means in the file", UNITS, **_UNSAVED)
+    up: choice("Up Axis", "Direction of height in the file", UP_AXES, **_UNSAVED)
     root: choice("Root Motion", "Bone with the motion over the ground", ROOT_MOTIONS, **_UNSAVED)
-    fingers: switch("Fingers", "Write finger bones if the body has any", on=True, **_UNSAVED)
+    fingers: switch("Fingers", "Include the bones of the hands, if the body has any", on=True, **_UNSAVED)
     node: text("Object Name", "Name of the skeleton's object (leave blank to use the armature's name)", **_UNSAVED)
     skeleton: switch("Only Skeleton", "Leave out the skinned mesh")
     use_range: switch("Range", "Write only the frames from First to Last")
@@ -107,7 +115,7 @@ class MOCAP_OT_export_take(
         return self.browse(context, event, name)
 
     def steps(self, context: bpy.types.Context) -> Steps:
-        """Export a file with only the body in a second Blender, or export in this process (see ``works_here``)."""
+        """Export a file with only the body, in a second Blender or in this process."""
         from dataclasses import asdict, replace
         from tempfile import TemporaryDirectory
 
@@ -154,8 +162,8 @@ class MOCAP_OT_export_markers(
     bl_options = base.PRESETS
     needs = (_MARKER_TAKE, base.IDLE)
 
-    format: choice("Format", "File format", _MARKER_FORMATS, "c3d")
-    contents: choice("Markers", "Positions of the markers", "export_markers.contents")
+    format: choice("Format", "Kind of file for the program that opens it", _MARKER_FORMATS, "c3d")
+    contents: choice("Markers", "Source of the marker positions", "export_markers.contents")
     overwrite: bool
 
     @property

@@ -68,7 +68,7 @@ _HEIGHTS = 2.2  # Viewing distance of a body relative to its height.
 
 
 def take_capture(scene: bpy.types.Scene, result: CaptureResult, source: Path | None = None) -> CaptureStage:
-    """Set up a capture from a ``convert`` result, with footage next to ``source``, and store its diagnostics."""
+    """Set up a capture from a ``convert`` result, and store its diagnostics."""
     file = read_capture(Path(result["capture"]))
     settings, path = scene.mocap, Path(result["capture"])
     refused: tuple[str, ...] = ()

@@ -63,7 +63,7 @@ _TIMES = -1e6, 1e6
 
 
 class MOCAP_OT_import_motion(SolverOperator, bpy.types.Operator, base.choose_file(MOTIONS), ImportHelper):
-    """Import a solved motion, or fit a clip (BVH, FBX, glTF, VRM, MVNX, C3D, AMASS, GVHMR, WHAM) to our body."""
+    """Import a solved motion, or fit a clip to our body (BVH, FBX, glTF, VRM, AMASS and more)."""
 
     bl_label = "Import Motion"
     bl_options = base.UNDOABLE | base.PRESETS
@@ -146,12 +146,12 @@ def motion_from_rig(self: Any, context: bpy.types.Context) -> Steps:
 
 
 class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, base.choose_file(GLOVES, several=True), ImportHelper):
-    """Add the fingers of glove recordings (BVH, FBX, glTF, MANUS or Rokoko CSV) to this take as a new take."""
+    """Add the fingers of glove recordings (BVH, FBX, glTF or CSV) to this take as a new take."""
 
     bl_label = "Add Gloves"
     needs = (base.TAKE, base.IDLE)
 
-    side: choice("Hand", "Hand of a file with one hand", "add_gloves.side")
+    side: choice("Hand", "Side of a file that has a single hand", "add_gloves.side")
     states_offset: switch("Set the Start", "Enter the start of the gloves instead of finding it by the wrists")
     offset: number("Gloves Start At", "Time of the first glove frame in the take", 0.0, *_TIMES, unit="TIME_ABSOLUTE")
     armature: _ARMATURE
@@ -188,7 +188,7 @@ SUFFIXES = (".npz", ".json", ".toml", ".txt", ".yml", ".yaml", *MARKER_SUFFIXES)
 class MOCAP_OT_import_capture(
     SolverOperator, bpy.types.Operator, base.choose_file(SUFFIXES, several=True), ImportHelper
 ):
-    """Import a folder of detections and a calibration, or a marker recording, with cameras, footage and floor."""
+    """Import detections with a calibration, or markers, with cameras, footage and floor."""
 
     bl_label = "Import Capture"
 
@@ -234,7 +234,7 @@ class MOCAP_OT_import_capture(
         self.finish(f"Capture '{result['name']}': {found}{look}", warn=problems)
 
 
-@operator("Try the Demo Capture", kind=choice("Kind", "Kind of capture", "demo_capture.kind"))
+@operator("Try the Demo Capture", kind=choice("Kind", "Data of the simulated recording", "demo_capture.kind"))
 def demo_capture(self: Any, context: bpy.types.Context) -> Steps:
     """Make a synthetic capture of a moving person to try the add-on without your own data."""
     from .import_results import bring_capture
@@ -247,7 +247,7 @@ def demo_capture(self: Any, context: bpy.types.Context) -> Steps:
 
 
 class MOCAP_FH_capture(base.ViewportDrop, bpy.types.FileHandler):
-    """Imports files dropped on the 3D viewport. Blender passes no folders, so a file stands for its folder."""
+    """Imports files dropped on the 3D viewport. A file stands for its folder."""
 
     bl_idname = "MOCAP_FH_capture"
     bl_label = "Motion capture"

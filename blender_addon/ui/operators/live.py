@@ -339,7 +339,7 @@ class MOCAP_OT_start_sensors(MocapOperator, bpy.types.Operator):
     bl_label = "Start Sensors"
     needs = (ALONE, OBJECT_MODE, _SENSORS)
 
-    part: choice("For", "Kind of recording", _PARTS, "TAKE", options={"SKIP_SAVE"})
+    part: choice("For", "Purpose of the recording", _PARTS, "TAKE", options={"SKIP_SAVE"})
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:

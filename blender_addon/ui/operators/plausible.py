@@ -1,4 +1,4 @@
-"""Make a range of a take plausible with Pose-NDF (Tiwari et al. 2022): denoise it, complete a limb, or fill it."""
+"""Make a range plausible with Pose-NDF: denoise it, complete a limb, or fill it."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def denoise_range(self: Any, context: bpy.types.Context) -> Steps:
     return (yield from _reposed(context, "denoised", lambda part: ("denoise", []), fades=True))
 
 
-_LIMB = choice("Limb", "Limb to replace", "complete_limb.limb")
+_LIMB = choice("Limb", "Body part that gets new poses in the range", "complete_limb.limb")
 
 
 @operator("Complete Limb", TAKE, EDITABLE, ALONE, invoke=ask, limb=_LIMB)

@@ -43,7 +43,7 @@ def map_rig(self: Any, context: bpy.types.Context) -> str:
 
 @operator("Set Map Pose", _ACTOR)
 def set_map_pose(self: Any, context: bpy.types.Context) -> str:
-    """Keep the target's pose as the one that matches the body at rest: arms sideways, palms down, legs straight."""
+    """Keep the target's pose as the one that matches the body's T-pose, palms down."""
     from dataclasses import replace
 
     rig, rig_map = chosen_target(context), table_map(context)
@@ -86,7 +86,7 @@ def save_preset(self: Any, context: bpy.types.Context) -> str:
 
 @operator("Retarget", _ACTOR)
 def retarget(self: Any, context: bpy.types.Context) -> str:
-    """Transfer the actor's motion to the target as a new action, and keep its current action on a muted NLA track."""
+    """Transfer the actor's motion to the target, and keep its current action on the NLA."""
     from ...animation.curves import mark_laid
     from ...conventions.timing import show_frame
     from ...retarget.retarget import retarget

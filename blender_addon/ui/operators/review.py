@@ -291,13 +291,13 @@ def _meet(a: tuple[int, int], b: tuple[int, int]) -> bool:
     return a[0] <= b[1] and b[0] <= a[1]
 
 
-_TO = choice("To", "Controls to switch to", "switch_limbs.to")
-_LIMB = choice("Limb", "Limbs to switch", "switch_limbs.limb")
+_TO = choice("To", "Kind of controls that pose the limbs afterwards", "switch_limbs.to")
+_LIMB = choice("Limb", "Arms and legs that change their controls", "switch_limbs.limb")
 
 
 @operator("Switch Limbs", BODY, EDITABLE, waits=False, to=_TO, limb=_LIMB)
 def switch_limbs(self: Any, context: bpy.types.Context) -> Steps:
-    """Switch limbs between IK and FK with keys that keep the motion, or only the pose if there is no action."""
+    """Switch limbs between IK and FK with keys that keep the motion."""
     from ...scene.limb_modes import switch_limbs
 
     review, limbs = context.scene.mocap.review, LIMBS if self.limb == "ALL" else (limb_of(self.limb),)

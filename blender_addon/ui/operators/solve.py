@@ -81,7 +81,9 @@ def _draw_edits(self: Any, context: bpy.types.Context) -> None:
     self.layout.prop(self, "edits", expand=True)
 
 
-_KEPT = choice("Edits in the Range", "Treatment of the edits", "resolve_range.edits", options={"SKIP_SAVE"})
+_KEPT = choice(
+    "Edits in the Range", "Use of your hand edits in these frames", "resolve_range.edits", options={"SKIP_SAVE"}
+)
 
 
 _OWN_FRAMES = Need(
@@ -92,7 +94,7 @@ _OWN_FRAMES = Need(
 
 @operator("Solve Range Again", TAKE, _OWN_FRAMES, invoke=_ask_about_edits, draw=_draw_edits, edits=_KEPT, edited=str)
 def resolve_range(self: Any, context: bpy.types.Context) -> Steps:
-    """Solve the frames from First to Last again with the pinned poses, and keep all other frames and edits."""
+    """Solve First to Last again with the pinned poses, and keep all other frames."""
     from ...review.ranges import SceneRange
 
     scene, review = context.scene, context.scene.mocap.review
@@ -131,7 +133,7 @@ def spans(frames: list[int]) -> str:
     return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in runs(frames))
 
 
-@operator("Solve All", CAPTURE, scope=choice("Scope", "Captures to solve", "solve_all.scope"))
+@operator("Solve All", CAPTURE, scope=choice("Scope", "Extent of the run", "solve_all.scope"))
 def solve_all(self: Any, context: bpy.types.Context) -> Steps:
     """Solve all people one after another, each as an action of their own body."""
     from .import_results import take_motion
@@ -168,7 +170,7 @@ def solve_all(self: Any, context: bpy.types.Context) -> Steps:
 
 @operator("Calibrate Subject", MARKERS)
 def calibrate_subject(self: Any, context: bpy.types.Context) -> Steps:
-    """Estimate the person's shape and marker positions from a recording with much movement, for all their takes."""
+    """Estimate shape and marker positions from much movement, for all takes of the person."""
     from ..scene_job import capture_file, folder_of_takes, write_layout
 
     settings = context.scene.mocap

@@ -116,16 +116,16 @@ def _draw_limit(self: Any, context: bpy.types.Context) -> None:
 
 # Options of the reduction, with their defaults and limits.
 _THINNING: dict[str, Any] = {
-    "by": choice("Keep by", "Limit of the reduction", "thin_take.by", "TOLERANCE"),
+    "by": choice("Keep by", "Rule that decides how many keys remain", "thin_take.by", "TOLERANCE"),
     "tolerance_mm": number("Tolerance", "Largest distance of a joint from the full take, in mm", 10.0, 0.5, 500),
-    "keys_per_second": number("Keys per Second", "Average number of keys", 10.0, 0.1, 30),
+    "keys_per_second": number("Keys per Second", "Average density of the remaining keys", 10.0, 0.1, 30),
 }
 
 
 def edit_aside(
     context: bpy.types.Context, switch: Sequence[str] = (), **limit: float
 ) -> Generator[Call, Any, dict[str, Any]]:
-    """Edit a copy of the current take in a second Blender, play the new action, and return the result event.
+    """Edit a copy of the current take in a second Blender, and play the new action.
 
     The result has no action if there was nothing to edit. ``switch`` contains IK or FK and the switches of limbs. Their
     keys in the take are replaced, unless the take's keys were changed in the meantime.

@@ -31,7 +31,7 @@ _LAST = list(STEPS)[-1]
 
 
 def _run_steps(self: Any, context: bpy.types.Context, until: str, redo: str = "") -> Steps:
-    """Run steps on the scene's video folder, show each finished step, and set up the scene for finished takes."""
+    """Run steps on the scene's video folder, and show each finished step."""
     from .import_results import bring_capture
 
     videos = context.scene.mocap.videos
@@ -78,7 +78,7 @@ class _ShownSteps:
 class MOCAP_OT_capture_from_videos(
     SolverOperator, bpy.types.Operator, base.choose_file(SUFFIXES, several=True), ImportHelper
 ):
-    """Detect keypoints in a folder of one video per camera, synchronise and calibrate the cameras, and import it."""
+    """Detect keypoints in one video per camera, calibrate the cameras, and import the take."""
 
     bl_label = "Capture from Videos"
 
@@ -194,12 +194,12 @@ _WIDTH_PX = 520
 
 
 class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
-    """Install MediaPipe or LiteRT, which detect people in videos, in a separate environment, after you confirm."""
+    """Install MediaPipe or LiteRT in a separate environment, after you confirm."""
 
     bl_label = "Set Up Detector…"
     bl_options = base.OPENS | base.INTERNAL
 
-    kind: choice("Detector", "Detector to install", "set_up_detector.kind")
+    kind: choice("Detector", "Program that finds people in videos", "set_up_detector.kind")
     wheels: path("Wheels", "Folder of wheels to install (leave blank to use the package registry)", folder=True)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
