@@ -44,7 +44,7 @@ class AnnyRig:
 
 
 def read_rig(topology: str, num_samples: int, seed: int) -> AnnyRig:
-    """Sample adult shapes of one of ``TOPOLOGIES``, with the skin and both eyes. Raises the errors of ``bake``."""
+    """Sample adult shapes of one of ``TOPOLOGIES``, with skin and eyes."""
     if topology not in TOPOLOGIES:
         raise JobInvalid(f"The topology {topology!r} is unknown; {', '.join(TOPOLOGIES)} are known.")
     try:
@@ -85,7 +85,7 @@ def _phenotypes(labels: list[str], count: int, seed: int) -> np.ndarray:
 
 
 def _skin_alone(rig: AnnyRig) -> AnnyRig:
-    """Return the rig with only the skin and both eyes, because teeth and tongue would block rays from inside."""
+    """Return the rig with only skin and eyes, because teeth would block rays."""
     count = rig.vertices.shape[1]
     pairs = np.concatenate([rig.faces[:, [0, 1]], rig.faces[:, [1, 2]]])
     _, label = connected_components(csr_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count)), directed=False)
@@ -233,7 +233,7 @@ def _components(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _regressor(mean: np.ndarray, vertices: np.ndarray, joints: np.ndarray, mirror: np.ndarray) -> np.ndarray:
-    """Return the (24, V) ridge regression of each joint from the skin around it, over all shapes. Rows sum to 1."""
+    """Return the (24, V) ridge regression of each joint from the skin around it."""
     regressor = np.zeros((joints.shape[1], len(mean)))
     for j, name in enumerate(SMPL_JOINTS):
         if name.startswith("right"):

@@ -1,4 +1,4 @@
-"""Implicit surface of anisotropic Gaussians of the left half body and their mirror images. The skin is at F = 1."""
+"""Implicit surface of mirrored anisotropic Gaussians, with the skin at F = 1."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _FLOOR = 1e-9  # Lower bound of a sum of weights.
 
 @dataclass(frozen=True)
 class Primitives:
-    """``F(p) = sum_k exp(log_weight_k - |whiten_k (p - mean_k)|^2 / 2)`` over both halves, with F > 1 inside."""
+    """Sum of Gaussians over both halves, with F > 1 inside."""
 
     mean: np.ndarray  # (K, 3) metres, floor at y = 0.
     whiten: np.ndarray  # (K, 3, 3): diag(1 / scale) times the transposed rotation.

@@ -28,7 +28,7 @@ class BodyUnreachable(MocapError):
 
 
 class NothingToExport(MocapError):
-    """There is no armature, motion or frame to export, or the armature lacks data that the format requires."""
+    """There is nothing to export, or the armature lacks data that the format requires."""
 
 
 class ExporterMissing(Broken, MocapError):

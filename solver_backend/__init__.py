@@ -1,4 +1,4 @@
-"""Solve captures: read a recording, and return the motion of an SMPL-type body. This package never imports bpy.
+"""Read a recording and solve the motion of an SMPL-type body. This package never imports bpy.
 
 The names below are the public interface. Each is imported on first use, so that ``--help`` is fast.
 """

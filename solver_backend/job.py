@@ -140,7 +140,7 @@ def positive_fps(value: float) -> float:
 
 
 def settings_of(values: Mapping[str, Any], folder: Path) -> SolveSettings:
-    """Build solve settings from plain values. Relative paths of body, layout and noise map start at the folder."""
+    """Build solve settings from plain values, with paths relative to the folder."""
     settings = SolveSettings.from_dict(values)
     given = {name: getattr(settings, name) for name in PATHS}
     if any("\0" in text for text in given.values()):

@@ -1,4 +1,4 @@
-"""Define the face's 52 shapes by ARKit name, from geometry for jaw, lids and eyes, and strokes of ``face.json``.
+"""Define the face's 52 shapes by ARKit name, from geometry and ``face.json``.
 
 A lid slides over its eyeball, and an iris rotates with its ball under fixed lids. The lower lip rotates with the jaw
 about an axis through its joints, weighted by a harmonic field. A stroke moves skin around a point by a smooth bump.
@@ -49,7 +49,7 @@ class Expressions:
 
 
 def build_expressions(vertices: Array, faces: Array, material: Array, mirror: Array, head: Array) -> Expressions:
-    """Build the facial shapes of a symmetric rest body with (F,) materials from ``charts`` and a (3,) head joint."""
+    """Build the facial shapes of a symmetric rest body."""
     eye, mouth = _Eye(vertices, faces, material), _Mouth(vertices, faces, material, head)
     blink, jaw = eye.blink(), mouth.jaw_turn()
     upper = blink * (blink[:, 1] < 0)[:, None]
@@ -132,7 +132,7 @@ class _Eye:
         return offsets
 
     def _matched(self, rings: list[Array]) -> list[Array]:
-        """Return rings sorted by angle and rolled so that equal positions form lines from the lids to the pupil."""
+        """Return rings sorted by angle, with lines from the lids to the pupil."""
         seen, half, iris, *inside = rings
         at, rolls = self._vertices[:, :2], [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
         off = [np.linalg.norm(2 * at[np.roll(half, b)] - at[np.roll(seen, a)] - at[iris]) for a, b in rolls]
@@ -214,7 +214,7 @@ class _Mouth:
         return offsets
 
     def part_lips(self, offsets: Array) -> Array:
-        """Return (V, 3) offsets in metres in which the lip seam stays between the lips, and moves back if they part."""
+        """Return (V, 3) offsets in metres that close the lip seam until the lips part."""
         found, vertices = offsets.copy(), self._vertices
         upper, lower = (self._inner[(self._above[self._inner] > 0.5) == above] for above in (True, False))
         x = vertices[self._seam, 0]
@@ -235,7 +235,7 @@ class _Mouth:
         return np.array([*place[:2], close[:, 2].max()])
 
     def _jaw_share(self, lips: Array) -> Array:
-        """Return each vertex's (V,) share of the jaw rotation: 1 along the jaw, 0 above the mouth and at the neck."""
+        """Return each vertex's (V,) share of the jaw rotation."""
         vertices, head, corner = self._vertices, self._head, self._corner
         folded = vertices * np.where(vertices[:, :1] < 0, FLIP, 1.0)
         near = np.linalg.norm(vertices - head - [0.0, 0.05, 0.03], axis=1) < _HEAD_M

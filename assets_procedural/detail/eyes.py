@@ -94,6 +94,6 @@ def _ball_depth(xy: Array) -> Array:
 
 
 def _lid_depth(xy: Array, skin: Array) -> Array:
-    """Return the depth of the lids: the skin if it is in front of the ball, otherwise a lid's thickness on it."""
+    """Return the depth of the lids: the skin, or a lid's thickness on the ball."""
     lid = _sphere_depth(xy, EYEBALL_M + _LID_M)
     return np.maximum(skin, lid) + _SOFT_M * np.log1p(np.exp(-np.abs(skin - lid) / _SOFT_M))

@@ -68,7 +68,7 @@ def relax_fingers(points: Array, knots: Array, straight: Array, joints: Array) -
 
 
 def _curled(place: Array, points: Array, knots: Array) -> Array:
-    """Return (N, 3, C) points of the left hand with all fingers curled. ``place`` has metres from its joint."""
+    """Return (N, 3, C) points of the left hand with all fingers curled."""
     near = {
         name: np.min([distance_to_segment(place, *bone) for bone in pairwise(np.array(digit.knots))], axis=0)
         for name, digit in DIGITS.items()

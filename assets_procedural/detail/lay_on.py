@@ -1,4 +1,4 @@
-"""Add all details in order. They are added to the half body first, so that both sides mirror each other exactly."""
+"""Add all details to the half body, so that both sides mirror each other exactly."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _SEEN_M, _BRIDGED_M = 0.012, 0.0021
 
 
 def close_lips(half: HalfBody) -> HalfBody:
-    """Return the half body with closed lips instead of the slit. Raises ``BodyInvalid`` if the slit is missing."""
+    """Return the half body with closed lips. Raise ``BodyInvalid`` without a slit."""
     return replace(half, _HOLE.holds, _lips(half))
 
 
@@ -58,7 +58,7 @@ def _lips(half: HalfBody) -> Patch:
 
 
 def _around(seam: Array, above: Array, below: Array, beyond: float) -> Array:
-    """Return the half ring from the midline over the upper lip and the corner to the midline below the lower lip."""
+    """Return the half ring from the midline around the mouth's corner."""
     rounding = beyond * (seam[:, 0] / CORNER_M) ** 4
     up = seam + np.column_stack([0.5 * rounding, np.maximum(above, 0.5 * rounding)])
     down = seam + np.column_stack([0.5 * rounding, -np.maximum(below, 0.5 * rounding)])
@@ -175,7 +175,7 @@ _MIDDLE = np.array([0.0, 0.060, 0.020])  # Centre of the radii that describe the
 
 
 def blank_face(vertices: Array, faces: Array, head: Array) -> tuple[Array, Array]:
-    """Return the (N,) vertices that move for a head without a face, and their (N, 3) offsets at rest in metres.
+    """Return the (N,) vertices that move for a head without a face, and their offsets.
 
     Each vertex moves to the mean of its neighbours (Tutte 1963, "How to draw a graph"), and then along its ray from the
     head's centre to a thin-plate surface through the surrounding skin.

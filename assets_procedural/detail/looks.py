@@ -119,12 +119,12 @@ def _neckline(p: Array) -> Array:
 
 
 def _shoe_collar(p: Array) -> Array:
-    """Return the height above a shoe's collar in metres. The collar is low at the ankle and high at heel and tongue."""
+    """Return the height above a shoe's collar in metres."""
     return p[:, 1] - 0.078 - 4.0 * np.square(p[:, 2] + 0.022)
 
 
 def _sole(p: Array) -> Array:
-    """Return the height above a sole in metres. The sole is thicker at the heel and under the arch of the foot."""
+    """Return the height above a sole in metres, thicker at the heel and the arch."""
     arch = np.exp(-np.square((p[:, 0] - 0.068) / 0.022) - np.square((p[:, 2] - 0.025) / 0.045))
     return p[:, 1] - 0.019 - 0.010 * smooth_step(-p[:, 2], -0.06, 0.05) - 0.014 * arch
 
@@ -149,7 +149,7 @@ def _dress(half: _Half, at: Array, shirt: Array, shorts: Array, sock: Array) -> 
 
 
 def _shod(half: _Half, at: Array, shoe: Array, sole: Array) -> Array:
-    """Return the (V, 3) body in shoes, on a level set of the field ``sum a exp(-d² / 2 s²)`` of the foot's skin."""
+    """Return the (V, 3) body in shoes, on a level set around the foot's skin."""
     mush, count = DeltaMush(at, half.faces, 0.020), len(half.mesh.vertices)
     foot, chosen = (at[:, 1] < 0.13) & (at[:, 0] > 0), np.flatnonzero(shoe & (at[:, 0] > 0))
     chosen = chosen[chosen < count]

@@ -1,4 +1,4 @@
-"""Add nails of ten fingers and the big toes: plates with a fold around them, in ovals cut out of the fitted skin."""
+"""Add nails of ten fingers and the big toes as plates in the fitted skin."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _BIG_TOE = ((-0.011, -0.0024, 0.0585), (0.0, -0.30, 1.0), (0.0080, 0.0080))  # O
 
 
 def put_on_nails(half: HalfBody, joints: Array) -> HalfBody:
-    """Add nails to the half body (spread fingers, floor at y = 0). Raises ``BodyInvalid`` for a nail off the skin."""
+    """Add nails to the half body. Raise ``BodyInvalid`` for a nail off the skin."""
     for place in _places(joints):
         local = (half.vertices - place.centre) @ place.axes.T
         total = normal_sums(half.vertices, half.faces)

@@ -1,4 +1,4 @@
-"""Rest joints of the fingers: knuckles at the fitted hand's knots, further joints at the centre of the finger."""
+"""Rest joints of the fingers: knuckles at knots, others at the finger's centre."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FIRST, WRIST, PER_FINGER = LEFT[0], SMPL_HANDS.joints.index("left_wrist"), 3
 
 
 def left_bones(joints: Array, tips: Array) -> dict[int, list[tuple[Array, Array]]]:
-    """Return the bones (start, end) of the left wrist and finger joints, given (5, 3) fingertips in metres."""
+    """Return the bones (start, end) of the left wrist and finger joints."""
     ends = {j: joints[j + 1] for j in LEFT if (j - FIRST) % PER_FINGER < PER_FINGER - 1}
     ends |= {LEFT[PER_FINGER * k + PER_FINGER - 1]: tip for k, tip in enumerate(tips)}
     bones = {WRIST: [(joints[WRIST], joints[knuckle]) for knuckle in LEFT[::PER_FINGER]]}
@@ -56,7 +56,7 @@ class Knots:
 def place_hand_joints(
     joints: Array, joint_dirs: Array, knots: Knots, vertices: Array, dirs: Array, faces: Array
 ) -> HandJoints:
-    """Return the joints of the body with fingers at rest. Directions are (..., 3, 10) metres per unit of shape."""
+    """Return the joints of the body with fingers at rest, with shape directions."""
     left, left_dirs = _in_order(knots.points), _in_order(knots.directions)
     centres = np.zeros((len(left), len(vertices)))
     moved = np.isin(np.arange(len(left)) % 4, (1, 2))
@@ -127,7 +127,7 @@ _BONES = 4  # Maximum number of a hand's bones per vertex, as in glTF and game e
 
 
 def hand_weights(vertices: Array, faces: Array, weights: Array, joints: Array, tips: Array, mirror: Array) -> Array:
-    """Return (V, 52) weights for (52, 3) joints and (10, 3) tips, from the weights of the body without fingers."""
+    """Return (V, 52) weights for joints and tips, from a body without fingers."""
     out = np.zeros((len(vertices), len(joints)))
     out[:, :FIRST] = weights[:, :FIRST]
     carried = weights[:, WRIST] + weights[:, FIRST]

@@ -1,4 +1,4 @@
-"""Texture charts: each body part has a front and a back shell, flattened by least squares conformal maps and packed."""
+"""Texture charts: flattened front and back shells of body parts, packed."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def build_texture_map(vertices: Array, faces: Array, part: Array, facing: Array)
 
 
 def flatten(vertices: Array, faces: Array) -> Array:
-    """Return the (V, 2) least squares conformal map of a disk (Levy et al. 2002), with the area of the surface."""
+    """Return the (V, 2) least squares conformal map of a disk (Levy et al. 2002)."""
     corners = vertices[faces]
     x, to_third = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     length, normal = np.linalg.norm(x, axis=1), np.cross(x, to_third)
@@ -129,7 +129,7 @@ def _face_graph(faces: Array, group: Array) -> sp.csr_matrix:
 
 
 def _upright(flat: Array, vertices: Array, facing: Array) -> Array:
-    """Return the chart rotated so that up (or forwards, for flat parts) points up, with its corner at the origin."""
+    """Return the chart with up pointing up and its corner at the origin."""
     up = np.array([0.0, 1.0, 0.0]) if abs(facing[1]) < 0.5 else np.array([0.0, 0.0, 1.0])
     centred = flat - flat.mean(axis=0)
     gradient = centred.T @ (vertices @ up - (vertices @ up).mean())

@@ -30,7 +30,7 @@ class Surface:
         self._tree = KDTree(self._corners.mean(axis=1))
 
     def __call__(self, points: Array) -> Array:
-        """Return the (N, 3) nearest points on the rounded surface (Boubekeur and Alexa 2008, "Phong Tessellation")."""
+        """Return the (N, 3) nearest points on the rounded surface (Boubekeur and Alexa 2008)."""
         _, near = self._tree.query(points, _NEAREST)
         found = _on_triangles(points[:, None], *np.moveaxis(self._corners[near], 2, 0))
         best = np.linalg.norm(found - points[:, None], axis=2).argmin(axis=1)
@@ -125,7 +125,7 @@ class LinedMesh:
         return chosen
 
     def _slide(self, field: Field, moved: Array, level: float, value: Array) -> None:
-        """Slide vertices to a level of a field. If all corners of a face would move, its tip keeps a small distance."""
+        """Slide vertices to a level of a field, but keep every face open."""
         wanted = np.full(len(self.vertices), level)
         for face in self.faces[moved[self.faces].all(axis=1)]:
             tip = face[np.abs(value[face] - level).argmax()]

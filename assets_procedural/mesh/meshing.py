@@ -1,4 +1,4 @@
-"""Mesh the implicit surface: half body, adaptive edge lengths, edge loops at the material borders, and mirror."""
+"""Mesh the implicit surface: half body, adaptive edges, material borders, mirror."""
 
 from __future__ import annotations
 
@@ -327,7 +327,7 @@ class SymmetricMesh:
 
 
 def build_mesh(primitives: Primitives, num_vertices: int, borders: tuple[Plane, ...] = ()) -> SymmetricMesh:
-    """Mesh the skin with about ``num_vertices`` vertices. Raises ``BodyInvalid`` unless it is one closed surface."""
+    """Mesh the skin with about ``num_vertices`` vertices. Raise ``BodyInvalid`` if open."""
     vertices, faces = _marching_half(primitives)
     area, size = _wanted_sizes(primitives, vertices, faces)
     wanted = num_vertices / 2
@@ -414,7 +414,7 @@ def _largest(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _wanted_sizes(primitives: Primitives, vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return each vertex's area and unscaled wanted edge length. Edges are shorter where the skin is curved."""
+    """Return each vertex's area and wanted edge length, shorter in curved skin."""
     edges = edges_of(faces)
     normal = primitives.normals(vertices)
     step = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)

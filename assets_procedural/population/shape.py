@@ -1,4 +1,4 @@
-"""Compute ten shape components from population statistics: stature, girth, then the main residual variations."""
+"""Compute ten shape components: stature, girth and residual variations."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Profile = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class RestFrame:
-    """Rest joints (24, 3) of the body to deform, and the height of its top, in metres with the floor at y = 0."""
+    """Rest joints (24, 3) and height of the body to deform, in metres."""
 
     joints: Array
     top: float
@@ -217,7 +217,7 @@ def build_shape_space(
 def calibrate(
     vertices: Array, faces: Array, joints: Array, wanted: Array, carried: Array, rounds: int = 6
 ) -> tuple[Array, Array, Array]:
-    """Return vertices, joints and carried points of the body with the (M,) measures ``wanted``, by Newton steps."""
+    """Return the body with the (M,) measures ``wanted``, by Newton steps."""
     for _ in range(rounds):
         measures = place_measures(vertices, faces, joints)
         moved, moved_joints, moved_carried = _fields_of(vertices, joints, carried)
@@ -257,7 +257,7 @@ def _within_population(loadings: Array, statistics: Statistics) -> Array:
 
 
 def _driven_components(covariance: Array) -> list[Array]:
-    """Return the (M,) change per deviation of stature at fixed trunk girth, and of trunk girth at fixed stature."""
+    """Return the (M,) change per deviation of stature, and of trunk girth."""
     drivers = _drivers()
     shared = drivers.T @ covariance @ drivers
     effect = covariance @ drivers @ np.linalg.inv(shared)

@@ -168,7 +168,7 @@ OFFSETS = {"biacromialbreadth": 0.047, "radialestylionlength": 0.020, "cervicale
 
 
 def place_measures(vertices: Array, faces: Array, joints: Array, straightened: float = 1.0) -> Measures:
-    """Find the landmarks and lay the tapes on a rest mesh of about 1.70 m stature, with the floor at y = 0."""
+    """Find the landmarks and lay the tapes on a rest mesh of about 1.70 m."""
     left = vertices[:, 0] > 0.0
     midline = np.nonzero((np.abs(vertices[:, 0]) < 1e-9) & (vertices[:, 1] > 0.5))[0]
     foot = np.nonzero(left & (vertices[:, 1] < 0.08))[0]
@@ -190,7 +190,7 @@ def place_measures(vertices: Array, faces: Array, joints: Array, straightened: f
 def place_tape(
     vertices: Array, faces: Array, normal: tuple[float, ...], through: tuple[float, ...], box: float = 0.0
 ) -> Tape:
-    """Return the convex hull of a plane section, as a tape spans hollows. It has |x| < box, or x > 0 if box is 0."""
+    """Return the convex hull of a plane section, as a tape spans hollows."""
     n = np.array(normal) / np.linalg.norm(normal)
     edges = edges_of(faces)
     height = (vertices - np.array(through)) @ n

@@ -1,4 +1,4 @@
-"""Draw rest, shapes, poses and close-ups: ``python -m assets_procedural.quality.contact_sheet --out FOLDER``."""
+"""Draw the body's shapes and poses: ``python -m assets_procedural.quality.contact_sheet``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _BACKGROUND = np.array([0.90, 0.91, 0.93])  # Linear background colour, chosen b
 
 @dataclass(frozen=True)
 class RasterView:
-    """Orthographic camera, rotated about y by ``yaw`` and tilted by ``pitch`` degrees, ``height_m`` metres high."""
+    """Orthographic camera, rotated by ``yaw`` and tilted by ``pitch`` degrees."""
 
     yaw: float = 0.0
     pitch: float = 0.0

@@ -88,7 +88,7 @@ def _dual_part(real: Array, shifts: Array) -> Array:
 
 
 def rest_differences(vertices: Array, weights: Array, joints: Array, rotations: Array) -> Array:
-    """Return (N, V, 3) rest offsets with which linear blending gives the dual quaternions' result, in metres."""
+    """Return (N, V, 3) rest offsets from linear blending to dual quaternions in metres."""
     out = np.zeros((len(rotations), *vertices.shape), dtype=np.float32)
     mixed = np.nonzero(weights.max(axis=1) < 0.999)[0]
     for n, local in enumerate(rotations):
@@ -116,7 +116,7 @@ def joint_masks(weights: Array, parents: tuple[int, ...] = PARENTS) -> Array:
 def fit_correctives(
     vertices: Array, faces: Array, weights: Array, joints: Array, mirror: Array, *, count: int = 48, seed: int = 0
 ) -> Array:
-    """Return (V, 3, 207) pose correctives in metres per unit of pose feature, from ``count`` poses per joint."""
+    """Return (V, 3, 207) pose correctives in metres, from ``count`` poses per joint."""
     masks = joint_masks(weights)
 
     def wanted(joint: int, turn: Array) -> Array:
@@ -230,7 +230,7 @@ def _taut(vertices: Array, posed: Array, faces: Array, share: Array) -> Array:
 
 
 def parted(vertices: Array, posed: Array, joint: Array, bone: Array, turn: Array, share: Array) -> Array:
-    """Move (V, 3) posed vertices beyond the bisecting plane of a bend back to the plane, weighted by ``share``.
+    """Move (V, 3) vertices beyond a bend's bisecting plane back to the plane.
 
     Args:
         vertices: (V, 3) rest vertices in metres.
@@ -249,7 +249,7 @@ def parted(vertices: Array, posed: Array, joint: Array, bone: Array, turn: Array
 
 
 def _mirrored(directions: Array, mirror: Array) -> Array:
-    """Return the correctives of the mirror image: x is negated, and R becomes S R S with S = diag(-1, 1, 1)."""
+    """Return the correctives of the mirror image, with x negated."""
     blocks = directions[mirror].reshape(len(directions), 3, -1, 3, 3)
     order = [MIRROR_JOINT[j] - 1 for j in range(1, len(PARENTS))]
     turned = blocks[:, :, order] * FLIP[:, None] * FLIP

@@ -141,7 +141,7 @@ def shown_correctives(
 
 
 def _shares(vertices: Array, joints: Array) -> Array:
-    """Return (V, 23) weights of the fitted additions, which fade at the crotch and in the crook of the elbow.
+    """Return (V, 23) weights of the additions, faded at the crotch and the elbow.
 
     The factor at the hips compensates for the fading. Chosen on 24 poses of ``body_shape``, seeds 11 and 60.
     """
@@ -155,13 +155,13 @@ def _shares(vertices: Array, joints: Array) -> Array:
 
 
 def _has_row(directions: Array, least: float) -> Array:
-    """Return a (V, 1, 207) mask of correctives by which a joint moves a vertex by more than ``least`` metres."""
+    """Return a (V, 1, 207) mask of correctives that move a vertex by more than ``least``."""
     largest = np.abs(directions).reshape(len(directions), 3, -1, 9).max(axis=(1, 3))
     return np.repeat(largest > least, 9, axis=1)[:, None]
 
 
 def _swelling(vertices: Array, posed: Array, faces: Array, share: Array) -> Array:
-    """Return (V, 3) offsets in metres along the normals, weighted by ``share``, that restore the rest volume."""
+    """Return (V, 3) offsets in metres along the normals that restore the rest volume."""
     lost = volume(vertices, faces) - volume(posed, faces)
     amount = lost / max(float(share @ vertex_areas(posed, faces)), 1e-9)
     limit = _LARGEST_SWELLING_M / max(float(share.max()), 1e-9)
@@ -169,7 +169,7 @@ def _swelling(vertices: Array, posed: Array, faces: Array, share: Array) -> Arra
 
 
 def _pushed_out(vertices: Array, posed: Array, faces: Array, beyond: Array, mask: Array) -> Array:
-    """Push both sides of a joint apart by half their penetration, weighted by the (V,) mask. Return (V, 3) skin."""
+    """Push both sides of a joint apart by half their penetration."""
     apart, here = posed, mask > 0
     for _ in range(_PUSHES):
         normals, move = vertex_normals(apart, faces), np.zeros_like(posed)
@@ -190,7 +190,7 @@ def _kind(name: str) -> str:
 
 
 def _point(vertices: Array, joint: Array, bone: Array, turn: Array) -> Array:
-    """Return the (V, 3) offsets in metres of the protruding skin behind an elbow, largest at 90 degrees and above."""
+    """Return the (V, 3) offsets in metres of the skin that protrudes at a bent elbow."""
     along = bone / np.linalg.norm(bone)
     away = along - turn @ along
     fold = float(np.linalg.norm(away))

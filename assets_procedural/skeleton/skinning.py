@@ -38,7 +38,7 @@ def load_joints(path: Path = NUMBERS / "skeleton.json") -> np.ndarray:
 
 
 def bone_segments(joints: np.ndarray) -> list[list[Segment]]:
-    """Return the line segments near the skin of each joint. The table defines each end by a joint and an offset."""
+    """Return the line segments near the skin of each joint."""
 
     def at(name: str, *offset: float) -> np.ndarray:
         return joints[JOINT[name]] + (np.array(offset) if offset else 0.0)
@@ -161,7 +161,7 @@ def distance_to_segment(points: Array, a: Array, b: Array) -> Array:
 
 
 def cotangent_laplacian(vertices: Array, faces: Array) -> tuple[sp.csr_matrix, Array]:
-    """Return the (V, V) positive semi-definite cotangent Laplacian and the (V,) vertex areas in square metres."""
+    """Return the (V, V) cotangent Laplacian and the (V,) vertex areas in m²."""
     rows, columns, values = [], [], []
     area = np.zeros(len(vertices))
     for k in range(3):
@@ -191,7 +191,7 @@ def volume(vertices: Array, faces: Array) -> float:
 
 
 def pose_skeleton(joints: Array, rotations: Array, parents: tuple[int, ...] = PARENTS) -> tuple[Array, Array]:
-    """Return the world rotation and translation ``t`` of each bone, with which bone j maps x to ``G_j x + t_j``.
+    """Return the world rotation and translation ``t`` of each bone.
 
     Args:
         joints: (J, 3) rest joints in metres.

@@ -128,7 +128,7 @@ def pose_channels(motion: MotionFile, armature: bpy.types.Object, rest_pelvis: n
 def channel_poses(
     channels: np.ndarray, armature: bpy.types.Object, rest_pelvis: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Convert channels back to (F, J, 3) axis-angles and (F, 3) translations. This inverts ``pose_channels``."""
+    """Convert channels back to (F, J, 3) axis-angles and (F, 3) translations."""
     quat = channels[:, 3:].reshape(len(channels), -1, 4)
     quat = quat / np.linalg.norm(quat, axis=-1, keepdims=True)
     quat[..., 1:] = (np.swapaxes(rotation_from_body_axes(armature), 1, 2) @ quat[..., 1:, None])[..., 0]

@@ -49,7 +49,7 @@ def take_strip(obj: bpy.types.Object) -> bpy.types.NlaStrip | None:
 
 
 def current_action(obj: bpy.types.Object) -> bpy.types.Action | None:
-    """Return the take that an object plays, even below the user's layers. Without a take, return its top action."""
+    """Return the take that an object plays, below the user's layers, or its top action."""
     own, playing = obj.animation_data and obj.animation_data.action, playing_strips(obj)
     if own is not None and is_take(own):
         return own
@@ -117,7 +117,7 @@ def curve_target(action: bpy.types.Action, slot: Any = None) -> CurveTarget | No
 
 
 def remove_curves(target: CurveTarget, path: str) -> np.ndarray | None:
-    """Remove a property's curves. Return the first curve's (K, 2) key times and key types, or None without curves."""
+    """Remove a property's curves, and return the first one's (K, 2) times and types."""
     curves = [curve for curve in target.container.fcurves if curve.data_path == path]
     if not curves:
         return None
@@ -187,7 +187,7 @@ def write_curves(
     types: np.ndarray,
     slopes: np.ndarray | None = None,
 ) -> None:
-    """Write one curve per column, with linear segments or cubic segments that have given slopes at the keys.
+    """Write one curve per column, with linear or cubic segments of given slopes.
 
     Bezier handles of a third of the interval to the next key make a segment a cubic polynomial of time.
 
@@ -216,7 +216,7 @@ def write_curves(
 
 
 def key_type_values(keyframes: np.ndarray | None, frames: int) -> np.ndarray:
-    """Return (F,) key types: KEYFRAME at the solver's keyframes, or everywhere without any, otherwise GENERATED."""
+    """Return (F,) key types: KEYFRAME at the solver's keyframes, otherwise GENERATED."""
     keyframe = _enum_value("type", "KEYFRAME")
     if keyframes is None:
         return np.full(frames, keyframe, dtype=np.int32)

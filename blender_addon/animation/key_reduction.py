@@ -75,7 +75,7 @@ def _solve_chain(diagonal: np.ndarray, beside: np.ndarray, right: np.ndarray) ->
 
 
 def _hermite(frames: np.ndarray, num_frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (F,) key before each frame, and (F, 4) weights of the values and slopes of the two keys around it."""
+    """Return the (F,) key before each frame, and (F, 4) weights of values and slopes."""
     at = np.arange(num_frames)
     left = np.clip(np.searchsorted(frames, at, "right") - 1, 0, len(frames) - 2)
     length = (frames[left + 1] - frames[left]).astype(float)
@@ -101,7 +101,7 @@ Distance = Callable[[np.ndarray], np.ndarray]
 def reduce_keys(
     values: np.ndarray, candidates: np.ndarray, count: int, distance: Distance, progress: Progress = silent
 ) -> SparseCurves:
-    """Return curves with keys at both ends and at frames chosen from ``candidates``, at most ``count`` in total."""
+    """Return curves with up to ``count`` keys at both ends and chosen ``candidates``."""
     last = len(values) - 1
     free = np.unique(np.concatenate([candidates[(candidates > 0) & (candidates < last)], [0, last]]).astype(int))
     laid = _lay(values, free, count, distance, progress)
@@ -154,7 +154,7 @@ def _pruned(
 
 
 def _lay(values: np.ndarray, free: np.ndarray, count: int, distance: Distance, progress: Progress) -> np.ndarray:
-    """Add keys at the worst frames of the worst segments, until there are ``count`` keys or no free frames."""
+    """Add keys at the worst frames of the worst segments, up to ``count``."""
     keys = free[[0, -1]] if len(values) > 1 else free
     while len(keys) < min(count, len(free)):
         progress(ADDING, len(keys), count)
@@ -230,7 +230,7 @@ def thin_channels(
     tolerance_mm: float | None = None,
     progress: Progress = silent,
 ) -> tuple[SparseCurves, KeyDeviation]:
-    """Fit ``count`` of the (F,) keyframes to (F, 3 + 4 J) channels, or as many keys as the tolerance requires."""
+    """Fit ``count`` keyframes to (F, 3 + 4 J) channels, or as many as the tolerance needs."""
     frames = len(channels)
     candidates = np.arange(frames) if keyframes is None else np.flatnonzero(keyframes)
     heads, axes = rest_of(armature)
@@ -239,7 +239,7 @@ def thin_channels(
     seen, known = whole.copy(), np.zeros(frames, np.float32)
 
     def apart(found: np.ndarray) -> np.ndarray:
-        """Return the (F,) largest joint error per frame in metres. Only frames that changed are computed again."""
+        """Return the (F,) largest joint error per frame in metres, where frames changed."""
         changed = np.flatnonzero(np.abs(found - seen).max(axis=1) > _UNCHANGED)
         seen[changed] = found[changed]
         off = _posed(seen[changed], heads, axes, room)[1]
@@ -271,7 +271,7 @@ def _quaternions(channels: np.ndarray) -> np.ndarray:
 
 
 def posed_joints(channels: np.ndarray, heads: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (F, J, 3, 3) rotations and (F, J, 3) positions of the posed bones in the armature's frame.
+    """Return (F, J, 3, 3) rotations and (F, J, 3) positions in the armature's frame.
 
     ``G_j = G_p A_p^T A_j R_j``, ``p_j = p_p + G_p A_p^T (h_j - h_p)``, with p the parent of joint j.
 

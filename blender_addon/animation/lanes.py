@@ -28,7 +28,7 @@ _UNSURE_AT_MOST = 0.3  # Highest confidence of a flagged frame, 0 to 1, chosen b
 
 
 def joint_confidence(sigma_m: np.ndarray, flags: np.ndarray | None) -> np.ndarray:
-    """Return ``1 / (1 + (sigma / 3 cm)²)``, 0 in interpolated frames, at most 0.3 in frames with a large residual."""
+    """Return ``1 / (1 + (sigma / 3 cm)²)``, 0 where interpolated, at most 0.3 where far."""
     confidence = 1.0 / (1.0 + (np.asarray(sigma_m, np.float64) / HALF_AT_M) ** 2)
     if flags is not None:
         unsure, unseen = (flags & FLAG_UNSURE) > 0, (flags & FLAG_UNSEEN) > 0
@@ -92,7 +92,7 @@ def write_lanes(
 def edit_contact(
     target: CurveTarget, armature: bpy.types.Object, part: str, scene_frames: tuple[int, int], edit: Sequence[object]
 ) -> None:
-    """Show a contact of a body part as added or removed in a range of scene frames. Store it for the next solve.
+    """Show an edited contact of a body part in scene frames, for the next solve.
 
     ``edit`` contains the part, the first and last capture frame, and whether the part touches the floor.
     """
@@ -109,7 +109,7 @@ def edit_contact(
 
 
 def clear_contact_edits(action: bpy.types.Action) -> None:
-    """Let the next solve of a range detect all contacts again. The channels show the edited values until then."""
+    """Let the next solve of a range detect all contacts again."""
     action[EDITS], action[FORGETS] = "[]", True
 
 
@@ -122,7 +122,7 @@ def has_contact_edits(action: bpy.types.Action) -> bool:
 
 
 def contact_edits(action: bpy.types.Action) -> list[list[Any]]:
-    """Return the user's contact edits: the part, the first and last capture frame, and whether it touches the floor."""
+    """Return the user's contact edits: part, first and last capture frame, and contact."""
     return list(json.loads(action.get(EDITS, "[]")))
 
 
@@ -139,7 +139,7 @@ def _bone_curves(action: bpy.types.Action | None, name: str) -> Iterator[tuple[s
 
 
 def read_lane(action: bpy.types.Action) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the (F,) scene frames and confidence of the worst joint, or None if the action has no such curve."""
+    """Return (F,) scene frames and the worst joint's confidence, or None."""
     curve = next((c for c in action_curves(action) if c.data_path == _PATH), None)
     if curve is None:
         return None
@@ -158,7 +158,7 @@ def current_confidence(armature: bpy.types.Object) -> dict[str, float]:
 
 
 def resting_at(action: bpy.types.Action | None, times: np.ndarray) -> dict[str, np.ndarray]:
-    """Return an (F,) mask per bone with a curve. It is true at scene frames where nothing measured the joint."""
+    """Return an (F,) mask per bone, true where nothing measured the joint."""
     curves = _bone_curves(action, RESTING)
     return {bone: np.array([curve.evaluate(float(t)) > 0.0 for t in times], dtype=bool) for bone, curve in curves}
 

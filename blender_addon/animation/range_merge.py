@@ -41,7 +41,7 @@ def _write_keys(curve: bpy.types.FCurve, keys: np.ndarray) -> None:
 
 
 def carry_curves(source: bpy.types.Action, target: CurveTarget, start: float, ratio: float) -> None:
-    """Copy curves that a solve does not write, such as the root control's, and scale their times by ``ratio``."""
+    """Copy curves that a solve does not write, with times scaled by ``ratio``."""
     written = {(curve.data_path, curve.array_index) for curve in target.container.fcurves}
     left = tuple(f'pose.bones["{name}"]' for name in (*CONTROLS, *FINGER_CONTROLS))
     for curve in action_curves(source):
@@ -61,7 +61,7 @@ def _times(keys: np.ndarray) -> np.ndarray:
 
 
 def _linear_keys(times: np.ndarray, values: np.ndarray, like: np.ndarray) -> np.ndarray:
-    """Return LINEAR keys with (K,) times and values. Other fields are copied from the first key in ``like``."""
+    """Return LINEAR keys with (K,) times and values, otherwise as in ``like``."""
     keys = np.repeat(like[:1], len(times))
     for name in _POINTS:
         keys[name] = np.stack([times, values], axis=1)
@@ -93,7 +93,7 @@ class RangeTimes:
 
 
 def ends_used(edited: bpy.types.Action, times: RangeTimes) -> list[Limb]:
-    """Return the limbs that an action poses by IK in any frame of a range, with keys on all their controls."""
+    """Return the limbs that an action poses by IK in any frame of a range."""
     frames = times.first + times.step * np.arange(round((times.last - times.first) / times.step) + 1)
     switches = {curve.data_path: curve for curve in action_curves(edited) if curve.data_path in _SWITCHES}
     keyed = {curve.data_path for curve in action_curves(edited)}
@@ -104,7 +104,7 @@ def ends_used(edited: bpy.types.Action, times: RangeTimes) -> list[Limb]:
 def merge_range(
     edited: bpy.types.Action, solved: bpy.types.Action, times: RangeTimes, placed: Sequence[Limb] = ()
 ) -> None:
-    """Replace a range of an edited action by the new solution. Keys outside the range keep their exact values.
+    """Replace a range of an edited action by the new solution, and keep other keys.
 
     Limbs in ``placed`` have keys of their controls in the solved action and keep their IK switches. All other limbs are
     posed by FK inside the range.
@@ -123,7 +123,7 @@ def merge_range(
 
 
 def _signs(old: dict, new: dict, times: RangeTimes) -> dict[str, float]:
-    """Return the sign per rotation curve that continues the old quaternions, because q and -q are the same rotation."""
+    """Return the sign per rotation curve that continues the old quaternions."""
     before = times.first - times.step
     products: dict[str, float] = {}
     for (path, index), curve in new.items():

@@ -56,7 +56,7 @@ def take_file(action: bpy.types.Action, key: str) -> Path:
 
 
 def person_of(provenance: str) -> str:
-    """Return the person named in a motion's provenance (JSON text), "" if its capture shows only one person."""
+    """Return the person in a motion's provenance (JSON text), "" for a single person."""
     person = value_in(provenance, "person")
     return person if isinstance(person, str) else ""
 

@@ -1,1 +1,1 @@
-"""The body as a Blender character: posable armature, shape sliders, pose correctives, controls and asset."""
+"""The body as a Blender character: armature, sliders, correctives and controls."""

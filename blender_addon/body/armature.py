@@ -1,4 +1,4 @@
-"""Build the armature: posed bones named after the joints, a hidden deform bone for each, and the controls.
+"""Build the armature: posed bones, hidden deform bones, and controls.
 
 A pose bone's rest position cannot follow a slider, but its location can. Drivers move the posed bones to the shaped
 joints (``rig.py``). The skin must then rotate about the shaped joint without moving, so each posed bone has a deform

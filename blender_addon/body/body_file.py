@@ -141,7 +141,7 @@ class BodyFile:
     licence: str = ""  # SPDX identifier, "" if the file states none.
 
     def shaped(self, betas: np.ndarray) -> np.ndarray:
-        """Return the (V, 3) rest vertices in metres, ``v_template + shapedirs @ betas`` (Loper et al. 2015, eq. 8)."""
+        """Return the (V, 3) rest vertices in metres (Loper et al. 2015, eq. 8)."""
         return self.v_template + self.shapedirs @ betas
 
     def rest_joints(self, betas: np.ndarray) -> np.ndarray:
@@ -264,7 +264,7 @@ def _check(arrays: dict[str, np.ndarray], path: Path, layout: BodyLayout) -> Non
 
 
 def body_path_of(provenance: str) -> Path:
-    """Return the body file named in a motion's provenance (JSON text), or the bundled body if it names none."""
+    """Return the body file in a motion's provenance, or the bundled body."""
     choice = value_in(provenance, "settings", "body")
     if not isinstance(choice, str) or choice in ("", SHIPPED):
         return default_body_path()
@@ -303,7 +303,7 @@ def with_own_hands(motion: MotionFile, body: BodyFile) -> MotionFile:
 
 
 def rotvec_on(motion: MotionFile, layout: BodyLayout) -> np.ndarray:
-    """Return (F, J, 3) axis-angles for the joints of a layout. Missing joints rest, and other joints are ignored."""
+    """Return (F, J, 3) axis-angles for a layout's joints. Missing joints rest."""
     if motion.body_layout.joints == layout.joints:
         return motion.rotvec
     rotvec = np.zeros((motion.num_frames, layout.num_joints, 3))
@@ -323,7 +323,7 @@ def turns_on(layout: BodyLayout, rotvec: np.ndarray) -> np.ndarray:
 
 
 def skin(body: BodyFile, motion: MotionFile, frames: list[int], worn: np.ndarray | float = 0.0) -> np.ndarray:
-    """Return the (N, V, 3) skin of N frames in world metres: ``sum_j w_j (G_j (v_rest - J_j) + p_j)`` (Loper 2015).
+    """Return the (N, V, 3) skin of N frames in world metres (Loper 2015).
 
     ``worn`` is the offset of the clothes from the skin at rest, in metres.
     """

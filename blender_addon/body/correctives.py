@@ -1,4 +1,4 @@
-"""Pose correctives: geometry nodes deform the skin by the bones' rotations before the armature modifier.
+"""Deform the skin by pose correctives in geometry nodes, before the armature.
 
 The model adds ``P flatten(R_j - I)`` to the rest shape (Loper et al. 2015, eq. 9). A joint affects few vertices, so
 ``P`` is stored as a table with a row per affected vertex and joint, instead of a full shape key per feature. Drivers
@@ -37,7 +37,7 @@ def _column_attribute(row: int, column: int) -> str:
 
 
 def _build_corrective_nodes(name: str, table: Any, joints: Sequence[str], opposite: Sequence[int]) -> Any:
-    """Create nodes that apply the correctives to a skin. They have a hidden input of XYZ Euler angles per joint."""
+    """Create nodes that apply the correctives, with XYZ Euler angles per joint as input."""
     geometry = ("Geometry", "IN", "Geometry"), *((joint, "IN", "Vector") for joint in joints)
     tree = new_tree(name, *geometry, ("Geometry", "OUT", "Geometry"))
     tree.is_modifier = True
@@ -142,7 +142,7 @@ def corrective_table(posedirs: np.ndarray) -> CorrectiveTable:
 def add_correctives(
     armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile, hidden: bpy.types.Collection
 ) -> int:
-    """Add the body's pose correctives to a mesh, if it has any. Return the number of joints with correctives."""
+    """Add the body's pose correctives to a mesh, and return the number of joints."""
     if body.posedirs is None:
         return 0
     axes = np.asarray(rotation_from_body_axes(armature), np.float64)
@@ -201,7 +201,7 @@ def _mirror_of(vertices: np.ndarray) -> np.ndarray | None:
 
 
 def _is_mirrored(table: CorrectiveTable, turned: np.ndarray, across: np.ndarray, layout: BodyLayout) -> bool:
-    """Return whether every row equals the row of the mirrored vertex and joint, mirrored in the axes of the bones."""
+    """Return whether every row is the mirror image of the mirrored vertex and joint."""
     rows = zip(table.vertex.tolist(), table.joint.tolist(), strict=True)
     here = {key: row for row, key in enumerate(rows)}
     image = zip(across[table.vertex].tolist(), np.array(layout.mirror)[table.joint].tolist(), strict=True)

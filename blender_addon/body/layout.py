@@ -1,4 +1,4 @@
-"""Lay out the bones: heads at the joints, tails at the next joint or the surface, and rolls that flex about local X.
+"""Lay out the bones: heads at the joints, and rolls that flex about local X.
 
 Positions are in the armature's frame (Z up, facing -Y, left = +X). The origin is on the floor below the pelvis.
 """
@@ -45,7 +45,7 @@ def lay_out_bones(body: BodyFile, betas: np.ndarray) -> BoneLayout:
 
 
 def standing(body: BodyFile, betas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a shape's (V, 3) vertices and (J, 3) joints in metres, with soles at z = 0 below a centred pelvis."""
+    """Return a shape's (V, 3) vertices and (J, 3) joints in metres, soles at z = 0."""
     vertices, joints = _pelvis_centred(body, betas)
     floor = [0.0, 0.0, vertices[:, 2].min()]
     return vertices - floor, joints - floor
@@ -62,7 +62,7 @@ def _pelvis_centred(body: BodyFile, betas: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def shape_directions(body: BodyFile) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (V, 3, 10) vertex and (J, 3, 10) joint displacements per beta, relative to the pelvis, in metres."""
+    """Return (V, 3, 10) vertex and (J, 3, 10) joint displacements per beta in metres."""
     joints = np.tensordot(body.J_regressor, body.shapedirs, axes=(1, 0))
     vertices = body.shapedirs - joints[:1]
     return R_ARMATURE_BODY @ vertices, R_ARMATURE_BODY @ (joints - joints[:1])

@@ -1,4 +1,4 @@
-"""Show a body in one of its looks. A look has a material per face and, for the bundled body, a shape key.
+"""Show a body in one of its looks, by materials and a shape key.
 
 A new body shows the suit, which is the skin that the solver uses. The material slots belong to the shown look. Each
 other look is stored in the mesh, as an integer attribute of its faces and a custom property with its slots, and in
@@ -65,7 +65,7 @@ _SHOWN = "look"  # Custom property of a mesh: the look that it shows.
 
 
 def add_looks(mesh: bpy.types.Object, body: BodyFile, materials: np.ndarray) -> None:
-    """Add the looks to a mesh with sliders, with (L, P) materials of its polygons per look, and show the suit."""
+    """Add the looks to a mesh with sliders, and show the suit."""
     data = mesh.data
     for look, of_faces in zip(LOOKS, materials, strict=True):
         attribute = data.attributes.new(_attribute(look), "INT", "FACE")
@@ -109,7 +109,7 @@ def look_of(mesh: bpy.types.Object) -> str:
 
 
 def looks_of(mesh: bpy.types.Object) -> list[str]:
-    """Return a body's available looks: none in Edit Mode, with linked or overridden data, or on a foreign mesh."""
+    """Return a body's available looks, none for a mesh that cannot change."""
     data = mesh.data  # a file does not keep the slots and faces of an overridden mesh
     fixed = data.library is not None or data.override_library is not None or data.is_editmode
     return [look for look in LOOKS if not fixed and _attribute(look) in data.attributes]

@@ -1,4 +1,4 @@
-"""Build the skinned mesh: the mean body at rest, bound to the armature's deform bones by vertex weights."""
+"""Build the skinned mesh: the mean body at rest, bound by vertex weights."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _FLAT_DEG, _SKEW_DEG = 35.0, 60.0
 
 
 def pair_triangles(vertices: np.ndarray, faces: np.ndarray, material: np.ndarray) -> tuple[list[list[int]], np.ndarray]:
-    """Merge (T, 3) triangles into polygons of three or four vertices. Return the polygons and their materials."""
+    """Merge (T, 3) triangles into polygons, and return them with their materials."""
     first, second, quads = _neighbours(faces)
     cost = _cost(vertices, quads)
     good = np.flatnonzero((cost < 1.0) & (material[first] == material[second]))
@@ -80,7 +80,7 @@ _LEAST_WEIGHT = 1e-4  # Smallest weight of a vertex that is kept, chosen by hand
 
 
 def create_mesh(name: str, body: BodyFile, armature: bpy.types.Object) -> bpy.types.Object:
-    """Create the body's mesh with linear blend skinning, as a child of its armature in the armature's collections."""
+    """Create the body's mesh with linear blend skinning, as a child of its armature."""
     mesh = bpy.data.meshes.new(name)
     vertices = around_pelvis(body, np.zeros(NUM_BETAS), np.array(armature.data.bones[JOINTS[0]].head_local))
     polygons, _ = polygons_of(body)

@@ -59,7 +59,7 @@ def _drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: Body
 
 @once_a_body
 def _sources(body: BodyFile, names: tuple[str, ...], axes: bytes) -> list[tuple[_Driven, list[tuple[float, _Driven]]]]:
-    """Return every location that betas move, with the earlier locations that can drive it, or [] if betas drive it.
+    """Return every location that betas move, with earlier locations to drive it.
 
     Args:
         names: N bones: each bone that moves relative to its parent, then a deform bone per joint.
@@ -81,7 +81,7 @@ def _sources(body: BodyFile, names: tuple[str, ...], axes: bytes) -> list[tuple[
 
 
 def _few_others(row: np.ndarray, driven: Sequence[_Driven]) -> list[tuple[float, _Driven]]:
-    """Return a few driven locations whose linear combination equals this row, or [] if the betas need no more terms.
+    """Return a few driven locations that combine to this row, or [].
 
     Orthogonal matching pursuit (Pati, Rezaiifar and Krishnaprasad 1993) adds the most similar location in each step.
     """
@@ -106,7 +106,7 @@ def _few_others(row: np.ndarray, driven: Sequence[_Driven]) -> list[tuple[float,
 
 
 def _all_of(row: np.ndarray, related: list[_Driven]) -> list[tuple[float, _Driven]]:
-    """Return related locations whose linear combination equals this row, or [] if it does not fit or saves no terms."""
+    """Return related locations that combine to this row with fewer terms, or []."""
     if not related:
         return []
     rows = np.stack([d.row for d in related])
@@ -127,7 +127,7 @@ def _moved_with_joints(layout: BodyLayout) -> list[tuple[str, int]]:
 def _drive_by_betas(
     owner: bpy.types.bpy_struct, path: str, axis: int, row: np.ndarray, constant: float, mesh: bpy.types.Object
 ) -> bool:
-    """Drive one element of a property by ``constant + row @ betas``. Return False if no beta has an effect."""
+    """Drive one element by ``constant + row @ betas``, False without an effect."""
     used = np.flatnonzero(np.abs(row) > _LEAST_M).tolist()
     if not used:
         return False

@@ -36,7 +36,7 @@ _NAMES = {
 
 @once_a_body
 def shape_names(body: BodyFile) -> tuple[str, ...]:
-    """Return a name of two or three words for each of the ten shape directions, "detail" for unknown effects."""
+    """Return a name of two or three words for each of the ten shape directions."""
     directions = np.eye(NUM_BETAS)
     changes = [_relative(_measures(body, e), _measures(body, -e)) for e in directions]
     table = np.array([[change[name] for name in _NAMES] for change in changes])
@@ -147,7 +147,7 @@ def add_shape_keys(mesh: bpy.types.Object, body: BodyFile, betas: np.ndarray) ->
 
 
 def add_key(mesh: bpy.types.Object, name: str, shaped: np.ndarray, limit: float) -> bpy.types.ShapeKey:
-    """Add a shape key with limits ±``limit`` that moves the vertices to (V, 3) positions in metres at value 1."""
+    """Add a shape key that moves the vertices to (V, 3) positions in metres at value 1."""
     key = mesh.shape_key_add(name=name, from_mix=False)
     key.slider_min, key.slider_max, key.value = -limit, limit, 0.0
     key.points.foreach_set("co", np.ascontiguousarray(shaped, dtype=np.float32).ravel())

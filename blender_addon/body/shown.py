@@ -1,4 +1,4 @@
-"""Add the bundled body's extra data for Blender: correctives, a relaxed face, 52 facial shapes and looks."""
+"""Add the bundled body's correctives, face, 52 facial shapes and looks."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def face_materials(
     material: np.ndarray | None,
     own: dict[str, np.ndarray],
 ) -> np.ndarray:
-    """Return the (L, T) material of each face in each of ``LOOKS``, from the body's ``own`` looks where they exist.
+    """Return the (L, T) material of each face in each of ``LOOKS``.
 
     By default, athletic wear and the suit use the body file's (T,) materials, or 0 without any. The mannequin has one
     material, and segments follow the largest of the (V, J) weights.

@@ -68,7 +68,7 @@ def camera_to_world(R: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 def camera_rays(xy_normalised: np.ndarray) -> np.ndarray:
-    """Convert (..., 2) normalised image points to (..., 3) points at 1 m depth in a Blender camera's frame."""
+    """Convert (..., 2) image points to (..., 3) points at 1 m depth in a Blender camera."""
     x, y = xy_normalised[..., 0], xy_normalised[..., 1]
     return np.stack([x, -y, np.full_like(x, -1.0)], axis=-1)
 
@@ -83,7 +83,7 @@ def even_scale(matrices: np.ndarray, tolerance: float = _EVEN) -> np.ndarray:
 
 
 def euler_from_matrix(R: np.ndarray, order: str) -> np.ndarray:
-    """Convert (F, ..., 3, 3) rotations to (F, ..., 3) Euler angles about x, y and z, in radians, continuous in time.
+    """Convert (F, ..., 3, 3) rotations to Euler angles about x, y and z, continuous in time.
 
     ``R = R_k(c) R_j(b) R_i(a)`` for the order "IJK", as in Blender. A rotation has two triples, (a, b, c) and
     (a + π, π - b, c + π). Each frame uses the triple closer to the previous frame's.

@@ -21,7 +21,7 @@ FLOOR_COLOURS: tuple[Colour, Colour] = ((0.30, 0.31, 0.33, 1.0), (0.52, 0.54, 0.
 
 
 def create_material(name: str, colour: Colour, *, roughness: float = 0.55, glossy: bool = False) -> bpy.types.Material:
-    """Create a material that looks the same in viewport and render. Without ``glossy`` it uses a tenth of the space."""
+    """Create a material that looks the same in viewport and render."""
     material = bpy.data.materials.new(name)
     material.diffuse_color = colour
     material.roughness = roughness
@@ -56,7 +56,7 @@ def child_collection(name: str, parent: bpy.types.Collection) -> bpy.types.Colle
 
 
 def node_input(modifier: bpy.types.NodesModifier, name: str) -> tuple[Any, str]:
-    """Return the owner and property path of a modifier input's value. Raises ``KeyError`` for an unknown input."""
+    """Return the owner and property path of a modifier input's value."""
     identifier = modifier.node_group.interface.items_tree[name].identifier
     if hasattr(modifier, "properties"):  # Blender 5.2 and later
         return getattr(modifier.properties.inputs, identifier), "value"

@@ -19,7 +19,7 @@ def absolute(text: str, library: bpy.types.Library | None = None) -> Path:
 
 
 def stored(path: Path | str, start: Path | None = None) -> str:
-    """Return a path relative to ``start`` or to the .blend file's folder, or the full path if that is impossible."""
+    """Return a path relative to ``start`` or the .blend file, or the full path."""
     if start is None and bpy.data.filepath:
         start = Path(bpy.data.filepath).parent
     if not str(path) or start is None:

@@ -14,7 +14,7 @@ def next_number(folder: Path, stem: str) -> int:
 
 
 def next_path(folder: Path, stem: str, suffix: str = "") -> Path:
-    """Return the next free path of the form ``stem_01``, ``stem_02``, ... with the suffix, see ``next_number``."""
+    """Return the next free path of the form ``stem_01``, ``stem_02``, ...."""
     return folder / f"{stem}_{next_number(folder, stem):02d}{suffix}"
 
 

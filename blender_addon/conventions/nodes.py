@@ -11,7 +11,7 @@ from .datablocks import add_driver
 
 
 def new_tree(name: str, *sockets: tuple[str, str, str]) -> bpy.types.NodeTree:
-    """Create a geometry node group. Each socket has a name, a direction (IN or OUT) and a type such as Float."""
+    """Create a geometry node group with sockets by name, direction and type."""
     tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
     for socket, direction, kind in sockets:
         tree.interface.new_socket(socket, in_out=f"{direction}PUT", socket_type=f"NodeSocket{kind}")
@@ -21,7 +21,7 @@ def new_tree(name: str, *sockets: tuple[str, str, str]) -> bpy.types.NodeTree:
 def add_node(
     tree: bpy.types.NodeTree, kind: str, *sources: Any, inputs: Mapping[str, Any] = {}, **settings: Any
 ) -> Any:
-    """Add a node. ``sources`` set its first inputs to sockets or values, and ``inputs`` sets inputs by name."""
+    """Add a node, with its first inputs from ``sources`` and others by name."""
     node = tree.nodes.new(kind)
     for name, value in settings.items():
         setattr(node, name, value)
@@ -59,7 +59,7 @@ def sample_index(tree: bpy.types.NodeTree, kind: str, geometry: Any, value: Any,
 def add_scripted_driver(
     owner: bpy.types.bpy_struct, path: str, axis: int, expression: str, sources: Mapping[str, tuple[bpy.types.ID, str]]
 ) -> None:
-    """Drive one element of a property by an expression. ``sources`` maps variables to a datablock and a path."""
+    """Drive one element by an expression of ``sources`` (datablock and path)."""
     driver = add_driver(owner, path, axis)
     driver.type = "SCRIPTED"
     for name, (source, data_path) in sources.items():

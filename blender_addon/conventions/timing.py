@@ -27,7 +27,7 @@ class TakeTiming:
 
 
 def set_up_time(scene: bpy.types.Scene, frames: int, fps: float, start: int, scene_fps: float | None) -> TakeTiming:
-    """Return the timing of a recording in a scene. Also set the scene's rate and range if ``scene_fps`` is given."""
+    """Return a recording's timing in a scene, and set its rate if ``scene_fps`` is given."""
     if scene_fps is None:
         return TakeTiming(start, scene_frame_rate(scene))
     set_scene_frame_rate(scene, scene_fps)

@@ -1,4 +1,4 @@
-"""Convert a take to a form that other programs can read: a body without drivers, with a key on every frame."""
+"""Convert a take for other programs: no drivers, and a key on every frame."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def plain_copy(
     root: bool = False,
     fingers: bool = True,
 ) -> tuple[bpy.types.Object, ...]:
-    """Copy a body and its optional skin without shape keys, drivers and deform bones. Rotations keep their meaning.
+    """Copy a body and its optional skin without shape keys, drivers and deform bones.
 
     Blender must be in object mode, and the collection in the view layer. ``root`` keeps the root bone, and ``fingers``
     keeps the finger bones. Parent joints take over the skin of omitted bones. A mesh must be a body of this add-on.
@@ -150,7 +150,7 @@ def _share_action(source: bpy.types.Object, target: bpy.types.Object) -> None:
 
 @contextmanager
 def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
-    """Yield a temporary plain copy of one of the add-on's takes under its original names, or any other take unchanged.
+    """Yield a temporary plain copy of one of our takes, or another take unchanged.
 
     The copy is at the world origin and plays the evaluated motion of the armature, including constraints, the NLA and
     the object's motion. It has the size and layout that the file requires. Raises ``NothingToExport`` if the armature's
@@ -189,7 +189,7 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
 
 @contextmanager
 def temporary_copies(scene: bpy.types.Scene, replaced: Sequence[bpy.types.Object]) -> Iterator[bpy.types.Collection]:
-    """Yield a collection for copies of objects. Remove all copies and restore the objects' names afterwards."""
+    """Yield a collection for temporary copies of objects, and restore names afterwards."""
     names = {obj: obj.name for obj in replaced}
     collection = bpy.data.collections.new("Export")
     scene.collection.children.link(collection)

@@ -45,7 +45,7 @@ def format_of(name: str) -> Format:
 
 
 def file_names(stem: str, formats: Sequence[str]) -> dict[str, str]:
-    """Return the file name for each format. If formats share a suffix, later files also contain their format's name."""
+    """Return the file name for each format, distinct if formats share a suffix."""
     found: dict[str, str] = {}
     for name in formats:
         suffix = format_of(name).suffix

@@ -29,7 +29,7 @@ def read_source(args: Namespace) -> ReadActor:
 
 
 def read_clips(path: Path, args: Namespace) -> Iterator[ReadActor]:
-    """Yield every clip of a file, named after file and action. Motion files have one clip, others one per action."""
+    """Yield every clip of a file, named after file and action."""
     if path.suffix.lower() == ".npz":
         read = _of_motion(path, args.body)
         yield replace(read, actor=replace(read.actor, name=path.stem))

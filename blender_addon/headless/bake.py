@@ -34,7 +34,7 @@ _PICTURES = {"video": ".mp4", "sheet": "_contact.png"}
 
 
 def run_bake(args: Namespace, progress: Progress) -> CommandResult:
-    """Bake a motion into ``<name>.blend``, ``<name>.mp4`` and ``<name>_contact.png``, writing all files or none."""
+    """Bake a motion into a Blender file, a video and a contact sheet."""
     kinds = {"blend": ".blend"}
     if not args.no_pictures:
         kinds |= _PICTURES if not args.no_video else {"sheet": _PICTURES["sheet"]}
@@ -109,7 +109,7 @@ def _write_pictures(paths: dict[str, Path], subject: RenderedTake, progress: Pro
 
 
 def _deviation(scene: bpy.types.Scene, subject: RenderedTake) -> tuple[float, float]:
-    """Return the largest distances in millimetres of Blender's joints and skin from NumPy's, over several frames."""
+    """Return the largest distances in mm of Blender's joints and skin from NumPy's."""
     take, last = subject.take, subject.motion.num_frames - 1
     frames = np.unique(np.linspace(0, last, _CHECKED_FRAMES).round().astype(int)).tolist()
     found = measure_deviation(scene, take.armature, take.mesh, subject.body, subject.motion, take.timing, frames)

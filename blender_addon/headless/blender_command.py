@@ -1,4 +1,4 @@
-"""``blender --command manifold_mocap``: the add-on's command line inside Blender. Registering imports nothing else."""
+"""Run the add-on's command line inside Blender: ``blender --command manifold_mocap``."""
 
 COMMAND = "manifold_mocap"  # Name of the command inside Blender.
 

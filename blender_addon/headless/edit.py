@@ -1,4 +1,4 @@
-"""``edit``: write a take with fewer keys, locked feet or switched limbs as an action in a separate file."""
+"""``edit``: write a take with fewer keys or locked feet as an action."""
 
 from __future__ import annotations
 

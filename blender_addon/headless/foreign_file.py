@@ -96,7 +96,7 @@ def limits_of(args: Namespace) -> ImportLimits:
 
 
 def write_skeleton_of(path: Path, folder: Path, limits: ImportLimits, armature: str = "", action: str = "") -> Path:
-    """Write a skeleton file of a clip into a folder and return it. Raises as ``open_scene``, and ``ImportStopped``."""
+    """Write a skeleton file of a clip into a folder and return it."""
     _run("skeleton", path, folder, limits, armature=armature, action=action)
     return (folder / _NAMES.format(0)).rename(folder / f"{path.stem}.npz")
 

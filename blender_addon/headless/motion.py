@@ -1,4 +1,4 @@
-"""``motion convert`` and ``hands add``: convert files that only Blender reads to skeletons for the solver."""
+"""``motion convert`` and ``hands add``: convert files that only Blender reads."""
 
 from __future__ import annotations
 

@@ -215,7 +215,7 @@ def _open_target(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
 
 
 def _lay_out_time(args: Namespace, scene: bpy.types.Scene, rates: Collection[float]) -> TakeTiming:
-    """Return the timing of the motions in the scene. Files other than .blend get the most common frame rate."""
+    """Return the timing of the motions in the scene, at the most common frame rate."""
     if args.target.suffix.lower() != ".blend":
         set_scene_frame_rate(scene, Counter(rates).most_common(1)[0][0])
     return TakeTiming(args.frame_start, scene_frame_rate(scene))

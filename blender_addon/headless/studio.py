@@ -1,4 +1,4 @@
-"""``dataset make``: write captures with ground truth and images from a description, and optionally evaluate a solve."""
+"""``dataset make``: write captures with ground truth, and optionally evaluate a solve."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Render pictures of a baked take with Workbench: a preview video and a contact sheet. No GPU is needed."""
+"""Render pictures of a baked take with Workbench, without a GPU."""

@@ -1,4 +1,4 @@
-"""Render the contact sheet: poses of the take in a three-quarter view, and the body in the cameras' views."""
+"""Render the contact sheet: poses in a three-quarter view and in the cameras' views."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class PictureTile:
 
 
 def pack(shapes: list[tuple[int, int]], area: tuple[int, int]) -> list[PictureTile]:
-    """Arrange (width, height) pictures in rows of equal height, with about the area and aspect ratio of ``area``."""
+    """Arrange (width, height) pictures in rows of equal height within ``area``."""
     if not shapes:
         return []
     choices = [_rows(shapes, rows, area) for rows in range(1, len(shapes) + 1)]
@@ -195,7 +195,7 @@ def _pose_picture(folder: Path, subject: RenderedTake, frame: int, tile: Picture
 
 
 def _around(subject: RenderedTake, frame: int) -> np.ndarray:
-    """Return the joints of all poses, centred at this frame's body, so that all pictures have the same scale."""
+    """Return the joints of all poses, centred at this frame's body."""
     joints = subject.joints
     middle = (joints.min(axis=1) + joints.max(axis=1)) / 2
     return (joints - middle[:, None] + middle[frame]).reshape(-1, 3)

@@ -75,7 +75,7 @@ def soften_edges(layer: np.ndarray) -> np.ndarray:
 
 
 def draw_dots(picture: np.ndarray, centres: np.ndarray, radius: float, colour: tuple[float, float, float]) -> None:
-    """Draw round sRGB dots with a dark rim at (N, 2) pixel positions, measured from the top left pixel's centre."""
+    """Draw round sRGB dots with a dark rim at (N, 2) pixel positions."""
     reach = int(np.ceil(radius + 2))
     size = np.array(picture.shape[1::-1])
     known = centres[np.isfinite(centres).all(axis=1)]
@@ -98,7 +98,7 @@ def gradient(width: int, height: int) -> np.ndarray:
 
 
 class Resampling:
-    """Bilinear sampler of pictures at (h, w, 2) pixel positions. Positions beyond the picture get ``outside``."""
+    """Bilinear sampler of pictures at (h, w, 2) pixel positions."""
 
     def __init__(self, positions: np.ndarray, size: tuple[int, int], outside: tuple[int, int, int]) -> None:
         width, height = size

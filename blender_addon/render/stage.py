@@ -1,4 +1,4 @@
-"""Create temporary scenes to render parts of a take, read footage and write videos. The user's scene is not changed."""
+"""Create temporary scenes to render parts of a take, read footage and write videos."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def _set_up(scene: bpy.types.Scene, view: View, look: RenderQuality) -> None:
 
 
 def light_studio(scene: bpy.types.Scene, colours: str) -> bpy.types.View3DShading:
-    """Light a scene for Workbench and return its shading. Anti-aliasing is off because it moves edges by 0.2 px."""
+    """Light a scene for Workbench without anti-aliasing, and return its shading."""
     scene.display.render_aa = "OFF"
     shading = scene.display.shading
     shading.light, shading.color_type = "STUDIO", colours
@@ -218,5 +218,5 @@ def _image_strip(scene: bpy.types.Scene, files: list[Path]) -> Any:
 
 
 def _length(strip: Any) -> int:
-    """Return a strip's number of images: ``content_duration`` since Blender 5.2, ``frame_duration`` before."""
+    """Return a strip's number of images in any Blender version."""
     return int(strip.content_duration if hasattr(strip, "content_duration") else strip.frame_duration)

@@ -50,7 +50,7 @@ def footage_backdrop(stack: ExitStack, footage: Footage, view: View, folder: Pat
 
 
 def straightening_map(view: View, native_size: tuple[int, int], read_size: tuple[int, int]) -> np.ndarray | None:
-    """Return the position in the scaled footage for each undistorted pixel, None if no resampling is needed.
+    """Return the scaled footage's position of each undistorted pixel, or None.
 
     Footage of nearly the calibrated size is cropped at the right and bottom, because codecs pad there to multiples of
     16 pixels. Footage of any other size is treated as the whole image, scaled.
@@ -121,7 +121,7 @@ class RenderedTake:
         return floor_backdrop(self.floor, view, folder), False
 
     def detections(self, view: View) -> tuple[np.ndarray, Colour]:
-        """Return (F, K, 2) pixels of a view's detections, or of projected markers or keypoints, and their colour."""
+        """Return (F, K, 2) pixels of a view's detections or projections, and their colour."""
         frames, capture = self.motion.num_frames, self.capture
         if capture is not None and capture.xy is not None and view.camera in capture.cameras:
             xy = capture.xy[capture.cameras.index(view.camera)]

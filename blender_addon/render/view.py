@@ -57,7 +57,7 @@ class View:
         return pixels(straight, self.K)
 
     def window(self, joints: np.ndarray) -> tuple[int, int, int, int] | None:
-        """Return the part (x0, y0, x1, y1) of the picture that (24, 3) joints may cover, None if it is out of view."""
+        """Return the picture part (x0, y0, x1, y1) that joints may cover, or None."""
         uv, depth = self.project(joints)
         if (depth < 2 * BODY_REACH_M).any():
             return (0, 0, *self.size) if (depth > 0).any() else None
@@ -85,7 +85,7 @@ def close_view(camera: CameraFile, joints: np.ndarray, size: tuple[int, int]) ->
 def look_at(
     name: str, centre: np.ndarray, target: np.ndarray, size: tuple[int, int], field_of_view: float
 ) -> CameraFile:
-    """Return a camera at ``centre`` that looks at ``target`` (metres), with z up and a vertical ``field_of_view``."""
+    """Return a camera at ``centre`` that looks at ``target`` (metres), with z up."""
     forward = (target - centre) / np.linalg.norm(target - centre)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -98,7 +98,7 @@ def look_at(
 def three_quarter_view(
     points: np.ndarray, heading: float, size: tuple[int, int], *, margin_m: float = 0.2
 ) -> CameraFile:
-    """Return a camera in front and to the left of a body, just far enough to frame (N, 3) points with a margin.
+    """Return a camera in front and to the left of a body that frames (N, 3) points.
 
     A point at (x, y) across and z towards the camera is in the picture if the camera's distance is at least
     ``z + max(|x| / tan(a / 2), |y| / tan(b / 2))``, with the fields of view a and b.

@@ -1,4 +1,4 @@
-"""Actor files, which pass a motion and its notes from the process that opens a foreign file to its parent process."""
+"""Pass a motion from the process that opens a foreign file to its parent."""
 
 from __future__ import annotations
 

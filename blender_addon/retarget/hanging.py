@@ -26,7 +26,7 @@ _POSE = ("location", "rotation_quaternion", "rotation_euler", "rotation_axis_ang
 
 @dataclass(frozen=True)
 class Hanging:
-    """Dependencies of N controls in the neutral pose, each after its carriers, in the armature's axes and units."""
+    """Dependencies of N controls in the neutral pose, each after its carriers."""
 
     names: tuple[str, ...]
     matrices: np.ndarray  # (N, 4, 4) pose matrices.
@@ -105,7 +105,7 @@ def set_switches(armature: bpy.types.Object, values: dict[tuple[str, str], float
 
 
 def _hanging(names: tuple[str, ...], before: np.ndarray, after: np.ndarray, size: float) -> Hanging:
-    """Return the dependencies shown by the moves. ``after[d, c]`` is the matrix of control c after moving d."""
+    """Return the dependencies shown by the moves in ``after[d, c]``."""
     count = range(len(names))
     turned = np.einsum("dcij,ckj->dcik", bone_rotations(after), bone_rotations(before))
     own = turned[count, count]

@@ -24,7 +24,7 @@ _BONES = 3  # Bones of a finger of our body.
 
 
 class LiveRig:
-    """A rig that follows the poses of a body. The rig is looked up for each pose, because undo replaces it."""
+    """A rig that follows the poses of a body, looked up again after an undo."""
 
     def __init__(
         self,

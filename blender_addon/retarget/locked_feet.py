@@ -52,7 +52,7 @@ def lock_feet(
 def _hold_feet(
     channels: np.ndarray, heads: np.ndarray, axes: np.ndarray, fps: float, longest_slide_m: float
 ) -> tuple[np.ndarray, list[_Foot]]:
-    """Return channels with heels and balls fixed at the mean position of each contact, and data about both feet.
+    """Return channels with heels and balls fixed in each contact, and data about feet.
 
     If heel and ball both touch the floor, the foot rotates minimally to its mean direction, and the ankle follows. Legs
     bend and swing to the ankle in the plane of hip, knee and ankle. The pelvis moves if a leg is too short.
@@ -127,7 +127,7 @@ def _held_foot(
 
 
 def _turned(both: np.ndarray, now: np.ndarray, held: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, 3, 3) rotations of a foot to its held direction while it is flat, with fades before and after."""
+    """Return (F, 3, 3) rotations of a foot to its held direction, with fades."""
     turn = np.zeros_like(now)
     turn[both] = rotvec_from_quat(quat_from_matrix(swing(now[both], held[both])))
     return matrix_from_rotvec(eased(turn, np.flatnonzero(both), _EASE_S * fps))

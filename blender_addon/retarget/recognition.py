@@ -1,4 +1,4 @@
-"""Recognise a rig by its file, presets, structure and names, and open files with characters as a scene."""
+"""Recognise a rig by presets, structure and names, and open files of characters."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def _recognised(skeleton: Skeleton) -> RigMap:
 
 
 def named_preset(name: str, bones: Iterable[str], user_folder: Path | None = None) -> RigMap:
-    """Return a preset with the bone names of a rig. Raises ``MapInvalid`` if the preset is unknown or damaged."""
+    """Return a preset with a rig's bone names. Raise ``MapInvalid`` if unknown."""
     files = preset_files(user_folder)
     if name not in files:
         raise MapInvalid(f"There is no preset '{name}'.", hint=f"Known presets: {', '.join(files)}.")
@@ -252,7 +252,7 @@ def _nodes_of_bones(header: dict[str, Any]) -> dict[str, Any]:
 
 
 def write_skinned(path: Path, out: Path) -> Path:
-    """Write a VRM animation with a skin on its humanoid, because Blender creates armatures only from skins.
+    """Write a VRM animation with a skin, without which Blender creates no armature.
 
     Raises:
         FileDamaged: the file has no humanoid, or is not a binary glTF file.

@@ -33,7 +33,7 @@ def _skin_points(armature: bpy.types.Object, bones: set[str], centre: np.ndarray
 
 
 def _skin_by_bone(armature: bpy.types.Object, most: int) -> Iterator[tuple[np.ndarray, list[str]]]:
-    """Yield up to ``most`` (V, 3) vertices of each mesh, as in ``_skin_points``, and the bone of each vertex."""
+    """Yield up to ``most`` (V, 3) vertices of each mesh, and their bones."""
     for mesh, placed, holder in _meshes(armature):
         vertices, names = mesh.data.vertices, {group.index: group.name for group in mesh.vertex_groups}
         chosen = range(0, len(vertices), 1 + len(vertices) // most)
@@ -41,7 +41,7 @@ def _skin_by_bone(armature: bpy.types.Object, most: int) -> Iterator[tuple[np.nd
 
 
 def _meshes(armature: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, np.ndarray, str]]:
-    """Yield an armature's meshes, their (V, 3) rest vertices in its space, and the parent bone of a rigid mesh."""
+    """Yield an armature's meshes, their (V, 3) rest vertices, and rigid parents."""
     for obj in bpy.data.objects:
         if obj.type != "MESH":
             continue
@@ -94,7 +94,7 @@ def _estimate_sole(heads: np.ndarray, toe: np.ndarray | None, up: np.ndarray) ->
 
 
 def _end_of(armature: bpy.types.Object, bones: dict[str, str], role: str, before: float) -> np.ndarray:
-    """Return the (3,) end of a hand or foot: the toe, the knuckles, or its children's mean, NaN if unknown.
+    """Return the (3,) end of a hand or foot, NaN if unknown.
 
     A hand points to the middle finger's knuckle, as our body's does, or otherwise to the mean of all knuckles.
     ``bones`` maps roles, including fingers, to bones, and ``before`` is the length of the forearm or shin.
@@ -195,7 +195,7 @@ _NEAR_FLOOR = 0.035
 def stand_on_stage(
     armature: bpy.types.Object, hanging: Hanging, roles: tuple[str, ...], bones: dict[str, str], unit_m: float
 ) -> tuple[Target, str]:
-    """Return the rig with soles at z = 0, facing -Y, and the source of the sole height: ``mesh`` or ``joints``.
+    """Return the rig with soles at z = 0, facing -Y, and the source of the height.
 
     A mirrored armature stays mirrored on the stage, so its right limbs play left. Raises ``MapInvalid`` if the map does
     not distinguish left and right.

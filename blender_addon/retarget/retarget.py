@@ -41,7 +41,7 @@ class Channel:
 
 
 def channels_of(done: Transferred, target: Target, modes: dict[str, str]) -> list[Channel]:
-    """Return the channels to key: rotations of all controls, and locations of controls with their own path.
+    """Return the channels to key: rotations of all controls, and some locations.
 
     With r the rest axes and D the rotations of a control and of its carrier, ``basis = r^T D_with^T D r``. The location
     is ``l^T D_with^T (p - p_carried)``, with l the axes of its channel. ``modes`` are the rotation modes.
@@ -82,7 +82,7 @@ _SAME_PLACE = 0.002  # Fraction of the rig's size within which a bone is at a co
 
 
 def measure_deviation_mm(rig: TargetRig, scene: bpy.types.Scene, done: Transferred, channels: list[Channel]) -> float:
-    """Return the largest distance of a hand or foot from its planned position over a few frames, in millimetres.
+    """Return the largest distance of a hand or foot from its planned position in mm.
 
     Raises ``TargetUnsuitable`` for a large distance. ``Transferred.missed_m`` covers goals that the plan misses.
     """
@@ -186,7 +186,7 @@ def retarget(
 def _bake_channels(
     name: str, rig: TargetRig, channels: list[Channel], timing: TakeTiming, fps: float
 ) -> bpy.types.Action:
-    """Write a rig's channels and switches as a new action, play it, and mute the previous action on the NLA."""
+    """Write a rig's channels as a new action, play it, and mute the previous one."""
     try:
         push_down(rig.armature)
         target = create_action(name, rig.armature)

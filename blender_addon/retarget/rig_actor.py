@@ -51,7 +51,7 @@ def played_frames(armature: bpy.types.Object) -> tuple[str, np.ndarray]:
 def _played_bones(
     armature: bpy.types.Object, scene: bpy.types.Scene, times: np.ndarray, names: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the object's (F, 4, 4) and the bones' (B, F, 4, 4) matrices, including constraints and drivers."""
+    """Return the object's and the bones' (..., 4, 4) matrices, with constraints."""
     worlds, poses = sample_poses(armature, scene, names, times)
     if not (np.isfinite(worlds).all() and np.isfinite(poses).all()):
         message = "The actor's bones have values that are not numbers on some frames."
@@ -110,7 +110,7 @@ def read_rig_actor(
 
 
 def _stand_in_motion(rest: Target, worlds: np.ndarray, poses: np.ndarray, unit_m: float) -> tuple[Target, int] | None:
-    """Return the most upright frame's bones as a rest pose, and the frame's index, or None without such a frame.
+    """Return the most upright frame's bones as a rest pose, and its index, or None.
 
     Skeletons with all bones along one axis at rest do not show trunk and soles.
     """
@@ -131,7 +131,7 @@ def _stand_in_motion(rest: Target, worlds: np.ndarray, poses: np.ndarray, unit_m
 def _on_stage(
     worlds: np.ndarray, poses: np.ndarray, rest: Target, metres: float, *, turned: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotations and head positions on the stage, which starts at the object with the world's up axis.
+    """Return rotations and head positions on the stage, with the world's up axis.
 
     ``turned`` rotates them to the object's heading. A rest pose taken from the motion has no heading.
     """
@@ -179,7 +179,7 @@ def _stand_at_rest(armature: bpy.types.Object, rig_map: RigMap, unit_m: float) -
 
 
 def skeleton_of_rig(armature: bpy.types.Object, scene: bpy.types.Scene) -> SkeletonFile:
-    """Return the world motion of all bones of an armature over its action. A mirrored armature stays mirrored."""
+    """Return the world motion of all bones of an armature over its action."""
     name, times = played_frames(armature)
     bones = [bone for root in armature.data.bones if root.parent is None for bone in (root, *root.children_recursive)]
     names = tuple(bone.name for bone in bones)
@@ -234,7 +234,7 @@ def read_actor(armature: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Acto
 
 
 def _at_rest(armature: bpy.types.Object) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Return the shaped body's (J, 3) rest joints above the floor in metres, including drivers, and its skin."""
+    """Return the shaped body's (J, 3) rest joints above the floor in metres, and its skin."""
     layout = layout_of(armature.data.bones)
     heads = np.array([armature.data.bones[joint].head_local for joint in layout.joints], np.float64)
     joints = heads + shape_shifts(armature)

@@ -1,4 +1,4 @@
-"""Map of a rig: the bone of each role, the switches of its limbs, and its map pose. Maps can be stored in files."""
+"""Map of a rig: the bone of each role, the limbs' switches, and its map pose."""
 
 from __future__ import annotations
 

@@ -87,7 +87,7 @@ def _stand_in(armature: bpy.types.Object, take: bpy.types.Action) -> Iterator[bp
 
 
 def shaded(points: np.ndarray, faces: np.ndarray, eye: np.ndarray) -> np.ndarray:
-    """Return (V, 4) colours of translucent (V, 3) vertices, which are opaque where the skin is seen edge-on.
+    """Return (V, 4) colours of translucent vertices, opaque at the silhouette.
 
     Args:
         faces: (T, 3) vertex indices of each triangle.

@@ -33,7 +33,7 @@ def doubtful_ranges(take: bpy.types.Action, below: float) -> list[tuple[int, int
 
 
 def bad_ranges(confidence: np.ndarray, below: float, *, bridge: int = 3) -> list[tuple[int, int]]:
-    """Return the ranges of (F,) confidence below a limit. Gaps of up to ``bridge`` good frames are included."""
+    """Return the ranges of (F,) confidence below a limit, across short gaps."""
     frames = np.flatnonzero(np.asarray(confidence) < below)
     if not len(frames):
         return []
@@ -43,7 +43,7 @@ def bad_ranges(confidence: np.ndarray, below: float, *, bridge: int = 3) -> list
 
 
 def next_range(ranges: list[tuple[int, int]], frame: int, *, backwards: bool = False) -> tuple[int, int] | None:
-    """Return the next range after or before a frame, wrapping around at the ends, and None if there is none."""
+    """Return the next range after or before a frame, wrapping around, or None."""
     if not ranges:
         return None
     if backwards:
@@ -76,7 +76,7 @@ def resolve_of(frames: SceneRange) -> JobRange:
 
 
 def capture_range(take: bpy.types.Action, first: int, last: int) -> tuple[int, int]:
-    """Return the first and last capture frame, counted from 0, of a range in scene frames, limited to the take."""
+    """Return the first and last capture frame of a range in scene frames."""
     count, (start, end) = int(take["frames"]), (capture_frame(take, frame) for frame in (first, last))
     if end < 0 or start > count - 1 or start > end:
         message = f"The frames {first} to {last} are outside the take or in the wrong order."
@@ -115,7 +115,7 @@ def pinned_values(armature: bpy.types.Object) -> str:
 def sole_height(
     scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action, samples: int
 ) -> float | None:
-    """Return the median height of the skin's lowest point in Blender units over some frames, None without skin."""
+    """Return the median height of the skin's lowest point, None without skin."""
     skins = [obj for obj in scene.objects if obj.type == "MESH" and obj.find_armature() == armature]
     if not skins:
         return None
@@ -158,7 +158,7 @@ def colours(confidence: ArrayLike) -> np.ndarray:
 
 
 def paint_bones(armature: bpy.types.Object, frame: float, *, shown: bool) -> None:
-    """Colour a body's bones by confidence at a scene frame, with resting bones grey, or remove the colours."""
+    """Colour a body's bones by confidence at a scene frame, or remove the colours."""
     action = current_action(armature)
     confidence = confidence_at(action, frame) if action is not None else {}
     if not shown:
@@ -195,7 +195,7 @@ def joint_weights(skin: bpy.types.Object, joints: tuple[str, ...]) -> np.ndarray
 def skin_colours(
     weights: np.ndarray, joints: tuple[str, ...], confidence: Mapping[str, float], resting: Collection[str] = ()
 ) -> np.ndarray:
-    """Return (V, 3) display colours from the joints' confidence: grey at rest, green for joints without confidence."""
+    """Return (V, 3) colours from the joints' confidence, grey at rest."""
     rests = np.array([name in resting for name in joints])
     shown = weights @ np.where(rests, 1.0, [confidence.get(name, 1.0) for name in joints])
     share = weights[:, rests].sum(axis=1, keepdims=True)
@@ -203,7 +203,7 @@ def skin_colours(
 
 
 def doubtful_bands(take: bpy.types.Action, below: float) -> list[tuple[float, float, tuple[float, float, float]]]:
-    """Return the first frame, last frame and colour of each range below a confidence. Interpolated frames are red."""
+    """Return frames and colour of each range below a confidence, red if interpolated."""
     lane = read_lane(take)
     if lane is None:
         return []

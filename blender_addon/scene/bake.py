@@ -141,7 +141,7 @@ def add_take(
     frame_start: int,
     suffix: str = "",
 ) -> tuple[bpy.types.Object, bpy.types.Action]:
-    """Add a solved motion as a new action to the existing body or to a new one. Return the armature and the action.
+    """Add a solved motion as a new action to the existing or a new body.
 
     An existing ``armature`` gets the motion's shape. A motion of another body gets a new armature in the collection
     ``parent``, with ``suffix`` in its name, such as the person.
@@ -220,7 +220,7 @@ def keep_edits(
     first: int,
     last: int,
 ) -> bpy.types.Action:
-    """Return a take with frames first to last (counted from 0) as solved and all others as edited, and play it."""
+    """Play a take with frames first to last as solved and all others as edited."""
     rate, start = laid_rate(solved), float(solved["frame_start"])
     step = rate / float(solved["fps"])
     merged = former.copy()
@@ -244,7 +244,7 @@ def keep_edits(
 
 
 def plays_body(armature: bpy.types.Object, motion: MotionFile, body: BodyFile) -> bool:
-    """Return whether an armature can play a motion: it has the same body, and fingers if the motion moves them."""
+    """Return whether an armature can play a motion, with fingers if it moves them."""
     action, layout = current_action(armature), layout_of(armature.data.bones)
     is_same = action is None or str(action.get("body", "")) in ("", motion.body)
     return is_same and layout.num_joints >= min(motion.body_layout.num_joints, body.layout.num_joints)

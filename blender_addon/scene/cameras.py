@@ -51,7 +51,7 @@ def find_footage(path: Path | None) -> Footage | None:
 
 
 def near_footage(capture: CaptureFile, folders: Sequence[Path]) -> tuple[CaptureFile, tuple[str, ...]]:
-    """Return the capture without footage outside the user's folders, and a sentence for each camera that lost footage.
+    """Return the capture without footage outside the user's folders, and messages.
 
     Another person's capture may name any file of this machine, or a server that would receive the user's name. Paths
     are compared as text, so that no file is accessed before it is allowed.
@@ -101,7 +101,7 @@ def laid_footage_rate(camera: bpy.types.Camera) -> float:
 
 
 def lay_footage(camera: bpy.types.Camera, timing: TakeTiming) -> None:
-    """Show the footage image at the time of each scene frame. A driver sets the image number if the rates differ."""
+    """Show the footage image at the time of each scene frame."""
     user, count = camera.background_images[0].image_user, int(camera[_COUNT])
     rate = camera[FOOTAGE_RATE] / timing.scene_fps
     camera[_LAID] = timing.scene_fps
@@ -136,7 +136,7 @@ def create_camera(source: CameraFile, collection: bpy.types.Collection) -> bpy.t
 
 
 def look_through(scene: bpy.types.Scene, camera: bpy.types.Object, *, scale: float = 1.0) -> None:
-    """Make a camera from ``create_camera`` the scene's camera, with its pixel aspect and scaled image size."""
+    """Make a camera the scene's camera, with its pixel aspect and image size."""
     width, height = camera.data["image_size"]
     scene.camera = camera
     scene.render.resolution_x, scene.render.resolution_y = int(width), int(height)
@@ -145,7 +145,7 @@ def look_through(scene: bpy.types.Scene, camera: bpy.types.Object, *, scale: flo
 
 
 def add_background(camera: bpy.types.Object, source: CameraFile, fps: float, timing: TakeTiming) -> str:
-    """Show footage behind the camera's view, matched by time. Return a message if it is missing, otherwise ""."""
+    """Show footage behind the camera's view, and return a message if it is missing."""
     footage = find_footage(source.footage)
     if footage is None:
         return "" if source.footage is None else f"Camera {source.name}: no video or images at {source.footage}."

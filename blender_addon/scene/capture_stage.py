@@ -41,7 +41,7 @@ def create_floor(points: np.ndarray, collection: bpy.types.Collection, *, margin
 
 
 def _tiles(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (N, 3) vertices, (M, 4) quads and an (M,) mask of the quads that are lines. Quads do not overlap."""
+    """Return (N, 3) vertices, (M, 4) quads and an (M,) mask of line quads."""
     tile = max(1.0, float(np.ceil((high - low).max() / _MOST_TILES)))
     steps = [_steps(low[axis], high[axis], tile) for axis in (0, 1)]
     x, y = np.meshgrid(*steps, indexing="ij")
@@ -74,7 +74,7 @@ class CaptureStage:
 def set_stage(
     scene: bpy.types.Scene, capture: CaptureFile, *, frame_start: int, take_over: bool = True
 ) -> CaptureStage:
-    """Set up a capture and keep a scene's contents. ``take_over`` also sets the scene's rate, length and camera."""
+    """Set up a capture and keep a scene's contents, or take over its settings."""
     frames = max(1, capture.num_frames)
     timing = set_up_time(scene, frames, capture.fps, frame_start, capture.fps if take_over else None)
     collection = child_collection(capture.name, scene.collection)
@@ -91,7 +91,7 @@ def set_stage(
 def create_cameras(
     capture: CaptureFile, parent: bpy.types.Collection, timing: TakeTiming, *, backgrounds: bool = True
 ) -> tuple[tuple[bpy.types.Object, ...], tuple[str, ...]]:
-    """Create a capture's cameras with their footage. Return the cameras and notes about lenses and missing footage."""
+    """Create a capture's cameras with footage, and notes about what is missing."""
     if not capture.cameras:
         return (), ()
     folder = child_collection("Cameras", parent)
@@ -138,7 +138,7 @@ def _ground_points(capture: CaptureFile) -> np.ndarray:
 def replace_stage(
     scene: bpy.types.Scene, stage: CaptureStage, former: list[bpy.types.Object | None], collection: bpy.types.Collection
 ) -> CaptureStage:
-    """Update the former stage's objects (None for deleted objects) to a new stage, and keep the user's changes."""
+    """Update the former stage's objects to a new stage, and keep the user's changes."""
     new = [*stage.cameras, *stage.overlays, stage.floor]
     kept = [_kept(scene, old, obj, collection) for old, obj in zip(former, new, strict=True)]
     for child in stage.collection.children:

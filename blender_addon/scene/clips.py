@@ -95,7 +95,7 @@ def add_clip(
     *,
     with_place: bool = False,
 ) -> bpy.types.Action:
-    """Add a take of an edited motion, with its motion file next to the original's, and play it. Keep the original.
+    """Add a take of an edited motion with its own motion file, and play it.
 
     An unkeyed root control keeps its transform. See ``played_motion`` for ``with_place``.
     """

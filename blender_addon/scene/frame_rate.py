@@ -17,7 +17,7 @@ _AT_THE_END = 1.0
 
 
 def needs_relaying(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = ()) -> bool:
-    """Return whether contents of a scene, or other takes, were placed for a frame rate other than the scene's."""
+    """Return whether a scene's contents were placed for another frame rate."""
     rate = scene_frame_rate(scene)
     laid = [
         *(laid_rate(action) for action in (*played_takes(scene), *takes)),
@@ -28,7 +28,7 @@ def needs_relaying(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = (
 
 
 def relay(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = ()) -> float:
-    """Move a scene's contents to its frame rate. Return the ratio of their new to their old duration in frames."""
+    """Move a scene's contents to its frame rate, and return the ratio of durations."""
     rate = scene_frame_rate(scene)
     actions = list({action.name_full: action for action in (*played_takes(scene), *takes)}.values())
     overlays = list(_overlays(scene))

@@ -53,7 +53,7 @@ def take_times(take: bpy.types.Action, motion: MotionFile) -> np.ndarray:
 def played_channels(
     scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray, progress: Progress = silent
 ) -> np.ndarray:
-    """Return the (F, 3 + 4 J) channels, as in ``pose_channels``, of the pose that a body plays at (F,) scene frames."""
+    """Return (F, 3 + 4 J) channels of the pose that a body plays at (F,) scene frames."""
     own = armature.animation_data.action  # a take on the NLA is sampled, as its strip may be moved
     curves = {(c.data_path, c.array_index): c for c in (action_curves(own) if own is not None and is_take(own) else ())}
     if not _poses_from_ends(armature, curves):
@@ -107,7 +107,7 @@ def _turns_finger_controls(armature: bpy.types.Object, curves: dict[tuple[str, i
 def seen_channels(
     scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray | None, progress: Progress = silent
 ) -> np.ndarray:
-    """Return (F, 3 + 4 J) channels of evaluated poses at scene frames, or of the current pose without times."""
+    """Return (F, 3 + 4 J) channels of evaluated poses, now or at scene frames."""
     bones = armature.data.bones
     pelvis, *others = layout_of(bones).joints
     seen = _sample_without_root(armature, scene, (pelvis, *others), times, progress)
@@ -124,7 +124,7 @@ def _sample_without_root(
     times: np.ndarray | None,
     progress: Progress = silent,
 ) -> dict[str, np.ndarray]:
-    """Return ``sample_bones`` without the root control's motion, which moves the whole take and is not a hand edit."""
+    """Return ``sample_bones`` without the root control's motion of the whole take."""
     seen = sample_bones(armature, scene, (ROOT, *names), times, progress)
     back = np.array(armature.data.bones[ROOT].matrix_local, np.float64) @ np.linalg.inv(seen[ROOT])
     return {name: back @ seen[name] for name in names}

@@ -90,7 +90,7 @@ _STRAIGHT_M = 0.02  # Below this distance from the line between its neighbours, 
 
 
 def pole_places(upper: np.ndarray, lower: np.ndarray, end: np.ndarray, ahead: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) pole positions of a limb, as far from the middle joint as that joint is from the first.
+    """Return the (F, 3) pole positions of a limb, in front of the middle joint.
 
     The direction is ``o + s a``, with o the offset of the middle joint from the line between its neighbours, a the
     forward direction of the bone above it, both perpendicular to the line, and s a few centimetres. The direction stays
@@ -124,7 +124,7 @@ def sample_bones(
     progress: Progress = silent,
     stage: str = "Reading poses",
 ) -> dict[str, np.ndarray]:
-    """Return each bone's evaluated (F, 4, 4) matrices in the armature's frame, or its current matrix without times."""
+    """Return each bone's evaluated (F, 4, 4) matrices, now or at scene frames."""
     if times is None:
         bpy.context.view_layer.update()
         bones = armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones
@@ -183,7 +183,7 @@ def pose_from_ends(
 def pose_by_joints(
     armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Sequence[Limb], progress: Progress = silent
 ) -> int:
-    """Key joints so that limbs keep their motion, switch to FK, and show the joints. See ``pose_from_ends``."""
+    """Key joints so that limbs keep their motion, switch to FK, and show the joints."""
     channels = _channels(armature)
     bones = armature.data.bones
     wanted = {name for limb in limbs for joint in limb.joints for name in (joint, bones[joint].parent.name)}

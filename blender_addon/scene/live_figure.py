@@ -69,7 +69,7 @@ class LiveFigure:
         return True
 
     def pose(self, rotvec: np.ndarray, transl: np.ndarray) -> bool:
-        """Pose the body from (24 or 52, 3) axis-angles and a (3,) translation in metres. Return whether it exists."""
+        """Pose the body from axis-angles and a translation. Return whether it exists."""
         armature, joints = bpy.data.objects.get(self.armature), self.body.layout.joints
         if armature is None or armature.pose is None or not set(joints) <= set(armature.pose.bones.keys()):
             return False
@@ -89,7 +89,7 @@ class LiveFigure:
         return _show(self.points, points[:MOST_POINTS], _grades(off[:MOST_POINTS], _OFF_M))
 
     def show_doubt(self, rotvec: np.ndarray, transl: np.ndarray, sigma_m: np.ndarray | None, *, unsure: bool) -> bool:
-        """Show a pose's joints coloured by their (24,) standard deviations in metres. Return whether they exist."""
+        """Colour a pose's joints by their (24,) deviations. Return whether they exist."""
         if sigma_m is None:
             return _show(self.joints, np.zeros((0, 3)), np.zeros(0))
         layout = self.body.layout
@@ -117,7 +117,7 @@ def _show(name: str, points: np.ndarray, grades: np.ndarray) -> bool:
 
 
 def create_live_figure(scene: bpy.types.Scene, body: BodyFile, betas: np.ndarray, *, shown: bool = True) -> LiveFigure:
-    """Create a live run's body, optionally hidden, and its points in a new collection. Replace earlier ones."""
+    """Create a live run's body and points in a new collection."""
     _remove_live_figure()
     collection = child_collection(NAME, scene.collection)
     collection["live_figure"] = True
@@ -179,7 +179,7 @@ class TakeSender:
     """Sender of a body's poses. The body is stored by name, because undo replaces it."""
 
     def __init__(self, armature: bpy.types.Object, address: VmcAddress) -> None:
-        """Keep the body's current proportions. Raises ``MocapError`` for an unknown host or an unreadable body file."""
+        """Keep the body's current proportions. Raise ``MocapError`` for a bad host or body."""
         action, mesh = current_action(armature), body_mesh(armature)
         kept = action.get(BETAS) if action is not None else None
         betas = get_betas(mesh) if mesh is not None else np.array(np.zeros(10) if kept is None else kept)

@@ -1,4 +1,4 @@
-"""Overlay objects that show points: detections on each camera's image plane, keypoints in space, and markers."""
+"""Overlay objects that show detections, keypoints in space, and markers."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def create_view_overlay(
     collection: bpy.types.Collection,
     players: Players | None = None,
 ) -> bpy.types.Object:
-    """Create an overlay of (F, K, 2) distorted detections, NaN if unseen, as the undistorted child of a camera."""
+    """Create an overlay of (F, K, 2) detections as the undistorted child of a camera."""
     radius_m = _DOT * _PLANE_M * max(source.image_size) / source.K[1, 1]
     points = _PLANE_M * camera_rays(undistort(normalised(xy, source.K), source.distortion, source.distortion_model))
     look = PointLook(radius_m, (DETECTION_COLOUR,))

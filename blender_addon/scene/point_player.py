@@ -91,7 +91,7 @@ def set_played_rate(obj: bpy.types.Object, rows_per_frame: float) -> None:
 
 
 def _rate_socket(obj: bpy.types.Object) -> Any:
-    """Return the second factor of ``(frame - first) * rows per frame``, the only value that differs between groups."""
+    """Return the socket of the only value that differs between groups, the rate."""
     tree = player_of(obj)
     assert tree is not None
     difference = next(node for node in tree.nodes if getattr(node, "operation", "") == "SUBTRACT")

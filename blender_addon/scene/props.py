@@ -1,4 +1,4 @@
-"""Show the props of a take: an animated empty per prop, with a mesh of its markers and the edges between them."""
+"""Show the props of a take: an animated empty with a mesh of markers per prop."""
 
 from __future__ import annotations
 

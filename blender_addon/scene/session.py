@@ -1,4 +1,4 @@
-"""Set up a new Blender file with light, a world, and viewports that look at the take. Save files and scenes."""
+"""Set up a new Blender file with light, world and viewports, and save scenes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _CAUSELESS = "Failed to write blendfile"  # Error text of Blender 5 if writing f
 
 
 def fresh_scene() -> bpy.types.Scene:
-    """Close the open file. Return an empty scene with a sun and a grey world, so that renders are not black."""
+    """Close the open file, and return an empty scene with a sun and a grey world."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
     scene.world = bpy.data.worlds.new("World")
@@ -137,7 +137,7 @@ _DRIVING = "mocap_driving"  # Custom property of a scene: meshes with shape keys
 def save_alone(
     path: Path, armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], scene: bpy.types.Scene, **request: Any
 ) -> None:
-    """Save a scene for a second Blender with an armature, its meshes, the meshes that drive it, and a request."""
+    """Save a scene for a second Blender, with an armature, meshes and a request."""
     with alone(armature, scene) as (stage, _):
         for mesh in meshes:
             stage.collection.objects.link(mesh)
@@ -184,7 +184,7 @@ def needs_this_file(objects: Sequence[bpy.types.Object]) -> bool:
 
 
 def _with_needed(objects: Sequence[bpy.types.Object]) -> list[bpy.types.Object]:
-    """Return objects with all their dependencies: parents and the targets of constraints and modifiers, recursively."""
+    """Return objects with all their dependencies, recursively."""
     found = list(dict.fromkeys(objects))
     for obj in found:  # which grows
         bones = obj.pose.bones if obj.pose is not None else ()

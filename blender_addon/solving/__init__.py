@@ -1,1 +1,1 @@
-"""Solve in a child process: the job file, the process and its progress. This package does not need Blender."""
+"""Solve in a child process: job file, process and progress."""

@@ -78,7 +78,7 @@ class SolverProcess:
         return self._process.returncode
 
     def received(self, most: int = 200) -> list[Line]:
-        """Return at most ``most`` new events (dict) and lines (str). Kill a process that outlives its grace period."""
+        """Return up to ``most`` new events and lines, and kill a process that hangs."""
         grace_s = _GRACE_S if self._grace_s is None else self._grace_s
         if self._cancelled_at is not None and time.monotonic() - self._cancelled_at > grace_s:
             self.kill()
@@ -103,7 +103,7 @@ class SolverProcess:
             self._process.kill()
 
     def wait(self) -> int:
-        """Wait for the end of the process and return its exit code. This is for programs without an event loop."""
+        """Wait for the end of the process without an event loop, and return its exit code."""
         code = self._process.wait()
         for reader in self._readers:
             reader.join()

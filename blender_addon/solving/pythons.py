@@ -61,7 +61,7 @@ def made_litert_python() -> Path | None:
 
 
 def probe_detector(python: Path, packages: Path | None = None) -> str:
-    """Return a text with a Python's detectors and versions. Raises ``PythonUnsuitable`` if it does not start."""
+    """Return a text with a Python's detectors. Raise ``PythonUnsuitable`` if it fails."""
     kept = {name: value for name, value in os.environ.items() if not name.upper().startswith("PYTHON")}
     kept |= {} if packages is None else {"PYTHONPATH": str(packages)}
     try:
@@ -75,7 +75,7 @@ def probe_detector(python: Path, packages: Path | None = None) -> str:
 
 
 def python_to_make_with(kind: str = "mediapipe") -> Path:
-    """Return a Python that fits a detector's wheels and can create environments: Blender's, or a system Python."""
+    """Return a Python that fits a detector's wheels: Blender's or a system Python."""
     minors = MINORS[kind]
     fits = sys.version_info.major == 3 and sys.version_info.minor in minors
     if fits and find_spec("ensurepip") is not None:
@@ -157,7 +157,7 @@ class PythonFound:
 
 
 def probe_python(python: Path | None) -> PythonFound:
-    """Start a Python and return its versions and devices. Raises ``PythonUnsuitable`` if it cannot run the solver."""
+    """Return a Python's versions and devices. Raise ``PythonUnsuitable`` if it fails."""
     executable = backend_command(python)[0]
     try:
         done = _ask(executable, _SOLVER_PROBE, environment_for_child(python))

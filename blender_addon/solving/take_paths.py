@@ -38,7 +38,7 @@ def safe_name(name: str) -> str:
 
 
 def capture_folder(base: Path, source: Path) -> Path:
-    """Return the folder of a capture's files. A checksum in its name distinguishes captures of the same name."""
+    """Return the folder of a capture's files, with a checksum in its name."""
     mark = zlib.crc32(str(source).encode("utf-8", "surrogatepass")) & 0xFFFF
     is_file = source.suffix.lower() in (".npz", ".txt", *MARKER_SUFFIXES)
     return base / f"{safe_name(source.stem if is_file else source.name)}_{mark:04x}"
@@ -123,7 +123,7 @@ class RoadStep:
 
 
 def read_road(folder: Path) -> tuple[RoadStep, ...]:
-    """Return the finished steps in order, or none without a valid file. Pictures outside the folder are ignored."""
+    """Return the finished steps in order, with pictures inside the folder."""
     from .._exchange.json_file import read_json_file  # registering must not load JSON
 
     path = folder / NAME

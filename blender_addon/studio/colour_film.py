@@ -1,4 +1,4 @@
-"""Film shots and data sets in colour, with lens distortion, exposure and sensor noise, and write videos."""
+"""Film shots and data sets in colour, with lens distortion, exposure and noise."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ class ColourShot:
 def film_in_colour(
     folder: Path, progress: Callable[[int], None] = lambda frame: None, stand_in: StandIn | None = None
 ) -> int:
-    """Render all colour pictures of a shot, or none. Return their number, 0 if they exist. Closes the open file."""
+    """Render all colour pictures of a shot, or none, and return their number."""
     if (folder / DONE).is_file() and (folder / FOLDER).is_dir():
         return 0
     record = _record(folder)

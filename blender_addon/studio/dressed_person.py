@@ -1,4 +1,4 @@
-"""Build the dressed person of a shot, with colours and markers, as meshes that are posed for every picture."""
+"""Build the dressed person of a shot as meshes that are posed for every picture."""
 
 from __future__ import annotations
 

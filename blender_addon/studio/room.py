@@ -1,4 +1,4 @@
-"""Build the room of a shot in Blender: floor, walls, furniture and lights, in colours drawn from its seed."""
+"""Build the room of a shot in Blender, in colours drawn from its seed."""
 
 from __future__ import annotations
 

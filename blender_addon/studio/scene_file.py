@@ -1,4 +1,4 @@
-"""Read a shot's scene as the solver writes it, and export the cameras of a Blender scene as a camera array."""
+"""Read a shot's scene, and export a Blender scene's cameras as an array."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Create captures for bodies that have none: baked headless, imported as a motion, or appended from a file.
+"""Create captures for bodies that have none: baked, imported or appended.
 
 The body's take and the cameras in its collection provide the data of such a capture.
 """
@@ -29,7 +29,7 @@ def adopt(scene: bpy.types.Scene) -> int:
 
 
 def adopt_beside(scene: bpy.types.Scene, shown: bpy.types.PropertyGroup) -> None:
-    """Adopt bodies such as a replaced body that keeps its takes, and keep the current capture. See ``adopt``."""
+    """Adopt bodies such as a replaced one, and keep the current capture."""
     index = next((index for index, capture in enumerate(scene.mocap.captures) if capture == shown), -1)
     adopt(scene)
     scene.mocap.show(index)
@@ -95,7 +95,7 @@ def _is_from(capture: bpy.types.PropertyGroup, source: Path) -> bool:
 
 
 def _collection_of(scene: bpy.types.Scene, body: bpy.types.Object) -> bpy.types.Collection | None:
-    """Return the smallest collection with the body and capture cameras, otherwise the smallest with the body."""
+    """Return the smallest collection with the body and, if possible, the cameras."""
     from ..scene.cameras import CAMERA_NAME
 
     holding = [child for child in scene.collection.children_recursive if body.name in child.all_objects]

@@ -1,4 +1,4 @@
-"""Keep captures and takes with their .blend file: saving copies them to its folder and makes all paths relative.
+"""Keep captures and takes with their .blend file, under relative paths.
 
 Files are copied before the .blend file is written. Afterwards the originals in the session folder of an unsaved scene
 are removed, but never a file of another .blend file. If writing fails, paths are restored and copies are removed. After
@@ -154,7 +154,7 @@ following = Following()
 
 
 def follow(target: Path) -> Journey:
-    """Copy the open scene's files to the folder of a .blend file, and link the copies. An error undoes all changes."""
+    """Copy the scene's files to a .blend file's folder and link them, or change nothing."""
     journey, base = Journey(), target.parent
     try:
         links = list(_links())
@@ -186,7 +186,7 @@ def bring_home() -> None:
 
 @persistent
 def before_save(target: str = "", *_: object) -> None:
-    """Copy captures and takes to the .blend file's folder. On failure, report it and keep the earlier paths."""
+    """Copy captures and takes to the .blend file's folder, or report the failure."""
     following.journey, following.failure = None, ""
     if not target or not isinstance(target, str):
         return  # the startup file

@@ -126,7 +126,7 @@ def _file_of(settings: bpy.types.PropertyGroup, name: str, remedy: str) -> Path 
 
 
 def folder_of_takes(scene: bpy.types.Scene, preferred: Path) -> Path:
-    """Return a writable folder for takes: the preferred folder, or otherwise one in the folder of captures."""
+    """Return a writable folder for takes, by preference the chosen one."""
     try:
         return usable(preferred)
     except OutputNotWritable:

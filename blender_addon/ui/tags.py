@@ -14,7 +14,7 @@ _names: dict[str, str] = {}  # Last known object name of each tag, tried first a
 
 
 def tag_of(owner: bpy.types.ID | None) -> str:
-    """Return the tag of an object or collection, "" without one. An untagged linked object has its full name."""
+    """Return the tag of an object or collection, "" without one."""
     if owner is None:
         return ""
     return owner.get(TAG, "" if owner.library is None else owner.name_full)

@@ -1,4 +1,4 @@
-"""Translate labels to German in our own translation context, because Blender's "Fast" or "Export" mean other things.
+"""Translate labels to German in our own translation context.
 
 Sentences and tooltips are English.
 """

@@ -1,4 +1,4 @@
-"""Draw marker names, cameras and confidence in the viewport and timeline, and colour bones and markers."""
+"""Draw marker names, cameras and confidence in viewport and timeline."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def shade_of(capture: bpy.types.PropertyGroup, item: bpy.types.PropertyGroup) ->
 
 
 def outline(camera: bpy.types.Object, scene: bpy.types.Scene) -> list[Vector]:
-    """Return the end points of a camera's lines in the world: the image edges, and the rays to the corners."""
+    """Return the end points of a camera's lines in the world."""
     corners = [camera.matrix_world @ corner for corner in camera.data.view_frame(scene=scene)]
     place = camera.matrix_world.translation
     return [corners[i] for i in _EDGES] + [end for corner in corners for end in (place, corner)]
@@ -213,7 +213,7 @@ def _draw_skin_of(points: np.ndarray, colours: np.ndarray, triangles: np.ndarray
 
 
 def has_grey_controls(context: bpy.types.Context, armature: bpy.types.Object) -> bool:
-    """Return whether Blender draws a body's controls in grey, as for an unselected armature in object mode."""
+    """Return whether Blender draws a body's controls in grey."""
     overlay, shown = context.space_data.overlay, armature.data.show_bone_custom_shapes
     if not (shown and overlay.show_overlays and overlay.show_bones and armature.visible_get()):
         return False

@@ -50,7 +50,7 @@ class BodyEvidence:
         return sum(self.terms.values())
 
     def is_same(self, other: BodyEvidence) -> bool:
-        """Return whether two bodies are equal up to position, rotation and size, without mirroring (Umeyama 1991)."""
+        """Return whether two bodies are equal up to an unmirrored similarity (Umeyama 1991)."""
         both = np.isfinite(self.points).all(-1) & np.isfinite(other.points).all(-1)
         if both.sum() < 8:
             return True
@@ -114,7 +114,7 @@ def _lengths(place: dict[str, np.ndarray]) -> tuple[list[np.ndarray], np.ndarray
 
 
 def _rigid(evidence: TakeEvidence, off: np.ndarray) -> tuple[float, float]:
-    """Return the log-likelihood of log lengths (bones, P) around their medians, and lengths per independent length.
+    """Return the log-likelihood of log lengths (bones, P), and lengths per independent length.
 
     The log-likelihood of a single pose is 0.
     """
@@ -134,7 +134,7 @@ def _heavy(off: np.ndarray, spread: float) -> float:
 
 
 def _upright(evidence: TakeEvidence, reading: Reading) -> float:
-    """Return the log-likelihood of the trunks' directions. It counts once per take, because cameras are fixed."""
+    """Return the log-likelihood of trunk directions, once per take because cameras are fixed."""
     names, found = evidence.names, []
     trunk = [(f"{side}_shoulder", f"{side}_hip") for side in ("left", "right")]
     if any(name not in names for pair in trunk for name in pair):
@@ -175,7 +175,7 @@ def _handed(place: dict[str, np.ndarray], height: float) -> float:
 
 
 def _forward_parts(place: dict[str, np.ndarray], metre: float) -> list[tuple[list[np.ndarray], float]]:
-    """Return kinds of (P, 3) vectors that point forward in every person, each with its usual length in metres."""
+    """Return (P, 3) vectors that point forward in every person, by kind with usual length in m."""
     sides = "left", "right"
     kinds: list[tuple[list[np.ndarray], float]] = []
     toes = [place[f"{s}_big_toe"] - place[f"{s}_ankle"] for s in sides if {f"{s}_big_toe", f"{s}_ankle"} <= set(place)]
@@ -195,7 +195,7 @@ def _forward_parts(place: dict[str, np.ndarray], metre: float) -> list[tuple[lis
 
 
 def triangulate_rays(evidence: TakeEvidence, reading: Reading) -> tuple[np.ndarray, float]:
-    """Triangulate (P, J, 3) points, NaN with fewer than two views. Also return the share of points behind cameras.
+    """Triangulate (P, J, 3) points, NaN below two views, and the share of points behind cameras.
 
     Linear triangulation with two rounds of robust weights (Hartley and Zisserman 2004, sec. 12.2).
     """
@@ -225,7 +225,7 @@ def triangulate_rays(evidence: TakeEvidence, reading: Reading) -> tuple[np.ndarr
 
 
 def _meeting_points(rows: np.ndarray, weight: np.ndarray, matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (P, J, 3) points nearest to their rays, and their (V, P, J, 3) coordinates in each camera."""
+    """Return the (P, J, 3) points nearest to their rays, and their coordinates in each camera."""
     weighted = rows * weight[..., None, None] ** 2
     normal = np.einsum("vpjac,vpjad->pjcd", rows[..., :3], weighted)
     normal[..., :3] += 1e-9 * np.eye(3)  # unseen points
@@ -286,7 +286,7 @@ def _unit_camera(camera: Cameras) -> Cameras:
 
 
 def _fit(camera: Cameras, X: np.ndarray, rays: np.ndarray, size: float, scales: Sequence[float]) -> Cameras:
-    """Return the camera with the pose of least reprojection error on the unit plane, for decreasing weight scales."""
+    """Return the camera pose of least reprojection error, for decreasing weight scales."""
     for scale in scales:
         camera = resected(camera, rays[None, :, None, :2], np.ones((1, len(X), 1)), X[:, None], scale * size, steps=4)
     return camera

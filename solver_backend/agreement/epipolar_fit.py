@@ -83,7 +83,7 @@ class ComparedViews:
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D) -> ComparedViews | None:
-        """Return the views of up to ``EACH`` cameras in ``FRAMES`` frames, or None if there are too few cameras."""
+        """Return the views of up to ``EACH`` cameras in ``FRAMES`` frames, or None for too few."""
         if len(cameras) < LEAST_CAMERAS or not keypoints.num_frames:
             return None
         chosen = np.unique(np.linspace(0, len(cameras) - 1, EACH).astype(int))
@@ -122,7 +122,7 @@ class ComparedViews:
         return None
 
     def distances(self, x: np.ndarray) -> Iterator[tuple[list[int], np.ndarray, np.ndarray, np.ndarray]]:
-        """Yield columns, (N,) epipolar distances in px, (N, 7) derivatives and (N,) keypoints of each pair of views.
+        """Yield columns, epipolar distances in px, (N, 7) derivatives and keypoints of view pairs.
 
         Args:
             x: (1 + 3 C,) logarithm of the focal lengths' factor, then rotations of the cameras in radians.
@@ -165,7 +165,7 @@ class ComparedViews:
 
     @cached_property
     def _pixels_per_direction(self) -> np.ndarray:
-        """(C, F, J) pixels per unit of direction at each point, because a lens changes its scale towards the edge."""
+        """(C, F, J) pixels per unit of direction at each point, which depend on the lens."""
         n, cameras = undistort(self.cameras, self.xy), self.cameras
         _, _, (xx, cross, yy) = distorted(n[..., 0], n[..., 1], cameras.distortion, cameras.models)
         focal = 0.5 * np.trace(cameras.K[:, :2, :2], axis1=1, axis2=2)

@@ -1,4 +1,4 @@
-"""Compute the evidence of the views from distances of keypoints to epipolar lines. Repeated poses count once."""
+"""Compute the evidence of the views from distances of keypoints to epipolar lines."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def body_columns(names: Sequence[str]) -> np.ndarray:
 
 
 class TakeEvidence:
-    """Distances between the views of a capture for any interpretation. Statistics of views and pairs are cached."""
+    """Distances between the views for any interpretation, with cached statistics of pairs."""
 
     def __init__(self, cameras: Cameras, detections: Detections) -> None:
         """Choose the frames to compare.
@@ -359,7 +359,7 @@ class TakeEvidence:
         return max(1.0, float((z.sum(2) ** 2).sum() / count + (z.sum(1) ** 2).sum() / count - 1))
 
     def densities(self, reading: Reading, seen: float) -> np.ndarray:
-        """Return (P,) log-likelihood ratios of frames relative to unrelated views, for this interpretation's noise."""
+        """Return (P,) log-likelihood ratios of frames relative to unrelated views."""
         noise, distance = self.noise([reading]), self.distances(reading)
         return np.where(np.isfinite(distance), noise.log_density(distance) - UNRELATED, 0.0).sum((0, 2)) / max(
             seen, 1e-9
@@ -412,7 +412,7 @@ def epipolar_distances(
 
 
 def _window_map(camera: Cameras, window: Window) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return scale and offset of pixels in a part of the image, and the size of that part before any rotation."""
+    """Return scale and offset of pixels in an image part, and its size before any rotation."""
     shown = corrected(camera, [CameraCorrection(window=window)])
     scale = np.array([window[0], 1.0])
     return scale, shown.K[0, :2, 2] - scale * camera.K[0, :2, 2], shown.image_size[0]

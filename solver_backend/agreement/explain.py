@@ -161,7 +161,7 @@ class _Search:
         return [candidate for key in asked for candidate in self._proposed[key]]
 
     def search(self) -> list[Reading]:
-        """Return interpretations by likelihood. Try changes to all cameras first, then two rounds of single cameras."""
+        """Return interpretations by likelihood: changes to all cameras, then to single ones."""
         self.quick.suspects = self.scout.suspects = self._suspects()
         everybody = len(self.quick.suspects) == self.quick.views
         common = [self.written, *(conventions(self.scout, self.written) if self.is_whole and everybody else ())]
@@ -189,7 +189,7 @@ class _Search:
         return self._rank(found)
 
     def _shown(self, best: Reading, common: Reading) -> list[Reading]:
-        """Return interpretations with another crop of the images, if one fits better than the best interpretation."""
+        """Return interpretations with another image crop, if one fits better than the best."""
         everybody = len(self.quick.suspects) == self.quick.views
         starts = dict.fromkeys([best, self.written]) if everybody else ()
         free = [fit_window(self.quick, reading, FREE[-1]) for reading in starts]
@@ -218,7 +218,7 @@ class _Search:
         return self._densities[reading]
 
     def luck(self, one: Scored, other: Scored) -> float:
-        """Return the part of a likelihood ratio that chance can explain, from its spread over time and the costs."""
+        """Return the part of a likelihood ratio that chance can explain, from its spread."""
         apart = self.densities(one.reading) - self.densities(other.reading)
         blocks = np.array([part.sum() / len(apart) for part in np.array_split(apart, min(BLOCKS, len(apart)))])
         if len(blocks) < 3:
@@ -231,7 +231,7 @@ class _Search:
         return one.total - other.total - self.luck(one, other)
 
     def agrees_without(self, left_out: tuple[int, ...] = ()) -> bool:
-        """Return whether the views except ``left_out`` agree as the files state, with an upright, unmirrored body."""
+        """Return whether the other views agree as the files state, with an upright body."""
         pairs, noise = self._written_noise
         kept = np.array([not set(pair) & set(left_out) for pair in pairs])
         if not kept.any():
@@ -264,7 +264,7 @@ class _Search:
         return bool(noise.is_related.all())
 
     def _fits(self, reading: Reading) -> bool:
-        """Return whether views with fitted parameters agree with the others as well as the others with each other.
+        """Return whether views with fitted parameters agree as well as the other views do.
 
         Fitted parameters also make views of another take agree, but less well.
         """
@@ -341,7 +341,7 @@ MOST_WAYS = 50_000  # Largest number of assignments to compare (40,320 for 8 cam
 
 
 def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: list[int] | None) -> list[int] | None:
-    """Assign a calibrated camera to each recorded one by the agreement of views. Return None if that is ambiguous.
+    """Assign a calibrated camera to each recorded one by the views, or None if ambiguous.
 
     Rings of equal cameras look the same after a rotation. Then only ``by_order`` can resolve the assignment.
 

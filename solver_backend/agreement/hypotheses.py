@@ -1,4 +1,4 @@
-"""List the possible faults of a capture's files, with the interpretations that each proposes, and their costs."""
+"""List the possible faults of a capture's files, with their interpretations and costs."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def one_window(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 
 def _moved(evidence: TakeEvidence, reading: Reading, *, turned: bool = False) -> Iterator[Reading]:
-    """Propose that one camera was moved or rotated after the calibration, with its pose fitted to the other views."""
+    """Propose that one camera moved after calibration, with its pose fitted to the others."""
     if evidence.views < 3 or reading.moved:
         return
     for view in evidence.suspects:
@@ -119,7 +119,7 @@ RANGE_ROWS: tuple[Row, ...] = (_flipped, exchange_names, partial(_moved, turned=
 
 
 def cost_of(reading: Reading, constraints: float) -> float:
-    """Return the cost of an interpretation: log(alternatives) per change, and half log(n) per fitted parameter.
+    """Return an interpretation's cost: log(alternatives) per change, log(n) / 2 per parameter.
 
     Args:
         constraints: number n of independent constraints in the capture.

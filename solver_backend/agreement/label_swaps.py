@@ -126,7 +126,7 @@ def _candidates(cameras: Cameras, keypoints: Keypoints2D, predictions: Predictio
 def _against_views(
     a: np.ndarray, b: np.ndarray, predictions: Predictions, left: np.ndarray, right: np.ndarray
 ) -> np.ndarray:
-    """Return (C, F, 2) costs of the labelled and the swapped state, from Mahalanobis distances to predictions.
+    """Return (C, F, 2) costs of labelled and swapped states, from Mahalanobis distances.
 
     Both sides use the mean of their covariances, so that an uncertain side gets no advantage.
     """
@@ -143,7 +143,7 @@ def _against_views(
 
 
 def _over_time(a: np.ndarray, b: np.ndarray, step_px: np.ndarray) -> np.ndarray:
-    """Return (C, F, 2, 2) costs of the states of two consecutive frames, from the movement of the detections."""
+    """Return (C, F, 2, 2) costs of the states of consecutive frames, from the movement."""
     scale = step_px[:, None, None, None]
 
     def cost(after: np.ndarray, before: np.ndarray) -> np.ndarray:
@@ -157,7 +157,7 @@ def _over_time(a: np.ndarray, b: np.ndarray, step_px: np.ndarray) -> np.ndarray:
 
 
 def _compared(kept: Sequence[np.ndarray], crossed: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return the costs of the labelled and the swapped state, summed over the keypoints (last axis) that have both."""
+    """Return the costs of the labelled and the swapped state, summed over common keypoints."""
     known = [np.isfinite(one) & np.isfinite(other) for one, other in zip(kept, crossed, strict=True)]
     return [
         sum((np.where(k, cost, 0.0).sum(-1) for cost, k in zip(costs, known, strict=True)), np.zeros(1))
@@ -166,7 +166,7 @@ def _compared(kept: Sequence[np.ndarray], crossed: Sequence[np.ndarray]) -> list
 
 
 def _penalty(squared: np.ndarray) -> np.ndarray:
-    """Return the robust cost ``½ s² r² / (r² + s²)`` of squared normalised distances r² (Geman and McClure 1987)."""
+    """Return the robust cost ``½ s² r² / (r² + s²)`` of squared distances r² (Geman 1987)."""
     scale = ROBUST_SIGMAS**2
     return 0.5 * scale * squared / (squared + scale)
 
@@ -219,7 +219,7 @@ def exclude_bystanders(
 
 
 def _bystander(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
-    """Return a (C, F) mask of frames in which a view shows a different person while some other view shows anyone."""
+    """Return a (C, F) mask of frames in which a view shows another person than the others."""
     everybody = Detections.of_people(cameras.names, [keypoints])
     sees = (keypoints.confidence > 0).any(axis=-1)
     try:

@@ -35,7 +35,7 @@ class FollowedPeople:
 
 
 def follow_people(cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent) -> FollowedPeople:
-    """Group the detections of all views into people in space, frame by frame, and track them over the take.
+    """Group the detections of all views into people in space, and track them over the take.
 
     Raises:
         NoDetections: no person is detected, or no two views agree on a person.
@@ -175,7 +175,7 @@ class SelectedPerson:
 def select_people(
     cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent
 ) -> tuple[SelectedPerson, ...]:
-    """Return all people whom two or more views show for long enough, the person with the best agreement first.
+    """Return the people whom two views show for long enough, with the best agreement first.
 
     The person to solve is chosen later. Notes and problems are attached to the first person, who is solved by default.
     A detection near two people is assigned to the better fit. A view that never shows two people is assigned to the
@@ -221,7 +221,7 @@ def _selected(
 def _merged(
     detections: Detections, accepted: np.ndarray, fit: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray]:
-    """Merge a person's detections into xy (C, F, K, 2), confidence (C, F, K), hands, and (C, F) main detection.
+    """Merge a person's detections into xy, confidence, hands and (C, F) main detection.
 
     A detector may find one person in two pieces. The best-fitting piece is completed with the next.
     """
@@ -246,7 +246,7 @@ def _merged(
 def _report(
     cameras: Cameras, detections: Detections, space: PeopleInSpace, people: list[np.ndarray], accepted: np.ndarray
 ) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Report the chosen person, other people, and warnings about the first, from each person's rows in ``space``."""
+    """Report the chosen person and the others, from each person's rows in ``space``."""
 
     def views_of(rows: np.ndarray) -> float:
         return float((space.members[rows] >= 0).sum(1).mean())
@@ -303,7 +303,7 @@ def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPers
 
 
 def _followed(xy: np.ndarray, confidence: np.ndarray, size: np.ndarray, gone: float) -> list[Track]:
-    """Return the tracks of (F, P, K, 2) detections with (F, P) diagonals in px. The nearest pairs are linked first."""
+    """Return the tracks of (F, P, K, 2) detections. The nearest pairs are linked first."""
     tracks: list[Track] = []
     present = (confidence > 0).sum(axis=-1) >= MIN_POINTS
 

@@ -17,7 +17,7 @@ OVERLAP_S = 0.1  # Largest overlap of two pieces of one person after wrongly pai
 
 
 def persons(people: PeopleInSpace, tracks: np.ndarray, fps: float) -> list[np.ndarray]:
-    """Return each person's rows of ``people`` over the frames. The person with the most agreement is first.
+    """Return each person's rows of ``people`` over the frames, with the best agreement first.
 
     Agreement is the sum of (score - 1)² over the rows, so one frame in four views counts as nine in two. A person who
     never moves, such as a mannequin, has half the weight.
@@ -172,7 +172,7 @@ def _second(cost: np.ndarray, axis: int) -> np.ndarray:
 
 
 def _costs(xy: np.ndarray) -> np.ndarray:
-    """Return (F-1, P, P) mean distances of common keypoints relative to the person's size, infinity without any."""
+    """Return (F-1, P, P) mean keypoint distances in person sizes, infinity without any."""
     known = np.isfinite(xy[..., 0])
     middle = np.where(known[..., None], xy, 0.0).sum(-2) / np.maximum(known.sum(-1), 1)[..., None]
     spread = np.where(known[..., None], xy - middle[..., None, :], 0.0)

@@ -59,7 +59,7 @@ def _with(reading: Reading, x: np.ndarray, views: tuple[int, ...]) -> Reading:
 
 
 def _plain(picture: PictureReading) -> PictureReading:
-    """Return the image interpretation without changes that are too small to print, such as a width of 100 %."""
+    """Return the image interpretation without changes that are too small to print."""
     wide, left, top = (
         usual if round(100 * value) == round(100 * usual) else value
         for value, usual in zip(picture.window, AS_CALIBRATED, strict=True)

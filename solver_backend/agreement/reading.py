@@ -68,7 +68,7 @@ class Sightings:
 
 
 def compared_keypoints(joint_set: JointSet) -> tuple[np.ndarray, np.ndarray]:
-    """Return the columns to compare between views, and the position of each column's mirror image among them."""
+    """Return the columns to compare between views, and each column's mirror image."""
     names = joint_set.keypoints
     wanted = ["nose", *(f"{side}_{name}" for name in LIMBS["arms"] + LIMBS["legs"] for side in ("left", "right"))]
     columns = np.array([names.index(name) for name in wanted if name in names])
@@ -165,7 +165,7 @@ class Reading:
 
     @property
     def is_of_one_camera(self) -> bool:
-        """Return whether a camera is moved, late or excluded. Another frame rate or start could explain the same."""
+        """Return whether a single camera is moved, late or excluded."""
         return bool(self.moved or self.late or self.left_out)
 
     def correction(self, view: int) -> CameraCorrection:

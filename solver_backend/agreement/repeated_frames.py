@@ -1,4 +1,4 @@
-"""Find frames that are repeated, skipped, filled, cut or out of order, and remove views that the user excludes."""
+"""Find frames that are repeated, skipped, filled or out of order, and excluded views."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ STRAIGHT_PX, LEAST_FILLED = 0.02, 10
 
 
 def filled_frames(keypoints: Keypoints2D) -> np.ndarray:
-    """Return a (C, F) mask of frames with all keypoints on straight lines at constant speed, as in filled gaps."""
+    """Return a (C, F) mask of frames with all keypoints on straight lines, as in filled gaps."""
     seen = keypoints.confidence > 0
     xy = np.where(seen[..., None], keypoints.xy, 0.0)
     three = seen[:, 2:] & seen[:, 1:-1] & seen[:, :-2]
@@ -194,7 +194,7 @@ def take_cuts(detections: Detections) -> list[int]:
 
 
 def report_order(detections: Detections) -> tuple[Diagnostic, ...]:
-    """Report frames that are sorted as text (1, 10, 100, 2), if there is much less movement in numeric order.
+    """Report frames that are sorted as text (1, 10, 2), if numeric order moves much less.
 
     Args:
         detections: all people, synchronised. The largest person of each frame is used.

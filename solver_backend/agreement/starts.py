@@ -81,7 +81,7 @@ class _ViewPeople:
 
 
 def _disagreements(cameras: Cameras, pair: tuple[int, int], a: _ViewPeople, b: _ViewPeople, scale: float) -> np.ndarray:
-    """Return (N, G) distances from 0 to 1 between people in N frames of one view and G frames of another, or NaN.
+    """Return (N, G) distances from 0 to 1 between people in two views, or NaN.
 
     With lines ``l = E x_a / |(E x_a)_12|`` the squared distance ``(x_b' l)^2`` is a product of the six numbers of ``l
     l'`` and of ``x_b x_b'``. Its sum over the keypoints for all pairs of frames is one matrix product. Only the best
@@ -178,7 +178,7 @@ class _PairGains:
     step: int  # Frames between compared offsets. Those between have the gain of the nearest.
 
     def of_cameras(self, offsets: np.ndarray, among: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return (C,) gains of each camera with all others, or those ``among`` (C,), and the largest possible gains."""
+        """Return (C,) gains of each camera with all others or ``among``, and the largest gains."""
         found = np.zeros((2, len(offsets)))
         for (i, j), gains in self.gains.items():
             row = int(offsets[j] - offsets[i]) + len(gains) // 2
@@ -187,7 +187,7 @@ class _PairGains:
         return found[0], found[1]
 
     def strengths(self, offsets: np.ndarray) -> np.ndarray:
-        """Return the (C,) matching frames of each camera, times the square of their share of the possible frames."""
+        """Return the (C,) matching frames of each camera, times their squared share."""
         gained, possible = self.of_cameras(offsets)
         return gained * (gained / np.maximum(possible, 1e-9)) ** 2
 
@@ -241,7 +241,7 @@ class CameraStarts:
 
 
 def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: np.ndarray) -> CameraStarts:
-    """Estimate the start of each camera in whole frames. Alternatives for one or two cameras make it ambiguous.
+    """Estimate the start of each camera in whole frames, with alternatives if ambiguous.
 
     The solve measures the remaining fractions of a frame.
 
@@ -279,7 +279,7 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
 
 
 def _rivals(gains: _PairGains, best: np.ndarray, sure: np.ndarray, near: int) -> dict[int, tuple[int, int]]:
-    """Return the two best offsets, relative to the first camera, of each camera with a distant alternative.
+    """Return the two best offsets of each camera that has a distant alternative.
 
     Cameras are shifted singly and in pairs, because two opposite cameras may agree with the others at several offsets.
     """
@@ -315,7 +315,7 @@ def strength(cameras: Cameras, detections: Detections) -> float:
 
 
 def read_out_of_step(cameras: Cameras, detections: Detections) -> Reading | None:
-    """Return the interpretation for which all cameras match at some offsets, or None if none is clearly the best.
+    """Return the interpretation with matching offsets, or None if none is clearly the best.
 
     Args:
         detections: all people, each camera from its first frame.
@@ -445,7 +445,7 @@ CAMERA_RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 90.0, 100.0, 120.0, 240.0)  
 
 
 def rates_by_length(cameras: Cameras, detections: Detections, numbered: Detections) -> np.ndarray:
-    """Return (C,) frames of each camera per frame of the longest one. They are 1 unless others are far more likely.
+    """Return (C,) frames of each camera per frame of the longest one, usually 1.
 
     Args:
         detections: each camera from its first frame.

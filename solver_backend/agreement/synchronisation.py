@@ -97,7 +97,7 @@ def _equations(
     J: np.ndarray, moved: np.ndarray, velocity: np.ndarray, error: np.ndarray, weight: np.ndarray, ramps: np.ndarray,
     blocks: int,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return normal matrices (blocks, B, B) and gradients (blocks, B), with B = C for every ramp, view by view.
+    """Return normal matrices (blocks, B, B) and gradients (blocks, B) per ramp and view.
 
     Args:
         J: (C, N, K, 2, 3) derivatives of the detections by the points.
@@ -264,7 +264,7 @@ class _Rays:
         return np.concatenate([flat, np.where(np.isfinite(flat[..., :1]), 1.0, np.nan)], axis=-1), size
 
     def _distances(self, i: int, j: int, one: tuple[np.ndarray, float], other: tuple[np.ndarray, float]) -> np.ndarray:
-        """Return signed distances (L, N, K) in person sizes, minus each keypoint's constant offset at each delay."""
+        """Return signed distances (L, N, K) in person sizes, minus each keypoint's offset."""
         first, second = ((self.cameras.R[v], self.cameras.t[v]) for v in (i, j))
         found = epipolar_distances(first, second, *one, *other)
         known = np.isfinite(found)
@@ -328,7 +328,7 @@ def _converged(
     cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, delay: np.ndarray, points: np.ndarray,
     sigma_px: np.ndarray, rate_sigma: float | None, progress: Progress,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Return delays, drifts and the deviations of both, each (C,), starting from whole frames (C,) and points."""
+    """Return delays, drifts and their deviations, each (C,), starting from whole frames."""
     place, half = place_in_take(frames, tracks.shape[1]), 0.5 * tracks.shape[1]
     drift, drifting, found = np.zeros(len(delay)), rate_sigma is not None, None
 
@@ -399,7 +399,7 @@ def _moving(tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray) -> np.
 
 
 def smoothed_tracks(xy: np.ndarray) -> np.ndarray:
-    """Return (C, F, K, 2) tracks after a running median and a low-pass filter, NaN if fewer than three are near."""
+    """Return (C, F, K, 2) tracks after a running median and a low-pass filter."""
     around = _windows(xy, len(SMOOTHING))
     count = np.isfinite(around[..., 0, :]).sum(-1)
     middle = np.take_along_axis(np.sort(around, axis=-1), np.maximum(count - 1, 0)[..., None, None] // 2, axis=-1)

@@ -82,7 +82,7 @@ def _seeds(seen: Sightings) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _midpoints(cameras: Cameras, a: int, b: int, n_a: np.ndarray, n_b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return midpoint (N, J, 3) and length (N, J) in metres of the shortest segment between rays of two views.
+    """Return midpoint (N, J, 3) and length (N, J) of the shortest segment between two rays.
 
     Both are NaN if a keypoint is missing, the rays are nearly parallel, or they intersect behind a camera (midpoint
     method; Hartley and Sturm 1997, "Triangulation").
@@ -159,7 +159,7 @@ def detection_distances(
 
 
 def _fit(found: np.ndarray, expected: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (N,) number of keypoints at expected positions (soft count) and (N,) median distance in metres."""
+    """Return the (N,) soft count of keypoints at expected positions, and median distances."""
     across, down = found[..., 0] - expected[..., 0], found[..., 1] - expected[..., 1]
     distance = np.sqrt(across * across + down * down) * depth
     fit = np.where(distance < 2 * TOLERANCE_M, 1.0 - distance / (2 * TOLERANCE_M), 0.0).sum(-1)
@@ -182,7 +182,7 @@ def _is_person_sized(points: np.ndarray) -> np.ndarray:
 
 
 def _intersection(seen: Sightings, frame: np.ndarray, members: np.ndarray, swapped: np.ndarray) -> np.ndarray:
-    """Return the (N, J, 3) points nearest to the rays of all views in metres: ``Σ (I - d dᵀ) x = Σ (I - d dᵀ) c``.
+    """Return the (N, J, 3) points nearest to all rays: ``Σ (I - d dᵀ) x = Σ (I - d dᵀ) c``.
 
     Midpoint method (Hartley and Sturm 1997, "Triangulation") for any number of views.
     """

@@ -1,4 +1,4 @@
-"""Find, undo or exclude faults of views in a range of frames, such as mirrored images or swapped names."""
+"""Find, undo or exclude faults of views in frame ranges, such as mirrored images."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def _next(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation
 
 
 def _with_exact_turns(cameras: Cameras, keypoints: Keypoints2D, reading: Reading) -> Reading:
-    """Return the interpretation with camera rotations estimated from all points that other views triangulate."""
+    """Return the interpretation with rotations estimated from points that others triangulate."""
     undone = without_faults(cameras, keypoints, replace(reading, moved=()), slice(None))
     for view in (view for view, pose in enumerate(reading.moved) if pose is not None):
         own = reading.owners[view]

@@ -171,7 +171,7 @@ def _turns(curve: np.ndarray, reach: float) -> list[int]:
 
 
 def _vertex(curve: np.ndarray, at: int) -> float:
-    """Return the maximum of the parabola through three neighbouring values, as an offset from the middle one."""
+    """Return the maximum of the parabola through three values, as an offset from the middle."""
     before, here, after = curve[at - 1 : at + 2]
     return float(0.5 * (before - after) / min(before - 2.0 * here + after, -1e-12))
 
@@ -179,7 +179,7 @@ def _vertex(curve: np.ndarray, at: int) -> float:
 def _strides(
     side: str, strikes: np.ndarray, offs: np.ndarray, heel: np.ndarray, pelvis: np.ndarray, fps: float
 ) -> list[Stride]:
-    """Return the cycles with one foot off. On a treadmill the foot swings over twice as far as the pelvis moves."""
+    """Return the cycles with one foot off, by the swing of the foot relative to the pelvis."""
     found, frames = [], np.arange(len(heel)) / fps
 
     def way(points: np.ndarray, start: float, end: float) -> float:

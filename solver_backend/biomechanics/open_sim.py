@@ -1,4 +1,4 @@
-"""Write motions for OpenSim: coordinates, virtual markers, and setup files for scaling and inverse kinematics."""
+"""Write motions for OpenSim: coordinates, virtual markers and setup files."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def _order(segment: str) -> tuple[int, int]:
 
 
 def mot_text(title: str, found: Coordinates, fps: float) -> str:
-    """Return the text of a motion file: a header, the names, and a row per frame (OpenSim's "Motion (.mot) Files")."""
+    """Return the text of a motion file: header, names, and a row per frame (.mot)."""
     frames = len(found.values)
     head = [title, "version=1", f"nRows={frames}", f"nColumns={len(found.names) + 1}", "inDegrees=yes", "endheader"]
     times = np.arange(frames) / fps
@@ -129,7 +129,7 @@ PLACES = {"C7": "C7", "CLAV": "CLAV", **{side + name: side + place for side in "
 
 
 def virtual_markers(motion: Motion, body: Body, posed: PosedSegments) -> MarkerCloud:
-    """Return the models' markers on the solved body in metres, with Z up and the heading of the segments' ground."""
+    """Return the models' markers on the solved body in metres, with Z up."""
     places = marker_landmarks(body, tuple(PLACES.values()))
     worn = worn_offsets(motion)
     offsets = np.array([worn.get(place, np.zeros(3)) for place in PLACES.values()])
@@ -174,7 +174,7 @@ MEASUREMENTS: dict[str, tuple[Sequence[str], Sequence[str], str]] = {
 
 
 def scale_setup(name: str, model: str, markers: str, frames: int, fps: float, height_m: float) -> str:
-    """Return the setup of OpenSim's Scale Tool that measures the take's markers and scales the generic model."""
+    """Return the setup of OpenSim's Scale Tool for the take's markers and a generic model."""
     measurements = "".join(
         f'<Measurement name="{key}"><apply>true</apply><MarkerPairSet><objects>'
         + "".join(f"<MarkerPair><markers>{pair}</markers></MarkerPair>" for pair in pairs)

@@ -1,4 +1,4 @@
-"""Define the anatomical axes of the body's segments, and the rotation of each segment relative to its parent."""
+"""Define the segments' anatomical axes and their rotations relative to the parents."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def has_segments(body: Body) -> bool:
 def turn_covariance(
     body: Body, local: Float[Array, "frames n 3 3"], pose: Float[Array, "frames p p"], constant_m: np.ndarray
 ) -> Float[Array, "frames segments 3 3"]:
-    """Return (F, S, 3, 3) covariances in rad² of each segment's left-applied rotation relative to its parent.
+    """Return (F, S, 3, 3) covariances in rad² of each segment's rotation to its parent.
 
     ``C = A P Aᵀ + c² I`` with the covariance P of the pose. A combines the rotations d of the joints between the two
     segments, ``d = Σ_k R_1 … R_{k-1} d_k``. c is the rotation from constant errors of both ends of the segment's bone.
@@ -122,7 +122,7 @@ _TRUNK_PLACES = (*_PELVIS_PLACES, "C7", "CLAV", "STRN", "T8")
 def anatomical_frames(
     body: Body, betas: np.ndarray, worn: Mapping[str, np.ndarray]
 ) -> dict[str, Float[np.ndarray, "3 3"]]:
-    """Return the axes of each segment in the body's rest frame as columns: x forward, y up, z to the right.
+    """Return each segment's axes in the rest frame as columns: x forward, y up, z right.
 
     - Pelvis: z through the anterior iliac spines, x in the plane with the midpoint of the posterior spines (Wu et al.
       2002, hip).
@@ -200,7 +200,7 @@ def _skin(
 
 
 def _axes(y: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Return (3, 3) right-handed axes as columns, with the direction of y kept and z made perpendicular to it."""
+    """Return (3, 3) right-handed axes as columns, with y kept and z perpendicular to it."""
     y = unit(y)
     x = unit(np.cross(y, z))
     return np.stack([x, y, np.cross(x, y)], axis=-1)
@@ -235,7 +235,7 @@ level rest pose: 20 to 34 degrees in four arms (``PiG_Motion-FlatFoot-*``, Biome
 
 
 def _hinge_turn(upper: np.ndarray, forearm: np.ndarray, sign: float) -> np.ndarray:
-    """Return the (3, 3) rotation about the upper arm's y axis that aligns its z axis with the elbow's hinge.
+    """Return the rotation about the upper arm's y that aligns z with the elbow's hinge.
 
     The hinge is perpendicular to both long axes (Wu et al. 2005, 2.3.5), averaged with the sine of the bend as weight.
     """
@@ -277,7 +277,7 @@ def posed_segments(motion: Motion, body: Body) -> PosedSegments:
 
 
 def without_fingers(motion: Motion, body: Body) -> Motion:
-    """Return a motion reduced to the recorded joints of a body, or unchanged if they are the same or too few."""
+    """Return a motion reduced to the recorded joints of a body, or unchanged."""
     layout = body.layout.recorded
     own, theirs = motion.body_layout.shared_with(layout)
     if motion.body_layout.joints == layout.joints or len(own) < FIRST_FINGER:
@@ -294,7 +294,7 @@ def without_fingers(motion: Motion, body: Body) -> Motion:
 
 
 def turn_covariances(motion: Motion) -> dict[str, np.ndarray] | None:
-    """Return (F, 3, 3) covariances in rad² by segment, NaN where the segment is at rest, or None without any."""
+    """Return (F, 3, 3) covariances in rad² by segment, NaN at rest, or None without any."""
     if motion.turn_covariance is None:
         return None
     found, layout = unpacked(motion.turn_covariance.astype(np.float64)), motion.body_layout

@@ -93,7 +93,7 @@ def _centres_of_mass(skin: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _margin(touching: np.ndarray, centre: np.ndarray) -> float:
-    """Return ``min_u (max_i u·p_i - u·c)`` over unit directions u, the signed distance from c to the points' hull."""
+    """Return ``min_u (max_i u·p_i - u·c)``, the signed distance from c to the points' hull."""
     if not len(touching):
         return np.nan
     angles = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)

@@ -29,7 +29,7 @@ class SurfacePoint:
 
 
 def cast_ray(body: Body, origin: np.ndarray, direction: np.ndarray, *, outermost: bool = False) -> SurfacePoint:
-    """Return the first exit of a ray from the rest mesh, or the outermost one (a head may have a hollow mouth).
+    """Return the first exit of a ray from the rest mesh, or the outermost one.
 
     The ray starts at ``origin`` (3,) inside the mesh, in rest frame metres. A miss raises ``BodyInvalid``.
 

@@ -24,7 +24,7 @@ _READ_KEYS = frozenset({*REQUIRED_KEYS, *_LAYOUT_KEYS, "posedirs", "body_id"})
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Skinned body with shape and pose correctives, in metres, with Y up, facing +Z and its left side at +X.
+    """Skinned body with shape and pose correctives, in metres, with Y up and facing +Z.
 
     ``v(betas) = v_template + shapedirs @ betas`` and ``J(betas) = J_regressor @ v(betas)`` (Loper et al. 2015).
     """
@@ -79,7 +79,7 @@ class Body:
 
 
 def load_body(path: Path | None = None) -> Body:
-    """Read a body from an ``.npz`` with the keys of ``docs/reference/body-file.md``. Raise ``BodyInvalid``."""
+    """Read a body from ``.npz`` (``docs/reference/body-file.md``). Raise ``BodyInvalid``."""
     return _load_body(Path(path) if path is not None else DEFAULT_BODY)
 
 

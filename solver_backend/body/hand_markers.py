@@ -38,7 +38,7 @@ _LABEL = re.compile(rf"(left|right|l|r)[ _\-.:]?({'|'.join(PLACES)})", re.IGNORE
 
 
 def hand_place(label: str) -> tuple[int, str] | None:
-    """Return side (0 left, 1 right) and location of a hand marker label, such as ``L_FT2`` or ``Ann:right-mp5``."""
+    """Return side (0 left, 1 right) and location of a hand marker label, such as ``L_FT2``."""
     match = _LABEL.fullmatch(label.rsplit(":", 1)[-1].strip())
     return None if match is None else (("l", "r").index(match[1][0].lower()), match[2].upper())
 
@@ -47,7 +47,7 @@ LEAST = 3  # Fewest markers of a hand. A single label such as LMP1 may belong to
 
 
 def hand_columns(labels: Sequence[str]) -> dict[int, dict[str, int]]:
-    """Return the columns of hand markers by side and location. A side with fewer than ``LEAST`` is ignored."""
+    """Return hand marker columns by side and location, for sides with ``LEAST`` markers."""
     found: dict[int, dict[str, int]] = {0: {}, 1: {}}
     for column, label in enumerate(labels):
         if (place := hand_place(label)) is not None:

@@ -37,7 +37,7 @@ def side_sign(side: int) -> float:
 
 
 def palm_frames(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndarray, "n 5 3 3"]:
-    """Return (n, 5, 3, 3) frames (x y z in columns) for which the first joint of each finger has zero angles.
+    """Return (n, 5, 3, 3) frames in which the first joint of each finger has zero angles.
 
     ``points`` (n, 21, 3) are ``HAND_POINTS``. Side 0 is left, 1 right.
     """
@@ -53,7 +53,7 @@ def palm_frames(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndar
 
 
 def joint_rotations(angles: Float[np.ndarray, "n a"], side: int) -> Float[np.ndarray, "n 5 3 3 3"]:
-    """Return (n, 5, 3, 3, 3) joint rotations relative to the previous segment, for (n, A) angles in radians."""
+    """Return (n, 5, 3, 3, 3) rotations relative to the previous segment, for (n, A) angles."""
     turns = np.zeros((len(angles), 5, 3, 3))
     turns[:, FINGER_OF, JOINT_OF, KIND_OF] = angles
     sign = side_sign(side)
@@ -62,7 +62,7 @@ def joint_rotations(angles: Float[np.ndarray, "n a"], side: int) -> Float[np.nda
 
 
 def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndarray, "n a"]:
-    """Return (n, A) angles in radians of (n, 21, 3) ``HAND_POINTS``. Missing points are NaN, and twist is 0.
+    """Return (n, A) angles of (n, 21, 3) ``HAND_POINTS``, with NaN for missing and 0 for twist.
 
     For a bone along v in the previous segment's frame, ``flexion = atan2(-v_y, v_x)`` and ``spread = asin(-σ v_z)``.
     """
@@ -181,7 +181,7 @@ class HandSkeleton:
         return PosedHand(frames, joints, self._axes(frames, angles))
 
     def _axes(self, frames: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """Return (F, A, 3) rotation axes: flexion about -z before, spread about y between, twist about x after both."""
+        """Return (F, A, 3) rotation axes: first flexion about -z, then spread (y), then twist (x)."""
         before, after = frames[:, FINGER_OF, JOINT_OF], frames[:, FINGER_OF, JOINT_OF + 1]
         sign, kind = side_sign(self.side), KIND_OF[:, None]
         flexion = angles[:, FLEXION_OF, None]
@@ -198,7 +198,7 @@ class HandSkeleton:
     def site_jacobian(
         self, posed: PosedHand, sites: HandSites, points: Float[np.ndarray, "n sites 3"], turn: np.ndarray
     ) -> Float[np.ndarray, "n sites 3 a"]:
-        """Return the (F, L, 3, A) derivatives ``R (axis × (point - joint))`` by the angles between palm and segment.
+        """Return the (F, L, 3, A) derivatives ``R (axis × (point - joint))`` by the angles.
 
         ``points`` (F, L, 3) are in metres in the hand's frame. ``turn`` (F, 3, 3) is R from it to the output.
         """
@@ -233,7 +233,7 @@ class HandSkeleton:
 
 
 def site_frames(posed: PosedHand, sites: HandSites) -> Float[np.ndarray, "n sites 3 3"]:
-    """Return the (F, L, 3, 3) segment frames of points, which are the derivatives of points by their offsets."""
+    """Return the (F, L, 3, 3) segment frames of points, their derivatives by the offsets."""
     frames = posed.frames[:, sites.finger, sites.segment]
     return np.where((sites.segment == 0)[:, None, None], np.eye(3), frames)
 
@@ -266,7 +266,7 @@ class FingerGaps:
 
 
 def finger_gaps(points: Float[np.ndarray, "frames 21 3"]) -> FingerGaps:
-    """Return the overlap ``r_a + r_b - d`` of capsules around bones of different fingers, from ``HAND_POINTS``."""
+    """Return the overlap ``r_a + r_b - d`` of capsules around bones of different fingers."""
     radius = np.repeat(RADIUS_M, 3)
     palm = np.linalg.norm(points[:, 9] - points[:, 0], axis=-1)[:, None]
     (a, b), (c, d) = (np.moveaxis(points[:, BONES[bones]], 2, 0) for bones in PAIRS)

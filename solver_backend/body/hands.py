@@ -1,4 +1,4 @@
-"""Bodies with finger joints: the built-in body with its hands file, SMPL-H, and SMPL-X with the face at rest."""
+"""Bodies with finger joints: the built-in body with its hands file, SMPL-H and SMPL-X."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def load_body_with_hands() -> Body:
 
 @lru_cache(maxsize=4)
 def with_fingers(body: Body) -> Body:
-    """Return the body with finger joints (``with_finger_joints``). Skin, shapes and body joints do not change.
+    """Return the body with finger joints, and unchanged skin, shapes and body joints.
 
     Raises:
         BodyInvalid: the body has no fingers and is not the built-in one.
@@ -55,13 +55,13 @@ def with_fingers(body: Body) -> Body:
 
 
 def flat_hands(body: Body) -> Float[np.ndarray, "30 3 3"]:
-    """Return (30, 3, 3) rotations of finger joints from rest to AMASS's zero pose, a flat hand (as in SMPL-X)."""
+    """Return (30, 3, 3) finger rotations from rest to AMASS's zero pose, a flat hand."""
     own = body.id == str(_hands_file()["body_id"])
     return _hands_file()["flat"].astype(np.float64) if own else np.tile(np.eye(3), (_NUM_FINGERS, 1, 1))
 
 
 def with_hand_size(body: Body, size: float) -> Body:
-    """Return the body with hands scaled relative to its shape: ``v + (size - 1) d`` (``hand_size_directions``)."""
+    """Return the body with hands scaled relative to its shape: ``v + (size - 1) d``."""
     if not size > 0.0:
         raise BodyInvalid(f"The relative hand size is {size}, but a positive number is expected.", where=body.id)
     if size == 1.0:
@@ -137,7 +137,7 @@ def rest_angles(body: Body) -> Float[np.ndarray, "2 a"]:
 
 
 def hand_points(body: Body, side: int, betas: Float[np.ndarray, " 10"] | None = None) -> Float[np.ndarray, "21 3"]:
-    """Return the (21, 3) ``HAND_POINTS`` of a ``SMPL_HANDS`` body at rest in metres, by default of the mean shape."""
+    """Return the (21, 3) ``HAND_POINTS`` at rest in metres, by default of the mean shape."""
     rows, tips = _joints(side), tip_vertices(body)[side]
     joints, ends = body.joints_template[rows], body.v_template[tips]
     if betas is not None:

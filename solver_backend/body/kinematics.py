@@ -63,7 +63,7 @@ def recorded_vectors(body: Body, vectors: np.ndarray) -> np.ndarray:
 
 
 def pose_feature(local: Float[Array, "frames n 3 3"]) -> Float[Array, "frames features"]:
-    """Return the (F, 9 n) features ``flatten(R_j - I)`` of (F, n, 3, 3) local rotations (Loper et al. 2015, eq. 9)."""
+    """Return the (F, 9 n) features ``flatten(R_j - I)`` (Loper et al. 2015, eq. 9)."""
     xp = array_namespace(local)
     return xp.reshape(local - constant(np.eye(3), local), (local.shape[0], -1))
 

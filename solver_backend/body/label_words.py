@@ -225,7 +225,7 @@ class LabelWords:
 
 
 def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords:
-    """Return the words of a layouts file. Midline locations begin with ``-``. Raise ``KeyError`` for unknown words."""
+    """Return the words of a layouts file. Raise ``KeyError`` for unknown words."""
     vocabulary = {form: word for word, forms in values["words"].items() for form in (word, *forms)}
     phrases: dict[tuple[str, ...], tuple[str, ...]] = {}
     for place, texts in values["phrases"].items():
@@ -237,7 +237,7 @@ def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords
 
 
 def spelt(label: str) -> str:
-    """Return a label without accents and with vertebrae as ``C7``, empty if it is longer than ``LONGEST_LABEL``."""
+    """Return a label without accents and with vertebrae as ``C7``, or "" if it is too long."""
     if len(label) > LONGEST_LABEL:
         return ""
     decomposed = unicodedata.normalize("NFKD", label.translate(_SPELT))

@@ -95,7 +95,7 @@ _ARM_AT_ORIGIN = np.concatenate([np.zeros((3, 3)), np.eye(3)], axis=1).reshape(1
 
 @dataclass(frozen=True)
 class _LandmarkPairs:
-    """Pairs of a landmark and a joint: whole pairs, with all of the landmark below the joint, and N other pairs.
+    """Pairs of a landmark and a joint: whole pairs, and N pairs with a part of a landmark.
 
     In the other pairs the joint rotates a part of the landmark's bones, or moves it by a pose corrective.
     """
@@ -120,7 +120,7 @@ def rotation_jacobian(
     correction: Float[Array, "frames landmarks 3"] | None,
     count: int,
 ) -> Float[Array, "frames landmarks 3 tangents"]:
-    """Return the (F, L, 3, 3·count) derivatives of landmarks by left tangents of the root and of joints 1..count-1.
+    """Return the (F, L, 3, 3·count) derivatives by left tangents of root and joints.
 
     A left tangent d of joint k rotates everything below k about p_k, so ``dy_l/dd_k = -[r_lk]x G_parent(k)`` with
     ``r_lk = sum_{c below k} G_c h_lc``. This is ``y_l - p_k`` if the whole landmark is below k. A pose corrective D
@@ -155,7 +155,7 @@ def _arms(xp: Any, points: Array) -> Array:
 
 
 def _screws(xp: Any, body: Body, G: Array, joints: Array) -> Array:
-    """Return the (F, 6, 3 K) tangent axes a (world for the root, parent frame for joints) and moments ``p x a``."""
+    """Return the (F, 6, 3 K) tangent axes a (world or parent frame) and moments ``p x a``."""
     frames, count = joints.shape[:2]
     eye = xp.broadcast_to(constant(np.eye(3), G), (frames, 1, 3, 3))
     parents = [body.parents[k] for k in range(1, count)]
@@ -191,7 +191,7 @@ def _cross(xp: Any, a: Array, b: Array) -> Array:
 
 
 def _applied(matrices: Array, vectors: Array) -> Array:
-    """Return the (F, 3, ..., N) products of (F, 3, 3, ..., N) matrices and (F, 3, ..., N) vectors, pair by pair."""
+    """Return the products of (F, 3, 3, ..., N) matrices and (F, 3, ..., N) vectors."""
     x, y, z = (matrices[:, :, j] * vectors[:, None, j] for j in range(3))
     x += y
     x += z
@@ -199,7 +199,7 @@ def _applied(matrices: Array, vectors: Array) -> Array:
 
 
 def _corrected_by_tangents(xp: Any, pairs: _LandmarkPairs, local: Array) -> Array:
-    """Return ``D_k vec([e_a]x R_k)`` as (F, 3, 3, Q), by rest axis and tangent, for the pairs with correctives."""
+    """Return ``D_k vec([e_a]x R_k)`` as (F, 3, 3, Q), by rest axis and tangent."""
     frames = local.shape[0]
     R = xp.reshape(xp.permute_dims(local[:, [k - 1 for k in pairs.corrected]], (1, 0, 2, 3)), (-1, frames, 9))
     moved = xp.reshape(xp.matmul(R, constant(pairs.corrective, R)), (len(pairs.corrected), frames, 9, -1))
@@ -230,7 +230,7 @@ def _pairs(parents: tuple[int, ...], landmarks: Landmarks, count: int) -> _Landm
 
 
 def _padded(blocks: np.ndarray, corrected: np.ndarray) -> tuple[tuple[int, ...], np.ndarray, np.ndarray]:
-    """Return the corrected joints, their correctives padded to M landmarks per joint, and the real columns."""
+    """Return the corrected joints, their padded correctives, and the real columns."""
     joints = tuple(int(k) for k in np.flatnonzero(corrected.any(0)))
     width = int(corrected.sum(0).max(initial=0))
     # D_k vec([e_a]x R) = D' vec(R): fold the cross product into the constant.
@@ -304,7 +304,7 @@ def pose_landmarks(
 
 
 def _levers(xp: Any, body: Body, landmarks: Landmarks, betas: Array, offsets: Array | None) -> Array:
-    """Return the (L, J, 3) levers h of a shape in metres: the part of each landmark that each bone carries."""
+    """Return the (L, J, 3) levers h in metres: the part of each landmark on each bone."""
     levers = constant(_rest_levers(body, landmarks), betas)
     levers = levers + xp.matmul(constant(_shape_levers(body, landmarks), betas), betas)
     if offsets is None:

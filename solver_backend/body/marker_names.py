@@ -101,7 +101,7 @@ class LabelContext:
 
 
 def context_of(labels: Sequence[str], file: LayoutFile, least: int) -> LabelContext:
-    """Return the rules for a recording's labels. A prefix or suffix must make at least ``least`` more of them known."""
+    """Return the rules for a recording's labels. An affix must make ``least`` more known."""
     bare = tuple(dict.fromkeys(map(bare_label, labels)))
     best = _context(bare, file, Affixes())
     known = _count(best, bare)
@@ -204,7 +204,7 @@ def is_unnamed(label: str) -> bool:
 
 
 def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyType({})) -> MarkerNames:
-    """Return the meaning of labels. For two labels with the same location a listed name wins, then the first one.
+    """Return the meaning of labels. A listed name wins over others at the same location.
 
     Labels of a skeleton's joint centres are recognised together, see ``joint_centre_places``.
 
@@ -218,7 +218,7 @@ def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyTyp
 
 @lru_cache(maxsize=64)
 def _named(labels: tuple[str, ...], given: tuple[tuple[str, str], ...]) -> MarkerNames:
-    """Return the cached meaning of labels, because a solve needs it a dozen times. The result must not be modified."""
+    """Return the cached meaning of labels, which callers must not modify."""
     own = {**joint_centre_places(labels), **dict(given)}
     file = load_layouts()
     context = context_of(labels, file, LEAST_MARKERS)
@@ -280,7 +280,7 @@ _TWINS = {("l", "m"): ("lat", "med"), ("r", "u"): ("radius", "ulna")}  # Endings
 
 
 def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
-    """Return the locations of labels that name a limb without its side, from their position relative to the trunk.
+    """Return the locations of limb labels without a side, by their place next to the trunk.
 
     Pairs of labels with sides, such as both ASIS, define the sides of the trunk. The result is empty without such a
     pair, if labels state a side, or if markers are on both sides of the median plane.
@@ -308,7 +308,7 @@ def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType
 
 
 def _parts(bare: Mapping[str, str]) -> dict[str, str]:
-    """Return the location without side of each label. For an ambiguous label, take the limb that other labels name."""
+    """Return the location of each label without its side, by the limb that others name."""
     words, there = load_layouts().words, set(bare.values())
     several: dict[str, tuple[str, ...]] = {}
     for label, name in bare.items():

@@ -43,7 +43,7 @@ def marker_landmarks(body: Body, names: tuple[str, ...]) -> Landmarks:
 
 
 def placement_precision(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return the (L, 3, 3) precision of locations in 1/m² in the rest frame: ``n nᵀ / s² + (I - n nᵀ) / t²``.
+    """Return the (L, 3, 3) precision of locations in 1/m²: ``n nᵀ / s² + (I - n nᵀ) / t²``.
 
     n is the skin's normal. The deviations s off the skin and t along it depend on the kind of location. Bone under thin
     skin is palpated within a centimetre, but a thigh's middle is not well defined. Raises the errors of

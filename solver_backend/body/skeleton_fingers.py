@@ -42,7 +42,7 @@ def hands_of_skeleton(motion: SkeletonMotion, side: str = "") -> dict[str, str]:
 
 
 def finger_points(motion: SkeletonMotion, roles: Mapping[str, str], side: int) -> Float[np.ndarray, "n 21 3"] | None:
-    """Return (F, 21, 3) ``HAND_POINTS`` of a hand (0 left, 1 right), NaN for missing fingers. None without a hand."""
+    """Return (F, 21, 3) ``HAND_POINTS`` of a hand (0 left, 1 right), or None without one."""
     name = SIDES[side]
     index = {role: motion.names.index(joint) for role, joint in roles.items() if role.startswith(f"{name}_")}
     if not all(f"{name}_{finger}_{_BONES}" in index for finger in _NEEDED) or f"{name}_hand" not in index:
@@ -59,7 +59,7 @@ def finger_points(motion: SkeletonMotion, roles: Mapping[str, str], side: int) -
 
 
 def finger_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return (F, A) angles, see ``measure_angles``, and (F, 3, 3) rotations of the palm, NaN if points are missing."""
+    """Return (F, A) angles (see ``measure_angles``) and (F, 3, 3) rotations of the palm."""
     with np.errstate(invalid="ignore"):
         return measure_angles(points, side), palm_frames(points, side)[:, 2]
 

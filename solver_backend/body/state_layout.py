@@ -15,7 +15,7 @@ without a prior, and residual rotation vectors of joints with a prior."""
 
 @dataclass(frozen=True)
 class PoseLayout:
-    """Layout of a pose's tangent: left rotations of root (world) and joints (parent's frame), translation in metres.
+    """Layout of a pose's tangent: left rotations of root and joints, then translation in m.
 
     ``R(δ) = exp([δ]x) R``, ``t(δ) = t + δ``.
     """

@@ -1,4 +1,4 @@
-"""Check a calibration against a take: errors per camera, image region and time, then scale and up axis."""
+"""Check a calibration against a take: errors by camera, image region and time."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SCALE_DOUBT, TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS, DRIFT = 0.12, 8.0, 3.0, 1.6
 
 @dataclass(frozen=True)
 class CalibrationCheck(CameraFits):
-    """Result of the check, in px unless stated. ``best_px`` is the error after fitting the poses to the take."""
+    """Result of the check, in px. ``best_px`` is the error after fitting the poses."""
 
     all_px: float  # Median reprojection error of all cameras.
     refined_px: float  # Median reprojection error after the poses were adjusted.

@@ -77,7 +77,7 @@ def _lens_values(cameras: Cameras, c: int) -> dict[str, Any]:
 
 
 def coefficients(cameras: Cameras, index: int) -> np.ndarray:
-    """Return the coefficients that the lens needs: 4 for a fisheye, otherwise 5, or 8 if the last are not zero."""
+    """Return the coefficients that the lens needs: 4 for a fisheye, otherwise 5 or 8."""
     return LENS_MODELS[cameras.models[index]].listed(cameras.distortion[index])
 
 
@@ -89,7 +89,7 @@ LEAST_TERMS = 4  # Fewest terms of a written COLMAP model. Simpler models have o
 
 
 def colmap_texts(cameras: Cameras) -> dict[str, str]:
-    """Return the texts of COLMAP's three files by name, in metres, with one image per camera and no points.
+    """Return the texts of COLMAP's three files by name, in metres, without points.
 
     COLMAP's pixel (0.5, 0.5) is the centre of the first pixel, so its principal point differs by half a pixel. Lenses
     are OPENCV (k1 k2 p1 p2), FULL_OPENCV (k1 k2 p1 p2 k3 k4 k5 k6) or OPENCV_FISHEYE.

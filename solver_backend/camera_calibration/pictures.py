@@ -104,7 +104,7 @@ class Canvas:
         return path
 
     def _stroke(self, a: np.ndarray, b: np.ndarray, colour: Colour, radius: float) -> None:
-        """Draw a segment with round ends. A pixel's coverage is ``radius + 1/2`` minus its distance to the segment."""
+        """Draw a segment with round ends, anti-aliased by the distance of each pixel."""
         last = np.array(self.rgb.shape[1::-1]) - 1
         low = np.clip(np.floor(np.minimum(a, b) - radius - 1), 0, last + 1).astype(int)
         high = np.clip(np.ceil(np.maximum(a, b) + radius + 1), -1, last).astype(int) + 1

@@ -98,7 +98,7 @@ def unrolled(R: np.ndarray, turns: Sequence[int]) -> np.ndarray:
 
 
 def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
-    """Return the cameras with one camera changed to another image size (width, height) of the same aspect ratio.
+    """Return the cameras with one image size (width, height) of the same aspect ratio changed.
 
     Pixel (0, 0) is a pixel centre, so ``u' + 0.5 = s (u + 0.5)`` px (as in OpenCV's ``resize``).
     """

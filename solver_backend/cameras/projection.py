@@ -47,7 +47,7 @@ def is_distorted(distortion: Distortion, models: Models) -> bool:
 
 
 def _by_model(models: Models, compute: Callable[..., Any], *arrays: Array) -> Any:
-    """Return the results of a function of (model, *arrays), called once per model with the rows of its cameras.
+    """Return the results of a function of (model, *arrays), called once per model.
 
     The function returns an array, or nested tuples of arrays, with cameras on the first axis.
     """
@@ -80,7 +80,7 @@ def distort(xy: ImagePoints, distortion: Distortion, models: Models) -> ImagePoi
 def distorted(
     x: Coordinate, y: Coordinate, distortion: Distortion, models: Models
 ) -> tuple[Coordinate, Coordinate, tuple[Coordinate, Coordinate, Coordinate]]:
-    """Distort separate (C, ...) coordinates. Also return the entries xx, xy and yy of the symmetric Jacobian."""
+    """Distort separate (C, ...) coordinates, and return the symmetric Jacobian's entries."""
 
     def of_model(model: LensModel, x: Array, y: Array, distortion: Array) -> tuple[Array, Array, tuple[Array, ...]]:
         return model.distort(x, y, _coefficients(distortion, x), array_namespace(x))
@@ -124,7 +124,7 @@ def _largest_radius(model: LensModel, distortion: Array) -> Array:
 
 
 def undistort_normalised(xy: ImagePoints, distortion: Distortion, models: Models) -> ImagePoints:
-    """Return the (C, ..., 2) coordinates that ``distort`` maps to ``xy``, by Newton's method with exact Jacobians.
+    """Return the (C, ..., 2) coordinates that ``distort`` maps to ``xy``, by Newton's method.
 
     They are NaN if no point within ``largest_radius`` is mapped to ``xy``.
     """

@@ -21,7 +21,7 @@ _LEAST_EIGENVALUE = 1e-12
 
 
 def refined_cameras(cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, rounds: int = 6) -> Cameras:
-    """Return the cameras with poses that better fit the detections of one person, by alternating bundle adjustment.
+    """Return cameras whose poses better fit one person's detections (bundle adjustment).
 
     The world frame is preserved only as far as the given poses are consistent.
 
@@ -45,7 +45,7 @@ def refined_cameras(cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, ro
 def resected(
     cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, points: np.ndarray, scale_px: float, steps: int = 5
 ) -> Cameras:
-    """Fit camera poses to known points by Gauss-Newton on ``Σ c ρ(r / scale)`` with the Geman-McClure penalty ρ.
+    """Fit camera poses to known points by Gauss-Newton on ``Σ c ρ(r / scale)``.
 
     A camera moves by ``x_cam ← exp(ω) x_cam + τ``, so ``dx_cam = -[x_cam]x ω + τ``.
 
@@ -173,7 +173,7 @@ def view_distances(
     xy: Float[np.ndarray, "views frames keypoints 2"],
     confidence: Float[np.ndarray, "views frames keypoints"],
 ) -> Float[np.ndarray, " views"]:
-    """Return the (C,) median distances in px from detections to triangulated points, NaN for views without people."""
+    """Return the (C,) median px from detections to triangulated points, NaN without people."""
     points = triangulate(cameras, xy, confidence).points
     px = project(cameras, points)
     off = np.where(confidence > 0, np.linalg.norm(px - xy, axis=-1), np.nan).reshape(len(cameras), -1)
@@ -223,7 +223,7 @@ def estimated_rotation(
 def rotated_back(
     camera: Cameras, px: Float[np.ndarray, "*batch 2"], rotation: Float[np.ndarray, "*turns 3"]
 ) -> Float[np.ndarray, "*batch 2"]:
-    """Return pixels (..., 2) of the camera before it was rotated by ``exp(rotation)``: ``d = exp(ω)ᵀ d_now``.
+    """Return pixels (..., 2) before the camera was rotated by ``exp(rotation)``.
 
     Args:
         camera: one camera before the rotation.

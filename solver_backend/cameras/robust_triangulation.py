@@ -136,7 +136,7 @@ _ROUGHLY_M, _SETTLED_M = 3e-4, 1e-6
 def fit_points(
     arrays: CameraArrays, px: Array, weight: Array, spread: Array, views: UndistortedViews | None = None
 ) -> tuple[Array, Array, Array]:
-    """Return points (N, 3), the views that agree (C, N) and the distance from every detection (C, N) in px.
+    """Return points (N, 3), agreeing views (C, N) and distances of all detections in px.
 
     Args:
         arrays: C cameras.
@@ -202,7 +202,7 @@ def _bounded(step: Array) -> Array:
 
 
 def _errors(arrays: CameraArrays, px: Array, weight: Array, points: Array) -> tuple[Array, Array, Array]:
-    """Return errors (C, N, 2) and Jacobians (C, N, 2, 3), zero where unseen, and a (C, N) mask of seen detections."""
+    """Return errors (C, N, 2), Jacobians (C, N, 2, 3) and a (C, N) mask of seen detections."""
     xp = array_namespace(px)
     projected, J, _ = project_with_jacobian(arrays, points)
     seen = (weight > 0) & xp.isfinite(projected[..., 0])
@@ -231,7 +231,7 @@ def _agreeing(arrays: CameraArrays, px: Array, weight: Array, points: Array, spr
 
 
 def covariance_of(arrays: CameraArrays, weight: Array, points: Array, spread: Array) -> Array:
-    """Return the (N, 3, 3) covariance of the weighted estimator in m², NaN with fewer than two weighted views.
+    """Return the (N, 3, 3) covariance of the estimator in m², NaN below two weighted views.
 
     The covariance is ``σ² A⁻¹ (Σ w² JᵀJ) A⁻¹`` with ``A = Σ w JᵀJ`` (Huber 1967, the sandwich estimator).
     """

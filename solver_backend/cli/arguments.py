@@ -70,7 +70,7 @@ def loaded(args: argparse.Namespace, progress: Progress) -> Capture:
 
 
 def calibration_of(path: Path, names: Sequence[str], called: str, hint: str) -> Calibration:
-    """Return the calibration of the cameras with these names, in that order. Reject other cameras with a hint."""
+    """Return the calibration of these cameras in that order. Reject others with a hint."""
     from solver_backend.io.calibration.read import read_calibration
     from solver_backend.io.calibration.search import ordered
     from solver_backend.io.camera_names import listing, match_names

@@ -46,7 +46,7 @@ def calibrated(args: argparse.Namespace, progress: Progress) -> CalibratedCamera
 
 
 def capture_of(args: argparse.Namespace, progress: Progress, path: Path | None = None) -> Capture:
-    """Read the capture in the arguments, or the one at ``path``, with the reading options of the arguments."""
+    """Read the capture in the arguments or at ``path``, with the reading options."""
     given = args.capture if "capture" in args else args.source
     return load_capture(path or given, **reading(args), progress=progress)
 
@@ -94,7 +94,7 @@ def _by_person(args: argparse.Namespace, progress: Progress) -> CalibratedCamera
 
 
 def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
-    """Return names, lenses, keypoints, and whether lenses are approximate. A calibration of the capture is used."""
+    """Return names, lenses and keypoints of a person, and whether lenses are approximate."""
     try:
         cameras, keypoints = capture_of(args, progress).require_multiview()
     except (CalibrationMissing, CalibrationMismatch):
@@ -106,7 +106,7 @@ def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str]
 
 
 def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
-    """Return the values of ``_person`` for uncalibrated detections. The person is the largest one in each view."""
+    """Return the values of ``_person`` for the largest person of uncalibrated detections."""
     sources = camera_sources(args.source)
     levels = levels_above(args.source)
     config = read_config(levels)

@@ -64,7 +64,7 @@ def _median(errors: np.ndarray | None) -> float | None:
 
 
 def describe_people(capture: Capture) -> list[PersonSummary]:
-    """Return each person's name, agreeing frames and percentage of frames per view, if there are several people."""
+    """Return each person's name, agreeing frames and share of frames, if there are several."""
     people: list[PersonSummary] = []
     for person in capture.people:
         frames = np.flatnonzero(person.agreed)
@@ -88,7 +88,7 @@ def people_lines(people: list[PersonSummary]) -> list[str]:
 
 
 def frames_without_two_views(capture: Capture) -> list[list[int]]:
-    """Return [first, last] of each frame range without a keypoint that two cameras (or the only camera) see."""
+    """Return the frame ranges without a keypoint that two cameras (or the only one) see."""
     return [list(run) for run in true_runs(~capture.placed.any(axis=-1))]
 
 

@@ -80,7 +80,7 @@ def _resting(cloud: MarkerCloud, known: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def describe_person(person: MarkerSubject) -> tuple[str, dict[str, Any]]:
-    """Return text and JSON values of a calibrated person: shape, marker positions and their standard deviations."""
+    """Return text and JSON values of a calibrated person: shape and marker positions."""
     away = 1000 * np.linalg.norm(person.offsets, axis=-1)
     sigma = 1000 * person.sigma_m
     doubts = [*exchanged_in(person), *doubts_of(person), *odd_shape(person.betas)]

@@ -1,4 +1,4 @@
-"""Open the source of a live run: points to fit, a motion to replay, another program's poses, or a phone's face."""
+"""Open the source of a live run: points, a motion, another program, or a phone's face."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
 
 
 def _with_points(session: LiveSession, lines: Iterator[Any], keep_up: Any, *, shown: bool) -> Iterator[LiveLine]:
-    """Yield lines with poses fitted to points and the number of dropped frames, and an event at the first drop."""
+    """Yield lines with poses, the number of dropped frames, and an event at the first drop."""
     named = False
     for line in lines:
         if "frame" not in line:

@@ -61,7 +61,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _run_blender_half(argv: list[str], report: Report) -> int:
-    """Run the add-on's command line, a separate program that the solver does not import, with its exit code."""
+    """Run the add-on's command line as a separate program, and return its exit code."""
     if find_spec("blender_addon") is None:
         hint = "Run it with the package blender_addon, or inside Blender: blender --command manifold_mocap"
         return report.error(

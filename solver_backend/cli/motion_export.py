@@ -144,7 +144,7 @@ def gait_text(gait: Gait) -> str:
 
 
 def cycles_text(cycles: dict[str, np.ndarray]) -> str:
-    """Return a table of mean curves: a row per percent of the cycle, mean and standard deviation of each angle."""
+    """Return a table of mean curves with a row per percent of the cycle."""
     names = [f"{name}{column}" for name in cycles for column in ("_mean_deg", "_sd_deg")]
     values = np.concatenate([np.linspace(0, 100, CYCLE_POINTS)[:, None], *cycles.values()], axis=1)
     return _table(["percent", *names], values)

@@ -80,7 +80,7 @@ def _refuse_unused(clip: Path, options: dict[str, object]) -> None:
 
 
 def _amass(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write AMASS poses as a motion of our mean shape, because AMASS' shape coefficients describe other bodies."""
+    """Write AMASS poses on our mean shape, because their shape coefficients differ."""
     progress("reading the clip", 0, 1)
     clip = any_motion(args.clip, args.body, keep_shape=False, fps=args.fps)
     write_motion(args.out, clip, overwrite=args.overwrite, name=args.clip.stem)
@@ -192,7 +192,7 @@ def _by_pose_ndf(args: argparse.Namespace, work: Callable[[Any, Any], Motion]) -
 
 
 def export_props(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write the props of a motion as JSON: markers, poses and standard deviations, metres and radians, Z up."""
+    """Write the props of a motion as JSON: markers, poses and deviations in metres, Z up."""
     from solver_backend.exchange.motion_file import read_motion
 
     motion = read_motion(args.motion)

@@ -27,7 +27,7 @@ from solver_backend.types import Cameras
 
 
 def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Find markers in the frames of several sensors, and write their points in a marker format or as our capture."""
+    """Find markers in sensor frames, and write them in a marker format or as a capture."""
     folder = folder_of(args)
     take = cloud_of(folder, masks=mask_of(args), clusters=args.clusters, progress=progress)
     if args.out.suffix.lower() == ".npz":

@@ -1,4 +1,4 @@
-"""Run the verb ``sensors live``: points, poses or wand coverage from running sensors, one line per moment."""
+"""Run ``sensors live``: points, poses or wand coverage, one line per moment."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Solve a capture, and write the motion and, if requested, the report. See ``_several`` for several takes."""
+    """Solve a capture, or several, and write the motion and the requested report."""
     jobs = _jobs(args)
     keep_freed_memory()
     if len(jobs) > 1 or jobs[0].person == EVERYBODY:
@@ -145,7 +145,7 @@ def _solve_one(
 
 
 def _starts(job: Job, progress: Progress) -> tuple[Motion | None, list[StartingResult]]:
-    """Return the earlier motion and the network results of ``[CAMERA=]FILE``. A BVH is a result of SAM3DBody."""
+    """Return the earlier motion and the network results of ``[CAMERA=]FILE``."""
     if not job.start_from:
         return None, []
     from solver_backend.cli.motion_reading import network_of_bvh
@@ -235,7 +235,7 @@ def _write_page(page: Path, job: Job, capture: Capture, motion: Motion, progress
 
 
 def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[TakesResult]:
-    """Solve jobs one after another, for all people if a job requests it. A failure does not stop the others.
+    """Solve jobs one after another, for all people if requested, despite failures.
 
     The result has ``takes``, each as reported by ``solve``, and ``failed`` with capture, person and the error's fields.
     If all fail, the first error is raised.
@@ -299,7 +299,7 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[Ta
 
 
 def _meetings(ended: Sequence[tuple[Job, str, object]]) -> Iterator[tuple[int, list[Motion]]]:
-    """Yield the index of people who came close to others of their take, and the others' motions as solved alone."""
+    """Yield the index of people who came close to others, and the others' motions."""
     from solver_backend.fitters.other_skin import only_close
     from solver_backend.io.native.motion_file import read_motion
 

@@ -1,4 +1,4 @@
-"""Run the studio verbs: make a data set, compare solves on it, and predict the errors of camera arrays."""
+"""Run the studio verbs: make data sets, compare solves and predict camera errors."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ def _given(args: argparse.Namespace, *names: str) -> dict[str, Any]:
 
 
 def _trained(finished: Finished, lines: list[str], figures: dict[str, float]) -> Outcome:
-    """Report the path and figures of the weights, and the held-out subjects that are missing in the figures."""
+    """Report path and figures of the weights, and held-out subjects without figures."""
     if finished.absent:
         lines = [f"  held-out subjects not among the recordings: {', '.join(finished.absent)}", *lines]
     data = {"weights": str(finished.weights), "absent_subjects": list(finished.absent), **figures}

@@ -160,7 +160,7 @@ def demo_capture(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def evaluate(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Compare a motion with the ground truth of a synthetic capture and, for views, with low-pass triangulation."""
+    """Compare a motion with the ground truth, and with triangulation if there are views."""
     from solver_backend.evaluation.evaluate import evaluate as compare
     from solver_backend.io.native.motion_file import read_motion
 

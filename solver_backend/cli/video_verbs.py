@@ -120,7 +120,7 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _summary(found: dict[str, tuple[Diagnostic, ...]], failed: list[str]) -> tuple[str, ...]:
-    """Return a line per warning and a last line. For several takes, the last line lists the takes to check."""
+    """Return a line per warning, and a last line with the takes to check."""
     if len(found) + len(failed) == 1:
         return tuple(line for items in found.values() for line in summarise(items))
     doubtful = {name: summarise(items)[:-1] for name, items in found.items()}
@@ -130,7 +130,7 @@ def _summary(found: dict[str, tuple[Diagnostic, ...]], failed: list[str]) -> tup
 
 
 def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | None:
-    """Return the capture of the only take in a folder of videos, by the default detector. None without videos.
+    """Return the capture of the only take in a folder of videos, None without videos.
 
     Args:
         out: folder for detections and clocks.

@@ -1,4 +1,4 @@
-"""Compare a motion with the ground truth, and with triangulation and filtering if the capture has views."""
+"""Compare a motion with the ground truth, and with filtered triangulation."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from solver_backend.types import Cameras, Capture, Keypoints2D, Motion
 
 
 def triangulate_and_filter(cameras: Cameras, keypoints: Keypoints2D, cutoff_hz: float = 6.0) -> np.ndarray:
-    """Return (F, K, 3) triangulated and filtered points in metres, NaN only for keypoints that two views never see.
+    """Return (F, K, 3) triangulated and filtered points in metres, NaN if never seen.
 
     The fourth-order filter with this cut-off runs forwards and backwards.
     """
@@ -39,7 +39,7 @@ def triangulate_and_filter(cameras: Cameras, keypoints: Keypoints2D, cutoff_hz: 
 
 
 def bridged(points: np.ndarray) -> np.ndarray:
-    """Return (F, K, 3) points with gaps interpolated linearly in time, and constant before and after the data."""
+    """Return (F, K, 3) points with gaps interpolated linearly and constant ends."""
     frames = np.arange(len(points))
     filled = points.copy()
     for k in range(points.shape[1]):
@@ -68,7 +68,7 @@ def butterworth(signal: np.ndarray, fps: float, cutoff_hz: float) -> np.ndarray:
 
 
 def _second_order_section(w: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return (b, a) of the bilinear second-order Butterworth section with warped cut-off ``w = tan(pi f / fps)``."""
+    """Return (b, a) of the bilinear second-order Butterworth section, cut-off pre-warped."""
     norm = 1 + np.sqrt(2.0) * w + w * w
     return np.array([w * w, 2 * w * w, w * w]) / norm, np.array([2 * (w * w - 1), 1 - np.sqrt(2.0) * w + w * w]) / norm
 
@@ -90,7 +90,7 @@ CODED_FRAMES = 2 * LATENT_DIM + 2  # Fewest frames for FID and DIV: two halves w
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Errors of a motion and of the baseline on the same capture. None if the capture or motion lacks the data."""
+    """Errors of a motion and of the baseline on the same capture, None without data."""
 
     joints_mpjpe_mm: float  # Mean error of the joints that motion and truth share, usually SMPL's 24.
     joints_rmse_mm: float  # Mean over frames of the root of the mean squared error of the joints (thesis eq. 4.28).
@@ -208,7 +208,7 @@ def evaluate(capture: Capture, motion: Motion) -> Evaluation:
 
 
 def _of_feet(found: np.ndarray, true: np.ndarray, names: tuple[str, ...]) -> dict[str, float]:
-    """Return the skating if motion and truth have SMPL's 24 joints. The floor is at the lowest toe of the truth."""
+    """Return the skating of SMPL's feet, with the floor at the truth's lowest toe."""
     if names != SMPL.joints:
         return {}
     toes = [names.index(name) for name in ("left_foot", "right_foot")]
@@ -237,7 +237,7 @@ def _of_angles(capture: Capture, motion: Motion) -> dict[str, float]:
 
 
 def _of_codes(found: np.ndarray, true: np.ndarray) -> dict[str, float]:
-    """Return FID and DIV. Return nothing for few frames or without VPoser, which is not part of the extension."""
+    """Return FID and DIV, or nothing for few frames or without VPoser."""
     if len(found) < CODED_FRAMES:
         return {}
     try:

@@ -22,7 +22,7 @@ _SHOWN = (*_CAMERA_SHAPES, *_OTHERS.split(), "joint_set", "marker_positions", "m
 
 @dataclass(frozen=True)
 class CameraFile:
-    """One calibrated camera with OpenCV's axes: ``x_cam = R @ x_world + t``. Pixel (0, 0) is the centre of a pixel."""
+    """One calibrated camera with OpenCV's axes: ``x_cam = R @ x_world + t``."""
 
     name: str
     K: np.ndarray  # (3, 3) intrinsic matrix in pixels.
@@ -82,7 +82,7 @@ def read_capture(path: Path) -> CaptureFile:
 
 
 def portable_path(path: Path | None, folder: Path) -> str:
-    """Return the path of footage in a capture file. It is relative inside the file's folder, and "" for no footage."""
+    """Return a footage path relative to the capture file's folder if inside, "" for none."""
     if path is None:
         return ""
     full, base = os.path.abspath(path), os.path.abspath(folder)

@@ -1,4 +1,4 @@
-"""Edit whole clips: trim, resample, retime, mirror, in place and root motion. Each edit returns a new motion.
+"""Edit whole clips: trim, resample, retime, mirror, in place and root motion.
 
 Rotations and the pelvis are interpolated by cubic splines, other numbers linearly. Contacts and flags come from the
 nearest frame. Joint positions follow from the tree, so bone lengths do not change.
@@ -37,7 +37,7 @@ _SIX = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))
 def pose_tree(
     rest: np.ndarray, parents: tuple[int, ...], rotvec: np.ndarray, transl: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pose a tree of joints: ``G_j = G_p R_j``, ``p_j = p_p + G_p (J_j - J_p)`` (Loper et al. 2015, eqs. 3-4).
+    """Pose a tree of joints: ``G_j = G_p R_j``, ``p_j = p_p + G_p (J_j - J_p)``.
 
     Args:
         rest: (J, 3) joint positions at rest in metres.
@@ -58,7 +58,7 @@ def pose_tree(
 
 
 def unpose(parents: tuple[int, ...], rotvec: np.ndarray, joints: np.ndarray, transl: np.ndarray) -> np.ndarray:
-    """Return (J, 3) rest joints from one pose: ``J_j = J_p + G_pᵀ (x_j - x_p)``, and ``J_0 = x_0 - transl``.
+    """Return (J, 3) rest joints from one pose: ``J_j = J_p + G_pᵀ (x_j - x_p)``.
 
     Args:
         parents: parent of each joint, -1 at the root.
@@ -88,7 +88,7 @@ def rest_joints(motion: MotionFile) -> np.ndarray:
 
 
 def repose(motion: MotionFile, rotvec: np.ndarray, pelvis: np.ndarray) -> MotionFile:
-    """Replace the rotation vectors (F, J, 3) and the pelvis positions (F, 3). Joint positions follow from the tree."""
+    """Replace the rotation vectors (F, J, 3) and the pelvis positions (F, 3)."""
     rest = rest_joints(motion)
     transl = pelvis - rest[0]
     joints = pose_tree(rest, motion.body_layout.parents, rotvec, transl)[1]
@@ -101,7 +101,7 @@ def unobserved(motion: MotionFile) -> MotionFile:
 
 
 def note_edit(motion: MotionFile, edit: str, **values: Any) -> MotionFile:
-    """Add an edit to a motion's provenance. An earlier text that is not a JSON object is kept under ``earlier``."""
+    """Add an edit to a motion's provenance, with other earlier text under ``earlier``."""
     record = _record_of(motion)
     record["edits"] = [*edits_of(motion), {"verb": f"motion {edit}", **values}]
     return replace(motion, provenance=json.dumps(record, sort_keys=True))
@@ -122,7 +122,7 @@ def _record_of(motion: MotionFile) -> dict[str, Any]:
 
 
 def require_own_frames(edits: Sequence[object], where: str) -> None:
-    """Raise MotionInvalid if these edits changed the correspondence between motion frames and recorded frames."""
+    """Raise MotionInvalid if edits changed which recorded frame a motion frame shows."""
     for edit in edits:
         if isinstance(edit, Mapping) and edit.get("verb") in _MOVED:
             what = f"The motion was changed by {edit['verb']}, so its frames no longer match the recording."
@@ -206,7 +206,7 @@ def _turns_at(rotvec: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def _spline(values: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Interpolate (F, ...) values at N frames by cubic splines (Catmull and Rom 1974), with parabolas at the ends."""
+    """Interpolate (F, ...) values at N frames by cubic splines (Catmull and Rom 1974)."""
     if len(values) < 3:
         return _between(values, at, 0)
     ends = (3 * (values[a] - values[b]) + values[c] for a, b, c in (([0], [1], [2]), ([-1], [-2], [-3])))
@@ -218,7 +218,7 @@ def _spline(values: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def _between(values: np.ndarray, at: np.ndarray, axis: int) -> np.ndarray:
-    """Interpolate values linearly between frames along an axis. Times exactly at a frame return that frame."""
+    """Interpolate values linearly between frames along an axis, exact at frames."""
     first = np.minimum(at.astype(int), values.shape[axis] - 1)
     second = np.minimum(np.ceil(at).astype(int), values.shape[axis] - 1)
     u = (at - first).reshape(-1, *[1] * (values.ndim - 1 - axis))

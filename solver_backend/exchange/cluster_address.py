@@ -42,7 +42,7 @@ def require_safe(address: str) -> None:
 
 
 def require_certificates(address: str, known: object) -> None:
-    """Raise ``SchedulerUnsafe`` if a scheduler uses TLS and Dask has no certificates (its setting ``ca-file``)."""
+    """Raise ``SchedulerUnsafe`` if a scheduler uses TLS and Dask has no certificates."""
     if address.startswith("tls://") and not known:
         what = f"The scheduler {address} uses TLS, but no certificates were given."
         raise SchedulerUnsafe(what, where=address, hint="Give the folder with its certificates: --tls FOLDER.")
@@ -56,7 +56,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def use_certificates(folder: Path) -> None:
-    """Pass the certificates of a folder to Dask in this process and its children. Call it before importing Dask."""
+    """Pass the certificates of a folder to Dask. Call this before importing Dask."""
     for name, file in CERTIFICATES.items():
         path = folder.absolute() / file
         if not path.is_file():

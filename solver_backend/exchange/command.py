@@ -52,7 +52,7 @@ class Cancellation:
 
 @contextmanager
 def signals_handled(handler: Any) -> Iterator[None]:
-    """Handle cancelling signals with a function while the block runs. Only the main thread receives signals."""
+    """Handle cancelling signals with a function while the block runs (main thread)."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -74,7 +74,7 @@ def cancel_on_signals(error: Callable[[], BaseException] = cancelled) -> Iterato
 
 @contextmanager
 def cancelling_until_held() -> Iterator[Callable[[], None]]:
-    """Yield a function that delays signals until the block ends, so that a recording is written completely."""
+    """Yield a function that delays signals, so that a recording is written completely."""
     with ExitStack() as stack:
         yield lambda: stack.enter_context(signals_handled(signal.SIG_IGN))
 

@@ -109,7 +109,7 @@ class EventLine(TypedDict):
 
 
 class PoseValues(TypedDict):
-    """One pose: rotation vectors of the root and the other joints in radians, and the translation in metres."""
+    """One pose: rotation vectors of root and joints in radians, translation in metres."""
 
     root: list[float]
     pose: list[float]

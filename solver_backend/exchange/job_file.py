@@ -103,7 +103,7 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
 
 
 def start_of(text: str, folder: Path = Path()) -> tuple[str, Path]:
-    """Return the camera ("" for none) and the file of ``[CAMERA=]FILE``. Relative paths start at ``folder``.
+    """Return camera ("" for none) and file of ``[CAMERA=]FILE``, relative to ``folder``.
 
     A text that is the name of an existing file is that file, even if it contains an equals sign.
     """

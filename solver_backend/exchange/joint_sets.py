@@ -25,7 +25,7 @@ _SIDE = re.compile(r"^(left|right)(?=_)|(?<=^mouth_)(left|right)$")
 
 
 def _columns(text: str) -> tuple[str, ...]:
-    """Return keypoints by column. ``left:arm`` lists the parts of one side, ``both:arm`` left and right alternately."""
+    """Return keypoints by column. ``both:arm`` alternates between left and right."""
     found: list[str] = []
     for word in text.split():
         side, _, part = word.rpartition(":")

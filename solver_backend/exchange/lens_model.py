@@ -1,4 +1,4 @@
-"""Define the interface of a lens model: its terms, its formula with derivatives, and its names in files."""
+"""Define the interface of a lens model: terms, formula, derivatives and names."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MOST_TERMS = 8  # Maximum number of coefficients of a lens. Shorter models are p
 
 @dataclass(frozen=True)
 class LensModel:
-    """One lens model. Its functions accept arrays of any namespace ``xp`` that follows the array interface."""
+    """One lens model, with functions for arrays of any namespace ``xp``."""
 
     name: str  # Name in files and messages.
     terms: tuple[str, ...]  # Names of the coefficients, in order.

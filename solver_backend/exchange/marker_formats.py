@@ -44,7 +44,7 @@ _KINDS = {
 
 
 def other_kind(found: str, expected: str, where: str) -> FileDamaged:
-    """Return the error for a file in another format than expected. ``found`` is "" if it has no known format."""
+    """Return the error for a file in another format (``found``, "" if unknown)."""
     wanted = _KINDS[expected][0]
     if found in _KINDS:
         what, readers = _KINDS[found]

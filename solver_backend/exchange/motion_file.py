@@ -155,7 +155,7 @@ def is_motion(path: Path) -> bool:
 
 
 def read_motion(path: Path, *layouts: BodyLayout, whole: bool = False) -> MotionFile:
-    """Read the displayed parts of a motion file with a given layout (SMPL's, with or without fingers), or of AMASS.
+    """Read the displayed parts of a motion file with a given layout, or of AMASS.
 
     ``whole`` reads all parts.
 

@@ -80,7 +80,7 @@ class Members:
 
 
 def read_array_header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype, bool, int]:
-    """Return shape, type, whether columns come first, and header size in bytes (NumPy's format, versions 1 to 3)."""
+    """Return shape, type, column order and header size in bytes (NumPy's versions 1 to 3)."""
     magic = stream.read(8)
     version = magic[6] if len(magic) == 8 and magic[:6] == b"\x93NUMPY" else 0
     width = _LENGTH_BYTES.get(version, 0)

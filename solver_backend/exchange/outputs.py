@@ -1,4 +1,4 @@
-"""Write output files completely or not at all, under temporary names that are renamed together at the end."""
+"""Write output files completely or not at all, by renaming temporary files together."""
 
 from __future__ import annotations
 
@@ -196,7 +196,7 @@ def atomic_output(path: Path | str, *, overwrite: bool = False) -> Iterator[Path
 
 @contextmanager
 def atomic_files(paths: Sequence[Path | str], *, overwrite: bool = False) -> Iterator[list[Path]]:
-    """Yield a temporary path next to each path. If the block succeeds, all written files are renamed together.
+    """Yield a temporary path next to each path, and rename all files after success.
 
     New folders are removed if nothing was written.
     """

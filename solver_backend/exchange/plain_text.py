@@ -1,4 +1,4 @@
-"""Make text safe to display: remove characters that control a terminal or change the reading direction."""
+"""Remove characters that control a terminal or change the reading direction."""
 
 from __future__ import annotations
 

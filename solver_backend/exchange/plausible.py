@@ -1,4 +1,4 @@
-"""Define bounds of possible numbers in motions and recordings, which the types of solver and add-on check."""
+"""Define bounds of possible numbers in motions and recordings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read the arrays of an npz file by name, kind and shape, with errors that name the file and the field."""
+"""Read the arrays of an npz file by name, kind and shape."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ class Fields:
         self._require_version(self.number("version"), version, "program")
 
     def accept_format(self, name: str, version: int) -> None:
-        """Raise ``FileDamaged`` if the file states another format or a later version. A missing format is accepted."""
+        """Raise ``FileDamaged`` if the file states another format or a later version."""
         found = self.text("format", name)
         if found != name:
             raise other_kind(found, name, str(self.path))

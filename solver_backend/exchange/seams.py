@@ -268,7 +268,7 @@ def find_loop(
 
 
 def find_cycles(motion: MotionFile, shortest_s: float = SHORTEST_S) -> list[tuple[int, int]]:
-    """Return (first frame, replaced frame) of each cycle. The best come first, short ones before long ones.
+    """Return (first frame, replaced frame) of each cycle, the best and short ones first.
 
     Frame pairs are compared by positions and velocities of the joints relative to the body's position and direction
     (Kovar et al. 2002, "Motion Graphs"), and by foot contacts. The nearest pairs are compared joint by joint.
@@ -358,7 +358,7 @@ def close_cycle(motion: MotionFile, first: int, last: int, blend_s: float = BLEN
 
 
 def _jump(closed: MotionFile, motion: MotionFile, last: int) -> tuple[float, float]:
-    """Return the largest rotation (degrees) and distance (mm) between the last steps of closed cycle and take."""
+    """Return the largest rotation (degrees) and distance (mm) at the seam of a cycle."""
     one, two = quat_from_rotvec(closed.rotvec[-2:]), quat_from_rotvec(motion.rotvec[last - 1 : last + 1])
     turns = quat_multiply(
         _conjugate(quat_multiply(_conjugate(two[0]), two[1])), quat_multiply(_conjugate(one[0]), one[1])
@@ -369,7 +369,7 @@ def _jump(closed: MotionFile, motion: MotionFile, last: int) -> tuple[float, flo
 
 
 def _with_closed_root(cycle: MotionFile, placement: Placement) -> MotionFile:
-    """Close the root path of a cycle: its end meets its placed start. The difference is spread over the cycle."""
+    """Close a cycle's root path by spreading the difference of its ends over the cycle."""
     if cycle.root is None:
         return cycle
     gap = placement.path(cycle.root[:1])[0] - cycle.root[-1]
@@ -450,7 +450,7 @@ def join(first: MotionFile, second: MotionFile, blend_s: float = BLEND_S) -> tup
 
 
 def splice(motion: MotionFile, part: MotionFile, first: int, fades: tuple[int, int] = (0, 0)) -> MotionFile:
-    """Replace the poses of a motion from frame ``first`` on with those in ``part``, and add the part's last edit.
+    """Replace the poses of a motion from frame ``first`` on with ``part``.
 
     Args:
         fades: number of frames at the start and end of the part that fade in and out.
@@ -489,7 +489,7 @@ def join_notes(first: MotionFile, second: MotionFile) -> list[str]:
 
 
 def _in_shape_of(motion: MotionFile, other: MotionFile) -> MotionFile:
-    """Transfer a motion to the bones of another one. Its pelvis height is scaled so that feet stay on the floor."""
+    """Transfer a motion to another one's bones, with a pelvis height that keeps feet down."""
     rest, ratio = rest_joints(other), _legs(other) / _legs(motion)
     if np.allclose(rest - rest[0], rest_joints(motion) - rest_joints(motion)[0], atol=1e-5):
         return motion
@@ -499,7 +499,7 @@ def _in_shape_of(motion: MotionFile, other: MotionFile) -> MotionFile:
 
 
 def _legs(motion: MotionFile) -> float:
-    """Return the summed hip-to-ankle length of both legs in metres. Raise MotionInvalid if the body has no legs."""
+    """Return the hip-to-ankle length of both legs in metres. Raise MotionInvalid without legs."""
     rest = rest_joints(motion)
     length = sum(float(np.linalg.norm(rest[a] - rest[b])) for leg in _LEGS for a, b in pairwise(leg))
     if length == 0.0:

@@ -200,14 +200,14 @@ def check_settings(values: Any) -> None:
 
 
 def _in_metres(row: Setting, value: Any) -> str:
-    """Return a hint for a length that would be valid in centimetres or millimetres, or "" for any other length."""
+    """Return a hint for a length that would be valid in cm or mm, else ""."""
     sizes = (value / 100, value / 1000) if row.unit == "m" and _is_number(value, Real) and value > 0 else ()
     valid = [size for size in sizes if row.accepts(size)]
     return f"Lengths are in metres: {valid[0]:g}." if valid else ""
 
 
 def known_values(cls: Any, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Prepare plain values for a settings dataclass: lists become tuples, None is omitted. Reject unknown names."""
+    """Prepare plain values for a settings dataclass, and reject unknown names."""
     known = settings_of_class(cls)
     unknown = sorted(set(values) - set(known))
     if unknown:

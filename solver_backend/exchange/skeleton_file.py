@@ -1,4 +1,4 @@
-"""Read and write skeleton files, which pass a moving skeleton of any source file from Blender to the solver."""
+"""Read and write skeleton files, which pass a moving skeleton to the solver."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class SkeletonMotion:
     fps: float
 
     def __post_init__(self) -> None:
-        """Raise ``MotionInvalid`` for no frames, equal names, impossible positions, invalid rotations, or no rate."""
+        """Raise ``MotionInvalid`` for no frames, equal names, or impossible numbers."""
         if not len(self.joints):
             raise MotionInvalid("The motion has no frames.", where=self.name)
         require_distinct(self.names, self.name)

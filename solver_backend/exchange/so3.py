@@ -6,7 +6,7 @@ import numpy as np
 
 
 def quat_from_rotvec(rotvec: np.ndarray) -> np.ndarray:
-    """Convert rotation vectors (..., 3) to quaternions wxyz (..., 4): ``(cos(a/2), sin(a/2) v/a)`` with a = |v|."""
+    """Convert rotation vectors (..., 3) to quaternions wxyz (..., 4)."""
     half = np.linalg.norm(rotvec, axis=-1, keepdims=True) / 2
     # np.sinc(x) = sin(pi x) / (pi x), so the vector part is finite at angle 0.
     return np.concatenate([np.cos(half), np.sinc(half / np.pi) / 2 * rotvec], axis=-1)
@@ -75,7 +75,7 @@ def rotvec_from_matrix(R: np.ndarray) -> np.ndarray:
 
 
 def sign_continuous(quat: np.ndarray) -> np.ndarray:
-    """Choose the signs of (F, ..., 4) quaternions so that ``q[f] . q[f + 1] >= 0``, and w >= 0 in the first frame.
+    """Choose signs of (F, ..., 4) quaternions so that neighbours have ``q · q' >= 0``.
 
     q and -q are the same rotation, but curves between them pass through zero.
     """

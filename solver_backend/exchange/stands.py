@@ -1,4 +1,4 @@
-"""Find frame ranges with standing feet, from slow and low points. Breaks too short for a step are ignored."""
+"""Find frame ranges with standing feet, from slow and low points."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _HALF_S = 0.03  # Seconds before and after a frame for measuring speed.
 
 
 def steps(points: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the displacement of points around each frame, (F, K, 3) metres, and its duration, (F, 1) seconds."""
+    """Return displacements around each frame, (F, K, 3) metres, and duration, (F, 1) seconds."""
     half, index = max(1, round(_HALF_S * fps)), np.arange(len(points))
     before, after = np.maximum(index - half, 0), np.minimum(index + half, len(points) - 1)
     # A single frame has no displacement, so any duration is valid.

@@ -115,7 +115,7 @@ class Parser(argparse.ArgumentParser):
     rows: Collection[Setting] = ()
 
     def error(self, message: str) -> NoReturn:
-        """Raise ``CommandLineInvalid`` with our message. The hint is the argument's help, a similar word or usage."""
+        """Raise ``CommandLineInvalid`` with our message, and with help, a word or usage as hint."""
         hint = " ".join(["Usage:", *self.format_usage().split()[1:]])
         if named := re.fullmatch(r"argument (\S+): (.*)", message, re.DOTALL):
             name, text = named[1].split("/")[-1], named[2]
@@ -170,7 +170,7 @@ class Program:
         return [verb for verb in self.verbs.values() if not verb.hidden]
 
     def parse(self, argv: list[str]) -> argparse.Namespace:
-        """Parse the command line. Return the verb as ``verb``, and options that the verb passes on as ``rest``.
+        """Parse the command line into ``verb``, its settings, and ``rest`` to pass on.
 
         Raises:
             CommandLineInvalid: it is invalid. The hint is the usage or the nearest known word.
@@ -234,7 +234,7 @@ class Program:
         return "\n\n".join("\n".join(lines) for lines in lists if lines[1:])
 
     def _suggest_verb(self, name: str) -> str:
-        """Return a question that suggests verbs with the same words in another order, or the most similar verb."""
+        """Return a question that suggests verbs with the same words, or the most similar verb."""
         words = set(re.split("[ -]", name))
         same = [known for known in self.verbs if words <= set(re.split("[ -]", known))]
         return f"Did you mean {either(same)}?" if same else suggest(name, self.verbs)

@@ -1,4 +1,4 @@
-"""Define the result events of verbs on which another program depends. ``events`` checks them on arrival."""
+"""Define the result events of verbs on which another program depends."""
 
 from __future__ import annotations
 

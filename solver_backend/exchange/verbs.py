@@ -1,4 +1,4 @@
-"""Load the verbs of the solver from ``verbs.json``. Both programs, panels and reference pages use this table."""
+"""Load the verbs of the solver from ``verbs.json``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Tables = Mapping[str, Iterable[str]]  # Values of choices by the name that a tab
 
 
 def read_rows(items: Sequence[Any], named: Named, tables: Tables) -> Iterator[Setting]:
-    """Yield the settings of a list in a table. Unknown names and fields raise ``KeyError`` or ``TypeError``.
+    """Yield the settings of a list in a table. Unknown names raise ``KeyError``.
 
     Args:
         items: each is a name in ``named``, or the fields of a ``Setting``. The name is under the key ``place`` for an

@@ -1,4 +1,4 @@
-"""Fit motions to measurements. The public names are ``solve``, ``resolve_range``, their settings and results."""
+"""Fit motions to measurements."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

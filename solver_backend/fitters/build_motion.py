@@ -110,7 +110,7 @@ def build_motion(
     scale: float,
     provenance: dict[str, Any],
 ) -> Motion:
-    """Return the motion of F solved frames with the results of ``layers``. ``provenance`` is stored unchanged."""
+    """Return the motion of F solved frames with the results of ``layers``."""
     subject, frames, posed = solved.subject, solved.frames, PosedTake.of(measurements, solved)
     reprojection_px, statistics = measurements.source.report(posed.points)
     outliers = posed.deviations[np.isfinite(posed.deviations)] > 2 * scale

@@ -24,7 +24,7 @@ def keep_freed_memory() -> None:
 
 
 def give_back_freed_memory() -> None:
-    """Return free pages to the system. On long takes glibc keeps gigabytes of memory that threads have freed.
+    """Return free pages to the system, because glibc keeps gigabytes of freed memory.
 
     Does nothing on other systems. Reference: malloc_trim(3), Linux.
     """

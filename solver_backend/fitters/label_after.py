@@ -1,4 +1,4 @@
-"""Label a take from another take of the same person and layout, using distances and the labelling network."""
+"""Label a take from another take of the same person and layout."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def labelled_as_person(
     *,
     kept: Collection[str] = (),
 ) -> Capture:
-    """Return a capture labelled with a person's markers instead of the network's. Names in ``kept`` do not change.
+    """Return a capture labelled with a person's markers, except names in ``kept``.
 
     Raises:
         SubjectInvalid: the person has another body or wears other markers.

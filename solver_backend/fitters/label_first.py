@@ -47,7 +47,7 @@ with half the points named, and 178 to 514 mm in 60 sets of 40 to 100 random poi
 
 
 def needs_labels(cloud: MarkerCloud) -> bool:
-    """Return whether a solve needs more labelled markers, or at least half of the observed points have no name."""
+    """Return whether a solve needs more labelled markers, or half of the points no name."""
     if cloud.labels is None:
         return True
     names = _names(cloud)
@@ -65,7 +65,7 @@ def _names(cloud: MarkerCloud) -> MarkerNames:
 
 
 def has_own_names(cloud: MarkerCloud) -> bool:
-    """Return whether most points have user-defined names. Each name then belongs to one marker in all frames."""
+    """Return whether most points have user-defined names, one marker each in all frames."""
     labels = cloud.labels or ()
     return sum(not is_unnamed(label) for label in labels) > len(labels) / 2
 
@@ -190,7 +190,7 @@ def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
 
 
 def _by_own_names(capture: Capture, otherwise: MarkersUnknown) -> Capture:
-    """Return a partly labelled capture unchanged if its names are enough for a solve, else raise ``otherwise``."""
+    """Return a partly labelled capture if its names suffice, else raise ``otherwise``."""
     cloud = capture.markers
     assert cloud is not None
     known = _names(cloud).known

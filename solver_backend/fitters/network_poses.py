@@ -88,7 +88,7 @@ def with_network_results(
     results: Sequence[StartingResult],
     like: Array,
 ) -> Measurements:
-    """Add a layer for each network result. A single camera's solve starts from its result if that is more precise.
+    """Add a layer per network result, and start from a more precise result.
 
     Raises:
         JobInvalid: a result's camera does not exist, or is not named although there are several.
@@ -218,7 +218,7 @@ def _lengths(points: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
 
 
 def distances(points: np.ndarray, view: _View, frames: np.ndarray) -> np.ndarray:
-    """Return the (F,) RMS distances of points from their rays in metres per axis, for the best position and size.
+    """Return the (F,) RMS distances of points from their rays in metres per axis.
 
     ``min_{s, t} Σ w |x - s p_xy - t|²`` (weak perspective), divided by the best s. NaN if there are too few points.
     ``points`` (F, L, 3) belong to the take's ``frames`` (F,).
@@ -309,7 +309,7 @@ def _require_not_mirrored(points: np.ndarray, view: _View, off: float, result: S
 
 
 def _sight(view: _View) -> np.ndarray:
-    """Return the (F, 3) unit directions from the camera to the person in the world. The take's mean fills gaps."""
+    """Return the (F, 3) unit directions from camera to person, by the mean in gaps."""
     total = np.maximum(view.weight.sum(axis=1), 1e-9)[:, None]
     middle = np.einsum("fl,fla->fa", view.weight, np.nan_to_num(view.image)) / total
     seen = view.weight.sum(axis=1) > 0
@@ -319,7 +319,7 @@ def _sight(view: _View) -> np.ndarray:
 
 
 def _reference(measurements: Measurements, body: Body, sight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (F, L, 3) other estimates of the points in metres, and their (F, L) variance along the line of sight.
+    """Return (F, L, 3) other estimates of the points, and their variance in depth.
 
     These are the lifted pose for one camera, and triangulated points for several.
     """
@@ -337,7 +337,7 @@ def _reference(measurements: Measurements, body: Body, sight: np.ndarray) -> tup
 def deviations(
     points: np.ndarray, view: _View, sight: np.ndarray, other: np.ndarray, variance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Estimate (L, 2) deviations of a result's points across and along the line of sight, in metres per axis.
+    """Estimate (L, 2) deviations of a result across and along the line of sight in m.
 
     Across, they are the distances of the placed points from their rays. Along, they are the distances from ``other``
     points minus the ``variance`` of these points. The ratio of along to across is at least the ratio of the tracks'

@@ -32,7 +32,7 @@ def spread_vertices(body: Body) -> np.ndarray:
 
 
 def only_close(one: Motion, other: Motion) -> Motion | None:
-    """Return the other person's motion, unseen in frames in which no joints of both are within ``CLOSE_M``.
+    """Return the other person's motion, unseen where no joints are within ``CLOSE_M``.
 
     None if these are all frames. Frames in which either person is unseen count as such.
     """
@@ -82,7 +82,7 @@ class OtherSkin:
         return cls(points, out, rows)
 
     def nearest(self, points: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the signed distance (F, S) of points (F, S, 3) from the plane of the nearest skin, and its normal.
+        """Return the signed distance (F, S) of points from the nearest skin, and its normal.
 
         Distances are negative inside, and infinite beyond ``REACH_M``. ``frames`` (F,) are the numbers of the frames.
         """
@@ -109,7 +109,7 @@ class OtherSkin:
 
 
 def _columns_in(points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return the columns of points (F, S, 3) that in some frame are within reach of the box of the others (F, T, 3)."""
+    """Return the columns of points (F, S, 3) that come within reach of the others' box."""
     if not others.shape[1]:
         return np.zeros(0, int)
     low, high = others.min(axis=1, keepdims=True) - REACH_M, others.max(axis=1, keepdims=True) + REACH_M

@@ -1,4 +1,4 @@
-"""Locate user-defined points on their bones in a first solve, and use them as measurements in a second one.
+"""Locate user-defined points on their bones, and use them in a second solve.
 
 The position on a bone b is found as for unknown markers: ``o = median_f G_bᵀ (x - p_b)`` with the bone's rotation G and
 joint p (see ``attach``). If the first solve guessed a bone's rotation, the position has the same error. Positions,
@@ -129,7 +129,7 @@ def place_points(own: OwnPoints, solved: SolvedFrames) -> PlacedPoints:
 
 
 def fit_places(full: Problem, solved: SolvedFrames, placed: PlacedPoints, settings: SolveSettings) -> PlacedPoints:
-    """Fit the positions to the detections together with shape and sample poses. ``full`` measures all points."""
+    """Fit the positions to the detections together with shape and sample poses."""
     count, subject = len(placed.points), solved.subject
     frames = sample_frames(full.measurements, SAMPLE_FRAMES)
     poses = solved.frames.select(index(frames, solved.frames.transl))

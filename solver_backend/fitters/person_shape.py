@@ -68,7 +68,7 @@ def fit_shape(
     settings: LMSettings,
     shape_prior: ShapePrior = ShapePrior(),
 ) -> tuple[Subject, FrameStates]:
-    """Fit shape, landmark offsets and the poses of a sample of frames together (arrowhead normal equations).
+    """Fit shape, landmark offsets and sample poses together (arrowhead equations).
 
     ``subject`` has the initial shape and offsets. ``scales`` are decreasing Geman-McClure scales.
     """
@@ -164,7 +164,7 @@ def _prior_precision(subject: Subject, shape_prior: ShapePrior) -> Array:
 def _point_jacobian(
     subject: Subject, frames: PosedFrames, objective: FrameObjective, scale: float
 ) -> tuple[Array, Array, Array, Array]:
-    """Return (F, L, 3, p + 10 + 3 L) derivatives of the landmarks, and gradient, information and cost of the data."""
+    """Return the landmarks' derivatives, and gradient, information and cost of the data."""
     posed = pose(subject, frames, jacobian=True)
     xp = array_namespace(posed.points)
     count, num = posed.points.shape[:2]
@@ -218,7 +218,7 @@ class Contacts:
     anchors: np.ndarray  # (F, L, 3) metres, mean position during each contact, 0 elsewhere.
 
     def feet(self, names: tuple[str, ...]) -> np.ndarray | None:
-        """Return an (F, 2) mask of frames with a planted point of the left and right foot, None without foot points."""
+        """Return an (F, 2) mask of frames with a planted foot, None without foot points."""
         feet = _foot_columns(names)
         if not feet:
             return None
@@ -234,7 +234,7 @@ class Contacts:
         return replace(self, planted=planted)
 
     def term(self, like: Array, firmness: float = 1.0) -> PositionTerm:
-        """Return the term that attracts planted points to their anchors. ``firmness`` divides the term's deviation."""
+        """Return the term that attracts planted points to their anchors."""
         return foot_contact_term(self.planted, self.anchors, like, SIGMA_M / firmness)
 
 
@@ -288,7 +288,7 @@ RANGE = (0.2, 5.0)  # Limits of a view's keypoint variance relative to the mean 
 
 
 def with_learned_noise(problem: Problem, subject: Subject, sample: PosedFrames, settings: SolveSettings) -> DataTerm:
-    """Return the data term, with variances of each view's points learned from the sample's poses if requested."""
+    """Return the data term, with variances of each view's points learned if requested."""
     data = problem.measurements.term
     if not settings.learn_noise:
         return data

@@ -196,7 +196,7 @@ def prepare(
     start: Motion | None = None,
     results: Sequence[StartingResult] = (),
 ) -> Problem:
-    """Prepare a capture for a solver: its views, or its markers if it has no keypoints. Errors are as in ``solve``."""
+    """Prepare a capture for a solver: its views, or its markers without keypoints."""
     markers = capture.markers if capture.keypoints is None else None
     if markers is None:
         capture.require_views()
@@ -286,7 +286,7 @@ def _prepare_markers(
 
 
 def first_subject(problem: Problem, settings: SolveSettings) -> Subject:
-    """Return the known person or the average one without landmark bias, with the shape of the settings if given."""
+    """Return the known person or the average one, with the shape of the settings if given."""
     if known := problem.measurements.known_person:
         return known
     subject = Subject.average(problem.body, problem.measurements.landmarks, make_origin(settings.backend))
@@ -320,7 +320,7 @@ def solve(
     others: Sequence[Motion] = (),
     each: Stretches = in_turn,
 ) -> Solution:
-    """Solve the motion of the person in a capture from its keypoints, or from its markers if it has no keypoints.
+    """Solve the motion of the person in a capture from its keypoints or markers.
 
     Args:
         prior: decoder of poses from unit codes with zero mean, of any length. None loads ``settings.prior``.
@@ -377,7 +377,7 @@ def solve_problem(
     provenance: Mapping[str, Any] | None = None,
     each: Stretches = in_turn,
 ) -> Solution:
-    """Solve the motion of the person from any measurements. ``provenance`` is added to the motion's record."""
+    """Solve the motion of the person from any measurements, with ``provenance`` in the record."""
     method = METHODS[settings.method]
     full, solved, convergence = _solve_body(problem, settings, progress, each)
     solved, _ = full.measurements.source.after(full, solved, settings, progress)
@@ -458,7 +458,7 @@ def resolve_range(
     settings: SolveSettings = SolveSettings(),
     progress: Progress = silent,
 ) -> Solution:
-    """Solve some frames of an earlier motion again, through poses that the user pinned (see ``solve_range``).
+    """Solve some frames of an earlier motion again, through pinned poses (``solve_range``).
 
     Raises:
         JobInvalid, MotionInvalid: the frame range is outside the take, or the motion belongs to another take or body.

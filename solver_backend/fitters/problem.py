@@ -1,4 +1,4 @@
-"""Define measurements of one person with additional layers, and the problem and solution that they form."""
+"""Define measurements of one person, and the problem and solution that they form."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class SolvedLayer:
     """Layer after the solve."""
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
-        """Return the motion with the layer's results, by default unchanged. ``posed`` is the body in all frames."""
+        """Return the motion with the layer's results. ``posed`` is the body in all frames."""
         return motion
 
 
@@ -49,7 +49,7 @@ class Layer(SolvedLayer):
         return FrameObjective(())
 
     def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
-        """Return the problem with landmarks that the layer adds after a first solve, by default the same problem.
+        """Return the problem with the landmarks that the layer adds after a first solve.
 
         A problem with other landmarks is solved again.
         """
@@ -85,11 +85,11 @@ class PointSource(Layer):
         return True
 
     def report(self, points: np.ndarray) -> tuple[np.ndarray | None, dict[str, float]]:
-        """Return (C, F, L) reprojection errors in pixels, None without images, and statistics of (F, L, 3) points."""
+        """Return (C, F, L) reprojection errors in pixels, and statistics of (F, L, 3) points."""
         raise NotImplementedError
 
     def constant_m(self, layout: BodyLayout) -> np.ndarray:
-        """Return the (J,) standard deviation per axis of errors that do not average out at each joint, in metres."""
+        """Return the (J,) deviation in metres of errors that do not average out at a joint."""
         raise NotImplementedError
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:

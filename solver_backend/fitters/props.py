@@ -38,7 +38,7 @@ SIZE = 12  # Unknowns per frame in world axes: rotation θ (``R ← exp(θ) R``)
 
 @dataclass(frozen=True)
 class PropState:
-    """Poses of a rigid body in F frames, ``x_world = R x + t`` in metres, with spin in rad/s and velocity in m/s."""
+    """Poses of a rigid body in F frames, ``x_world = R x + t``, with spin and velocity."""
 
     R: np.ndarray
     t: np.ndarray
@@ -120,7 +120,7 @@ class PropEquations:
         return np.where(seen, cost, 0.0), np.where(seen, weight, 0.0)
 
     def of_markers(self, state: PropState, scale: float) -> tuple[float, np.ndarray, np.ndarray]:
-        """Return the markers' cost, and their contributions to the blocks (F, 12, 12) and the gradient (F, 12)."""
+        """Return the markers' cost, and their parts of the blocks (F, 12, 12) and gradient."""
         error, turned = self.residuals(state)
         cost, weight = self.weights(error, scale)
         weight = weight / self.sigma_m**2
@@ -135,7 +135,7 @@ class PropEquations:
         return 0.5 * float(cost.sum()), H, g
 
     def _between(self, state: PropState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (F - 1, 12) errors between frames, and their Jacobians by the frame before and the frame after."""
+        """Return (F - 1, 12) errors between frames, and their Jacobians by both frames."""
         turn = turns(state.R[:-1], state.R[1:])
         moved = np.diff(state.t, axis=0) - self.dt * state.velocity[:-1]
         changed = np.diff(np.concatenate([state.spin, state.velocity], axis=1), axis=0)
@@ -177,7 +177,7 @@ class PropStart:
 
 
 def start_prop(points: np.ndarray) -> PropStart:
-    """Estimate shape and poses of (F, M, 3) markers in metres that move as one rigid body, NaN where missing.
+    """Estimate shape and poses of (F, M, 3) markers that move as one rigid body.
 
     The frame with most markers gives the initial shape. Then poses are aligned to the shape (``umeyama``), and the
     shape is set to the median over frames, in several alternations.
@@ -237,7 +237,7 @@ LEAST_SHARE, LEAST_M, LEAST_RAD = 0.02, 2e-4, 2e-3  # Smallest unrest relative t
 
 
 def unrest_of(start: PropStart, fps: float) -> np.ndarray:
-    """Return (F - 1, 2) power densities of the angular acceleration (rad²/s³) and of the acceleration (m²/s³).
+    """Return (F - 1, 2) power densities of angular acceleration and acceleration.
 
     With white-noise acceleration of density q, the displacements of two spans h differ by variance ``⅔ q h³``.
     """
@@ -343,7 +343,7 @@ def _learned(equations: PropEquations, state: PropState) -> PropEquations:
 
 
 def _of_true_spread(equations: PropEquations, state: PropState) -> PropEquations:
-    """Return the equations with the marker variance of the residuals: ``Σ w |r|² / (3 Σ w - tr H_markers C)``.
+    """Return the equations with the residuals' variance: ``Σ w |r|² / (3 Σ w - tr H C)``.
 
     The trace is the number of degrees of freedom that the poses use, with their covariance C (Hodges and Sargent 2001,
     "Counting degrees of freedom in hierarchical and other richly-parameterised models").

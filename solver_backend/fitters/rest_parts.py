@@ -132,7 +132,7 @@ def with_resting_spread(
 
 
 def growth(shown: Stance, anchor: str, joint: str) -> np.ndarray:
-    """Return the factor on a joint's spread about its anchor, relative to an upright person. Names have no sides.
+    """Return the factor on a joint's spread about its anchor, relative to standing.
 
     The factor is ``1 + min(θ, MOST_DEG) / TILT_DEG`` for trunk, head and legs, ``1 + clip(θ - TILT_DEG, 0,
     ARM_MOST_DEG) / ARM_TILT_DEG`` for arms, and 1 for a head on an observed chest. For walkers it is multiplied by
@@ -275,7 +275,7 @@ def resting_shares(
     fps: float,
     pinned: Sequence[int] = (),
 ) -> PartShares:
-    """Return the weights of rest pose and resting variance for each part that is not informed in all frames.
+    """Return the weights of rest pose and resting variance for uninformed parts.
 
     A landmark informs a part if its lever about the part's first joint is at least the lever in ``LEADS``. The weight
     of the rest pose is ``3 u² - 2 u³``. u rises from 0 to 1 within ``FADE_S``, beginning ``HOLD_S`` after the last
@@ -315,7 +315,7 @@ def parts_without(body: Body, landmarks: Landmarks, located: np.ndarray) -> tupl
 
 
 def levers(body: Body, landmarks: Landmarks, offsets: np.ndarray) -> np.ndarray:
-    """Return (L, J) movements of landmarks at rest in metres per radian about a perpendicular axis at each joint."""
+    """Return (L, J) movements of landmarks at rest in metres per radian at each joint."""
     below = subtree_matrix(body.parents)
     share = landmarks.weights @ below.T
     places = np.einsum("jb,lbi->lji", below, landmarks.anchors) + share[..., None] * offsets[:, None]
@@ -431,7 +431,7 @@ def _diagnose(shares: dict[str, np.ndarray], words: RestWords) -> Iterator[Diagn
 
 
 def listed(parts: list[str]) -> str:
-    """Return names for parts of ``PARTS``, with sides and halves of a limb combined, such as "Arms and head"."""
+    """Return names for parts of ``PARTS``, combined as in "Arms and head"."""
     words = []
     for limb, halves in (("arm", ("upper_arm", "forearm")), ("leg", ("thigh", "shank"))):
         sides = {side: [half for half in halves if f"{side}_{half}" in parts] for side in ("left", "right")}

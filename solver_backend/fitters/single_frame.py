@@ -84,7 +84,7 @@ class _FrameProblem:
 
 
 def bridged_states(states: FrameStates, seen: np.ndarray, num_frames: int) -> FrameStates:
-    """Return states of all frames, interpolated on geodesics between observed frames (S,), constant beyond the ends."""
+    """Return states of all frames on geodesics between observed frames (S,)."""
     frame = np.arange(num_frames)
     after = np.clip(np.searchsorted(seen, frame), 0, len(seen) - 1)
     before = np.where(seen[after] <= frame, after, np.maximum(after - 1, 0))
@@ -108,7 +108,7 @@ def _select(mask: Array, new: FrameStates, old: FrameStates) -> FrameStates:
 
 
 def _reduced(hessian: Array, gradient: Array, d_pose_d_state: Array) -> DenseBlocks:
-    """Return the normal equations of the states, ``Cᵀ H C`` and ``Cᵀ g``. A floor regularises unobserved parts."""
+    """Return the regularised normal equations of the states, ``Cᵀ H C`` and ``Cᵀ g``."""
     xp = array_namespace(hessian)
     C = xp.astype(d_pose_d_state, hessian.dtype)
     reduced = xp.astype(xp.matmul(xp.matrix_transpose(C), xp.matmul(hessian, C)), gradient.dtype)
@@ -160,7 +160,7 @@ def points_term(measurements: Measurements, frames: np.ndarray, like: Array) -> 
 
 
 def fit_to_points(problem: Problem, subject: Subject, frames: np.ndarray, progress: Progress = silent) -> FrameStates:
-    """Fit poses to the known points of the given frames, starting from the lifter's pose or the best start pose."""
+    """Fit poses to known points, starting from the lifter's or the best start pose."""
     size = block_size(BLOCK_FRAMES, subject.betas)
     blocks = [frames[i : i + size] for i in range(0, len(frames), size)]
     report = partial(_report, progress, len(blocks))
@@ -240,7 +240,7 @@ STRAYED = 6.0  # Cost relative to the median above which a frame is fitted again
 
 
 def rough_motion(problem: Problem, subject: Subject) -> RoughMotion:
-    """Estimate poses of about ``RATE_HZ`` frames per second. Most of them start from two poses fitted before."""
+    """Estimate poses of about ``RATE_HZ`` frames per second, most from two earlier ones."""
     seen = np.flatnonzero(problem.measurements.seen)
     frames = np.unique(np.append(seen[:: max(1, round(problem.fps / RATE_HZ))], seen[-1]))
     chosen = np.unique(np.append(np.arange(0, len(frames), round(RATE_HZ / ANCHORS_HZ)), len(frames) - 1))
@@ -258,7 +258,7 @@ def rough_motion(problem: Problem, subject: Subject) -> RoughMotion:
 
 
 def rough_markers(problem: Problem, subject: Subject, rough: RoughMotion) -> np.ndarray:
-    """Return (F, L, 3) marker positions on a body in metres, with errors of some centimetres in fast movement."""
+    """Return (F, L, 3) rough marker positions on a body in metres."""
     xp = array_namespace(rough.states.z)
     states = bridged_states(rough.states.astype(xp.float32), rough.frames, problem.num_frames)
     points = points_of(subject.astype(xp.float32), posed(problem.prior, states))

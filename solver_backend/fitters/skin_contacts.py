@@ -76,7 +76,7 @@ class SkinContacts:
         return SkinTerms(self.landmarks, (surface, *held))
 
     def notes(self) -> Iterator[Diagnostic]:
-        """Yield diagnostics of locked parts other than feet, and of the floor's error if contacts need the floor."""
+        """Yield diagnostics of locked parts other than feet, and of the floor's error."""
         found, afloat = self.touches[:, FEET:], self.afloat
         if found.any():
             names = list(CONTACT_PARTS)[FEET:]
@@ -106,7 +106,7 @@ class SkinContacts:
 
 
 def contradicts(works: np.ndarray, rise: np.ndarray) -> bool:
-    """Return whether measurements contradict the surfaces, because contacts worsen the fit by more than chance.
+    """Return whether contacts worsen the fit by more than chance.
 
     Errors of calibration and keypoints are nearly constant over a take, so the frames of a part's contact count as one.
     The mean rise then has a chi-squared distribution, and the depth of each affected part is one degree of freedom. The
@@ -129,7 +129,7 @@ def _by_part(points: np.ndarray, parts: np.ndarray) -> np.ndarray:
 
 
 def parts_of_skin(body: Body) -> np.ndarray:
-    """Return the (V,) number of each vertex's part in ``CONTACT_PARTS``, from the joint with the largest weight."""
+    """Return each vertex's part in ``CONTACT_PARTS``, by the joint of largest weight."""
     numbers, of_joint = list(CONTACT_PARTS), np.full(len(body.parents), -1)
     for joint, (name, parent) in enumerate(zip(body.layout.joints, body.parents, strict=True)):
         part = part_of_joint(name)
@@ -210,7 +210,7 @@ def find_skin_contacts(
 def find_touching_people(
     subject: Subject, frames: PosedFrames, fps: float, others: OtherSkin, seen: np.ndarray
 ) -> SkinContacts | None:
-    """Find skin near or in other people, which stays outside of them, None if none is deeper than ``DEEP_M``.
+    """Find skin near or in other people, None if none is deeper than ``DEEP_M``.
 
     Nothing is held, because people move. Frames outside of the (F,) mask ``seen`` have no contacts.
     """
@@ -262,7 +262,7 @@ def _off_floor(lowest: np.ndarray, fps: float, world: Obstacles) -> np.ndarray:
 
 
 def _obey(held: np.ndarray, height: np.ndarray, parts: np.ndarray, told: Sequence[UserContact]) -> np.ndarray:
-    """Hold the lowest skin of added contacts, and release removed ones. Return an (F, S) mask of added points."""
+    """Hold the lowest skin of added contacts, and release removed ones."""
     added = np.zeros(held.shape, bool)
     for contact in told:
         part = np.ix_(range(contact.first, contact.last + 1), parts == list(CONTACT_PARTS).index(contact.part))
@@ -275,7 +275,7 @@ def _obey(held: np.ndarray, height: np.ndarray, parts: np.ndarray, told: Sequenc
 
 
 def _shifts(height: np.ndarray, held: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """Return the (F, S) heights by which points move down, so that a part's lowest held point reaches the surface."""
+    """Return the (F, S) heights that lower each part's lowest held point to the surface."""
     shifts = np.zeros(height.shape)
     for part in np.unique(parts):
         own = parts == part
@@ -302,7 +302,7 @@ def _of_foot(name: str) -> bool:
 def _low_vertices(
     subject: Subject, frames: PosedFrames, near: np.ndarray, fps: float, world: Obstacles, told: Sequence[UserContact]
 ) -> np.ndarray:
-    """Return sole vertices, and vertices near a surface or lowest in added contacts, in some of the frames.
+    """Return sole vertices, and vertices near a surface or lowest in added contacts.
 
     They are at least ``SPACING_M`` apart at rest. The deepest ones are chosen first.
     """

@@ -52,7 +52,7 @@ def umeyama(
 
 
 def look_at(centres: Float[np.ndarray, "n 3"], target: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "n 3 3"]:
-    """Return (n, 3, 3) rotations from world (Z up) to upright cameras at ``centres`` that look at a target.
+    """Return (n, 3, 3) rotations from world (Z up) to upright cameras that face a target.
 
     Rows are right, down and forward. The image top of a camera that looks straight up or down points to -y or y.
     """
@@ -65,7 +65,7 @@ def look_at(centres: Float[np.ndarray, "n 3"], target: Float[np.ndarray, " 3"]) 
 
 
 def _rotation_and_strength(M: Array) -> tuple[Array, Array]:
-    """Return the nearest rotation (..., 3, 3) and ``tr(Rᵀ M)`` (...), the sum of the signed singular values."""
+    """Return the nearest rotation (..., 3, 3) and ``tr(Rᵀ M)`` (...)."""
     xp = array_namespace(M)
     U, S, Vh = xp.linalg.svd(M)
     sign = xp.sign(xp.linalg.det(U) * xp.linalg.det(Vh))

@@ -1,4 +1,4 @@
-"""Create arrays of the caller's kind (NumPy or torch) and device. No other module handles array namespaces."""
+"""Create arrays of the caller's kind (NumPy or torch) and device."""
 
 from __future__ import annotations
 

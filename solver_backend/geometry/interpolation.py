@@ -82,7 +82,7 @@ def is_antipodal(z: Array) -> Array:
 
 
 def orthogonal_axis(a: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
-    """Return the (..., d) unit vector orthogonal to ``a`` that is nearest to the axis of its smallest entry, d >= 2."""
+    """Return the (..., d) unit vector orthogonal to ``a``, nearest to its smallest axis."""
     xp = array_namespace(a)
     smallest = xp.argmin(xp.abs(a), axis=-1)
     axis = xp.stack([xp.astype(smallest == i, a.dtype) for i in range(a.shape[-1])], axis=-1)
@@ -92,7 +92,7 @@ def orthogonal_axis(a: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
 
 @dataclass(frozen=True)
 class ZeroMeanSphere:
-    """Unit vectors (..., d) with entries that sum to zero, the image of spherical normalisation (thesis eq. 6.2)."""
+    """Unit vectors (..., d) with entries that sum to zero (thesis eq. 6.2)."""
 
     def dimension(self, width: int) -> int:
         """Return the dimension of the sphere in R^width."""
@@ -173,7 +173,7 @@ def slerp(a: Vectors, b: Vectors, t: Times) -> Vectors:
 
 
 def sider2(a: Vectors, b: Vectors, c: Vectors, t: Times) -> Vectors:
-    """Return the point at any real ``t`` on the spherical parabola through ``a`` (t = 0), ``b`` (½) and ``c`` (1).
+    """Return the point at ``t`` on the spherical parabola through ``a``, ``b`` and ``c``.
 
     The point is ``SLERP(SLERP(a, SLERP(c, b, 2), t), SLERP(SLERP(a, b, 2), c, t), t)``. The curve is smooth
     in ``t`` if the path from ``a`` to ``b`` to ``c`` is shorter than half a circle.
@@ -184,7 +184,7 @@ def sider2(a: Vectors, b: Vectors, c: Vectors, t: Times) -> Vectors:
 
 
 def sider_n(keys: Keys, t: Times) -> Vectors:
-    """Return the point (..., d) at any real ``t`` on the curve through (..., n + 1, d) keys at ``t = 0, 1/n, ..., 1``.
+    """Return the point (..., d) at ``t`` on the curve through (..., n + 1, d) keys.
 
     Two keys give SLERP, three SIDER2, more the Aitken-Neville recursion on geodesics. In the flat limit the curve is
     the polynomial of degree n through its keys.
@@ -196,7 +196,7 @@ def sider_n(keys: Keys, t: Times) -> Vectors:
 
 
 def sider_weights(keys: Keys, t: Times) -> KeyWeights:
-    """Return ``sider_n(keys, t)`` with its derivative in factored form. ``t`` is broadcast against the batch."""
+    """Return ``sider_n(keys, t)`` with its derivative in factored form."""
     xp = array_namespace(keys)
     t, count = constant(t, keys), keys.shape[-2]
     # Broadcast as late as possible, so that quantities independent of time are computed once.
@@ -230,7 +230,7 @@ def aitken_neville(points: list[Any], t: Array, join: Callable[..., Any], reflec
 
 
 def _geodesic(a: Array, b: Array, t: Array) -> tuple[Array, tuple[Array, Array], tuple[Array, Array]]:
-    """Return the SLERP point, the weights of ``a`` and ``b``, and the derivatives of the weights by ``a·b``."""
+    """Return the SLERP point, the weights of ``a`` and ``b``, and derivatives by ``a·b``."""
     xp = array_namespace(a, b)
     y = 0.25 * xp.sum((a - b) ** 2, axis=-1)
     z = 0.25 * xp.sum((a + b) ** 2, axis=-1)
@@ -284,7 +284,7 @@ _REACH = 3.0  # Cut-off of a Gaussian, in standard deviations.
 
 
 def smooth(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Return (F, ...) values after a Gaussian of ``sigma`` frames, extended beyond the ends by ``2 x_0 - x_i``."""
+    """Return (F, ...) values after a Gaussian of ``sigma`` frames, mirrored at the ends."""
     reach = min(int(np.ceil(_REACH * sigma)), len(values) - 1)
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / max(sigma, 1e-6)) ** 2)
     padded = np.pad(values, [(reach, reach), *[(0, 0)] * (values.ndim - 1)], mode="reflect", reflect_type="odd")

@@ -15,7 +15,7 @@ MOVED_M = 0.02  # ... by this distance.
 
 
 def neighbours_of(points: np.ndarray, count: int = NEIGHBOURS) -> np.ndarray:
-    """Return the (M, n) nearest markers of each marker, by the median distance in frames spread over the take."""
+    """Return the (M, n) nearest markers of each marker, by median distance."""
     some = points[np.unique(np.linspace(0, len(points) - 1, 60).astype(int))]
     distance = np.linalg.norm(some[:, :, None] - some[:, None], axis=-1)
     median = quantile(distance, 0.5, axis=0)
@@ -25,7 +25,7 @@ def neighbours_of(points: np.ndarray, count: int = NEIGHBOURS) -> np.ndarray:
 
 
 def jumping(points: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return an (M,) mask of markers that jump away from their neighbours (M, n) in the take (F, M, 3), in metres."""
+    """Return an (M,) mask of markers that jump away from their (M, n) neighbours."""
     moved = np.diff(points, axis=0)
     jumps = np.zeros(points.shape[1], dtype=bool)
     for m, near in enumerate(around):
@@ -40,7 +40,7 @@ def jumping(points: np.ndarray, around: np.ndarray) -> np.ndarray:
 
 
 def leaving(points: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return an (M,) mask of markers that jump away from every neighbour at once, or return in the next frame.
+    """Return an (M,) mask of markers that jump from all neighbours at once, or return.
 
     This is stricter than ``jumping``, for reports. At 30 Hz the feet of a walking person differ by more than ``JUMP_M``
     in every step, but a marker on the same bone moves with them.
@@ -80,7 +80,7 @@ def frozen(points: np.ndarray, around: np.ndarray, fps: float) -> np.ndarray:
 
 
 def _jumps_in_gaps(points: np.ndarray, marker: int, near: np.ndarray, *, of_all: bool = False) -> bool:
-    """Return whether the marker's distances from its neighbours, the median or all of them, change over a gap."""
+    """Return whether the marker's distances from its neighbours change over a gap."""
     seen = np.isfinite(points[:, marker]).all(-1)
     for first, last in true_runs(~seen):
         if first == 0 or last == len(points) - 1:

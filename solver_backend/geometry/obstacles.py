@@ -44,7 +44,7 @@ class Obstacles:
         return replace(self, planes=self.planes[1:])
 
     def nearest(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the signed distance (...) of points (..., 3) from the nearest obstacle, and its normal (..., 3) there.
+        """Return the signed distance of points (..., 3) from the nearest obstacle, and its normal.
 
         Distances are negative inside. Beyond ``reach`` from a mesh they are infinite if there is no plane. A point is
         inside a mesh if the nearest triangle faces away from it. Of equally near triangles, the most perpendicular one
@@ -86,7 +86,7 @@ def _from_surface(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray
 
 
 def _closest(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Return (N, T, 3) closest points of triangles: the foot of the perpendicular, or the nearest point of an edge."""
+    """Return (N, T, 3) closest points of triangles."""
     a, b, c = triangles.transpose(1, 0, 2)
     u, v, w = b - a, c - a, points[:, None] - a
     uu, uv, vv = (u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)
@@ -105,7 +105,7 @@ def _closest(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def read_obstacles(path: Path | str) -> Obstacles:
-    """Read a file of objects, ``{"planes": [...], "boxes": [...], "meshes": [...]}``, and add the floor z = 0.
+    """Read a file of planes, boxes and meshes, and add the floor z = 0.
 
     A plane has a ``point`` and a ``normal`` towards free space. A box has a ``centre``, a ``size`` and optionally
     ``turn_deg`` about the vertical. A mesh is the relative path of a Wavefront OBJ file. All are in metres, Z up.
@@ -161,7 +161,7 @@ def _read_mesh(path: Path) -> np.ndarray:
 
 
 def _is_closed(triangles: np.ndarray) -> bool:
-    """Return whether each edge belongs to two triangles, one per direction. Equal positions are one vertex."""
+    """Return whether each edge belongs to two triangles, one per direction."""
     places, corner = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
     corner = corner.reshape(-1, 3)
     edges = np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]])

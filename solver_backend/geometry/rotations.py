@@ -1,4 +1,4 @@
-"""Compute rotations: quaternions (wxyz), exponential and logarithm of SO(3), their Jacobians, and the 6D form.
+"""Compute rotations: quaternions (wxyz), exp and log of SO(3), Jacobians, 6D form.
 
 All tangent vectors act from the left: ``R(x + dx) ≈ exp([J dx]x) R(x)``.
 """
@@ -13,7 +13,7 @@ _SMALL_SQUARE = 1e-8  # Squared angle below which two terms of a series are exac
 
 
 def quat_multiply(a: Float[Array, "*#batch 4"], b: Float[Array, "*#batch 4"]) -> Float[Array, "... 4"]:
-    """Return the Hamilton product ``a b`` (rotate by ``b`` first, then by ``a``), (..., 4) each, broadcast."""
+    """Return the Hamilton product ``a b`` (..., 4), which rotates by ``b`` first."""
     xp = array_namespace(a, b)
     aw, ax, ay, az = (a[..., i] for i in range(4))
     bw, bx, by, bz = (b[..., i] for i in range(4))
@@ -57,7 +57,7 @@ def matrix_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
 
 
 def quat_from_matrix(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
-    """Return the (..., 4) unit quaternions with ``w >= 0`` of (..., 3, 3) rotations, accurate at every angle.
+    """Return the (..., 4) unit quaternions with ``w >= 0`` of (..., 3, 3) rotations.
 
     The row of ``4 q qᵀ`` with the largest diagonal is normalised, which avoids a division by small numbers.
 
@@ -80,7 +80,7 @@ def quat_from_matrix(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
 
 
 def quat_from_rotvec(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
-    """Return the (..., 4) quaternions wxyz ``(cos θ/2, sin(θ/2) v/θ)`` of (..., 3) rotation vectors (Grassia 1998)."""
+    """Return the quaternions wxyz of (..., 3) rotation vectors (Grassia 1998)."""
     xp = array_namespace(v)
     square = squared_length(v)
     small = square < _SMALL_SQUARE
@@ -107,7 +107,7 @@ def rotvec_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
 
 
 def quat_left_tangent(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4 3"]:
-    """Return the (..., 4, 3) derivative ``G`` of a quaternion by a left rotation: ``quat(exp(ω)) q ≈ q + G ω``.
+    """Return the (..., 4, 3) ``G`` of left rotations: ``quat(exp(ω)) q ≈ q + G ω``.
 
     ``G ω = ½ (0, ω) q``. For unit ``q`` it satisfies ``Gᵀ G = I/4``. A change dq of the quaternion is therefore the
     left rotation ``ω = 4 Gᵀ dq``: ``R(q + dq) ≈ exp([4 Gᵀ dq]x) R(q)``.
@@ -155,7 +155,7 @@ def exp_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
 
 
 def log_so3(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3"]:
-    """Return the (..., 3) rotation vectors with ``exp_so3(v) = R`` and length 0 to π, accurate at 0 and at π."""
+    """Return the (..., 3) rotation vectors with ``exp_so3(v) = R`` and length 0 to π."""
     return rotvec_from_quat(quat_from_matrix(R))
 
 
@@ -231,7 +231,7 @@ def _length(v: Array) -> Array:
 
 
 def _coefficients(v: Array, *wanted: int) -> list[Array]:
-    """Return the wanted of ``sinθ/θ, (1 - cosθ)/θ², (θ - sinθ)/θ³, (1 - θ/2 cot θ/2)/θ²`` for (..., 3) vectors."""
+    """Return the wanted series of ``sinθ/θ``, ``(1 - cosθ)/θ²`` and so on."""
     xp = array_namespace(v)
     square = squared_length(v)
     small = square < _SERIES_BELOW

@@ -1,4 +1,4 @@
-"""Interpolate rigid motions through keys by screws, the geodesics of SE(3) (thesis 6.4, future directions).
+"""Interpolate rigid motions through keys by screws, the geodesics of SE(3).
 
 A geodesic from A to B is ``A exp(s log(A⁻¹ B))``. The curve composes them as SIDER-n composes geodesics on a sphere.
 Rotation and translation are coupled: a rotating body moves on an arc.
@@ -41,7 +41,7 @@ class ScrewPath:
 
     @classmethod
     def through(cls, rotation: Array, transl: Array, time: Array) -> ScrewPath:
-        """Return the curve through (W, k, 3, 3) rotations and (W, k, 3) translations at (W, n) times from 0 to 1."""
+        """Return the curve through (W, k) rotations and translations at (W, n) times."""
         xp, (windows, count) = array_namespace(transl), time.shape
         flat, keys = xp.reshape(time, (-1,)), rotation.shape[1]
         of_frames = [xp.repeat(part, count, axis=0) for part in (rotation, transl)]
@@ -54,7 +54,7 @@ class ScrewPath:
         return cls(found.rotation, found.transl, xp.reshape(by_keys, (windows, count, keys, 6, 6)))
 
     def vjp(self, by_turn: Array, by_transl: Array) -> tuple[Array, Array]:
-        """Return (W, k, 3) derivatives by the keys' rotations and translations, from (W·n, 3) ones by the frames'."""
+        """Return (W, k, 3) derivatives by the keys, from (W·n, 3) derivatives by the frames."""
         xp = array_namespace(by_turn)
         windows, count, keys = self.by_keys.shape[:3]
         by_frames = xp.reshape(xp.concat([by_turn, by_transl], axis=1), (windows, 1, count * 6))

@@ -13,7 +13,7 @@ _PACKED = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # Positions of the s
 
 
 def inverse_symmetric_3x3(A: Float[Array, "*batch 3 3"], smallest: float = 1e-12) -> Float[Array, "*batch 3 3"]:
-    """Return the (..., 3, 3) inverse ``adj A / det A`` of symmetric positive semi-definite matrices (Cramer 1750).
+    """Return the inverse ``adj A / det A`` of symmetric (..., 3, 3) matrices (Cramer 1750).
 
     It is NaN where ``det A <= smallest (tr A / 3)³``.
     """
@@ -49,7 +49,7 @@ def mean_sigma(entries: Float[Array, "*batch 6"]) -> Float[Array, " *batch"]:
 
 
 def dot(a: Float[Array, "*#batch d"], b: Float[Array, "*#batch d"]) -> Float[Array, " *batch"]:
-    """Return the (...) dot products ``Σ_i a_i b_i`` of (..., d) vectors with few coordinates that broadcast."""
+    """Return the (...) dot products ``Σ_i a_i b_i`` of short (..., d) vectors."""
     if not isinstance(a, np.ndarray):
         return array_namespace(a, b).sum(a * b, axis=-1)
     total = a[..., 0] * b[..., 0]
@@ -90,7 +90,7 @@ def all_coordinates(mask: Array) -> Array:
 
 
 def solved_3x3(A: Float[np.ndarray, "*batch 3 3"], b: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-    """Return (..., 3) solutions ``A⁻¹ b`` by Cramer's rule, accurate for matrices near rotations. NaN in b is kept."""
+    """Return (..., 3) solutions ``A⁻¹ b`` by Cramer's rule, for A near rotations."""
     rows = [[A[..., i, j] for j in range(3)] for i in range(3)]
     (a, d, g), (e, h, k), (f, i, m) = ([row[j] for row in rows] for j in range(3))
     minors = h * m - k * i, k * f - e * m, e * i - h * f

@@ -1,1 +1,1 @@
-"""Read and write captures, calibrations and motions. Only this package converts to metres, seconds and Z up."""
+"""Read and write captures, calibrations and motions, with units and axes converted."""

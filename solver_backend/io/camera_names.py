@@ -29,7 +29,7 @@ def _plain(word: str) -> str:
 
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:
-    """Return a sorting key that puts cam2 before cam10. It compares digits as text, so a number can have any length."""
+    """Return a sorting key that puts cam2 before cam10."""
     parts = re.findall(r"([0-9]+)|([^0-9]+)", name.lower())
     return [(1, 0, word) if word else (0, len(n), n) for n, word in ((n.lstrip("0"), word) for n, word in parts)]
 
@@ -77,7 +77,7 @@ def takes_in_names(recorded: Sequence[str], calibrated: Sequence[str]) -> tuple[
 
 
 def counted_order(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
-    """Assign numbered cameras in order, as ``cam0`` to ``cam01`` and ``cam3`` to ``cam04``, None for other names."""
+    """Assign numbered cameras in order, such as ``cam0`` to ``cam01``, else None."""
     if len(recorded) != len(calibrated) or not all(_COUNTED.search(name) for name in (*recorded, *calibrated)):
         return None
     first, second = (sorted(range(len(names)), key=lambda i: natural_key(names[i])) for names in (recorded, calibrated))
@@ -110,7 +110,7 @@ def _distinct_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def _own_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return the distinctive words of calibrated names, or all words if only numbers remain (gopro_1 is not cam01)."""
+    """Return the distinctive words of calibrated names, or all if only numbers remain."""
     parts = _distinct_parts(names)
     return _name_keys(names) if any(map(_counts, parts)) else parts
 
@@ -127,7 +127,7 @@ def _shared_start(names: Sequence[str]) -> int:
 
 
 def _by_contained_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
-    """Return, for each recorded name, the index of the only calibrated name whose words it contains in sequence."""
+    """Return the index of the only calibrated name that each recorded name contains."""
     keys = _name_keys(calibrated)
     found = []
     for name in recorded:

@@ -57,7 +57,7 @@ class PathFormat:
 
 @dataclass(frozen=True)
 class FilmedPath:
-    """Camera poses in the F frames of a take, in the world and unit of the file. Fields are as in ``StatedPath``."""
+    """Camera poses in the F frames of a take, in the world and unit of the file."""
 
     R: np.ndarray  # (F, 3, 3).
     centre: np.ndarray  # (F, 3) camera positions.
@@ -177,7 +177,7 @@ def _is_colmap(path: Path) -> bool:
 
 
 def _read_colmap(path: Path) -> StatedPath:
-    """Read ``IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME``, world to camera. Numbers in image names are frames."""
+    """Read COLMAP's image lines, world to camera. Numbers in image names are frames."""
     file = _images_of(path)
     # Rows of points are triples of numbers.
     rows = [row for row in _lines(file) if len(row) == 10 or (len(row) > 10 and not _is_number(row[-1]))]
@@ -199,7 +199,7 @@ def _is_trajectory(path: Path) -> bool:
 
 
 def _read_trajectory(path: Path) -> StatedPath:
-    """Read ``timestamp tx ty tz qx qy qz qw``, camera to world (the TUM format of DROID-SLAM, ORB-SLAM and evo)."""
+    """Read ``timestamp tx ty tz qx qy qz qw``, camera to world (TUM format)."""
     rows = _lines(path)
     if any(len(row) != 8 for row in rows):
         raise CalibrationInvalid("A line of the camera path does not have eight numbers.", where=str(path))
@@ -267,7 +267,7 @@ def _pose(pose: Any, path: Path) -> tuple[np.ndarray, np.ndarray, float, str]:
 
 
 def _of_matrix(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rotation and position from a matrix as 16 numbers, by rows or, as Apple writes them, by columns."""
+    """Return rotation and position from 16 numbers, by rows or by columns."""
     M = values.reshape(4, 4)
     M = M.T if np.allclose(M[:3, 3], 0.0) and not np.allclose(M[3, :3], 0.0) else M
     size = np.cbrt(abs(np.linalg.det(M[:3, :3])))

@@ -28,7 +28,7 @@ _KEY_PART = re.compile(r"""\.[ \t]*(?:[\w-]+|"(?:[^"\\\n]|\\.)*"|'[^'\n]*')[ \t]
 
 
 def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
-    """Read a file of at most ``largest`` bytes. Raise FileMissing, or FileDamaged if it is larger or unreadable."""
+    """Read a file of at most ``largest`` bytes. Raise FileMissing or FileDamaged."""
     try:
         data, size = read_regular(path, largest)
     except OSError as error:
@@ -120,7 +120,7 @@ def load_array(path: Path) -> np.ndarray:
 
 
 class AppendedFile:
-    """A file to which each piece is appended completely or not at all. Failures are counted and not raised.
+    """A file to which each piece is appended completely or not at all.
 
     Nothing is buffered, so written pieces survive if the process ends unexpectedly.
     """
@@ -135,7 +135,7 @@ class AppendedFile:
             self._size = None
 
     def append(self, piece: bytes) -> bool:
-        """Append a piece and return whether it was written. Raise BrokenPipeError if the reading process has ended."""
+        """Append a piece and return whether it was written."""
         try:
             rest = memoryview(piece)
             while rest:
@@ -167,7 +167,7 @@ class AppendedFile:
 
 
 def open_appended(path: Path, *, fresh: bool) -> AppendedFile:
-    """Open a file for appending. With ``fresh``, an existing file raises OutputNotWritable. Otherwise it is emptied."""
+    """Open a file for appending. With ``fresh``, reject an existing file."""
     flags = os.O_WRONLY | os.O_CREAT | (os.O_EXCL if fresh else os.O_TRUNC) | getattr(os, "O_BINARY", 0)
     try:
         return AppendedFile(os.open(path, flags, 0o666), str(path))

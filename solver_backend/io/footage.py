@@ -1,4 +1,4 @@
-"""Find the videos and image folders of cameras, and read headers, sizes, chapters and recorded focal lengths."""
+"""Find videos and image folders, and read headers, chapters and focal lengths."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class VideoHeader:
 
 
 def read_video_header(path: Path) -> VideoHeader | None:
-    """Read the header of the first video track. Return None if the file is not an MP4 file or has no video track.
+    """Read the header of the first video track, None if there is none.
 
     ``fps = timescale * Σ count / Σ (count * duration)`` over the table of sample durations (ISO/IEC 14496-12, stts).
     """
@@ -225,7 +225,7 @@ def count_recordings(root: Path) -> int:
 
 
 def join_chapters(videos: Iterable[Path]) -> list[tuple[Path, ...]]:
-    """Group videos into recordings with chapters in order. A chapter without a first one is a separate recording."""
+    """Group videos into recordings with chapters in order."""
     recordings: list[list[Path]] = []
     open_: dict[tuple[str, ...], list[Path]] = {}
     numbered = [(chapter_of(path), path) for path in sorted(videos, key=lambda p: natural_key(p.name))]
@@ -275,7 +275,7 @@ PLAUSIBLE_MM = (8.0, 1000.0)  # Range of focal lengths in mm, from fisheye to te
 
 
 def recorded_focal_mm(footage: Path) -> float | None:
-    """Return the 35 mm equivalent focal length (mm) of a video, an image or a folder's first image, or None."""
+    """Return the recorded 35 mm equivalent focal length in mm, or None."""
     if footage.is_dir():
         pictures = sorted(path for path in footage.iterdir() if path.suffix.lower() in PICTURES)
         return recorded_focal_mm(pictures[0]) if pictures else None

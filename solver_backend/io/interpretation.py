@@ -210,7 +210,7 @@ _NINES = 9999.0  # Smallest number that has only nines, which programs write for
 def without_sentinels(
     positions: np.ndarray, labels: Sequence[str]
 ) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return (F, M, 3) positions with NaN for missing markers, notes on zeros and problems about other sentinels.
+    """Return (F, M, 3) positions with NaN for missing markers, notes and problems.
 
     Many programs write 0 0 0 for a missing marker. Others write one number on all axes (-9999, 1e6) or only nines.
     """
@@ -225,7 +225,7 @@ def without_sentinels(
 
 
 def _sentinels(positions: np.ndarray) -> np.ndarray:
-    """Return an (F, M) mask of sentinels: outside the recorded volume with unnatural digits, or extremely far away."""
+    """Return an (F, M) mask of sentinels, by unnatural digits or extreme distance."""
     x, y, z = np.moveaxis(positions, -1, 0)
     alike = (x == y) & (y == z)
     values, counts = np.unique(x[alike], return_counts=True)

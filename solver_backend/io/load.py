@@ -82,7 +82,7 @@ def load_capture(path: Path | str, *, readers: Iterable[Reader[Capture]] = CAPTU
 
 
 def load_motion(path: Path | str, **options: Any) -> Motion | AmassClip | BvhClip:
-    """Read a motion, or an unconverted clip of another body or skeleton. ``options`` are fields of ``ReadOptions``.
+    """Read a motion, or an unconverted clip of another body or skeleton.
 
     Raises:
         MotionInvalid: no reader knows the path, or its numbers are invalid (see ``motion_checks``).

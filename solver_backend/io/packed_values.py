@@ -1,4 +1,4 @@
-"""Read nested values from PyTorch, joblib, pickle and NumPy files, without torch and without running code.
+"""Read values from PyTorch, joblib, pickle and NumPy files without running code.
 
 ``torch.save`` of PyTorch 2 writes a zip with ``data.pkl`` and ``data/KEY``. Before 1.6 it wrote pickles of a magic
 number, the version, the system, the content and the keys, and then the numbers. ``joblib.dump`` of joblib 1.4 writes a
@@ -110,7 +110,7 @@ def _content(path: Path) -> Any:
 
 
 def _expanded(value: Any, known: dict[int, int], deep: int = 0) -> int:
-    """Return the size in bytes after copying every shared list and array. ``known`` caches the sizes of lists."""
+    """Return the size in bytes after copying every shared list and array."""
     value = finished(value) if isinstance(value, UnbuiltArray) else value
     if isinstance(value, Stored | np.ndarray):
         return value.size if isinstance(value, Stored) else value.nbytes
@@ -127,7 +127,7 @@ def _expanded(value: Any, known: dict[int, int], deep: int = 0) -> int:
 def _follow(
     stream: BinaryIO | BytesIO, path: Path, storage: Callable[[Any], Any] | None = None, least: int | None = None
 ) -> Any:
-    """Return the content of one pickle. ``storage`` returns a tensor's numbers. ``least`` is a memory allowance."""
+    """Return the content of one pickle. ``storage`` returns a tensor's numbers."""
     held = stream if isinstance(stream, BytesIO) else None
 
     def behind(wrapper: StandIn, stream: BinaryIO | BytesIO) -> Stored:
@@ -228,7 +228,7 @@ def _small(entry: zipfile.ZipInfo) -> zipfile.ZipInfo:
 
 
 def _older_torch(data: bytes, path: Path, least: int | None = None) -> Any:
-    """Read a file of PyTorch before 1.6. The numbers of each array follow the content, preceded by their count.
+    """Read a file of PyTorch before 1.6, with the arrays' numbers after the content.
 
     ``least`` is the memory allowance for arrays in a small file. None uses the default.
     """

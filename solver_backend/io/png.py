@@ -39,7 +39,7 @@ def png_bytes(picture: np.ndarray, *, noisy: bool = False) -> bytes:
 
 
 def read_png(path: Path) -> np.ndarray:
-    """Read a PNG, grey (8 or 16 bits) or colour (8 bits), not interlaced. Raise FileMissing or FileDamaged."""
+    """Read a PNG, grey or colour, not interlaced. Raise FileMissing or FileDamaged."""
     if not path.is_file():
         raise FileMissing("The picture does not exist.", where=str(path))
     data = read_bytes(path)

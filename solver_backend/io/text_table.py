@@ -91,7 +91,7 @@ def is_number(cell: str) -> bool:
 def read_numbers(
     rows: list[list[str]], first_line: int, path: Path, *, width: int = 0, leading: int = 1, sure: bool = True
 ) -> np.ndarray:
-    """Return (rows, columns) numbers with decimal points or commas. Missing cells and ends of short rows are NaN.
+    """Return (rows, columns) numbers, with NaN for missing cells.
 
     ``first_line`` is the line number of the first row, counted from 1, for messages. ``with_whole_decimals`` describes
     rows of a known ``width``.
@@ -142,7 +142,7 @@ def decimal_comma(cells: Iterable[str]) -> bool:
 
 
 def between_tabs(lines: list[str], heading: str, least: int = 2) -> list[str]:
-    """Return the lines with tabs between cells if a spreadsheet saved them with other separators and quotes.
+    """Return the lines with tabs instead of a spreadsheet's separators and quotes.
 
     The ``heading`` determines the separator, which it contains at least ``least`` times.
     """
@@ -194,7 +194,7 @@ def _joined(row: Sequence[str], width: int, leading: int) -> list[str] | None:
 
 
 def triples(values: np.ndarray, first_columns: Sequence[int]) -> np.ndarray:
-    """Return (rows, markers, 3) positions from the columns of x and the next two columns. Missing columns are NaN."""
+    """Return (rows, markers, 3) positions from the columns of x and the next two."""
     columns = np.asarray(first_columns, dtype=np.int64)[:, None] + np.arange(3)
     if columns.size and columns.max() >= values.shape[1]:
         more = columns.max() + 1 - values.shape[1]

@@ -115,7 +115,7 @@ def _contents(folder: Path) -> str:
 
 
 def _matching(folders: Iterable[Path], formats: Iterable[tuple[str, str, str]]) -> tuple[str, str] | None:
-    """Return the kind of unsupported detections in folders and their subfolders, and how to convert them, or None."""
+    """Return the kind of unsupported detections in folders and how to convert them."""
     there = [folder for folder in folders if folder.is_dir()]
     below = [path for folder in there for path in sorted(folder.iterdir()) if path.is_dir()]
     names = [(folder, name.lower()) for folder in (*there, *below) for name in _few_names(folder)]

@@ -69,7 +69,7 @@ def distance_statistics(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def triple_products(points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return the (...) triple products of the unit vectors from (..., 3) points to three other points (..., 3, 3)."""
+    """Return the triple products of unit vectors from (..., 3) points to three others."""
     along = unit(others - points[..., None, :])
     return np.einsum("...i,...i->...", along[..., 0, :], np.cross(along[..., 1, :], along[..., 2, :]))
 
@@ -150,7 +150,7 @@ def label_like(
 
 
 def _lay(points: np.ndarray, now: np.ndarray, reference: ReferenceTake) -> np.ndarray:
-    """Return the label of each of (N, 3) points ``now``, -1 for none, from (F, N, 3) points in neighbouring frames."""
+    """Return the label of each of (N, 3) points, -1 for none, from neighbouring frames."""
     some = np.unique(np.linspace(0, len(points) - 1, 60).astype(int))
     mean, variance = distance_statistics(points[some])
     at_once = np.linalg.norm(now[:, None] - now[None], axis=-1)
@@ -242,7 +242,7 @@ def _named(tracks: np.ndarray, found: np.ndarray, count: int) -> np.ndarray:
 
 
 def _cost(points: np.ndarray, named: np.ndarray, own: int, reference: ReferenceTake) -> np.ndarray:
-    """Return (L,) mean costs over pairs of each label for a tracklet, from its distances to the labelled points.
+    """Return (L,) mean costs of each label for a tracklet, from its distances.
 
     The tracklet has points (S, 3), the labelled points are (S, L, 3) without the tracklet's own label (-1 if none).
     """
@@ -326,7 +326,7 @@ def exchange_gains(one: TakeShape, other: TakeShape, pairs: np.ndarray) -> np.nd
 
 
 def replacement_gains(one: TakeShape, other: TakeShape, marker: int, candidates: np.ndarray) -> np.ndarray:
-    """Return (K,) gains if another point of one take (index in ``candidates``) is a marker of the other take.
+    """Return (K,) gains if another point in ``candidates`` is a marker of the other take.
 
     The first take has M markers and further points, the other one the same markers and NaN for the further points.
     """
@@ -355,7 +355,7 @@ def _by_side(one: TakeShape, other: TakeShape, pair: np.ndarray, rigid: np.ndarr
 
 
 def _handedness(points: np.ndarray, pair: np.ndarray, c: int, d: int) -> tuple[float, float]:
-    """Return mean and variance of ``u · (v × w)``: u from first to second, v and w from their midpoint to others."""
+    """Return mean and variance of ``u · (v × w)`` of two markers and their surroundings."""
     first, second = points[:, pair[0]], points[:, pair[1]]
     middle = 0.5 * (first + second)
     u, v, w = (unit(part) for part in (second - first, points[:, c] - middle, points[:, d] - middle))

@@ -146,7 +146,7 @@ def _track(positions: np.ndarray, tracklets: Tracklets, labels: np.ndarray, mark
 
 
 def _turn(head: np.ndarray, left: list[np.ndarray]) -> float:
-    """Return the mean angle in the head's plane from the head's left to the body's in radians, or 0 if unknown.
+    """Return the mean angle from the head's left to the body's in radians, 0 if unknown.
 
     The (F, 4, 3) markers are in the order of ``AROUND``. ``left`` are (F, 3) vectors from the body's right to its left.
     """
@@ -247,7 +247,7 @@ def body_evidence(
 
 
 def _moved_with(weights: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
-    """Return a (53, 53) mask of pairs with the second marker on the first one's joint, or further out on the limb."""
+    """Return a (53, 53) mask of pairs on one joint, or further out on the same limb."""
     within = np.eye(len(parents), dtype=bool)
     for joint, parent in enumerate(parents):
         if parent >= 0:
@@ -383,7 +383,7 @@ def _frames_to_read(seen: np.ndarray, tracklets: Tracklets, fps: float) -> np.nd
 
 
 def _fewest_inside(first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Return a smallest set of frames that meets every tracklet: the ends of those that end before others begin."""
+    """Return a smallest set of frames that meets every tracklet."""
     chosen, latest = list[int](), -1
     for t in np.argsort(last, kind="stable"):
         if first[t] > latest:

@@ -1,4 +1,4 @@
-"""Run the landmark network in NumPy: a label for each point, and a position for every marker and joint."""
+"""Run the landmark network in NumPy: point labels, and marker and joint positions."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class PointNetwork:
     sha256: str = ""
 
     def __call__(self, points: np.ndarray, seen: np.ndarray | None = None) -> CloudReading:
-        """Read (B, N, 3) point clouds, Z up, in metres. ``seen`` (B, N) is a mask of existing points, None for all."""
+        """Read (B, N, 3) point clouds, Z up, in metres, with a mask ``seen`` (B, N)."""
         points = np.asarray(points)
         seen = np.ones(points.shape[:2], bool) if seen is None else seen
         centre = lower_median(points, seen)
@@ -137,7 +137,7 @@ def lower_median(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 def network_of(arrays: Arrays, sha256: str = "") -> PointNetwork:
-    """Return the network for the trained module's arrays. Raise ``WeightsInvalid`` for arrays of another network."""
+    """Return the network for a trained module's arrays. Raise ``WeightsInvalid``."""
     arrays = {name.removeprefix("net."): np.asarray(a, dtype=np.float32) for name, a in arrays.items()}
     try:
         layers = 1 + max(int(name.split(".")[1]) for name in arrays if name.startswith("layers."))
@@ -166,7 +166,7 @@ _PART, _PAIRS = 64, 64 * 100**2  # Maximum number of frames and pairs of points 
 
 @dataclass(frozen=True)
 class FramesRead:
-    """The network's reading of frames (B,), with (B, N) columns of the points and a mask of existing points."""
+    """The network's reading of frames (B,), with (B, N) columns and a mask of points."""
 
     frames: np.ndarray
     columns: np.ndarray

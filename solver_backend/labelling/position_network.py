@@ -24,7 +24,7 @@ hand.
 
 @dataclass(frozen=True)
 class PositionNetwork:
-    """A network that only estimates positions, such as the UNet of thesis 4.3. Points take the nearest marker's label.
+    """A network that only estimates positions, such as the UNet of thesis 4.3.
 
     ``log p(k) = -|x - m_k|² / 2σ²`` for marker k at ``m_k``, and ``-d² / 2σ²`` for no marker, up to a constant.
     """

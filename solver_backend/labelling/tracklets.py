@@ -1,4 +1,4 @@
-"""Form tracklets of points that are one marker, assign exclusive labels, and compare distances between markers."""
+"""Form tracklets of points, assign exclusive labels, and compare distances."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CLEAR = 0.5  # Largest ratio of the distances of the chosen and the next continu
 
 @dataclass(frozen=True)
 class Tracklets:
-    """T tracklets of points in a cloud: column, first and last frame, and chain of continuing tracklets (T,)."""
+    """T tracklets of points: column, first and last frame, and chain (T,)."""
 
     number: np.ndarray  # (F, N) index of each point's tracklet, -1 without a point.
     column: np.ndarray
@@ -85,7 +85,7 @@ def _off(points: np.ndarray, run: tuple[int, int], frame: int) -> float:
 
 
 def _chains(positions: np.ndarray, column: np.ndarray, first: np.ndarray, last: np.ndarray, fps: float) -> np.ndarray:
-    """Return the chain of each tracklet. A tracklet continues in the only one that starts close to its end."""
+    """Return each tracklet's chain, which continues where only one starts near its end."""
     count = len(column)
     chain = np.arange(count)
     if count < 2:
@@ -125,7 +125,7 @@ _ROUNDS, _EXCHANGES, _GAIN = 4, 200, 1e-6
 
 
 def labels_of_frame(log_probability: np.ndarray) -> np.ndarray:
-    """Return unique labels (N,) from (N, 54) log probabilities (ghost last), by repeated mutually best pairs."""
+    """Return unique labels (N,) from (N, 54) log probabilities (ghost last)."""
     scores = np.array(log_probability)
     labels = np.full(len(scores), GHOST)
     rows = np.arange(len(scores))
@@ -147,7 +147,7 @@ def labels_of_frame(log_probability: np.ndarray) -> np.ndarray:
 
 
 def labels_of_stretches(evidence: np.ndarray, together: np.ndarray, bound: dict[int, int] | None = None) -> np.ndarray:
-    """Return (T,) labels that maximise the evidence, each used once among tracklets that are visible together.
+    """Return (T,) labels of most evidence, each used once among simultaneous tracklets.
 
     The most certain tracklet chooses first, by the margin between its best and its next free label. Then pairs exchange
     their labels while the sum grows. Evidence is (T, 54) log likelihoods, the ghost last. ``together`` (T, T) marks
@@ -231,7 +231,7 @@ _SIDE = np.array([{"L": 1, "R": -1}.get(name[0], 0) * (other_side(name) != name)
 
 @dataclass(frozen=True)
 class DistanceTable:
-    """Normal distributions of distances between P landmarks in time windows: markers, then those of other layouts."""
+    """Normal distributions of distances between P landmarks in time windows."""
 
     mean: np.ndarray  # (P, P) mean distances in metres for a person of average size.
     spread: np.ndarray  # (P, P) standard deviations in metres between people, placements and windows.
@@ -241,7 +241,7 @@ class DistanceTable:
 
 @dataclass(frozen=True)
 class ChainDistances:
-    """Distances (C, C) between C chains: means and standard deviations in metres, NaN if never visible together."""
+    """Distances (C, C) between C chains: means and deviations in metres."""
 
     mean: np.ndarray
     change: np.ndarray
@@ -336,7 +336,7 @@ def _evidence_of(
     size: float,
     table: DistanceTable,
 ) -> np.ndarray:
-    """Return the rows of ``distance_evidence`` for (R,) chains. ``partners`` are the indices of the trusted chains.
+    """Return the rows of ``distance_evidence`` for (R,) chains and trusted ``partners``.
 
     ``mirrored`` is from ``_of_the_other_side`` for an average person, ``size`` is relative to the table's person.
     """
@@ -369,7 +369,7 @@ def _evidence_of(
 
 
 def _of_the_other_side(found: ChainDistances, partners: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """Return (53, 53) distances in metres between each pair's counterparts on the other side, NaN where unknown.
+    """Return (53, 53) distances between each pair's counterparts on the other side.
 
     Both markers must be on one side. Otherwise a chain on the wrong side would be its own counterpart.
     """

@@ -56,7 +56,7 @@ class FacePacket(NamedTuple):
 
 
 def decode_live_link(packet: bytes) -> FacePacket:
-    """Decode a Live Link Face packet. Raise ``FacePacketInvalid`` if it is truncated or of another kind or version."""
+    """Decode a Live Link Face packet. Raise ``FacePacketInvalid`` for other packets."""
     if packet[:1] != bytes([VERSION]):
         raise FacePacketInvalid(f"it does not begin with the version {VERSION}")
     at = 1
@@ -135,7 +135,7 @@ class FaceAssembly(OneSender[FacePacket, FaceFrame]):
 
 
 def ask_phone(host: str, port: int) -> Callable[[socket.socket], None]:
-    """Return a function that asks iFacialMocap on a phone to start sending. An unreachable phone is ignored."""
+    """Return a function that asks iFacialMocap on a phone to start sending."""
 
     def ask(there: socket.socket) -> None:
         with suppress(OSError):

@@ -1,4 +1,4 @@
-"""Define the frames of live sources, read points from a replayed file or from lines, and drop late frames."""
+"""Define the frames of live sources, read points, and drop late frames."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def measured(points: np.ndarray) -> np.ndarray:
 
 
 def from_lines(stream: BinaryIO, fps: float = 120.0) -> Iterator[PointFrame]:
-    """Yield a frame per line: ``{"t": seconds, "points": [[x, y, z], ...]}``, or numbers (time, then x y z per point).
+    """Yield a frame per line of JSON, or of numbers (time, then x y z per point).
 
     Other lines, including text that is not UTF-8, give a frame with a fault. Empty lines and events are skipped.
     """
@@ -133,7 +133,7 @@ class KeepUp:
         self._behind = False
 
     def in_time(self, frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
-        """Yield the frames in time. After a delay of ``LATE_S``, none are yielded until it falls to ``IN_TIME_S``."""
+        """Yield the frames in time, and none from a delay of ``LATE_S`` to ``IN_TIME_S``."""
         for frame in frames:
             self._behind = frame.lag_s > (IN_TIME_S if self._behind else LATE_S)
             if self._behind and not frame.fault:
@@ -143,7 +143,7 @@ class KeepUp:
 
 
 def read_ahead(frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
-    """Yield the frames of a stream in order, each read in a thread as soon as it arrives. Reading errors are raised.
+    """Yield the frames of a stream in order, each read in a thread as it arrives.
 
     A frame is due when it arrives or when its sender's clock reaches it, whichever is later. The lines of a file
     therefore arrive early and are late only by their own clock.

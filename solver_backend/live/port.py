@@ -187,7 +187,7 @@ class OneSender(ABC, Generic[Content, Frame]):
         return True
 
     def pass_time(self, clock: float | None, arrived: float) -> float:
-        """Return the seconds from the first frame to this one, by the sender's clock unless the clock was reset."""
+        """Return the seconds from the first frame, by the sender's clock if it was not reset."""
         if self._before is not None:
             passed = arrived - self._before
             step = None if clock is None or self._clock_before is None else clock - self._clock_before

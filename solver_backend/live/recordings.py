@@ -194,7 +194,7 @@ class PointsRecording(RecordingFormat[[PointFrame]]):
         return pack_block(LiveBlock(frame.time, frame.points, self.fps, self.world()))
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
-        """Write a C3D file (see ``RecordingFormat``). Points keep their coordinates if the world was never known."""
+        """Write a C3D file. Points keep their coordinates if the world is unknown."""
         with recording.open("rb") as stream:
             extent = measure_recording(stream)
             world = self.world()
@@ -294,7 +294,7 @@ def ascending_rows(rows: np.ndarray, recording: Path) -> np.ndarray:
 
 
 def poses_at(times: np.ndarray, rows: np.ndarray, fps: float, betas: np.ndarray, body: Body, source: str) -> Motion:
-    """Return a motion at (F,) regular times, interpolated along great arcs. The ends keep the nearest pose.
+    """Return a motion at (F,) regular times, interpolated along great arcs.
 
     Rows (N, 4 + 3 J) are ascending seconds, translation and rotation vectors of the recorded poses.
     """

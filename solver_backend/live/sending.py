@@ -1,4 +1,4 @@
-"""Send live poses to a receiver by the VMC protocol or as JSON, and replay finished motions as live lines."""
+"""Send live poses by the VMC protocol or as JSON, and replay finished motions."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class PoseSender:
         self._packets = PacketSender(address)
 
     def watched(self, lines: Iterable[LiveLine]) -> Iterator[LiveLine]:
-        """Yield the lines after sending their poses, and events. Raise MotionInvalid if the body is not a humanoid."""
+        """Yield the lines after sending their poses. Raise MotionInvalid for other bodies."""
         for line in lines:
             if "event" in line:
                 if line["event"] in ("shape", "fingers"):

@@ -420,7 +420,7 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
 
 
 def person_fit(subject: Path | None) -> tuple[PointNetwork, LiveFit]:
-    """Return the network and a fit of a person (None for unknown shape). Raise FileMissing or SubjectInvalid."""
+    """Return the network and a fit of a person. Raise FileMissing or SubjectInvalid."""
     network = load_network()
     if subject is None:
         return network, fit_average_person()

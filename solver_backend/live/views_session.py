@@ -196,7 +196,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
 
 
 def _split(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Split (..., 3) keypoints into px and confidence. They are missing if a value is missing or confidence is 0."""
+    """Split (..., 3) keypoints into px and confidence, missing if a value is."""
     there = np.isfinite(seen).all(-1) & (seen[..., 2] > 0)
     return np.where(there[..., None], seen[..., :2], np.nan), np.where(there, np.minimum(seen[..., 2], 1.0), 0.0)
 

@@ -163,7 +163,7 @@ _SAME = 0.005  # Largest relative difference of leg lengths for which the path i
 
 
 class BonesOnBody:
-    """Transfers a sender's bones to a body. The first frame determines its shape. Fingers are added later if sent."""
+    """Transfers a sender's bones to a body of the first frame's shape."""
 
     def __init__(self, body: Body, betas: np.ndarray | None = None) -> None:
         self.body, self.betas = body, betas

@@ -1,4 +1,4 @@
-"""Error measures of a solve. Names state the unit, docstrings the alignment. Missing points (NaN) are excluded."""
+"""Error measures of a solve, without missing points (NaN)."""
 
 from solver_backend.metrics.positions import (
     accel_error_m_s2,

@@ -53,13 +53,13 @@ Track = Float[np.ndarray, "frames points 3"]
 
 
 def distances_m(found: Points, truth: Points) -> Float[np.ndarray, "*batch points"]:
-    """Return the (..., N) distances in metres from points (..., N, 3) to the truth, NaN if either is missing."""
+    """Return the (..., N) distances in metres from points to the truth, NaN if missing."""
     found, truth = same_shape(found, truth, POINTS)
     return np.linalg.norm(found - truth, axis=-1)
 
 
 def mpjpe_mm(found: Points, truth: Points) -> float:
-    """Return the mean distance in millimetres of (..., N, 3) points in metres from the truth, NaN without any.
+    """Return the mean distance in mm of (..., N, 3) points in metres from the truth.
 
     Without alignment. Reference: Ionescu et al. 2014, "Human3.6M", sec. 3.
     """
@@ -81,7 +81,7 @@ def rmse_mm(found: Points, truth: Points) -> float:
 
 
 def pa_mpjpe_mm(found: Points, truth: Points) -> float:
-    """Return the MPJPE after the alignment of each frame to its truth by the best similarity (Umeyama 1991).
+    """Return the MPJPE after aligning each frame by the best similarity (Umeyama 1991).
 
     Excluded are points (..., N, 3) that either side lacks, and frames with fewer than three common points.
     """
@@ -101,7 +101,7 @@ WORLD_FRAMES = 100  # Frames of a segment that is aligned as a whole (WHAM, SLAH
 
 
 def world_mpjpe_mm(found: Track, truth: Track, fitted: int = WORLD_FRAMES) -> float:
-    """Return WA-MPJPE-100, the MPJPE in millimetres after the alignment of each 100 frames by one similarity.
+    """Return WA-MPJPE-100, the MPJPE in mm after aligning each 100 frames.
 
     With ``fitted`` 2 it is W-MPJPE-100, with the similarity of the first two frames of each segment. A shorter last
     segment counts if it has two frames. References: Ye et al. 2023, "Decoupling human and camera motion from videos in
@@ -147,7 +147,7 @@ def geodesic_deg(
 def angle_mae_deg(
     found: Float[np.ndarray, "*batch joints 3 3"], truth: Float[np.ndarray, "*batch joints 3 3"]
 ) -> float:
-    """Return the mean angle in degrees between (..., J, 3, 3) rotations of joints relative to their parents (6.3.4)."""
+    """Return the mean angle in degrees between relative joint rotations (6.3.4)."""
     same_shape(found, truth, (..., "joints", 3, 3))
     return mean_or_nan(geodesic_deg(found, truth))
 
@@ -238,7 +238,7 @@ def frechet_distance(generated: Features, real: Float[np.ndarray, "others featur
 
 
 def diversity(features: Features, seed: int) -> float:
-    """Return DIV, the mean distance between the pairs of two random halves of (N, D) features, in their unit.
+    """Return DIV, the mean distance between pairs of two halves of (N, D) features.
 
     The thesis (eqs. 4.31, 6.12) pairs 526 of 1,052 generated poses with the other 526. An odd last sample is excluded.
 

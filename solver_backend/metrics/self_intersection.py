@@ -54,7 +54,7 @@ def capsules_of(body: Body) -> Capsules:
 
 
 def self_intersection_m(body: Body, joints: Float[np.ndarray, "poses 24 3"]) -> Float[np.ndarray, " poses"]:
-    """Return (N,) depths in metres of the deepest intersection of two capsules in each pose, 0 without any.
+    """Return (N,) depths in metres of the deepest intersection of two capsules.
 
     The depth is ``max(0, r_a + r_b - d(a, b))`` over the pairs, with the distance d of two line segments (Ericson 2005,
     5.1.9), for the (N, 24, 3) joints in metres of an SMPL body of mean shape.
@@ -99,7 +99,7 @@ def _depths(joints: np.ndarray, capsules: Capsules) -> np.ndarray:
 
 
 def segment_distance(p: np.ndarray, u: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Return the distance of segments ``p + s u`` and ``q + t v``, for s and t from 0 to 1 (Ericson 2005, 5.1.9).
+    """Return the distance of segments ``p + s u`` and ``q + t v`` (Ericson 2005, 5.1.9).
 
     All are (..., 3). A vector u or v is 0 if its segment is a point.
     """

@@ -1,4 +1,4 @@
-"""Encode poses and decode codes by stacks of dense layers, in NumPy or torch, with rotations in 6D form."""
+"""Encode poses and decode codes by dense layers, in NumPy or torch."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class DenseStack:
         return x, jacobian
 
     def with_vjp(self, x: Array) -> tuple[Array, Callable[[Array], Array]]:
-        """Return the output (N, out) and the map from its cotangents (N, out) to the input's cotangents (N, in).
+        """Return the output (N, out), and the map from its cotangents to the input's.
 
         Reverse mode, ``v -> W_1ᵀ a'(h_1) ... W_nᵀ a'(h_n) v``: one pass costs as much as the forward pass.
         """
@@ -125,7 +125,7 @@ def decoded_rotations(decoder: DenseStack, z: Codes) -> Poses:
 
 
 def decoded_rotations_with_vjp(decoder: DenseStack, z: Codes) -> tuple[Poses, Callable[[Array], Array]]:
-    """Return (N, 21, 3, 3) rotations and the map from cotangents (N, 21, 3) of their left tangents to (N, d)."""
+    """Return (N, 21, 3, 3) rotations, and the map from their cotangents to (N, d)."""
     xp = array_namespace(z)
     flat, flat_vjp = decoder.with_vjp(z)
     R, by_6d = matrix_from_6d_with_jacobian(xp.reshape(flat, (z.shape[0], NUM_BODY_JOINTS, 6)))
@@ -146,7 +146,7 @@ def decoded_rotations_with_jacobian(decoder: DenseStack, z: Codes) -> tuple[Pose
 
 
 def reconstruction_energy(rotations: Poses, decoded: Poses, sigma: Float[Array, "joints 3"]) -> Energies:
-    """Return (N,) mean squared rotations between decoded and given poses (N, 21, 3, 3), in units of ``sigma``."""
+    """Return (N,) mean squared rotations between decoded and given poses."""
     xp = array_namespace(rotations)
     residual = log_so3(xp.matmul(rotations, xp.permute_dims(decoded, (0, 1, 3, 2))))
     scaled = residual / constant(sigma, rotations)

@@ -21,7 +21,7 @@ contradictory detections bend a joint up to 17 degrees beyond its range (docs/re
 
 @dataclass(frozen=True)
 class HandPrior:
-    """Prior ``E(a) = ½ (a - μ)ᵀ Σ⁻¹ (a - μ) + ½ Σ_i (max(0, a_i - high_i, low_i - a_i) / σ)²`` of A angles (rad)."""
+    """Prior of A angles: a normal distribution and soft limits."""
 
     mean: Float[np.ndarray, " a"]  # (A,) μ: a relaxed hand.
     covariance: Float[np.ndarray, "a a"]  # (A, A) Σ.
@@ -43,7 +43,7 @@ class HandPrior:
         return cost + 0.5 * (off * pulled).sum(1), gradient + pulled, matrix
 
     def limits(self, angles: Float[np.ndarray, "n a"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (n,) costs, (n, A) gradients and (n, A) second derivatives of the ranges alone, for (n, A) angles."""
+        """Return (n,) costs, (n, A) gradients and second derivatives of the ranges alone."""
         beyond = np.maximum(angles - self.high, 0.0) + np.minimum(angles - self.low, 0.0)
         stiffness = (beyond != 0) / LIMIT_SIGMA**2
         return 0.5 * (beyond**2 * stiffness).sum(1), beyond * stiffness, stiffness

@@ -85,14 +85,14 @@ class LiftedTake:
         return up / max(float(np.linalg.norm(up)), 1e-9)
 
     def placed(self, body: Body, landmarks: Landmarks, betas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (F, L, 3) points of a person of this shape in camera axes, and (F, 3) positions, NaN if unseen."""
+        """Return (F, L, 3) points of a person of this shape in camera axes, and positions."""
         still = np.zeros((len(self.local), 3))
         points = np.asarray(pose_landmarks(body, landmarks, betas, self.view.root, self.local, still).points)
         places = smoothed_places(place_before_camera(points, self.image, self.confidence), self.fps)
         return points + places[:, None], places
 
     def off_rays(self, body: Body, landmarks: Landmarks) -> np.ndarray:
-        """Return the (F,) mean distances in metres of an average person's points from their rays, NaN if unseen."""
+        """Return the (F,) mean distances of an average person's points from their rays."""
         points, _ = self.placed(body, landmarks, np.zeros(body.shapedirs.shape[-1]))
         seen = self.confidence > 0
         off = np.linalg.norm(points[..., :2] - np.where(seen[..., None], self.image, 0.0) * points[..., 2:], axis=-1)
@@ -190,7 +190,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 def lowest_feet(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray) -> float | None:
-    """Return the height in metres of the lower sole that stands, None without a visible foot. See ``lower_soles``.
+    """Return the height in metres of the lower standing sole, None without a foot.
 
     A low percentile is used, ``STANDING_PERCENT``, because dancers and jumpers rarely stand.
     """
@@ -199,7 +199,7 @@ def lowest_feet(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray) ->
 
 
 def lower_soles(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Return the (n, 3) lower sole in metres of each frame with a visible foot, along the direction ``up`` (3,)."""
+    """Return the (n, 3) lower sole in metres of each frame, along ``up`` (3,)."""
     frames, column = _lower(points, names, seen, up)
     drop = np.array([_FEET.get(name, 0.0) for name in names])
     return points[frames, column] - drop[column, None] * up

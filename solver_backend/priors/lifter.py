@@ -49,7 +49,7 @@ class TrunkFrame:
 
 
 def trunk_frame(points: Array, seen: Array) -> TrunkFrame:
-    """Return the trunk frames of finite (F, 19, 3) ``POINTS`` in metres. ``seen`` (F, 19) marks the known points."""
+    """Return the trunk frames of finite (F, 19, 3) ``POINTS`` in metres."""
     xp = array_namespace(points)
     left_shoulder, right_shoulder, left_hip, right_hip = (points[:, i] for i in range(4))
     up = 0.5 * (left_shoulder + right_shoulder - left_hip - right_hip)
@@ -61,7 +61,7 @@ def trunk_frame(points: Array, seen: Array) -> TrunkFrame:
 
 
 def features(points: Array, seen: Array, trunk: TrunkFrame) -> Array:
-    """Return (F, 76): points relative to the trunk in metres, 0 where missing, and a mask of the known ones."""
+    """Return (F, 76): points relative to the trunk, and a mask of the known ones."""
     xp = array_namespace(points)
     local = xp.matmul(points - trunk.origin[:, None], trunk.R)
     mask = xp.astype(seen, points.dtype)[..., None]
@@ -70,7 +70,7 @@ def features(points: Array, seen: Array, trunk: TrunkFrame) -> Array:
 
 
 def interpreted(output: Array, trunk: TrunkFrame) -> Lifted:
-    """Return the code, the rotation and position relative to the trunk, and the shape from the (F, 51) output."""
+    """Return code, rotation, position and shape from the (F, 51) output."""
     xp = array_namespace(output)
     upright = constant((1.0, 0.0, 0.0, 0.0, 1.0, 0.0), output)
     turn, end = output[:, LATENT_DIM : LATENT_DIM + 6] + upright, LATENT_DIM + 6
@@ -87,7 +87,7 @@ class Lifter:
     metadata: dict[str, Any]  # Training command, data and evaluation.
 
     def __call__(self, points: Array, seen: Array, names: tuple[str, ...]) -> Lifted:
-        """Return the start of a fit to named (F, L, 3) world points in metres. ``seen`` marks the known points."""
+        """Return the start of a fit to named (F, L, 3) world points in metres."""
         xp = array_namespace(points)
         device = device_of(points)
         known = xp.asarray([name in names for name in POINTS], device=device)

@@ -69,7 +69,7 @@ SHARPNESS = 20.0  # Factor β of ``softplus(x) = log(1 + exp(β x)) / β``.
 
 @dataclass(frozen=True)
 class SoftplusStack:
-    """Layers ``x -> W_n s(... s(W_1 x + b_1) ...) + b_n``, with a last softplus if the output must be positive."""
+    """Layers ``x -> W_n s(... s(W_1 x + b_1) ...) + b_n``, with an optional softplus."""
 
     weights: tuple[Array, ...]  # (out, in) each.
     biases: tuple[Array, ...]  # (out,) each.
@@ -121,7 +121,7 @@ TURN_METRIC: np.ndarray = JOINT_WEIGHTS / 8.0  # (21,) metric of small rotations
 
 
 def pose_distance(a: Array, b: Array) -> Array:
-    """Return ``sqrt(Σ_k w_k/2 arccos²|a_k · b_k|)`` in rad of (..., 21, 4) quaternions (Tiwari et al. 2022, eq. 2)."""
+    """Return ``sqrt(Σ_k w_k/2 arccos²|a_k · b_k|)`` in rad (Tiwari et al. 2022, eq. 2)."""
     xp = array_namespace(a, b)
     angle = half_angles(a, b)
     return xp.sqrt(xp.sum(0.5 * constant(JOINT_WEIGHTS, a) * angle * angle, axis=-1))
@@ -213,7 +213,7 @@ class PoseField:
         return features, slopes
 
     def _by_quats(self, slopes: list[Array], by_feature: Array) -> Array:
-        """Return (21, N, 4) derivatives by quaternions, from (21, N, l) derivatives by features, level by level."""
+        """Return (21, N, 4) derivatives by quaternions, from those by features."""
         xp = array_namespace(by_feature)
         parts: list[Array] = []
         last, from_below = NUM_BODY_JOINTS, None
@@ -263,7 +263,7 @@ class ProjectionSettings:
 
 
 class PoseNDF(PosePrior):
-    """Distance of a pose to the manifold of plausible poses in radians, in the metric of ``pose_distance``.
+    """Distance of a pose to the manifold of plausible poses in radians.
 
     It is zero on the manifold (Tiwari et al. 2022, eq. 1). Quaternions have ``w >= 0``, so q and -q are the same pose.
     """
@@ -317,7 +317,7 @@ class PoseNDF(PosePrior):
         return distance, xp.reshape(gradient, (z.shape[0], _DIM))
 
     def distance_with_tangents(self, rotations: Array) -> tuple[Array, Array]:
-        """Return the (N,) ``f`` of (N, 21, 3, 3) poses and its derivatives by the joints' left tangents, (N, 21, 3).
+        """Return (N,) ``f`` of (N, 21, 3, 3) poses, and its derivatives by left tangents.
 
         ``f(exp([ω_k]x) R_k) ≈ f + Σ_k g_k · ω_k``. Errors: ``check_rotations``.
         """
@@ -402,7 +402,7 @@ def in_metric(quats: Array, gradient: Array) -> Array:
 
 
 def metric_length(tangents: Array) -> Array:
-    """Return the (N,) lengths ``sqrt(Σ_k (w_k/2) |·|²)`` of (N, 21, 4) tangents in the metric of ``pose_distance``."""
+    """Return the (N,) lengths ``sqrt(Σ_k (w_k/2) |·|²)`` of (N, 21, 4) tangents."""
     xp = array_namespace(tangents)
     weights = constant(0.5 * JOINT_WEIGHTS[:, None], tangents)
     return xp.sqrt(xp.sum(weights * tangents * tangents, axis=(1, 2)) + 1e-24)

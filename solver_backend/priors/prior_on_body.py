@@ -86,7 +86,7 @@ class PriorOnBody(AutoencodingPrior):
 
 
 def _placed(rotations: Array, taken: np.ndarray, count: int, put: np.ndarray) -> Array:
-    """Return (N, count, 3, 3) rotations with the columns ``taken`` at the columns ``put``, and identities elsewhere."""
+    """Return (N, count, 3, 3) rotations with ``taken`` at the columns ``put``, else identity."""
     xp = array_namespace(rotations)
     rest = constant(np.eye(3), rotations) + zeros((rotations.shape[0], count, 3, 3), rotations)
     rest[:, index(put, rotations)] = xp.asarray(rotations)[:, index(taken, rotations)]

@@ -47,7 +47,7 @@ def _step(truth: Poses, decoded: Poses, by_code: CodeJacobian) -> Codes:
 
 
 def misfit(truth: Poses, decoded: Poses, by_code: CodeJacobian) -> tuple[Array, Array]:
-    """Return the differences r (N, 132) in metres of decoded poses from the truth, and J (N, 132, d), ``-dr/dz``.
+    """Return decoded pose errors r (N, 132) in metres, and J (N, 132, d), ``-dr/dz``.
 
     Joints 1..23 come first, then rotations of joints 1..21. Velocities propagate down the tree: ``ω_j = ω_p + G_p J_j``
     and ``v_j = v_p + ω_p x (p_j - p_p)``. ``truth`` and ``decoded`` are (N, 21, 3, 3), ``by_code`` is (N, 21, 3, d).
@@ -82,7 +82,7 @@ class SPoser(PoseAutoencoder):
     name = "sposer"
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the (N, 32) codes, unit and zero-mean, of (N, 21, 3, 3) local rotations. Errors: ``check_rotations``.
+        """Return the (N, 32) codes, unit and zero-mean, of (N, 21, 3, 3) local rotations.
 
         The encoder's estimate is improved by one step with the decoder's derivative (``nearer_codes``).
         """

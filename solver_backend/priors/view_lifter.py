@@ -29,7 +29,7 @@ _EPSILON = np.float32(1e-5)  # Keeps a root mean square from being zero, as in t
 
 
 def layer(arrays: Arrays, x: np.ndarray, name: str, heads: int, bias: np.ndarray | None = None) -> np.ndarray:
-    """Return (B, N, d) features after attention among them and two dense layers, each after a normalisation.
+    """Return (B, N, d) features after normalised attention and two dense layers.
 
     ``x + W_o softmax(Q Kᵀ / √d_h + B) V``, then ``x + W_2 relu(W_1 x)`` (Vaswani et al. 2017, with the norm first).
 
@@ -254,7 +254,7 @@ def known_points(points: np.ndarray, confidence: np.ndarray, names: tuple[str, .
 def _with_head(
     points: np.ndarray, confidence: np.ndarray, names: tuple[str, ...]
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return points, confidences and names with the middle of the head for ears and nose that have no name."""
+    """Return points, confidences and names with the head's middle for ears and nose."""
     absent = tuple(name for name in FACE if name not in names)
     top, share = next(((name, share) for name, share in HEAD_SHARE.items() if name in names), ("", 0.0))
     neck = next((name for name in NECKS if name in names), "")
@@ -337,7 +337,7 @@ class LimbSlants:
     metadata: dict[str, Any]  # Training command, data and evaluation.
 
     def __call__(self, hidden: np.ndarray) -> np.ndarray:
-        """Return (N, 8, 3) probabilities that bones point towards the camera, across or away, from (N, d) features."""
+        """Return (N, 8, 3) probabilities of bones towards the camera, across or away."""
         logits = np.asarray(self.stack(np.asarray(hidden, dtype=float)))
         return softmax(logits.reshape(len(hidden), len(BONES), CLASSES).copy())
 

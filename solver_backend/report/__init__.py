@@ -1,1 +1,1 @@
-"""Write one page about a solve: its quality, the frames to check, and its settings. The page needs no network."""
+"""Write one self-contained page about a solve: quality, frames to check, settings."""

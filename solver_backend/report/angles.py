@@ -8,7 +8,7 @@ from solver_backend.types import SMPL_JOINTS
 
 
 def flexion_deg(joints: np.ndarray, parent: str, joint: str, child: str) -> np.ndarray:
-    """Return (F,) hinge flexion in degrees of (F, 24, 3) joints: ``180° - ∠(parent, joint, child)``, 0 if straight."""
+    """Return (F,) hinge flexion in degrees of (F, 24, 3) joints, 0 if straight."""
     above = _between(joints, joint, parent)
     below = _between(joints, joint, child)
     return 180.0 - _angle_deg(above, below)

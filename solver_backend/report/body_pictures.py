@@ -164,7 +164,7 @@ def rest_pose_section(motion: Motion) -> str:
 
 
 def rest_markers(body: Body, motion: Motion, offsets: np.ndarray) -> np.ndarray:
-    """Return (M, 3) marker positions (m) on the rest pose, Y up, facing +Z, with offsets from nominal positions."""
+    """Return (M, 3) marker positions (m) on the rest pose, with offsets from nominal ones."""
     assert motion.layout is not None
     still = np.broadcast_to(np.eye(3), (1, NUM_BODY_JOINTS, 3, 3))
     landmarks = marker_landmarks(body, motion.layout)

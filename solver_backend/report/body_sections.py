@@ -67,7 +67,7 @@ def open_limbs(motion: Motion) -> dict[str, np.ndarray]:
 
 
 def sight_sigma_m(motion: Motion, centres: np.ndarray) -> np.ndarray:
-    """Return (F, J) standard deviations of the joints along the line of sight from (F, 3) positions, in metres."""
+    """Return (F, J) deviations of the joints along the line of sight in metres."""
     assert motion.joint_covariance is not None
     away = motion.joints - centres[:, None]
     sight = away / np.linalg.norm(away, axis=-1, keepdims=True)
@@ -149,7 +149,7 @@ _SIZE, _SPAN_M = 150.0, 0.24
 
 
 def hands_section(motion: Motion) -> str:
-    """Show each finger's fraction of informed frames, standard deviation and flexion, curls over time, and images."""
+    """Show the state, flexion and curl over time of each finger, and images of the hands."""
     names = motion.body_layout.joints
     if not all(f"{side}_{finger}{k + 1}" in names for side in SIDES for finger in FINGERS for k in range(_JOINTS)):
         return ""
@@ -178,7 +178,7 @@ def hands_section(motion: Motion) -> str:
 
 
 def _bends_deg(wrists: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Return (F, 2, 5, 2) finger flexion in degrees from wrists (F, 2, 3) and finger joints (F, 2, 5, 3, 3)."""
+    """Return (F, 2, 5, 2) finger flexion in degrees from wrists and finger joints."""
     start = np.broadcast_to(wrists[:, :, None, None], (*joints.shape[:3], 1, 3))
     bones = np.diff(np.concatenate([start, joints], axis=3), axis=3)
     before, after = bones[..., :-1, :], bones[..., 1:, :]
@@ -251,7 +251,7 @@ def _own_axes(wrist: np.ndarray, joints: np.ndarray, side: int) -> np.ndarray:
 
 
 def _hand(chains: np.ndarray, left: float, top: float, style: str, seen: np.ndarray) -> list[str]:
-    """Return the lines of a hand with (5, 4, 2) chains in metres up and to the right. Resting fingers are faint."""
+    """Return the lines of a hand with (5, 4, 2) chains. Resting fingers are faint."""
     scale = _SIZE / _SPAN_M
     parts = []
     for finger, chain in enumerate(chains):

@@ -1,4 +1,4 @@
-"""Write the page of a capture before its solve: cameras, person and floor, agreement of views, corrections."""
+"""Write a capture's page before its solve: cameras, person, floor and corrections."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class _SharedViews(NamedTuple):
 
 
 def _shared_views(capture: Capture, rows: np.ndarray) -> _SharedViews | None:
-    """Return points (N, K, 3), and (C, N, K) masks of detections and inliers with their residuals in pixels."""
+    """Return points (N, K, 3), and (C, N, K) detections, inliers and residuals in pixels."""
     if (several := capture.several_views) is None:
         return None
     cameras, keypoints = several[0], several[1].at(rows)

@@ -128,7 +128,7 @@ def marker_plausibility(motion: Motion) -> Iterator[Diagnostic]:
 
 
 def _side_by_name(places: tuple[str, ...]) -> Iterator[Diagnostic]:
-    """Yield a diagnostic if only labels determine the side of a single limb. The ankle determines it for a leg."""
+    """Yield a diagnostic if only labels determine the side of a single limb."""
     named = [place for place in places if place[:1] in ("L", "R") and not is_joint_centre(place)]
     if len(named) < len(places) or not of_one_limb(named, load_layouts()):
         return
@@ -490,7 +490,7 @@ def run_checks(capture: Capture, motion: Motion, residuals: KeypointResiduals | 
 
 
 def diagnose(capture: Capture, motion: Motion, residuals: KeypointResiduals | None = None) -> tuple[Diagnostic, ...]:
-    """Return all diagnostics, the most severe first. A motion with stored diagnostics gives the same ones again.
+    """Return all diagnostics, the most severe first, or the stored ones of a motion.
 
     Args:
         residuals: residuals of the motion in the capture, computed if None.

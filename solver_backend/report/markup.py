@@ -92,7 +92,7 @@ def heat_table(
 
 
 def tints(errors: np.ndarray, usual: float) -> np.ndarray:
-    """Return tints of errors by ratio, from 0 at half the usual error to 1 at twice. 3 and 8 px always differ."""
+    """Return tints of errors by ratio, from 0 at half the usual error to 1 at twice."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.clip(0.5 + 0.5 * np.log2(errors / usual), 0.0, 1.0)
 

@@ -1,4 +1,4 @@
-"""Draw the page's figures as inline SVG: curves and strips over time, the floor plan and the recorded space."""
+"""Draw the page's figures as inline SVG: curves, strips, floor plan and space."""
 
 from __future__ import annotations
 
@@ -220,7 +220,7 @@ def moments(worth: np.ndarray, count: int) -> list[int]:
 
 
 def _grid(low: np.ndarray, high: np.ndarray, at: Place) -> tuple[list[str], float]:
-    """Return the floor's grid lines between two corners (2,), thicker through the origin, and their spacing."""
+    """Return the floor's grid lines between two corners (2,), and their spacing."""
     span = float((high - low).max())
     step = 1.0 if span <= 14 else nice_steps(0.0, span, 8)[1]
     parts = []

@@ -1,4 +1,4 @@
-"""Compute the figures of the page: residuals per camera, keypoint and frame, and fractions of detections."""
+"""Compute the page's figures: residuals and shares of detections."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class KeypointResiduals:
         return quantile(np.moveaxis(self.error_px, 1, 0).reshape(self.error_px.shape[1], -1), q, axis=1)
 
     def agreement_percent(self, axis: int | tuple[int, ...]) -> np.ndarray:
-        """Return the percentage of detections within the limit, over one or more of (cameras, frames, keypoints)."""
+        """Return the percentage of detections within the limit, over the given axes."""
         return share(self.error_px <= self.limit_px, np.isfinite(self.error_px), axis)
 
     @property

@@ -51,7 +51,7 @@ class FixedVariances:
 
 @dataclass(frozen=True)
 class LearnedVariances:
-    """Loss ``½ Σ (exp(-s) r² + s) + λ |s|²`` with log-variances s of each frame's landmarks (thesis 5.2, 5.3, 5.5)."""
+    """Loss ``½ Σ (exp(-s) r² + s) + λ |s|²`` with log-variances s (thesis 5.2, 5.3, 5.5)."""
 
     weight: float = UNCERTAINTY_WEIGHT  # λ of the prior that draws s to 0, the initial variance (thesis 5.5).
 
@@ -89,7 +89,7 @@ class LearnedVariances:
 
 @dataclass(frozen=True)
 class LearnedPositionTerm:
-    """Term ``E = min_s Σ_i ½ (exp(-s_i) w_i |y_i - m_i|² + s_i) + λ s_i²`` with log-variances s in closed form.
+    """Term ``min_s Σ_i ½ (exp(-s_i) w_i |y_i - m_i|² + s_i) + λ s_i²``, s in closed form.
 
     By Danskin's theorem, the minimum has the same derivative by the position as at fixed s. The information of each
     position is therefore ``exp(-s_i) w_i``.

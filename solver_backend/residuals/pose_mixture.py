@@ -38,7 +38,7 @@ class PoseMixture:
 
 
 def read_mixture(path: Path = ASSETS / "gmm.npz") -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-    """Return shares (K,), means (K, 63), lower Cholesky factors (K, 63, 63) of the covariances, and metadata.
+    """Return shares (K,), means (K, 63), Cholesky factors (K, 63, 63), and metadata.
 
     Raises:
         FileMissing: the file does not exist.
@@ -103,7 +103,7 @@ class PoseMixtureTerm:
         return self
 
     def __call__(self, local: Array) -> PoseEvidence:
-        """Return the evidence at (F, J, 3, 3) rotations. Its factors are the (F, K) shares that make the Hessian.
+        """Return the evidence at (F, J, 3, 3) rotations, with (F, K) shares for the Hessian.
 
         With the shares r_k of the sum, ``dE/dx_c = s Σ_k r_k P_k (x_c - μ_k)``, plus Q x, and ``dx = J_l(x)⁻¹ δ``.
         """

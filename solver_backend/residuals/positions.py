@@ -68,7 +68,7 @@ class PositionTerm(Rows):
 
 @dataclass(frozen=True)
 class RelativePositionTerm:
-    """Term ``E = 1/2 sum_i c rho(sqrt(e_i' W_i e_i))`` of ``e_i = y_i - m_i - t``, with Geman-McClure's rho.
+    """Term ``1/2 sum_i c rho(sqrt(e_i' W_i e_i))`` of ``e_i = y_i - m_i - t``.
 
     ``t = S⁻¹ Σ_i W_i (y_i - m_i)`` with ``S = Σ_i W_i`` is the best common shift of all points, which costs nothing.
     """
@@ -147,7 +147,7 @@ class FloorTerm:
         return self
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the evidence at (F, L, 3) positions. The floor is no measurement, so the robust scale is ignored."""
+        """Return the evidence at (F, L, 3) positions, without the robust scale."""
         xp = array_namespace(points)
         height = points[..., 2]
         below = xp.where(height < 0, height, xp.zeros_like(height))
@@ -175,7 +175,7 @@ DEEPEST = 25.0  # Robust scale of a depth in standard deviations. A point that d
 
 @dataclass(frozen=True)
 class SurfaceTerm(Rows):
-    """Term ``E = 1/2 sum_i rho(min(n_i' y_i - d_i, 0) / sigma)`` of points behind planes with unit normals n.
+    """Term ``1/2 sum_i rho(min(n_i' y_i - d_i, 0) / sigma)`` of points behind planes.
 
     rho is Geman-McClure's with the scale ``DEEPEST``.
     """
@@ -185,7 +185,7 @@ class SurfaceTerm(Rows):
     precision: Array  # (F, S) 1 / sigma², 1/m².
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the evidence at (F, S, 3) positions. Obstacles are no measurement, so the robust scale is ignored."""
+        """Return the evidence at (F, S, 3) positions, without the robust scale."""
         xp = array_namespace(points)
         height = dot(points, self.normals) - self.offsets
         weight = self.precision * xp.astype(height < 0, height.dtype)

@@ -17,7 +17,7 @@ from solver_backend.types import Cameras, Keypoints2D
 
 @dataclass(frozen=True)
 class ReprojectionTerm:
-    """Term ``E = 1/2 sum_cam sum_i c_i rho(|pi(y_i) - k_i| / sigma_i)``, Geman-McClure rho (Albanis 2026, eq. 6.8)."""
+    """Term ``1/2 sum_cam sum_i c_i rho(|pi(y_i) - k_i| / sigma_i)`` (Albanis 2026, eq. 6.8)."""
 
     cameras: CameraArrays
     xy: Array  # (C, F, L, 2) px, finite, arbitrary where the weight is 0.
@@ -47,7 +47,7 @@ class ReprojectionTerm:
         return replace(self, cameras=self.cameras.at(frames), xy=xy, weight=weight, confidence=confidence)
 
     def astype(self, precision: Any) -> ReprojectionTerm:
-        """Return the term in the given floating-point precision. Single precision resolves 0.0001 px at 1,000 px."""
+        """Return the term in a floating-point precision, at least single (0.0001 px)."""
         xy, weight, confidence = (astype(a, precision) for a in (self.xy, self.weight, self.confidence))
         return ReprojectionTerm(self.cameras.astype(precision), xy, weight, confidence, self.penalty)
 

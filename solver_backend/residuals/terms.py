@@ -1,4 +1,4 @@
-"""Terms on landmark positions and poses as quadratic models. The views of a landmark are summed into a 3x3 matrix."""
+"""Terms on landmark positions and poses as quadratic models, summed over views."""
 
 from __future__ import annotations
 

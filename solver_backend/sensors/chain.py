@@ -397,7 +397,7 @@ def cloud_of(
 def capture_of(
     folder: SensorFolder, take: SensorTake | None = None, name: str = "", *, progress: Progress = silent
 ) -> Capture:
-    """Return the capture of a folder: unlabelled points, cameras and problems. The default take is ``cloud_of``."""
+    """Return the capture of a folder: unlabelled points, cameras and problems."""
     take, name = take or cloud_of(folder, progress=progress), name or folder.path.name
     source = (str(folder.path),)
     return Capture(name, cameras=folder.cameras, markers=take.cloud, sources=source, problems=take.findings)

@@ -115,14 +115,14 @@ class BlockTridiagonal:
 
 @dataclass(frozen=True)
 class _Inner:
-    """Elimination of the inner unknowns A, coupled with their own block's outer ones by B and the next block's by C."""
+    """Elimination of the inner unknowns of each block."""
 
     inverse: Array  # (N, k, k) ``A⁻¹``.
     own: Array  # (N, k, m) ``A⁻¹ B``.
     further: Array  # (N - 1, k, m) ``A⁻¹ C``.
 
     def carried(self, g: Array, g_inner: Array) -> Array:
-        """Return the (N, m) gradient of the outer unknowns after elimination of the inner ones with gradient (N, k)."""
+        """Return the (N, m) gradient of the outer unknowns after the inner ones' elimination."""
         xp = array_namespace(g)
         g = g - _times(xp.matrix_transpose(self.own), g_inner)
         g[1:] -= _times(xp.matrix_transpose(self.further), g_inner[:-1])
@@ -135,7 +135,7 @@ class _Inner:
         return steps
 
     def marginals(self, diagonal: Array, upper: Array, some: slice) -> tuple[Array, Array]:
-        """Return the covariances within some blocks, and of their inner unknowns with the next block's outer ones.
+        """Return covariances within some blocks, and with the next block's outer unknowns.
 
         ``diagonal`` and ``upper`` are the covariances of the outer unknowns within a block and with the next one.
         """
@@ -170,7 +170,7 @@ class _Outer:
     upper: Array  # (N - 1, m, m).
 
     def swept(self, right: Sequence[Array], *, carry: bool = True) -> _Sweeps:
-        """Eliminate the blocks from both ends. ``carry`` passes the N right-hand sides (m, k) from block to block."""
+        """Eliminate the blocks from both ends. ``carry`` passes the right-hand sides on."""
         xp = array_namespace(self.diagonal)
         count, middle = self.diagonal.shape[0], self.diagonal.shape[0] // 2
         orders = range(middle), range(count - 1, middle, -1)

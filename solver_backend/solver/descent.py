@@ -1,4 +1,4 @@
-"""Minimise on manifolds with gradients alone, by projected gradient descent with retraction (thesis 6.2.4)."""
+"""Minimise on manifolds by projected gradient descent with retraction (thesis 6.2.4)."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ class Euclidean:
     """Flat space. States are arrays of any shape, and points are their last axis."""
 
     def project(self, x: Array, v: Array) -> Array:
-        """Return the tangent vector at ``x`` nearest to the ambient vector ``v``. It makes a gradient Riemannian."""
+        """Return the tangent vector at ``x`` nearest to the ambient vector ``v``."""
         return v
 
     def retract(self, x: Array, v: Array) -> Array:

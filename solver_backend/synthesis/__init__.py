@@ -1,1 +1,1 @@
-"""Create captures with ground truth: the embedded demo, simulated detections and markers, and studio data sets."""
+"""Create captures with ground truth: the demo, simulated ones, and studio data sets."""

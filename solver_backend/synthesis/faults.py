@@ -15,7 +15,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class DetectorFaults:
-    """Faults of a 2D pose detector. Lengths are in millimetres at the person, standard deviations per axis."""
+    """Faults of a 2D pose detector, in millimetres at the person."""
 
     view_bias_mm: float = 0.0  # Error that depends on the viewing direction.
     drift_mm: float = 0.0  # Error that is correlated over ``drift_s``.
@@ -92,7 +92,7 @@ OPTICAL_MARKERS = MarkerFaults(measurement_mm=0.3, placement_mm=8.0, skin_mm=1.5
 
 
 def autoregressive(shape: tuple[int, ...], correlation: float, rng: np.random.Generator) -> np.ndarray:
-    """Return first-order autoregressive noise (C, F, ...) of unit variance: ``x_t = a x_{t-1} + sqrt(1 - a²) e_t``."""
+    """Return noise (C, F, ...) of unit variance: ``x_t = a x_{t-1} + sqrt(1 - a²) e_t``."""
     noise = rng.normal(size=shape)
     for f in range(1, shape[1]):
         noise[:, f] = correlation * noise[:, f - 1] + np.sqrt(1 - correlation**2) * noise[:, f]

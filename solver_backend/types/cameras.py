@@ -18,7 +18,7 @@ _LARGEST_SIZE = 2.0**31  # Pixels per side below which sizes fit into 32-bit int
 
 @dataclass(frozen=True)
 class CameraPath:
-    """Motion of moving cameras in F frames: ``x_start = R @ x_world + t``, the identity at their start pose."""
+    """Motion of moving cameras in F frames: ``x_start = R @ x_world + t``."""
 
     R: Any  # (F, 3, 3) rotations from the world to the axes to which the cameras are fixed.
     t: Any  # (F, 3) translations in metres.
@@ -33,7 +33,7 @@ class CameraPath:
 
 @dataclass(frozen=True)
 class Cameras:
-    """Cameras of one capture, ``x_cam = R @ x_world + t``. Pixel (0, 0) is the centre of the top-left pixel.
+    """Cameras of one capture, ``x_cam = R @ x_world + t``, pixel centres at whole numbers.
 
     Moving cameras have a path, ``x_cam = R @ x_start + t``. Points then have F frames on their first axis.
     """

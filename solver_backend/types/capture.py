@@ -43,7 +43,7 @@ UNSEEN_POINT = (np.nan, np.nan, 0.0)  # x, y and confidence of an undetected poi
 
 
 def stacked_hands(hands: Sequence[np.ndarray | None], axis: int) -> np.ndarray | None:
-    """Join the hands of several people along an axis, with NaN for people without hands. Return None without hands."""
+    """Join the hands of several people along an axis, NaN without hands, None without any."""
     like = next((hand for hand in hands if hand is not None), None)
     if like is None:
         return None
@@ -73,7 +73,7 @@ def checked_hands(hands: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Keypoints2D:
-    """Detections of one person in every view. Missing ones are NaN with confidence 0. User-defined points come last."""
+    """Detections of one person in every view, NaN and confidence 0 where missing."""
 
     xy: Float[np.ndarray, "views frames keypoints 2"]
     """(views, frames, keypoints, 2) positions in pixels."""
@@ -311,7 +311,7 @@ class Capture:
         return self.cameras, self.keypoints
 
     def of_person(self, name: str) -> Capture:
-        """Return the capture with the keypoints of another person, by name or number. Raise PersonUnknown if absent."""
+        """Return the capture with another person's keypoints. Raise PersonUnknown if absent."""
         wanted = name.strip().casefold()
         for number, person in enumerate(self.people, 1):
             if wanted in (person.name.casefold(), str(number)):

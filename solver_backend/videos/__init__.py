@@ -1,1 +1,1 @@
-"""Convert videos to a capture. Images, sound and detectors need the extra ``capture``, which is imported on use."""
+"""Convert videos to a capture (extra ``capture``)."""

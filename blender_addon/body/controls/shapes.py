@@ -96,7 +96,7 @@ def _show(bone: bpy.types.PoseBone, shape: bpy.types.Object, centre: np.ndarray,
 
 
 def shape_lines(armature: bpy.types.Object) -> dict[tuple[float, ...], np.ndarray]:
-    """Return the (2 E, 3) world positions of the line ends of all visible custom shapes, grouped by bone colour."""
+    """Return the (2 E, 3) line ends of visible custom shapes, by bone colour."""
     lines: dict[str, np.ndarray] = {}
     found: dict[tuple[float, ...], list[np.ndarray]] = {}
     for bone in armature.pose.bones:

@@ -1,4 +1,4 @@
-"""Set up IK for limbs and controls for fingers. IK poses hidden bones, and switches let the joints follow them."""
+"""Set up IK for limbs and controls for fingers."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ def _follow_turn(
 
 
 def _spread_sign(armature: bpy.types.Object, side: str, finger: str) -> float:
-    """Return 1 if a positive rotation about Z moves a finger away from its neighbours, and -1 if towards them."""
+    """Return 1 if a rotation about Z moves a finger away from its neighbours, else -1."""
     bones = armature.data.bones
     axes = np.array(bones[f"{side}_{finger}1"].matrix_local.to_3x3(), np.float64)
     thumbward = np.array(bones[f"{side}_index1"].head_local) - np.array(bones[f"{side}_pinky1"].head_local)

@@ -1,4 +1,4 @@
-"""Write AMASS: poses, translations and shape of an SMPL-type body in one ``.npz``, in metres and radians, Z up."""
+"""Write AMASS: poses, translations and shape in one ``.npz``, Z up."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def export_amass_x(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write a take of this add-on in SMPL-X form, with (F, 165) ``poses`` and named parts. Jaw and eyes rest."""
+    """Write a take of this add-on in SMPL-X form, with (F, 165) ``poses``."""
     arrays, parts = _read_take(take, progress)
     frames = len(parts["root_orient"])
     parts |= {"pose_jaw": np.zeros((frames, 3)), "pose_eye": np.zeros((frames, 6))}
@@ -44,7 +44,7 @@ def export_amass_x(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def _read_take(take: ExportTake, progress: Progress) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return the arrays of both models, and the (F, 3) root, (F, 63) body and (F, 90) finger poses by AMASS name."""
+    """Return the arrays of both models, and root, body and finger poses by name."""
     betas, rest_pelvis = _shape(take)
     _require_own_size(take)
     pose = sample_joints(take, progress)
@@ -89,5 +89,5 @@ def _shape(take: ExportTake) -> tuple[np.ndarray, np.ndarray]:
 
 
 def local_rotvec(pose: PoseSamples) -> np.ndarray:
-    """Return (F, J, 3) axis-angles in the body's frame: the root to the world, other joints to their parents."""
+    """Return (F, J, 3) axis-angles: the root to the world, other joints to parents."""
     return rotvec_from_matrix(against_parents(pose.rotations @ R_ARMATURE_BODY, pose.parents))

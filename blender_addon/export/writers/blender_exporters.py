@@ -32,7 +32,7 @@ _DISK = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EROFS, errno.EACCES)
 def run_exporter(
     operator: Any, path: Path, settings: dict[str, Any], newer_settings: dict[str, Any] | None = None
 ) -> None:
-    """Call an exporter such as ``bpy.ops.export_scene.fbx``. An older Blender is called without ``newer_settings``."""
+    """Call an exporter, without ``newer_settings`` in an older Blender."""
     try:
         known = {prop.identifier for prop in operator.get_rna_type().properties}
     except KeyError as error:
@@ -113,7 +113,7 @@ def export_fbx(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def export_gltf(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write binary glTF in metres, Y up, with deforming bones, a key on every frame, and times starting at zero."""
+    """Write binary glTF in metres, Y up, with a key on every frame."""
     settings = {"use_selection": True, "export_format": "GLB", "export_yup": True, "export_def_bones": True}
     settings |= {"export_influence_nb": 4, "export_animations": True, "export_animation_mode": "SCENE"}
     settings |= {"export_anim_scene_split_object": False, "export_anim_slide_to_zero": True}
@@ -188,7 +188,7 @@ _HEADER = Struct("<12siiffi")  # Signature, version, points, first frame, frames
 
 @contextmanager
 def sampled_meshes(take: ExportTake) -> Iterator[ExportTake]:
-    """Yield the take if it is on scene frames and in metres, otherwise copies of its meshes that play a point cache."""
+    """Yield the take, or copies of its meshes that play a point cache."""
     if take.is_on_frames and take.metres_a_unit == 1.0:
         yield take
         return

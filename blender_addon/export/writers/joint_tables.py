@@ -34,7 +34,7 @@ def export_bvh(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def channels(pose: PoseSamples) -> np.ndarray:
-    """Return (F, 3 + 3 J) channels: root position in centimetres, then each joint's Z, X and Y angles in degrees."""
+    """Return (F, 3 + 3 J) BVH channels: root in centimetres, joint angles in degrees."""
     local = against_parents(R_YUP_ZUP @ pose.rotations @ R_YUP_ZUP.T, pose.parents)
     root = pose.parents.index(-1)
     path = pose.heads[:, root] @ R_YUP_ZUP.T * UNITS_PER_METRE
@@ -69,7 +69,7 @@ def _text(offset_m: np.ndarray) -> str:
 
 
 def export_trc(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write the measured joints as TRC markers: millimetres, Y up, separated by tabs, as OpenSim reads them."""
+    """Write the measured joints as TRC markers in millimetres, Y up."""
     pose = measured_joints(take, progress)
     frames, count, rate = pose.num_frames, len(pose.names), f"{pose.fps:.10g}"
     axes = "\t".join(f"X{j}\tY{j}\tZ{j}" for j in range(1, count + 1))
@@ -86,7 +86,7 @@ def export_trc(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def export_csv(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write the measured joints as CSV: metres in Blender's world, scene frames, and seconds from the first frame."""
+    """Write the measured joints as CSV in metres of Blender's world."""
     pose = measured_joints(take, progress)
     columns = [f"{name}_{axis}_m" for name in pose.names for axis in "xyz"]
     head = ",".join(["frame", "time_s", *columns])
@@ -94,7 +94,7 @@ def export_csv(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def measured_joints(take: ExportTake, progress: Progress) -> PoseSamples:
-    """Return the joints that were measured in any frame of a take, with NaN in frames without a measurement."""
+    """Return the measured joints of a take, with NaN in frames without a measurement."""
     pose = sample_joints(take, progress)
     lanes = resting_at(current_action(take.armature), take.times)
     rests = np.array([lanes.get(name, np.zeros(pose.num_frames, dtype=bool)) for name in pose.names]).T
@@ -114,7 +114,7 @@ def measured_joints(take: ExportTake, progress: Progress) -> PoseSamples:
 def _write(
     path: Path, head: list[str], fps: float, positions: np.ndarray, *, first: int, delimiter: str, decimals: int
 ) -> None:
-    """Write header lines and a row per frame: number, time in seconds, (F, J, 3) positions. NaN cells are empty."""
+    """Write header lines, then number, time and (F, J, 3) positions of each frame."""
     at = np.arange(len(positions))
     rows = np.column_stack([first + at, at / fps, positions.reshape(len(positions), -1)])
     formats = ["%d", "%.9f", *([f"%.{decimals}f"] * (rows.shape[1] - 2))]

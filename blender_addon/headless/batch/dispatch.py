@@ -1,4 +1,4 @@
-"""Main loop of a batch: send captures to the engine, collect records, and retry failed captures on other workers."""
+"""Send a batch's captures to the engine, and retry failed ones."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _WAIT_S = 0.5  # Seconds to wait for ended takes per loop. Chosen by hand.
 def dispatch(
     work: Work, source: Listed | Watched, engine: Engine, progress: Progress, ended: Callable[[TakeRecord, bool], None]
 ) -> None:
-    """Process all takes of a source. Call ``ended`` with each record, and True if an earlier result was reused."""
+    """Process all takes of a source, and pass each record to ``ended``."""
     waiting: deque[Ticket] = deque()
     running, total, done = 0, 0, 0
     while True:
@@ -72,7 +72,7 @@ def _code_of(one: Ended) -> str:
 
 
 def _record_of(work: Work, one: Ended, engine: Engine) -> TakeRecord:
-    """Return the take's last record. A take that crashes its workers is set aside with a log of the attempts."""
+    """Return the take's last record, with a log if the take crashed its workers."""
     folder = work.out / one.ticket.name
     code, record = _code_of(one), one.record
     if record is not None and record["status"] == "skipped":  # done by a worker that died before it could report it

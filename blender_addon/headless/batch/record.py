@@ -1,4 +1,4 @@
-"""Record of a take with the inputs and the outcome of each step. Records are the only state of a batch.
+"""Record of a take with the inputs and the outcome of each step.
 
 A step is done if the record has its key and its files exist. Keys follow from inputs, settings and version.
 """

@@ -202,7 +202,7 @@ class Listed:
 
 
 class Watched:
-    """Captures that arrive in a folder. A capture is returned once it has settled, and again after each change.
+    """Captures that arrive in a folder, returned when they have settled.
 
     Two captures with the same name are one take. Only the first is processed, and the other is reported.
 

@@ -1,4 +1,4 @@
-"""Process one take of a batch, or reuse its results: convert, solve and, if requested, bake, render and export it."""
+"""Process one take of a batch: convert, solve, bake, render and export it."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def run_step(work: Work, capture: Path, step: str, progress: Progress, *, worker
 
 
 def failed(record: TakeRecord, folder: Path, failure: Failure, status: str = "failed") -> TakeRecord:
-    """Return a take's record with its failure. Write it if the folder belongs to the batch and is writable."""
+    """Return a take's record with its failure, written to its folder if possible."""
     record = {**record, "status": status, "error": failure}
     if attempts := record.get("attempts"):
         attempts[-1]["how"], attempts[-1]["message"] = failure["code"], failure["message"]

@@ -1,4 +1,4 @@
-"""Process the shots of a data set with a batch's engines. The solver renders them, and Blender adds colour."""
+"""Process the shots of a data set with a batch's engines."""
 
 from __future__ import annotations
 

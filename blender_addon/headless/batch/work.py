@@ -1,4 +1,4 @@
-"""Define work items that engines distribute to workers. An item has several steps and a record in its own folder."""
+"""Define work items with several steps and a record in their own folder."""
 
 from __future__ import annotations
 

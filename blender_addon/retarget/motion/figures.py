@@ -154,7 +154,7 @@ def actor_of_poses(
 
 
 def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray, *, still: bool = False) -> tuple[Hand, ...]:
-    """Return our hands from (J, 3) rest positions and (F, J, 3, 3) rotations. ``still`` keeps resting fingers."""
+    """Return our hands from rest positions and (F, J, 3, 3) rotations."""
     index = {joint: j for j, joint in enumerate(layout.joints)}
     hands = []
     for side in SIDES:

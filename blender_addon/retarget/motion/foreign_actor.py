@@ -1,4 +1,4 @@
-"""Convert the motion of a rig's bones to the motion of our joints on a person with the rig's proportions."""
+"""Convert a rig's motion to our joints on a person with the rig's proportions."""
 
 from __future__ import annotations
 

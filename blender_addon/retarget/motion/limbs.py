@@ -22,7 +22,7 @@ _CLEAR_BEND = 0.05  # Sine of the bend at which the plane of the bones and the a
 
 
 def bend_to(reach: np.ndarray, upper: np.ndarray, lower: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (F, 3, 3) rotations that bring a two-bone limb to its goal, with the actor's twist and bend plane.
+    """Return the (F, 3, 3) rotations that bring a two-bone limb to its goal.
 
     First the lower bone rotates about the hinge n until the distance d is right. With u and v the bones and a bar for
     the part perpendicular to n, the law of cosines gives ``|ū| |v̄| cos φ = (d² - |u|² - |v|²)/2 - (u·n)(v·n)``. Then
@@ -48,7 +48,7 @@ def bend_to(reach: np.ndarray, upper: np.ndarray, lower: np.ndarray, axis: np.nd
 
 
 def longest_reach(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
-    """Return the maximum reach (...) in metres of limbs with bones (..., 3), or the actor's reach if that is larger."""
+    """Return the largest reach (...) in metres of limbs, at least the actor's."""
     a, b = np.linalg.norm(upper, axis=-1), np.linalg.norm(lower, axis=-1)
     return np.maximum(_STRAIGHTEST * (a + b), np.linalg.norm(upper + lower, axis=-1))
 
@@ -104,7 +104,7 @@ def within_reach(
 
 
 def _on_circle(a: np.ndarray, r: np.ndarray, b: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) point on two spheres nearest to the origin, or the midpoint of the gap between them."""
+    """Return the (F, 3) point on two spheres nearest to the origin, or between them."""
     distance = np.linalg.norm(b - a, axis=-1)
     along = _unit(b - a)
     share = np.where(
@@ -177,7 +177,7 @@ def leg_m(rest: np.ndarray) -> float:
 
 
 def steadied(path: FootPath, low: np.ndarray, fps: float) -> FootPath:
-    """Return a path that is constant while the foot is planted, with smooth transitions to the original path.
+    """Return a path that is constant while the foot is planted, with soft transitions.
 
     The ball of the foot keeps its median position. A flat foot also keeps its mean direction, so that its ankle does
     not move. A foot that slides by more than 3 cm at a person's size, or rotates by more than 11 degrees, is fixed only
@@ -233,7 +233,7 @@ def _speeds(points: np.ndarray, fps: float) -> np.ndarray:
 
 
 def eased(held: np.ndarray, fixed: np.ndarray, frames: float) -> np.ndarray:
-    """Return (F, n) offsets that equal ``held`` on the fixed frames and fade to 0 within ``frames`` frames of them."""
+    """Return (F, n) offsets that equal ``held`` on fixed frames and fade around them."""
     if not len(fixed):
         return np.zeros_like(held)
     index = np.arange(len(held))
@@ -275,7 +275,7 @@ def rig_trunk(rest: Target, A: np.ndarray, turns: np.ndarray) -> Trunk:
 
 
 def spine_heights(target: Target) -> Iterator[tuple[int, float]]:
-    """Yield each spine bone and the height of its midpoint, or infinity for the top bone, which follows the chest."""
+    """Yield each spine bone and its midpoint's height, or infinity for the top."""
     spine = _spine(target)
     if not spine:
         return
@@ -287,13 +287,13 @@ def spine_heights(target: Target) -> Iterator[tuple[int, float]]:
 
 
 def trunk_ends(target: Target) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return the (3,) start and end of the trunk at rest in metres, and the control that rotates the chest."""
+    """Return the trunk's (3,) ends at rest in metres, and the chest control."""
     chest = (_spine(target) or [target.index("pelvis")])[-1]
     return hips_of(target, target.heads), _top(target, chest), chest
 
 
 def turn_at(trunk: Trunk, height: float) -> np.ndarray:
-    """Return the (F, 3, 3) rotation of a trunk at a height, interpolated on the geodesic between neighbours."""
+    """Return the (F, 3, 3) rotation of a trunk at a height, on the geodesic."""
     nodes = trunk.heights
     if len(nodes) == 1 or not height < nodes[-1]:
         return trunk.turns[-1]
@@ -351,7 +351,7 @@ def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]
 
 
 def bend_fingers(actor: Actor, target: Target, A: np.ndarray, turns: np.ndarray) -> None:
-    """Set the finger rotations of a rig to the actor's, in place: ``D = D_hand A^T B S A``. Hands must be final.
+    """Set a rig's finger rotations to the actor's, in place, after the hands.
 
     B is the actor's bend, and S the smallest rotation to the direction of the actor's finger at rest.
     """
@@ -375,7 +375,7 @@ def _directions(target: Target, fingers: list[int]) -> np.ndarray:
 
 
 def _along(places: Mapping[str, np.ndarray], role: str) -> np.ndarray:
-    """Return the (3,) unit vector along a finger bone to the next bone, or from the previous bone or the wrist."""
+    """Return the (3,) unit vector along a finger bone."""
     stem, _, number = role.rpartition("_")
     after, before = (f"{stem}_{int(number) + step}" for step in (1, -1))
     hand = f"{stem.partition('_')[0]}_hand"

@@ -24,7 +24,7 @@ LEANS_DEG = 20.0
 
 
 def map_pose(target: Target, actor_rest: np.ndarray, given: Mapping[str, tuple[float, ...]]) -> np.ndarray:
-    """Return (N, 3, 3) rotations ``M_actor M_target^T`` of anatomical frames. Quaternions ``given`` by bone win."""
+    """Return (N, 3, 3) rotations ``M_actor M_target^T``. Quaternions ``given`` win."""
     A = np.broadcast_to(np.eye(3), (len(target.names), 3, 3)).copy()
     _straighten(A, target)
     for limb, roles in LIMBS.items():
@@ -64,7 +64,7 @@ def lean_at_rest_deg(target: Target) -> float:
 
 
 def _straighten(A: np.ndarray, target: Target) -> None:
-    """Rotate a leaning trunk upright together with its collars. Neck and head rotate too if they lean alike."""
+    """Rotate a leaning trunk upright, with collars, and with a leaning neck and head."""
     if lean_at_rest_deg(target) <= LEANS_DEG:
         return
     trunk = _trunk_way(target)

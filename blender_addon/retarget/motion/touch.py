@@ -111,7 +111,7 @@ fingertip and a palm centre, and for two palms, which may be rotated and shifted
 def keep_hands_together(
     actor: Actor, target: Target, turns: np.ndarray, goals: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return wrist positions that keep touching points as far apart as the actor's, relative to the hand size.
+    """Return wrist positions that keep touching points together as on the actor.
 
     Each hand moves by half of the mean gap of the touching pairs. The correction fades as the contact ends.
     """
@@ -131,7 +131,7 @@ def keep_hands_together(
 
 
 def _apart(left: HandPlace, right: HandPlace) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (F,) degree to which two points touch, and the (F, 3) missing vector between the target's points."""
+    """Return the (F,) degree to which two points touch, and the (F, 3) missing vector."""
     size, own_size = (left.size + right.size) / 2, (left.own_size + right.own_size) / 2
     palms = int(left.is_palm) + int(right.is_palm)
     between = left.place - right.place
@@ -148,7 +148,7 @@ _LEAST_FILLED = 0.4  # Smallest fraction of cells with skin.
 
 @dataclass(frozen=True)
 class Part:
-    """Body part with its skin, the role that rotates it, the ends of its centre line, and the used section."""
+    """Body part with its skin, role, centre line and used section."""
 
     skin: str
     turned_by: str
@@ -183,7 +183,7 @@ class Solid:
     radii: np.ndarray  # (K, M) metres from the rod to the skin, by share of the rod and angle from the front.
 
     def coordinates(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the (F,) relative position along the line, angle, and distance from the line of (F, 3) points."""
+        """Return the (F,) position along the line, angle, and distance of (F, 3) points."""
         x = (points - self.origin) @ self.axes
         return x[..., 0] / self.length, np.arctan2(x[..., 2], x[..., 1]), np.hypot(x[..., 1], x[..., 2])
 

@@ -50,7 +50,7 @@ class Transferred:
 
 
 def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSettings) -> Transferred:
-    """Transfer a motion: rotations ``D_c = D_j A_c``, foot positions scaled by the legs, and hands by the arms.
+    """Transfer a motion: rotations ``D_c = D_j A_c``, with scaled feet and hands.
 
     D_j is the actor's rotation of the joint that rotates control c, and A_c the map pose. The hips follow the actor's
     and move if a leg is too short. Every limb is then bent to its goal.
@@ -230,7 +230,7 @@ def _follow_limbs(actor: Actor, target: Target, turns: np.ndarray, places: np.nd
 def _pole(
     target: Target, turns: np.ndarray, places: np.ndarray, pole: int, bones: list[int], A: np.ndarray, axis: np.ndarray
 ) -> np.ndarray:
-    """Return the (F, 3) positions of a pole at its rest distance, such that IK bends about the upper bone's hinge."""
+    """Return the (F, 3) positions of a pole, for IK about the upper bone's hinge."""
     upper, _, end = bones
     rest = target.heads
     own = limb_frame(rest[end] - rest[upper], A[upper].T @ axis)

@@ -1,4 +1,4 @@
-"""Panels of the Acquire tab: live capture, the sensor array, and the studio with benchmarks and data sets."""
+"""Panels of the Acquire tab: live capture, sensor array and studio."""
 
 from __future__ import annotations
 

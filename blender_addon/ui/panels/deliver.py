@@ -1,4 +1,4 @@
-"""Panels of the Deliver stage: export the take and its markers, and retarget the motion to a character."""
+"""Panels of the Deliver stage: export and retargeting."""
 
 from __future__ import annotations
 

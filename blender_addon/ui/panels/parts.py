@@ -1,4 +1,4 @@
-"""Parts of panels: the panel decorator, progress and failure of runs, diagnostics, and buttons that resolve them."""
+"""Parts of panels: the decorator, progress, diagnostics and their buttons."""
 
 from __future__ import annotations
 

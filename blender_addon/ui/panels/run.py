@@ -1,4 +1,4 @@
-"""The top of both tabs: the stages, the active run or its failure, a summary of the take, and the next step."""
+"""The top of both tabs: stages, active run or failure, summary and next step."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def _draw_rate(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 def draw_rate_button(self: bpy.types.Header | bpy.types.Panel, context: bpy.types.Context) -> None:
-    """Draw the button that adapts takes to a changed frame rate, in headers and below Blender's frame rate."""
+    """Draw the button that adapts takes to a changed frame rate."""
     if context.scene is None or not _needs_new_rate(context.scene):
         return
     row = self.layout.row()

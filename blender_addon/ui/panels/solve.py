@@ -1,4 +1,4 @@
-"""Panels about a solve: preset, person of the markers, settings, and its result with warnings and details."""
+"""Panels about a solve: preset, person, settings and result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The From Videos panel: the detector, and each step with its results, images and a button to repeat it."""
+"""The From Videos panel: the detector, and each step with its results."""
 
 from __future__ import annotations
 

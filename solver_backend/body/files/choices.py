@@ -83,7 +83,7 @@ def list_bodies() -> tuple[BodyChoice, ...]:
 
 
 def resolve_body(choice: str) -> Path:
-    """Return the file for a name from ``list_bodies`` or for a path. Raise ``BodyUnknown`` if there is none."""
+    """Return the file of a body's name or path. Raise ``BodyUnknown`` if there is none."""
     if is_path(choice):
         path = Path(os.path.expanduser(choice))
         if not os.path.isfile(path):

@@ -64,7 +64,7 @@ def finished(value: Any) -> Any:
 
 
 def array_of(shape: Any, dtype: Any, by_columns: Any, data: Any) -> np.ndarray:
-    """Create an array of plain numbers from its pickled state, after checking that the parts are consistent."""
+    """Create an array of plain numbers from its pickled state after consistency checks."""
     if not isinstance(dtype, NamedDtype) or not isinstance(shape, tuple) or len(shape) > MAX_DIMENSIONS:
         raise Damage("an array's state is not valid")
     if not all(isinstance(size, int) and 0 <= size < 2**40 for size in shape):

@@ -1,4 +1,4 @@
-"""Adjust lenses, camera poses, boards and points together by Levenberg-Marquardt on the reduced camera system.
+"""Adjust lenses, camera poses, boards and points together by Levenberg-Marquardt.
 
 Reference: Triggs et al. 2000, "Bundle adjustment: a modern synthesis", sec. 6.1.
 """
@@ -35,7 +35,7 @@ class BodySightings(Rows):
 
 @dataclass(frozen=True)
 class Bodies(Rows):
-    """Poses of B bodies, ``x_world = R x_local + t``. A body is a board, or a single point without rotation."""
+    """Poses of B bodies (boards or single points), ``x_world = R x_local + t``."""
 
     R: Float[np.ndarray, "bodies 3 3"]
     t: Float[np.ndarray, "bodies 3"]  # (B, 3) metres.
@@ -51,7 +51,7 @@ class Held:
     centre_sigma_m: float
 
     def step_from(self, cameras: Cameras) -> Float[np.ndarray, "cameras 6"]:
-        """Return the (C, 6) steps ``(ω, τ)`` from the expected poses to the given ones, in standard deviations."""
+        """Return the (C, 6) steps ``(ω, τ)`` from the expected poses, in standard deviations."""
         turn = log_so3(cameras.R @ np.swapaxes(self.cameras.R, 1, 2))
         moved: np.ndarray = cameras.R @ (cameras.centres - self.cameras.centres)[..., None]
         shift = -moved[..., 0]
@@ -184,7 +184,7 @@ class _Task:
         return full.reshape(C * CAMERA_PARAMETERS, *values.shape[1:])
 
     def in_cameras(self, now: _BundleState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (N, 3) points in camera axes, their (N, 3) vectors from the body's origin, and their (N, 2) pixels."""
+        """Return (N, 3) points in camera axes, their vectors from the body's origin, and pixels."""
         seen, bodies, cameras = self.seen, now.bodies, now.cameras
         arm = (bodies.R[seen.body] @ seen.local[..., None])[..., 0]
         world = arm + bodies.t[seen.body]
@@ -229,7 +229,7 @@ class _Task:
 
 @dataclass(frozen=True)
 class _Equations:
-    """Normal equations: ``U`` (CP, CP) of cameras, ``V`` (B, 6, 6) of bodies, ``W`` (B, CP, 6) that couples them."""
+    """Normal equations: ``U`` of cameras, ``V`` of bodies, and ``W`` that couples them."""
 
     U: np.ndarray
     V: np.ndarray

@@ -60,7 +60,7 @@ def lens_of(cameras: Cameras, index: int) -> Lens:
 
 
 def lens_mask(fitted: Sequence[int] | np.ndarray = (), *, centre: bool = False) -> Bool[np.ndarray, " 12"]:
-    """Return a mask of ``PARAMETERS`` with the focal lengths, the fitted coefficients and optionally the centre."""
+    """Return a mask of ``PARAMETERS`` with the fitted parameters, optionally with the centre."""
     mask = np.zeros(PARAMETERS, bool)
     mask[:2], mask[2:4], mask[[4 + i for i in fitted]] = True, centre, True
     return mask
@@ -194,7 +194,7 @@ def focal_from_homographies(
 def planar_pose(
     plane: Float[np.ndarray, "n 2"], normalised: Float[np.ndarray, "n 2"]
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
-    """Return the rotation and translation from board to camera from normalised coordinates (Zhang 2000, sec. 3.1)."""
+    """Return rotation and translation from board to camera (Zhang 2000, sec. 3.1)."""
     H = homography(plane, normalised)
     H = H / np.sqrt(np.linalg.norm(H[:, 0]) * np.linalg.norm(H[:, 1]))
     if H[2, 2] < 0:
@@ -204,7 +204,7 @@ def planar_pose(
 
 
 def _centred(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Normalise points to zero mean and a mean distance of √2. Also return the (3, 3) matrix of this normalisation."""
+    """Normalise points to zero mean and mean distance √2, and return the (3, 3) matrix."""
     mean = points.mean(0)
     scale = np.sqrt(2.0) / max(float(np.linalg.norm(points - mean, axis=1).mean()), 1e-12)
     return (points - mean) * scale, np.array([[scale, 0, -scale * mean[0]], [0, scale, -scale * mean[1]], [0, 0, 1.0]])

@@ -60,7 +60,7 @@ class Board:
 
     @property
     def ends_differ(self) -> bool:
-        """True if a half turn changes the board's appearance. Then several cameras agree on which end is which."""
+        """True if a half turn changes the board's appearance, so that cameras agree on its ends."""
         return self.kind == "charuco" or (self.columns + self.rows) % 2 == 1
 
     @property
@@ -206,7 +206,7 @@ class BoardDetector:
 
 
 def charuco_boards(board: Board) -> list[Any]:
-    """Return the board as OpenCV draws it now and before version 4.6. They differ for even numbers of rows."""
+    """Return the board as OpenCV draws it now and before version 4.6."""
     cv2 = opencv()
     number = getattr(cv2.aruco, board.dictionary, None)
     if number is None:

@@ -110,7 +110,7 @@ def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
 
 
 def lens_unknowns(lenses: Sequence[Lens]) -> Unknowns:
-    """Return the unknowns of all poses and lenses: focal length, centre, and coefficients that are not zero."""
+    """Return the unknowns of all poses and lenses. Zero coefficients stay zero."""
     fitted = [np.flatnonzero(lens.distortion) for lens in lenses]
     default = LENS_MODELS["radial2"].fitted
     free = np.stack([lens_mask(used if len(used) else default, centre=True) for used in fitted])
@@ -160,7 +160,7 @@ def placed_boards(
 def board_world(
     bodies: Bodies, moments: Sequence[int | str], origin: int, first: int = 0
 ) -> tuple[np.ndarray, np.ndarray, Diagnostic]:
-    """Return the rotation and translation to the world defined by the board on the floor in a frame, and a note.
+    """Return rotation and translation to the world of the board in a frame, and a note.
 
     Args:
         moments: frames of the bodies.
@@ -178,7 +178,7 @@ def board_world(
 def widen_by_halves(
     found: CalibratedCameras, lenses: Sequence[Lens], board: Board, seen: Sequence[Mapping[int, BoardSighting]]
 ) -> CalibratedCameras:
-    """Increase a calibration's standard deviations to match the difference between two halves of its footage.
+    """Widen standard deviations to the difference between two halves of the footage.
 
     Errors of the corners in one image are correlated (lens model, flatness, print), so the covariance for independent
     corners is too small. A half has twice the variance of the whole, and the difference of two halves has four times

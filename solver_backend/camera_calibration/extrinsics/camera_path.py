@@ -155,7 +155,7 @@ def estimate_path(camera: Cameras, tracks: Tracks, progress: Progress = silent) 
 
 
 def _key_pictures(tracks: Tracks, apart_px: float) -> list[int]:
-    """Return keyframes between which the background moves by about ``apart_px``, including the first and the last.
+    """Return keyframes between which the background moves by about ``apart_px``.
 
     Tracks end, so keyframes are also close enough to share most of their points.
     """
@@ -172,7 +172,7 @@ def _key_pictures(tracks: Tracks, apart_px: float) -> list[int]:
 
 
 def _first_pair(x: Tracks, keys: list[int], start: int, noise: float) -> tuple[int, int, np.ndarray, np.ndarray] | None:
-    """Return a keyframe, the later keyframe with shared points and the most parallax, and the later one's pose."""
+    """Return a keyframe, the later one with the most parallax, and the later one's pose."""
     rng, best = np.random.default_rng(0), (0.0, start, 0, np.eye(3), np.zeros(3))
     for key in range(start + 1, len(keys)):
         table = x.table([keys[start], keys[key]])
@@ -200,7 +200,7 @@ Poses = dict[int, tuple[np.ndarray, np.ndarray]]
 
 
 def _points(poses: Poses, x: np.ndarray, noise: float, but: Collection[int] = ()) -> np.ndarray:
-    """Return (P, 3) points on which the posed keyframes except ``but`` agree, NaN for others. x is in their order."""
+    """Return (P, 3) points on which the posed keyframes except ``but`` agree, else NaN."""
     x = x[[row for row, key in enumerate(sorted(poses)) if key not in but]]
     if len(x) < 2:
         return np.full((x.shape[1], 3), np.nan)
@@ -242,7 +242,7 @@ def _off(R: np.ndarray, t: np.ndarray, X: np.ndarray, x: np.ndarray) -> np.ndarr
 def _posed(
     R: np.ndarray, t: np.ndarray, X: np.ndarray, x: np.ndarray, noise: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return poses (n, 3, 3), (n, 3) of frames from known points, and (n, P) errors, by Gauss-Newton steps.
+    """Return frame poses (n, 3, 3), (n, 3) from known points, and (n, P) errors.
 
     The cost is ``Σ ρ(|π(R X + t) - x| / σ)`` with the Geman-McClure penalty ρ. Its scale decreases to the noise level.
     """
@@ -268,7 +268,7 @@ def _posed(
 
 
 def _adjusted(camera: Cameras, poses: Poses, window: list[int], keys: list[int], tracks: Tracks, noise: float) -> Poses:
-    """Return the poses of a window of keyframes, adjusted with their points. Its first two keyframes fix the scale."""
+    """Return the adjusted poses of a window. Its first two keyframes fix the scale."""
     R, t = (np.stack([poses[key][part] for key in window]) for part in (0, 1))
     cameras = build_cameras([str(key) for key in window], [lens_of(camera, 0)] * len(window), R, t)
     sigma_px = noise * float(np.sqrt(camera.K[0, 0, 0] * camera.K[0, 1, 1]))

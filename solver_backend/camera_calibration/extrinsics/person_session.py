@@ -176,7 +176,7 @@ class _FlatViews:
 
 
 def sample_person(keypoints: Keypoints2D, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return at most F frames with two views, spread over the take, their (C, F K, 2) px and (C, F K) confidence.
+    """Return up to F spread frames with two views, their (C, F K, 2) px and confidence.
 
     Keypoints below ``LEAST_CONFIDENCE`` are NaN.
     """
@@ -286,7 +286,7 @@ def calibrate_by_person(
 def _best_of(
     names: Sequence[str], lenses: Sequence[Lens], readings: Sequence[Keypoints2D], free_focal: bool
 ) -> PersonCalibration:
-    """Return the calibration with the largest share of inliers. If all fail, raise the error of the first one."""
+    """Return the calibration with most inliers. If all fail, raise the first error."""
     found, failed = list[PersonCalibration](), list[MocapError]()
     for keypoints in readings:
         try:
@@ -299,7 +299,7 @@ def _best_of(
 
 
 def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False) -> CalibratedCameras:
-    """Fit an earlier calibration to a take in the same world and scale, or keep it if it fits equally well.
+    """Fit an earlier calibration to a take, or keep it if it fits equally well.
 
     Cameras that did not move keep their poses, so that moved ones are visible, see ``align_cameras``.
     """
@@ -339,7 +339,7 @@ def _moved(refined: CalibratedCameras, cameras: Cameras) -> tuple[Diagnostic, ..
 
 
 def align_cameras(cameras: Cameras, to: Cameras) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return rotation, translation and scale that align cameras with others, exactly for cameras that did not move.
+    """Return rotation, translation and scale that align cameras with others robustly.
 
     Each camera is represented by its centre and two points on its axes, at the distance between cameras. Reweighted
     least squares minimise the sum of distances, then the sum of their square roots, so that a moved camera does

@@ -157,7 +157,7 @@ class Evidence:
 def board_evidence(
     cameras: Cameras, board: Board, sightings: Sequence[Mapping[int, BoardSighting]], fps: float | None = None
 ) -> Evidence:
-    """Return the observations of a moving board. Its initial poses come from the camera that sees most of it."""
+    """Return observations of a moving board, with poses from the camera that sees it best."""
     poses = [poses_seen(board, seen, lens_of(cameras, c)) for c, seen in enumerate(sightings)]
     moments = tuple(sorted(set().union(*(p.keys() for p in poses))))
     if not moments:
@@ -282,7 +282,7 @@ def _errors(found: Adjusted, sources: Sequence[Evidence]) -> Iterator[tuple[Evid
 
 
 def _measured(found: Adjusted, sources: Sequence[Evidence]) -> list[float]:
-    """Return the ratio of each source's errors to the stated standard deviations, from the Rayleigh median."""
+    """Return the ratio of each source's errors to its stated standard deviations."""
     factors = (FREEDOM * float(np.nanmedian(far / e.seen.sigma)) / 1.1774 for e, far in _errors(found, sources))
     return [max(s, LEAST_SIGMA_PX / float(e.seen.sigma.min())) for e, s in zip(sources, factors, strict=True)]
 

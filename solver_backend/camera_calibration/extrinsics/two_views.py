@@ -95,7 +95,7 @@ def sampson_distance(
 def pose_from_essential(
     E: Float[np.ndarray, "3 3"], first: ImagePoints, second: ImagePoints
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
-    """Return the second camera's rotation and unit translation that place most points in front of both cameras.
+    """Return the second camera's rotation and unit translation with points in front.
 
     Reference: Hartley and Zisserman 2004, result 9.19.
     """
@@ -240,7 +240,7 @@ Pair = Callable[[int, int, np.ndarray], tuple[Pose, int]]
 
 
 def chained(names: Sequence[str], seen: np.ndarray, fewest: int, pair: Pair) -> list[Pose]:
-    """Return the pose of each camera relative to the first one, along the tree of pairs with most in common.
+    """Return each camera's pose relative to the first, along a tree of overlapping pairs.
 
     Args:
         seen: (C, M) mask of the frames that each camera sees.
@@ -283,7 +283,7 @@ class CalibratedCameras:
 
 
 def result_of(method: str, found: Adjusted, *, measured: bool = False) -> CalibratedCameras:
-    """Return the calibration of an adjustment. A step ``x ← exp(ω) x + τ`` moves a centre by ``-Rᵀ exp(-ω) τ``.
+    """Return the calibration of an adjustment, with the covariance of the camera centres.
 
     Args:
         measured: true if the standard deviations of the sightings come from residuals. Otherwise the covariance is

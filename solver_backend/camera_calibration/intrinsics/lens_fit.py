@@ -51,7 +51,7 @@ def fitted_lens(
     start: Lens | None = None,
     steps: int = 60,
 ) -> LensFit:
-    """Fit focal lengths, principal point, the model's coefficients and the board poses to V images of a board.
+    """Fit focal lengths, centre, coefficients and board poses to V images of a board.
 
     The ratio of fx and fy does not change.
 
@@ -165,7 +165,7 @@ def camera_lens(
 def chosen_lens(
     board: Board, views: Sequence[BoardSighting], image_size: tuple[int, int], models: Sequence[str]
 ) -> tuple[LensFit, dict[str, float]]:
-    """Choose a lens model by cross-validation, and fit it to all images. Also return the error of each model.
+    """Choose a lens model by cross-validation and fit it. Also return each model's error.
 
     Image i belongs to group i mod 4, so that each group spans the recording. With fewer than twelve images, each one is
     a group. A richer model is chosen only if it predicts better by 3 %.
@@ -206,7 +206,7 @@ def _held_out(
 
 
 def choose_family(lenses: Mapping[str, CameraLens], models: Sequence[str]) -> str | None:
-    """Return the distortion model that predicts best for all cameras together, or None if a camera lacks it.
+    """Return the model that predicts best for all cameras, or None if a camera lacks it.
 
     The evidence of a camera is ``-n log σ`` if its best model predicts corners of n images to σ px, with normal errors.
     """

@@ -75,7 +75,7 @@ def off_stance_deg(places: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def standing_frame(places: Mapping[str, np.ndarray], up: np.ndarray) -> int | None:
-    """Return the frame with the straightest legs under the most upright trunk, or None if no frame is upright.
+    """Return the frame with the straightest legs under an upright trunk, or None.
 
     Args:
         places: maps roles to (F, 3) head positions.
@@ -125,12 +125,12 @@ def limb_turns(points: np.ndarray, own: np.ndarray, is_arm: bool) -> tuple[np.nd
 
 
 def anatomical_axis(direction: np.ndarray, is_arm: bool) -> np.ndarray:
-    """Return the bending axis of a straight limb. Elbows bend forwards. The axis of knees points to the left."""
+    """Return the bending axis of a straight limb (elbows forwards, knees to the left)."""
     return np.cross(direction, FORWARD) if is_arm else LEFT
 
 
 def limb_frame(direction: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the (..., 3, 3) right-handed frame of a direction, an axis orthogonal to it, and their normal.
+    """Return the (..., 3, 3) right-handed frame of a direction and an orthogonal axis.
 
     Args:
         direction: (..., 3) vectors, not zero.

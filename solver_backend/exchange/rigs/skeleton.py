@@ -65,7 +65,7 @@ class Skeleton:
         return found
 
     def pairs(self) -> list[tuple[int, int]]:
-        """Return pairs of similar branches, with the same parent, similar length and size, and different positions."""
+        """Return pairs of similar branches of one parent at different positions."""
         found = []
         for children in self.children:
             for i, a in enumerate(children):

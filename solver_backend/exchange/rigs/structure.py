@@ -37,7 +37,7 @@ class LimbFit:
 
 
 def _limb_fits(skeleton: Skeleton, branch: int, limb: str, named: float) -> list[LimbFit]:
-    """Return all interpretations of a branch as a limb, best first. A fitting name reduces the cost by ``named``."""
+    """Return all interpretations of a branch as a limb, best first."""
     parts, cost = LIMBS[f"left_{limb}"], _leg_cost if limb == "leg" else _arm_cost
     path = skeleton.main_path(branch)[:_LONGEST]
     bear = [[names_part(skeleton.names[bone], part.removeprefix("left_")) for bone in path] for part in parts]

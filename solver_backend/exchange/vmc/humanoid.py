@@ -34,7 +34,7 @@ _HANDS = ("left_hand", "right_hand")
 
 
 def t_pose(layout: BodyLayout, rest_joints: np.ndarray) -> np.ndarray:
-    """Return rotations from a body's rest pose to the T-pose in the body's axes, as (J, 4) quaternions wxyz.
+    """Return rotations from rest pose to T-pose in the body's axes, (J, 4) wxyz.
 
     Arms and fingers point along ±X and legs along -Y, by the smallest rotation of each bone. Thumbs point halfway
     between ±X and +Z (VRM 1.0, T-pose). Fingers and their last bones continue the rotation of their parents. Feet
@@ -63,7 +63,7 @@ def t_pose(layout: BodyLayout, rest_joints: np.ndarray) -> np.ndarray:
 
 
 def _bone(layout: BodyLayout, rest_joints: np.ndarray, j: int) -> np.ndarray | None:
-    """Return a bone's direction, to the next joint of its limb, or from the wrist to the middle finger or knuckles."""
+    """Return a bone's direction to the next joint, or from the wrist to the knuckles."""
     children = layout.children[j]
     knuckles = [c for c in children if "middle" in layout.joints[c] or layout.joints[c].endswith("_hand")]
     end = layout.main_child.get(j, (knuckles or [None])[0])
@@ -139,7 +139,7 @@ class Humanoid:
 
     @cached_property
     def offsets(self) -> np.ndarray:
-        """(B, 3) offset of each bone from its parent in the T-pose, in metres and Unity's axes. Zero for the root."""
+        """(B, 3) offset of each bone from its parent in the T-pose, metres, Unity's axes."""
         offsets = np.zeros((len(self.joints), 3))
         apart = self.rest_joints[self.joints[1:]] - self.rest_joints[self._parents]
         offsets[1:] = turned(self._turns[self._parents], apart) * _MIRROR
@@ -164,7 +164,7 @@ class Humanoid:
         return normal * _MIRROR_QUAT, np.array([x, z, -y]) * _MIRROR
 
     def from_unity(self, quat: np.ndarray, hips: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Convert bones as in ``to_unity`` to (J, 3) rotation vectors and a translation. Other joints are at rest."""
+        """Convert bones as in ``to_unity`` to (J, 3) rotation vectors and a translation."""
         after = unturned(np.concatenate([_Y_UP[None], self._turns[self._parents]]))
         local = quat_multiply(quat_multiply(after, quat * _MIRROR_QUAT), self._turns[self.joints])
         rotvec = np.zeros((self.layout.num_joints, 3))

@@ -1,4 +1,4 @@
-"""Encode and decode Open Sound Control 1.0 messages and bundles (Wright 2002, opensoundcontrol.org/spec-1_0)."""
+"""Encode and decode Open Sound Control 1.0 messages and bundles (Wright 2002)."""
 
 from __future__ import annotations
 

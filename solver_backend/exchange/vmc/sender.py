@@ -44,7 +44,7 @@ def is_address(text: str) -> bool:
 
 
 def read_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
-    """Parse ``vmc://HOST:PORT``. The default host is this machine, the default port depends on the protocol."""
+    """Parse ``vmc://HOST:PORT``, with this machine and the protocol's port as defaults."""
     found = _FORM.fullmatch(text.strip())
     scheme = found["scheme"] if found else ""
     port = int(found["port"] or PORTS.get(scheme, 0)) if found else 0

@@ -79,7 +79,7 @@ def calibrated_hand(
 def calibrated_offsets(
     problem: HandProblem, states: np.ndarray, positions: np.ndarray, place: np.ndarray
 ) -> Float[np.ndarray, "markers 3"]:
-    """Return (L, 3) marker offsets in metres: precision-weighted means of the observed and the initial offsets.
+    """Return (L, 3) marker offsets in metres, weighted between observed and initial ones.
 
     ``o = (Σ_f G_fᵀ (m_f - p_f) / σ² n' + o⁰ / σ⁰²) / (n' / σ² + 1 / σ⁰²)`` with n' frames of independent errors.
     """
@@ -163,7 +163,7 @@ def attach_markers(
 
 
 def with_extra(markers: HandMarkers, labels: tuple[str, ...], extra: Extra) -> HandMarkers:
-    """Return the hand's markers followed by the attached ones. ``labels`` has the labels of all candidates."""
+    """Return the hand's markers followed by the attached ones."""
     one, other = markers.sites, extra.sites
     pairs = (one.finger, other.finger), (one.segment, other.segment), (one.offset, other.offset)
     sites = HandSites(*(np.concatenate(pair) for pair in pairs))
@@ -190,7 +190,7 @@ def worn_hand(
 
 
 def _from_bones(problem: HandProblem, offset: Float[np.ndarray, "16 3"]) -> Float[np.ndarray, " 16"]:
-    """Return the (16,) distances in metres of offsets from their bones, for the palm from the nearest metacarpal."""
+    """Return (16,) distances of offsets from their bones in metres (nearest metacarpal)."""
     on_palm = min(_from_line(offset[0], root) for root in problem.skeleton.roots)
     ends = problem.skeleton.bones.reshape(15, 3)
     return np.array([on_palm, *(_from_line(place, end) for place, end in zip(offset[1:], ends, strict=True))])

@@ -271,7 +271,7 @@ def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> Sort
 
 
 def _as_around(decided: np.ndarray, shown: np.ndarray) -> np.ndarray:
-    """Return a (C, F) mask of swapped hands from decisions of 1 (swapped), -1 (not swapped) and 0 (unclear).
+    """Return a (C, F) mask of swapped hands from decisions 1, -1 and 0 (unclear).
 
     Unclear frames between two swapped ranges count as swapped if the gap is not longer than both ranges together.
     ``shown`` (C, F) marks the frames that show a hand.
@@ -307,7 +307,7 @@ NOISE_OFF = 0.3  # Common relative error of the subtracted variance (tests/fitte
 
 @dataclass(frozen=True)
 class HandSize:
-    """Size of a hand relative to the body's shape, and its standard deviation. They are 1 and infinity if unknown."""
+    """Size of a hand relative to the body's shape, and its deviation (1, inf if unknown)."""
 
     scale: float
     sigma: float
@@ -370,7 +370,7 @@ class MeasuredHands:
 
 @dataclass(frozen=True)
 class ArmPaths:
-    """Both arms of a body as (F, 2, ...) arrays, left first. Positions in metres, covariances of the wrists in m²."""
+    """Both arms of a body as (F, 2, ...) arrays, left first, in metres and m²."""
 
     rotations: np.ndarray
     wrists: np.ndarray
@@ -390,7 +390,7 @@ def measure_hands(
     settings: SolveSettings,
     size: float | None,
 ) -> MeasuredHands:
-    """Return both hands of a body, ready to be solved. ``size`` is from an earlier solve, or None to measure it."""
+    """Return both hands of a body, ready to be solved, with a given or measured ``size``."""
     arms, betas = arm_paths(solved), to_numpy(solved.subject.betas)
     left, right = unscaled = hand_of_shape(body, betas, 0), hand_of_shape(body, betas, 1)
     hands = dict[int, MeasuredHand]()
@@ -432,7 +432,7 @@ def arm_paths(solved: SolvedFrames) -> ArmPaths:
 
 
 def hands_of_one_view(views: HandViews, wrists: np.ndarray) -> dict[int, LocatedHand]:
-    """Return the hands of a single view by side, without triangulated points. ``wrists`` is (F, 2, 3), left first."""
+    """Return the hands of a single view by side, with ``wrists`` (F, 2, 3), left first."""
     hands: dict[int, LocatedHand] = {}
     for side in np.flatnonzero((views.confidence > 0).any(axis=(0, 1, 3))).tolist():
         shown = (views.confidence[0, :, side] > 0).any(axis=-1)

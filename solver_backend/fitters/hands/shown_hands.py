@@ -48,7 +48,7 @@ class HandClouds:
 def split_hands(
     cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[MarkerCloud, HandClouds | None]:
-    """Split a cloud into the body's markers and the hand markers, such as ``L_FT2``, ``RPP3``, ``left_CMC2``.
+    """Split a cloud into the body's markers and hand markers, such as ``L_FT2``.
 
     Unknown markers belong to a hand if they remain near it. A cloud without hand markers is returned unchanged.
     ``own`` maps labels to marker positions assigned by the user, see ``read_label_places``.

@@ -81,7 +81,7 @@ breadths among people.
 def contact_equations(
     points: Float[np.ndarray, "n 21 3"], jacobian: Float[np.ndarray, "n 21 3 d"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return costs (n,), gradients (n, D) and Gauss-Newton matrices (n, D, D) of ``½ Σ max(depth - δ, 0)² / σ²``.
+    """Return costs (n,), gradients and Gauss-Newton matrices of ``½ Σ max(depth - δ, 0)² / σ²``.
 
     Sliding of the nearest points along two bones changes their distance only to second order and is ignored. ``points``
     (n, 21, 3) are ``HAND_POINTS`` in metres, ``jacobian`` (n, 21, 3, D) their derivatives by the state.
@@ -148,7 +148,7 @@ class HandProblem:
         return replace(self, wrist=path, term=self.term.select(frames))
 
     def points(self, states: np.ndarray, frames: np.ndarray | None = None) -> Float[np.ndarray, "frames sites 3"]:
-        """Return (n, L, 3) world positions of the points for states (n, D) of the given frames, by default of all."""
+        """Return (n, L, 3) world positions of the points for states (n, D) of frames."""
         frames = np.arange(self.num_frames) if frames is None else frames
         own = self.skeleton.sites(self.skeleton.pose(states[:, FINGERS]), self.sites)
         arms = own @ np.swapaxes(self._turns(states, frames), 1, 2)
@@ -220,7 +220,7 @@ class KeyModel:
         return state + step.reshape(-1, DOF)[: len(state)]
 
     def equations(self, keys: np.ndarray, scale: float) -> tuple[float, KeyframeNormalEquations]:
-        """Return the cost and the normal equations of the data, the body's wrist, the hand prior and the accelerations.
+        """Return cost and normal equations of data, wrist, hand prior and accelerations.
 
         With spacings h and h', ``a_k = 2 (x_{k-1} / (h (h + h')) - x_k / (h h') + x_{k+1} / (h' (h + h')))``.
         """
@@ -300,7 +300,7 @@ FARTHEST_M = 0.08  # Largest distance between the initial wrist and the body's w
 def initial_keys(
     skeleton: HandSkeleton, wrist: WristPath, points: np.ndarray, layout: KeyframeLayout, prior: HandPrior
 ) -> Float[np.ndarray, "keys d"]:
-    """Return (K, D) initial keys from mean rotations and angles of the triangulated points, or of the relaxed hand."""
+    """Return (K, D) initial keys from triangulated points, or from the relaxed hand."""
     frames = np.arange(len(points))
     spacing = max(1.0, float(np.diff(layout.key_times).mean()))
     near = np.exp(-0.5 * ((layout.key_times[:, None] - frames) / (0.5 * spacing)) ** 2)
@@ -370,7 +370,7 @@ class SolvedHand:
 def solve_hand(
     problem: HandProblem, located: np.ndarray, settings: SolveSettings, alive: Callable[[], None] = lambda: None
 ) -> SolvedHand:
-    """Solve a hand over a take. All keys are solved together, and the views' noise is learned between passes.
+    """Solve all keys of a hand over a take, and learn the views' noise between passes.
 
     ``located`` are (F, 21, 3) initial positions in metres, NaN for unknown points.
     """
@@ -436,7 +436,7 @@ def with_learned_noise(problem: HandProblem, states: Float[np.ndarray, "frames d
 
 
 def informed_fingers(problem: HandProblem, spread: np.ndarray) -> Bool[np.ndarray, "frames 5"]:
-    """Return an (F, 5) mask of fingers with smaller deviations than the prior's, from (F, D, D) covariances."""
+    """Return an (F, 5) mask of fingers with smaller deviations than the prior's."""
     variance = np.diagonal(spread[:, FINGERS, FINGERS], axis1=1, axis2=2)
     bends = (KIND_OF != SPREAD) & (JOINT_OF == 1)
     share = np.zeros((len(spread), 5))

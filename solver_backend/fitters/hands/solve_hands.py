@@ -55,7 +55,7 @@ _UNSEEN_M = 0.04  # Standard deviation per axis of the joints of a hand that no 
 
 
 def with_hands(motion: Motion, hands: SolvedHands, statistics: Mapping[str, object]) -> Motion:
-    """Return a motion with fingers and the hands' ``statistics``. Unobserved fingers are relaxed and flagged."""
+    """Return a motion with fingers and ``statistics``. Unobserved fingers are relaxed."""
     body = with_hand_size(hands.body, hands.size)
     layout, narrow, frames = body.layout, motion.body_layout, motion.num_frames
     shared = [narrow.joints.index(name) for name in layout.joints if name in narrow.joints]
@@ -86,7 +86,7 @@ def with_hands(motion: Motion, hands: SolvedHands, statistics: Mapping[str, obje
 
 
 def _fingers(hand: SolvedHand, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (n, 15, 3) rotation vectors, (n, 15, 6) covariances and (n, 15) resting flags of finger joints."""
+    """Return (n, 15, 3) rotation vectors, (n, 15, 6) covariances and (n, 15) resting flags."""
     turns = log_so3(by_joint(hand.problem.skeleton.local_rotations(hand.angles[frames])))
     joints = hand.covariance[frames][:, 1:].reshape(-1, 5, 4, 3, 3)[:, :, :3]
     return turns, packed(by_joint(joints)), by_joint(np.repeat(~hand.informed[frames][:, :, None], 3, axis=2))
@@ -101,7 +101,7 @@ def _widened(
     frames: np.ndarray | slice = slice(None),
     **parts: Any,
 ) -> Motion:
-    """Return the motion on a body with fingers, which begin at joint ``first``. Resting fingers flag ``frames``."""
+    """Return the motion on a body with fingers, which begin at joint ``first``."""
     posed = forward_kinematics(body, motion.betas, exp_so3(motion.global_orient), exp_so3(turns), motion.transl)
     if motion.flags is not None and resting is not None:
         flags = motion.flags.astype(np.uint8)
@@ -172,7 +172,7 @@ def with_fingers_of(
 
 
 def _left_at_stops(turns: np.ndarray, before: np.ndarray, solved: SolvedRange) -> np.ndarray:
-    """Return (F, J, 3) corrections that make fingers pass through earlier poses at range ends and through pins."""
+    """Return (F, J, 3) corrections that make fingers pass through range ends and pins."""
     wanted, moved = solved.frame_range, set(solved.moved.tolist())
     pins = {pin.frame: pin.body_pose.reshape(-1, 3) for pin in wanted.pins}
     wide = {frame: pose[-before.shape[1] :] for frame, pose in pins.items() if len(pose) > SMPL.num_joints - 1}
@@ -257,7 +257,7 @@ def follow_hand(
     turn: Float[np.ndarray, "frames 3"],
     shift: Float[np.ndarray, "frames 3"],
 ) -> PosedFrames:
-    """Return the poses with one wrist rotated (world rotation vectors) and shifted. Other joints do not change.
+    """Return the poses with one wrist rotated (world vectors) and shifted.
 
     ``ω = W Jᵀ (J W Jᵀ + λ)⁻¹ (p + δ - p(ω))``, the smallest rotations of the arm's joints (Whitney 1969).
     """
@@ -292,7 +292,7 @@ def follow_hand(
 
 
 def _twist(R: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return (F, 3) rotation vectors of the twist of rotations about an axis: ``2 atan2(q·a, w)`` of quaternions."""
+    """Return (F, 3) twists of rotations about an axis: ``2 atan2(q·a, w)``."""
     axis = axis / np.linalg.norm(axis)
     q = quat_from_matrix(R)
     angle = 2.0 * np.arctan2(q[:, 1:] @ axis, q[:, 0])
@@ -398,7 +398,7 @@ def through_fingers(hand: SolvedHand, side: int) -> tuple[Diagnostic, ...]:
 
 
 def statistics(hands: SolvedHands) -> dict[str, object]:
-    """Return a motion's record of the hands: their size, and each side's share of seen frames, error and status."""
+    """Return a motion's record of the hands: size, share of seen frames, error, status."""
     found: dict[str, object] = {"size": round(hands.size, 3)}
     for side, hand in hands.hands.items():
         left = hand.problem.term.residuals(hand.problem.points(hand.states))
@@ -456,7 +456,7 @@ def solve_hand_range(
     settings: SolveSettings,
     alive: Callable[[], None] = lambda: None,
 ) -> HandRange:
-    """Solve one hand of a frame range again, starting from the earlier motion or from its triangulated points.
+    """Solve one hand of a frame range again, from the earlier motion or from points.
 
     Args:
         measured: the hand over the whole take, on the body's current wrist.
@@ -480,7 +480,7 @@ def solve_hand_range(
 
 
 def _through(hand: SolvedHand, states: np.ndarray, stays: np.ndarray) -> SolvedHand:
-    """Return a hand with a spline that passes exactly through the (n, D) ``states`` in the frames ``stays``."""
+    """Return a hand with a spline through the (n, D) ``states`` in the frames ``stays``."""
     found, at = hand.states, stays.astype(int)
     if len(at):
         left, every = states[at] - found[at], np.arange(len(found))

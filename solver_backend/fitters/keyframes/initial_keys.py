@@ -1,4 +1,4 @@
-"""Initialise the keyframes of a take from poses of single frames, and reinitialise them around a lost limb."""
+"""Initialise the keyframes of a take from poses of single frames."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from solver_backend.types import Motion
 
 
 def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout, progress: Progress = silent) -> Keyframes:
-    """Return keyframes fitted to the points of the nearest observed frames, or sampled from a rough motion.
+    """Return keyframes fitted to the nearest observed frames, or sampled from a motion.
 
     Keys between unobserved frames are interpolated on geodesics from the last observed frame to the next.
     """
@@ -50,7 +50,7 @@ def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout, pro
 def keys_of_frames(
     problem: Problem, subject: Subject, layout: KeyframeLayout, start: Keyframes | None = None
 ) -> Callable[[slice], Keyframes]:
-    """Return a function that initialises the keys of windows from single frames. It reuses ``start`` if possible."""
+    """Return a function that initialises keys from single frames or from ``start``."""
     if problem.measurements.rough is None and start is not None:
         return lambda windows: start.select(slice(2 * windows.start, 2 * windows.stop + 1))
     by_itself = replace(problem, measurements=replace(problem.measurements, rough=None))
@@ -77,7 +77,7 @@ to 2.93 mm.
 def dense_layout(
     model: BundleModel, layout: KeyframeLayout, keys: Keyframes, window: int, fps: float
 ) -> KeyframeLayout:
-    """Return windows adapted to the acceleration of a first solution: ``w max(0.6, min(1, √(5.2 / a)))`` frames.
+    """Return windows adapted to acceleration: ``w max(0.6, min(1, √(5.2 / a)))`` frames.
 
     a is the landmarks' mean acceleration in m/s², which detector noise barely affects. For fast limbs the error of a
     parabola through three keys exceeds the detector's error. For slow limbs closer keys would fit the noise. ``layout``
@@ -199,7 +199,7 @@ def resolve_lost_limbs(
 
 
 def ranges_around(lost: np.ndarray) -> Iterator[slice]:
-    """Yield ranges of windows to solve again around (N,) ``lost`` windows. Ranges longer than a chunk are skipped."""
+    """Yield ranges of windows to solve again around (N,) ``lost`` windows."""
     near = (np.abs(np.arange(len(lost))[:, None] - np.flatnonzero(lost)) <= BESIDE).any(axis=1)
     for first, last in true_runs(near):
         if last - first < CHUNK_WINDOWS:
@@ -212,7 +212,7 @@ def keys_of(windows: slice) -> slice:
 
 
 def cut_out(model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule, windows: slice) -> Stretch:
-    """Return a range of windows as a separate problem. Its outermost keys are fixed unless the take ends there."""
+    """Return a range of windows as a separate problem with fixed outermost keys."""
     fixed_ends = windows.start > 0, windows.stop < layout.num_windows
     return Stretch.cut(model, layout, keys, schedule, windows, fixed_ends)
 

@@ -94,14 +94,14 @@ class KeyframeNormalEquations:
         flat[: gradient.shape[0]] += gradient
 
     def add_own(self, columns: np.ndarray, precision: Array, gradient: Array) -> None:
-        """Add (K, n) diagonal precisions of n columns of each key's tangent, and the gradient by these columns."""
+        """Add (K, n) diagonal precisions of n columns of each key's tangent, and the gradient."""
         for parity in (0, 1):
             at, own = columns + parity * self.dof, precision[parity::2]
             self.diagonal[: own.shape[0], at, at] += own
             self.g[: own.shape[0], at] += gradient[parity::2]
 
     def add_each(self, part: slice, hessian: Array, gradient: Array) -> None:
-        """Add (K, n, n) matrices of a range of n columns of each key's tangent, and the gradient by these columns."""
+        """Add (K, n, n) matrices of n columns of each key's tangent, and the gradient."""
         for parity in (0, 1):
             at = slice(part.start + parity * self.dof, part.stop + parity * self.dof)
             own = hessian[parity::2]
@@ -208,7 +208,7 @@ class BundleModel:
         return KeyframeCurve.through(_by_windows(keys, rows), rows.time, residuals=residuals, screw=self.screw)
 
     def decode_fixed(self, keys: Keyframes, rows: WindowRows) -> list[Array] | None:
-        """Return the (W·n, J, 3, 3) decoded rotations of fixed codes for each block of rows, None if codes are free."""
+        """Return the (W·n, J, 3, 3) decoded rotations of fixed codes, None if codes are free."""
         if CODE in self.free:
             return None
 
@@ -242,7 +242,7 @@ class BundleModel:
         return self._at_windows(data.cost, keys), form
 
     def information(self, layout: KeyframeLayout, keys: Keyframes, scale: float) -> KeyframeNormalEquations:
-        """Return the normal equations at a solution for its covariance, from the frames whose Hessians are formed."""
+        """Return the normal equations at a solution, for its covariance."""
         # With fixed codes, stride the rows before sampling them, so that few frames are posed.
         stride = 1 if CODE in self.free else max(1, int(np.diff(layout.bounds).max()) // HESSIAN_FRAMES)
         rows = layout.rows(stride)
@@ -259,7 +259,7 @@ class BundleModel:
 
 @dataclass(frozen=True)
 class DataEquations:
-    """Contributions of the frames of N windows to the equations of their keys. Matrices are formed on demand."""
+    """Contributions of frames in N windows to the equations of their keys."""
 
     cost: Array  # (N,) of each window's frames.
     gradient: Array  # (n N + 1, D) by the keys.
@@ -340,7 +340,7 @@ def _by_windows(keys: Keyframes, rows: WindowRows) -> Keyframes:
 def _block(
     data: BundleModel, keys: Keyframes, rows: WindowRows, columns: np.ndarray, scale: float, decoded: Array | None
 ) -> tuple[Array, Array, Callable[[], Array]]:
-    """Return the (N,) costs of windows, the (n N + 1, D) gradient by keys, and a function that forms the matrices."""
+    """Return (N,) costs, the (n N + 1, D) gradient, and a function that forms matrices."""
     xp = array_namespace(keys.z)
     count, width = rows.frames.shape
     turned = bool(data.free.turned)
@@ -362,7 +362,7 @@ def _block(
 
 
 def _exact(data: BundleModel, keys: Keyframes, rows: WindowRows, hessian: Array) -> Array:
-    """Return ``Σ_f B_fᵀ H_f B_f`` for N windows, with derivatives B_f of the frames by the window's n + 1 keys."""
+    """Return ``Σ_f B_fᵀ H_f B_f`` for N windows, with derivatives B_f by the keys."""
     xp = array_namespace(hessian)
     count, width = rows.frames.shape
     curve = data.curve(keys, rows, residuals=False)
@@ -401,7 +401,7 @@ def matrices_by_keys(rows: WindowRows, hessian: Array, d_pose_d_keys: Array) -> 
 
 
 def differences(value: Array, stencil: Stencil, weight: Array | float) -> tuple[Array, Array]:
-    """Return the (n, d) sums ``sum_i c_i x_{k+i}`` of (K, d) values with coefficients c, and the weights as (n,)."""
+    """Return the (n, d) sums ``sum_i c_i x_{k+i}`` of (K, d) values, and (n,) weights."""
     xp = array_namespace(value)
     count = max(0, value.shape[0] - len(stencil) + 1)
     rest = xp.sum(xp.stack([_along(c, 2) * value[i : count + i] for i, c in enumerate(stencil)]), axis=0)
@@ -580,5 +580,5 @@ class BundleObjective:
         return replace(self, keys=tuple(term.part(keys) for term in self.keys))
 
     def astype(self, precision: Any) -> BundleObjective:
-        """Return the objective with measurements in the given precision. Terms on keys follow the keys' precision."""
+        """Return the objective with measurements in the given precision."""
         return replace(self, frames=self.frames.astype(precision))

@@ -63,7 +63,7 @@ def _joined_solution(keys: Keyframes, parts: list[KeySolution]) -> KeySolution:
 def solve_sliding(
     model: BundleModel, layout: KeyframeLayout, start: Keyframes, schedule: Schedule, progress: Progress = silent
 ) -> KeySolution:
-    """Solve window after window: the first key is fixed, the n others are free (thesis 6.3.2, eqs. 6.6-6.8).
+    """Solve window after window with the first key fixed (thesis 6.3.2, eqs. 6.6-6.8).
 
     Only the first of the n N + 1 initial keys is trusted. The others are guesses.
     """
@@ -86,7 +86,7 @@ def solve_keys(
     fixed: np.ndarray | None = None,
     alive: Callable[[], None] = lambda: None,
 ) -> KeySolution:
-    """Solve all free keyframes at once. The time per block-tridiagonal step is linear in the take's length.
+    """Solve all free keyframes at once, in time linear in the take's length.
 
     Args:
         fixed: (n N + 1,) bool, keys that do not move. None if all move.
@@ -148,7 +148,7 @@ class Chunk:
 
 
 def chunks_of(num_windows: int, before: int, windows: int, overlap: int) -> list[Chunk]:
-    """Divide N windows into chunks of about ``windows``, each solved with additional windows before and after it."""
+    """Divide N windows into chunks of about ``windows`` with additional windows around."""
     count = max(1, round(num_windows / windows))
     bounds = np.round(np.linspace(0, num_windows, count + 1)).astype(int).tolist()
     return [
@@ -213,7 +213,7 @@ def solve_long(
     overlap: int = OVERLAP_WINDOWS,
     each: Stretches = in_turn,
 ) -> KeySolution:
-    """Solve all keys in two rounds of chunks: every other chunk with an overlap, then the others with fixed ends.
+    """Solve all keys in two rounds of chunks, the second with fixed ends.
 
     Chunks of the second round begin and end at keys of their neighbours, so that curves and second differences join
     exactly. Chunks of one round are independent. The result does not depend on processes or order (red-black
@@ -265,7 +265,7 @@ def joint_covariance(
     constant_m: np.ndarray,
     stride: int = 1,
 ) -> Array:
-    """Return (F, J + S, 3, 3) posterior covariances of J joints in m², then of the rotations of S segments in rad².
+    """Return (F, J + S, 3, 3) posterior covariances of joints (m²) and segments (rad²).
 
     The covariance of joints is ``k f J B S Bᵀ Jᵀ + c² I``. For segments, ``turn_covariance`` uses ``k f B S Bᵀ``. S is
     the posterior covariance of the three keys of a frame's window. B is the derivative of the pose by these keys (pose
@@ -327,7 +327,7 @@ def covariance_of_joints(
     stride: int = 1,
     done: Callable[[int, int], None] = lambda number, total: None,
 ) -> Array:
-    """Return (F, J + S, 6) packed covariances of joints and rotations (see ``joint_covariance``), chunk after chunk.
+    """Return (F, J + S, 6) packed covariances (see ``joint_covariance``), by chunks.
 
     ``done`` is called with the number of finished chunks and of all chunks.
     """
@@ -355,7 +355,7 @@ def _between(found: Array, frames: np.ndarray, wanted: np.ndarray) -> Array:
 
 
 def _pose_covariance(diagonal: Array, upper: Array, d_pose_d_keys: Array, windows: slice) -> Array:
-    """Return (N, 3, 3, p, p) covariances ``P_a S_ab P_bᵀ`` of the pose tangents at the three keys of windows."""
+    """Return (N, 3, 3, p, p) covariances ``P_a S_ab P_bᵀ`` of the pose tangents at keys."""
     xp = array_namespace(d_pose_d_keys)
     dof = d_pose_d_keys.shape[-1]
     start, after = slice(windows.start, windows.stop), slice(windows.start + 1, windows.stop + 1)

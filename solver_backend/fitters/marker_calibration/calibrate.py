@@ -1,4 +1,4 @@
-"""Calibrate a subject from markers: estimate shape, marker positions and the poses of varied frames together.
+"""Calibrate a subject from markers: shape, marker positions and varied poses.
 
 Poses are eliminated frame by frame (Triggs et al. 2000). The result is stored as a plain record.
 """
@@ -66,7 +66,7 @@ def person_state(subject: Subject, prior: PosePrior, frames: FrameStates) -> Per
 def calibration_equations(
     prior: AutoencodingPrior, objective: FrameObjective, known: PlacementPrior, state: PersonState, scale: float
 ) -> tuple[Array, Arrowhead]:
-    """Return the (1,) cost and the Gauss-Newton equations at a state. ``scale`` is the Geman-McClure scale."""
+    """Return the (1,) cost and the Gauss-Newton equations at a state."""
     xp, residual = array_namespace(state.frames.z), state.frames.residual
     assert residual is not None
     frames, turns = posed(prior, state.frames), state.layout.turns
@@ -100,7 +100,7 @@ def calibration_equations(
 
 
 def _shared(evidence: PointEvidence, by_pose: Array, by_betas: Array, by_offsets: Array) -> tuple[Array, Array, Array]:
-    """Return the Hessian (m, m) and gradient (m,) of shape and offsets, and the coupling (F, n, m) with poses."""
+    """Return Hessian and gradient of shape and offsets, and the coupling with poses."""
     xp = array_namespace(by_pose)
     count, num = by_pose.shape[:2]
     size = 10 + 3 * num
@@ -176,7 +176,7 @@ def first_shape(body: Body, landmarks: Landmarks, points: np.ndarray) -> np.ndar
 
 
 def _keeps_distance(body: Body, landmarks: Landmarks, rest: np.ndarray) -> np.ndarray:
-    """Return an (L, L) mask of marker pairs on one bone, or on two bones with a common joint near a marker."""
+    """Return an (L, L) mask of marker pairs with a nearly constant distance."""
     joints = np.arange(len(body.parents))
     at_joint = np.linalg.norm(rest[:, None] - body.joints_template, axis=-1) < AT_JOINT_M
     above = joints[:, None] == np.maximum(body.parents, 0)  # (bone, joint that it leads to)
@@ -304,7 +304,7 @@ def marker_sigma(term: DataTerm, points: Array, noise: np.ndarray) -> np.ndarray
 
 
 def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior:
-    """Return the prior of the shape and of marker offsets, with the spread among people and of each marker type."""
+    """Return the prior of shape and marker offsets, by their spread among people."""
     like, known = subject.betas, settings.betas is not None
     mean = np.asarray(settings.betas, dtype=np.float64) if known else np.zeros(10)
     places = placement_precision(subject.body, subject.landmarks.names)
@@ -314,7 +314,7 @@ def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior
 def held_at_limit(
     known: PlacementPrior, betas: np.ndarray, limit: float | np.ndarray = SHAPE_LIMIT
 ) -> PlacementPrior | None:
-    """Return the prior with shape coefficients beyond a limit fixed at the limit, or None if there are none."""
+    """Return the prior with shape coefficients fixed at a limit, or None without any."""
     precision, mean = to_numpy(known.shape), to_numpy(known.shape_mean)
     beyond = (np.abs(betas) > limit) & (precision < HELD)
     if not beyond.any():
@@ -374,7 +374,7 @@ def subject_of(record: MarkerSubject, body: Body, like: Array) -> Subject:
 
 
 def matched(record: MarkerSubject, labels: tuple[str, ...]) -> tuple[MarkerSubject, list[int]]:
-    """Return the part of a record whose markers a take has, with the take's labels, and their columns in the take.
+    """Return the part of a record whose markers a take has, and their columns there.
 
     Prefix, case and punctuation of labels are ignored.
 

@@ -53,7 +53,7 @@ def missing_markers(cloud: MarkerCloud, person: MarkerSubject) -> np.ndarray:
 
 
 def with_names(cloud: MarkerCloud, columns: np.ndarray, which: np.ndarray, labels: Sequence[str]) -> MarkerCloud:
-    """Return the take with recognised points moved to their markers' columns. Other points keep their columns.
+    """Return the take with recognised points moved to their markers' columns.
 
     Args:
         columns: (N,) columns of the points.
@@ -128,7 +128,7 @@ class _Take:
 def named_extras(
     cloud: MarkerCloud, person: MarkerSubject, body: Body, progress: Progress = silent, kept: Collection[str] = ()
 ) -> ExtraNames:
-    """Rename a take's markers to the person's labels, and name unnamed points after the marker at their position.
+    """Rename a take's markers to the person's labels, and name unnamed points.
 
     Args:
         person: a person calibrated on this body, with markers attached to bones.

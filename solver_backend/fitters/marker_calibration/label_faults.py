@@ -92,7 +92,7 @@ def clean_labels(
 
 
 def shared_error(off: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return (F, M, 3) errors in metres of the body near each marker: medians over its neighbours, 0 if unknown."""
+    """Return (F, M, 3) errors of the body near each marker in metres, 0 if unknown."""
     ordered = np.sort(off[:, around], axis=2)  # (F, M, n, 3). What is missing comes last
     count = np.maximum(np.isfinite(ordered).sum(axis=2, keepdims=True), 1)
     middle = [np.take_along_axis(ordered, place, 2) for place in ((count - 1) // 2, count // 2)]
@@ -268,7 +268,7 @@ def _on_skin(name: str) -> str:
 
 
 def _feet_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | None:
-    """Return the (n, F) sines of the feet's direction relative to waist and legs, positive forwards, or None.
+    """Return the (n, F) sines of the feet's direction to waist and legs, or None.
 
     Feet of kneeling legs point backwards, so legs with strongly bent knees are judged by the knees' direction.
     """
@@ -378,7 +378,7 @@ def exchanged_wrists(points: np.ndarray, places: Sequence[str]) -> list[tuple[in
 
 
 def with_wrists_named(clouds: Sequence[MarkerCloud], own: Mapping[str, str]) -> NamesOverTakes:
-    """Return takes with corrected names of the wrists' markers, and the changes. Names in ``own`` do not change."""
+    """Return takes with corrected wrist marker names, and the changes."""
     takes, changes = list(clouds), list[NameChange]()
     for number, cloud in enumerate(clouds):
         labels = cloud.labels or ()
@@ -392,7 +392,7 @@ def with_wrists_named(clouds: Sequence[MarkerCloud], own: Mapping[str, str]) -> 
 
 
 def _towards_upper_arm(inner: np.ndarray, outer: np.ndarray, shoulder: np.ndarray, elbow: np.ndarray) -> float:
-    """Return the median cosine between the wrist's line and the upper arm across the forearm, 1 if unknown."""
+    """Return the median cosine of wrist line and upper arm across the forearm."""
     forearm = unit(0.5 * (inner + outer) - elbow)
     upper = shoulder - elbow
     across = upper - (upper * forearm).sum(-1, keepdims=True) * forearm
@@ -450,7 +450,7 @@ def exchanged_throughout(points: np.ndarray, expected: np.ndarray) -> list[tuple
 def named_alike(
     clouds: Sequence[MarkerCloud], own: Mapping[str, str]
 ) -> tuple[tuple[MarkerCloud, ...], dict[str, Any]]:
-    """Return takes with consistent names, and the changes for the person's record. Names in ``own`` do not change."""
+    """Return takes with consistent names, and the changes for the person's record."""
     wrists = with_wrists_named(clouds, own)
     named = names_over_takes(wrists.clouds, own)
     return named.clouds, over_takes((*wrists.changes, *named.changes))

@@ -1,4 +1,4 @@
-"""Prepare the markers of a take for a solve: label them, calibrate or match the person, and clean the labels."""
+"""Label a take's markers, calibrate or match the person, and clean the labels."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ LEAST_FRAMES = 4  # Fewest frames of a take that show a marker.
 
 
 def two_places(found: SubjectCalibration, points: np.ndarray, takes: np.ndarray) -> list[tuple[int, float, int, int]]:
-    """Return the markers at different positions in two takes, as (marker, distance in metres, take, other take).
+    """Return markers at different positions in two takes, with distance and takes.
 
     A marker's position in a take is the median of ``Gᵀ (x - p)`` over the calibrated frames, with position p and
     rotation G of the landmark's main bone. ``points`` (F, M, 3) are the takes' markers in metres, NaN where missing.

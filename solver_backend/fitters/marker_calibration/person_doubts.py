@@ -78,7 +78,7 @@ _CHAIN = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 
 
 def doubt_joints(cloud: MarkerCloud, person: MarkerSubject) -> list[Diagnostic]:
-    """Return a diagnostic if distances, fit or shape show that points with joint names are not joint centres."""
+    """Return a diagnostic if points with joint names are not joint centres."""
     if not any(is_joint_centre(place) for place in person.places):
         return []
     chain = [m for m, place in enumerate(person.places) if is_joint_centre(place) and place.endswith(_CHAIN)]
@@ -184,7 +184,7 @@ def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body, offsets
 
 
 def _parted(distance: np.ndarray) -> np.ndarray:
-    """Return an (M,) mask of the markers on one side of the minimum spanning tree's longest edge (Prim 1957)."""
+    """Return an (M,) mask of markers beyond the longest edge of their spanning tree."""
     count = len(distance)
     parent, away = np.zeros(count, dtype=int), distance[0].copy()
     inside = np.arange(count) == 0

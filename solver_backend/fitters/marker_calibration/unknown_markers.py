@@ -47,7 +47,7 @@ def rigid_groups(points: np.ndarray) -> list[list[int]]:
 
 
 def _constant(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, N) masks of pairs with a constant distance, and of pairs that are visible together often enough."""
+    """Return (N, N) masks of pairs with a constant distance, and of common visibility."""
     count = points.shape[1]
     constant, together = np.zeros((count, count), dtype=bool), np.zeros((count, count), dtype=bool)
     for m in range(count):
@@ -94,7 +94,7 @@ class Attachment:
 
     @classmethod
     def on_bone(cls, bone: int, offset: np.ndarray, spread: np.ndarray) -> Attachment:
-        """Return the attachment to one bone from the (22, 3) offsets and (22,) median distances of ``bone_offsets``."""
+        """Return the attachment to one bone from the results of ``bone_offsets``."""
         return cls(ON_BONE + SMPL_JOINTS[bone], offset[bone], float(spread[bone] / _MEDIAN_LENGTH))
 
 
@@ -112,7 +112,7 @@ class BonePoses:
         return cls(to_numpy(skeleton.joints), to_numpy(skeleton.G))
 
     def carry(self, points: np.ndarray) -> bool:
-        """Return whether one bone carries (F, M, 3) markers, as most of them are near it and have a constant offset."""
+        """Return whether one bone carries (F, M, 3) markers at a constant offset."""
         offsets = [bone_offsets(points[:, m], self.joints, self.rotations) for m in range(points.shape[1])]
         spread, reach = (np.median([item[k] for item in offsets], axis=0) for k in (1, 2))
         return bool(((spread < RESIDUAL_M) & (reach < REACH_M)).any())
@@ -230,7 +230,7 @@ def _name(labels: list[str], number: int) -> str:
 
 
 def _is_one_of_a_pair(group: set[str], labels: Sequence[str]) -> bool:
-    """Return whether most markers of a group have a left or right counterpart outside it, as on shoes and limbs."""
+    """Return whether most markers of a group have a counterpart on the other side."""
     outside = {label.casefold() for label in labels if label not in group}
     paired = [label for label in group if mirrored_labels(label) & outside]
     return 2 * len(paired) > len(group)
@@ -244,7 +244,7 @@ def _names_a_part(group: set[str]) -> bool:
 
 
 def mirrored_labels(label: str) -> set[str]:
-    """Return possible labels of the marker on the other side, by swapping the first or last L, R, left or right."""
+    """Return possible labels of the other side's marker, by swapping L, R, left or right."""
     prefix, colon, name = label.rpartition(SEPARATOR)
     turned = {pattern.sub(lambda found: _OTHER[found[0].lower()], name, count=1) for pattern in _SIDE}
     return {(prefix + colon + text).casefold() for text in turned} - {label.casefold()}

@@ -1,4 +1,4 @@
-"""Fill marker gaps with the marker on the fitted body and with its predicted position among its neighbours."""
+"""Fill marker gaps with the fitted body and the marker's neighbours."""
 
 from __future__ import annotations
 
@@ -81,13 +81,13 @@ def among(
 
 
 def joining_shares(times: np.ndarray, length: int, lasting: float) -> np.ndarray:
-    """Return the weight ``sinh((n + 1 - t) / τ) / sinh((n + 1) / τ)`` of a gap's first end at times t in frames."""
+    """Return the weight ``sinh((n + 1 - t) / τ) / sinh((n + 1) / τ)`` of a gap's first end."""
     away, span = times / lasting, (length + 1) / lasting
     return np.exp(-away) * np.expm1(-2 * (span - away)) / np.expm1(-2 * span)  # no long gap overflows
 
 
 def between_ends(frames: np.ndarray, ends: np.ndarray, errors: np.ndarray, lasting: float) -> np.ndarray:
-    """Return the (n, 3) mean of a random process with the given (E, 3) errors at two, one or no ends of a gap."""
+    """Return the (n, 3) mean of a random process with the given errors at a gap's ends."""
     since = np.abs(frames - ends[:, None])
     share = joining_shares(since, ends[1] - ends[0] - 1, lasting) if len(ends) == 2 else np.exp(-since / lasting)
     return share.T @ errors
@@ -166,6 +166,6 @@ def lasting_frames(off: np.ndarray, lag: int) -> float:
 
 
 def bone_rotations(landmarks: Landmarks, rotations: np.ndarray) -> np.ndarray:
-    """Return (F, M, 3, 3) weighted mean rotations of the landmarks' bones, from (F, J, 3, 3) global rotations."""
+    """Return (F, M, 3, 3) mean rotations of the landmarks' bones."""
     frames, count = len(rotations), len(landmarks)
     return (landmarks.weights @ rotations.reshape(frames, -1, 9)).reshape(frames, count, 3, 3)

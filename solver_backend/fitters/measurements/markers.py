@@ -38,7 +38,7 @@ _LOOKED_AT, _LEAST_FRAMES, _MOST_RIGID = 200, 10, 20  # Most and fewest compared
 
 
 def no_person_in(points: np.ndarray) -> str:
-    """Return the reason why (F, N, 3) points in metres, NaN if unseen, show no whole person, or "" if they may.
+    """Return why (F, N, 3) points in metres show no whole person, or "".
 
     The points are too close together in every frame, or they move as one rigid body. Rigidity is tested with sorted
     distances in the frames with the most points, so that swapped tracks do not matter.
@@ -69,7 +69,7 @@ def no_person_in(points: np.ndarray) -> str:
 
 
 def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})) -> MarkerCloud:
-    """Return the markers with labels of a known layout or with a location from the user (see ``name_markers``).
+    """Return the markers with labels of a known layout or a location from the user.
 
     Raises:
         MarkersUnknown: there are no labels, or fewer of them are known than ``least_markers``.
@@ -121,7 +121,7 @@ def measure_markers(
 
 
 def measured_at(cloud: MarkerCloud, landmarks: Landmarks, like: Array, sigma_m: np.ndarray) -> Measurements:
-    """Return the measurements of markers with known landmarks. It raises the errors of ``measure_markers``.
+    """Return the measurements of markers with known landmarks (see ``measure_markers``).
 
     The tracker's noise is added to the variance: covariances Σ give ``σ_marker² 1 + Σ``, residuals give ``σ_marker² +
     residual²``. ``sigma_m`` are the (L,) standard deviations of markers relative to the body per axis, in metres.
@@ -154,7 +154,7 @@ def _term(points: np.ndarray, weight: np.ndarray, like: Array) -> PositionTerm:
 
 
 def assign_person(measured: Measurements, subject: Subject, sigma_m: np.ndarray) -> Measurements:
-    """Return the measurements with a calibrated person and the (L,) standard deviations of its markers per axis."""
+    """Return the measurements with a calibrated person and (L,) marker deviations."""
     assert isinstance(measured.source, LocatedPoints)
     return replace(measured, known_person=subject, source=replace(measured.source, sigma_m=sigma_m))
 
@@ -186,7 +186,7 @@ def _listed(labels: Sequence[str], most: int = 12) -> str:
 def measure_landmarks(
     landmarks: Landmarks, points: np.ndarray, fps: float, like: Array, sigma_m: float = SIGMA_M
 ) -> Measurements:
-    """Return the measurements of (F, L, 3) landmarks in metres, NaN where missing, with one deviation per axis.
+    """Return the measurements of (F, L, 3) landmarks in metres, NaN where missing.
 
     Raises:
         NoDetections: no frame shows enough landmarks to place a body.
@@ -225,7 +225,7 @@ def measure_motion(body: Body, motion: Motion, pinned: Sequence[int], like: Arra
 def measure_network_landmarks(
     cloud: MarkerCloud, body: Body, like: Array, *, joints: bool, progress: Progress = silent, network_file: str = ""
 ) -> Measurements:
-    """Return the network's landmarks in each frame of a labelled or unlabelled cloud (l_est of thesis 5.2.2).
+    """Return the network's landmarks in each frame of a cloud (thesis 5.2.2).
 
     ``network_file`` is as in ``chosen_network``.
 

@@ -205,7 +205,7 @@ def _alterations(
     replaced: np.ndarray,
     grids: np.ndarray,
 ) -> list[Diagnostic]:
-    """Return diagnostics of repeated (C, F), skipped (F,) and filled (C, F) frames, and of pixel grids (C,) in px.
+    """Return diagnostics of repeated, skipped and filled frames, and of pixel grids.
 
     Args:
         replaced: (C, F) bool, filled frames that other views replace.

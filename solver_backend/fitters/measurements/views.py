@@ -191,7 +191,7 @@ comes from a wrong knee, and lower weights for feet increase their error."""
 
 
 def fit_sigma_px(cameras: Cameras, points: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
-    """Return (C, F, L) standard deviations ``sqrt(sigma² + (f m / z)²)`` of detections relative to a body, in px.
+    """Return (C, F, L) deviations ``sqrt(sigma² + (f m / z)²)`` of detections in px.
 
     Args:
         points: (F, L, 3) triangulated points in metres, NaN where missing. Their median gives a frame's depth z.

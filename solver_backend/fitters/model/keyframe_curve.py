@@ -144,7 +144,7 @@ class SphericalMean:
         return cls(mean / length, length, weights)
 
     def vjp(self, cotangent: Array) -> Array:
-        """Return the (W, n, k, d) derivatives by each vector, from those by the means: ``w_k (I - v vᵀ) c / |m|``."""
+        """Return the (W, n, k, d) derivatives by each vector: ``w_k (I - v vᵀ) c / |m|``."""
         xp = array_namespace(cotangent)
         across = cotangent - self.value * xp.sum(self.value * cotangent, axis=-1, keepdims=True)
         return self.weights[..., None] * (across / self.length)[..., None, :]
@@ -165,7 +165,7 @@ class KeyCotangents:
     residual: Array | None  # (W, k, 3 J), None where joints stay on the manifold.
 
     def by_tangents(self, keys: Keyframes, layout: StateLayout) -> Array:
-        """Return (K, n) derivatives by the tangents of the keys, summed where neighbouring windows share a key."""
+        """Return (K, n) derivatives by the tangents of the keys, summed where shared."""
         xp = array_namespace(self.quat)
         parts = [by_turns(keys.quat, summed_by_keys(self.quat)), summed_by_keys(self.transl)]
         if self.z is not None:
@@ -178,7 +178,7 @@ class KeyCotangents:
 
 @dataclass(frozen=True)
 class KeyframeCurve:
-    """W·n frames of W windows, in the order of windows, as functions of their keys (thesis eqs. 6.9, 6.10)."""
+    """W·n frames of W windows as functions of their keys (thesis eqs. 6.9, 6.10)."""
 
     keys: Keyframes  # (W, k) keys.
     _codes: Callable[[], Interpolant]
@@ -214,7 +214,7 @@ class KeyframeCurve:
 
     @classmethod
     def spline(cls, keys: Keyframes, shares: np.ndarray, *, residuals: bool) -> KeyframeCurve:
-        """Return the spline of (W, 5) control points with continuous velocity and acceleration (see ``fives``).
+        """Return the smooth spline of (W, 5) control points (see ``fives``).
 
         ``shares`` (W, n, 5) are the weights of these points, see ``KeyframeLayout.spline_shares``.
         """
@@ -284,7 +284,7 @@ class KeyframeCurve:
 
 
 def turns_of(by_joints: Array, layout: StateLayout) -> Array:
-    """Return (K, n) derivatives by the rotation vectors of a layout, from (K, 3 J) derivatives by all joints."""
+    """Return (K, n) derivatives by a layout's rotation vectors, from all joints' (K, 3 J)."""
     if layout.turned == tuple(range(by_joints.shape[1] // 3)):
         return by_joints
     columns = 3 * np.array(layout.turned, dtype=int)[:, None] + np.arange(3)
@@ -292,7 +292,7 @@ def turns_of(by_joints: Array, layout: StateLayout) -> Array:
 
 
 def by_turns(quat: Array, by_quat: Array) -> Array:
-    """Return (..., 3) derivatives by left rotations of keys, from (..., 4) derivatives by their quaternions."""
+    """Return (..., 3) derivatives by left rotations of keys, from those by quaternions."""
     xp = array_namespace(quat)
     return xp.matmul(xp.matrix_transpose(quat_left_tangent(quat)), by_quat[..., None])[..., 0]
 
@@ -307,7 +307,7 @@ def key_poses(
     spline: bool = False,
     screw: bool = False,
 ) -> PosedFrames:
-    """Return the poses of the given frames, by default of all frames of the layout. ``screw`` is as in ``through``."""
+    """Return the poses of the given frames, by default of all frames of the layout."""
     window, time = layout.positions(layout.frames if frames is None else frames)
 
     def curve(part: slice) -> KeyframeCurve:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class KeyframeLayout:
-    """N windows over F frames. Window w uses the keys n w to n w + n and shares its end keys with its neighbours.
+    """N windows over F frames. Window w has the keys n w to n w + n and shares its ends.
 
     The whole-take method has terms over keys and splines, which need n = 2.
     """
@@ -59,7 +59,7 @@ class KeyframeLayout:
         return np.arange(self.bounds[0], self.bounds[-1] + 1)
 
     def positions(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the window of each frame number and its position there, 0 to 1. A bound is in the earlier window."""
+        """Return the window of each frame number and its position there, 0 to 1."""
         window = np.clip(np.searchsorted(self.bounds, times, side="left") - 1, 0, self.num_windows - 1)
         return window, (times - self.bounds[window]) / np.diff(self.bounds)[window]
 
@@ -104,7 +104,7 @@ class KeyframeLayout:
         return WindowRows(frames, time, float(stride) * inside)
 
     def gaps(self, seen: np.ndarray) -> np.ndarray:
-        """Return a (2N,) mask of intervals between keys without a ``seen`` frame. ``seen`` (F,) covers the take."""
+        """Return a (2N,) mask of intervals between keys without a ``seen`` frame."""
         before = np.concatenate([[0], np.cumsum(seen)])
         first, last = np.ceil(self.key_times[:-1]).astype(int), np.floor(self.key_times[1:]).astype(int)
         return before[last + 1] == before[first]
@@ -176,7 +176,7 @@ class Interpolant(Protocol):
 
 
 def lagrange(time: Array, num_keys: int = 3) -> Array:
-    """Return the (..., k) weights of equally spaced keys in the polynomial through them, at times from 0 to 1.
+    """Return the (..., k) weights of equally spaced keys in their polynomial.
 
     With three keys the cubic of thesis eq. 6.10 is underdetermined. The parabola is its solution of least curvature.
     """
@@ -204,7 +204,7 @@ def combined(weights: Array, values: Array) -> Array:
 
 
 def shared(weights: Array, by_frames: Array) -> Array:
-    """Return (W, k, d) derivatives by keys from (W·n, ...) derivatives by frames and the keys' weights (W, n, k)."""
+    """Return (W, k, d) derivatives by keys from those by frames and (W, n, k) weights."""
     xp = array_namespace(by_frames)
     rows = xp.reshape(by_frames, (*weights.shape[:2], -1))
     return xp.matmul(xp.matrix_transpose(weights), rows)
@@ -246,7 +246,7 @@ def _spline(flat: np.ndarray, layout: KeyframeLayout) -> tuple[np.ndarray, Windo
 
 
 def _nearest(flat: np.ndarray, rows: WindowRows, shares: np.ndarray) -> np.ndarray:
-    """Return (K, d) control points, found with conjugate gradients from the keys (Hestenes and Stiefel 1952).
+    """Return (K, d) control points by conjugate gradients (Hestenes and Stiefel 1952).
 
     If keys are denser than frames, undetermined directions keep the values of the keys.
     """

@@ -1,4 +1,4 @@
-"""Define the states of frames and keys, the subject, and the equations of one posed frame (thesis 6.2.5)."""
+"""Define states of frames and keys, the subject, and one posed frame's equations."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def decoded_with_vjp(
 
 
 def turned_with_vjp(local: Array, residual: Array) -> tuple[Array, Callable[[Array], tuple[None, Array]]]:
-    """Return ``exp(ρ_j) R_j`` of (F, J, 3, 3) fixed decoded rotations, and the vector-Jacobian product by ρ."""
+    """Return ``exp(ρ_j) R_j`` of fixed (F, J, 3, 3) rotations, and the product by ρ."""
     bend = left_jacobian_so3(residual)
     turned = array_namespace(local).matmul(exp_so3(residual), local)
     return turned, lambda by_joints: (None, _transposed(bend, by_joints))
@@ -88,7 +88,7 @@ def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) 
 
 
 def d_pose_d_key(layout: StateLayout, prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
-    """Return (F, p, n) derivatives of pose tangents by state tangents. Without a code block nothing is decoded."""
+    """Return (F, p, n) derivatives of pose tangents by state tangents."""
     if CODE not in layout:
         return d_pose_d_state(layout, None, by_residual=None if residual is None else left_jacobian_so3(residual))
     by_code, by_residual = decoder_jacobian(prior, z, residual)
@@ -103,7 +103,7 @@ def d_pose_d_state(
     weight: Array | None = None,
     by_residual: Array | None = None,
 ) -> Array:
-    """Return (F, p, n) derivatives of pose tangents by the tangents of a state that contributes with a weight.
+    """Return (F, p, n) derivatives of pose tangents by a weighted state's tangents.
 
     Args:
         by_code: (F, 3 J, c) derivatives of joints by the code, None if the code is fixed.
@@ -170,7 +170,7 @@ class Keyframes(Rows):
 
 
 def rotations_of(step: Array, layout: StateLayout, num_joints: int) -> Array:
-    """Return the (K, J, 3) rotation vectors of the joints in (K, n) steps, zero for a joint without a block."""
+    """Return the (K, J, 3) rotation vectors of joints in (K, n) steps, zero without a block."""
     vectors = array_namespace(step).reshape(step[:, layout.turns], (step.shape[0], -1, 3))
     if layout.turned == tuple(range(num_joints)):
         return vectors
@@ -375,7 +375,7 @@ def frame_equations(
 def _hessian(
     terms: tuple[PoseTerm, ...], shifted: int, by_rotations: Array, information: Array, *factors: Array
 ) -> Array:
-    """Return the (F, p, p) Gauss-Newton matrices of the point terms and the pose terms (see ``without_shift``)."""
+    """Return the (F, p, p) Gauss-Newton matrices of point and pose terms."""
     xp = array_namespace(by_rotations)
     count, num_landmarks, _, rotations = by_rotations.shape
     weighted = xp.matmul(information, by_rotations)

@@ -95,7 +95,7 @@ def _alignments(index: dict[str, int], rest: np.ndarray, own: np.ndarray) -> dic
 
 
 def _turns(G: dict[str, np.ndarray], frames: int) -> np.ndarray:
-    """Return (F, 22, 3, 3) rotations of the skeleton. Missing rotations are interpolated between neighbours."""
+    """Return (F, 22, 3, 3) rotations of the skeleton, interpolated where missing."""
     turns = np.empty((frames, NUM_TURNED, 3, 3))
     turns[:, 0] = G["pelvis"]
     spine = [G[role] for role in chain_roles(dict.fromkeys(G, ""), "spine")]
@@ -141,7 +141,7 @@ _MOVED = _ABOVE & ~np.eye(NUM_JOINTS, NUM_TURNED, dtype=bool)  # (24, 22) joints
 
 
 def fit_poses(rest: np.ndarray, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
-    """Return global rotations (F, 22, 3, 3) and positions (F, 24, 3) of the body's joints, by Levenberg-Marquardt.
+    """Return global rotations (F, 22, 3, 3) and joints (F, 24, 3) by Levenberg-Marquardt.
 
     A world rotation δ of a joint moves positions below it by ``Σ δ_i × (p_k - p_i)`` and rotations by ``Σ δ_i``. Both
     are linear in δ and the root's position. ``rest`` (24, 3) are the shaped body's rest joints in metres.
@@ -274,7 +274,7 @@ _EXACT, _SAME_M, _PLAUSIBLE = 16.0, 0.001, 5.0
 
 
 def shape_from_lengths(body: Body, rest: np.ndarray) -> np.ndarray:
-    """Estimate the (10,) shape with the nearest lengths: ``min Σ (l(β) - l)² / σ² + |β|²`` by Gauss-Newton.
+    """Estimate the (10,) shape with the nearest lengths: ``min Σ (l(β) - l)² / σ² + |β|²``.
 
     ``rest`` are (24, 3) joints of a skeleton at rest in metres, NaN where missing.
     """
@@ -339,7 +339,7 @@ def _lengths(joints: np.ndarray) -> np.ndarray:
 
 
 def _ways(joints: np.ndarray) -> np.ndarray:
-    """Return the (12, ...) vectors of the fitted lengths, between midpoints of (J, ...) joints or their derivatives."""
+    """Return the (12, ...) vectors of the fitted lengths between midpoints of joints."""
     return np.asarray(joints[_ENDS].mean(axis=1) - joints[_STARTS].mean(axis=1))
 
 
@@ -359,7 +359,7 @@ def floor_height(body: Body, betas: np.ndarray, joints: np.ndarray) -> float:
 
 
 def standing_feet(body: Body, betas: np.ndarray, joints: np.ndarray, fps: float) -> np.ndarray:
-    """Return an (F, 2) mask of frames with the ball of the left and right foot low and slow, for a floor at z = 0."""
+    """Return an (F, 2) mask of frames with the ball of a foot low and slow."""
     balls = joints[:, [foot[1] for foot in _FEET]]
     heights = _rest_heights(body, betas)[[foot[1] for foot in _FEET]]
     if len(balls) < 2:
@@ -388,7 +388,7 @@ class ImportedMotion:
 def import_motion(
     source: SkeletonMotion, roles: dict[str, str], body: Body, *, keep_height: bool = False
 ) -> ImportedMotion:
-    """Transfer a skeleton's motion to the body, with a shape that fits its bones, and with fingers if they move.
+    """Transfer a skeleton's motion to a body whose shape fits its bones.
 
     Args:
         roles: maps each role to a joint of the skeleton.
@@ -450,7 +450,7 @@ def _with_own_fingers(motion: Motion, body: Body, source: SkeletonMotion, roles:
 
 
 def _resting(places: np.ndarray) -> np.ndarray | None:
-    """Return an (F, 24) mask of joints without information (elbow, wrist and hand of missing arms), or None."""
+    """Return an (F, 24) mask of joints without information, or None."""
     unknown = np.isnan(places[0, :, 0])
     resting = np.zeros(places.shape[:2], dtype=bool)
     for elbow, wrist, hand in _ARMS:

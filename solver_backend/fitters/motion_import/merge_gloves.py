@@ -61,7 +61,7 @@ def wrist_speeds(rotations: Float[np.ndarray, "n 3 3"], times: Float[np.ndarray,
 
 
 def find_wrist_clock(one: list[np.ndarray], other: list[np.ndarray]) -> WristClock | None:
-    """Estimate the start of the other recording on the clock of the first. None without movement or overlap.
+    """Estimate the start of the other recording on the first one's clock, or None.
 
     The offset maximises the correlation of all wrists' speeds over the overlap, with a parabola between samples. Speeds
     are (n,) and (m,) of the same wrists at ``RATE`` samples per second.
@@ -85,7 +85,7 @@ def find_wrist_clock(one: list[np.ndarray], other: list[np.ndarray]) -> WristClo
 
 
 def _independent(a: np.ndarray, b: np.ndarray) -> float:
-    """Return the number of independent samples in two series: ``n / Σ_k ρ_a(k) ρ_b(k)`` with autocorrelations ρ."""
+    """Return the number of independent samples in two series: ``n / Σ_k ρ_a(k) ρ_b(k)``."""
     n = len(a)
     size = 1 << int(np.ceil(np.log2(2 * n)))
     power = [np.abs(np.fft.rfft(x - x.mean(), size)) ** 2 for x in (a, b)]
@@ -98,7 +98,7 @@ def _moves(speeds: np.ndarray) -> bool:
 
 
 def _correlations(a: np.ndarray, b: np.ndarray, least: int) -> np.ndarray:
-    """Return the correlation over the overlap for every offset of b in a, from ``least - m`` to ``n - least``.
+    """Return the correlation over the overlap for every offset of b in a.
 
     Sums over the overlap come from cumulative sums, products from a convolution with the Fourier transform.
     """

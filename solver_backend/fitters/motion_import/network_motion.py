@@ -83,7 +83,7 @@ def network_motion(
 
 
 def without_gaps(result: NetworkResult) -> NetworkResult:
-    """Return the result for all frames from first to last, with rotations and positions in gaps interpolated."""
+    """Return the result from first to last frame, with interpolated gaps."""
     frames = np.arange(result.frames[0], result.frames[-1] + 1)
     after = np.clip(np.searchsorted(result.frames, frames), 0, len(result.frames) - 1)
     before = np.maximum(after - (result.frames[after] > frames), 0)
@@ -134,7 +134,7 @@ def _of_rotations(result: NetworkResult, body: Body, fps: float) -> Motion:
 
 
 def metric_scale(points: np.ndarray, names: tuple[str, ...], body: Body) -> float:
-    """Return the factor that scales (F, K, 3) points to the body's leg length, or 1 if they nearly have it."""
+    """Return the factor from (F, K, 3) points to the body's leg length."""
     rest, joints = body.rest_joints(np.zeros(body.shapedirs.shape[-1])), body.layout.joints
     theirs, ours = 0.0, 0.0
     for side in SIDES:

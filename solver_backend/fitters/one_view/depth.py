@@ -221,7 +221,7 @@ def _step_after(track: np.ndarray, both: np.ndarray, frames: np.ndarray) -> np.n
 
 
 def _extent(xy: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the (F,) RMS distance of keypoints from their mean in pixels, or the take's median if few are seen."""
+    """Return the (F,) RMS distance of keypoints from their mean in px."""
     weight = seen / np.maximum(seen.sum(axis=1, keepdims=True), 1)
     known = np.where(seen[..., None], xy, 0.0)
     middle = np.einsum("fk,fkc->fc", weight, known)
@@ -323,7 +323,7 @@ class OneCamera(PointSource):
 
 
 def with_open_depth(solved: SolvedFrames, one: OneView, joints: np.ndarray) -> SolvedFrames:
-    """Add the uncertainty of a single camera: ``Σ + a² 1 + ((k l)² + f² z²) d dᵀ + s² p pᵀ``, and of rotations.
+    """Add a single camera's uncertainty: ``Σ + a² 1 + ((k l)² + f² z²) d dᵀ + s² p pᵀ``.
 
     a is ``ACROSS_M``, k ``ALIKE``, l the lifter's deviation, d the line of sight, z the depth and p the vector from the
     camera to the joint. A person scaled by s at a scaled distance has the same image, and a focal length with relative

@@ -125,7 +125,7 @@ def measure_one_view(
     betas: tuple[float, ...] | None,
     progress: Progress,
 ) -> Measurements:
-    """Return the measurements of the one camera that sees the person. ``betas`` is None for an unknown shape.
+    """Return the measurements of the one camera that sees the person.
 
     Raises:
         NoDetections: no frame has enough keypoints to place a body.
@@ -262,14 +262,14 @@ def _joint_of(landmarks: Landmarks, body: Body) -> np.ndarray:
 
 
 def _covariances(sigma: np.ndarray, sight: np.ndarray, size: float, from_camera: np.ndarray) -> np.ndarray:
-    """Return (F, L, 3, 3) covariances ``a² (1 - d dᵀ) + l² d dᵀ + s² p pᵀ`` with p from the camera to the point."""
+    """Return (F, L, 3, 3) covariances ``a² (1 - d dᵀ) + l² d dᵀ + s² p pᵀ``."""
     along = sight[:, None, :, None] * sight[:, None, None, :]
     across, deep = (sigma[..., k, None, None] ** 2 for k in (0, 1))
     return across * (np.eye(3) - along) + deep * along + size**2 * from_camera[..., :, None] * from_camera[..., None, :]
 
 
 def _precision(sigma: np.ndarray, sight: np.ndarray, known: np.ndarray, joint: np.ndarray) -> np.ndarray:
-    """Return (F, L, 3, 3) precisions ``(1 - d dᵀ) / a² + d dᵀ / l²``. Points of one joint share its weight."""
+    """Return (F, L, 3, 3) precisions ``(1 - d dᵀ) / a² + d dᵀ / l²``, shared by joint."""
     along = sight[:, None, :, None] * sight[:, None, None, :]
     across, deep = (1.0 / sigma[..., k, None, None] ** 2 for k in (0, 1))
     shared = np.bincount(joint, minlength=len(SMPL_JOINTS))[joint]

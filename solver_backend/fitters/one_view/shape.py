@@ -1,4 +1,4 @@
-"""Estimate the person's shape from one calibrated view, using limb lengths in the image and soles on the floor."""
+"""Estimate a person's shape from one view, by limb lengths and soles on the floor."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def foot_vertices(body: Body, side: str) -> np.ndarray:
 
 
 def sole_heights(body: Body, landmarks: Landmarks) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (L,) heights of keypoints above the mean person's sole at rest, and (L, 10) derivatives by shape."""
+    """Return the (L,) heights of keypoints above the sole at rest, and shape derivatives."""
     feet = np.concatenate([foot_vertices(body, "left"), foot_vertices(body, "right")])
     feet = feet if len(feet) else np.arange(len(body.v_template))
     lowest = feet[np.argmin(body.v_template[feet, 1])]
@@ -127,7 +127,7 @@ def standing_soles(
 
 
 def rising_shins(points: np.ndarray, names: tuple[str, ...], feet: list[int], up: np.ndarray) -> np.ndarray:
-    """Return an (F, K) mask of foot points below a shin that rises, because others kneel on toes or insteps.
+    """Return an (F, K) mask of foot points below a rising shin, as in kneeling.
 
     Args:
         points: (F, L, 3) points of the pose in metres. Feet without a knee or ankle count as below a rising shin.

@@ -56,7 +56,7 @@ def steady_depth(solved: SolvedFrames, one: OneView, fps: float) -> SolvedFrames
 
 
 def _turns(G: np.ndarray, rest: np.ndarray, parents: np.ndarray, sight: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, J, 3) world rotation vectors that align the bones u of each joint: ``(Σ 1 - u uᵀ)⁺ Σ u × u'``."""
+    """Return (F, J, 3) rotations that align bones u: ``(Σ 1 - u uᵀ)⁺ Σ u × u'``."""
     children = np.arange(1, len(parents))
     bones = rest[children] - rest[parents[children]]
     u = np.einsum("fjab,jb->fja", G[:, parents[children]], bones / np.linalg.norm(bones, axis=1, keepdims=True))
@@ -157,7 +157,7 @@ def _sole_points(
 
 
 def _slides(foot: np.ndarray, runs: list[tuple[int, int]]) -> np.ndarray:
-    """Return the (F, 2) shift in metres of a foot's touching part (F, V, 3) from its mean position in each contact."""
+    """Return the (F, 2) shift of a foot's touching part from its mean in each contact."""
     height = foot[..., 2] - foot[..., 2].min(axis=1, keepdims=True)
     touch = np.exp(-height / TOUCH_M)
     hold = touch[1:] * touch[:-1]
@@ -171,7 +171,7 @@ def _slides(foot: np.ndarray, runs: list[tuple[int, int]]) -> np.ndarray:
 
 
 def _stands_around(stands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return, for each of F frames, the last standing frame up to it (or -1) and the next one from it (or F)."""
+    """Return the last standing frame up to each frame (or -1), and the next (or F)."""
     number = np.arange(len(stands))
     after = np.minimum.accumulate(np.where(stands, number, len(stands))[::-1])[::-1]
     return np.maximum.accumulate(np.where(stands, number, -1)), after
@@ -197,7 +197,7 @@ def _with_ankle_moved(
     chain: tuple[int, int, int],
     move: np.ndarray,
 ) -> np.ndarray:
-    """Return (F, J, 3, 3) joint rotations with one ankle moved by (F, 3) metres and the foot's orientation kept.
+    """Return (F, J, 3, 3) rotations with one ankle moved and the foot's orientation kept.
 
     The knee bends to match the distance of hip and ankle, and the smallest leg rotation aims it at the ankle.
     """
@@ -239,5 +239,5 @@ def _path(parents: tuple[int, ...] | np.ndarray, joint: int) -> list[int]:
 
 
 def _angle(a: np.ndarray, b: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Return the bend angle of a knee, 0 if straight, from bone lengths a and b and the distance of their far ends."""
+    """Return a knee's bend angle from bone lengths and the distance of their far ends."""
     return np.arccos(np.clip((distance**2 - a**2 - b**2) / (2.0 * a * b), -1.0, 1.0))

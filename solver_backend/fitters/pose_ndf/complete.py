@@ -1,4 +1,4 @@
-"""Uses of Pose-NDF (Tiwari et al. 2022): completion, denoising, interpolation, pose and shape from keypoints."""
+"""Use Pose-NDF (Tiwari et al. 2022) to complete, denoise, interpolate and fit poses."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ class KeypointObjective:
 
 
 def bending(local: Array, weight: float) -> tuple[Array, Array, Array]:
-    """Return ``λ_α/2 Σ exp(2 α)`` with its gradient (F, 63) and curvature (F, 63, 63) by the joints' left tangents."""
+    """Return ``λ_α/2 Σ exp(2 α)``, gradient (F, 63) and curvature by left tangents."""
     xp = array_namespace(local)
     vectors = log_so3(local)
     inverse, count = left_jacobian_inverse_so3(vectors), local.shape[0]
@@ -271,7 +271,7 @@ class CompleteSettings:
 
 
 def missing_joints(names: Sequence[str]) -> tuple[int, ...]:
-    """Return the columns of joints given by joint or limb names. Raise ``JobInvalid`` for an unknown name, or none."""
+    """Return the columns of joints by joint or limb names. Raise ``JobInvalid`` for unknown ones."""
     known = BODY_JOINTS
     unknown = [name for name in names if name not in LIMBS and name not in known]
     if unknown or not names:

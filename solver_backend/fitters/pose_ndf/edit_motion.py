@@ -161,7 +161,7 @@ def skin_of(motion: Motion, body: Body) -> Subject:
 
 
 def _with_frames(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames, edit: dict[str, Any]) -> Motion:
-    """Return the motion with other poses, without the measurements of single frames, which are no longer valid."""
+    """Return the motion with other poses, without measurements that are no longer valid."""
     made, solved = _new_motion(motion, body, prior, frames, edit), 3 * frames.layout.num_joints
     pose = np.concatenate([made.body_pose[:, :solved], without_fingers(motion).body_pose[:, solved:]], axis=1)
     kept = replace(made, body_pose=pose, keyframes=motion.keyframes, contacts=motion.contacts, flags=motion.flags)
@@ -175,7 +175,7 @@ def _with_own_fingers(made: Motion, motion: Motion, body: Body) -> Motion:
 
 
 def _on_the_way(ends: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Return (n, K, 3, 3) rotations at positions (n,) from 0 to 1 on geodesics between the ends (2, K, 3, 3)."""
+    """Return (n, K, 3, 3) rotations at positions from 0 to 1 on geodesics between ends."""
     a, b = quat_from_matrix(ends)
     b = np.where((a * b).sum(-1, keepdims=True) >= 0, b, -b)
     shape = (len(share), *a.shape)

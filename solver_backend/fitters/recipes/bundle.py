@@ -1,4 +1,4 @@
-"""Solve whole takes: all keyframes at once, in passes between which shape, noise and contacts are learned."""
+"""Solve whole takes at once, in passes that learn shape, noise and contacts."""
 
 from __future__ import annotations
 
@@ -248,7 +248,7 @@ def learn_noise(bundle: Bundle) -> Bundle:
 
 
 def find_standing_feet(bundle: Bundle, sight: np.ndarray | None = None, heights: np.ndarray | None = None) -> Bundle:
-    """Find planted feet, and lock them. See ``find_contacts`` for ``sight`` and ``heights`` of a single camera."""
+    """Find planted feet, and lock them (see ``find_contacts``)."""
     if not bundle.settings.contacts:
         return bundle
     points, names = to_numpy(bundle.posed.points), bundle.posed.subject.landmarks.names
@@ -273,12 +273,12 @@ ROUNDS = 2  # Passes with skin contacts. Sunken parts touch the floor only after
 
 
 def world_of(settings: SolveSettings) -> Obstacles:
-    """Return the floor, with the objects in the settings' file. Raises ``FileDamaged`` and ``FileMissing``."""
+    """Return the floor with the settings' objects. Raise ``FileDamaged`` or ``FileMissing``."""
     return read_obstacles(settings.objects) if settings.objects else Obstacles.floor()
 
 
 def holds_skin(problem: Problem, settings: SolveSettings) -> bool:
-    """Return whether to hold the skin outside of floor and objects: one of them is known and contacts are on.
+    """Return whether contacts are on and a floor or objects are known.
 
     With one camera the depth is too uncertain to check them.
     """
@@ -287,7 +287,7 @@ def holds_skin(problem: Problem, settings: SolveSettings) -> bool:
 
 
 def hold_skin(bundle: Bundle) -> Bundle:
-    """Solve again with the skin outside of floor, objects and other people, unless only feet touch the floor.
+    """Solve again with the skin outside of floor, objects and other people.
 
     Skin is fixed where it touches floor or objects. Surfaces that the measurements contradict are not used: only the
     other people if the rest agrees, otherwise the objects, then also the floor.
@@ -348,7 +348,7 @@ class PassPlan:
 
 
 def plan_views(problem: Problem, settings: SolveSettings) -> PassPlan:
-    """Plan a pass on the manifold with wide scales, then two passes off it, in which the person's shape is learned."""
+    """Plan a pass on the manifold with wide scales, then two passes that learn the shape."""
     scale, steps = settings.robust_scale, settings.iterations
     near = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(3, 1), 1e-2, hessian_frames=3, promise=1.0)
     between = Schedule((2 * scale,), steps, problem.frames_of(2, 1), 1e-2, promise=1.0)
@@ -389,7 +389,7 @@ LOOSENESS = 2.0  # Additional looseness with fixed codes, because free codes tak
 
 
 def plan_known_person(problem: Problem, settings: SolveSettings) -> PassPlan:
-    """Plan for a known person: a pass on the manifold, unless the start is precise enough, and a pass off it."""
+    """Plan for a known person: a pass on the manifold if needed, and a pass off it."""
     scale, steps, usual = settings.robust_scale, settings.iterations, problem.frames_of(settings.refine_window)
     measured, stride = problem.measurements, problem.frames_of(1, 1)
     rate = problem.fps / stride
@@ -433,7 +433,7 @@ def solve_take(
 
 
 def solved_take(bundle: Bundle, progress: Progress, stride: int = 1) -> MethodResult:
-    """Return the poses of all frames and the convergence of the last pass. See ``joint_covariance`` for ``stride``."""
+    """Return the poses of all frames and the convergence of the last pass."""
     assert bundle.solution is not None
     problem, settings, posed, model = bundle.problem, bundle.settings, bundle.posed, bundle.model
     layout, keys, names = posed.layout, hemisphere_aligned(posed.keys), posed.subject.landmarks.names

@@ -1,4 +1,4 @@
-"""BundleMoCap++ as published: window after window with Algorithm 1 and only the data term (thesis 6.2.5 and 6.3.2).
+"""Solve by BundleMoCap++ as published, window after window (thesis 6.2.5 and 6.3.2).
 
 Each window has SIDER-2 through three keys. Its first key is the last key of the previous window and is fixed. The other
 two move by projected gradient descent. There is no prior term, because codes never leave the sphere of SPoser. The
@@ -121,7 +121,7 @@ def slide(
 def solve_bundlemocap(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Solve a take with the published method. Keys start from fits to the triangulated points of their frames."""
+    """Solve a take with the published method, with keys from triangulated points."""
     problem, measured = replace(problem, pose_terms=()), problem.measurements
     seen = np.flatnonzero(measured.seen)
     if settings.betas is None and not measured.knows_person:

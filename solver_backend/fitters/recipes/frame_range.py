@@ -1,4 +1,4 @@
-"""Solve some frames of an earlier motion again. Only keys in the range move, and they join the frames outside."""
+"""Solve some frames of an earlier motion again, joined to the frames outside."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def contacts_in_place(
     detects: bool,
     every: bool,
 ) -> tuple[Contacts | None, SkinContacts | None]:
-    """Return the contacts of the earlier motion with the new frames inserted and the user's changes applied.
+    """Return the earlier motion's contacts with the new frames and the user's changes.
 
     If ``detects`` is false, the feet have only the contacts that the user added. If ``every`` is false, the same
     applies to all other parts.
@@ -139,7 +139,7 @@ def trusted_world(settings: SolveSettings, motion: Motion) -> Obstacles:
 
 
 def with_earlier_contacts(frame_range: FrameRange, motion: Motion) -> FrameRange:
-    """Return the range with the user's contacts from earlier solves of its frames, followed by the new ones."""
+    """Return the range with the user's earlier contacts, followed by the new ones."""
     kept = list[UserContact]()
     for entry in () if frame_range.forgets else motion.provenance.get("resolved", ()):
         # Each solve recorded all contacts of its frames, including those of earlier solves.
@@ -170,7 +170,7 @@ def _as_told(motion: Motion, told: Sequence[UserContact]) -> np.ndarray:
 def frames_in_place(
     problem: Problem, subject: Subject, motion: Motion, before: PosedFrames, solved: SolvedRange, covariance: np.ndarray
 ) -> SolvedFrames:
-    """Return the poses of the whole take, with new poses in the moved frames and the earlier poses elsewhere.
+    """Return the poses of the whole take, with new poses in the moved frames.
 
     ``before`` are the earlier poses. ``covariance`` (n, J + S, 6) contains joints and segment rotations in the layout's
     frames (see ``joint_covariance``, ``packed``).
@@ -368,7 +368,7 @@ def solve_again(
     settings: SolveSettings,
     progress: Progress,
 ) -> Solution:
-    """Return the motion with a frame range solved again. Other frames do not change. Errors as in ``solve_range``."""
+    """Return the motion with a frame range solved again, and other frames unchanged."""
     from solver_backend.fitters.hands.solve_hands import HandRange, Hands, solve_hands_again
 
     body = without_fingers(motion)

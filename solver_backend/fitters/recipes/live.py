@@ -1,4 +1,4 @@
-"""Fit live frames to visible markers, and to the network's positions of hidden ones, with learned variances."""
+"""Fit live frames to visible markers, and to the network's positions of hidden ones."""
 
 from __future__ import annotations
 
@@ -267,7 +267,7 @@ class LiveViewsFit(PersonFollower):
         return triangulate(self.cameras, xy[:, None], confidence[:, None], self._sigma_px)
 
     def step(self, xy: np.ndarray, confidence: np.ndarray, located: Triangulation, dt: float) -> ViewsFrame:
-        """Fit a frame with at least ``FEWEST`` triangulated points. ``xy`` and ``confidence`` are as in ``locate``."""
+        """Fit a frame with at least ``FEWEST`` triangulated points (see ``locate``)."""
         points = np.asarray(located.points)
         keypoints = Keypoints2D(xy[:, None], confidence[:, None], self.joint_set, 1.0)
         sigma = fit_sigma_px(self.cameras, points, np.asarray(located.sigma_px))

@@ -1,4 +1,4 @@
-"""Noise-aware method: estimate each landmark's reliability with the pose, frame by frame (thesis chapter 5)."""
+"""Estimate each landmark's reliability with the pose, frame by frame (thesis ch. 5)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class SteadyLandmarks:
 
     @classmethod
     def of(cls, frames: np.ndarray, fps: float, before: np.ndarray, frames_before: np.ndarray) -> SteadyLandmarks:
-        """Create the term of (F,) frames that follow ``frames_before`` (n,) with the landmarks ``before`` (n, L, 3)."""
+        """Create the term of (F,) frames that follow n earlier frames with landmarks."""
         follows = np.r_[False, np.diff(np.r_[frames_before, frames]) == 1, False]
         return cls(fps, before, follows[:-1] & follows[1:])
 
@@ -95,7 +95,7 @@ class LandmarkFit:
     def evaluate(
         self, x: np.ndarray, loss: LandmarkLoss, steady: SteadyLandmarks | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (F,) costs without the shape prior, and gradients by unknowns (F, 38 + n) and by shape (F, 10).
+        """Return (F,) costs without the shape prior, and gradients by unknowns and shape.
 
         ``steady`` bounds the accelerations of these frames' landmarks.
         """
@@ -119,7 +119,7 @@ class LandmarkFit:
         return cost, np.concatenate([by_code, by_root, by_transl, found.by_own], axis=1), by_betas
 
     def scale(self, loss: LandmarkLoss) -> np.ndarray:
-        """Return (F, 38 + n) estimates of the inverse second derivatives, from the Jacobian at the initial values."""
+        """Return (F, 38 + n) estimates of the inverse second derivatives at the start."""
         local, by_code = self.prior.decode_with_jacobian(self.start.z)
         placed = pose(self.subject, PosedFrames(self.start.root, local, self.start.transl), jacobian=True)
         assert placed.by_rotations is not None

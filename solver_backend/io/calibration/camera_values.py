@@ -91,7 +91,7 @@ def has_lens(node: Any) -> bool:
 
 
 def has_pose(values: Values) -> bool:
-    """Return whether the values include a rotation and a translation, an extrinsic matrix, a pose or a projection."""
+    """Return whether the values include a pose, an extrinsic matrix or a projection."""
     if find(values, "rotation") is not None and find(values, "translation") is not None:
         return True
     for what in ("extrinsics", "pose", "P") if find(values, "K") is None else ("extrinsics", "pose"):

@@ -141,7 +141,7 @@ _MIRROR = np.diag([-1.0, 1.0, 1.0])
 
 
 def meant_entries(entries: Sequence[CameraEntry]) -> tuple[list[CameraEntry], tuple[Diagnostic, ...]]:
-    """Convert the cameras of one file to our conventions, and return the corrections. All must share a convention."""
+    """Convert the cameras of one file to our conventions, and return the corrections."""
     names, found = [entry.name for entry in entries], []
     sized = all(e.image_size is not None for e in entries)
     sizes = [np.array(e.image_size or (1, 1)) for e in entries]

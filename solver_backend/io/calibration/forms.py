@@ -50,7 +50,7 @@ class Content:
 
 
 def cameras_in_tree(stem: str, tree: Any) -> Content:
-    """Return the cameras in nested content. Each may lack intrinsics or a pose. ``stem`` names a single camera."""
+    """Return the cameras in nested content, which may lack intrinsics or a pose."""
     for form in _FORMS:
         if isinstance(tree, Mapping) and (found := form(tree)) is not None:
             return found
@@ -58,7 +58,7 @@ def cameras_in_tree(stem: str, tree: Any) -> Content:
 
 
 def _nodes(stem: str, tree: Any, shared: Values) -> Content:
-    """Return a single camera, one camera per node, or cameras from lists of values. All share the ``shared`` values."""
+    """Return a single camera, one per node, or cameras from lists of values."""
     if (camera := _camera(tree, shared)) is not None:
         values, unit, up_axis = camera
         return Content(_stacked(values) or [(stem, values)], unit, up_axis)
@@ -109,7 +109,7 @@ def _stacked(values: Values) -> Nodes:
 
 # Values of one camera.
 def _vector(value: Any, size: int, place: str) -> np.ndarray | None:
-    """Return ``size`` numbers from a list or from an object with keys x, y, z and w. Return None for other content."""
+    """Return ``size`` numbers from a list or an object with x, y, z and w, else None."""
     if isinstance(value, Mapping) and "data" not in value:
         value = [value[key] for key in "xyzw"[:size] if key in value] if not (size == 3 and "w" in value) else None
     if value is None or isinstance(value, str):
@@ -130,7 +130,7 @@ def _number(values: Values, *keys: str, default: float | None = None) -> float |
 
 
 def _rotation(value: Any, order: str, degrees: bool) -> np.ndarray | None:
-    """Return the (3, 3) rotation of a quaternion xyzw, or of angles about X, Y and Z that are applied in ``order``."""
+    """Return the (3, 3) rotation of a quaternion xyzw, or of angles in ``order``."""
     if (q := _vector(value, 4, "rotation")) is not None:
         return np.asarray(matrix_from_quat(q[[3, 0, 1, 2]])) if np.linalg.norm(q) > 1e-9 else None
     if (angles := _vector(value, 3, "rotation")) is None:
@@ -176,7 +176,7 @@ def _seen(values: Values, f: tuple[float, float], centre: tuple[float, float], E
 
 # Programs that name the values of a camera differently.
 def _unity(values: Values) -> Values | None:
-    """Read a Unity camera: ``position`` in metres, ``rotation`` as a quaternion or as degrees about Z, X and Y.
+    """Read a Unity camera: ``position`` in metres, ``rotation`` as quaternion or degrees.
 
     The lens is a vertical ``fieldOfView`` in degrees, or ``focalLength`` and ``sensorSize`` in mm with ``lensShift``.
     """
@@ -286,7 +286,7 @@ def _chained(steps: _Steps, name: str) -> np.ndarray:
 
 
 def _multical(tree: Values) -> Content | None:
-    """Read multical's ``cameras`` and world-to-camera ``camera_poses``. ``a_to_b`` is relative to camera b."""
+    """Read multical's ``cameras`` and ``camera_poses``. ``a_to_b`` is relative to b."""
     cameras, poses = tree.get("cameras"), tree.get("camera_poses")
     if not isinstance(cameras, Mapping) or not isinstance(poses, Mapping):
         return None
@@ -332,7 +332,7 @@ def _is_square(value: Any) -> bool:
 
 
 def _stereo(tree: Values) -> Content | None:
-    """Read an OpenCV stereo pair from one or two files: ``M1 D1 M2 D2``, and ``R T`` from first to second camera."""
+    """Read an OpenCV stereo pair: ``M1 D1 M2 D2``, and ``R T`` from first to second."""
     sides: dict[str, dict[str, Any]] = {"left": {}, "right": {}}
     for pattern, what in ((_STEREO, "K"), (_STEREO_LENS, "distortion")):
         for key, value in tree.items():
@@ -372,7 +372,7 @@ def _ros_pose(entry: Any) -> np.ndarray | None:
 
 
 def _ros(tree: Values) -> Content | None:
-    """Read ROS transforms, as one per key or as a list. Each maps a child frame to its parent (REP 103, REP 105)."""
+    """Read ROS transforms from child to parent frames (REP 103, REP 105)."""
     listed = tree.get("transforms", tree)
     single = "transform" in tree or "child_frame_id" in tree
     entries = [("", tree)] if single else list(listed.items()) if isinstance(listed, Mapping) else []
@@ -469,7 +469,7 @@ _FROM_PREVIOUS = "T_cn_cnm1"  # (4, 4) matrix from the previous camera to this o
 
 
 def _kalibr(tree: Values) -> Content | None:
-    """Read Kalibr's ``camchain.yaml`` (Furgale, Rehder and Siegwart 2013, and Kalibr's wiki, "YAML formats")."""
+    """Read Kalibr's ``camchain.yaml`` (Furgale, Rehder and Siegwart 2013)."""
     nodes = [(str(name), node) for name, node in tree.items()]
     if len(nodes) < 2 or not all(isinstance(node, Mapping) and "intrinsics" in node for _, node in nodes):
         return None

@@ -1,4 +1,4 @@
-"""Read cameras from named values in TOML, YAML, JSON, XML, arrays and tables, with one or all cameras per file."""
+"""Read cameras from named values in TOML, YAML, JSON, XML, arrays and tables."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def read_toml_cameras(path: Path) -> StatedCameras:
 
 
 def camera_tables(tables: Values) -> Iterator[tuple[str, Values]]:
-    """Yield name and table of each camera that is not ignored, as ``[cam_01]``, or ``[cameras.0]`` for ``cam_0``."""
+    """Yield name and table of each camera: ``[cam_01]``, or ``[cameras.0]`` for ``cam_0``."""
     for key, table in tables.items():
         if not isinstance(table, Mapping) or table.get("ignore") is True:
             continue
@@ -80,7 +80,7 @@ def camera_tables(tables: Values) -> Iterator[tuple[str, Values]]:
 
 
 def read_matrix_file(path: Path, nested: bool = False) -> MatrixFile:
-    """Read the cameras of a file with a suffix in ``READ``. ``nested`` names a single camera after its folder."""
+    """Read the cameras of a file with a suffix in ``READ``."""
     read, largest = READ[path.suffix.lower()]
     if path.is_file() and path.stat().st_size > largest:
         return MatrixFile(path, Content([]))

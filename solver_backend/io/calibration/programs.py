@@ -269,7 +269,7 @@ def _lens(fields: list[str], place: str) -> tuple[np.ndarray, np.ndarray, tuple[
 
 
 def _rows(path: Path, every: int = 1) -> list[list[str]]:
-    """Return the fields of the lines that are not comments. ``every=2`` skips the lines of points in ``images.txt``."""
+    """Return the fields of lines without comments. ``every=2`` skips lines of points."""
     lines = [line for line in read_text(path).splitlines() if not line.startswith("#")]
     return [line.split() for line in lines[::every] if line.strip()]
 

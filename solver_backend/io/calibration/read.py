@@ -39,7 +39,7 @@ _MOST_FOLDERS = 64  # Largest number of camera folders to read in a calibration 
 
 
 def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str | None = None) -> Calibration:
-    """Read a calibration file, or a folder that contains one OpenCV file per camera or COLMAP's text model.
+    """Read a calibration file, or a folder of OpenCV files or COLMAP's text model.
 
     Args:
         unit: length unit of the file ('m', 'cm', 'mm', 'inch', 'foot'). None infers it.
@@ -113,7 +113,7 @@ def _matrix_files(paths: Iterable[Path]) -> list[Path]:
 
 
 def _not_understood(files: Iterable[MatrixFile]) -> Iterator[CalibrationMissing]:
-    """Yield an error for each file that may be a calibration. It lists the file's keys and the missing values."""
+    """Yield an error with keys and missing values for each possible calibration file."""
     for file in files:
         if file.keys or file.content.nodes:
             poses = [name for name, _ in file.content.nodes]

@@ -70,7 +70,7 @@ def is_calibration_folder(path: Path) -> bool:
 
 
 def holds_cameras(path: Path) -> bool:
-    """Return whether the name of a folder in a recording suggests a calibration, including the names in data sets."""
+    """Return whether a folder's name suggests a calibration."""
     return path.name.lower() in _CAMERAS or is_calibration_folder(path)
 
 
@@ -178,7 +178,7 @@ def _others_of_more(
     by_views: ByViews,
     agreement: Callable[[Cameras], float],
 ) -> Calibration:
-    """Return ``chosen``, or an assignment by views if there are spare cameras and the names fit the views poorly."""
+    """Return ``chosen``, or an assignment by views if names fit the views poorly."""
     if len(whole.cameras) == len(recorded) or agreement(chosen.cameras) >= AGREES_BY_NAME:
         return chosen
     order = by_views(whole.cameras, by_names)
@@ -186,7 +186,7 @@ def _others_of_more(
 
 
 def _assigned_by_views(found: Calibration, recorded: Sequence[str], **calibrated: Any) -> Calibration:
-    """Return a calibration with a problem that lists the assigned pairs. Its cameras are in the recorded order."""
+    """Return a calibration in the recorded order, with a problem that lists the pairs."""
     pairs = [f"{name} is {camera}" for name, camera in zip(recorded, found.cameras.names, strict=True)]
     assigned = diagnostic("cameras_assigned_by_views", cameras=recorded, pairs=pairs, **calibrated)
     return replace(found, problems=(*found.problems, assigned))
@@ -242,7 +242,7 @@ def ordered(found: Calibration, order: list[int], recorded: Sequence[str] = ()) 
 
 
 def _name_unsupported(folders: Iterable[Path]) -> tuple[str, str] | None:
-    """Return a sentence about the first unsupported file in the folders and a hint for converting it, or None."""
+    """Return a sentence about the first unsupported file and a hint, or None."""
     for folder in folders:
         for path in sorted(folder.iterdir()) if folder.is_dir() else ():
             if (known := _UNSUPPORTED.get(path.suffix.lower())) is not None:

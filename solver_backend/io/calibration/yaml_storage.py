@@ -1,4 +1,4 @@
-"""Parse the part of YAML that OpenCV's FileStorage writes: indented blocks, flow lists and maps, plain scalars.
+"""Parse the part of YAML that OpenCV's FileStorage writes.
 
 The time is linear in the length. Anchors, aliases and block texts, which FileStorage never writes, raise an error.
 """
@@ -29,7 +29,7 @@ class _Line:
 
 
 def read_yaml(path: Path) -> Any:
-    """Read an OpenCV YAML file as nested dicts, lists and scalars. Matrices are dicts with rows, cols, dt and data."""
+    """Read an OpenCV YAML file as nested dicts, lists and scalars."""
     try:
         return parse_yaml(read_text(path, LARGEST_TEXT))
     except (ValueError, RecursionError) as error:

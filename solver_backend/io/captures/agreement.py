@@ -218,14 +218,14 @@ OTHER_RATE = 0.01  # Smallest relative difference of unequal frame rates. 59.94 
 
 
 def stated_ratios(rates: Sequence[float | None], fps: float) -> np.ndarray:
-    """Return (C,) frames per frame of the take for each camera, from the video frame rates (None if unknown)."""
+    """Return (C,) camera frames per frame of the take, from the video frame rates."""
     ratios = np.array([fps if rate is None or rate <= 0 else rate for rate in rates]) / fps
     differ = bool((np.abs(ratios / np.median(ratios) - 1) > OTHER_RATE).any())
     return np.where(differ & (np.abs(ratios - 1) > OTHER_RATE), ratios, 1.0)
 
 
 def of_the_take(relative: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Return (C,) frames per frame of the take for each camera, and whether the take's frame rate is ambiguous.
+    """Return (C,) camera frames per frame of the take, and whether its rate is ambiguous.
 
     The views show only the ratios of the rates. The take has the rate that more than half of the cameras share. Without
     such a majority it has the fastest rate, so that no frame is lost.
@@ -273,7 +273,7 @@ class _Files:
         return explain(self.in_file(options), rows, names_stated=bool(options.camera or options.offset))
 
     def at_rates(self, ratios: np.ndarray, fps: float, *, is_open: bool = False) -> _Files:
-        """Resample the detections to the take's frame rate. ``ratios`` (C,) are camera frames per frame of the take.
+        """Resample the detections to the take's frame rate by ``ratios`` (C,).
 
         Cameras with other rates are reported. With ``is_open``, an ambiguous rate of the take is also reported.
         """

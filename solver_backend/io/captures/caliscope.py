@@ -1,4 +1,4 @@
-"""Read caliscope's tracked points with the project's calibration. A row has a point, a camera and a time index."""
+"""Read caliscope's tracked points with the project's calibration."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def _read(path: Path, options: ReadOptions) -> Capture:
 
 
 def _rows(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, 3) integers sync_index, camera and point, and (N, 2) pixels, one row per row of the table."""
+    """Return (N, 3) integers sync_index, camera and point, and (N, 2) pixels."""
     header, rows = read_rows(path)
     camera = next((name for name in _CAMERA if name in header), _CAMERA[0])
     needed = ("sync_index", camera, "point_id", "img_loc_x", "img_loc_y")

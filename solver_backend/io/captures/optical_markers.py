@@ -161,7 +161,7 @@ def _label_notes(names: MarkerNames, nameless: tuple[str, ...]) -> list[Diagnost
 
 
 def left_to_network(names: MarkerNames) -> bool:
-    """Return whether labels name too few landmarks for a solve, but the labelling network has enough markers."""
+    """Return whether labels name too few landmarks, but the network has enough markers."""
     return len(names.known) < LEAST_MARKERS and len(names.known) + len(names.unknown) >= LEAST_NETWORK_PLACES
 
 

@@ -54,7 +54,7 @@ class CameraFrames:
     def of_array(
         cls, points: np.ndarray, path: Path, keypoints: tuple[str, ...] = (), numbers: Sequence[int] | None = None
     ) -> CameraFrames:
-        """Build camera frames from (F, P, K, 3) points x, y and confidence. Omit people without any confidence."""
+        """Build camera frames from (F, P, K, 3) points, without people of no confidence."""
         seen = has_score(points[..., 2]).any(-1)
         counted = zip(numbers or range(len(points)), points, seen, strict=True)
         frames = {number: list(people[there]) for number, people, there in counted}
@@ -84,7 +84,7 @@ def has_score(written: np.ndarray) -> np.ndarray:
 
 
 def hands_of(xy: np.ndarray, confidence: np.ndarray, joint_set: JointSet) -> np.ndarray | None:
-    """Return the (..., 2, 21, 3) hands of whole-body keypoints, left first. None if the joint set has no hands.
+    """Return the (..., 2, 21, 3) hands of whole-body keypoints, left first, or None.
 
     Args:
         xy: (..., K, 2) pixels of all K keypoints in the file.
@@ -99,7 +99,7 @@ def hands_of(xy: np.ndarray, confidence: np.ndarray, joint_set: JointSet) -> np.
 
 
 def cleaned_hands(hands: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return (..., 2, 21, 3) hands with confidences in 0..1 and NaN for undetected points, notes and problems."""
+    """Return (..., 2, 21, 3) hands with NaN for undetected points, notes and problems."""
     unseen = np.isnan(hands).any(-1) | ~(hands[..., 2] > 0) | (hands[..., :2] == 0).all(-1)
     sure, notes, problems = on_unit_scale(np.where(unseen, 0.0, hands[..., 2]))
     cleaned = np.concatenate([hands[..., :2], sure[..., None]], axis=-1).astype(np.float32)

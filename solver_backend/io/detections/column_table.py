@@ -74,7 +74,7 @@ _COORDS = ("x", "y", "likelihood")
 
 
 def is_table(path: Path) -> bool:
-    """Return whether a file begins with a detection table's heading. Tables of 3D points without scores do not."""
+    """Return whether a file begins with the heading of a detection table."""
     whole = _points_in(heading_of(path)).values()
     return len(whole) >= LEAST_POINTS and not any("z" in coords and "likelihood" not in coords for coords in whole)
 
@@ -158,7 +158,7 @@ MOST_POINTS = 1000  # Largest point number. Bodies, hands and faces together hav
 
 
 def has_point_rows(path: Path) -> bool:
-    """Return whether a file begins with the heading of a table with a detected point per row, not of 3D points."""
+    """Return whether a file begins with the heading of a table with a point per row."""
     heading = heading_of(path)
     has = [_column(heading, names) is not None for names in (_POINTS, _X, _Y, FRAMES[:-1])]
     in_space = _column(heading, _Z) is not None and _column(heading, _SCORES) is None
@@ -346,7 +346,7 @@ def files_of_cameras(folder: Path) -> dict[str, list[Path]]:
 
 
 def frames_of_files(paths: Sequence[Path], where: str) -> CameraFrames:
-    """Read the frames of one camera, numbered as in the file names. Coordinates remain fractions of the image.
+    """Read the frames of one camera, numbered as in the file names.
 
     Seventeen points are the COCO set, which all Ultralytics models detect.
     """

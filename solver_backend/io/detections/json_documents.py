@@ -38,7 +38,7 @@ _BOXES = ("bboxes", "labels")  # Keys of an image in MMDetection's files.
 
 
 def _triples(values: object, name: str, where: str) -> np.ndarray:
-    """Return (K, 3) points from a list of 3 K numbers or K triples. ``name`` identifies the list in errors."""
+    """Return (K, 3) points from 3 K numbers or K triples. ``name`` is for errors."""
     if not isinstance(values, list):
         raise FileDamaged(f"A person in the file lacks '{name}'.", where=where)
     try:
@@ -60,7 +60,7 @@ def _object_point(point: Mapping[str, Any]) -> tuple[Any, Any, Any]:
 
 
 def _person(entry: Any, where: str) -> np.ndarray:
-    """Return (K, 3) points of a person from points with separate scores, triples, or objects with x, y and score."""
+    """Return (K, 3) points of a person from scores, triples or objects."""
     if not isinstance(entry, dict):
         hint = "Export the detections again, with an object for each person."
         raise FileDamaged("A person in the file is not a JSON object.", where=where, hint=hint)
@@ -308,7 +308,7 @@ def _json_names(folder: Path) -> Iterable[str]:
 
 
 def json_files(folder: Path) -> list[Path]:
-    """Return the JSON files of a folder in name order, without hidden files and the user's keypoint definitions."""
+    """Return the JSON files of a folder by name, without hidden files and definitions."""
     return [folder / name for name in sorted(_json_names(folder))]
 
 
@@ -357,7 +357,7 @@ def _read_frame(path: Path) -> Any:
 
 
 def frames_in_files(paths: Sequence[Path], where: str, numbered: Sequence[str] = ()) -> CameraFrames:
-    """Read a camera's frames from one file per frame, numbered by name. A real frame replaces a padding file.
+    """Read a camera's frames from one file per frame, numbered by name.
 
     Args:
         paths: files of one camera.
@@ -437,7 +437,7 @@ def cameras_in_document(document: Any) -> tuple[str, ...]:
 
 
 def frames_in_document(document: Any, path: Path, camera: str = "") -> CameraFrames | None:
-    """Return the frames of one camera in a document. None if the document is not a known form of a whole take.
+    """Return the frames of one camera in a document, None for an unknown form.
 
     Args:
         document: content of the file.
@@ -484,7 +484,7 @@ def _frames(document: Any, path: Path, _camera: str) -> CameraFrames:
 
 
 def _numbered_frames(document: Any) -> dict[int, Any] | None:
-    """Return the frames of a document by number, from a list of frames or an object with frame names as keys."""
+    """Return the frames of a document by number, from a list or an object."""
     if isinstance(document, dict):
         listed = next((document[name] for name in _FRAME_LISTS if name in document), None)
         if listed is not None:

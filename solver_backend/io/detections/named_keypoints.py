@@ -46,14 +46,14 @@ class NamedKeypoints:
         return frozenset(n for n, c in zip(self.joint_set.keypoints, self.columns, strict=True) if c >= 0)
 
     def ordered(self, person: np.ndarray) -> np.ndarray:
-        """Return (K + N, 3) points in the set's order, then the user's. Missing points are NaN with confidence 0."""
+        """Return (K + N, 3) points in the set's order, then the user's, NaN if missing."""
         return np.concatenate([person, [UNSEEN_POINT]])[[*self.columns, *self.own]]
 
 
 def match_cameras(
     names: Sequence[tuple[str, ...]], given: JointSet | None = None, own: Sequence[str] = (), *, where: str = ""
 ) -> list[NamedKeypoints]:
-    """Map each camera's keypoint names to the joint set that has most of all names. Return [] if no file has names.
+    """Map each camera's keypoint names to the best joint set, [] without names.
 
     Args:
         names: keypoint names of each of the C cameras. Cameras may have different keypoints.
@@ -97,7 +97,7 @@ def _in_set(names: Sequence[str], joint_set: JointSet, own: Sequence[str]) -> Na
 
 
 def plain_name(name: str) -> str:
-    """Return a keypoint name as in joint sets: ``left_elbow`` for ``LeftElbow``, ``l_elbow`` and ``elbow_L``."""
+    """Return a keypoint name as in joint sets, such as ``left_elbow`` for ``elbow_L``."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=^[LR])(?=[A-Z][a-z])", "_", name.strip())
     words = [word for word in re.split(r"[^a-z]+", spaced.lower()) if word]
     sides = [_SIDES[word] for word in words if word in _SIDES]
@@ -128,7 +128,7 @@ HAND_LANDMARKS = tuple(f"{side}_{point}" for side in SIDES for point in HAND_POI
 
 
 def hand_point(name: str) -> tuple[int, int] | None:
-    """Return the side (0 left, 1 right) and the index in ``HAND_POINTS`` of a name, or None for other names.
+    """Return side (0 left, 1 right) and index in ``HAND_POINTS`` of a name, or None.
 
     A finger without an index along it, such as the body keypoint ``left_index``, is not a hand point.
     """

@@ -1,4 +1,4 @@
-"""Read detections from arrays: NumPy and FreeMoCap files, and HDF5 of DeepLabCut and SLEAP (with h5py)."""
+"""Read detections from arrays: NumPy, FreeMoCap, and HDF5 of DeepLabCut and SLEAP."""
 
 from __future__ import annotations
 

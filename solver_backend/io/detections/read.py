@@ -193,7 +193,7 @@ def _unlike(found: Sequence[Diagnostic], bodies: Sequence[Diagnostic]) -> list[D
 def _written_hands(
     pictures: list[_Picture], size: tuple[int, int]
 ) -> tuple[np.ndarray | None, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return (C, F, P, 2, 21, 3) hands that files list separately (None if there are none), notes and problems."""
+    """Return (C, F, P, 2, 21, 3) separately listed hands or None, notes and problems."""
     if all(hand is None for picture in pictures for hand in picture.hands):
         return None, (), ()
     most = max(len(picture.people) for picture in pictures)

@@ -102,7 +102,7 @@ class CameraSource:
 
 
 def camera_sources(root: Path) -> dict[str, CameraSource]:
-    """Return the source of each camera's detections, by camera name in natural order. Return {} if there are none.
+    """Return the source of each camera's detections in natural order, {} for none.
 
     The detections are in a folder that a known program creates, or in ``root`` itself. They are a folder or file per
     camera, or files of all cameras together. The search reads only names and the first bytes of tables.
@@ -152,7 +152,7 @@ def _folders(parent: Path) -> dict[str, CameraSource]:
 
 
 def _of_camera(folder: Path, below: Sequence[str] = (), levels: int = _LEVELS_BELOW) -> CameraSource | None:
-    """Return the source of one camera's folder. Its files may be of any type, or in one of the folders ``below`` it."""
+    """Return the source of one camera's folder, or of one of the folders ``below``."""
     if has_json_files(folder):
         return of_folder(folder)
     kind, files = take_files(folder) or (None, [])
@@ -227,7 +227,7 @@ def _array(root: Path) -> dict[str, CameraSource]:
 
 
 def _runs(root: Path) -> dict[str, CameraSource]:
-    """Return the cameras of Ultralytics runs by the video in their file names. Two runs of one video raise an error."""
+    """Return the cameras of Ultralytics runs by video. Reject two runs of one video."""
     folders: dict[str, list[Path]] = {}
     for labels in sorted({path for pattern in _RUNS for path in root.glob(pattern)}, key=lambda p: natural_key(str(p))):
         for name in column_table.files_of_cameras(labels):
@@ -241,7 +241,7 @@ def _runs(root: Path) -> dict[str, CameraSource]:
 
 
 def _opencap(root: Path) -> dict[str, CameraSource]:
-    """Return the cameras of an OpenCap session. Reading fails for a session with several trials or settings."""
+    """Return the cameras of an OpenCap session of a single trial."""
     found, videos = dict[str, CameraSource](), root / _VIDEOS
     for camera in sorted(videos.iterdir(), key=lambda p: natural_key(p.name)) if videos.is_dir() else ():
         outputs = sorted(output for output in camera.glob(_OUTPUT) if output.is_dir()) if camera.is_dir() else ()
@@ -262,7 +262,7 @@ def _refuse_several(folders: Sequence[Path]) -> NoReturn:
 
 
 def camera_name(name: str) -> str:
-    """Return the camera in a folder or file name, such as ``cam01`` in ``cam01_json`` and ``results_cam01``."""
+    """Return the camera in a folder or file name, such as ``cam01`` in ``cam01_json``."""
     while (shorter := _ENDINGS.sub("", name)) not in ("", name):
         name = shorter
     return _STARTS.sub("", name) or name
@@ -304,7 +304,7 @@ def trials_below(root: Path, levels: int = SESSION_LEVELS) -> list[str]:
 
 
 def read_config(levels: Sequence[Path]) -> TrialConfig:
-    """Read the settings of a trial and of the folders above it, from Pose2Sim's Config.toml and OpenCap's metadata."""
+    """Read a trial's settings from Pose2Sim's Config.toml and OpenCap's metadata."""
     config = TrialConfig()
     for path in (level / name for level in levels for name in (CONFIG, _METADATA) if (level / name).is_file()):
         tables = read_toml(path) if path.name == CONFIG else {"project": _of_opencap(path)}

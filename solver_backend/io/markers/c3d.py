@@ -42,7 +42,7 @@ class Processor(IntEnum):
 
 
 def _view(raw: np.ndarray, processor: Processor, kind: str) -> np.ndarray:
-    """View bytes as numbers of a NumPy kind in the processor's byte order. They are contiguous along the last axis."""
+    """View bytes as numbers in the processor's byte order, last axis contiguous."""
     return raw.view((">" if processor is Processor.MIPS else "<") + kind)
 
 
@@ -227,7 +227,7 @@ class SegmentOrigins:
 
 
 def read_segments(path: Path) -> SegmentOrigins | None:
-    """Read the segments of a C3D file, None if there are none. Raise FileMissing, or FileDamaged for another format."""
+    """Read the segments of a C3D file, None if there are none."""
     data = np.frombuffer(read_bytes(path), np.uint8)
     return _origins(data, _read_parameters(data, path))
 
@@ -373,7 +373,7 @@ def _scale(header: Header, parameters: Parameters, path: Path) -> float:
 def _points(
     data: np.ndarray, layout: _Layout, kept: list[int], scale: float, parameters: Parameters
 ) -> tuple[np.ndarray, np.ndarray, tuple[Diagnostic, ...]]:
-    """Return (F, M, 3) positions and (F, M) residuals of the kept points in the file's unit, NaN where missing."""
+    """Return (F, M, 3) positions and (F, M) residuals in the file's unit."""
     frames = data[layout.start : layout.start + layout.frames * layout.stride].reshape(layout.frames, layout.stride)
     raw = frames[:, : 4 * layout.word * layout.points]
     values = _floats(raw, parameters.processor) if layout.word == 4 else _view(raw, parameters.processor, "i2")
@@ -473,7 +473,7 @@ def write_c3d_parts(
 
 
 def _frames(positions: np.ndarray, residual: np.ndarray | None, scale: float) -> np.ndarray:
-    """Return (F, M, 4) floats: x, y, z and the residual in units of the scale. The residual is -1 where missing."""
+    """Return (F, M, 4) floats: x, y, z and scaled residual, -1 where missing."""
     seen = np.isfinite(positions).all(axis=-1)
     values = np.zeros((*positions.shape[:2], 4), dtype="<f4")
     values[..., :3] = np.where(seen[..., None], positions, 0.0)
@@ -509,7 +509,7 @@ def _parameter_section(size: C3dSize, scale: float) -> tuple[bytes, int]:
 
 
 def _event_group(events: Sequence[tuple[float, str, str]]) -> dict[str, _Value]:
-    """Return the group EVENT: for each event the side, the name, and minutes and seconds from the first frame."""
+    """Return the group EVENT: side, name, and minutes and seconds of each event."""
     times, sides, names = zip(*events[:PER_PARAMETER], strict=True)
     count = len(times)
     clock = struct.pack(f"<{2 * count}f", *(part for t in times for part in divmod(t, 60.0)))

@@ -1,4 +1,4 @@
-"""Read markers from text exports of Motive, Nexus and Qualisys Track Manager, its MATLAB files, and TRC files."""
+"""Read markers from text exports of Motive, Nexus and QTM, MATLAB and TRC files."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def begins_as_motive(head: str) -> bool:
 
 
 def read_motive_csv(path: Path) -> MarkerSource:
-    """Read the markers of a Motive CSV, and bodies without markers. Raise FileMissing, FileDamaged or NoDetections."""
+    """Read the markers of a Motive CSV, and bodies without markers."""
     lines = read_text(path).splitlines()
     at = next((i for i, line in enumerate(lines[:_MOTIVE_LINES]) if _AXES.search(line)), None)
     if not begins_as_motive("\n".join(lines[:_MOTIVE_LINES])):
@@ -152,7 +152,7 @@ def _motive_markers(columns: _Columns, path: Path) -> tuple[list[int], list[Diag
 def _motive_bodies(
     columns: _Columns, labels: Sequence[str], rotation_type: str
 ) -> tuple[dict[str, tuple[int, int]], list[Diagnostic]]:
-    """Return the first quaternion and position column of each rigid body without markers, and notes on all bodies."""
+    """Return the first columns of each rigid body without markers, and notes."""
     of_body = [i for i, kind in enumerate(columns.types) if kind == _BODY]
     starts: dict[tuple[str, str], int] = {}
     for i in of_body:
@@ -325,7 +325,7 @@ def read_qualisys_tsv(path: Path) -> MarkerSource:
 
 
 def _tsv(path: Path) -> tuple[list[str], int, dict[str, list[str]]]:
-    """Return the lines of a file, the index of the first line with numbers, and the header's cells by line name."""
+    """Return the lines of a file, the first line with numbers, and the header's cells."""
     lines = read_text(path).splitlines()
     lines = between_tabs(lines, lines[0] if lines else "", least=1)
     rows = ([cell for cell in line.split("\t") if cell.strip()] for line in lines)
@@ -356,7 +356,7 @@ def _has_frame_columns(values: np.ndarray, markers: int) -> bool:
 
 
 def _bodies_beside(path: Path, frames: int) -> RigidBodies | None:
-    """Read the bodies of the 6D file next to a marker file (``walk_6D.tsv`` for ``walk.tsv``) with equal frames."""
+    """Read the bodies of the 6D file next to a marker file (``walk_6D.tsv``)."""
     beside = path.with_name(f"{path.stem.removesuffix('_3D')}{_SIX_D}.tsv")
     if beside == path or not beside.is_file():
         return None
@@ -374,7 +374,7 @@ def _bodies_beside(path: Path, frames: int) -> RigidBodies | None:
 
 
 def _rotations(numbers: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return (F, B, 3, 3) rotations. Rot[0] to Rot[8] are column by column, or row by row if that fits the angles."""
+    """Return (F, B, 3, 3) rotations from Rot[0] to Rot[8], by columns or by rows."""
     columns = np.nan_to_num(numbers[..., 7:]).reshape(*numbers.shape[:2], 3, 3)
     angles = np.moveaxis(np.radians(np.nan_to_num(numbers[..., 3:6])), -1, 0)
     x, y, z = (matrix_from_rotvec(angle[..., None] * axis) for angle, axis in zip(angles, np.eye(3), strict=True))
@@ -487,12 +487,12 @@ def _without_doubled_tabs(rows: list[list[str]], markers: int) -> list[list[str]
 
 
 def write_trc(path: Path | str, cloud: MarkerCloud, *, overwrite: bool = False, **form: str) -> Path:
-    """Write markers to a TRC file. ``form`` has the options of ``trc_text``. See ``atomic_output`` for errors."""
+    """Write markers to a TRC file with the options ``form`` of ``trc_text``."""
     return write_text(path, trc_text(Path(path).name, cloud, **form), overwrite=overwrite)
 
 
 def trc_text(name: str, cloud: MarkerCloud, *, unit: str = "mm", up_axis: str = "y") -> str:
-    """Return markers (metres, Z up) as a TRC file with the given unit and up axis. Missing markers are NaN.
+    """Return markers (metres, Z up) as a TRC file with the given unit and up axis.
 
     Raises:
         NonFiniteData: the frame rate is not positive.

@@ -1,4 +1,4 @@
-"""Write growing recordings of live points in blocks. Each frame is one block, readable without the others.
+"""Write growing recordings of live points in self-contained blocks.
 
 A block is little-endian. It has 8 marker bytes, the number of points (uint32), the CRC-32 of the rest, seeded with that
 number (uint32), the time in seconds, the nominal rate, and the 3 x 3 transform of points to metres with Z up (11
@@ -138,7 +138,7 @@ def rate_of(times: np.ndarray, fps: float | None) -> float:
 
 
 def read_parts(stream: BinaryIO, most: int, frames: int) -> Iterator[np.ndarray]:
-    """Yield the points of a recording as (F, most, 3) arrays of at most ``frames`` frames. Missing points are NaN."""
+    """Yield a recording's points as (F, most, 3) arrays of at most ``frames`` frames."""
     blocks = (block for block in read_blocks(stream) if isinstance(block, LiveBlock))
     while taken := list(islice(blocks, frames)):
         part = np.full((len(taken), most, 3), np.nan, np.float32)
@@ -148,7 +148,7 @@ def read_parts(stream: BinaryIO, most: int, frames: int) -> Iterator[np.ndarray]
 
 
 def read_live_recording(path: Path) -> MarkerSource:
-    """Read an unfinished live recording. Raise FileMissing, FileDamaged, or NoDetections if it has no points."""
+    """Read an unfinished live recording."""
     path = require_file(path)
     try:
         with open_regular(path) as stream:

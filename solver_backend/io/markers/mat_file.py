@@ -1,4 +1,4 @@
-"""Read MATLAB files of versions 5 to 7.2 within size limits (MathWorks, "MAT-File Level 5 File Format")."""
+"""Read MATLAB files of versions 5 to 7.2 within size limits (MathWorks)."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def begins_as_points(head: str) -> bool:
 
 
 def read_point_table(path: Path) -> MarkerSource:
-    """Read the points of a table. Raise FileMissing, or FileDamaged for another kind of file or an invalid number."""
+    """Read the points of a table. Raise FileMissing or FileDamaged."""
     lines = [line for line in read_text(path).splitlines() if line.strip()]
     layout = _layout(lines[:_HEADING_LINES])
     if layout is None:
@@ -83,7 +83,7 @@ def _layout(lines: Sequence[str]) -> tuple[int, list[str], dict[str, int], str] 
 
 
 def _spread(above: Sequence[str], axes: Sequence[str]) -> list[str]:
-    """Return ``NAME_x`` and so on for each coordinate column. The name is above that column or above the last x."""
+    """Return ``NAME_x`` and so on for each coordinate column of two heading rows."""
     names, last = [], ""
     for column, axis in enumerate(axes):
         name = above[column] if column < len(above) else ""

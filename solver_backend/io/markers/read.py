@@ -90,5 +90,5 @@ WRITERS: dict[str, Callable[..., Path]] = {"c3d": write_c3d, "trc": write_trc}  
 
 
 def write_markers(path: Path, cloud: MarkerCloud, *, overwrite: bool = False) -> Path:
-    """Write markers (metres, Z up) in the format of the path's suffix, a key of ``WRITERS``. See these for errors."""
+    """Write markers (metres, Z up) in the format of the path's suffix (``WRITERS``)."""
     return WRITERS[path.suffix.lower().lstrip(".")](path, cloud, overwrite=overwrite)

@@ -1,4 +1,4 @@
-"""Hold the content of a marker file as its reader returns it, and the interpreted markers in metres with Z up."""
+"""Hold a marker file's content, and the interpreted markers in metres with Z up."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class RigidBodies:
     rotations: np.ndarray  # (F, B, 3, 3) rotations from body axes to file axes.
 
     def points(self, metres: float, to_world: np.ndarray, fps: float) -> MarkerCloud:
-        """Return each body's origin and a point on each of its axes, labelled ``NAME:origin``, ``NAME:x`` and so on.
+        """Return each body's origin and a point on each axis, as ``NAME:origin``, ``NAME:x``.
 
         ``to_world`` (3, 3) rotates file axes to world axes. ``metres`` is the length of the file's unit.
         """

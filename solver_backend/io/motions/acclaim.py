@@ -72,7 +72,7 @@ def read_pair(skeleton: Path, motion: Path, fps: float | None = None) -> Skeleto
 
 
 def find_pair(path: Path) -> tuple[Path, Path]:
-    """Return the ASF and AMC files of a pair: with equal names, as 13.asf and 13_29.amc, or the only two files.
+    """Return the ASF and AMC files of a pair, such as 13.asf and 13_29.amc.
 
     Files with the numbers of different subjects are not a pair.
     """
@@ -100,7 +100,7 @@ def _other(path: Path, suffix: str) -> Path:
 
 
 def _read_skeleton(path: Path) -> tuple[dict[str, _Bone], bool]:
-    """Return the bones, with the root first and parents before children, and whether angles are in radians."""
+    """Return the bones, root first, and whether angles are in radians."""
     bones, part, name, radians = {"root": _Bone()}, "", "", False
     for number, line in enumerate(read_text(path, LARGEST_TEXT).splitlines(), start=1):
         words = line.split("#")[0].split()

@@ -44,7 +44,7 @@ class AmassClip:
 
 
 def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
-    """Read an AMASS file: ``trans``, and ``poses`` (F, 72, 156 or 165) or ``root_orient`` and ``pose_body``.
+    """Read an AMASS file: ``trans`` with ``poses``, or ``root_orient`` and ``pose_body``.
 
     ``fps`` replaces the file's frame rate.
 
@@ -89,7 +89,7 @@ def motion_of(clip: AmassClip, body: str, joints_of: JointsOf) -> Motion:
 
 
 def _poses(fields: Fields, frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, str]:
-    """Return the rotation vectors of the root (F, 3), body (F, 69) and fingers (F, 90, or None), and the model."""
+    """Return the rotation vectors of root, body and fingers (or None), and the model."""
     body = np.zeros((frames, 3 * (NUM_JOINTS - 1)))
     if "poses" in fields:
         poses = fields.numbers("poses", (frames, None))

@@ -47,7 +47,7 @@ class BvhClip:
         return self.posed()[0]
 
     def posed(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the (F, J, 3) joint positions in metres and (F, J, 3, 3) rotations from rest axes, in the world."""
+        """Return (F, J, 3) joints in metres and (F, J, 3, 3) rotations from rest axes."""
         frames, joints = self.rotations.shape[:2]
         local = np.broadcast_to(self.offsets, (frames, joints, 3)) if self.translations is None else self.translations
         p, G = np.empty((frames, joints, 3)), np.empty((frames, joints, 3, 3))
@@ -187,7 +187,7 @@ def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.n
 
 
 def _torn(path: Path | str, channels: int) -> str:
-    """Return the file, and the first MOTION line that is not a row of numbers if the other lines are complete."""
+    """Return the file, and its only MOTION line that is not a row of numbers."""
     lines = read_text(path, _LARGEST).splitlines()
     first = next((n for n, line in enumerate(lines) if line.strip().startswith("Frame Time")), len(lines)) + 1
     rows, odd, torn = 0, 0, (0, 0)
@@ -261,7 +261,7 @@ READER = Reader("BVH .bvh", lambda path: path.suffix.lower() == ".bvh", _read, f
 
 
 def bvh_skeleton(clip: BvhClip, where: str = "BVH") -> Skeleton:
-    """Return the rest skeleton of a clip, with chain ends as joints. Raise MotionInvalid if two names are equal."""
+    """Return the rest skeleton of a clip, with chain ends as joints."""
     ends = {name: f"{name} end" for name, offset in clip.end_offsets.items() if np.linalg.norm(offset) > 0.0}
     require_distinct((*clip.names, *ends.values()), where)
     places: dict[str, np.ndarray] = {}

@@ -1,4 +1,4 @@
-"""Read hands from any supported recording: MANUS and Rokoko tables, BVH and skeleton files with fingers."""
+"""Read hands from MANUS and Rokoko tables, BVH and skeleton files with fingers."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _no_angles(frames: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _angles_of_points(points: np.ndarray, side: int, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return (F, A) angles in radians and (F, 3, 3) palm rotations from (F, 21, 3) hand points in any axes.
+    """Return (F, A) angles and (F, 3, 3) palm rotations from (F, 21, 3) hand points.
 
     Fingers that bend backwards show that the points are mirrored. They are then mirrored back.
     """
@@ -134,7 +134,7 @@ def _read_rokoko(path: Path) -> GloveTake:
 
 
 def _rokoko_points(columns: dict[str, np.ndarray], side: str, frames: int) -> np.ndarray | None:
-    """Return (F, 21, 3) hand points in metres in right-handed axes, tips NaN, or None if the table lacks positions."""
+    """Return (F, 21, 3) hand points in metres without tips, None without positions."""
     ending = "_position_x"
     segments = {0: f"{side}hand"} if f"{side}hand{ending}" in columns else {}
     for number in range(len(FINGERS)):

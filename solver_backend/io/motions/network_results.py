@@ -318,7 +318,7 @@ def _of_points(name: str, frames: np.ndarray, points: np.ndarray) -> NetworkResu
 
 
 def _samples(content: dict[str, Any]) -> list[NetworkResult]:
-    """Return the samples of MDM's ``results.npy``: (S, 22, 3, F) joints. Each sample has a separate length."""
+    """Return the samples of MDM's ``results.npy``: (S, 22, 3, F) joints."""
     motion = finished(content.get("motion"))
     if not isinstance(motion, np.ndarray) or motion.ndim != 4 or motion.shape[1:3] != (NUM_TURNED, 3):
         return []

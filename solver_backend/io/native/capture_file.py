@@ -1,4 +1,4 @@
-"""Read and write our capture file: one ``.npz`` with cameras, detections, markers, notes and ground truth."""
+"""Read and write our capture file, one ``.npz`` with everything about a capture."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _strings(items: tuple[str, ...]) -> np.ndarray:
 
 
 def _keypoint_arrays(keypoints: Keypoints2D) -> dict[str, np.ndarray]:
-    """Return the keypoint fields of one person, with user-defined points (C, F, N, 3) as x, y and confidence."""
+    """Return the keypoint fields of one person, with user-defined points (C, F, N, 3)."""
     named = keypoints.named
     arrays = {"fps": np.array(float(named.fps)), "xy": named.xy.astype(np.float32)}
     arrays |= {"confidence": named.confidence.astype(np.float32), "joint_set": np.array(named.joint_set.value)}

@@ -25,7 +25,7 @@ _ITEMS["sigma_px"] = (int, float)
 
 
 def read_provenance(fields: Fields) -> dict[str, Any]:
-    """Return the provenance in a file. Raise FileDamaged if it is not a JSON object or an entry has another type."""
+    """Return the provenance in a file. Raise FileDamaged for entries of other types."""
     where = str(fields.path)
     try:
         value = json.loads(fields.text("provenance", "{}"))

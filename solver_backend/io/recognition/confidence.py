@@ -59,7 +59,7 @@ _MOST_KEYPOINTS = 0.5
 
 
 def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
-    """Return the (2,) pixel position that most keypoints have at some time, or None without such a position.
+    """Return the (2,) pixel position that most keypoints share at some time, or None.
 
     Args:
         xy: (..., K, 2) keypoints in pixels.

@@ -65,7 +65,7 @@ def _counted(numbers: np.ndarray, where: str) -> np.ndarray:
 
 
 def counted_together(numbers: Sequence[np.ndarray]) -> list[np.ndarray] | None:
-    """Return the (N,) frames of each camera if one counter numbered the images of all cameras, otherwise None.
+    """Return the (N,) frames of each camera if one counter numbered all images, or None.
 
     The first camera then has 0, 4, 8 ..., the second one 1, 5, 9 .... The steps are equal, and no two cameras share a
     number.
@@ -152,7 +152,7 @@ def _cut_markers(markers: MarkerCloud, first: int, stop: int) -> MarkerCloud:
 
 
 def _cut_truth(values: np.ndarray, count: int, first: int, stop: int) -> np.ndarray:
-    """Cut ground truth to frames ``first`` to ``stop``. It has the shape (F, ...), or (C, F, ...) if it is per view."""
+    """Cut ground truth, (F, ...) or (C, F, ...), to frames ``first`` to ``stop``."""
     if values.ndim and len(values) == count:
         return values[first:stop]
     return values[:, first:stop] if values.ndim > 1 and values.shape[1] == count else values

@@ -57,7 +57,7 @@ def body_points(points: Float[np.ndarray, "frames keypoints 3"], joint_set: Join
 
 
 def _sole(at: dict[str, np.ndarray], side: str, up: np.ndarray) -> np.ndarray:
-    """Return (F, 3) supporting points of a sole, between heel and toe, or else slightly ahead of the ankle."""
+    """Return (F, 3) supporting points of a sole between heel and toe."""
     ankle, heel, toe = (at.get(f"{side}_{part}") for part in ("ankle", "heel", "big_toe"))
     assert ankle is not None
     across = at["left_hip"] - at["right_hip"]
@@ -71,7 +71,7 @@ def _sole(at: dict[str, np.ndarray], side: str, up: np.ndarray) -> np.ndarray:
 
 
 def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"], tilt_sigma: float) -> Float[np.ndarray, "frames 3"]:
-    """Return horizontal offsets of the centre of mass from its support, as slopes ``d / h``, in frames with a support.
+    """Return horizontal offsets of the centre of mass from its support, as slopes.
 
     The support is the lower foot. If the other foot is nearly as low, it is the point between both that is nearest to
     the projected centre of mass. The tolerance grows with the uncertainty of up, which affects the heights of the feet.
@@ -205,7 +205,7 @@ def _median_direction(directions: np.ndarray) -> np.ndarray:
 
 
 def turn_to_z(up: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
-    """Return the smallest rotation from a direction to Z, a half turn about X if the direction points down."""
+    """Return the smallest rotation from a direction to Z."""
     up = up / np.linalg.norm(up)
     if up[2] < -0.999999:
         return np.diag([1.0, -1.0, -1.0])
@@ -214,7 +214,7 @@ def turn_to_z(up: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
 
 
 def _gravity(feet: np.ndarray, trunk: np.ndarray, body: BalancePoints, fps: float) -> tuple[np.ndarray, float, float]:
-    """Return the rotation from up to Z, its standard deviation (radians), and the distance that the feet walked.
+    """Return the rotation from up to Z, its deviation (radians), and the walked distance.
 
     With slopes a and b of the plane across gravity, up is ``(-a, -b, 1)``.
     """
@@ -252,7 +252,7 @@ def robust_mean(lean: np.ndarray) -> tuple[np.ndarray, float]:
 def fit_floor(
     feet: np.ndarray, wanted: np.ndarray, information: np.ndarray, fps: float = FPS
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return the floor's slope (2,) under a Gaussian prior, its covariance, and the distance that the feet walked."""
+    """Return the floor's slope (2,), its covariance, and the distance that feet walked."""
     K = feet.shape[1]
     frame, kind = np.nonzero(np.isfinite(feet).all(-1))
     x = feet[frame, kind]
@@ -361,7 +361,7 @@ def _add_cameras(upright: Upright, R: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def _balance(points: np.ndarray, joint_set: JointSet, z: np.ndarray, tilt_sigma: float) -> float:
-    """Return the gain of the new up over ``z`` in explaining the mean lean of the centre of mass (rotated world)."""
+    """Return the gain of the new up over ``z`` in explaining the mean lean."""
     body = body_points(points, joint_set)
     if len(body.centre) <= 4:
         return 0.0
@@ -385,7 +385,7 @@ def _floor(feet: np.ndarray, z: np.ndarray, fps: float) -> float:
 
 
 def roll_gain(R: Float[np.ndarray, "cameras 3 3"], up: Float[np.ndarray, " 3"]) -> float:
-    """Return the gain of ``up`` over the world's Z in explaining the cameras' roll, in squared standard deviations.
+    """Return the gain of ``up`` over the world's Z in explaining the cameras' roll.
 
     In upright images x is horizontal. A roll counts up to 3 deviations, so that one rolled camera does not decide.
 

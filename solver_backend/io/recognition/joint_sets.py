@@ -93,7 +93,7 @@ def choose_joint_set(
 def recognise_joint_set(
     xy: np.ndarray, confidence: np.ndarray, *, where: str = ""
 ) -> tuple[JointSet, Diagnostic, bool]:
-    """Return the joint set that fits the detections best, a note on how it was found, and whether it is certain.
+    """Return the best joint set, a note on how it was found, and whether it is certain.
 
     Several sets may have the same number of keypoints (BODY_25 and BODY_25B have 25). Each is scored by the RMS length
     of its bones relative to the person's height in the image. The right set has the shortest bones.
@@ -124,7 +124,7 @@ def recognise_joint_set(
 
 
 def bone_score(joint_set: JointSet, xy: np.ndarray, confidence: np.ndarray) -> float:
-    """Return the median over people of RMS bone length relative to height in the image, infinity without people.
+    """Return the median RMS bone length relative to height, infinity without people.
 
     Args:
         xy: (N, K, 2) keypoints in pixels, NaN where missing.

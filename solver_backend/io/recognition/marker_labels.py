@@ -101,5 +101,5 @@ def _people(labels: Sequence[str], pattern: re.Pattern[str]) -> dict[str, str]:
 
 
 def _places(names: list[str]) -> frozenset[str]:
-    """Return the skin landmarks that names denote. Skeleton names are skipped, because they may be segment axes."""
+    """Return the skin landmarks that names denote, without names of skeletons."""
     return frozenset(place for place in name_markers(names).known.values() if not is_joint_centre(place))

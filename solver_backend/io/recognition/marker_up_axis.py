@@ -144,7 +144,7 @@ def _axis(name: str, source: str, problem: Diagnostic | None = None) -> Recognis
 
 
 def _standing_along(positions: np.ndarray, raised: np.ndarray | None, ratio: float) -> str | None:
-    """Return the axis along which the body is ``ratio`` times longer than along others, with the sign of the head end.
+    """Return the axis along which the body is ``ratio`` times longer, signed to the head.
 
     Without a known part of the body, the box around the markers is used. Then the upper end is the one that is not at
     0, the height of the floor.
@@ -199,7 +199,7 @@ def _above_floor(positions: np.ndarray) -> str | None:
 
 
 def _lowest(positions: np.ndarray, axis: str, share: float = 0.01) -> float:
-    """Return the ``share`` quantile of the marker heights if ``axis`` is up, or NaN without visible markers."""
+    """Return the ``share`` quantile of marker heights along ``axis``, or NaN."""
     with np.errstate(invalid="ignore"):  # missing markers
         heights = positions @ rotation_to_z_up(axis)[2]
     return float(quantile(heights.ravel(), share, 0, "nearest"))
@@ -240,7 +240,7 @@ def unit_named(text: str) -> str | None:
 
 
 def spread(positions: np.ndarray) -> float:
-    """Return the median over frames of the longest side of the box around most markers. NaN without visible markers."""
+    """Return the median of the longest side of the box around most markers, or NaN."""
     frames = positions[:: max(1, len(positions) // 200)]
     sides = quantile(frames, 0.9, 1, "nearest") - quantile(frames, 0.1, 1, "nearest")
     return float(quantile(sides.max(axis=-1), 0.5, 0, "nearest"))

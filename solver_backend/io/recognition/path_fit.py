@@ -37,7 +37,7 @@ the larger figure, so those six walks are not held out for the stated deviation.
 def fit_path(
     camera: Cameras, keypoints: Keypoints2D, path: FilmedPath, stature_m: float = 0.0
 ) -> tuple[Cameras, Diagnostic]:
-    """Place a moving camera in a world with Z up and the floor under the person. Return it with a note on its scale.
+    """Place a moving camera in a world with Z up and the floor under the person.
 
     Up comes from the view lifter, scale and floor slope from planted feet. Up and metres that the file states are kept.
 

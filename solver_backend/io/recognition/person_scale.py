@@ -1,4 +1,4 @@
-"""Estimate the scale of a world from the person's stature, or from a known distance between two keypoints."""
+"""Estimate a world's scale from the stature or a distance between two keypoints."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ board or in units of structure from motion."""
 
 
 def stature_between(cameras: Cameras, detections: Detections) -> float:
-    """Return the main person's stature from bone lengths in the cameras' unit, or NaN if the views do not agree.
+    """Return the main person's stature from bone lengths, NaN if views disagree.
 
     Args:
         cameras: C cameras in any unit.
@@ -169,7 +169,7 @@ def stature_between(cameras: Cameras, detections: Detections) -> float:
 
 
 def in_persons_unit(calibration: Calibration, detections: Detections, *, keep: bool) -> tuple[Calibration, float]:
-    """Return the calibration in a unit that gives a possible stature, and a length factor for finding people.
+    """Return the calibration in a unit with a possible stature, and a length factor.
 
     The factor is 1 if the stature is possible. The unit changes only if just the camera distances suggest it.
 

@@ -159,7 +159,7 @@ class WorldCheck:
 
 
 def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
-    """Measure a person triangulated in up to ``SAMPLED_FRAMES`` frames. Nothing can be measured in a single view."""
+    """Measure a person triangulated in up to ``SAMPLED_FRAMES`` frames."""
     if len(cameras) == 1:
         nowhere = np.full((keypoints.num_frames, keypoints.xy.shape[2], 3), np.nan)
         return WorldCheck(nowhere, keypoints.joint_set, keypoints.fps)
@@ -191,7 +191,7 @@ def _angle(cameras: Cameras, points: np.ndarray) -> float:
 def _biases(
     cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, sigma_px: np.ndarray
 ) -> Iterator[tuple[str, float]]:
-    """Yield the name and pixel offset of each camera relative to the others. At least three cameras are needed."""
+    """Yield name and pixel offset of each camera relative to two or more others."""
     everyone = list(range(len(cameras)))
     for c in everyone if len(cameras) > 2 else []:
         others = [i for i in everyone if i != c]
@@ -337,7 +337,7 @@ def _upright(cameras: Cameras, rolls: Sequence[int], up: Sequence[float] | np.nd
 
 
 def _moved(cameras: Cameras, world: WorldCheck, turn: np.ndarray, floor_m: float = 0.0) -> tuple[Cameras, WorldCheck]:
-    """Transform both to the world ``x' = turn x - (0, 0, floor)``: ``R' = R turnᵀ``, ``t' = t + R' (0, 0, floor)``."""
+    """Transform both to the world ``x' = turn x - (0, 0, floor)``."""
     R = cameras.R @ turn.T
     return replace(cameras, R=R, t=cameras.t + floor_m * R[..., 2]), world.moved(turn, floor_m)
 

@@ -88,7 +88,7 @@ def _far_first(reach: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def ring_depths(ring: Ring, count: int) -> RingDepths:
-    """Return the depth of each of ``count`` rings: the mean within ``mad_limit`` standard deviations of its median.
+    """Return the depth of each of ``count`` rings, a mean without outliers.
 
     If part of a ring is on another surface, such as an arm in front or the room behind, the closest half of its depths
     replaces the median. If part of the ring is behind that depth, it is an occluder's depth and the marker has none.
@@ -131,7 +131,7 @@ def _sorted_in_groups(values: np.ndarray, group: np.ndarray) -> np.ndarray:
 
 
 def _closest_half(depth: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Return the centre of the shortest interval that contains half of each group's sorted values (Rousseeuw 1984).
+    """Return the centre of the shortest interval with half of each group (Rousseeuw 1984).
 
     ``depth`` is sorted by group and value. ``sizes`` are the (N,) positive group sizes.
     """
@@ -194,7 +194,7 @@ class SensorLens:
     def covariances(
         self, flat: np.ndarray, depth: np.ndarray, sigma_px: np.ndarray, sigma_depth: np.ndarray
     ) -> np.ndarray:
-        """Return (N, 3, 3) world covariances of points (m²): ``J diag(σ_u², σ_v², σ_z²) Jᵀ`` of ``p = z (x, y, 1)``."""
+        """Return (N, 3, 3) world covariances of points (m²) of ``p = z (x, y, 1)``."""
         J = np.zeros((len(depth), 3, 3))
         J[:, 0, 0] = depth / self.focal[0] * sigma_px
         J[:, 1, 1] = depth / self.focal[1] * sigma_px
@@ -206,7 +206,7 @@ class SensorLens:
 
 @lru_cache(maxsize=8)
 def _undistorted_pixels(K: bytes, distortion: bytes, size: tuple[int, int], model: str) -> np.ndarray:
-    """Return the read-only (h + 2, w + 2, 2) table of a lens, with a margin of one pixel. Four tables take a second."""
+    """Return the read-only (h + 2, w + 2, 2) table of a lens, with a margin of one pixel."""
     width, height = size
     u, v = np.meshgrid(np.arange(-1.0, width + 1.0), np.arange(-1.0, height + 1.0))
     lens = Lens(np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion), size, model)
@@ -250,7 +250,7 @@ def split_merged(blobs: Blobs, shapes: Shapes, ring: Ring, radius_px: np.ndarray
 
 
 def _round_parts(blob: Blobs, middle: np.ndarray, fits: int, limit: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return part centres and each pixel's part for the fewest parts with at most ``limit`` px² of variance."""
+    """Return part centres and each pixel's part, with at most ``limit`` px² of variance."""
     xy = _xy(blob.pixel, blob.width)
     number = min(max(fits, 2), SETTINGS.most_in_blob)
     while True:
@@ -316,7 +316,7 @@ MEDIAN_LOSS = 1.25
 
 
 class Acquisition:
-    """Finds markers in the frames of one sensor. ``mask`` (h, w) marks constant lights (see ``learned_mask``).
+    """Finds markers in the frames of one sensor, except in the ``mask`` of constant lights.
 
     Raises:
         SensorUnknown: the calibration has no such sensor.

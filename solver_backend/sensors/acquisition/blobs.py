@@ -101,7 +101,7 @@ def connected(pixels: np.ndarray, width: int) -> tuple[np.ndarray, int]:
 
 
 def joined(count: int, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return the connected component of each of ``count`` nodes with edges a-b, and the number of components.
+    """Return the connected component of each of ``count`` nodes, and their number.
 
     Each node takes the smallest reachable number. Paths to roots are halved (Shiloach and Vishkin 1982).
     """
@@ -141,7 +141,7 @@ class Shapes:
 
 
 def find_blobs(infrared: np.ndarray, threshold: float, mask: np.ndarray | None) -> Blobs | None:
-    """Return the blobs of (h, w) counts, or None if too much is bright (sunlight). ``mask`` excludes pixels."""
+    """Return the blobs of (h, w) counts outside ``mask``, None for sunlight."""
     flat = infrared.reshape(-1)
     pixel = np.flatnonzero(flat > infrared.dtype.type(threshold))
     if mask is not None:
@@ -193,7 +193,7 @@ def threshold_of(infrared: np.ndarray) -> float:
 
 
 def learned_mask(pictures: Iterable[np.ndarray]) -> np.ndarray:
-    """Return the (h, w) mask of lamps in images of the empty scene, with a margin. Raise ValueError without images."""
+    """Return the (h, w) mask of lamps in images of the empty scene, with a margin."""
     brightest: np.ndarray | None = None
     for picture in pictures:
         brightest = picture.copy() if brightest is None else np.maximum(brightest, picture)

@@ -49,7 +49,7 @@ class Device(OpenedDevice, ABC):
 
     @abstractmethod
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield frames until the device ends. Frames that come too fast are dropped. Raise ``SensorFailed`` if lost."""
+        """Yield frames until the device ends, and drop those that come too fast."""
 
     def starting(self, start: float) -> Self:
         """Return the sensor with its time 0 at the host time ``start``. A live device returns itself."""

@@ -39,7 +39,7 @@ QUIET = {"DEPTHAI_INSTALL_SIGNAL_HANDLER": "0", "DEPTHAI_LEVEL": "off"}
 
 
 def depthai() -> Any:
-    """Import ``depthai`` from the extra ``oak``. Raise BackendMissing if it is missing, or older than version 3."""
+    """Import ``depthai`` of version 3 or later. Raise BackendMissing without it."""
     for name, value in QUIET.items():
         os.environ.setdefault(name, value)
     try:
@@ -134,7 +134,7 @@ LARGEST_JUMP_S = 10.0  # Forward clock step in seconds that means a reset. Any b
 def paired(
     dai: Any, pipeline: Any, infrared: Any, depth: Any, fps: float, queue: int, *, blocking: bool = False
 ) -> Any:
-    """Return a queue of infrared and depth images of the same exposure, paired by a ``Sync`` node on the host.
+    """Return a queue of infrared and depth images that the host pairs by exposure.
 
     Images that differ by half a frame belong to two exposures. ``blocking`` drops nothing, for recordings. Otherwise
     the oldest pair is dropped.
@@ -195,7 +195,7 @@ def paired_frames(
 
 
 def _exposure_s(dai: Any, picture: Any, by_ptp: bool, where: str) -> float:
-    """Return the exposure centre in seconds on the host's clock as depthai estimates it, or on the PTP clock."""
+    """Return the exposure centre in seconds on the host's clock or on the PTP clock."""
     middle = dai.CameraExposureOffset.MIDDLE
     if not by_ptp:
         return float(picture.getTimestamp(middle).total_seconds())
@@ -242,7 +242,7 @@ class OakSettings:
 
 @dataclass
 class Oak(OakPipeline, Device):
-    """The stereo cameras of one OAK. Infrared is the rectified left image, and depth is aligned to its pixels."""
+    """The stereo cameras of one OAK, with infrared and depth on the left image's pixels."""
 
     settings: OakSettings = field(default_factory=OakSettings)
 
@@ -321,7 +321,7 @@ KINDS = ("oak",)
 
 
 def device_named(text: str, settings: OakSettings = OakSettings()) -> Oak:
-    """Return the closed device for ``KIND:IDENTIFIER`` or ``KIND:IDENTIFIER=NAME``, as in ``oak:192.168.1.20=left``.
+    """Return the closed device for ``KIND:ID`` or ``KIND:ID=NAME``.
 
     Raises:
         SensorUnknown: the kind is unknown, or there is no identifier.
@@ -372,7 +372,7 @@ class ColourSource(Protocol):
 
 @dataclass
 class OakColour(OakPipeline):
-    """The colour camera of one OAK. The device compresses each image separately (MJPEG), so a file may end anywhere."""
+    """The colour camera of one OAK, which compresses each image separately (MJPEG)."""
 
     size: tuple[int, int] = (1920, 1080)
     fps: float = 60.0
@@ -422,7 +422,7 @@ class ColourFile:
         self._stream, self._last = stream, -1
 
     def add(self, picture: ColourPicture) -> None:
-        """Append an image, unless it is before the start or not later than the last one. Raise OutputNotWritable."""
+        """Append an image that is later than the last one. Raise OutputNotWritable."""
         at = round((picture.time_s - self.begin_s) * TICKS)
         if at <= self._last or at < 0:
             return
@@ -447,7 +447,7 @@ class ColourFile:
 def record_colour(
     sources: Mapping[str, ColourSource], folder: Path, size: tuple[int, int], fps: float, seconds: float
 ) -> dict[str, int]:
-    """Write ``NAME.mp4`` per camera, starting at the first exposure of all cameras. Return their numbers of frames.
+    """Write ``NAME.mp4`` per camera from their first common exposure, and count frames.
 
     Raises:
         OutputExists: a video exists already.

@@ -172,7 +172,7 @@ def _not_writable(folder: Path, error: OSError) -> OutputNotWritable:
 
 
 class SensorRecorder:
-    """Writes the frames of one sensor in a separate thread. Frames that arrive too fast are dropped and counted.
+    """Writes the frames of one sensor in a thread, and counts dropped ones.
 
     ``patient`` waits for the disk instead, for sources that can wait.
     """
@@ -288,7 +288,7 @@ class ReplayedSensor(Device):
 
     @abstractmethod
     def index(self) -> np.ndarray:
-        """Return (F, 3) index rows of complete frames: number, device and host time. Raise ``RecordingInvalid``."""
+        """Return (F, 3) index rows of complete frames: number, device and host time."""
 
     @abstractmethod
     def pictures(self, at: int) -> tuple[np.ndarray, np.ndarray | None]:

@@ -56,7 +56,7 @@ _NEVER = 1e6  # Cost of an impossible pair, larger than any sum of possible ones
 
 
 def matched(a: np.ndarray, b: np.ndarray, cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Select as many candidate pairs (a, b) as possible with the smallest ``Σ cost``, each name at most once.
+    """Select most candidate pairs (a, b) with the smallest ``Σ cost``, each name once.
 
     Names are not negative, and costs are far below 1e6. Candidates are divided into components that share no name. The
     Hungarian method solves components with several pairs (Kuhn 1955).
@@ -93,7 +93,7 @@ Rays = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def met_rays(rays: list[Rays]) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, 3) points and (N, 3, 3) covariances where rays of two sensors intersect and match no others.
+    """Return (N, 3) points and covariances where only two sensors' rays intersect.
 
     A point is the midpoint of the shortest line between two rays (Hartley and Sturm 1997), if the rays' errors explain
     that line. Neither ray may intersect a third one, because all but one of several intersections are ghosts.
@@ -150,7 +150,7 @@ class FusedPoints:
 
 
 def fuse(sightings: list[SensorSightings], clusters: str = "test") -> FusedPoints:
-    """Fuse the sightings of one moment. ``clusters``: 'test' joins within covariances, 'radius' within ``radius_m``."""
+    """Fuse the sightings of one moment, within covariances or within ``radius_m``."""
     time = float(np.mean([s.time for s in sightings])) if sightings else 0.0
     if clusters == "radius":
         return _within_radius(time, sightings)
@@ -206,7 +206,7 @@ class _Clusters:
         self.rays = np.concatenate([self.rays, np.zeros(int(own.sum()), int)])
 
     def join_rays(self, seen: SensorSightings, rows: np.ndarray) -> np.ndarray:
-        """Add rows of a sensor's rays to the clusters that they pass. Return the (R,) mask of the remaining rays."""
+        """Add a sensor's rays to the clusters that they pass, and return a mask of the others."""
         origin, direction, sigma = seen.origin, seen.direction[rows], seen.sigma_ray[rows]
         rest = np.ones(len(direction), dtype=bool)
         if not len(self.vector) or not len(direction):
@@ -253,7 +253,7 @@ def chi_square(off: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 
 def _within_radius(time: float, sightings: list[SensorSightings]) -> FusedPoints:
-    """Return the mean of each group of points joined within ``radius_m``, as published, and its covariance."""
+    """Return the mean of each group within ``radius_m``, as published, and its covariance."""
     deep = [np.isfinite(s.depth) for s in sightings]
     points = np.concatenate([np.zeros((0, 3)), *(s.points[d] for s, d in zip(sightings, deep, strict=True))])
     covariance = np.concatenate([np.zeros((0, 3, 3)), *(s.covariance[d] for s, d in zip(sightings, deep, strict=True))])
@@ -400,7 +400,7 @@ class TrackedPoints:
 
 
 class MarkerTracks:
-    """Constant-velocity Kalman filters with white-noise acceleration for all tracks (Bar-Shalom and Li 1993)."""
+    """Constant-velocity Kalman filters for all tracks (Bar-Shalom and Li 1993)."""
 
     def __init__(self) -> None:
         self._next = 0

@@ -1,4 +1,4 @@
-"""Find up, floor and origin from three floor markers in the form of a Γ (Noise-In, Bias-Out, appendix K)."""
+"""Find up, floor and origin from three floor markers in the form of a Γ."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Gamma:
 
 @dataclass(frozen=True)
 class Ground:
-    """Rigid transform ``x_new = R x_old + t`` to a world with Z up, floor at zero and the corner above the origin.
+    """Transform ``x_new = R x_old + t`` to a world with Z up and the floor at zero.
 
     X points along the short edge, Y opposite to the long one.
     """
@@ -75,7 +75,7 @@ class Ground:
 def ground_from_gamma(
     clouds: Sequence[Float[np.ndarray, "points 3"]], gamma: Gamma, sensors: Float[np.ndarray, "sensors 3"]
 ) -> Ground:
-    """Return up, floor and origin from the robust mean of the three points in each cloud that best fit the Γ.
+    """Return up, floor and origin from the robust mean of points that fit the Γ.
 
     Clouds are the (N, 3) points of one moment in metres, including other points. Up is ``u × v / |u × v|`` with the
     long edge u and the short edge v. The (C, 3) sensors are above the floor, so a mirrored Γ is detected.
@@ -118,7 +118,7 @@ def _padded(clouds: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _triples(clouds: np.ndarray, gamma: Gamma) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (F,) mask of clouds with a Γ, and the (F, 3, 3) positions of its corner, long end and short end."""
+    """Return the (F,) mask of clouds with a Γ, and its (F, 3, 3) corner and ends."""
     F, N, _ = clouds.shape
     found, triples = np.zeros(F, bool), np.full((F, 3, 3), np.nan)
     if N < 3:
@@ -144,7 +144,7 @@ def _triples(clouds: np.ndarray, gamma: Gamma) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _averaged(triples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the robust (3, 3) mean of (F, 3, 3) marker positions, and the (3, 3, 3) covariance of each mean."""
+    """Return the robust (3, 3) mean of (F, 3, 3) positions, and the means' covariances."""
     mean = np.median(triples, axis=0)
     spread = np.maximum(1.4826 * np.median(np.linalg.norm(triples - mean, axis=-1), axis=0) / 1.54, 1e-5)
     weight = np.ones(triples.shape[:2])
@@ -158,7 +158,7 @@ def _averaged(triples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _tilt_sigma(u: np.ndarray, v: np.ndarray, covariance: np.ndarray) -> float:
-    """Return the standard deviation of the direction of ``u × v`` in radians: ``d(u × v) = [u]ₓ dv - [v]ₓ du``."""
+    """Return the deviation of the direction of ``u × v`` in radians."""
     w = np.cross(u, v)
     by_marker = (skew(v) - skew(u), -skew(v), skew(u))
     total = sum(J @ S @ J.T for J, S in zip(by_marker, covariance, strict=True))

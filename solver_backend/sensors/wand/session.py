@@ -101,7 +101,7 @@ def adjusted(task: WandTask, moments: Moments) -> tuple[Adjusted, np.ndarray]:
 
 
 def triangulated(cameras: Cameras, moments: Moments, delays: np.ndarray) -> np.ndarray:
-    """Triangulate the lights with known delays. Return (M, K, 3) positions in metres, NaN for a single ray."""
+    """Triangulate the lights with known delays to (M, K, 3) positions in metres."""
     px = in_step_px(moments, delays)
     flat = undistort(cameras, px)
     return intersected(cameras.R, cameras.t, flat.reshape(len(cameras), -1, 2)).reshape(*px.shape[1:3], 3)
@@ -164,7 +164,7 @@ def _poses_by_depth(
 def _poses_by_lights(
     names: Sequence[str], flat: np.ndarray, focal_px: float, wand: Wand, rng: np.random.Generator
 ) -> list[Pose]:
-    """Return each camera's pose, from the first camera's axes to its own, in metres from the wand's lengths.
+    """Return each camera's pose relative to the first, in metres by the wand's lengths.
 
     ``flat`` are (C, M, 3, 2) undistorted normalised coordinates of the lights in order, NaN where missing.
     """
@@ -181,7 +181,7 @@ def _poses_by_lights(
 
 
 def _require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None:
-    """Compare (3,) triangulated distances with the wand's. Raise WandInvalid if its short part differs by 10 %."""
+    """Raise WandInvalid if the short part of (3,) distances differs by 10 %."""
     share = float(min(measured_m[:2]) / measured_m[:2].sum())
     if abs(share / wand.short_share - 1.0) > 0.1:
         message = f"The middle light divides the wand at {share:.3f}, but the lengths give {wand.short_share:.3f}."
@@ -204,7 +204,7 @@ ROUNDS = 20  # Reweighting iterations. Chosen by hand.
 
 
 def depth_scale(cameras: Cameras, at: np.ndarray, depth_m: np.ndarray) -> tuple[float, float, float]:
-    """Return the scale ``s`` that minimises ``Σ ρ((d - s z) / σ(d))``, its deviation, and the scatter of depths (m).
+    """Return the scale ``s`` of ``min Σ ρ((d - s z) / σ(d))``, its deviation, and scatter.
 
     ``at`` (M, 3) is the marker in the world of the images, ``depth_m`` (C, M) its measured depths along the axes.
 
@@ -254,7 +254,7 @@ def metric(found: Adjusted, moments: Moments, options: WandOptions) -> tuple[Cal
 def _held_out_errors(
     task: WandTask, found: Adjusted, moments: Moments, options: WandOptions
 ) -> tuple[float, np.ndarray]:
-    """Return the error in held-out time ranges in pixels, and of the (3,) distances between lights in metres."""
+    """Return errors in held-out time ranges in pixels, and of the (3,) lengths in metres."""
     out = held_out(moments.px.shape[1])
     if out.sum() < LEAST_TOGETHER or (~out).sum() < LEAST_TOGETHER:
         return float("nan"), np.full(3, np.nan)

@@ -94,7 +94,7 @@ class Moments:
 
 
 def with_growing_times(view: WandView) -> WandView:
-    """Remove rows with decreasing time. Raise TimesInvalid if too many are removed, or the times span over a day."""
+    """Remove rows with decreasing time. Raise TimesInvalid for impossible times."""
     times = view.times_s
     before = np.r_[-np.inf, np.maximum.accumulate(np.where(np.isfinite(times), times, -np.inf))[:-1]]
     good = np.isfinite(times) & (times > before)
@@ -198,7 +198,7 @@ def in_order(px: Float[np.ndarray, "frames 3 2"], order: np.ndarray, sure: np.nd
 
 
 def middle_from_lights(wand: Wand, flat: Float[np.ndarray, "frames 3 2"]) -> Float[np.ndarray, "frames 3"]:
-    """Return the (F, 3) position of the middle light in a camera's axes in metres, from single images of the wand.
+    """Return the (F, 3) middle light in a camera's axes in metres, from single images.
 
     The lights are on a line, ``z₂ r₂ = (1 - q) z₁ r₁ + q z₃ r₃`` with ``q = d₁₂ / d₁₃``. The null vector of the three
     rays gives the ratios of the depths, and the wand's length gives the scale. Depths are approximate. ``flat`` are
@@ -285,7 +285,7 @@ class Coverage:
         self.pictures = np.zeros((len(self.names), ROWS, COLUMNS), dtype=np.int64)
 
     def add(self, px: Float[np.ndarray, "views moments 2"], at: Float[np.ndarray, "moments 3"] | None = None) -> None:
-        """Count the (C, M, 2) wand pixels, NaN where missing, and the wand's (M, 3) positions in metres if known."""
+        """Count the (C, M, 2) wand pixels, NaN where missing, and known (M, 3) positions."""
         view, moment = np.nonzero(np.isfinite(px).all(-1))
         share = px[view, moment] / self.size_px[view]
         cell = np.clip((share * [COLUMNS, ROWS]).astype(int), 0, [COLUMNS - 1, ROWS - 1])
@@ -333,7 +333,7 @@ def is_sensor_folder(path: Path) -> bool:
 def sensor_views(
     folder: SensorFolder, masks: Mapping[str, np.ndarray] = MappingProxyType({}), progress: Progress = silent
 ) -> list[WandView]:
-    """Return the views of one marker. Frames with several markers are crowded. ``masks`` are from ``masks_of``.
+    """Return the views of one marker. Frames with several markers are crowded.
 
     Raises:
         PicturesDiffer: infrared, depth and calibration have different sizes.
@@ -358,7 +358,7 @@ def sensor_views(
 
 
 def sensor_clouds(path: Path, cameras: Cameras, empty: Path | None = None) -> list[np.ndarray]:
-    """Return the (N, 3) points, in metres in the cameras' world, of each frame of each sensor with at least three."""
+    """Return the (N, 3) points in metres of frames with three or more, by sensor."""
     folder, masks = open_folder(path), {} if empty is None else masks_of(open_folder(empty))
     clouds = []
     for name in folder.cameras.names:
@@ -372,7 +372,7 @@ def sensor_clouds(path: Path, cameras: Cameras, empty: Path | None = None) -> li
 def sightings_of(
     folder: SensorFolder, cameras: Cameras, name: str, masks: Mapping[str, np.ndarray] = MappingProxyType({})
 ) -> Iterator[SensorSightings]:
-    """Yield the sightings of one sensor, none if the folder lacks the sensor. ``masks`` are as in ``sensor_views``."""
+    """Yield the sightings of one sensor, none if the folder lacks the sensor."""
     device = next((device for device in folder.devices if device.name == name), None)
     if device is None:
         return
@@ -409,7 +409,7 @@ def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -
 
 
 def lens_beside(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
-    """Return a sensor's lens, from ``lenses`` or a file next to the table. Raise CalibrationMissing without both."""
+    """Return a sensor's lens, from ``lenses`` or a file next to the table."""
     name = path.stem
     if lenses is not None and name in lenses:
         return lenses[name]
@@ -421,7 +421,7 @@ def lens_beside(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
 
 
 def read_table(path: Path) -> tuple[np.ndarray, bool]:
-    """Return a table's rows (moments or markers), and whether they have depth. Raise FileMissing or FileDamaged."""
+    """Return a table's rows (moments or markers), and whether they have depth."""
     text = read_text(path)
     first = text.split("\n", 1)[0].strip().lstrip("\ufeff").replace(" ", "").lower()
     with_depth = first == DEPTH_HEADER

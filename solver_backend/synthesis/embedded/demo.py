@@ -48,7 +48,7 @@ class Choreography(NamedTuple):
 
 @cache
 def _score() -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Return times (n,) in s, tracks (n, 64) of key poses and heading, and the standing foot from each time on."""
+    """Return times (n,) in s, tracks (n, 64) of key poses, and the standing foot."""
     values = json.loads(_FILE.read_text(encoding="utf-8"))
     times, names, headings, feet = zip(*values["score"], strict=True)
     poses = [_rotvecs(values["poses"]["stand"] | values["poses"][name]).ravel() for name in names]
@@ -89,7 +89,7 @@ def _rotvecs(pose: dict[str, list[float]]) -> np.ndarray:
 
 
 def _planted(body: Body, betas: np.ndarray, root: np.ndarray, local: np.ndarray, stance: list[str]) -> np.ndarray:
-    """Return translations that fix the ball of the standing foot and keep the lowest sole point on the floor."""
+    """Return translations that fix the standing foot's ball and keep soles on the floor."""
     still = forward_kinematics(body, betas, root, local, np.zeros((len(root), 3)))
     balls = {side: still.joints[:, SMPL_JOINTS.index(f"{side}_foot")] for side in ("left", "right")}
     transl = np.zeros((len(root), 3))
@@ -168,7 +168,7 @@ def demo_capture(
 
 
 def smpl_truth(betas: np.ndarray, root: np.ndarray, local: np.ndarray, transl: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the ground truth parameters of a capture from root (F, 3) and local (F, J, 3) rotation vectors."""
+    """Return the ground truth of a capture from root and local rotation vectors."""
     body_pose = np.zeros((len(root), 3 * (NUM_JOINTS - 1)))
     body_pose[:, : local[0].size] = local.reshape(len(root), -1)
     return {"betas": betas, "global_orient": root, "body_pose": body_pose, "transl": transl}
@@ -214,7 +214,7 @@ class RecordedMarkers:
 
 
 def record_markers(num_frames: int = 240, fps: float = 60.0, seed: int = 11, layout: str = "CMU_41") -> RecordedMarkers:
-    """Return a recording of a layout's markers and one marker with an unknown label. All seeds have the same motion."""
+    """Return a recording of a layout's markers and one marker with an unknown label."""
     body, rng, faults = load_body(), np.random.default_rng(seed), OPTICAL_MARKERS
     root, local, transl = author_motion(body, BETAS, num_frames, fps)
     places = (*marker_layout(layout), _UNKNOWN[1])

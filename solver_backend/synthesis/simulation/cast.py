@@ -68,7 +68,7 @@ class Person:
         return replace(self, transl=transl)
 
     def touching_the_floor(self, fps: float) -> Person:
-        """Shift the person vertically so that the lowest skin point stays on the floor, for motion without jumps."""
+        """Shift the person vertically so that the lowest skin point stays on the floor."""
         lowest = self.skin(np.arange(len(self.transl)))[..., 2].min(axis=1)
         reach = max(1, round(3 * TOUCH_S * fps))
         kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (TOUCH_S * fps)) ** 2)
@@ -79,7 +79,7 @@ class Person:
 def cast_person(
     take: Take, rng: np.random.Generator, body: Body | None = None, betas: np.ndarray | None = None
 ) -> Person:
-    """Return a person who repeats a take on the floor. The shape is random unless ``betas`` (10,) are given."""
+    """Return a person who repeats a take on the floor, with random or given shape."""
     body = body or load_body()
     if betas is None:
         betas = np.clip(BETAS_SIGMA * rng.normal(size=NUM_BETAS), -2.0, 2.0)
@@ -92,7 +92,7 @@ def cast_person(
 
 
 def running_floor(height: np.ndarray, frames: int) -> np.ndarray:
-    """Return the (F,) minimum within ``frames`` around each frame, smoothed with a Gaussian of half that length."""
+    """Return the (F,) smoothed minimum within ``frames`` around each frame."""
     near = np.lib.stride_tricks.sliding_window_view(np.pad(height, frames // 2, mode="edge"), 2 * (frames // 2) + 1)
     lowest = np.pad(near.min(axis=1), 2 * frames, mode="edge")
     kernel = np.exp(-0.5 * (np.arange(-2 * frames, 2 * frames + 1) / (0.5 * frames)) ** 2)

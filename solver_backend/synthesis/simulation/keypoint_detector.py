@@ -65,7 +65,7 @@ def detect_keypoints(
 
 
 def bias_by_direction(seen_from: np.ndarray, num_keypoints: int, rng: np.random.Generator) -> np.ndarray:
-    """Return (C, F, K, 2) bias of unit variance: a smooth random function of the direction per keypoint and axis."""
+    """Return (C, F, K, 2) bias of unit variance, a smooth function of the direction."""
     waves = rng.normal(size=(5, num_keypoints, 2)) * _HARMONICS[:, None, None]
     one, double = seen_from, 2 * seen_from
     basis = np.stack([np.ones_like(one), np.cos(one), np.sin(one), np.cos(double), np.sin(double)], axis=-1)
@@ -90,7 +90,7 @@ def _confidence(
 def _swaps(
     shape: tuple[int, ...], joint_set: JointSet, fps: float, faults: DetectorFaults, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (C, F, K) mask of exchanged limbs, and (N, 4) exchanges. These never touch in a view and limb."""
+    """Return the (C, F, K) mask of exchanged limbs, and (N, 4) separate exchanges."""
     mask, swaps = np.zeros(shape, dtype=bool), []
     for limb, columns in enumerate(exchanged_columns(joint_set).values()):
         for view in range(shape[0]):
@@ -111,7 +111,7 @@ def exchanged_columns(joint_set: JointSet) -> dict[str, list[int]]:
 
 
 def direction_seen_from(cameras: Cameras, orient: np.ndarray, pelvis: np.ndarray) -> np.ndarray:
-    """Return (C, F) angles in radians of each camera about the vertical axis of a body (F, 3, 3), 0 in front."""
+    """Return (C, F) angles of each camera about a body's vertical axis, 0 in front."""
     way = np.einsum("fij,cfi->cfj", orient, cameras.centres[:, None] - pelvis)
     return np.arctan2(way[..., 0], way[..., 2])
 
@@ -166,7 +166,7 @@ _AROUND: dict[str, tuple[str, ...]] = {
 
 
 def stabbed_faces(skin: np.ndarray, faces: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pairs (face, target) in which a face towards the origin blocks the sight line to the target.
+    """Return the pairs (face, target) in which a face blocks the sight line.
 
     In the plane z = 1 a face covers a target if all three barycentric coordinates are positive. They interpolate the
     inverse depths of the corners (perspective-correct). ``skin`` (V, 3) and ``targets`` (K, 3) are in the camera's

@@ -1,4 +1,4 @@
-"""Define camera arrays: rings, corners of a room, the cameras of a capture, and presets of real devices."""
+"""Define camera arrays: rings, corners, a capture's cameras, and real devices."""
 
 from __future__ import annotations
 

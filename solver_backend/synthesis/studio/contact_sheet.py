@@ -29,7 +29,7 @@ _COLOURS = _COLOURS.reshape(-1, 3)  # One row per label.
 
 
 def write_card(out: Path) -> list[Path]:
-    """Write the data card and the contact sheet of a data set, replacing older ones, and return their paths."""
+    """Write the data card and the contact sheet of a data set, and return their paths."""
     spec, records = read_data_set(out)
     sheet = contact_sheet(out, records)
     if sheet is not None:
@@ -39,7 +39,7 @@ def write_card(out: Path) -> list[Path]:
 
 
 def contact_sheet(out: Path, records: list[ShotRecord]) -> np.ndarray | None:
-    """Return (h, w, 3) uint8 with up to 24 images from different shots, cameras and times, or None without images."""
+    """Return (h, w, 3) uint8 with up to 24 images of different shots, or None."""
     tiles = []
     for i in range(_TILES):
         record = records[i * len(records) // _TILES if len(records) >= _TILES else i % len(records)]

@@ -1,4 +1,4 @@
-"""Create clothes and hair as layers of our body: patches of its skin, moved outwards along the posed normals.
+"""Create clothes and hair as patches of the skin, moved outwards.
 
 Skin below a garment is omitted except at the hem, so that it cannot pierce the garment in any pose. Garments taper to
 the skin at their borders. A layer needs no simulation and no mesh, because its vertices are the body's, offset.
@@ -50,7 +50,7 @@ class Costume:
 
 
 class CornerSums:
-    """Computes vertex normals of a mesh with (T, 3) faces in any pose as area-weighted sums over adjacent triangles."""
+    """Computes vertex normals of a mesh with (T, 3) faces in any pose."""
 
     def __init__(self, faces: np.ndarray, count: int) -> None:
         flat = faces.ravel()
@@ -77,7 +77,7 @@ def draw_outfit(clothes: str, hair: str, rng: np.random.Generator) -> tuple[str,
 
 
 def dress(body: Body, clothes: str, hair: str, rng: np.random.Generator) -> Costume:
-    """Return the surface of a body with clothes and hair, neither of them 'random'. ``rng`` shapes folds and hair."""
+    """Return the surface of a body with clothes and hair. ``rng`` shapes folds and hair."""
     layers = [*_OUTFITS[clothes], *(() if hair == "none" else ((hair, 0.012 if hair == "short" else 0.02),))]
     regions = _Regions(body)
     covers = [regions.of(name) for name, _ in layers]

@@ -1,4 +1,4 @@
-"""Create a data set on disk: claim its folder, check the free space, and make its shots one by one, resumable."""
+"""Create a data set on disk, shot by shot and resumable."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def check_data_set(spec: Spec, out: Path) -> Plan:
 
 
 def open_data_set(spec: Spec, out: Path) -> Plan:
-    """Check a data set and claim its folder. Raise ``OutputNotWritable`` and the errors of ``check_data_set``."""
+    """Check a data set and claim its folder. Raise ``OutputNotWritable``."""
     found = check_data_set(spec, out)
     check_output(out / DESCRIPTION, overwrite=True)
     record = {"format": _FORMAT, "version": VERSION, "digest": digest(spec), "folder": str(spec.folder)}

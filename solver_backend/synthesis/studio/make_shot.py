@@ -1,4 +1,4 @@
-"""Make one shot: render it and write its ground truth in every requested format, completely or not at all."""
+"""Make one shot with its ground truth, completely or not at all."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ _CHUNK = 16  # Frames whose surfaces are in memory at a time.
 
 
 def film(spec: Spec, stage: Stage, keep: Keep, on_frame: Callable[[int], None] = lambda frame: None) -> np.ndarray:
-    """Render a shot. Return (C, F, M) float32 visible fractions of markers, from sight lines if there are no images.
+    """Render a shot, and return (C, F, M) float32 visible fractions of markers.
 
     Args:
         keep: receives every image: 'infrared' and 'depth' (h, w) uint16, 'masks' (h, w) uint8, 'normals' (h, w, 3)

@@ -1,4 +1,4 @@
-"""Read motions for shots: the included choreography, solved takes, AMASS and BVH files, and folders of them."""
+"""Read motions for shots: choreography, solved takes, AMASS, BVH, and folders."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class MotionSource:
     path: Path | None  # File, None for the choreography.
 
     def play(self, body: Body, betas: np.ndarray, fps: float, frames: int) -> Person:
-        """Return a person with (10,) betas who performs the motion at ``fps``, at most its first ``frames`` frames.
+        """Return a person with (10,) betas who performs up to ``frames`` frames at ``fps``.
 
         Raises:
             MocapError: the file cannot be read.
@@ -74,7 +74,7 @@ def find_motions(names: list[str], folder: Path = Path()) -> tuple[MotionSource,
 
 
 def _of_file(path: Path, body: Body, betas: np.ndarray) -> tuple[Person, float]:
-    """Return a take or an AMASS clip on a body of another shape, with the same rotations and the path on the floor."""
+    """Return a clip on a body of another shape, with the same rotations and floor path."""
     motion = load_motion(path)
     if isinstance(motion, BvhClip):
         raise MotionInvalid("The skeleton in the file has other joints than the body of the program.", where=str(path))
@@ -108,5 +108,5 @@ def _at_rate(person: Person, rate: float, fps: float, frames: int) -> Person:
 
 
 def _between(before: np.ndarray, after: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Return rotations (..., 3, 3) at a fraction of the geodesic. Equal neighbours in time return the first."""
+    """Return rotations (..., 3, 3) at a fraction of the geodesic."""
     return before @ exp_so3(share * log_so3(np.swapaxes(before, -1, -2) @ after))

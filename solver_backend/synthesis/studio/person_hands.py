@@ -99,7 +99,7 @@ _CHUNK = 64  # Number of frames that are processed together.
 def hidden_by_hands(
     centres: Float[np.ndarray, "cameras 3"], points: Float[np.ndarray, "frames 2 21 3"]
 ) -> Bool[np.ndarray, "cameras frames 2 21"]:
-    """Return a (C, F, 2, 21) mask of points (F, 2, 21, 3), left hand first, that a bone of either hand hides.
+    """Return a (C, F, 2, 21) mask of hand points that a bone of either hand hides.
 
     A point is hidden if its line of sight passes another bone at less than the bone's radius.
     """
@@ -116,7 +116,7 @@ def hidden_by_hands(
 
 
 def _own_bones() -> np.ndarray:
-    """Return a (42, 40) mask of the bones that belong to each point. Wrist and knuckles belong to the palm."""
+    """Return a (42, 40) mask of the bones that belong to each point."""
     own = (np.arange(NUM_HAND_POINTS)[:, None, None] == _BONES).any(-1)
     knuckles = [HAND_POINTS.index(name) for name in HAND_POINTS if name.endswith("_mcp")]
     own[[0, *knuckles], :5] = True
@@ -131,7 +131,7 @@ _OWN = _own_bones()
 
 
 def _segment_distances(points: np.ndarray, centre: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Return (f, P, B) distances (m) of bones (f, B, 2, 3) from segments between (f, P, 3) points and a camera."""
+    """Return (f, P, B) distances (m) of bones from segments between points and a camera."""
     sight = centre - points
     bone = ends[:, :, 1] - ends[:, :, 0]
     between = points[:, :, None] - ends[:, None, :, 0]
@@ -148,7 +148,7 @@ def _segment_distances(points: np.ndarray, centre: np.ndarray, ends: np.ndarray)
 
 
 def hidden_points(person: Person, cameras: Cameras, points: np.ndarray) -> np.ndarray:
-    """Return a (C, F, 2, 21) mask of points (F, 2, 21, 3) that the body without the hand blocks, left hand first."""
+    """Return a (C, F, 2, 21) mask of hand points that the body without the hand blocks."""
     frames, _, count = points.shape[:3]
     sight = BodySight(person.body, person.betas, keypoint_landmarks(person.body, JointSet.COCO_17))
     joints, bone = person.body.layout.joints, sight.proxy.bone
@@ -242,7 +242,7 @@ def hidden_of(person: Person, cameras: Cameras, hands: MovingHands) -> np.ndarra
 
 
 def with_true_hands(capture: Capture, cameras: Cameras, hands: MovingHands, hidden: np.ndarray) -> Capture:
-    """Add every hand point in the image, hidden (see ``hidden_of``) or not, and its ground truth to a clean capture."""
+    """Add every hand point in the image, and its ground truth, to a clean capture."""
     assert capture.keypoints is not None
     px = project(cameras, hands.points)
     found = np.concatenate([px, np.ones((*px.shape[:-1], 1))], axis=-1)

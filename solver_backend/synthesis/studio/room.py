@@ -36,7 +36,7 @@ class Room:
         return np.concatenate(vertices), np.concatenate(faces)
 
     def hides(self, centres: np.ndarray, lines: np.ndarray) -> np.ndarray:
-        """Return an (F, C, K) mask of sight lines from (C, 3) centres that furniture blocks (Kay and Kajiya 1986)."""
+        """Return an (F, C, K) mask of sight lines that furniture blocks (Kay and Kajiya 1986)."""
         hidden = np.zeros(lines.shape[:3], dtype=bool)
         for middle, half, heading, _ in self.furniture:
             turn = _turn(heading[0])
@@ -51,7 +51,7 @@ class Room:
         return hidden
 
     def seen_by(self, centre: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (h, w) depth in metres along the axis, or inf without a hit, and (h, w, 3) normals in the world.
+        """Return (h, w) depth in metres along the axis, or inf, and (h, w, 3) normals.
 
         Rays (h, w, 3) start at the camera's (3,) centre and have length 1 along its axis. A ray from inside a box
         leaves it through the nearest plane in its direction.
@@ -103,7 +103,7 @@ def unit_box(parts: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def furnish(path: np.ndarray, cameras: Cameras, furniture: int, walls: bool, rng: np.random.Generator) -> Room:
-    """Return a room around a person's (F, 3) path with at most ``furniture`` pieces, clear of person and cameras."""
+    """Return a room around a person's (F, 3) path with up to ``furniture`` pieces."""
     points = np.concatenate([path, cameras.centres])
     low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
     low[2], high[2] = 0.0, max(high[2], 2.6)

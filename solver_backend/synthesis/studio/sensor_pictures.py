@@ -124,7 +124,7 @@ def sphere_light(spheres: Spheres, shape: tuple[int, int], model: InfraredModel)
 
 
 def infrared(seen: Seen, retro: np.ndarray, model: InfraredModel, rng: np.random.Generator) -> np.ndarray:
-    """Return the (h, w) uint16 image: ``albedo cos / z²`` of surfaces, retro-reflections, noise, saturation.
+    """Return the (h, w) uint16 infrared image of surfaces and retro-reflections.
 
     ``retro`` is from ``sphere_light``.
     """
@@ -138,7 +138,7 @@ def infrared(seen: Seen, retro: np.ndarray, model: InfraredModel, rng: np.random
 
 @dataclass(frozen=True)
 class TimeOfFlightModel:
-    """Errors of the sensor, with the magnitudes that Tölgyessy et al. 2021 measured for Azure Kinects up to 3.9 m."""
+    """Errors of a depth sensor as measured for Azure Kinects (Tölgyessy et al. 2021)."""
 
     constant_mm: float = 0.8  # Standard deviation at distance 0.
     quadratic_mm: float = 0.55  # Additional standard deviation at 1 m. It grows with the square of the distance.
@@ -156,7 +156,7 @@ class TimeOfFlightModel:
 
 
 def measure_depth(seen: Seen, retro: np.ndarray, model: TimeOfFlightModel, rng: np.random.Generator) -> np.ndarray:
-    """Return (h, w) uint16 depth in millimetres along the axis, 0 where missing. ``retro`` is from ``sphere_light``."""
+    """Return (h, w) uint16 depth in millimetres along the axis, 0 where missing."""
     low, high = model.range_m
     true = np.minimum(seen.depth, np.float32(100.0))
     blind = retro >= FULL

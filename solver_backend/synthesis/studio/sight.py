@@ -1,4 +1,4 @@
-"""Find the points that are visible to a camera, for all frames, cameras and points in a few matrix products.
+"""Find the points that are visible to cameras in a few matrix products.
 
 An ellipsoid of the body or a piece of furniture hides a point if it blocks the line of sight. The line ``t w`` from the
 camera, ``0 <= t <= 1``, enters an ellipsoid ``(x - c)^T B (x - c) = 1`` if ``(w^T B c)^2 > (w^T B w) (c^T B c - 1)``.
@@ -25,7 +25,7 @@ _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # Row and column of t
 
 
 def sight_lines(centres: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return (F, C, K, 3) float32 lines from (C, 3) camera centres to ``CLEARANCE_M`` before (F, K, 3) points."""
+    """Return (F, C, K, 3) lines from camera centres to just before (F, K, 3) points."""
     lines = (points[:, None] - centres[:, None]).astype(np.float32)
     length = np.sqrt(np.einsum("fcki,fcki->fck", lines, lines))
     return lines * np.maximum(1 - CLEARANCE_M / np.maximum(length, 1e-6), 0)[..., None]
@@ -74,7 +74,7 @@ class RigidSight:
     parts: np.ndarray  # (Q, J) mask of the parts that the table covers.
 
     def hidden(self, centres: np.ndarray, points: np.ndarray, turn: np.ndarray) -> np.ndarray:
-        """Return an (F, C, Q) mask of hidden points for cameras (C, 3), points (F, K, 3) and bones (F, J, 3, 3)."""
+        """Return an (F, C, Q) mask of points hidden by bones."""
         way = (centres[:, None] - points[:, None, self.point]).astype(np.float32)
         local = np.einsum("fqji,fcqj->fcqi", turn[:, self.bone].astype(np.float32), way, optimize=True)
         return self.table[np.arange(len(self.point)), _cell(local)]
@@ -227,7 +227,7 @@ def _slabs(skin: np.ndarray, area: np.ndarray, chosen: np.ndarray, bone: int) ->
 
 
 def _ellipsoid(points: np.ndarray, weight: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the (3, 3) matrix of a slab's ellipsoid. A ring with half axes a and b has variances a^2/2 and b^2/2."""
+    """Return the (3, 3) matrix of a slab's ellipsoid, from a ring's half axes."""
     centred = points - weight @ points
     along = centred @ axis
     flat = centred - np.outer(along, axis)
@@ -239,7 +239,7 @@ def _ellipsoid(points: np.ndarray, weight: np.ndarray, axis: np.ndarray) -> np.n
 
 
 def _extremes(skin: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Return the outermost vertices of a part in directions that are spread over the sphere (Fibonacci lattice)."""
+    """Return the outermost vertices of a part in directions spread over the sphere."""
     i = np.arange(_DIRECTIONS) + 0.5
     z, turn = 1 - 2 * i / _DIRECTIONS, np.pi * (1 + 5**0.5) * i
     ways = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
@@ -270,7 +270,7 @@ class BodySight:
         self._counted = counted[self.proxy.bone]
 
     def hidden(self, centres: np.ndarray, lines: np.ndarray, points: np.ndarray, posed: PosedProxy) -> np.ndarray:
-        """Return an (F, C, K) mask of keypoints (F, K, 3) whose sight line the body blocks (see ``sight_lines``)."""
+        """Return an (F, C, K) mask of keypoints whose sight line the body blocks."""
         hidden = hidden_by_ellipsoids(centres, lines, posed.middle, posed.shape, self._counted)
         hidden[..., self._rigid.point] |= self._rigid.hidden(centres, points, posed.turn)
         return hidden
@@ -279,14 +279,14 @@ class BodySight:
 def cast_lines(
     proxy: BodyProxy, person: Person, cameras: Cameras, points: np.ndarray, size: int = 32
 ) -> Iterator[tuple[slice, PosedProxy, np.ndarray]]:
-    """Yield ``size`` frames at a time: their slice, the posed proxy, and sight lines to their (F, K, 3) points."""
+    """Yield ``size`` frames at a time: slice, posed proxy, and (F, K, 3) sight lines."""
     for start in range(0, len(points), size):
         chunk = slice(start, start + size)
         yield chunk, proxy.posed(person.part(chunk)), sight_lines(cameras.centres, points[chunk])
 
 
 def own_parts(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return a (K, T) mask of faces in the point's part or, for SMPL's joints, in any part that meets there."""
+    """Return a (K, T) mask of faces in the point's part or parts."""
     own = own_faces(body, names)
     part = body.weights[body.faces].sum(axis=1).argmax(axis=-1)
     for k, name in enumerate(names):
@@ -299,7 +299,7 @@ def own_parts(body: Body, names: tuple[str, ...]) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def _tables(body: Body, landmarks: Landmarks) -> tuple[RigidSight, np.ndarray]:
-    """Return the tables of head and hands, and a (J, K) mask of keypoints that each part's ellipsoids can hide."""
+    """Return tables of head and hands, and a (J, K) mask of keypoints they can hide."""
     part = body.weights[body.faces].sum(axis=1).argmax(axis=1)
     own = own_parts(body, landmarks.names)
     counted = np.stack([~own[:, part == bone].any(axis=1) for bone in range(len(body.parents))])

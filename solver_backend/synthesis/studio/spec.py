@@ -1,4 +1,4 @@
-"""Read the description of a data set: motions x people x arrays x looks, and the images and files to write."""
+"""Read the description of a data set: motions x people x arrays x looks."""
 
 from __future__ import annotations
 

@@ -144,7 +144,7 @@ def require_sight(stage: Stage) -> None:
 
 
 def _inside(skin: np.ndarray, faces: np.ndarray, point: np.ndarray) -> bool:
-    """Return whether a point is inside a closed mesh in any of the (n, V, 3) poses: its solid angle exceeds half.
+    """Return whether a point is inside a closed mesh in any of the (n, V, 3) poses.
 
     Reference: van Oosterom and Strackee 1983, "The solid angle of a plane triangle".
     """

@@ -1,4 +1,4 @@
-"""Compute the ground truth of a shot: keypoints and markers with visibility, boxes, contacts, body parameters."""
+"""Compute a shot's ground truth: keypoints, markers, boxes, contacts and body."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def _contacts(body25: np.ndarray, fps: float) -> np.ndarray:
 
 
 def marker_sight(stage: Stage) -> np.ndarray:
-    """Return (C, F, M) float32, 1 if a marker is visible to a camera, otherwise 0, without rendering an image.
+    """Return (C, F, M) float32, 1 if a marker is visible to a camera, otherwise 0.
 
     A marker is hidden by its own limb if the limb turns away. Other limbs and furniture block the line of sight. 90 %
     of the results agree with rendered images.

@@ -58,7 +58,7 @@ def _header(names: list[str], width: int, height: int) -> bytes:
 
 
 def _predicted(raw: bytes) -> bytes:
-    """Return the bytes at even positions, then those at odd ones, each as the difference to the previous byte."""
+    """Return the bytes at even positions, then at odd ones, as differences."""
     data = np.frombuffer(raw, np.uint8)
     parted = np.concatenate([data[0::2], data[1::2]]).astype(np.int16)
     parted[1:] = parted[1:] - parted[:-1] + 128
@@ -112,7 +112,7 @@ _SKELETON = [[int(point) for point in bone.split("-")] for bone in _BONES.split(
 
 
 def coco_text(cameras: Cameras, truth: Truth, pictures: str, shot: str) -> str:
-    """Return a shot's COCO annotations as JSON. ``pictures`` is the folder of the annotated kind, such as 'rgb'."""
+    """Return a shot's COCO annotations as JSON, for pictures in a folder."""
     chosen = JointSet.COCO_17
     xy, visibility = truth.xy[chosen], truth.visibility[chosen]
     state = np.where(visibility == VISIBLE, 2, np.where(visibility == OUTSIDE, 0, 1))
@@ -160,7 +160,7 @@ _WRITTEN = {JointSet.COCO_WHOLEBODY_133: 133}  # Number of keypoints in a file i
 
 
 def write_trial(folder: Path, capture: Capture) -> Path:
-    """Write a capture's keypoints as a Pose2Sim trial into a new folder. Keypoints of several views are required."""
+    """Write the keypoints of a capture of several views as a new Pose2Sim trial."""
     cameras, keypoints = capture.require_multiview()
     (folder / "calibration").mkdir(parents=True)
     (folder / "calibration" / "Calib.toml").write_text(pose2sim_toml(cameras, 0.0), encoding="utf-8", newline="\n")
@@ -180,7 +180,7 @@ def write_trial(folder: Path, capture: Capture) -> Path:
 
 
 def frame_text(keypoints: Keypoints2D, view: int, frame: int) -> str:
-    """Return OpenPose's JSON of one frame. A missing keypoint is 0 0 0, and a missing person gives an empty list."""
+    """Return OpenPose's JSON of one frame, with 0 0 0 for a missing keypoint."""
     xy, confidence = keypoints.xy[view, frame], keypoints.confidence[view, frame]
     count = _WRITTEN.get(keypoints.joint_set, len(xy))
     rows = np.zeros((count, 3))

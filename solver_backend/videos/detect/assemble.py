@@ -94,7 +94,7 @@ def assembled(
     world: WorldSettings = WorldSettings(),
     one: KnownOfOne = KnownOfOne(),
 ) -> Capture:
-    """Build the capture of the person with the most agreeing views, or without cameras the most visible per view."""
+    """Build the capture of the person with the most agreeing or most visible views."""
     detections, fps = everybody(found, clocks)
     footage = tuple(Path(item.video).absolute() for item in found)
     made_of: dict[str, Any] = {"footage": footage, "detector": found[0].detector}
@@ -258,7 +258,7 @@ def steadied(
 def as_if_still(
     found: VideoDetections, camera: Cameras, pictures: Iterable[np.ndarray], progress: Progress = silent
 ) -> tuple[VideoDetections, list[Diagnostic]]:
-    """Return the detections of one video as if the camera had not rotated since the first of the (H, W, 3) images."""
+    """Return the detections of one video as if the camera had not rotated."""
     turns = camera_turns(found, camera, pictures, progress)
     if turns is None:
         return found, [diagnostic("camera_turns", severity=Severity.WARNING, turn="unknown", cameras=[found.name])]
@@ -333,7 +333,7 @@ def camera_turns(
 
 
 def followed(cv2: Any, before: np.ndarray, now: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Track points between two images. Return them with a mask of the points that track forwards and backwards."""
+    """Track points between two images, with a mask of consistently tracked points."""
     window = {"winSize": (15, 15), "maxLevel": 3}
     onward, there, _ = cv2.calcOpticalFlowPyrLK(before, now, points[:, None], None, **window)
     back, again, _ = cv2.calcOpticalFlowPyrLK(now, before, onward, None, **window)

@@ -34,7 +34,7 @@ from solver_backend.videos.video_detections import VERSION, VideoDetections, rea
 
 
 def least_cost_assignment(cost: np.ndarray) -> list[tuple[int, int]]:
-    """Return ``min(N, M)`` pairs (row, column) with the smallest sum of (N, M) costs, by shortest augmenting paths.
+    """Return ``min(N, M)`` pairs (row, column) with the smallest sum of costs.
 
     Reference: Kuhn 1955, Jonker and Volgenant 1987.
     """
@@ -197,7 +197,7 @@ def detect_videos(
 
 
 def _kept_at(folder: Path, video: Path, digest: str, choice: DetectorChoice) -> Path:
-    """Return the path of a video's detections. Models and user-written workers are identified by their bytes.
+    """Return the path of a video's detections, by the bytes of models and workers.
 
     ``VERSION`` distinguishes detections that earlier versions of the program computed differently.
     """

@@ -67,7 +67,7 @@ def read_head(stream: IO[bytes]) -> dict[str, Any]:
 
 
 def read_arrays(head: dict[str, Any], stream: IO[bytes]) -> dict[str, np.ndarray]:
-    """Return the little-endian float32 arrays that a line announces. Raise ``EOFError`` if they are truncated."""
+    """Return the float32 arrays that a line announces. Raise ``EOFError`` if cut off."""
     shapes = head.get("arrays")
     if not isinstance(shapes, dict) or len(shapes) > _MOST_ARRAYS:
         raise AnswerInvalid("a line announces no arrays")
@@ -104,7 +104,7 @@ HINT = (
 
 
 def check_answer(found: dict[str, np.ndarray], about: dict[str, Any] | None) -> dict[str, np.ndarray]:
-    """Check the kinds and shapes of a detector's arrays, and mark impossible points as missing (NaN, confidence 0).
+    """Check a detector's arrays, and mark impossible points as missing.
 
     Args:
         about: description of the detector. None for a hand detector.
@@ -232,7 +232,7 @@ def _model(path: Path) -> str:
 
 
 def _described(path: Path) -> dict[str, Any]:
-    """Return the description in a JSON file, and the path of its model. The worker checks the other fields."""
+    """Return the description in a JSON file, and the path of its model."""
     description = read_json_file(path, LARGEST_DESCRIPTION)
     name = description.get("model") if isinstance(description, dict) else None
     if not isinstance(name, str) or not name:

@@ -163,7 +163,7 @@ class _HandSearch:
         return replace(seen, points=crop.in_picture(seen.points))
 
     def twice(self, crop: SquareCrop) -> np.ndarray | None:
-        """Return the (21, 3) hand in a second crop around the points of the first. None if the second has no hand."""
+        """Return the (21, 3) hand in a second crop around the first one's points, or None."""
         first = self.once(crop)
         if first.presence < PLACED:
             return None
@@ -171,7 +171,7 @@ class _HandSearch:
         return second.counted() if second.presence >= PRESENCE else None
 
     def at_arm(self, arm: np.ndarray, own: np.ndarray, hand_px: float, before: np.ndarray | None) -> np.ndarray:
-        """Return the (21, 3) hand at its previous position, or at the arm's (2, 2) px from all views or this one."""
+        """Return the (21, 3) hand at its previous position, or at the arm's (2, 2) px."""
         there = np.where(own[:, 2:] >= SURE, own[:, :2], arm)
         alike = float(np.linalg.norm(there - arm, axis=-1).max()) < ALIKE * hand_px
         places = [place for place in ([arm] if alike else [arm, there]) if self.shows(place[1])]
@@ -191,7 +191,7 @@ class _HandSearch:
 
 
 def _where_others_see_it(searches: Mapping[int, _HandSearch], cameras: Cameras, found: np.ndarray) -> None:
-    """Search a hand in views that miss it if two others agree on its points. Update ``found`` (C, 21, 3) in place."""
+    """Search a hand in views that miss it if two others agree on its points."""
     seen = found[:, 0, 2] > 0
     missing = [view for view in searches if not seen[view]]
     if seen.sum() < 2 or not missing:
@@ -272,7 +272,7 @@ def footage_shift(
 
 
 def in_time(hands: Float[np.ndarray, "views frames 2 21 3"], shift: int) -> Float[np.ndarray, "views frames 2 21 3"]:
-    """Shift (C, F, 2, 21, 3) hands to the frames of the detections. They are missing in frames without an image."""
+    """Shift (C, F, 2, 21, 3) hands to the frames of the detections."""
     moved = _unseen(*hands.shape[:3])
     count = hands.shape[1] - abs(shift)
     moved[:, max(-shift, 0) :][:, :count] = hands[:, max(shift, 0) :][:, :count]
@@ -280,7 +280,7 @@ def in_time(hands: Float[np.ndarray, "views frames 2 21 3"], shift: int) -> Floa
 
 
 def _errors(hand: np.ndarray, wrist: np.ndarray) -> np.ndarray | None:
-    """Return the error of a hand (F, 21, 3) at its wrist (F, 3) for each shift. None if too few frames have both."""
+    """Return the error of a hand at its wrist for each shift, None for too few frames."""
     frames = np.flatnonzero(hand[:, 0, 2] > 0)
     frames = frames[(frames >= REACH) & (frames < len(hand) - REACH)]
     if len(frames) < LEAST_FRAMES:
@@ -356,7 +356,7 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
 
 
 def is_due(before: np.ndarray | None, frame: int, every: int) -> np.ndarray | None:
-    """Return the (C, 2) mask of views that search each hand: all that had it before, and the others in turn.
+    """Return the (C, 2) mask of views that search each hand.
 
     ``before`` are the (C, 2, 21, 3) hands of the previous frame. Without them the result is None and all views search.
     """

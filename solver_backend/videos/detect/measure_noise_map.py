@@ -64,7 +64,7 @@ def _errors(capture: Capture) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _pooled(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the closest decreasing values: each is the minimum over starts of the largest mean from there."""
+    """Return the closest decreasing values."""
     total, weight = (np.concatenate([[0.0], np.cumsum(part)]) for part in (values * weights, weights))
     first, last = np.triu_indices(len(values))
     mean = np.full((len(values), len(values)), -np.inf)

@@ -1,4 +1,4 @@
-"""Read and write video files with PyAV, which only this module imports: time stamps, images, sound and hashes."""
+"""Read and write video files with PyAV: time stamps, images, sound and hashes."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ AGAIN = "Copy the file from the camera again, or leave this camera out."
 
 @contextmanager
 def opened(path: Path) -> Iterator[InputContainer]:
-    """Open the container of a video. Raise ``VideoUnreadable`` if it is missing, empty, damaged or not a video."""
+    """Open the container of a video. Raise ``VideoUnreadable`` if that fails."""
     av = library()
     if not path.is_file():
         raise VideoUnreadable("There is no such video.", where=str(path), hint="Check the path.")
@@ -169,7 +169,7 @@ def _probe_file(path: Path) -> VideoInfo:
 
 
 def rate_of(times_s: np.ndarray) -> float:
-    """Return the frame rate of increasing times, the inverse of the mean usual interval. 0 for fewer than two times."""
+    """Return the frame rate of increasing times, 0 for fewer than two."""
     if len(times_s) < 2:
         return 0.0
     gaps = np.diff(times_s)
@@ -183,7 +183,7 @@ Beyond it or its inverse the file is damaged. Chosen by hand."""
 
 
 def pixel_aspect(stream: Any) -> Fraction:
-    """Return the width to height ratio of a stored pixel, as stated in the container or in the coded images."""
+    """Return the width to height ratio of a stored pixel, as the video states it."""
     aspect = stream.sample_aspect_ratio or Fraction(1)
     plausible = abs(aspect - 1) > SQUARE and 1 / LARGEST_ASPECT <= aspect <= LARGEST_ASPECT
     return aspect if plausible else Fraction(1)
@@ -347,7 +347,7 @@ def read_sound(path: Path | str) -> Sound:
 
 
 def write_video(path: Path | str, pictures: Iterable[np.ndarray], fps: float, *, overwrite: bool = False) -> int:
-    """Write (H, W, 3) uint8 images as H.264 in MP4 and return their number. Odd sizes lose a row or column."""
+    """Write (H, W, 3) uint8 images as H.264 in MP4, and return their number."""
     av, count = library(), 0
     with atomic_output(path, overwrite=overwrite) as temporary, av.open(str(temporary), "w", format="mp4") as container:
         stream = None

@@ -138,7 +138,7 @@ def glances_picture(glances: Sequence[Glance], path: Path, names: Mapping[Path, 
 
 
 def draw_boards(folder: Path, names: Sequence[str], path: Path) -> Path:
-    """Draw the board positions in all views side by side, from ``NAME.png`` in a folder, and return the path."""
+    """Draw the board positions in all views side by side, and return the path."""
     there = [name for name in names if (folder / f"{name}.png").is_file()]
     return mosaic([read_png(folder / f"{name}.png") for name in there], there).save(path)
 

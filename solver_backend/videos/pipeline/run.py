@@ -250,7 +250,7 @@ class _TakeRun:
     def _result(
         self, step: str, made_of: Any, read: Callable[[Path], T], make: Callable[[], T], write: Callable[..., Any]
     ) -> tuple[T, str]:
-        """Read the result of a step if its inputs have not changed, else make and write it. Also return its state."""
+        """Read the result of a step if its inputs are unchanged, else make and write it."""
         path = self._plan.output(step)
         if step not in self._settings.redo and self._records.is_made(path, made_of):
             return read(path), "kept"

@@ -45,7 +45,7 @@ class PictureSource(Protocol):
         """Connect. Raise ``MocapError`` if the camera is missing."""
 
     def pictures(self, start: float) -> Iterator[LivePicture]:
-        """Yield images as they arrive until the end. The shared clock is 0 at ``start`` (``time.perf_counter()``)."""
+        """Yield images as they arrive until the end, on a clock that is 0 at ``start``."""
         ...
 
     def close(self) -> None:
@@ -390,7 +390,7 @@ class LiveMoments:
             return chosen, time.perf_counter()
 
     def _chosen(self, now: float) -> dict[int, LivePicture]:
-        """Return the images of the next moment by view, or nothing. The idle views that waited longest come first."""
+        """Return the images of the next moment by view, longest waiting first."""
         there = [c for c, view in enumerate(self.views) if view.newest and not view.ended]
         prompt = [c for c in there if now - self.views[c].newest[-1].arrived < STALL_S + self._interval_s]
         idle = sorted((c for c in prompt if not self.views[c].busy), key=lambda c: self.views[c].used)
@@ -447,7 +447,7 @@ class LiveMoments:
             yield event_line("camera_behind", f"{message} read as fast as they come.")
 
     def require_views(self) -> None:
-        """Raise the last camera's error if fewer than two cameras remain. Raise ``TooFewViews`` if cameras failed."""
+        """Raise an error if fewer than two cameras remain."""
         failed = [view for view in self.views if view.failure is not None]
         if failed and len(self.views) - len(failed) < FEWEST:
             names = ", ".join(view.source.name for view in failed)

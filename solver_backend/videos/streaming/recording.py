@@ -27,7 +27,7 @@ _TURNS = 3 * (1 + NUM_BODY_JOINTS)  # Numbers per pose: rotation vectors of the 
 
 @dataclass(frozen=True)
 class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]]):
-    """Moments of live cameras from the first one. They become ``TAKE.npz`` and, if there is a pose, ``TAKE_live.npz``.
+    """Moments of live cameras, which become ``TAKE.npz`` and ``TAKE_live.npz``.
 
     The first file is a capture of the keypoints at a constant rate. The second has the live poses of the same frames
     for the start of a solve. Every row contains the camera poses at that time, because the world may become known late.
@@ -60,7 +60,7 @@ class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]])
         return recordings.pack_row([moment.time], moment.times, cameras.R, cameras.t, pose, who, *seen)
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
-        """Write the capture and the live motion (see ``RecordingFormat``). Write nothing if no person was detected."""
+        """Write the capture and the live motion, or nothing without a person."""
         head, rows = recordings.read_rows(recording, _FORMAT, _VERSION, lambda head: sum(_widths(head)))
         rows = recordings.ascending_rows(rows, recording) if len(rows) else rows
         parts = np.split(rows, np.cumsum(_widths(head))[:-1], axis=1) if len(rows) else [np.zeros((0, 1))] * 8
@@ -116,7 +116,7 @@ def _cameras(head: dict[str, Any], R: np.ndarray, t: np.ndarray) -> Cameras:
 def _view(
     seen_s: np.ndarray, xy: np.ndarray, confidence: np.ndarray, frames: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return one view's (F, K, 2) pixels and (F, K) confidence at regular times. Long interruptions are missing."""
+    """Return one view's (F, K, 2) pixels and (F, K) confidence at regular times."""
     there = np.flatnonzero(np.isfinite(seen_s))
     there = there[np.concatenate([[True], np.diff(seen_s[there]) > 1e-4])] if len(there) else there
     placed = partial(at_times, times_s=seen_s[there], wanted_s=frames)

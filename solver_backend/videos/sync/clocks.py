@@ -86,7 +86,7 @@ def pair_lag(first: Signal, second: Signal, *, reach_s: float, piece_s: float, f
 def line_fit(
     at_s: np.ndarray, lag_s: np.ndarray, weight: np.ndarray, middle_s: float, floor_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Fit a robust line through the lags of pieces. Return lag at the middle and rate (2,) with covariance (2, 2).
+    """Fit a robust line through lags: lag at the middle and rate (2,), covariance (2, 2).
 
     Args:
         weight: (N,) correlations.
@@ -113,7 +113,7 @@ def line_fit(
 def _correlation(
     a: np.ndarray, b: np.ndarray, shift_s: float, reach_s: float | None, rate_hz: float
 ) -> tuple[float, float] | None:
-    """Return the lag of b behind a in seconds and its normalised correlation. None if the overlap is too small."""
+    """Return the lag of b behind a in seconds and its correlation, None if too short."""
     size = 1 << int(np.ceil(np.log2(len(a) + len(b))))
     product = np.fft.irfft(np.fft.rfft(b, size, axis=0) * np.conj(np.fft.rfft(a, size, axis=0)), size, axis=0).sum(-1)
     lags = np.arange(-(len(a) - 1), len(b))
@@ -142,7 +142,7 @@ def _vertex(three: np.ndarray) -> float:
 
 
 def convolved(values: np.ndarray, kernel: np.ndarray, axis: int = 0) -> np.ndarray:
-    """Convolve values along an axis with an odd symmetric kernel and zero padding. The length does not change.
+    """Convolve values along an axis with an odd symmetric kernel and zero padding.
 
     Args:
         values: array of any shape, however short.
@@ -157,7 +157,7 @@ def convolved(values: np.ndarray, kernel: np.ndarray, axis: int = 0) -> np.ndarr
 
 
 def smoothed(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Smooth (N, ...) values with a Gaussian over the known values. NaN where less than half of the weight is known.
+    """Smooth (N, ...) values with a Gaussian over the known values, NaN if few.
 
     Args:
         values: NaN where unknown.

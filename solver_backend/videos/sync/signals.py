@@ -54,7 +54,7 @@ SOUND_SMOOTHING_S = 0.002  # Standard deviation of the loudness smoothing in sec
 
 
 def onsets(sound: Sound) -> Signal:
-    """Return the rate of increase of log-loudness in three bands. It does not depend on a microphone's gain.
+    """Return the rate of increase of log-loudness in three bands, free of gain.
 
     The rate is ``max(0, d/dt log(e + e₀))`` with e the envelope of a band and e₀ its median.
 

@@ -1,4 +1,4 @@
-"""Process takes on a Dask cluster (Rocklin 2015). Each step is a task, and each take is a chain of tasks.
+"""Process takes on a Dask cluster (Rocklin 2015), one task per step.
 
 Dask schedules the tasks and repeats the tasks of workers that died. This module selects suitable workers and retries
 failed takes on other workers. The takes' records hold all state, so scheduler, workers and program may end at any time.
@@ -36,7 +36,7 @@ def require_dask() -> None:
 
 
 def connected(address: str, patience_s: float, tend: Callable[[], None]) -> Any:
-    """Connect to a scheduler within ``patience_s`` seconds and return the client. Call ``tend`` before each attempt.
+    """Connect to a scheduler within ``patience_s`` seconds, and return the client.
 
     Raises:
         SchedulerUnsafe: the scheduler is on another host without TLS, or TLS certificates are missing.

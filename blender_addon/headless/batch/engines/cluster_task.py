@@ -1,4 +1,4 @@
-"""Tasks that a cluster's worker runs. Arguments and results are plain values, so that versions can be compared."""
+"""Run a task on a cluster's worker, with plain values as arguments and results."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def step_of_take(given: Batch, step: str, before: TaskResult | None) -> TaskResu
 
 
 def _withdrawn(out: Path, marker: str) -> Callable[[], MocapError | None]:
-    """Return a function that checks whether the batch was withdrawn: its marker is missing or was replaced."""
+    """Return a function that checks whether the batch was withdrawn."""
     looked, missed = time.monotonic(), 0
 
     def stopped() -> MocapError | None:

@@ -1,4 +1,4 @@
-"""Run a cluster on this machine: ``dask scheduler`` and ``dask worker`` processes, restarted after a crash."""
+"""Run ``dask scheduler`` and ``dask worker`` on this machine."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def _let_go(process: subprocess.Popen[bytes] | None) -> None:
 
 
 def _some_port() -> int:
-    """Return a port outside the range that systems assign. If it is in use, the client reports this rare case."""
+    """Return a port outside the range that systems assign."""
     return 10_000 + secrets.randbelow(20_000)
 
 

@@ -66,7 +66,7 @@ class SquareCrop:
 
 
 def direction(start: np.ndarray, end: np.ndarray, least: float) -> tuple[np.ndarray, float]:
-    """Return unit direction and distance between two (2,) pixels. Below the distance ``least`` the direction is up."""
+    """Return unit direction and distance between two (2,) pixels, up if too near."""
     length = float(np.hypot(*(end - start)))
     return (end - start) / length if length > least else np.array([0.0, -1.0]), length
 

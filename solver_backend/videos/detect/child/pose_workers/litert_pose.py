@@ -1,4 +1,4 @@
-"""Run MediaPipe's pose and hand models with Google's LiteRT: 33 keypoints per person, 21 points per hand."""
+"""Run MediaPipe's pose and hand models with Google's LiteRT."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class LiteRtModel:
             raise Refused("detector_outputs_unknown", message)
 
     def run(self, picture: np.ndarray) -> list[np.ndarray]:
-        """Return the outputs for an (h, w, 3) image of the model's size and range, without the batch dimension."""
+        """Return the outputs for an (h, w, 3) image of the model's size and range."""
         self._model.set_tensor(self._into, np.ascontiguousarray(picture[None], np.float32))
         self._model.invoke()
         return [np.asarray(self._model.get_tensor(index))[0] for index in self._out]
@@ -76,7 +76,7 @@ def whole_picture(rgb: np.ndarray) -> SquareCrop:
 
 
 def aligned(hips: np.ndarray, top: np.ndarray, side: int) -> SquareCrop:
-    """Return the square around the hips, with its up direction to the top of the body circle. Points are (2,) px."""
+    """Return the square around the hips, with its up direction. Points are (2,) px."""
     up, radius = direction(hips, top, 1e-6)
     return _square(hips, up, _GROWN * 2.0 * max(radius, 4.0), side)
 
@@ -192,7 +192,7 @@ class LiteRtPose:
 
 
 def refined(points: np.ndarray, heat: np.ndarray) -> np.ndarray:
-    """Move (39, 2) points to the mean of their (64, 64, 39) heat, ``Σ h c / Σ h`` over 7 x 7 cells, if certain."""
+    """Move (39, 2) points to the mean of their (64, 64, 39) heat, if certain."""
     cell = np.floor(points * (_HEAT / SIDE)).astype(int)
     around = np.arange(-_WINDOW, _WINDOW + 1)
     columns, rows = cell[:, :1] + around, cell[:, 1:] + around
@@ -222,7 +222,7 @@ class LiteRtHands:
         self.about = {"name": self._model.name, "licence": LICENCE, "num_keypoints": 21, "people": 1}
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return the ``points`` (21, 2) in a (224, 224, 3) crop, and the probabilities ``presence`` and ``right``."""
+        """Return ``points`` (21, 2) in a (224, 224, 3) crop, ``presence`` and ``right``."""
         points, presence, right, *_ = self._model.run(rgb.astype(np.float32) / 255.0)
         return {"points": points.reshape(21, 3)[:, :2], "presence": presence.reshape(1), "right": right.reshape(1)}
 

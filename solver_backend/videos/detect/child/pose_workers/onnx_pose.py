@@ -16,7 +16,7 @@ PADDING = 114.0  # Grey value outside an image, 0 to 255.
 
 
 def crop(rgb: np.ndarray, low: np.ndarray, high: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Return (h, w, 3) float32 of the box from ``low`` to ``high`` (x, y), bilinear, black outside the image.
+    """Return (h, w, 3) float32 of the box from ``low`` to ``high``, black outside.
 
     Column j is ``x = low + (high - low) j / w``, because models are trained with a box corner at the first pixel.
     """
@@ -27,7 +27,7 @@ def crop(rgb: np.ndarray, low: np.ndarray, high: np.ndarray, size: tuple[int, in
 
 
 def letterbox(rgb: np.ndarray, size: tuple[int, int], *, corner: bool) -> tuple[np.ndarray, float]:
-    """Scale the whole image into (h, w, 3) on grey, in the upper left corner or centred. Return it with the scale.
+    """Scale the whole image into (h, w, 3) on grey, and return it with the scale.
 
     Pixel centres keep their position: ``x' + 1/2 = s (x + 1/2)``.
     """
@@ -41,7 +41,7 @@ def letterbox(rgb: np.ndarray, size: tuple[int, int], *, corner: bool) -> tuple[
 
 
 def sampled(rgb: np.ndarray, x: np.ndarray, y: np.ndarray, outside: float) -> np.ndarray:
-    """Return (len(y), len(x), 3) float32, bilinear at columns x and rows y, and ``outside`` beyond the image."""
+    """Return bilinear (len(y), len(x), 3) float32 at columns x and rows y."""
     rows, row_share, row_out = _neighbours(y, rgb.shape[0])
     columns, column_share, column_out = _neighbours(x, rgb.shape[1])
     by_row = rgb[rows].astype(np.float32)
@@ -132,7 +132,7 @@ class TopDown(_PoseModel):
 
 
 def simcc(x: np.ndarray, y: np.ndarray, width: int) -> np.ndarray:
-    """Return (K, 3) x, y and score from rows of scores (K, width r) and (K, height r) over image columns and rows.
+    """Return (K, 3) x, y and score from rows of scores over columns and rows.
 
     Reference: Li et al. 2022 (SimCC).
     """
@@ -172,7 +172,7 @@ class _RtmPose(TopDown):
 
 
 class _Rtmo(_PoseModel):
-    """One-stage model (Lu et al. 2024): boxes (N, P, 5) and keypoints (N, P, K, 3) in the letterboxed image, BGR."""
+    """One-stage model (Lu et al. 2024) with boxes (N, P, 5) and keypoints (N, P, K, 3)."""
 
     label = "RTMO"
 
@@ -232,7 +232,7 @@ class _YoloPose(_PoseModel):
 
 
 class _MoveNet(_PoseModel):
-    """Keypoints y, x, score as fractions of the letterboxed image: (1, 1, 17, 3), or (1, 6, 56) for several people."""
+    """Keypoints y, x, score as fractions: (1, 1, 17, 3), or (1, 6, 56) for several people."""
 
     label = "MoveNet"
 

@@ -33,7 +33,7 @@ class PoseDetector(Protocol):
     """``name`` with its version, ``joint_set`` or ``num_keypoints``, and the largest number of ``people``."""
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return ``keypoints`` (P, K, 3): x and y in pixels from the centre of the first pixel, and confidence 0 to 1.
+        """Return ``keypoints`` (P, K, 3): x and y in pixels, and confidence 0 to 1.
 
         Some detectors also return ``hands`` (P, 2, 21, 3), left hand first, NaN for undetected hands.
         """
