@@ -16,7 +16,7 @@ class SolverMissing(Broken, BackendMissing):
 
 
 class BodyMissing(MocapError):
-    """The body file for which a motion was solved is missing."""
+    """The motion's body file is missing."""
 
 
 class BodyMismatch(MocapError):
@@ -28,7 +28,7 @@ class BodyUnreachable(MocapError):
 
 
 class NothingToExport(MocapError):
-    """There is nothing to export, or the armature lacks data that the format requires."""
+    """There is nothing to export, or the armature lacks required data."""
 
 
 class ExporterMissing(Broken, MocapError):
@@ -64,7 +64,7 @@ class ActorMissing(MocapError):
 
 
 class SolverStopped(MocapError):
-    """The solver ended with an error, whose code is kept. Its exit code is kept if the user can act on it."""
+    """The solver ended with an error, which keeps its code."""
 
     def __init__(self, event: ErrorEvent, exit_code: int) -> None:
         super().__init__(event.get("message", ""), where=event.get("where", ""), hint=event.get("hint", ""))
@@ -98,13 +98,13 @@ class ImportStopped(MocapError):
 
 
 class BatchInvalid(MocapError):
-    """A batch has no captures, or its settings cannot be read."""
+    """A batch has no captures, or unreadable settings."""
 
     exit_code = ExitCode.USAGE
 
 
 class EngineMissing(Broken, MocapError):
-    """The program that distributes a batch is not installed."""
+    """The package for distributing a batch is missing."""
 
 
 class SchedulerMissing(Broken, MocapError):
@@ -128,7 +128,7 @@ class ShotsMissing(Broken, MocapError):
 
 
 class BlenderMissing(Broken, MocapError):
-    """The command was started by a Python without Blender's module."""
+    """The command needs a Python with Blender's module."""
 
 
 class BakeFailed(Broken, MocapError):

@@ -2,7 +2,7 @@
 
 ``python -m assets_procedural.population.statistics ANSUR_II_BOTH_Public.csv`` makes the table.
 
-Only means, deviations, percentiles and correlations are kept. Men and women count half each.
+The table has only means, deviations, percentiles and correlations. Men and women count half each.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ OFFSETS = {"biacromialbreadth": 0.047, "radialestylionlength": 0.020, "cervicale
 
 
 def place_measures(vertices: Array, faces: Array, joints: Array, straightened: float = 1.0) -> Measures:
-    """Find the landmarks and lay the tapes on a rest mesh of about 1.70 m."""
+    """Find the landmarks and tapes of a rest mesh of about 1.70 m."""
     left = vertices[:, 0] > 0.0
     midline = np.nonzero((np.abs(vertices[:, 0]) < 1e-9) & (vertices[:, 1] > 0.5))[0]
     foot = np.nonzero(left & (vertices[:, 1] < 0.08))[0]

@@ -39,7 +39,7 @@ def mark_body(rig: Rig, collection: bpy.types.Collection, body: BodyFile) -> Non
 
 
 def run_body(args: Namespace, progress: Progress) -> CommandResult:
-    """Write a Blender file with one body that stands on the floor and is marked as an asset."""
+    """Write a Blender file with one standing body, marked as an asset."""
     betas = np.zeros(NUM_BETAS)
     betas[: len(args.betas)] = args.betas
     body = read_body(args.body or default_body_path(), SMPL_HANDS if args.fingers else SMPL)

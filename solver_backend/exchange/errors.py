@@ -70,19 +70,19 @@ def sentence(event: Mapping[str, object]) -> str:
 
 
 class CaptureNotRecognised(MocapError):
-    """The file or folder is not a capture in a format that the program reads."""
+    """The file or folder is not a capture in a supported format."""
 
 
 class CalibrationMissing(MocapError):
-    """No camera calibration was found for a multi-view capture."""
+    """A capture of several views has no camera calibration."""
 
 
 class CalibrationMismatch(MocapError):
-    """The cameras of the calibration and of the recording have different names."""
+    """Calibration and recording have different camera names."""
 
 
 class CalibrationInvalid(MocapError):
-    """The calibration describes an impossible camera, for example with a negative focal length."""
+    """The calibration describes an impossible camera."""
 
     hint = "Correct the calibration, or export it again."
 
@@ -96,7 +96,7 @@ class FrameCountMismatch(MocapError):
 
 
 class NotSynchronised(MocapError):
-    """The option --sync on requires synchronised views, but the views do not confirm synchronisation."""
+    """With --sync on, the views do not confirm synchronisation."""
 
 
 class KeypointCountMismatch(MocapError):
@@ -108,13 +108,13 @@ class FileMissing(MocapError):
 
 
 class FileDamaged(MocapError):
-    """The file is truncated, has another format than its name states, or lacks required parts."""
+    """The file is cut off, has another format, or lacks required parts."""
 
     hint = "Correct the file, or export it again."
 
 
 class NonFiniteData(MocapError):
-    """Required numbers are missing (NaN) or infinite."""
+    """Required numbers are missing or infinite."""
 
     hint = "Correct these numbers, or export the file again."
 
@@ -128,7 +128,7 @@ class PersonUnknown(MocapError):
 
 
 class RefinementUseless(MocapError):
-    """Refining the cameras from the filmed people did not improve the fit."""
+    """A refinement did not improve the cameras."""
 
 
 class MarkersUnknown(MocapError):
@@ -140,7 +140,7 @@ class MarkersMirrored(MocapError):
 
 
 class SubjectInvalid(MocapError):
-    """The subject file is for another body or other markers than the take, or has impossible values."""
+    """The subject file is for another body or other markers, or has impossible values."""
 
     hint = "Write the subject file again with markers calibrate."
 
@@ -158,7 +158,7 @@ class OutputNotWritable(MocapError):
 
 
 class JobInvalid(MocapError):
-    """The job file or a setting has an unknown key, a wrong type or an impossible value."""
+    """The job file or a setting has an unknown key or an invalid value."""
 
     exit_code = ExitCode.USAGE
 
@@ -174,7 +174,7 @@ class BodyUnknown(MocapError):
 
 
 class UnsafePickle(MocapError):
-    """The pickle file asks for a class or function that no body model needs, so it is not opened."""
+    """The pickle file asks for code that no body model needs."""
 
 
 class WeightsInvalid(MocapError):
@@ -184,7 +184,7 @@ class WeightsInvalid(MocapError):
 
 
 class PriorInvalid(MocapError):
-    """The pose prior does not fit the body, or its numbers of joints or codes are inconsistent."""
+    """The pose prior contradicts itself or the body."""
 
 
 class TrainingMismatch(MocapError):
@@ -192,31 +192,31 @@ class TrainingMismatch(MocapError):
 
 
 class PoseInvalid(MocapError):
-    """Poses or rotations have the wrong shape, are not finite, or are not rotations."""
+    """Poses have the wrong shape, or are not rotations."""
 
 
 class MotionInvalid(MocapError):
-    """The motion file lacks keys, or its arrays contradict each other or have impossible values."""
+    """The motion file lacks keys, or has impossible values."""
 
     hint = "Choose another motion, or write it again."
 
 
 class CaptureInvalid(MocapError):
-    """The arrays of a capture file contradict each other or have impossible values."""
+    """The capture file has impossible or contradictory values."""
 
     hint = "Write the capture again with convert."
 
 
 class BackendMissing(MocapError):
-    """The solver, the chosen array library, or the Python that should run them is missing."""
+    """The solver, its array library or its Python is missing."""
 
 
 class WarningsRefused(MocapError):
-    """The solve raised warnings, and --strict was given."""
+    """A solve with --strict raised warnings."""
 
 
 class ResultRefused(MocapError):
-    """The result of the solve is useless, for example because no person has that size."""
+    """The result is useless, for example because no person has that size."""
 
 
 class Cancelled(MocapError):
@@ -230,7 +230,7 @@ class ShapeMismatch(MocapError):
 
 
 class SchedulerUnsafe(MocapError):
-    """The scheduler is on another host, and the connection to it has no encryption or authentication."""
+    """The connection to a scheduler on another host is not encrypted and authenticated."""
 
 
 class CommandLineInvalid(MocapError):
@@ -240,7 +240,7 @@ class CommandLineInvalid(MocapError):
 
 
 class SolverFailed(MocapError):
-    """The solver failed because of a defect in the program or a lack of memory, not because of the input."""
+    """The program has a defect, or the memory is too small."""
 
     exit_code = ExitCode.FAILED
 

@@ -94,7 +94,7 @@ def export_csv(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def measured_joints(take: ExportTake, progress: Progress) -> PoseSamples:
-    """Return the measured joints of a take, with NaN in frames without a measurement."""
+    """Return the measured joints of a take, NaN in frames that lack them."""
     pose = sample_joints(take, progress)
     lanes = resting_at(current_action(take.armature), take.times)
     rests = np.array([lanes.get(name, np.zeros(pose.num_frames, dtype=bool)) for name in pose.names]).T

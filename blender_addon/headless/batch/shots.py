@@ -39,11 +39,11 @@ class Shots:
         return self.data_set / RECORDS
 
     def item(self, name: str) -> Path:
-        """Return the folder in which a shot will be written."""
+        """Return the output folder of a shot."""
         return self.data_set / SHOTS / name
 
     def sees(self, item: Path) -> bool:
-        """Return whether this machine can read the description and the data set. The shot need not exist yet."""
+        """Return whether this machine can read the description and the data set."""
         return self.description.is_file() and self.data_set.is_dir()
 
     def steps(self, item: Path) -> tuple[Step, ...]:
@@ -55,7 +55,7 @@ class Shots:
         )
 
     def do_step(self, item: Path, step: str, place: Place) -> StepMade:
-        """Film a shot, or render its colour pictures, in a separate process. Existing files are kept."""
+        """Film a shot, or render its missing colour pictures, in a separate process."""
         given = [str(self.description), "--out", str(self.data_set)]
         if step == FILM:
             words = [*given, "--shot", item.name]
@@ -65,7 +65,7 @@ class Shots:
         return {"outputs": [f"../../{SHOTS}/{item.name}/{_DONE[step]}"], "notes": []}
 
     def plain(self) -> Plain:
-        """Return the work as plain values for another process or machine, with absolute paths."""
+        """Return the work as plain values with absolute paths, for another machine."""
         return {"kind": self.kind, **to_plain(self)}
 
     @classmethod

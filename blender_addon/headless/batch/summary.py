@@ -78,7 +78,7 @@ _TALL_M = 2.0
 
 
 def thumbnail(motion: Path) -> str:
-    """Return an SVG of the body at five times of a motion file, "" if the file cannot be read.
+    """Return an SVG of the body at five times, "" for an unreadable motion file.
 
     The figures are side by side, seen along their narrowest horizontal direction.
     """
