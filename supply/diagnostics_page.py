@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from solver_backend.cli.explain import list_errors
-from solver_backend.exchange.diagnostics import DiagnosticEntry, Remedy, list_refusals, load_table
+from solver_backend.exchange.diagnostics import DiagnosticEntry, Remedy, Severity, list_refusals, load_table
 
 _NOTICE = "<!-- Made by python3 dev.py docs from {source}; edit that. -->"
 
@@ -26,7 +26,8 @@ With `--json`, each diagnostic is an object with the keys `code`, `severity`, `w
 `where` can have `file`, `frames` (pairs of first and last frame), `cameras`, `markers`, `joints` and `person`. The
 `remedy` is {remedies}. A motion file stores its diagnostics in `provenance`.
 
-Each code in the table links to its message, its usual cause and the remedy. `manifold explain CODE` prints the same.
+Each code in the table links to its message, its usual cause and the remedy. `manifold explain CODE` prints the same,
+and every form of a note's message.
 [Error codes](errors.md) lists the errors that end a command."""
 
 _ERRORS = """# Error codes
@@ -64,10 +65,11 @@ def diagnostics_page() -> str:
 
 
 def diagnostics_group(page: str) -> str:
-    """Return the page of a group, with a heading for each code and every form of its message."""
+    """Return the page of a group, with a heading for each code and every form of a warning."""
     parts = [_NOTICE.format(source="solver_backend/exchange/diagnostics.json"), "", f"# {GROUPS[page]}"]
     for code, entry in _entries(GROUPS[page]):
         first, *others = _forms(entry)
+        others = [] if entry.severity is Severity.NOTE else others
         rows = [f"{entry.severity.value.title()}: {first}", *(f"or: {form}" for form in others)]
         rows += [" ".join(filter(None, (entry.cause, entry.remedy)))]
         lines = [f"| {_slanted(text)} |" for text in rows if text]

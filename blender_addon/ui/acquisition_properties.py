@@ -44,7 +44,7 @@ class MocapLive(SendingProperties, bpy.types.PropertyGroup):
     record: switch("Record", "Save the points as a take, or the poses as a motion", on=True)
     drive: switch("Drive Character", "Move the target of the Retarget panel live")
     face_mesh: text("Face", "Mesh with shape keys that follow the received face")
-    face_table: path("Face Table", "JSON file with the shape key of each channel, empty if their names are equal")
+    face_table: path("Face Table", "JSON file with the shape key of each channel (leave blank if names are equal)")
 
 
 def sending_options(properties: Any) -> list[str]:
@@ -79,7 +79,7 @@ class MocapSensors(SendingProperties, bpy.types.PropertyGroup):
     oaks: text(
         "Cameras", "Identifiers, if needed with names (ID=front ID=left), first the camera that drives a sync wire"
     )
-    sync: choice("Sync", "Way to expose all cameras at the same time", "sensors.sync")
+    sync: choice("Sync", "Signal that makes all cameras expose at the same time", "sensors.sync")
     calibration: path("Calibration", "Calibration of the sensors (leave blank to use the recording's calibration)")
     wand: path("Wand", "Recording of a single moving marker", folder=True)
     gamma: path("Γ", "Recording of three floor markers (leave blank for an origin at the first sensor)", folder=True)
@@ -164,7 +164,7 @@ class MocapStudio(bpy.types.PropertyGroup):
         "Image Scale", "Factor of width and height, such as 0.5 for a quarter of the pixels", 1.0, 0.05, 4, **_PLAN
     )
     out: path("Folder", "Folder of the data set (leave blank to create a folder among the takes)", folder=True, **_PLAN)
-    methods: flags("Methods", "Ways to solve the take, for a comparison", _METHODS, "triangulation", "global")
+    methods: flags("Methods", "Solve the simulated take by each of these methods", _METHODS, "triangulation", "global")
     against: flags("Compare With", "Additional camera arrays in the comparison", PRESET_ARRAYS)
     fewer: switch("One Camera Fewer", "Also evaluate the array without its last camera")
     planned: str  # Size of the checked data set, "" after a setting has changed.

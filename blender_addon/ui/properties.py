@@ -86,7 +86,7 @@ class MocapReading(ReadingProperties, bpy.types.PropertyGroup):
 class MocapSolve(SolveProperties, bpy.types.PropertyGroup):
     """Settings of a solve."""
 
-    preset: choice("Preset", "Settings by purpose, instead of one by one", "solve.preset", "BALANCED")
+    preset: choice("Preset", "Choose all settings by purpose instead of one by one", "solve.preset", "BALANCED")
     subject: path("Subject", "Calibrated person with the markers (leave blank to calibrate on the take itself)")
     keep_shape: switch("Keep Shape", "Use the shape of the body's sliders instead of estimating it", on=True)
     report: switch("Report", "Write an HTML page with errors, warnings and charts", on=True)
@@ -247,7 +247,7 @@ class MocapRetarget(bpy.types.PropertyGroup):
     )
     automatic_scale: switch(
         "Automatic Scale",
-        "Use the ratio of the leg lengths",
+        "Scale the motion over the ground by the ratio of the leg lengths",
         on=True,
         get=lambda settings: not settings.scale,
         set=_set_automatic_scale,

@@ -61,7 +61,7 @@ class Landmarks:
         if mix is None:
             mix = np.eye(len(rest))
         elif posedirs is not None:
-            raise ValueError("Pose correctives belong to points of the skin; mixed points are rigid.")
+            raise ValueError("A landmark between bones cannot have pose correctives. Attach it to the skin.")
         anchors = np.tensordot(mix, weights[:, :, None] * rest[:, None], axes=1)
         directions = np.tensordot(mix, weights[:, :, None, None] * shapedirs[:, None], axes=1)
         return cls(names, mix @ weights, anchors, directions, posedirs)

@@ -140,7 +140,7 @@ def refine_calibration(capture: Capture) -> RefinedCalibration:
     refined = _in_the_same_world(refined, moved.reshape(-1, 3), located.reshape(-1, 3))
     before, after = (view_distances(array, xy[:, held_out], confidence[:, held_out]) for array in (cameras, refined))
     if not (np.isfinite(before).any() and np.isfinite(after).any()):
-        raise NoDetections("No frame for the check shows the person in two views.", where=capture.name)
+        raise NoDetections("No frame shows the person in two views to check the refinement.", where=capture.name)
     turned = np.degrees(np.linalg.norm(log_so3(refined.R @ cameras.R.swapaxes(-1, -2)), axis=-1))
     moved_mm = 1000 * np.linalg.norm(refined.centres - cameras.centres, axis=-1)
     return RefinedCalibration(refined, before, after, moved_mm, turned)

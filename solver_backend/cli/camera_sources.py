@@ -145,7 +145,7 @@ def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras
         hint = "Give at least one of --footage, --take and --clicks."
         raise CommandLineInvalid("--from together needs a source.", hint=hint)
     if args.hold is not None and not args.hold > 0:
-        raise CommandLineInvalid("--hold, the accuracy of the calibration, must be above 0 mm.")
+        raise CommandLineInvalid("--hold is the accuracy of the calibration, and must be above 0 mm.")
     start, sources = read_calibration(args.source).cameras, []
     if args.clicks is not None:
         clicks = together.read_clicks(args.clicks)

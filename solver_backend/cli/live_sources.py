@@ -50,10 +50,10 @@ def open_source(args: argparse.Namespace, progress: Progress) -> LiveSource:
     """Return the source that the arguments name, ready to start."""
     if is_address(args.source):
         if args.repeat or args.fast:
-            raise CommandLineInvalid("--fast and --repeat work with a file, but the source is another program.")
+            raise CommandLineInvalid("--fast and --repeat need a file, but the source is another program. Omit them.")
         return _face(args) if read_address(args.source, tuple(PORTS)).scheme in FACES else _poses(args)
     if args.source == "-" and args.repeat:
-        raise CommandLineInvalid("--repeat works with a file, but the source is standard input.", where="--repeat")
+        raise CommandLineInvalid("--repeat needs a file, but the source is standard input. Omit it.", where="--repeat")
     if args.source != "-" and (Path(args.source).suffix.lower() in FOREIGN_CLIPS or is_motion(Path(args.source))):
         return _motion(args, progress)
     return _points(args, progress)

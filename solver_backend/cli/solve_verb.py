@@ -84,7 +84,7 @@ def _resolve_alone(job: Job, progress: Progress) -> Outcome[SolveResult]:
 
     assert job.resolve is not None
     if job.report is not None:
-        raise CommandLineInvalid("A report is only possible with the capture of the motion.", where=str(job.report))
+        raise CommandLineInvalid("A report needs the motion's capture. Omit --report.", where=str(job.report))
     start = time.monotonic()
     measured, earlier = any_motion(job.capture, job.settings.body), any_motion(job.resolve.motion, job.settings.body)
     motion = resolve_motion(measured, earlier, job.resolve, job.settings, progress).motion

@@ -334,7 +334,7 @@ def check_accepted(codes: Iterable[str]) -> None:
     unknown = [code for code in codes if code not in list_refusals()]
     if unknown:
         hint = f"Known codes: {', '.join(list_refusals())}."
-        raise JobInvalid(f"No error to accept has the code {', '.join(unknown)}.", where="accept", hint=hint)
+        raise JobInvalid(f"There is no error to accept with the code {', '.join(unknown)}.", where="accept", hint=hint)
 
 
 def refuse_errors(found: Iterable[Diagnostic], accepted: Iterable[str], where: str) -> tuple[Diagnostic, ...]:

@@ -52,7 +52,7 @@ def with_finger_joints(
         raise BodyInvalid(what, where=body_id, hint="Use the included body, or an SMPL-H or SMPL-X file.")
     count, chosen = len(skinning.weights), hands["vertices"].astype(np.int64)
     if len(chosen) and chosen.max() >= count:
-        raise BodyInvalid("The hands use vertices that the body does not have.", where=body_id)
+        raise BodyInvalid("The hands file is for another body, with other vertices.", where=body_id)
     kept, features = slice(0, FIRST_FINGER), 9 * SMPL.num_solved
     weights = np.zeros((count, SMPL_HANDS.num_joints))
     weights[:, kept] = skinning.weights[:, kept]

@@ -92,16 +92,16 @@ class SolveSettings:
     method: str = _method("choice", GLOBAL, "Method", "Frames that are solved together", choices=METHODS,
         metavar="NAME")
     window: int = _method(
-        "whole", 20, "Window", "Span of the keyframes that are solved together, at 60 Hz", low=4, high=240,
+        "whole", 20, "Window", "Length of the windows of keyframes, in frames at 60 Hz", low=4, high=240,
         unit="frames", methods=(SLIDING, BUNDLEMOCAP), rare=True)
     """Frames per window in both sliding methods, with a key at each end and ``interpolation`` - 1 keys in between."""
     refine_window: int = _method(
-        "whole", 10, "Refined Window", "Frames at 60 Hz per window in the last passes, few for fast limbs",
+        "whole", 10, "Refined Window", "Length of a window in the last passes, short for fast limbs",
         low=2, high=240, unit="frames", methods=(GLOBAL,), rare=True)
     """The same for 'global' as a duration, in frames at 60 Hz. Fast takes use shorter windows: at least 0.6 times as
     long with views, and 0.4 times with markers."""
     interpolation: int = _method(
-        "whole", 2, "Keys per Window", "Free keyframes, the n of SIDER-n, where 1 gives SLERP and 2 is Albanis 2026",
+        "whole", 2, "Keys per Window", "Free keyframes per window: 1 gives SLERP, 2 the curve of Albanis 2026",
         low=1, high=6, methods=(SLIDING,), rare=True)
     """Used only by 'sliding' (thesis 6.4). Above 6, a polynomial of translations oscillates between its keys."""
     root_curve: str = _method(
@@ -158,7 +158,7 @@ class SolveSettings:
         "numbers", None, "Shape", "Shape coefficients of a known body, which are otherwise estimated", count=10,
         metavar="B0,B1,…", control="*Keep Shape* and the body's sliders", rare=True)
     noise: str = _resource(
-        "file", "", "Detector Noise", "Scatter of keypoints at each confidence, a file of `cameras noise`",
+        "file", "", "Detector Noise", "File of `cameras noise` with the scatter of keypoints at each confidence",
         metavar="NOISE.json", rare=True)
     objects: str = _resource(
         "file", "", "Objects", "File of planes, boxes and meshes that the body touches but cannot enter, by "
@@ -172,7 +172,7 @@ class SolveSettings:
         "included one", metavar="NETWORK.npz|.onnx", rare=True)
     """Labels points, and supplies the landmarks for ``landmarks``."""
     layout: str = _resource(
-        "file", "", "Marker Layout", "Position of each marker label, a file of `markers layout`, by default the "
+        "file", "", "Marker Layout", "File of `markers layout` with the position of each label, by default the "
         "known layouts", metavar="LAYOUT.json", control="*Markers*", rare=True)
     prior: str = _resource(
         "name_or_file", AUTO_PRIOR, "Pose Prior", "Model of plausible poses: sposer, rvposer, vposer, or a file of "

@@ -121,7 +121,7 @@ def read_obstacles(path: Path | str) -> Obstacles:
     for item in _list(values, "planes", path):
         normal = _vector(item, "normal", path)
         if not (size := float(np.linalg.norm(normal))):
-            raise _damaged(path, "The normal of a plane has the length 0.")
+            raise _damaged(path, "A plane has a normal of length 0. Give it a direction.")
         planes.append(np.append(normal / size, _vector(item, "point", path) @ normal / size))
     for item in _list(values, "boxes", path):
         turn = item.get("turn_deg", 0.0) if isinstance(item, dict) else None

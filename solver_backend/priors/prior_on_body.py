@@ -114,7 +114,7 @@ def _check(prior: AutoencodingPrior, layout: BodyLayout) -> None:
         require("decode", prior.decode(code), (1, count, 3, 3))
     except (PoseInvalid, ValueError) as error:
         raise PriorInvalid(
-            f"The prior {prior.name} cannot encode and decode rest: {error}", where=prior.name
+            f"The prior {prior.name} cannot encode and decode the rest pose: {error}", where=prior.name
         ) from error
     mean, length = float(code.mean()), float((code * code).sum())
     if abs(mean) > 1e-3 or abs(length - 1.0) > 1e-3:

@@ -97,7 +97,9 @@ def read_stack(
     """
     hidden = weights.metadata.get(f"{part}_hidden", ())
     if not isinstance(hidden, list | tuple) or not all(type(n) is int and n > 0 for n in hidden):
-        raise WeightsInvalid(f"The hidden widths of the {part} of {weights.prior} are {str(hidden)[:60]}.")
+        raise WeightsInvalid(
+            f"The hidden widths of the {part} of {weights.prior} are {str(hidden)[:60]}, not whole numbers."
+        )
     widths = (inputs, *hidden, outputs)
     matrices = tuple(weights.array(f"{part}_w{i}", (b, a)) for i, (a, b) in enumerate(pairwise(widths)))
     biases = tuple(weights.array(f"{part}_b{i}", (b,)) for i, b in enumerate(widths[1:]))

@@ -172,5 +172,5 @@ def test_fewer_rotations_are_the_first_columns(case):
 
 def test_mixed_points_have_no_correctives():
     skin = make_case("skin")
-    with pytest.raises(ValueError, match="mixed points are rigid"):
+    with pytest.raises(ValueError, match="between bones cannot have pose correctives"):
         Landmarks.of_points(("a",), skin.rest, skin.shapedirs, skin.weights, np.full((1, 7), 1 / 7), skin.posedirs)

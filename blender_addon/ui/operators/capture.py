@@ -136,7 +136,7 @@ def leave_camera(self: Any, context: bpy.types.Context) -> None:
 
 @operator("Show Capture", index=int)
 def show_capture(self: Any, context: bpy.types.Context) -> None:
-    """Show this capture in the panels, as an active object of the capture does."""
+    """Show this capture in the panels without selecting its objects."""
     context.scene.mocap.show(self.index)
 
 

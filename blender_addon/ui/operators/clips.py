@@ -83,7 +83,7 @@ def range_of_take(take: bpy.types.Action, scene_range: Any) -> tuple[int, int]:
     return max(first, 0), min(last, take["frames"] - 1)
 
 
-_SHORTEST = number("Shortest Cycle", "Least length of the cycle in seconds", 0.4, 0.1, 60)
+_SHORTEST = number("Shortest Cycle", "Reject cycles that take less time than this, in seconds", 0.4, 0.1, 60)
 """Shortest cycle in seconds, see ``seams.SHORTEST_S``."""
 _STAY = switch("In Place", "Remove the travel and the turn of the cycle")
 

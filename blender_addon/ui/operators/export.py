@@ -69,7 +69,7 @@ class MOCAP_OT_export_take(
         Need("Solve a capture, or select an armature first", lambda context: exported_armature(context) is not None),
     )
 
-    format: choice("Format", "Kind of file for the program that opens it", _FORMATS, "fbx")
+    format: choice("Format", "File type that the receiving program reads", _FORMATS, "fbx")
     fps: number(
         "Frame Rate",
         "Frames per second of the file (0 is automatic: the rate of the solve)",
@@ -79,8 +79,8 @@ class MOCAP_OT_export_take(
         soft_max=240,
         **_UNSAVED,
     )
-    unit: choice("Unit", "Length that the number 1 means in the file", UNITS, **_UNSAVED)
-    up: choice("Up Axis", "Direction of height in the file", UP_AXES, **_UNSAVED)
+    unit: choice("Unit", "Unit in which the file stores lengths", UNITS, **_UNSAVED)
+    up: choice("Up Axis", "Axis that points up in the receiving program", UP_AXES, **_UNSAVED)
     root: choice("Root Motion", "Bone with the motion over the ground", ROOT_MOTIONS, **_UNSAVED)
     fingers: switch("Fingers", "Include the bones of the hands, if the body has any", on=True, **_UNSAVED)
     node: text("Object Name", "Name of the skeleton's object (leave blank to use the armature's name)", **_UNSAVED)
@@ -162,7 +162,7 @@ class MOCAP_OT_export_markers(
     bl_options = base.PRESETS
     needs = (_MARKER_TAKE, base.IDLE)
 
-    format: choice("Format", "Kind of file for the program that opens it", _MARKER_FORMATS, "c3d")
+    format: choice("Format", "File type that the receiving program reads", _MARKER_FORMATS, "c3d")
     contents: choice("Markers", "Source of the marker positions", "export_markers.contents")
     overwrite: bool
 

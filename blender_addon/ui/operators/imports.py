@@ -76,7 +76,7 @@ class MOCAP_OT_import_motion(SolverOperator, bpy.types.Operator, base.choose_fil
     clip: text("Action", "Action of an FBX, glTF or Blender file (leave blank to use the active one)")
     keep_height: switch("Keep Height", "Keep the height of a clip instead of placing it on the floor")
     scene_setup: SCENE_SETUP
-    floor: switch("Floor", "Add a floor of metre tiles", on=True)
+    floor: switch("Floor", "Add a floor with tiles of one metre", on=True)
 
     def steps(self, context: bpy.types.Context) -> Steps:
         """Bake one of our motions immediately, or fit a clip first."""
@@ -234,7 +234,10 @@ class MOCAP_OT_import_capture(
         self.finish(f"Capture '{result['name']}': {found}{look}", warn=problems)
 
 
-@operator("Try the Demo Capture", kind=choice("Kind", "Data of the simulated recording", "demo_capture.kind"))
+@operator(
+    "Try the Demo Capture",
+    kind=choice("Kind", "Keypoints of four cameras, or markers", "demo_capture.kind"),
+)
 def demo_capture(self: Any, context: bpy.types.Context) -> Steps:
     """Make a synthetic capture of a moving person to try the add-on without your own data."""
     from .import_results import bring_capture

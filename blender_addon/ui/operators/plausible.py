@@ -71,7 +71,7 @@ def denoise_range(self: Any, context: bpy.types.Context) -> Steps:
     return (yield from _reposed(context, "denoised", lambda part: ("denoise", []), fades=True))
 
 
-_LIMB = choice("Limb", "Body part that gets new poses in the range", "complete_limb.limb")
+_LIMB = choice("Limb", "Arm, leg, trunk or head that gets new poses", "complete_limb.limb")
 
 
 @operator("Complete Limb", TAKE, EDITABLE, ALONE, invoke=ask, limb=_LIMB)

@@ -291,8 +291,8 @@ def _meet(a: tuple[int, int], b: tuple[int, int]) -> bool:
     return a[0] <= b[1] and b[0] <= a[1]
 
 
-_TO = choice("To", "Kind of controls that pose the limbs afterwards", "switch_limbs.to")
-_LIMB = choice("Limb", "Arms and legs that change their controls", "switch_limbs.limb")
+_TO = choice("To", "Controls to animate the limbs with from now on", "switch_limbs.to")
+_LIMB = choice("Limb", "Switch all limbs, or a single arm or leg", "switch_limbs.limb")
 
 
 @operator("Switch Limbs", BODY, EDITABLE, waits=False, to=_TO, limb=_LIMB)

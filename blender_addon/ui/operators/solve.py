@@ -82,7 +82,10 @@ def _draw_edits(self: Any, context: bpy.types.Context) -> None:
 
 
 _KEPT = choice(
-    "Edits in the Range", "Use of your hand edits in these frames", "resolve_range.edits", options={"SKIP_SAVE"}
+    "Edits in the Range",
+    "Keep your hand edits, or solve over them",
+    "resolve_range.edits",
+    options={"SKIP_SAVE"},
 )
 
 

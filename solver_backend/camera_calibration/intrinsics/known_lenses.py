@@ -34,10 +34,10 @@ def read_lenses(path: Path) -> dict[str, Lens]:
         return {}
     table = read_json(path)
     if not isinstance(table, dict) or table.get("format") != FORMAT or table.get("version") != VERSION:
-        raise FileDamaged("The file is not a library of lenses.", where=str(path))
+        raise FileDamaged("The file is not a lens library, as --keep-lenses writes it.", where=str(path))
     lenses = table.get("lenses", {})
     if not isinstance(lenses, dict):
-        raise FileDamaged("'lenses' must contain a lens for each name.", where=str(path))
+        raise FileDamaged("'lenses' must be an object with a lens for each name.", where=str(path))
     return {str(name): _lens(entry, f"{path}, lens {name}") for name, entry in lenses.items()}
 
 

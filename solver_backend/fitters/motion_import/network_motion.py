@@ -144,7 +144,7 @@ def metric_scale(points: np.ndarray, names: tuple[str, ...], body: Body) -> floa
             a, b = (joints.index(f"{side}_{part}") for part in (upper, lower))
             ours += float(np.linalg.norm(rest[a] - rest[b]))
     if not np.isfinite(theirs) or theirs <= 0.0:
-        raise MotionInvalid("The points of the network do not include legs.", where="points")
+        raise MotionInvalid("The network's points do not include legs, which determine the scale.", where="points")
     return 1.0 if 1.0 / _ALIKE < ours / theirs < _ALIKE else ours / theirs
 
 

@@ -113,7 +113,7 @@ def scale_from_length(
         raise JobInvalid(f"{joint_set.value} has no {', '.join(unknown)}.", hint=f"It has {', '.join(names)}.")
     apart = np.linalg.norm(points[:, names.index(ends[0])] - points[:, names.index(ends[1])], axis=-1)
     if not np.isfinite(apart).any():
-        raise JobInvalid(f"{ends[0]} and {ends[1]} are never visible at the same time.")
+        raise JobInvalid(f"{ends[0]} and {ends[1]} are never visible at the same time. Choose other keypoints.")
     return length_m / float(np.nanmedian(apart))
 
 

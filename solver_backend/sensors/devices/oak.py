@@ -173,7 +173,7 @@ def paired_frames(
             if not running():
                 return
             if now_s - heard_s > silent_s:
-                hint = "Check the cable, which must carry USB 3 or PoE. A slave waits for its master's pulse."
+                hint = "Check the cable, which must carry USB 3 or PoE. The others wait for the first camera's pulse."
                 raise SensorFailed(f"No frame arrived for {silent_s:g} s.", where=where, hint=hint)
             time.sleep(WAIT_S)
             continue
@@ -482,7 +482,11 @@ def _first(name: str, stream: Iterable[ColourPicture | None]) -> ColourPicture:
         if time.perf_counter() > deadline:
             break
         time.sleep(PICTURE_WAIT_S)
-    raise SensorFailed("The camera sends no pictures.", where=f"sensor {name}", hint="Start the master first.")
+    raise SensorFailed(
+        "The camera sends no pictures.",
+        where=f"sensor {name}",
+        hint="Start the camera that sends the sync pulse first.",
+    )
 
 
 def _until(

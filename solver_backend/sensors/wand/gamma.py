@@ -182,7 +182,7 @@ def gamma_clouds(folder: Path, cameras: Cameras) -> list[np.ndarray]:
     """
     files = points_files(folder)
     if not files:
-        raise FileMissing("The folder has no table (.csv) of a Γ.", where=str(folder))
+        raise FileMissing("The folder has no table (.csv) of a Γ. Choose a recording of it.", where=str(folder))
     unknown = [path.stem for path in files if path.stem not in cameras.names]
     if unknown:
         raise CalibrationMismatch(

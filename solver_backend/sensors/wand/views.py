@@ -400,7 +400,7 @@ def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -
     """
     files = points_files(folder)
     if not files:
-        raise FileMissing("The folder has no table (.csv) of a wand.", where=str(folder))
+        raise FileMissing("The folder has no table (.csv) of a wand. Choose a recording of it.", where=str(folder))
     views = [_view(path, lens_beside(path, lenses)) for path in files]
     if len({view.depth_m is None for view in views}) > 1:
         message, hint = "Some tables have depth, and others have three lights.", "Keep them in separate folders."

@@ -141,7 +141,7 @@ def _aimed(values: CheckedValues, centres: np.ndarray) -> Cameras:
     focal, count = width / 2 / np.tan(fov / 2), len(centres)
     K = np.array([[focal, 0.0, (width - 1) / 2], [0.0, focal, (height - 1) / 2], [0.0, 0.0, 1.0]])
     if (np.linalg.norm(target - centres, axis=1) < 0.05).any():
-        raise StudioInvalid("A camera is at the point that it looks at.", where=values.where)
+        raise StudioInvalid("A camera is at the point that it looks at. Move one of them.", where=values.where)
     R = look_at(centres, target)
     names = tuple(f"cam{i + 1:02d}" for i in range(count))
     t, size = -np.einsum("cij,cj->ci", R, centres), np.tile([width, height], (count, 1))

@@ -77,7 +77,7 @@ def _of_file(path: Path, body: Body, betas: np.ndarray) -> tuple[Person, float]:
     """Return a clip on a body of another shape, with the same rotations and floor path."""
     motion = load_motion(path)
     if isinstance(motion, BvhClip):
-        raise MotionInvalid("The skeleton in the file has other joints than the body of the program.", where=str(path))
+        raise MotionInvalid("The skeleton is not the program's body. Use `motion convert` first.", where=str(path))
     local = exp_so3(motion.body_pose[:, : 3 * NUM_BODY_JOINTS].reshape(-1, NUM_BODY_JOINTS, 3))
     person = Person(body, betas, exp_so3(motion.global_orient), local, motion.transl.copy())
     return person.on_the_floor(motion.fps), motion.fps
