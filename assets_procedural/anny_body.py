@@ -120,7 +120,7 @@ _LOG = logging.getLogger(__name__)
 
 
 def bake(topology: str = "notoes", num_samples: int = NUM_SAMPLES, seed: int = 0) -> dict[str, np.ndarray]:
-    """Return the arrays of the body file with SMPL's keys. The pelvis is the origin for every shape.
+    """Return the arrays of the body file with SMPL's keys, the pelvis at the origin.
 
     The ten components are computed from ``num_samples`` shapes.
 

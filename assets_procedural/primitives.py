@@ -60,7 +60,7 @@ class Primitives:
         return np.sqrt(variance * 2.0 * np.maximum(9.0 + self.log_weight, 1.0)[:, None])
 
     def grid(self, low: np.ndarray, cell: float, shape: tuple[int, int, int]) -> np.ndarray:
-        """Return F on a regular grid. Each Gaussian is added only inside its own box (up to 4.2 scales)."""
+        """Return F on a regular grid, from each Gaussian inside its own box."""
         field = np.zeros(shape)
         for mean, whiten, log_weight, radius in zip(
             self.mean, self.whiten, self.log_weight, self._reach(), strict=True

@@ -27,7 +27,7 @@ _SEEN_M, _BRIDGED_M = 0.010, 0.0022
 
 
 def put_in_eye(half: HalfBody) -> HalfBody:
-    """Return the half body with an eye instead of the slit. Raises ``BodyInvalid`` if the slit is missing."""
+    """Return the half body with an eye. Raise ``BodyInvalid`` without a slit."""
     return replace(half, _HOLE.holds, _eye(half))
 
 

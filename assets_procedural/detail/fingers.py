@@ -36,7 +36,7 @@ STRAIGHTENED = 1.14471  # Hand length with straight fingers relative to resting 
 
 
 def finger_knots(joints: Array) -> Array:
-    """Return the (40, 3) knots of all fingers of both hands in metres. The right hand mirrors the left."""
+    """Return the (40, 3) knots of all fingers of both hands in metres."""
     left = joints[JOINT["left_hand"]] + np.concatenate([digit.knots for digit in DIGITS.values()])
     return np.concatenate([left, left * FLIP])
 

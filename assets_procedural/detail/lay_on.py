@@ -152,7 +152,7 @@ class DetailedBody:
 
 
 def lay_on_details(mesh: SymmetricMesh, joints: Array) -> DetailedBody:
-    """Add eyes, closed lips, round wrists, parted toes and nails to the fitted mesh. Fingers stay spread.
+    """Add eyes, closed lips, round wrists, parted toes and nails to the fitted mesh.
 
     Raises:
         BodyInvalid: a detail is not where it is expected, or the result is not closed.

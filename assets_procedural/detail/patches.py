@@ -55,7 +55,7 @@ class Oval:
 
 
 def replace(half: HalfBody, hole: Mask, patch: Patch) -> HalfBody:
-    """Replace the marked vertices by a patch. Raises ``BodyInvalid`` unless the hole has exactly one rim."""
+    """Replace the marked vertices by a patch. Raise ``BodyInvalid`` for several rims."""
     keep = _outside(half.faces, ~hole(half.vertices)[half.faces].any(axis=1), len(half.vertices))
     used = np.unique(half.faces[keep])
     renamed = np.full(len(half.vertices), -1)
@@ -106,7 +106,7 @@ def fan(ring: Array, middle: int) -> Array:
 
 
 def zip_rings(vertices: Array, rim: Array, ring: Array, closed: bool) -> Array:
-    """Return the (Q, 3) faces between a hole's rim and a ring inside it. Each step adds the shorter edge."""
+    """Return the (Q, 3) faces between a hole's rim and a ring inside it."""
     if closed:
         start = int(np.linalg.norm(vertices[rim] - vertices[ring[0]], axis=1).argmin())
         rim = np.concatenate([np.roll(rim, -start), rim[start : start + 1]])

@@ -83,7 +83,7 @@ class HalfMesh:
         return new
 
     def collapse(self, keep: int, gone: int, position: Point) -> bool:
-        """Merge ``gone`` into ``keep`` unless that would break the surface or fold it. Return True if merged."""
+        """Merge ``gone`` into ``keep`` unless the surface would break or fold."""
         shared = self.shared(keep, gone)
         if len(self.neighbours(keep) & self.neighbours(gone)) != len(shared):
             return False
@@ -101,7 +101,7 @@ class HalfMesh:
         return True
 
     def flip(self, a: int, b: int) -> bool:
-        """Flip an inner edge if that improves the valences and folds no face. Return True if flipped."""
+        """Flip an inner edge if that improves the valences and folds no face."""
         shared = self.shared(a, b)
         if len(shared) != 2:
             return False

@@ -29,7 +29,7 @@ class RestFrame:
 
 
 def build_fields(frame: RestFrame) -> dict[str, Field]:
-    """Return one field per measure of ``MEASURES``. Each maps (N, 3) points to (N, 3) displacements."""
+    """Return one displacement field of (N, 3) points per measure of ``MEASURES``."""
     return _length_fields(frame) | _girth_fields(frame)
 
 

@@ -20,7 +20,7 @@ Segment = tuple[np.ndarray, np.ndarray]
 
 
 def load_joints(path: Path = NUMBERS / "skeleton.json") -> np.ndarray:
-    """Return the (24, 3) rest joints in metres, with the floor at y = 0. The right side mirrors the left.
+    """Return the (24, 3) rest joints in metres, with the floor at y = 0.
 
     Raises:
         FileDamaged: a midline or left joint is missing.
@@ -65,7 +65,7 @@ def fit_regressor(
     mirror: Array,
     mirror_joint: tuple[int, ...] = MIRROR_JOINT,
 ) -> Array:
-    """Return the (J, V) regressor with ``J v = joints`` and ``J shapedirs = joint_dirs``. Rows sum to 1.
+    """Return the (J, V) regressor with ``J v = joints`` and ``J shapedirs = joint_dirs``.
 
     Weights are non-negative if such a mean is exact to 0.01 mm, except for the smallest signed weights near the joint
     that make joints and components exact. Otherwise they are the smallest signed weights.

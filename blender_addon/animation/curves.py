@@ -19,7 +19,7 @@ class CurveTarget:
 
 
 def create_action(name: str, obj: bpy.types.Object) -> CurveTarget:
-    """Create an action with a slot for one object and play it. Existing actions stay in the file."""
+    """Create an action with a slot for one object and play it."""
     action = bpy.data.actions.new(name)
     if hasattr(action, "slots"):
         action.slots.new(id_type="OBJECT", name=obj.name)
@@ -138,7 +138,7 @@ def key_points(curve: bpy.types.FCurve, field: str = "co") -> np.ndarray:
 
 
 def curve_values(curve: bpy.types.FCurve, times: np.ndarray) -> np.ndarray:
-    """Evaluate a curve at (F,) ascending scene frames. Read the keys directly if each frame has one."""
+    """Evaluate a curve at (F,) ascending scene frames, from its keys if possible."""
     points = key_points(curve)
     if len(points) == len(times) and np.array_equal(points[:, 0], times.astype(np.float32)) and not curve.modifiers:
         return points[:, 1].astype(np.float64)
@@ -277,7 +277,7 @@ def played_takes(scene: bpy.types.Scene) -> Iterator[bpy.types.Action]:
 
 
 def relay_take(action: bpy.types.Action, scene_fps: float) -> None:
-    """Move a take's keys and hand edits to another scene frame rate. The first frame does not move."""
+    """Move a take's keys and hand edits to another scene frame rate."""
     start, ratio = float(action["frame_start"]), scene_fps / laid_rate(action)
     for curve in action_curves(action):
         for name in ("co", "handle_left", "handle_right"):

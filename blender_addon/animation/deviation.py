@@ -47,7 +47,7 @@ def measure_deviation(
     timing: TakeTiming,
     frames: list[int],
 ) -> Deviation:
-    """Measure the deviation of Blender's evaluation from NumPy's. The window must show this scene."""
+    """Measure the deviation of Blender's evaluation from NumPy's in the shown scene."""
     times = timing.scene_frames(motion.num_frames, motion.fps)
     _, tree = pose_joints(body.rest_joints(motion.betas), rotvec_on(motion, body.layout)[frames], motion.transl[frames])
     expected = tree if motion.joints is None else motion.joints[frames]

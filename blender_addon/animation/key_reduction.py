@@ -111,7 +111,7 @@ def reduce_keys(
 def keys_within(
     values: np.ndarray, distance: Distance, tolerance_m: float, progress: Progress = silent
 ) -> SparseCurves:
-    """Return curves within a tolerance. Add keys at the worst frames, then remove the unnecessary keys."""
+    """Return curves within a tolerance, with keys at the worst frames."""
     free, count = np.arange(len(values)), 2
     keys = free[[0, -1]] if len(values) > 1 else free
     while len(keys) < len(free):

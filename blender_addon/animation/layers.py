@@ -142,7 +142,7 @@ def lay_aside(obj: bpy.types.Object, action: bpy.types.Action, slot: object | No
 
 
 def add_layer(obj: bpy.types.Object, take: bpy.types.Action) -> bpy.types.Action:
-    """Move the take and layers that an object plays to the NLA. Return a new, empty action on top of them."""
+    """Move what an object plays to the NLA, and return a new action on top."""
     animation = obj.animation_data
     if (own := animation.action) is not None:
         slot, blend = getattr(animation, "action_slot", None), animation.action_blend_type

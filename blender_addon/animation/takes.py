@@ -101,7 +101,7 @@ def _show_controls(armature: bpy.types.Object, action: bpy.types.Action) -> None
 
 
 def push_down(obj: bpy.types.Object) -> bpy.types.NlaStrip | None:
-    """Move the object's current action to a strip on a new, muted NLA track. Return the strip, or None."""
+    """Move the object's current action to a strip on a new, muted NLA track."""
     animation = obj.animation_data
     if animation is None or animation.action is None:
         return None

@@ -53,7 +53,7 @@ def deform_bone(joint: str) -> str:
 def create_armature(
     name: str, joints: BodyLayout, layout: BoneLayout, collection: bpy.types.Collection
 ) -> bpy.types.Object:
-    """Create the armature object at the world origin and make it active. Blender must be in object mode."""
+    """Create the armature object at the world origin and make it active."""
     has_fingers = joints.num_joints > len(JOINTS)
     data = bpy.data.armatures.new(name)
     armature = bpy.data.objects.new(name, data)
@@ -84,7 +84,7 @@ def create_armature(
 
 
 def rotation_from_body_axes(armature: bpy.types.Object) -> np.ndarray:
-    """Return (J, 3, 3) matrices C. A rotation vector v in the body's frame is C v in the bone's axes."""
+    """Return (J, 3, 3) matrices from the body's axes to the bones' axes."""
     return np.swapaxes(bone_axes(armature), 1, 2) @ R_ARMATURE_BODY
 
 

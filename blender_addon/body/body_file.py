@@ -279,7 +279,7 @@ def body_path_of(provenance: str) -> Path:
 
 
 def require_body(motion: MotionFile, body: BodyFile) -> None:
-    """Check that a motion was solved for this body. A motion that does not name its body fits any body."""
+    """Check that a motion was solved for this body, or does not name its body."""
     if motion.body and body.id and motion.body != body.id:
         message = f"The motion was solved with the body '{motion.body}', not '{body.id}'."
         raise BodyMismatch(message, where=motion.name, hint="Choose the body file of the solve.")
@@ -314,7 +314,7 @@ def rotvec_on(motion: MotionFile, layout: BodyLayout) -> np.ndarray:
 
 
 def turns_on(layout: BodyLayout, rotvec: np.ndarray) -> np.ndarray:
-    """Convert (F, 24 or 52, 3) axis-angles to the (F, J, 3) joints of a layout. Missing fingers rest."""
+    """Convert (F, 24 or 52, 3) axis-angles to a layout's joints. Missing fingers rest."""
     if rotvec.shape[1] == layout.num_joints:
         return rotvec
     turned = np.zeros((len(rotvec), layout.num_joints, 3))

@@ -155,7 +155,7 @@ def add_key(mesh: bpy.types.Object, name: str, shaped: np.ndarray, limit: float)
 
 
 def add_face_shapes(mesh: bpy.types.Object, body: BodyFile) -> int:
-    """Add the body's facial shapes as keys with ARKit's names, at 0. Return the number of new keys."""
+    """Add the facial shapes as keys with ARKit's names, and return the number of new ones."""
     keys = mesh.data.shape_keys
     rest, new = positions(keys.reference_key.points), [name for name in body.face_shapes if name not in keys.key_blocks]
     if body.face_shapes and len(rest) != len(body.v_template):
@@ -175,7 +175,7 @@ def get_betas(mesh: bpy.types.Object) -> np.ndarray:
 
 
 def set_betas(mesh: bpy.types.Object, betas: np.ndarray) -> None:
-    """Set a body's sliders to a (10,) shape and widen their limits if needed. Skin and joints follow."""
+    """Set a body's sliders to a (10,) shape and widen their limits if needed."""
     for key, beta in zip(all_sliders(mesh), np.asarray(betas, dtype=np.float64).tolist(), strict=True):
         key.slider_min, key.slider_max = min(key.slider_min, beta), max(key.slider_max, beta)
         key.value = beta

@@ -102,7 +102,7 @@ def euler_from_matrix(R: np.ndarray, order: str) -> np.ndarray:
 
 
 def fit_units(scene: bpy.types.Scene, objects: Iterable[bpy.types.Object]) -> None:
-    """Scale objects that were built in metres to a scene with another length unit. Children follow."""
+    """Scale objects that were built in metres to a scene with another length unit."""
     scale = 1.0 / scene.unit_settings.scale_length
     if abs(scale - 1.0) < 1e-6:
         return

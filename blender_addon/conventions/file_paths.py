@@ -47,7 +47,7 @@ def file_of(text: str, library: bpy.types.Library | None = None) -> Path:
 
 
 def sessions_folder() -> Path:
-    """Return the user's folder for files of unsaved scenes. Blender may delete the extension's own folder."""
+    """Return the user's folder for files of unsaved scenes."""
     documents = Path.home() / "Documents"
     return (documents if documents.is_dir() else Path.home()) / "Manifold MoCap"
 
@@ -65,7 +65,7 @@ def moved_files() -> dict[str, str]:
 
 
 def note_moved(files: dict[Path, Path]) -> None:
-    """Record the new paths of an unsaved scene's files. Raises ``OutputNotWritable`` if this fails."""
+    """Record the new paths of an unsaved scene's files. Raise ``OutputNotWritable``."""
     import json
 
     from .._exchange.outputs import write_text

@@ -17,7 +17,7 @@ from .take import ExportTake
 def export_take(
     take: ExportTake, format_name: str, path: Path, *, overwrite: bool = False, progress: Progress = silent
 ) -> Path:
-    """Write a take to a complete file or none. A suffix that does not match the format is an error."""
+    """Write a take to a complete file or none. The suffix must match the format."""
     chosen = format_of(format_name)
     if path.suffix.lower() != chosen.suffix:
         hint = f"Try {path.stem}{chosen.suffix}."

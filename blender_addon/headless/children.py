@@ -59,7 +59,7 @@ def run_verb(
 
 
 def start_verb(verb: str, arguments: Sequence[str], folder: Path) -> Run:
-    """Start a verb of this command line in a working folder. Return its run, which the caller must poll."""
+    """Start a verb of this command line in a working folder, and return its run."""
     command = [*command_line(), verb, *arguments, "--json", "--parent-pipe"]
     known = os.environ.get("PYTHONPATH", "")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (str(_PACKAGE.parent), known)))}
@@ -75,7 +75,7 @@ def command_line() -> list[str]:
 def run_to_its_end(
     run: Run, progress: Progress, stopped: Callable[[int], MocapError | None], called: str = "The solver"
 ) -> Any:
-    """Wait for a child process and return its result event. The process is always ended on return.
+    """Wait for a child process, end it, and return its result event.
 
     Args:
         stopped: function that is called regularly with the process ID. If it returns an error, the process is ended.

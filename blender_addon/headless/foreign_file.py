@@ -117,7 +117,7 @@ def read_foreign_clips(path: Path, limits: ImportLimits, armature: str = "") -> 
 
 
 def open_foreign_scene(path: Path, limits: ImportLimits) -> bpy.types.Scene:
-    """Open a file after a child process has opened it successfully. Return its scene, see ``open_scene``."""
+    """Open a file after a child process has opened it, and return its scene."""
     with TemporaryDirectory() as folder:
         _run("scene", path, Path(folder), limits)
         made = Path(folder) / "scene.blend"

@@ -18,7 +18,7 @@ _GRACE_S = 5.0  # Seconds for a run to end after its parent program. Chosen by h
 
 
 def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
-    """Run a command line, by default this process's arguments. Return its exit code (see ``ExitCode``)."""
+    """Run a command line, by default this process's, and return its exit code."""
     arguments = sys.argv[1:] if arguments is None else arguments
     as_json = "--json" in arguments
     try:

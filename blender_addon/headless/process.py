@@ -16,7 +16,7 @@ from ..errors import BlenderMissing
 
 
 def require_blender(*, here: bool = True, instead: str = "") -> None:
-    """Raise ``BlenderMissing`` if this Python has no Blender. Load Blender if this process uses it.
+    """Load Blender if this process uses it. Raise ``BlenderMissing`` without it.
 
     Args:
         here: this process uses Blender.

@@ -23,7 +23,7 @@ _PLAQUE = (0.05, 0.055, 0.065, 0.62)  # Red, green, blue and opacity behind lett
 
 
 class Lettering:
-    """Renderer of words as layers of ``height`` pixels. Its scene shows only ``text``. Layers are cached."""
+    """Renderer of words as cached layers of ``height`` pixels."""
 
     def __init__(self, scene: bpy.types.Scene, text: bpy.types.Object, folder: Path, height: int) -> None:
         self._scene, self._text, self._folder, self._height = scene, text, folder, height
@@ -81,7 +81,7 @@ GAP = 4  # Pixels between pictures.
 
 @dataclass(frozen=True)
 class PictureTile:
-    """Position and size of a picture in pixels from the top left. Sizes are even, as videos require."""
+    """Position and even size of a picture in pixels from the top left."""
 
     x: int
     y: int
@@ -104,7 +104,7 @@ def pack(shapes: list[tuple[int, int]], area: tuple[int, int]) -> list[PictureTi
 
 
 def row(shapes: list[tuple[int, int]], width: int, most_height: int) -> list[PictureTile]:
-    """Arrange pictures in one row of ``width``, at most ``most_height`` high. A narrower row is centred."""
+    """Arrange pictures in one centred row of ``width``, at most ``most_height`` high."""
     if not shapes:
         return []
     ratio = sum(w / h for w, h in shapes)

@@ -54,7 +54,7 @@ class LiveRig:
         set_switches(armature, rig.switches)
 
     def reshape(self, betas: np.ndarray) -> None:
-        """Use a new (10,) shape of the body. Raises ``TargetUnsuitable`` if the scale is implausible."""
+        """Use a new (10,) shape of the body. Raise ``TargetUnsuitable``."""
         self._own = body_at_rest(self._body, betas)
         still = np.zeros((1, self._body.layout.num_joints, 3))
         actor = actor_of_poses("", self._own, still, np.zeros((1, 3)), 1.0)
@@ -63,7 +63,7 @@ class LiveRig:
         self._A = map_pose(self._target, actor.rest, self._given)
 
     def pose(self, rotvec: np.ndarray, transl: np.ndarray) -> bool:
-        """Pose the rig from (24 or 52, 3) axis-angles and (3,) metres. Return False if the rig is gone."""
+        """Pose the rig from axis-angles and metres. Return False if the rig is gone."""
         armature = bpy.data.objects.get(self._name)
         if armature is None or armature.pose is None or not set(self._target.names) <= set(armature.pose.bones.keys()):
             return False

@@ -282,7 +282,7 @@ SUFFIXES = (".blend", ".fbx", ".glb", ".gltf", ".vrm", ".vrma", ".bvh")  # Suppo
 
 
 def open_scene(path: Path) -> bpy.types.Scene:
-    """Open a file, or import it into an empty scene at the frame rate of its clips. Return the scene."""
+    """Open a file, or import it into an empty scene at its frame rate."""
     if not path.is_file():
         raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
     suffix = path.suffix.lower()

@@ -22,7 +22,7 @@ _MOST_TILES = 200
 
 
 def create_floor(points: np.ndarray, collection: bpy.types.Collection, *, margin_m: float = 2.0) -> bpy.types.Object:
-    """Create a floor of 1 m tiles under (..., 3) points in metres, with a margin. NaN is ignored."""
+    """Create a floor of 1 m tiles under (..., 3) points in metres, with a margin."""
     flat = points.reshape(-1, 3)[:, :2]
     flat = flat[np.isfinite(flat).all(axis=1)]
     low = np.floor(flat.min(axis=0) - margin_m) if len(flat) else np.array([-2.0, -2.0])

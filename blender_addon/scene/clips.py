@@ -71,7 +71,7 @@ def _root_ways(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.nda
 
 
 def on_layout(motion: MotionFile, layout: BodyLayout) -> MotionFile:
-    """Return a motion on the joints of a layout. Missing fingers rest and get their wrist's uncertainty."""
+    """Return a motion on the joints of a layout. Missing fingers rest."""
     if motion.body_layout.joints == layout.joints:
         return motion
     own, columns = motion.body_layout.joints, list[int]()

@@ -151,7 +151,7 @@ def pose_from_ends(
     times: np.ndarray | None = None,
     progress: Progress = silent,
 ) -> int:
-    """Switch limbs to IK with keys for the same motion. Return the number of frames, 0 for a single pose.
+    """Switch limbs to IK with keys for the same motion, and return the number of frames.
 
     With ``times``, only these scene frames get keys. The IK pose is sampled and the turn bones get the difference, so
     that joints keep their rotations. Raises ``BodyInvalid`` if the body lacks these controls, or plays a linked action.

@@ -83,7 +83,7 @@ class LiveFigure:
         return True
 
     def show_points(self, points: np.ndarray, off_m: np.ndarray | None = None) -> bool:
-        """Show (N, 3) points coloured by (N,) distances from the body in metres. Return whether they exist."""
+        """Show (N, 3) points coloured by distance from the body. Return whether they exist."""
         known = off_m is not None and len(off_m) == len(points)
         off = np.asarray(off_m) if known else np.full(len(points), np.nan)
         return _show(self.points, points[:MOST_POINTS], _grades(off[:MOST_POINTS], _OFF_M))
@@ -151,7 +151,7 @@ class LiveFace:
     """Shape key of each channel, by the channel's lower-case name. Other channels use the key with their name."""
 
     def show(self, face: Mapping[str, float]) -> int:
-        """Set the shape keys of a mesh from the channels, within their limits. Return the number of keys."""
+        """Set the shape keys of a mesh from the channels, and return the number of keys."""
         obj = bpy.data.objects.get(self.mesh)
         keys = getattr(obj.data, "shape_keys", None) if obj is not None else None
         if keys is None:
@@ -192,7 +192,7 @@ class TakeSender:
         self._packets = PacketSender(address)
 
     def send(self, scene: bpy.types.Scene) -> str | None:
-        """Send the pose. Return a message about the receiver, "" without one, or None if the body is gone."""
+        """Send the pose, and return the receiver's message, or None if the body is gone."""
         armature = scene.objects.get(self._name)
         if armature is None or armature.pose is None or not set(self._joints) <= set(armature.pose.bones.keys()):
             return None

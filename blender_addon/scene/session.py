@@ -49,7 +49,7 @@ def frame_viewports(target: tuple[float, float, float]) -> None:
 
 
 def save_file(path: Path) -> None:
-    """Save a compressed copy of the open file. Raises ``OutputNotWritable`` if Blender cannot write it."""
+    """Save a compressed copy of the open file. Raise ``OutputNotWritable``."""
     with _named_failure(path):
         bpy.ops.wm.save_as_mainfile(filepath=os.path.abspath(path), compress=True, copy=True)
 
@@ -71,7 +71,7 @@ def _named_failure(path: Path) -> Iterator[None]:
 
 
 def why_not_written(error: Exception) -> str:
-    """Return Blender's reason for a failed write. Blender 5 may report "Success" or a stray byte instead."""
+    """Return Blender's reason for a failed write, if it gives one."""
     text = str(error).strip().removeprefix("Error: ").rstrip(".")
     return "Blender stopped in the middle of the file. The disk may be full" if text.startswith(_CAUSELESS) else text
 

@@ -69,7 +69,7 @@ _IDS = {"workbench": ("BLENDER_WORKBENCH",), "cycles": ("CYCLES",), "eevee": _EE
 
 
 def engine_id(name: str) -> str:
-    """Return Blender's identifier of an engine. Raises ``RenderFailed`` if this Blender lacks it."""
+    """Return Blender's identifier of an engine. Raise ``RenderFailed`` without it."""
     scene = bpy.data.scenes.new("engines")
     try:
         found = next((candidate for candidate in _IDS[name] if _takes(scene, candidate)), None)

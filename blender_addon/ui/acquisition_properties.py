@@ -53,7 +53,7 @@ def sending_options(properties: Any) -> list[str]:
 
 
 def allowed_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
-    """Return the address in a text. Other schemes, and remote addresses without online access, are errors."""
+    """Return the address in a text. Reject remote ones without online access."""
     address = read_address(text, schemes)
     if not address.is_local and not bpy.app.online_access:
         hint = "Allow Online Access in the preferences (System), or use 127.0.0.1."

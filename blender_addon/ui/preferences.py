@@ -63,7 +63,7 @@ class MocapPreferences(bpy.types.AddonPreferences):
 
 
 def shows_acquisition(context: bpy.types.Context) -> bool:
-    """Return whether the Acquire tab is shown. It always is without preferences, as in the source tree."""
+    """Return whether the Acquire tab is shown, always without preferences."""
     preferences = preferences_of(context)
     return preferences is None or preferences.acquisition
 
@@ -155,7 +155,7 @@ def _is_litert(videos: bpy.types.PropertyGroup) -> bool:
 
 
 def note_detector(context: bpy.types.Context, python: Path, packages: Path | None = None) -> str:
-    """Start a detector's Python, and store and return its versions. Packages may be in a separate folder."""
+    """Start a detector's Python, and store and return its versions."""
     from ..solving.pythons import probe_detector
 
     found = _tested[str(python)] = f"Detector: {probe_detector(python, packages)}"

@@ -92,7 +92,7 @@ class MocapSolve(SolveProperties, bpy.types.PropertyGroup):
     report: switch("Report", "Write an HTML page with errors, warnings and charts", on=True)
 
     def acts(self, name: str) -> bool:
-        """Return whether a setting affects the chosen method. Presets use the solver's default method."""
+        """Return whether a setting affects the chosen method."""
         return ROWS[name].acts_in(self.method if self.preset == "CUSTOM" else DEFAULTS["method"])
 
     def values(self) -> dict[str, Any]:

@@ -28,7 +28,7 @@ def prepare_job(
     of: bpy.types.PropertyGroup | None = None,
     person: int | None = None,
 ) -> tuple[JobFile, Path]:
-    """Write the files of a person's job, and return the job and its path. None selects the current person.
+    """Write the files of a person's job, and return the job and its path.
 
     ``frames`` is a range to solve again. Raises ``MocapError`` if takes cannot be written, or a file in the settings
     does not exist.
@@ -99,7 +99,7 @@ def capture_file(capture: bpy.types.PropertyGroup) -> Path:
 
 
 def write_layout(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
-    """Write the bones that the user assigned to markers. Return the file, or None if there are none."""
+    """Write the bones that the user assigned to markers, and return the file or None."""
     places = {item.name: item.place for item in capture.marker_items if item.place is not None}
     values = {"format": "manifold_mocap_labels", "version": 1, "places": places}
     return _write(path, values) if places else None

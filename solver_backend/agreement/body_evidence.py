@@ -239,7 +239,7 @@ SCALES = 0.3, 0.1, 0.03  # Scales of the robust weights, in person sizes.
 
 
 def refit_pose(evidence: TakeEvidence, reading: Reading, view: int, *, turned: bool = False) -> Pose | None:
-    """Fit the pose of a view to the points that other views triangulate. Return None if it already fits."""
+    """Fit the pose of a view to the others' points, or return None if it already fits."""
     points, _ = triangulate_rays(evidence, replace(reading, left_out=(*reading.left_out, view)))
     points_key, pose_key = evidence.key(reading, view)
     seen = evidence.points(points_key)

@@ -372,7 +372,7 @@ class TakeEvidence:
         return [pair for pair, known in zip(self.pairs, seen, strict=True) if known], fit_noise(counts[seen])
 
     def fits_of(self, reading: Reading, views: Collection[int]) -> Noise:
-        """Return the noise of pairs with one of ``views``, and of the other pairs. Excluded views are ignored."""
+        """Return the noise of pairs with one of ``views``, and of the other pairs."""
         pairs = [pair for pair in self.pairs if not {*pair} & {*reading.left_out}]
         counts, own = np.zeros((2, BINS)), {*views}
         for i, j in pairs:

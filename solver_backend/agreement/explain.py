@@ -110,7 +110,7 @@ class Explanation:
 def explain(
     cameras: Cameras, detections: Detections, *, names_stated: bool = False, rows: Sequence[Row] = ROWS
 ) -> Explanation:
-    """Search the interpretation of C views. The literal one is kept unless another one is certain.
+    """Search the interpretation of C views, and keep the literal one unless another is certain.
 
     Args:
         names_stated: true if the user states the camera names. Swapped names are then not tried.

@@ -132,7 +132,7 @@ class PictureReading:
 
     @property
     def correction(self) -> CameraCorrection:
-        """Return the correction of the camera. For mirrored images, detections are corrected instead."""
+        """Return the camera's correction. Mirrored images correct the detections instead."""
         return CameraCorrection(self.size, 0 if self.mirrored else self.turn, window=self.window)
 
     @property

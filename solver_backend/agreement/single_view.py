@@ -88,7 +88,7 @@ class _Stance:
 
 
 def pictures_of_one_view(camera: Cameras, detections: Detections) -> FoundPictures | None:
-    """Detect a rotation or resizing of a single view's images. Return None if they are as calibrated.
+    """Detect a rotation or resizing of a single view's images, or return None.
 
     Images are rotated if the person is upright only in another rotation, and one of two conditions holds. The person
     leaves the calibrated image, or is upright on the floor only in the rotated image. The alternative is a person in a

@@ -358,7 +358,7 @@ def common_rows(offsets: np.ndarray, lengths: np.ndarray, *, every: bool = False
 
 
 def align_rows(detections: Detections, offsets: np.ndarray, first: int, stop: int) -> Detections:
-    """Return rows ``first`` to ``stop - 1`` of the take. Frames without a recording have no person.
+    """Return rows ``first`` to ``stop - 1`` of the take, without people in missing frames.
 
     Args:
         detections: C cameras with separate clocks.

@@ -122,7 +122,7 @@ class LandmarkBuilder:
         """Rest position, shape directions, weights and pose directions of each skinned point."""
 
     def build(self, names: tuple[str, ...]) -> Landmarks:
-        """Return the named landmarks. Raise ``BodyInvalid`` if a ray misses the mesh or a name is unknown."""
+        """Return the named landmarks. Raise ``BodyInvalid`` if a ray misses the mesh."""
         mixes = [self._landmark(name) for name in names]
         rest, shapedirs, weights, posedirs = (np.stack(parts) for parts in zip(*self._points, strict=True))
         if self._correctives:

@@ -67,7 +67,7 @@ _OWN: dict[JointSet, tuple[dict[str, Rule], dict[str, Rule]]] = {
 
 
 def keypoint_landmarks(body: Body, joint_set: JointSet) -> Landmarks:
-    """Return a detector's keypoints as landmarks. Raise ``BodyInvalid`` if a ray misses the body."""
+    """Return a detector's keypoints as landmarks. Raise ``BodyInvalid`` for a missed ray."""
     if joint_set is JointSet.SMPL_24:
         return joint_landmarks(body, SMPL)
     return LandmarkBuilder(body, _RULES.get(joint_set, _COMMON)).build(joint_set.keypoints)
@@ -79,7 +79,7 @@ def keypoint_rules() -> dict[str, tuple[str, Rule]]:
 
 
 def joint_landmarks(body: Body, layout: BodyLayout) -> Landmarks:
-    """Return landmarks for the joints of another layout. Raise ``BodyInvalid`` if the body lacks one."""
+    """Return landmarks for the joints of another layout. Raise ``BodyInvalid`` without one."""
     chosen = list(body.layout.standing_for(layout))
     one_hot = np.eye(body.layout.num_joints)[chosen]
     joints, directions = body.joints_template[chosen], body.joints_shapedirs[chosen]

@@ -257,7 +257,7 @@ _PLACES = frozenset({"KNEE", "ANKLE", "MALLEOLUS", "ELBOW", "WRIST", "EPICONDYLE
 
 
 def named_bone(label: str) -> str | None:
-    """Return the first joint of the bone named by a label or by its subject, or None. Limbs need a side."""
+    """Return the first joint of the bone that a label or subject names, or None."""
     words = load_layouts().words
     prefix = label.rpartition(":")[0]
     return _bone(bare_label(label), words) or (_bone(prefix, words) if prefix else None)

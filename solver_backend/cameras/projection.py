@@ -221,7 +221,7 @@ class CameraArrays:
         return cls(K, distortion, R, t, cameras.models, float(cameras.image_size[:, 0].mean()), path)
 
     def astype(self, precision: Any) -> CameraArrays:
-        """Return the arrays in the given precision. Single precision resolves 0.0001 px in a thousand."""
+        """Return the arrays in the given precision, at least single (0.0001 px)."""
         K, distortion, R, t = (astype(a, precision) for a in (self.K, self.distortion, self.R, self.t))
         path = self.path and CameraPath(astype(self.path.R, precision), astype(self.path.t, precision))
         return replace(self, K=K, distortion=distortion, R=R, t=t, path=path)

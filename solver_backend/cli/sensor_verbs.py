@@ -135,7 +135,7 @@ def not_recorded(counts: Mapping[str, int]) -> list[Diagnostic]:
 
 
 def oak_devices(args: argparse.Namespace) -> tuple[list[Oak], Cameras]:
-    """Return the unopened cameras in the arguments and their calibration. The first one sends the pulse."""
+    """Return the unopened cameras in the arguments, pulse sender first, and calibration."""
     given = _named(args)
     oak.depthai()  # report it once now, instead of in each camera's process
     roles = {"wire": ("master", "slave")}.get(args.sync, (args.sync, args.sync))

@@ -116,7 +116,7 @@ class BodyLayout:
 
     @cached_property
     def mirror(self) -> tuple[int, ...]:
-        """Index of the joint on the other side. Joints on the midline or on one side only map to themselves."""
+        """Index of the joint on the other side, or of the joint itself if it has none."""
         sides = {"left": "right", "right": "left"}
         other = [(sides.get(side, side), mark, part) for side, mark, part in (n.partition("_") for n in self.joints)]
         names = map("".join, other)
@@ -152,7 +152,7 @@ class BodyLayout:
         return tuple(j for j, group in enumerate(self.groups) if group == name)
 
     def standing_for(self, other: BodyLayout) -> tuple[int, ...]:
-        """Return this body's joint for each joint of another body. Raise ``BodyInvalid`` if a joint has none."""
+        """Return this body's joint for each joint of another body, or raise ``BodyInvalid``."""
         names = [name if name in self.joints else _STAND_INS.get(name, name) for name in other.joints]
         missing = [name for name in names if name not in self.joints]
         if missing:

@@ -28,7 +28,7 @@ def cancelled() -> Cancelled:
 
 
 class Cancellation:
-    """Raises an error at the first signal. Later signals are ignored, so that the program can clean up."""
+    """Raises an error at the first signal, and ignores later ones during the clean-up."""
 
     def __init__(self, error: Callable[[], BaseException]) -> None:
         self.asked, self._error = False, error
@@ -99,7 +99,7 @@ def cancel_at_end_of(stream: int, grace_s: float | None = None) -> None:
 
 
 class LenientStream:
-    """A text stream for people. If it is closed or full, text is dropped, because no result depends on it.
+    """A text stream for people that drops text if it is closed or full.
 
     If the reader has ended, ``BrokenPipeError`` is raised.
     """

@@ -33,7 +33,7 @@ def needs_hands_file(layout: BodyLayout) -> bool:
 def with_finger_joints(
     layout: BodyLayout, skinning: Skinning, body_id: str, hands: Mapping[str, np.ndarray] | None
 ) -> Skinning:
-    """Return the skinning for the joints of ``SMPL_HANDS``. With fingers at rest the skin does not change.
+    """Return the skinning for the joints of ``SMPL_HANDS``, with the same skin at rest.
 
     The head takes the weights of SMPL-X's jaw and eyes.
 
@@ -81,7 +81,7 @@ def from_flat(rotations: np.ndarray, flat: np.ndarray) -> np.ndarray:
 
 
 def to_flat(rotations: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """Convert finger rotations relative to rest into rotations relative to a flat hand. See ``from_flat``."""
+    """Convert finger rotations relative to rest into those relative to a flat hand."""
     return _of_parents(flat) @ rotations @ np.swapaxes(flat, -1, -2)
 
 

@@ -89,7 +89,7 @@ class JointSet(StrEnum):
         return len(self.keypoints)
 
     def mirrored(self, count: int = 0) -> tuple[int, ...]:
-        """Return each column's counterpart on the other side. Columns without a counterpart map to themselves."""
+        """Return each column's counterpart on the other side, or the column itself."""
         other = {"left": "right", "right": "left"}
         swapped = [_SIDE.sub(lambda found: other[found[0]], name) for name in self.keypoints]
         return (*map(self.keypoints.index, swapped), *range(len(swapped), count))

@@ -31,7 +31,7 @@ def require_models(names: Sequence[str]) -> None:
 
 
 def model_named(text: str) -> str:
-    """Return the lens model with this name in calibration files. Unknown names give ``DEFAULT_MODEL``."""
+    """Return the lens model with this name, ``DEFAULT_MODEL`` for unknown names."""
     plain = re.sub(r"[^a-z0-9]", "", text.lower())
     others = (model for model in LENS_MODELS.values() if model.name != DEFAULT_MODEL)
     return next((m.name for m in others if plain in m.aliases or m.name in plain), DEFAULT_MODEL)

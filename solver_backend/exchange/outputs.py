@@ -153,7 +153,7 @@ _HELD = {errno.EAGAIN, errno.EACCES}  # Network shares return EACCES for a file 
 
 
 def lock(handle: int) -> bool | None:
-    """Lock an open file. Return False if another process has locked it, None if the system has no locks."""
+    """Lock an open file. Return False if it is locked, None without locks in the system."""
     if fcntl is None:
         return None
     try:
@@ -169,7 +169,7 @@ _NO_ROOM = {getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EROF
 
 
 def check_output(path: Path | str, *, overwrite: bool = False) -> Path:
-    """Create missing folders and return the output path if it is writable. Call it before long work.
+    """Create missing folders and return the output path if it is writable.
 
     Raises:
         OutputExists: the file or folder exists and ``overwrite`` is False.

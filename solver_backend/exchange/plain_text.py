@@ -14,7 +14,7 @@ _PLAIN = re.compile(r"[ -~]*")
 
 
 def plain(text: str, *, keep: str = "") -> str:
-    """Return the text on one line. Control characters become visible signs, except those in ``keep``."""
+    """Return the text on one line, with visible signs for control characters."""
     if _PLAIN.fullmatch(text):
         return text
     return "".join(c if c in keep or not _steers(c) else _SHOWN for c in text)

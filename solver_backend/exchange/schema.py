@@ -39,7 +39,7 @@ class Fields:
         return self.arrays[key]
 
     def numbers(self, key: str, shape: Shape) -> np.ndarray:
-        """Return a required numeric array as float64. Raise ``FileDamaged`` if its shape does not match."""
+        """Return a required numeric array as float64, or raise ``FileDamaged``."""
         value = self.array(key)
         if value.dtype.kind not in "fiub" or not fits(value.shape, shape):
             wanted = "(" + ", ".join(str(n) if isinstance(n, int) else "any" for n in shape) + ")"

@@ -409,7 +409,7 @@ def _arc(angle: float | np.ndarray) -> np.ndarray:
 
 
 def join(first: MotionFile, second: MotionFile, blend_s: float = BLEND_S) -> tuple[MotionFile, Seam]:
-    """Join two motions of one body end to end. Return the motion and the difference that was blended.
+    """Join two motions of one body end to end, and return the blended difference.
 
     The second motion starts where the first one ends, in its direction and at its rate, on the feet that are planted in
     both poses. Its first frame replaces the last frame of the first. If its shape differs, it takes the first one's

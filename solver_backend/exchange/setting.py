@@ -134,7 +134,7 @@ class Setting:
         return isinstance(value, str) and (self.kind in ("file", "text") or bool(value.strip()))
 
     def words(self, value: Any) -> list[str]:
-        """Return the command-line arguments for a value. None, an empty list and a flag that is off have none."""
+        """Return the command-line arguments for a value, none for an empty value."""
         if value is None or (is_list(value) and not value):
             return []
         if self.positional:
@@ -162,7 +162,7 @@ def text_of_value(value: Any) -> str:
 
 
 def setting(kind: Kind, default: Any, label: str, description: str, *, group: str, **more: Any) -> Any:
-    """Return a dataclass field that declares a setting. A default of ``REQUIRED`` requires a value."""
+    """Return a dataclass field that declares a setting, required for ``REQUIRED``."""
     row = Setting(kind, label, description, group, default=default, required=default is REQUIRED, **more)
     return field(default=default, metadata={"setting": row})
 

@@ -13,7 +13,7 @@ def quat_from_rotvec(rotvec: np.ndarray) -> np.ndarray:
 
 
 def rotvec_from_quat(quat: np.ndarray) -> np.ndarray:
-    """Convert quaternions to rotation vectors of length 0 to pi. This inverts ``quat_from_rotvec``.
+    """Convert quaternions to rotation vectors of length 0 to pi.
 
     Args:
         quat: (..., 4) unit quaternions wxyz of either sign.

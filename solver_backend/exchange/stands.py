@@ -36,7 +36,7 @@ def stands(heights: np.ndarray, speeds: np.ndarray, fps: float) -> list[list[tup
 
 
 def standing_runs(still: np.ndarray, fps: float) -> list[tuple[int, int]]:
-    """Return the (first, end) frames of still ranges. Short breaks are joined, short ranges removed."""
+    """Return the (first, end) frames of still ranges, joined across short breaks."""
     shortest = max(2, round(SHORTEST_S * fps))
     return [(first, stop) for first, stop in _joined(_runs(still), round(BREAK_S * fps)) if stop - first >= shortest]
 

@@ -92,7 +92,7 @@ def flag(name: str, description: str, **more: Any) -> Setting:
 
 
 def output(metavar: str, description: str, default: Any = REQUIRED, kind: Kind = "path", **more: Any) -> Setting:
-    """Return the option ``-o``, ``--out``, which is checked before the work begins. See ``option``."""
+    """Return the option ``-o``, ``--out``, which is checked before the work begins."""
     return option(kind, "out", metavar, description, default, **{"option": "-o --out", "is_output": True, **more})
 
 
@@ -143,7 +143,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def parse_script(description: str | None, *settings: Setting, argv: Sequence[str] | None = None) -> argparse.Namespace:
-    """Parse the command line of a program without verbs. An error ends the process with exit code 2."""
+    """Parse the command line of a program without verbs, or end with exit code 2."""
     parser = Parser(description=description)
     parser.add_settings(settings)
     try:
@@ -203,7 +203,7 @@ class Program:
         return args
 
     def parser(self, group: str = "") -> Parser:
-        """Return the parser of the verb name, or of the verb names in a group. Its help lists the verbs."""
+        """Return the parser of the verb name. Its help lists the verbs."""
         name, of_group = f"{self.name} {group}".strip(), self.groups.get(group, "")
         about = f"{of_group[:1].upper()}{of_group[1:]}." if group else self.description
         usage = f"{name} [-h]{' [--version]' * bool(self.version and not group)} VERB ..."

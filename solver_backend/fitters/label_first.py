@@ -97,7 +97,7 @@ def labelled_capture(
     network: LandmarkNetwork | None = None,
     always: bool = False,
 ) -> tuple[Capture, LabelledTake | None]:
-    """Return a capture with labelled points, and the labelling. A capture with enough names is unchanged.
+    """Return a capture with labelled points, unchanged if it has enough names.
 
     Args:
         user_labels: labels assigned by the user, by column and frame. They apply to the whole segment.

@@ -148,7 +148,7 @@ def find_skin_contacts(
     *,
     detects: bool = True,
 ) -> SkinContacts | None:
-    """Find skin contacts with floor and objects. Return None if only feet are on or below the floor z = 0.
+    """Find skin contacts with floor and objects, or return None if only feet touch.
 
     If there are objects, feet count too. If the user changed contacts, there is always a result.
 

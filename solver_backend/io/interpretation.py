@@ -57,7 +57,7 @@ def interpret_rate(
 def interpret_cameras(
     stated: StatedCameras, path: Path, kind: str, unit: str | None, up_axis: str | None
 ) -> Calibration | None:
-    """Convert the cameras of a calibration to metres with Z up. Return None if the file has none.
+    """Convert the cameras of a calibration to metres with Z up, None without any.
 
     Without a unit, an array wider than ``WIDEST_ARRAY_M`` is in millimetres. ``kind`` is the format name for notes.
 

@@ -63,7 +63,7 @@ def heading_of(path: Path) -> list[str]:
 
 
 def csv_rows(text: str, delimiter: str, path: Path) -> list[list[str]]:
-    """Return the non-empty rows of a table. Raise FileDamaged if quotes or line breaks are not valid."""
+    """Return the non-empty rows of a table. Raise FileDamaged for invalid quotes."""
     try:
         return [row for row in csv.reader(io.StringIO(text), delimiter=delimiter) if row]
     except csv.Error as error:
@@ -71,7 +71,7 @@ def csv_rows(text: str, delimiter: str, path: Path) -> list[list[str]]:
 
 
 def read_rows(path: Path, largest: int = LARGEST_TAKE) -> tuple[list[str], list[list[str]]]:
-    """Return the heading and rows of a table. Raise FileMissing, or FileDamaged if it is not a table."""
+    """Return heading and rows of a table. Raise FileMissing or FileDamaged."""
     text = read_text(path, largest)
     rows = csv_rows(text, delimiter_of(text.partition("\n")[0]), path)
     if not rows:

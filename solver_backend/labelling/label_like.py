@@ -292,7 +292,7 @@ class TakeShape:
 
 
 def shape_of(points: np.ndarray, skin_m: float = SKIN_M) -> TakeShape:
-    """Return the shape of (F, M, 3) points. Markers that are visible in too few frames are missing."""
+    """Return the shape of (F, M, 3) points, without rarely visible markers."""
     some = points[np.unique(np.linspace(0, len(points) - 1, TAKE_FRAMES).astype(int))].copy()
     some[:, np.isfinite(some).all(-1).sum(0) < min(LEAST_FRAMES, len(some))] = np.nan
     mean, variance = distance_statistics(some)

@@ -196,7 +196,7 @@ class BodyFit(Protocol):
     def step(
         self, points: np.ndarray, guess: np.ndarray, guess_sigma: np.ndarray, dt: float, steps: int | None = None
     ) -> FittedBody:
-        """Fit a frame's (53, 3) points, NaN if missing. Guesses with (53,) deviations replace missing ones."""
+        """Fit a frame's (53, 3) points, with guesses of (53,) deviations for missing ones."""
         ...
 
 

@@ -85,7 +85,7 @@ def decode_live_link(packet: bytes) -> FacePacket:
 
 
 def decode_ifacialmocap(packet: bytes) -> FacePacket:
-    """Decode an iFacialMocap packet. Raise ``FacePacketInvalid`` if it is not text in that format."""
+    """Decode an iFacialMocap packet. Raise ``FacePacketInvalid`` for other packets."""
     try:
         text = packet.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -117,7 +117,7 @@ class FaceFrame(NamedTuple):
 
 
 class FaceAssembly(OneSender[FacePacket, FaceFrame]):
-    """Frames from one phone. Packets from others, and late, repeated or invalid ones, are skipped."""
+    """Frames from one phone, without late, repeated or invalid packets."""
 
     words = "Another phone is ignored while the first one sends.", "A packet is not one of this app's"
 

@@ -234,7 +234,7 @@ def unit_of(points: np.ndarray) -> str | None:
 
 
 def up_axis_of(frames: list[np.ndarray], network: PointNetwork) -> str:
-    """Return the up axis with the most certain labels. This is Z unless another axis is clearly better.
+    """Return the up axis with the most certain labels, Z unless another is clearly better.
 
     The score is ``mean p + w max(0, u)`` with the best probability p of each point and the height u of the head above
     the pelvis in trunk lengths. The network labels lying people with nearly the same certainty, so u is needed.

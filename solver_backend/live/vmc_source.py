@@ -180,7 +180,7 @@ class BonesOnBody:
         return self.body.layout, self.body.rest_joints(self.person()[1])
 
     def pose(self, frame: BoneFrame) -> tuple[np.ndarray, np.ndarray]:
-        """Return the (J, 3) rotation vectors and (3,) translation of a frame. Missing bones do not rotate."""
+        """Return the (J, 3) rotation vectors and (3,) translation of a frame."""
         if self._humanoid is None:
             self._meet(frame)
         if not self._fingers and any(finger in bone for bone in frame.quat for finger in _FINGERS):

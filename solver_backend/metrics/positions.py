@@ -16,7 +16,7 @@ Expected = tuple["int | str | EllipsisType", ...]  # Sizes, names for any size, 
 
 
 def same_shape(found: np.ndarray, truth: np.ndarray, expected: Expected) -> tuple[np.ndarray, np.ndarray]:
-    """Return both arrays as float64. Raise ``ShapeMismatch`` unless both have the expected shape."""
+    """Return both arrays as float64. Raise ``ShapeMismatch`` for other shapes."""
     found, truth = np.asarray(found, dtype=np.float64), np.asarray(truth, dtype=np.float64)
     if found.shape != truth.shape:
         message = f"Arrays of shapes {found.shape} and {truth.shape} cannot be compared."

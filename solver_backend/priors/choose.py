@@ -79,7 +79,7 @@ class GaussianOnSphere(AutoencodingPrior):
 
 
 def load_prior(choice: str = AUTO_PRIOR) -> AutoencodingPrior:
-    """Load a prior with unit codes of zero mean, given one of ``NAMES`` or a file. The default is SPoser.
+    """Load a prior with unit codes of zero mean from ``NAMES`` or a file, default SPoser.
 
     Raises:
         FileMissing, WeightsInvalid: see ``read_weights``.

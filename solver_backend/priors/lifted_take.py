@@ -55,7 +55,7 @@ def place_before_camera(points: np.ndarray, image: np.ndarray, weight: np.ndarra
 
 
 def smoothed_places(places: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, 3) positions averaged over neighbouring frames by a Gaussian. NaN positions stay NaN."""
+    """Return (F, 3) positions averaged over time by a Gaussian, NaN where missing."""
     half = max(1, round(3 * _SMOOTH_S * fps))
     kernel = np.exp(-0.5 * (np.arange(-half, half + 1) / (_SMOOTH_S * fps)) ** 2)
     known = np.isfinite(places).all(axis=1)

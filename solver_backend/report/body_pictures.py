@@ -101,7 +101,7 @@ CAPTION, MOST_SCALE = 18.0, 1.0  # Height of the captions, and largest scale of 
 
 
 def poses_section(motion: Motion) -> str:
-    """Draw the solved body in some frames from one direction, with the floor. Fingers are relaxed."""
+    """Draw the solved body in some frames from one direction, with the floor."""
     body = load_body()
     if motion.body != body.id or not motion.num_frames:
         return ""

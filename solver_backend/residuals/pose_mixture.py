@@ -91,7 +91,7 @@ class PoseMixtureTerm:
 
     @classmethod
     def of(cls, joints: tuple[str, ...]) -> PoseMixtureTerm:
-        """Return the term for poses of these joints. Joints outside the mixture are only drawn to rest."""
+        """Return the term for poses of these joints. Others are only drawn to rest."""
         return cls(load_pose_mixture(joints), rest_precision=rest_precision(joints))
 
     def select(self, frames: Any) -> PoseMixtureTerm:

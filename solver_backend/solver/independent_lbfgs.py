@@ -39,7 +39,7 @@ class QuasiNewtonResult:
 def independent_lbfgs(
     objective: Objective, start: np.ndarray, scale: np.ndarray, settings: QuasiNewtonSettings = QuasiNewtonSettings()
 ) -> QuasiNewtonResult:
-    """Minimise ``f_b(x_b)`` for every problem b. Problems that have not stopped are evaluated together.
+    """Minimise ``f_b(x_b)`` for every problem b, evaluated together.
 
     ``x ← x - t H ∇f`` with H from the last pairs, ``H_0 = γ diag(scale)``, and t by bisection until the weak Wolfe
     conditions hold (Nocedal and Wright 2006, algorithm 7.4. Lewis and Overton 2013, "Nonsmooth optimization via

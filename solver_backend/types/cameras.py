@@ -145,7 +145,7 @@ class Cameras:
         return R @ self.path.R, self.path.t @ R.T + t
 
     def carried(self, R: Float[np.ndarray, "frames 3 3"], t: Float[np.ndarray, "frames 3"]) -> Cameras:
-        """Return a single moving camera with these world-to-camera poses. It starts at the first one."""
+        """Return a single moving camera with these world-to-camera poses."""
         return replace(self, R=R[:1], t=t[:1], path=CameraPath(R[0].T @ R, (t - t[0]) @ R[0]))
 
     def scaled(self, factor: float) -> Cameras:

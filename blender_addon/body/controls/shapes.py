@@ -37,7 +37,7 @@ _TRUNK = ("pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar")
 def add_control_shapes(
     armature: bpy.types.Object, body: BodyFile, betas: np.ndarray, layout: BoneLayout
 ) -> bpy.types.Collection:
-    """Give every posed bone a custom shape that fits the skin. Return the hidden collection of the shapes."""
+    """Give every posed bone a custom shape, and return the shapes' hidden collection."""
     folder = child_collection("Controls", armature.users_collection[0])
     folder.hide_viewport = folder.hide_render = True
     shapes = {name: _wire(f"{armature.name} {name}", curves, folder) for name, curves in _SHAPES.items()}

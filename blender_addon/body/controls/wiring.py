@@ -22,7 +22,7 @@ _AHEAD = {"arm": np.array([0.0, 1.0, 0.0]), "leg": np.array([0.0, -1.0, 0.0])}
 
 
 def add_root(data: bpy.types.Armature) -> bpy.types.EditBone:
-    """Add the root bone at the armature's origin, aligned with its axes. Blender must be in edit mode."""
+    """Add the root bone at the armature's origin, in edit mode."""
     root = data.edit_bones.new(ROOT)
     root.head, root.tail = (0.0, 0.0, 0.0), (0.0, ROOT_LENGTH_M, 0.0)
     root.align_roll((0.0, 0.0, 1.0))
@@ -36,7 +36,7 @@ def _rest_pole(layout: BoneLayout, limb: Limb) -> np.ndarray:
 
 
 def add_limb_bones(data: bpy.types.Armature, layout: BoneLayout) -> None:
-    """Add the bones of all limbs to an armature that has joints and a root. Blender must be in edit mode."""
+    """Add the bones of all limbs to an armature with joints and a root, in edit mode."""
     bones, root = data.edit_bones, data.edit_bones[ROOT]
     for limb in LIMBS:
         upper, lower, end = limb.joints
@@ -134,7 +134,7 @@ _TOWARDS_THUMB = ("thumb", "index", "middle")
 
 
 def add_finger_controls(data: bpy.types.Armature) -> None:
-    """Add a control at each finger's first joint to an armature with joints. Blender must be in edit mode."""
+    """Add a control at each finger's first joint, in edit mode."""
     for side in SIDES:
         likes = {finger_control(side, finger): f"{side}_{finger}1" for finger in FINGERS}
         likes[fist_control(side)] = f"{side}_middle1"

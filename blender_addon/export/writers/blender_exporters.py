@@ -63,7 +63,7 @@ _CRATE = b"PXR-USDC"
 
 
 def require_space(path: Path, estimate: int) -> None:
-    """Check that a file of about ``estimate`` bytes fits on its disk. Raises ``OSError`` if it does not."""
+    """Check that a file of about ``estimate`` bytes fits on its disk, or raise ``OSError``."""
     free = shutil.disk_usage(path.parent).free
     if free < estimate + _RESERVE:
         mib = f"about {estimate / 2**20:.0f} MiB are needed, {free / 2**20:.0f} MiB are free"

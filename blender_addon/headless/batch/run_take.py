@@ -29,7 +29,7 @@ _KEPT_ATTEMPTS = 20  # Number of last attempts that a take's record keeps. Chose
 
 
 def run_take(work: Work, capture: Path, progress: Progress, **place: Any) -> TakeRecord:
-    """Process all steps of one take, or reuse its results. Return its record, which contains any error."""
+    """Process all steps of one take, or reuse its results, and return its record."""
     record = recalled(work, capture)
     if record is not None:
         return record

@@ -20,7 +20,7 @@ Plain = dict[str, Any]
 
 
 def to_plain(value: Any) -> Plain:
-    """Convert a data class to plain values. Paths become absolute, except for the name of a Python."""
+    """Convert a data class to plain values with absolute paths."""
     found = {item.name: getattr(value, item.name) for item in fields(value)}
     whole = {k: v.resolve() if isinstance(v, Path) and k != "python" else v for k, v in found.items()}
     return as_plain(whole)

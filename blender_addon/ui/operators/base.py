@@ -265,7 +265,7 @@ class RunFailed(Exception):
 
 
 def options(**values: Any) -> list[str]:
-    """Return command-line options. None, False and empty text give no option, and True gives a switch."""
+    """Return command-line options, without those that are None, False or empty."""
     given = {f"--{name.replace('_', '-')}": value for name, value in values.items() if value not in (None, False, "")}
     return [word for name, value in given.items() for word in ([name] if value is True else [name, str(value)])]
 
@@ -295,7 +295,7 @@ class SolverOperator(MocapOperator):
     _watch = staticmethod(lambda: None)
 
     def steps(self, context: bpy.types.Context) -> Steps:
-        """Yield the run, bring its result into the scene, and return the answer. A ``MocapError`` is reported."""
+        """Yield the run, bring its result into the scene, and report a ``MocapError``."""
         raise NotImplementedError
 
     def work(self, context: bpy.types.Context) -> Answer:

@@ -196,7 +196,7 @@ class MOCAP_OT_import_capture(
         return self.execute(context) if base.is_chosen(self) else ImportHelper.invoke(self, context, event)
 
     def steps(self, context: bpy.types.Context) -> Steps:
-        """Set up the scene for each capture, or bake a solved motion. The longest trial sets the frame range."""
+        """Set up the scene for each capture, or bake a solved motion."""
         from ..._exchange.motion_file import is_motion
         from ...scene.bake import BakeSettings
         from .import_results import takes_over

@@ -137,7 +137,7 @@ def chosen_target(context: bpy.types.Context) -> bpy.types.Object:
 
 
 def table_map(context: bpy.types.Context) -> RigMap:
-    """Return the map in the table, with the user's corrections. A target without a map is an error."""
+    """Return the map in the table, with the user's corrections."""
     import json
     from dataclasses import replace
 

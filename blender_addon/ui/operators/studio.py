@@ -129,7 +129,7 @@ def _size(mebibytes: float) -> str:
 
 
 def data_set_description(context: bpy.types.Context) -> dict[str, Any]:
-    """Return the description of a data set from the panel's settings. Incomplete settings are errors."""
+    """Return the description of a data set from the panel's settings."""
     settings = context.scene.mocap.studio
     if not settings.film:
         raise CommandLineInvalid("No kind of image is selected.", hint="Choose at least one kind of image.")

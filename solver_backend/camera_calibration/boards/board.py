@@ -141,7 +141,7 @@ class BoardSighting:
 
 
 class BoardDetector:
-    """Detector of one board. Raises ``JobInvalid`` if its dictionary is unknown or has too few markers."""
+    """Detector of one board. Raises ``JobInvalid`` for an unsuitable dictionary."""
 
     def __init__(self, board: Board) -> None:
         self.board, self._cv2 = board, opencv()

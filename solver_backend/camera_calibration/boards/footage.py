@@ -94,7 +94,7 @@ def _camera_name(path: Path) -> str:
 
 
 def recordings_beside(folder: Path) -> dict[str, Path]:
-    """Return the recordings in a folder by name. A recording in chapters is given by its first chapter."""
+    """Return the recordings in a folder by name, given by their first chapters."""
     return {parts[0].stem: parts[0] for parts in join_chapters(filter(is_video, entries(folder)))}
 
 
@@ -158,7 +158,7 @@ def find_boards(path: Path, board: Board) -> tuple[Sightings, tuple[int, int]]:
 def find_together(
     footage: BoardFootage, names: Sequence[str], board: Board, progress: Progress
 ) -> tuple[list[Sightings], list[tuple[int, int]]]:
-    """Return the result of ``find_boards`` for each camera. A camera without footage has no sightings."""
+    """Return the result of ``find_boards`` for each camera, nothing without footage."""
     seen, sizes = [], []
     for done, name in enumerate(names):
         progress(f"Board before {name}", done, len(names))

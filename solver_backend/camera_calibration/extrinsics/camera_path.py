@@ -53,7 +53,7 @@ class FoundPath:
 
 @dataclass(frozen=True)
 class Tracks:
-    """Points that are tracked through F frames. The memory is proportional to F, because tracks are short."""
+    """Points that are tracked through F frames, in memory proportional to F."""
 
     names: tuple[np.ndarray, ...]  # (n,) increasing numbers of the tracks in each frame.
     px: tuple[np.ndarray, ...]  # (n, 2) their pixels.

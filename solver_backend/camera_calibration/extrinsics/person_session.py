@@ -191,7 +191,7 @@ def sample_person(keypoints: Keypoints2D, most: int) -> tuple[np.ndarray, np.nda
 
 
 def keypoint_sigma(confidence: np.ndarray, sigma_px: float = START_SIGMA_PX) -> np.ndarray:
-    """Return the deviation in px of keypoints with a confidence. It is ``sigma_px`` for a confidence of 1."""
+    """Return the deviation in px of keypoints, ``sigma_px`` for a confidence of 1."""
     return sigma_px / np.sqrt(np.clip(confidence, 0.1, 1.0))
 
 

@@ -65,7 +65,7 @@ def read_clicks(path: Path) -> Clicks:
 
 
 def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> CalibratedCameras:
-    """Calibrate cameras in the world of the known points. Other points are used if two cameras see them.
+    """Calibrate cameras in the world of known points, with other points in two views.
 
     Args:
         clicks: at least four known points per camera, or six that are not in one plane.
@@ -167,7 +167,7 @@ def board_evidence(
 
 
 def person_evidence(cameras: Cameras, keypoints: Keypoints2D) -> Evidence:
-    """Return the observations of one person's keypoints as single points. Raises as ``sample_person``."""
+    """Return the observations of one person's keypoints as single points."""
     frames, xy, confidence = person_session.sample_person(keypoints, person_session.FINAL_FRAMES)
     bodies, seen, _ = two_views.point_bodies(cameras, xy, person_session.keypoint_sigma(confidence))
     return Evidence("person", bodies, seen, alike=float(min(person_session.FRAMES_ALIKE, len(frames))))

@@ -29,7 +29,7 @@ FORMAT, VERSION = "manifold-mocap-lenses", 1
 
 
 def read_lenses(path: Path) -> dict[str, Lens]:
-    """Read a library of lenses by name, such as ``phone wide 1080p60``. It is empty if there is no file."""
+    """Read a library of lenses by name, empty without a file."""
     if not path.exists():
         return {}
     table = read_json(path)

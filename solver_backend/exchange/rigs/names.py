@@ -60,7 +60,7 @@ _PREFIXES = _set("def bip bip001 bip01 mixamorig character j jnt joint bone bn c
 
 
 def guess_roles(bones: Iterable[str], parents: dict[str, str]) -> dict[str, str]:
-    """Return the most likely bone of each role. A limb ends where its bones are no longer connected.
+    """Return the most likely bone of each role, along connected bones of a limb.
 
     Args:
         parents: parent name of each bone. Roots have none.

@@ -23,7 +23,7 @@ class HandViews:
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D) -> HandViews | None:
-        """Return the hands of a person, or None if no view shows any. A view must also show the body."""
+        """Return the hands of a person, or None if no view shows a hand and the body."""
         if keypoints.hands is None:
             return None
         with_body = (keypoints.confidence > 0).any(axis=-1)[..., None, None]

@@ -138,7 +138,7 @@ def hand_size_in(motion: Motion) -> float:
 def with_fingers_of(
     motion: Motion, earlier: Motion, solved: SolvedRange, hands: Mapping[int, HandRange], body: Body
 ) -> Motion:
-    """Add fingers to a motion that was solved again. Fingers that were not solved keep the earlier motion.
+    """Add fingers to a motion that was solved again, from the earlier motion where needed.
 
     Solved fingers join the earlier ones at the ends of the range, and match the pinned poses. The difference fades
     linearly to the next pin or end. A motion without fingers stays unchanged if ``earlier`` has none.
@@ -320,7 +320,7 @@ class SolvedHands(SolvedLayer):
 
 @dataclass(frozen=True)
 class Hands(Layer):
-    """Both hands of one person, solved after the body. The arms then follow the hands' better wrists."""
+    """Both hands of one person, solved after the body, with wrists that the arms follow."""
 
     shown: HandViews | HandClouds  # Views or markers of the hands.
     SETTINGS: ClassVar[frozenset[str]] = frozenset({"learn_noise"})
@@ -342,7 +342,7 @@ def hands_in_views(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Hands, ...
 def solve_hands(
     shown: HandViews | HandClouds, solved: SolvedFrames, fps: float, settings: SolveSettings, progress: Progress
 ) -> tuple[SolvedFrames, SolvedHands | None]:
-    """Solve the hands. Return the poses with adjusted arms, and the hands, or None for a short take.
+    """Solve the hands, and return them with adjusted arms, or None for a short take.
 
     A body model without fingers has no hands, which a diagnostic reports.
     """

@@ -242,7 +242,7 @@ def resolve_outlier_markers(
     schedule: Schedule,
     frames: np.ndarray,
 ) -> Keyframes:
-    """Solve windows with outlier markers again from wide robust scales. Keep results with fewer outliers.
+    """Solve windows with outlier markers again, and keep results with fewer outliers.
 
     ``measurements`` are the markers of a calibrated person, not the keypoints of a motion. References: Blake and
     Zisserman 1987 (graduated non-convexity), Black and Rangarajan 1996.

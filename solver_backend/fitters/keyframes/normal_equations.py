@@ -190,7 +190,7 @@ class BundleModel:
         return replace(self, objective=self.objective.part(keys))
 
     def astype(self, precision: Any) -> BundleModel:
-        """Return the model in the given floating-point precision. Single precision halves memory traffic."""
+        """Return the model in a floating-point precision. Single halves memory traffic."""
         return replace(self, subject=self.subject.astype(precision), objective=self.objective.astype(precision))
 
     def poses(

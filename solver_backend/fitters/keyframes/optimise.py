@@ -177,7 +177,7 @@ class Stretch:
         windows: slice,
         fixed_ends: tuple[bool, bool],
     ) -> Stretch:
-        """Return a range of windows as a problem. Its first or last three keys are fixed if that end is fixed."""
+        """Return a range of windows as a problem, with three fixed keys at a fixed end."""
         part, some = layout.part(windows), slice(2 * windows.start, 2 * windows.stop + 1)
         number = np.arange(part.num_keys)
         fixed = (number < 3) & fixed_ends[0] | (number >= part.num_keys - 3) & fixed_ends[1]

@@ -129,7 +129,7 @@ RootCurve = ApartRoot | ScrewRoot  # Root of W·n frames in order of rows, and i
 
 @dataclass(frozen=True)
 class SphericalMean:
-    """Normalised mean ``v = m / |m|`` with ``m = Σ_k w_k x_k`` of unit vectors x. It preserves zero means."""
+    """Normalised mean ``v = m / |m|`` with ``m = Σ_k w_k x_k`` of unit vectors x."""
 
     value: Array  # (W, n, d) ``v``.
     length: Array  # (W, n, 1) ``|m|``.

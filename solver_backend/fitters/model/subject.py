@@ -146,7 +146,7 @@ class Keyframes(Rows):
         return self.select(index(free * windows[:, None] + np.arange(free + 1), self.z))
 
     def fives(self, windows: np.ndarray) -> Keyframes:
-        """Return the (W, 5) keys of each given window and one more on both sides. The ends are repeated."""
+        """Return the (W, 5) keys of each window and one more on both sides."""
         keys = np.clip(2 * windows[:, None] + np.arange(-1, 4), 0, self.z.shape[0] - 1)
         return self.select(index(keys, self.z))
 
@@ -157,7 +157,7 @@ class Keyframes(Rows):
         return Keyframes(*(xp.concat([old[: keys.start], part, old[keys.stop :]]) for old, part in pairs))
 
     def retract(self, step: Array, layout: StateLayout) -> Keyframes:
-        """Return the keys after (K, n) steps in this layout. Blocks outside the layout do not change."""
+        """Return the keys after (K, n) steps of this layout's blocks."""
         xp, z, residual = array_namespace(step), self.z, self.residual
         if CODE in layout:
             along = xp.matmul(CODES.tangent_basis(z), step[:, layout[CODE], None])[..., 0]

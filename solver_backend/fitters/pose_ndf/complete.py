@@ -25,7 +25,7 @@ BENDS: tuple[tuple[int, int, float], ...] = ((3, 0, -1.0), (4, 0, -1.0), (17, 1,
 
 @dataclass(frozen=True)
 class KeypointSettings:
-    """Weights of eq. 10. The data term is in squared standard deviations of the detector's noise."""
+    """Weights of eq. 10, relative to squared deviations of the detector's noise."""
 
     manifold: float = 50.0  # w, 1/rad²: ``λ_θ = w f(θ)``, so that the term ``w f² / 2`` lets go near the manifold.
     adaptive: bool = True  # False for a constant ``λ_θ = w``, 1/rad, to compare.
@@ -129,7 +129,7 @@ def fit_keypoints(
     start: PosedFrames,
     settings: KeypointSettings = KeypointSettings(),
 ) -> KeypointFit:
-    """Return the poses and the shape that minimise eq. 10. The initial poses must face the right way.
+    """Return the poses and the shape that minimise eq. 10, from poses of that direction.
 
     Args:
         subject: body and the keypoints' landmarks. Its shape is the initial shape.
@@ -271,7 +271,7 @@ class CompleteSettings:
 
 
 def missing_joints(names: Sequence[str]) -> tuple[int, ...]:
-    """Return the columns of joints by joint or limb names. Raise ``JobInvalid`` for unknown ones."""
+    """Return the columns of named joints or limbs. Raise ``JobInvalid`` for unknown ones."""
     known = BODY_JOINTS
     unknown = [name for name in names if name not in LIMBS and name not in known]
     if unknown or not names:
@@ -290,7 +290,7 @@ def complete(
     settings: CompleteSettings = CompleteSettings(),
     progress: Progress = silent,
 ) -> PosedFrames:
-    """Return the poses with the missing joints close to the manifold. Other joints do not change.
+    """Return the poses with the missing joints close to the manifold.
 
     The paper's result depends on its initial pose near rest. Here limbs of sampled poses are tried first.
 

@@ -67,7 +67,7 @@ class Window:
         return cost, (by_keys.z[0, 1:], by_turns(curve.keys.quat, by_keys.quat)[0, 1:], by_keys.transl[0, 1:])
 
     def codes_cost(self, z: Array) -> tuple[float, Array | None]:
-        """Return a cost of the frames' (F, d) codes and its gradient. The published method has no such cost."""
+        """Return a cost of the frames' (F, d) codes and its gradient, here none."""
         return 0.0, None
 
     def keys(self, state: KeyState) -> Keyframes:

@@ -64,7 +64,7 @@ class SteadyLandmarks:
 
 @dataclass(frozen=True)
 class LandmarkFit:
-    """Fixed quantities of a fit of F poses. Landmarks are at their layout's positions on the person."""
+    """Fixed quantities of a fit of F poses, with landmarks at their layout's positions."""
 
     subject: Subject
     prior: GaussianVAE

@@ -75,7 +75,7 @@ class Calibration:
 
 
 def build_cameras(entries: Sequence[CameraEntry], *, where: str) -> Cameras:
-    """Build ``Cameras`` from entries. A missing image size is assumed to be twice the principal point."""
+    """Build ``Cameras`` from entries, by the principal point for a missing image size."""
     finished = [replace(e, R=_exact_rotation(e.R), distortion=_trimmed(e, where)) for e in entries]
     sizes = [_possible_size(e.image_size or _guessed_size(e.K), f"{where}, camera {e.name}") for e in finished]
     width = max(len(e.distortion) for e in finished)

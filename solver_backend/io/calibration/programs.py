@@ -118,7 +118,7 @@ def _number(node: ElementTree.Element, key: str, place: str, *, default: float |
 
 
 def read_vicon(path: Path) -> StatedCameras:
-    """Read a Vicon calibration (.xcp) in mm. Only the video cameras are returned if there are any.
+    """Read a Vicon calibration (.xcp) in mm, only of the video cameras if there are any.
 
     The last key frame has the focal length in pixels, the principal point, the position, and the orientation from world
     to camera as a quaternion xyzw. ``VICON_RADIAL2`` has a centre and three radial coefficients of OpenCV's model.

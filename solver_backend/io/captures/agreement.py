@@ -126,7 +126,7 @@ def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture
 
 
 def as_numbered(detections: Detections, options: ReadOptions) -> Detections:
-    """Return the detections with rows aligned by frame number. Arguments are as in ``bring_to_one_time``."""
+    """Return the detections with rows aligned by frame number."""
     offsets = _numbered(detections, options)
     lengths = _lengths(detections)
     first, stop = common_rows(offsets, lengths)

@@ -64,7 +64,7 @@ class CameraFrames:
     def of_people(
         cls, found: Iterable[tuple[int, np.ndarray]], path: Path, keypoints: tuple[str, ...] = ()
     ) -> CameraFrames:
-        """Build camera frames from frame numbers and people (K, 3). An undetected person gives an empty frame."""
+        """Build camera frames from frame numbers and people (K, 3)."""
         frames: dict[int, People] = {}
         for number, person in found:
             here = frames.setdefault(number, [])

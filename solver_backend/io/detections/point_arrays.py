@@ -32,7 +32,7 @@ MOST_CAMERAS, MOST_PEOPLE = 64, 12
 
 
 def is_array(path: Path) -> bool:
-    """Return whether a file has arrays with the points of a joint set. A third number must be a score."""
+    """Return whether a file has arrays with the points of a joint set and a score."""
     try:
         arrays = list(_arrays(path).values())
     except FileDamaged:
@@ -57,7 +57,7 @@ def cameras_in(path: Path) -> dict[str, Callable[[], CameraFrames]]:
 
 
 def read_array(path: Path) -> CameraFrames:
-    """Read the frames of one camera. Without scores, points other than NaN and (0, 0) have confidence 1."""
+    """Read the frames of one camera, with confidence 1 if there are no scores."""
     (array, *others) = _arrays(path).values()
     if others or array.ndim > 4:
         hint = "Read it alone, or write one array per camera."

@@ -272,7 +272,7 @@ class _Layout:
 
 
 def read_c3d(path: Path) -> MarkerSource:
-    """Read the markers of a C3D file, or the origins of its segments. Raise FileMissing or FileDamaged."""
+    """Read the markers of a C3D file, or the origins of its segments."""
     data = np.frombuffer(read_bytes(path), np.uint8)
     parameters = _read_parameters(data, path)
     header = _read_header(data, parameters.processor)
@@ -432,7 +432,7 @@ def unnamed_labels(markers: int) -> tuple[str, ...]:
 def write_c3d(
     path: Path | str, cloud: MarkerCloud, *, events: Sequence[tuple[float, str, str]] = (), overwrite: bool = False
 ) -> Path:
-    """Write markers to a C3D file as in ``write_c3d_parts``. A missing marker is 0 0 0 with residual -1."""
+    """Write markers to a C3D file, missing ones as 0 0 0 with residual -1."""
     positions = np.asarray(cloud.positions, dtype=np.float64)
     largest = float(np.nanmax(np.abs(positions), initial=0.0)) if np.isfinite(positions).any() else 0.0
     size = C3dSize(len(positions), cloud.labels or unnamed_labels(positions.shape[1]), cloud.fps, largest, events)

@@ -201,7 +201,7 @@ class _Trajectories(NamedTuple):
 
 
 def read_nexus_csv(path: Path) -> MarkerSource:
-    """Read the trajectories of a Nexus CSV or text file. Raise FileMissing, FileDamaged or NoDetections."""
+    """Read the trajectories of a Nexus CSV or text file."""
     lines = read_text(path).splitlines()
     sections = sections_of(lines)
     if not sections:

@@ -127,7 +127,7 @@ def _gender(fields: Fields) -> str:
 
 
 def is_amass(path: Path) -> bool:
-    """Return whether a file is an .npz file with poses. Our own files, which have a format name, are not."""
+    """Return whether a file is an .npz file with poses, but not one of ours."""
     names = npz_names(path)
     return "format" not in names and ("poses" in names or "pose_body" in names)
 

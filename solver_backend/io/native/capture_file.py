@@ -48,7 +48,7 @@ _STORED = (*_FIELDS.split(), *_CAMERA_SHAPES, *_OF_PERSON_AND_LENS, *_OF_DETECTO
 
 
 def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False) -> Path:
-    """Write a capture. Footage in its folder gets a relative path. See ``atomic_output`` for errors."""
+    """Write a capture, with relative paths for footage in its folder."""
     arrays: dict[str, np.ndarray] = {"format": np.array(FORMAT), "version": np.array(VERSION)}
     arrays |= {"name": np.array(capture.name), "sources": _strings(capture.sources)}
     if found := (*capture.notes, *capture.problems):
@@ -113,7 +113,7 @@ def _cloud_arrays(cloud: MarkerCloud, prefix: str) -> dict[str, np.ndarray]:
 
 
 def read_capture(path: Path | str) -> Capture:
-    """Read a capture file. Raise FileMissing, FileDamaged, or MocapError if its values are invalid."""
+    """Read a capture file. Raise FileMissing, FileDamaged or MocapError."""
     fields = read_fields(path, _STORED, prefix=_TRUTH)
     fields.require_format(FORMAT, VERSION)
     try:

@@ -120,7 +120,7 @@ def write_subject(path: Path | str, subject: MarkerSubject, *, overwrite: bool =
 
 
 def read_subject(path: Path | str) -> MarkerSubject:
-    """Read a subject file. Raise FileMissing, FileDamaged, or SubjectInvalid if its values are invalid."""
+    """Read a subject file. Raise FileMissing, FileDamaged or SubjectInvalid."""
     fields = read_fields(path, ("format", "version", "body", "provenance", *_TEXTS.values(), *_NUMBERS.values()))
     fields.require_format(SUBJECT_FORMAT, SUBJECT_VERSION)
     texts: dict[str, Any] = {name: fields.texts(stored) for name, stored in _TEXTS.items()}

@@ -17,7 +17,7 @@ _TYPICAL_PER_CENT = 10.0  # Percentages typically exceed this. Other scores abov
 
 
 def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return confidences in 0..1, notes and problems. Flags, percentages and other scales are rescaled.
+    """Return confidences in 0..1, rescaled from other scales, notes and problems.
 
     Args:
         confidence: confidences of one joint set and take, in any shape. 0 or NaN means undetected.

@@ -301,7 +301,7 @@ class Level:
 
     @property
     def is_tilted(self) -> bool:
-        """True if the calibration's world is certainly tilted. Strong evidence against the tilt refutes it."""
+        """True if the calibration's world is certainly tilted."""
         witnesses = self.balance, self.floor, self.cameras
         agreed = sum(witnesses) - max(witnesses) >= SURE and min(witnesses) > -SURE
         return self.could_be_tilted and agreed

@@ -43,7 +43,7 @@ def require_fit(joint_set: JointSet, num_keypoints: int, *, where: str = "") -> 
 
 
 def require_known_count(num_keypoints: int, given: JointSet | None, *, where: str = "") -> None:
-    """Check that the given set, or any set, has this number of keypoints. Call it before storing them.
+    """Check that the given set, or any set, has this number of keypoints.
 
     Raises:
         KeypointCountMismatch: no set has this number.

@@ -147,7 +147,7 @@ def _closest_half(depth: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 
 
 def sorted_medians(values: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Return the median of each group, or NaN for an empty group. Values are sorted by group and value."""
+    """Return the median of each group of sorted values, or NaN for an empty group."""
     if not len(values):
         return np.full(len(sizes), np.nan)
     first, last = np.cumsum(sizes) - sizes, len(values) - 1

@@ -36,7 +36,7 @@ class OpenedDevice:
         self.close()
 
     def open(self) -> None:
-        """Start. Raise ``MocapError`` if the device is missing or unusable. The default does nothing."""
+        """Start. Raise ``MocapError`` if the device is missing or unusable."""
 
     def close(self) -> None:
         """Stop. Can be called several times, and from another thread. The default does nothing."""
@@ -52,7 +52,7 @@ class Device(OpenedDevice, ABC):
         """Yield frames until the device ends, and drop those that come too fast."""
 
     def starting(self, start: float) -> Self:
-        """Return the sensor with its time 0 at the host time ``start``. A live device returns itself."""
+        """Return the sensor with its time 0 at the host time ``start``."""
         return self
 
 

@@ -76,7 +76,7 @@ ROLES = ("master", "slave")  # Roles on the sync wire.
 
 @dataclass
 class OakPipeline(OpenedDevice, ABC):
-    """One OAK with a pipeline that runs from ``open`` to ``close``. Subclasses define the pipeline."""
+    """One OAK with a pipeline of a subclass that runs from ``open`` to ``close``."""
 
     name: str
     identifier: str  # Device identifier, IP address or USB port.
@@ -394,7 +394,7 @@ class OakColour(OakPipeline):
         return encoder.out.createOutputQueue(maxSize=int(self.fps), blocking=False)
 
     def pictures(self) -> Iterator[ColourPicture | None]:
-        """Yield images as they arrive, None while there is none. Raise SensorFailed if the device was lost."""
+        """Yield images as they arrive, else None. Raise SensorFailed for a lost device."""
         self._require_open()
         middle = depthai().CameraExposureOffset.MIDDLE
         while self._pipeline is not None and self._pipeline.isRunning():

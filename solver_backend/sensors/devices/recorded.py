@@ -89,7 +89,7 @@ class RecordingAbout:
 
 
 def read_about(folder: Path) -> RecordingAbout:
-    """Read the description of a recording. Raise RecordingInvalid for another file or invalid values."""
+    """Read the description of a recording. Raise RecordingInvalid."""
     path = folder / ABOUT
     values = read_json(path)
     try:
@@ -116,7 +116,7 @@ def _sensor(item: Any) -> SensorFiles:
 
 
 def read_index(path: Path) -> np.ndarray:
-    """Return (F, 3) rows of frame number, device and host time. Raise RecordingInvalid for another file."""
+    """Return (F, 3) rows of frame number, device and host time. Raise RecordingInvalid."""
     try:
         lines = read_text(path).splitlines(keepends=True)
         whole = [line for line in lines[1:] if line.endswith("\n") and line.strip()]
@@ -138,7 +138,7 @@ _ASK_EVERY = 32  # Number of frames between checks of the free space. Chosen by 
 
 
 class Recording:
-    """Folder of a recording with its description and sensor poses. Sensors are added when they appear.
+    """Folder of a recording with its description and the poses of its sensors.
 
     Raises:
         OutputExists: there is already a recording.
@@ -324,7 +324,7 @@ class RecordedSensor(ReplayedSensor):
         return rows
 
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield the frames. Raise ``SensorFailed`` if the image file is missing (see also ``ReplayedSensor``)."""
+        """Yield the frames. Raise ``SensorFailed`` if the image file is missing."""
         if self.kind == "raw" and not (self.folder / FRAMES).is_file():
             message = f"The file {FRAMES} is missing, or is not a regular file."
             raise SensorFailed(message, where=str(self.folder), hint="Copy the file from the recording again.")

@@ -113,7 +113,7 @@ def in_step_px(moments: Moments, delays: np.ndarray) -> np.ndarray:
 
 
 def held_out(count: int) -> np.ndarray:
-    """Return the (M,) mask of held-out moments. Time ranges separate positions for fitting and evaluation."""
+    """Return the (M,) mask of held-out moments, in separate time ranges."""
     return np.arange(count) * HELD_OUT_BLOCKS // max(count, 1) % 5 == 2
 
 

@@ -125,7 +125,7 @@ SHORTEST_M, LONGEST_M = 0.02, 5.0  # Limits of the distances between neighbourin
 
 @dataclass(frozen=True)
 class Wand:
-    """A wand with three lights. The parts are the distances between neighbouring lights in metres."""
+    """A wand with three lights and the distances between neighbouring lights in metres."""
 
     first_m: float
     second_m: float
@@ -165,7 +165,7 @@ def distances(lights: Float[np.ndarray, "*batch 3 axes"]) -> Float[np.ndarray, "
 
 
 def identified(wand: Wand, flat: Float[np.ndarray, "frames 3 2"], sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Assign three spots to the wand's lights. Return (F, 3) indices and the (F,) mask of certain frames.
+    """Return (F, 3) indices of the wand's lights, and the (F,) mask of certain frames.
 
     The middle light is between the others. The end of the shorter part is nearer to it, unless perspective reverses
     this for a wand that points at the camera. ``flat`` are undistorted normalised coordinates in any order, NaN if
@@ -391,7 +391,7 @@ def points_files(folder: Path) -> list[Path]:
 
 
 def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -> list[WandView]:
-    """Return the views of a folder with ``NAME.csv`` per sensor. Lenses may be files next to them.
+    """Return the views of a folder with ``NAME.csv`` per sensor, and lenses next to them.
 
     Raises:
         FileMissing: there is no table.

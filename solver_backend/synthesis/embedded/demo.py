@@ -56,7 +56,7 @@ def _score() -> tuple[np.ndarray, np.ndarray, list[str]]:
 
 
 def author_motion(body: Body, betas: np.ndarray, num_frames: int, fps: float) -> Choreography:
-    """Play the score. Key poses are blended with a Gaussian, and the standing foot stays on the floor.
+    """Play the score with blended key poses and a standing foot on the floor.
 
     Args:
         betas: (10,) shape coefficients.

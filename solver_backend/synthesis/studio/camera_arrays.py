@@ -34,7 +34,7 @@ def aim_point(cameras: Cameras) -> np.ndarray:
 
 
 def scaled(cameras: Cameras, by: float) -> Cameras:
-    """Scale the images of the cameras to at least 16 pixels per side. The field of view does not change."""
+    """Scale the images of the cameras to at least 16 pixels per side."""
     if by == 1.0:
         return cameras
     size = np.maximum(16, np.round(by * cameras.image_size)).astype(cameras.image_size.dtype)

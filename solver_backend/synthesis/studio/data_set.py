@@ -137,7 +137,7 @@ def _chosen(spec: Spec, out: Path, names: Collection[str]) -> tuple[Shot, ...]:
 
 
 def read_data_set(out: Path) -> tuple[Spec, list[ShotRecord]]:
-    """Return the description and shots of a finished data set. Raise ``FileMissing`` or ``FileDamaged``."""
+    """Return description and shots of a finished data set. Raise FileMissing, FileDamaged."""
     values = _description(out)
     if values is None:
         raise FileMissing("The folder contains no data set of the studio.", where=str(out))

@@ -27,7 +27,7 @@ _ORIGIN = "a shot of the studio"
 
 
 def clean_capture(spec: Spec, stage: Stage, truth: Truth, motion: Motion) -> Capture:
-    """Return a capture without errors. Every keypoint in the image has confidence 1, hidden or not."""
+    """Return a capture without errors, with confidence 1 for all keypoints in the image."""
     chosen = spec.joint_set
     there = truth.visibility[chosen] != OUTSIDE
     xy = np.where(there[..., None], truth.xy[chosen], np.nan)

@@ -53,7 +53,7 @@ _PRESETS: dict[str, dict[str, Any]] = {  # Values of a look by the name of a pre
 
 
 def read_look(description: Any) -> StudioLook:
-    """Return a look from a preset name or an object. Raise ``StudioInvalid`` if it is unknown or invalid."""
+    """Return a look from a preset name or an object. Raise ``StudioInvalid``."""
     values = CheckedValues.described(description, "look", StudioLook.__dataclass_fields__, _PRESETS)
     limits = {"clothes": CLOTHES, "hair": HAIR, "light": LIGHT, "furniture": (0, 20)}
     return values.fill(StudioLook, limits, name=values.text("name", "look"))
@@ -176,7 +176,7 @@ class Spec:
 
 
 def read_spec(path: Path | str) -> Spec:
-    """Read a description. Raise ``FileMissing`` or ``FileDamaged``, and the errors of ``spec_of``."""
+    """Read a description. Raise the errors of ``spec_of``, FileMissing or FileDamaged."""
     path = Path(path)
     return spec_of(read_json(path), path.resolve().parent)
 

@@ -38,7 +38,7 @@ class Shot:
     look: StudioLook
 
     def rng(self, spec: Spec, stream: str) -> np.random.Generator:
-        """Return the random generator for one aspect of this shot. It depends only on seed and names."""
+        """Return the random generator for one aspect of this shot, by seed and names."""
         return seeded(spec.seed, self.name, stream)
 
 
@@ -49,7 +49,7 @@ def seeded(seed: int, *names: str) -> np.random.Generator:
 
 
 def list_shots(spec: Spec) -> tuple[Shot, ...]:
-    """Return all shots of a description in order. Raise ``FileMissing`` if a motion does not exist."""
+    """Return all shots of a description in order. Raise ``FileMissing``."""
     motions, shots = find_motions(list(spec.motions), spec.folder), []
     for motion, person, array, look in product(motions, range(spec.people.count), spec.arrays, spec.looks):
         parts = (motion.name, f"person{person:03d}", array.name, look.name)

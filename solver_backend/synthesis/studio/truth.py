@@ -47,7 +47,7 @@ class Truth:
 
 
 def find_truth(stage: Stage, fps: float, *, sight: bool = True) -> Truth:
-    """Compute the ground truth of a shot. Without ``sight``, every point in the image counts as visible."""
+    """Compute the ground truth of a shot, without ``sight`` as if nothing hid a point."""
     person, cameras = stage.person, stage.cameras
     every, columns = _keypoints(person.body)
     posed = person.pose(every).points

@@ -194,7 +194,7 @@ FORMAT, VERSION = "manifold_mocap_studio_scene", 1
 
 
 def write_scene(path: Path, stage: Stage) -> Path:
-    """Write the static parts of a scene. Motion and cameras are in the motion and the capture file."""
+    """Write the static parts of a scene, without motion and cameras."""
     costume, room = stage.costume, stage.room
     arrays = {"format": np.array(FORMAT), "version": np.array(VERSION), "base": costume.base.astype(np.int32)}
     arrays |= {"offset_m": costume.offset_m.astype(np.float32), "faces": costume.faces.astype(np.int32)}

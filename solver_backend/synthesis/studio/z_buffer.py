@@ -28,7 +28,7 @@ class ZBuffer:
 
 
 def in_camera(cameras: Cameras, view: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, 3) camera coordinates and (N, 2) pixels of world points. Pixels are NaN where undefined."""
+    """Return (N, 3) camera coordinates and (N, 2) pixels of world points, NaN if undefined."""
     camera = points @ cameras.R[view].T + cameras.t[view]
     z = camera[:, 2]
     with np.errstate(divide="ignore", invalid="ignore"):

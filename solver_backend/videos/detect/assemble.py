@@ -242,7 +242,7 @@ class CameraTurns:
 def steadied(
     found: tuple[VideoDetections, ...], calibration: Calibration, progress: Progress = silent
 ) -> tuple[tuple[VideoDetections, ...], list[Diagnostic]]:
-    """Return a single video's detections as seen by a still camera. Several videos are not changed."""
+    """Return a single video's detections as seen by a still camera."""
     if len(found) != 1:
         return found, []
     only, (cameras, _) = found[0], in_video_pixels(calibration, found)

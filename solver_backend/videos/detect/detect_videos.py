@@ -157,7 +157,7 @@ def detect_videos(
     pictures_fps: float = PICTURES_FPS,
     show: Callable[[Sequence[Glance]], object] = len,
 ) -> list[VideoDetections]:
-    """Return the detections of each video. Videos that this detector has already processed are skipped.
+    """Return the detections of each video, and skip videos that are already processed.
 
     Each video has a separate detector process. Its detections are stored in ``folder`` as soon as they are complete.
     The file name consists of the video's name, the hash of its bytes and the detector.

@@ -141,7 +141,7 @@ def joint_set_of(about: dict[str, Any]) -> JointSet:
 
 
 def included_model(name: str) -> Path | None:
-    """Return a model that the extension includes. None if it has none or our own Python lacks LiteRT."""
+    """Return a model that the extension includes, or None without one."""
     path = INCLUDED / name
     return path if path.is_file() and find_spec("ai_edge_litert") is not None else None
 

@@ -39,7 +39,7 @@ _WRIST, _KNUCKLE = 0, 9
 
 
 def first_crop(wrist_px: np.ndarray, elbow_px: np.ndarray, hand_px: float, side: int) -> SquareCrop:
-    """Return the crop of a hand at the end of a forearm from (2,) pixels. Side 0 is left, and 1 is right."""
+    """Return the crop of a hand (0 left, 1 right) at the end of a forearm's (2,) pixels."""
     up, length = direction(elbow_px, wrist_px, 1.0)
     # A forearm that points at the camera has its hand near the wrist in the image, so the crop is centred there.
     forearm = min(1.0, length / (1.3 * hand_px))
@@ -95,7 +95,7 @@ Each = Callable[[Callable[[int], object], Iterable[int]], Iterable[object]]  # `
 
 @dataclass(frozen=True)
 class Arms:
-    """Elbows and wrists in F frames, left side first. Arrays for a single frame have no frame axis."""
+    """Elbows and wrists in F frames, left side first, or in one frame."""
 
     places: np.ndarray  # (F, 2, 2, 3) elbow and wrist of each side in metres, NaN if no views agree.
     detected: np.ndarray  # (C, F, 2, 2, 3) pixels and confidence of the same points in each view.

@@ -72,7 +72,7 @@ def track_background(found: VideoDetections, pictures: Iterable[np.ndarray], pro
 def follow_camera(
     found: VideoDetections, camera: Cameras, pictures: Iterable[np.ndarray], out: Path, progress: Progress = silent
 ) -> Path | None:
-    """Write the path of a camera as a TUM trajectory. Return None if the background does not determine it.
+    """Write the path of a camera as a TUM trajectory, or return None if it is unclear.
 
     Args:
         camera: one camera, for its lens.

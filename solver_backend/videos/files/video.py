@@ -328,7 +328,7 @@ class Sound:
 
 
 def read_sound(path: Path | str) -> Sound:
-    """Return the mono sound of a video. Raise ``VideoWithoutSound`` if there is none or it is silent."""
+    """Return the mono sound of a video. Raise ``VideoWithoutSound`` without any."""
     path, parts, start = Path(path), [], None
     hint = "Film with the microphone on, or synchronise by keypoints."
     with opened(path) as container:

@@ -58,7 +58,7 @@ class KnownOfCameras:
     focal: str = ""  # Focal length for cameras with unknown lenses, see ``find_focal_length``.
 
     def focal_of(self, video: VideoDetections) -> FocalLength:
-        """Return the focal length of a camera with an unknown lens. Errors are as in ``find_focal_length``."""
+        """Return the focal length of a camera with an unknown lens."""
         return find_focal_length(self.focal, video.video, video.size)
 
 

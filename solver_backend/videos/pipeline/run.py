@@ -64,7 +64,7 @@ def made_of_hands(detector: DetectorChoice | None) -> list[str]:
 
 
 def run_take(found: FoundFolder, plan: TakePlan, settings: PipelineSettings, progress: Progress = silent) -> Steps:
-    """Run the steps of one take and return the reports. Write ``road.json`` and images after each step."""
+    """Run the steps of one take, with ``road.json`` and images after each step."""
     check_output(plan.output("capture"), overwrite=True)
     run = _TakeRun(found, plan, settings, progress)
     for step in STEPS[: STEPS.index(settings.until) + 1]:

@@ -374,7 +374,7 @@ def common_times(first_to_last: Sequence[tuple[float, float]], clocks: Clocks, f
 
 
 def at_times(values: np.ndarray, times_s: np.ndarray, wanted_s: np.ndarray) -> np.ndarray:
-    """Interpolate values linearly between neighbouring images, (N, ...). NaN if one of them is missing.
+    """Interpolate values linearly between neighbouring images, (N, ...), NaN if missing.
 
     Args:
         values: (F, ...) values, NaN where missing.

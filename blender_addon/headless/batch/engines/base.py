@@ -39,7 +39,7 @@ class Ended:
 
 
 class Engine(Protocol):
-    """Engine that processes takes, possibly several at a time. Processing a take twice is harmless."""
+    """Engine that processes takes, possibly several at a time."""
 
     tries: int  # Attempts at a take before it is set aside.
 
@@ -51,7 +51,7 @@ class Engine(Protocol):
         """Start a take."""
 
     def ended(self, timeout_s: float) -> list[Ended]:
-        """Return the takes that have ended. Wait at most ``timeout_s`` seconds for the first of them."""
+        """Return the takes that have ended, after at most ``timeout_s`` seconds."""
         ...
 
     def notes(self) -> list[str]:

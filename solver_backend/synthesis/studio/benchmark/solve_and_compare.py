@@ -49,7 +49,7 @@ def solve_and_compare(
     progress: Progress = silent,
     settings: SolveSettings = SolveSettings(),
 ) -> list[Verdict]:
-    """Solve every shot of a data set by every method. A failed solve gives a verdict with its error.
+    """Solve every shot of a data set by every method, with the error of a failed solve.
 
     Args:
         methods: methods of the solver, or 'triangulation'.
