@@ -17,8 +17,9 @@ DEFAULT = Path(__file__).parents[1] / "assets" / "marker_layouts.json"
 FORMAT, VERSION = "manifold_mocap_marker_layouts", 1
 _SIDE_LAST = re.compile(r"(.+?)(?:[ ._-]([LR])|[ ._-]?(LEFT|RIGHT))")
 _SIDE_FIRST = re.compile(r"(LEFT|RIGHT)(.+)")
-# pyCGM2 and Visual3D append the model's name and version to a point: LHJC_CGM_2.4, PELVIS_CGM_2.4O.
+# pyCGM2 and Visual3D append the model's name and version to a point: LHJC_CGM_2.4, _PELVIS_CGM_2.4O.
 _MODEL = re.compile(r"[ _.]?(PY)?CGM[ _.]?\d*([._]\d+)*")
+_PELVIS = "@pelvis"  # The bone without a side, so that its labels in a family have none.
 _LEAST_SIGNS = 2  # Number of specific labels that identify a naming system. One may occur in any file.
 
 
@@ -129,7 +130,8 @@ def _family(values: dict[str, Any], places: set[str], path: Path) -> Family:
             place = f"@{bone}_{part[1:]}" if part[0] == "@" else side + part
             if part[0] != "@" and place not in places:
                 raise FileDamaged(f"The position {place} of a group of names has no rule.", where=str(path))
-            names |= {label_key(side + alias): place for alias in aliases}
+            sided = {label_key(side + alias): place for alias in aliases}
+            names |= dict.fromkeys(map(label_key, aliases), part) if part == _PELVIS else sided
     return Family(_both_sides(values["signs"]), names, _both_sides(values["virtual"]))
 
 

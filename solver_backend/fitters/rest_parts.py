@@ -157,6 +157,7 @@ CORE = ("pelvis", "spine1", "spine2", "spine3", "neck", "head")  # A measurement
 NEAR_M, NEAR_HIP_M = 0.13, 0.17
 """Largest distance of a landmark from a joint that it measures. The pelvis markers are 114 mm from the pelvis joint and
 150 mm from the hips. The acromion marker is 153 mm from the neck. A wand, 230 mm from the hip, does not measure it."""
+LONG_M = 0.2  # Shortest bone of a limb. Bones of the trunk and the feet are shorter.
 BEYOND_CHEST_RAD, BEYOND_LIMBS_RAD, BEYOND_LIMB_RAD = 0.15, 0.25, 0.60
 """Standard deviation per axis, in metres, of an assumed joint per metre from the nearest landmark: with a measured
 trunk or head, with two measured limbs, and with one. In six takes of CMU and UI-PRMD the pelvis has RMS errors per axis
@@ -185,12 +186,14 @@ def assumed_joints(body: Body, landmarks: Landmarks, offsets: np.ndarray, locate
     core = any(names[j] in CORE for j in near)
     if not core:
         near -= {j for j in near if away[j] > 0.0 and names[j].endswith(("collar", "shoulder"))}
-    measured, parents = _between(near, body.parents, across=core), body.parents
+    parents = body.parents
+    between = _between(near, parents, across=core)
+    folding = _folding(between - near, body)
     limbs = {(names[j].split("_")[0], names[j].endswith(_LEG_JOINTS)) for j in near}
     share = BEYOND_CHEST_RAD if core else BEYOND_LIMBS_RAD if len(limbs) > 1 else BEYOND_LIMB_RAD
-    known = set(measured)
+    known = between - folding
     for j, parent in enumerate(parents):
-        known |= {j} if parent in known else set()
+        known |= {j} if parent in known and j not in folding else set()
     return {name: share * float(away[j]) for j, name in enumerate(names) if j not in known}
 
 
@@ -226,6 +229,20 @@ def _between(near: Collection[int], parents: Sequence[int], *, across: bool) -> 
         top = max(shared, key=lambda j: len(_line(j, parents)))
         found |= {a for line in lines.values() for a in line[: line.index(top) + 1]}
     return found
+
+
+def _folding(unmarked: Collection[int], body: Body) -> set[int]:
+    """Return the joints in connected groups of joints without landmarks that contain a whole long bone.
+
+    Such a chain can fold, so its ends do not determine it: a head and heels show neither knees nor a pelvis.
+    """
+    lengths = np.linalg.norm(body.joints_template - body.joints_template[np.maximum(body.parents, 0)], axis=-1)
+    group, long = dict[int, int](), set[int]()
+    for j in sorted(unmarked):
+        group[j] = group.get(parent := int(body.parents[j]), j)
+        if parent in group and lengths[j] > LONG_M:
+            long.add(group[j])
+    return {j for j, first in group.items() if first in long}
 
 
 def _line(j: int, parents: Sequence[int]) -> list[int]:
@@ -344,14 +361,15 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
     offsets, seen = to_numpy(subject.offsets), measurements.seen
     parts = resting_shares(body, subject.landmarks, offsets, measurements.located, seen, measurements.fps, pinned)
     shares, spread = parts.rest, parts.spread
-    if not spread:
+    assumed = {} if len(pinned) else assumed_joints(body, subject.landmarks, offsets, measurements.located)
+    if not spread and not assumed:
         return solved
     below = {part: _below(layout, part) for part in spread}
-    if not shares:  # every part is informed, some of them not to the take's ends
+    if not shares and not assumed:  # every part is informed, some of them not to the take's ends
         return replace(solved, covariance=_spread_out(solved, measurements.fps, layout, below, spread))
-    assumed = {} if len(pinned) else assumed_joints(body, subject.landmarks, offsets, measurements.located)
     where, sigma_m = assumed_places(assumed, {name for part in shares for name in below[part]})
-    local = _rested(body, to_numpy(frames.root), to_numpy(frames.local), shares)
+    local = to_numpy(frames.local)
+    local = _rested(body, to_numpy(frames.root), local, shares) if shares else local
     fitted, frames = frames, replace(frames, local=constant(local, frames.local))
     resting = np.zeros((len(local), layout.num_joints))
     for part, share in shares.items():

@@ -44,6 +44,13 @@ def test_computed_points_are_told_from_markers(label):
     assert names.virtual == (label,) and names.unknown == ("x12",) and names.known == {"LTIB": "LSHN"}
 
 
+def test_plates_are_on_the_bone_that_their_system_names():
+    labels = ("LTHPA", "LTHDP", "RSHPA", "RUAPP", "LFADA", "PVUL", "RFTB", "RANL")
+    bones = ("@left_hip", "@left_hip", "@right_knee", "@right_shoulder", "@left_elbow", "@pelvis", "@right_ankle")
+    assert name_markers(labels).known == dict(zip(labels, (*bones, "RANK"), strict=True))
+    assert name_markers(["PVUL", "RFTB"]).unknown == ("PVUL", "RFTB")
+
+
 def test_of_two_labels_of_one_place_the_first_counts():
     names = name_markers(["LFWT", "C7", "LASI"])
     assert names.known == {"LFWT": "LFWT", "C7": "C7"} and names.doubled == ("LASI",)

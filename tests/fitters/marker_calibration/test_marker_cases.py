@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from solver_backend.exchange.diagnostics import sentence
 from solver_backend.fitters import SolveSettings, solve
 from solver_backend.io.load import load_capture
 from solver_backend.report.checks import recorded_diagnostics
-from solver_backend.types import FLAG_RESTING, SMPL_JOINTS, Motion
+from solver_backend.types import FLAG_RESTING, SMPL_JOINTS, Capture, Motion
 from tests.support.recordings import ABSENT, recordings_folder
 
 CASES = recordings_folder() / "cases" / "markers"
@@ -97,3 +98,16 @@ def test_rotations_of_segments_are_solved_as_a_skeleton() -> None:
     capture = load_capture(CASES / "c3d_rotations" / "C3DRotationExample.c3d")
     motion = solve(capture, SolveSettings(contacts=False)).motion
     assert motion.marker_residual_mm is not None and np.nanmedian(motion.marker_residual_mm) < 30.0
+
+
+def test_knees_stay_where_the_plates_of_thigh_and_shank_carry_them() -> None:
+    """The pelvis, thighs and shanks have only plates. Before their names were read, distances varied by 198 mm."""
+    cloud = load_capture(CASES.parents[1] / "markers/automarkerlabel/transfer_learning_data/KneeltoProne01.c3d").markers
+    assert cloud is not None
+    cloud = replace(cloud, positions=cloud.positions[::24], residual=None, fps=cloud.fps / 24)
+    motion = solve(Capture("take", markers=cloud), SolveSettings(contacts=False)).motion
+    for side in ("left", "right"):
+        plates = [f"{side[0].upper()}{plate}" for plate in ("THDP", "THDA", "SHPA", "SHPP")]
+        points = cloud.positions[:, [cloud.names.index(label) for label in plates]]
+        away = np.linalg.norm(points - places(motion, f"{side}_knee")[:, None], axis=-1)
+        assert (np.nanquantile(away, 0.9, axis=0) - np.nanquantile(away, 0.1, axis=0) < 0.015).all()

@@ -42,6 +42,13 @@ def test_a_pelvis_without_markers_is_assumed_unless_legs_are_seen():
     assert not assumed(marker_landmarks(load_body(), (*CHEST, *LEG)))
 
 
+def test_heels_do_not_show_where_knees_and_a_pelvis_without_markers_are():
+    ends = (*CHEST, "LHEE", "RHEE", "LANK", "RANK", "LTOE", "RTOE")
+    found = assumed(marker_landmarks(load_body(), ends))
+    assert set(found) == {*PELVIS, "left_knee", "right_knee"}
+    assert not assumed(marker_landmarks(load_body(), (*ends, "LFWT", "RFWT", "SACR")))
+
+
 def test_a_marker_is_where_its_offset_puts_it():
     on_thigh = marker_landmarks(load_body(), (*LEG, "@right_hip"))
     assert "right_hip" not in assumed(on_thigh) and "right_hip" in assumed(on_thigh, offsets=0.2)
