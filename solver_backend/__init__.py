@@ -1,4 +1,4 @@
-"""Read a recording and solve the motion of an SMPL-type body. This package never imports bpy.
+"""Read a recording and solve a body's motion. This package never imports bpy.
 
 The names below are the public interface. Each is imported on first use, so that ``--help`` is fast.
 """

@@ -1,4 +1,4 @@
-"""Correct faults in the files of a capture with one list of hypotheses, one likelihood and one search.
+"""Correct faults in a capture's files by one list of hypotheses and one likelihood.
 
 A ``Reading`` is an immutable interpretation of all files: camera poses, image sizes and rotations, camera names, left
 and right, clocks. ``hypotheses`` has one row per kind of fault: a code, proposed readings, and their costs. ``explain``

@@ -184,7 +184,7 @@ class ComparedViews:
         return [ComparedViews(self.cameras.subset(kept), self.xy[kept]) for kept in rest]
 
     def gain(self, k1: float) -> float:
-        """Return the doubled log-likelihood ratio of the views with another distortion, 0 if unknown."""
+        """Return the doubled log-likelihood ratio for another distortion, 0 if unknown."""
         now, then = self.fit, self.with_k1(k1).fit
         if now is None or then is None or not then.is_calibrated:
             return 0.0
@@ -193,7 +193,7 @@ class ComparedViews:
 
 
 def report_lenses(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Diagnostic, ...]:
-    """Report focal lengths that are all too long or too short, and pixels that are already undistorted.
+    """Report focal lengths that are all too long or too short, and undistorted pixels.
 
     Args:
         cameras: C cameras in any unit.

@@ -268,7 +268,7 @@ class TakeEvidence:
         return points, (owner, reading.pose, reading.graphics, reading.pose_of(view))
 
     def counts(self, readings: Sequence[Reading]) -> np.ndarray:
-        """Return (N, BINS) weights per bin of distances for N interpretations, summed over pairs of views."""
+        """Return (N, BINS) weights per bin of distances for N interpretations."""
         total = np.zeros((len(readings), BINS))
         if not readings:
             return total
@@ -324,7 +324,7 @@ class TakeEvidence:
         return fit_noise(self.counts(readings))
 
     def likelihoods(self, readings: Sequence[Reading]) -> tuple[np.ndarray, Noise]:
-        """Return (N,) mean log-likelihood ratios per constraint relative to unrelated views, and the noise.
+        """Return (N,) mean log-likelihood ratios relative to unrelated views, and the noise.
 
         Distances of excluded views count as distances between unrelated views, with a ratio of 0.
         """
@@ -342,7 +342,7 @@ class TakeEvidence:
         return ratios * self.constraints(best) / self.design_effect(best)
 
     def constraints(self, reading: Reading) -> float:
-        """Return the number of independent constraints, as not all pairs of many views add information."""
+        """Return the number of independent constraints between the views."""
         seen = np.isfinite(self.distances(reading))
         share = min(1.0, (2 * self.views - 3) / max(len(self.pairs), 1))
         return float((seen * self.weight[:, None]).sum()) * share

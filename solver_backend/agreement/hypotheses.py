@@ -27,7 +27,7 @@ Row = Callable[[TakeEvidence, Reading], Iterator[Reading]]
 
 
 def conventions(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Propose that all files share one convention of poses, axes, image sizes and image rotations."""
+    """Propose that all files share one convention of poses, axes and images."""
     mirrors = [(turn, mirrored) for turn, mirrored in product(TURNS, (False, True)) if not (mirrored and turn == 3)]
     for pose, graphics, size, (turn, mirrored) in product(POSES, (False, True), FACTORS, mirrors):
         pictures = (PictureReading(size, turn, mirrored),) * evidence.views

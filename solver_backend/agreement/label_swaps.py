@@ -202,7 +202,7 @@ def _again(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulatio
 def exclude_bystanders(
     cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation
 ) -> CheckedViews[ViewRange]:
-    """Exclude a view's detections in frames in which its detector confused a passer-by with the person.
+    """Exclude a view's detections in frames that show a passer-by instead of the person.
 
     As many views, or more, may agree on a passer-by as on the person. Tracks in space and in each view identify the
     person (see ``follow_people``). A single view is not excluded.

@@ -63,7 +63,7 @@ def follow_people(cameras: Cameras, detections: Detections, fps: float, progress
 def detections_of(
     followed: FollowedPeople, person: int, detections: Detections, fps: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a (C, F, P) mask of a person's detections, and the number of matching keypoints of each.
+    """Return a (C, F, P) mask of a person's detections, and their matching keypoints.
 
     Args:
         person: index into ``followed.rows``.
@@ -308,7 +308,7 @@ def _followed(xy: np.ndarray, confidence: np.ndarray, size: np.ndarray, gone: fl
     present = (confidence > 0).sum(axis=-1) >= MIN_POINTS
 
     def distance(one: tuple[int, int], other: tuple[int, int]) -> float:
-        """Return the median distance of common keypoints relative to the larger size, infinity without any."""
+        """Return the median distance of common keypoints in person sizes, else infinity."""
         both = (confidence[one] > 0) & (confidence[other] > 0)
         apart = float(np.median(np.linalg.norm(xy[one][both] - xy[other][both], axis=-1))) if both.any() else np.inf
         return apart / max(float(size[one]), float(size[other]), 1e-6)

@@ -1,4 +1,4 @@
-"""Track people over time: link sightings to tracklets by distance, then join tracklets of one person."""
+"""Track people over time: link sightings to tracklets, then join tracklets."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ CLEAR_RATIO = 2.0  # Smallest ratio of the second candidate's distance for a rel
 
 
 def view_tracks(seen: Sightings) -> np.ndarray:
-    """Return (C, F, P) track numbers of detections, unique over all views, -1 without a detection.
+    """Return (C, F, P) unique track numbers of detections, -1 without a detection.
 
     Detections in consecutive frames are linked if each is clearly the other's nearest. Ambiguous frames, such as those
     with two crossing people, end a track.

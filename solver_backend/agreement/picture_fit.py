@@ -1,4 +1,4 @@
-"""Fit the crop of the calibrated images that the recorded images show: size, width and edges."""
+"""Fit the crop of the calibrated images that the recorded images show."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _DIFFERENCE, _LONGEST = 1e-4, 0.2  # Step of numerical derivatives, and largest 
 
 
 def fit_window(evidence: TakeEvidence, reading: Reading, free: tuple[int, ...], views: tuple[int, ...] = ()) -> Reading:
-    """Return the interpretation with the size, width and edges of the images that fit the views best.
+    """Return the interpretation with the size and edges of images that fit best.
 
     Gauss-Newton steps with Geman-McClure weights (1987) minimise the distances from epipolar lines.
 

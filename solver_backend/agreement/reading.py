@@ -1,4 +1,4 @@
-"""Define interpretations of a capture: immutable states that determine cameras and detections."""
+"""Define interpretations of a capture, which determine cameras and detections."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def sightings(cameras: Cameras, detections: Detections) -> Sightings:
 
 
 def main_person(detections: Detections, *, every_keypoint: bool = False) -> np.ndarray:
-    """Return xy (C, F, J, 2) in px of the largest person in each image, NaN if unseen or uncertain.
+    """Return xy (C, F, J, 2) in px of the largest person in each image, NaN if unseen.
 
     Args:
         every_keypoint: return all keypoints, not only ``compared_keypoints``.

@@ -24,7 +24,7 @@ STEP_PX = 0.5  # Movement of half of the keypoints next to a repetition. A perso
 
 
 def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
-    """Return a (C, F) mask of exact repetitions of the previous frame in a view while the person moves.
+    """Return a (C, F) mask of exact repetitions of the previous frame.
 
     A run of equal frames is a repetition if the view moves in the step after it, or before it at the take's end.
     """
@@ -83,7 +83,7 @@ def grids_px(keypoints: Keypoints2D) -> np.ndarray:
 
 
 def skipped_frames(keypoints: Keypoints2D) -> np.ndarray:
-    """Return an (F,) mask of frames without a person in any view between frames with one, if frequent.
+    """Return an (F,) mask of skipped frames, which no view shows, if frequent.
 
     A solver that uses every second frame might use only these frames.
     """

@@ -32,7 +32,7 @@ OFF_THE_FLOOR = "the person's floor is not at z = 0"
 
 @dataclass(frozen=True)
 class FoundPictures:
-    """Rotation or size of a single view's images for which the person is upright and has a usual stature."""
+    """Rotation or size of images that makes a single view's person plausible."""
 
     picture: PictureReading
     shown_by: str  # Evidence: the person is 'outside' the image, is upright 'alone' in one rotation, or walks 'level'.

@@ -1,4 +1,4 @@
-"""Estimate the start frame of each camera from the epipolar lines of the people in the views.
+"""Estimate each camera's start frame from the epipolar lines of people.
 
 A table per pair of views has their agreement at every offset. The best offsets maximise the sum over the pairs. They
 are accepted only if they beat the offsets of the frame numbers and all alternatives by a margin.
@@ -127,7 +127,7 @@ Tables = dict[tuple[int, int], np.ndarray]
 
 
 def offset_profile(tables: Tables, camera: int, others: dict[int, int]) -> np.ndarray:
-    """Return the (4 R + 1,) gains of a camera at offsets -2 R to 2 R, with other cameras at given offsets."""
+    """Return the (4 R + 1,) gains of a camera at offsets from -2 R to 2 R."""
     reach = len(next(iter(tables.values()))) // 2
     total = np.zeros(4 * reach + 1)
     for other, offset in others.items():
@@ -303,7 +303,7 @@ def _rivals(gains: _PairGains, best: np.ndarray, sure: np.ndarray, near: int) ->
 
 
 def strength(cameras: Cameras, detections: Detections) -> float:
-    """Return the strength of the best match between a few frames of C views, see ``_PairGains.strengths``.
+    """Return the strength of the best match between a few frames of C views.
 
     Args:
         detections: all people, each camera from its first frame.
@@ -394,7 +394,7 @@ def nearest_rows(detections: Detections, rates: Sequence[float]) -> Detections:
 
 
 def at_one_rate(detections: Detections, rates: Sequence[float]) -> Detections:
-    """Return every camera at the take's frame rate, interpolated if both frames show the same person.
+    """Return every camera at the take's frame rate, interpolated within a track.
 
     Args:
         detections: C cameras, each from its first frame.

@@ -276,7 +276,7 @@ class _Rays:
         return found - centre
 
     def whole_lags(self, reach: int, progress: Progress) -> np.ndarray:
-        """Return the (C,) most likely lags behind the first camera in frames, multiples of ``STRIDE``."""
+        """Return the (C,) most likely lags behind the first camera in frames."""
         count, steps = len(self.cameras), reach // STRIDE
         pairs, lags = compared_pairs(count, EACH, NEIGHBOURS), STRIDE * np.arange(-steps, steps + 1)
         still = [self._at(view, np.zeros((1, 1))) for view in range(count)]
@@ -291,7 +291,7 @@ class _Rays:
         return STRIDE * best_offsets(tables, count)
 
     def beats_in_step(self, late: np.ndarray) -> np.ndarray:
-        """Return a (C,) mask of (C, N) delays that explain the views better than none, in most time blocks.
+        """Return a (C,) mask of delays that explain most time blocks better than none.
 
         With slow movement the likelihood is flat, and its maximum is not significant although the slopes suggest it.
         The standard deviation is unknown for a view in one or two time blocks, so its delay must be testable and better
@@ -371,7 +371,7 @@ def reach_frames(fps: float) -> int:
 
 
 def synchronised(keypoints: Keypoints2D, delay: np.ndarray) -> Keypoints2D:
-    """Return the detections with each view shifted by its delay (0 for none), interpolated linearly.
+    """Return the detections with each view shifted by its delay (0 for none).
 
     Args:
         delay: delays in frames, (C,) or (C, F).

@@ -190,7 +190,7 @@ def _extended(cameras: Cameras, keypoints: Keypoints2D, fault: ViewFault) -> Vie
 
 
 def exclude_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[ViewRange]:
-    """Exclude the frame ranges of views that contradict all others, such as views of another person.
+    """Exclude the frame ranges of views that contradict all others.
 
     Args:
         cameras: C cameras. Nothing changes with two.

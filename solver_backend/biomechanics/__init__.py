@@ -1,1 +1,1 @@
-"""Describe motions by the conventions of biomechanics: anatomical segments, joint angles and gait."""
+"""Describe motions by the conventions of biomechanics: segments, angles and gait."""

@@ -1,4 +1,4 @@
-"""Find the foot strikes, foot offs and strides of a person, and average curves over gait cycles."""
+"""Find foot strikes, foot offs and strides, and average curves over gait cycles."""
 
 from __future__ import annotations
 

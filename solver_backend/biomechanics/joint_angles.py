@@ -1,4 +1,4 @@
-"""Compute joint angles as successive rotations about axes of two segments, with standard deviations."""
+"""Compute joint angles about axes of two segments, with standard deviations."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _STEPS = 6  # Newton steps. Angles of oblique axes converge to 1e-12 in four.
 
 
 def successive_turns(R: Float[np.ndarray, "frames 3 3"], axes: Sequence[np.ndarray]) -> Float[np.ndarray, "frames 3"]:
-    """Return (F, 3) angles in radians with ``R = exp(a1 θ1) exp(a2 θ2) exp(a3 θ3)`` for the unit axes a.
+    """Return (F, 3) angles with ``R = exp(a1 θ1) exp(a2 θ2) exp(a3 θ3)``.
 
     The orders z-x-y, y-x-y and y-x-z have closed forms. Oblique axes near z-x-y, such as the ankle's, start from that
     form and use Newton's method ``θ += J⁻¹ log(R R(θ)ᵀ)``, with ``J`` from ``axes_in_parent``. The second angle is
@@ -132,7 +132,7 @@ def turn_deviations(
     segment: str,
     covariances: dict[str, np.ndarray],
 ) -> Float[np.ndarray, "frames 3"]:
-    """Return (F, 3) standard deviations in radians: ``sqrt(diag(J⁻¹ C J⁻ᵀ))``, at most 180 degrees.
+    """Return (F, 3) deviations in radians: ``sqrt(diag(J⁻¹ C J⁻ᵀ))``.
 
     J is ``axes_in_parent``, and C the covariance of the left-applied rotation in the parent segment's axes. Near gimbal
     lock J is almost singular and two deviations grow without limit, because only the sum of their angles is known.

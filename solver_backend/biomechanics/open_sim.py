@@ -196,7 +196,7 @@ def scale_setup(name: str, model: str, markers: str, frames: int, fps: float, he
 
 
 def kinematics_setup(name: str, markers: str, labels: Sequence[str], frames: int, fps: float) -> str:
-    """Return the setup of OpenSim's Inverse Kinematics Tool for the scaled model and the virtual markers."""
+    """Return the setup of OpenSim's Inverse Kinematics Tool for the scaled model."""
     tasks = "".join(
         f'<IKMarkerTask name="{label}"><apply>true</apply><weight>1</weight></IKMarkerTask>\n' for label in labels
     )

@@ -84,7 +84,7 @@ def _bone(body: Body, joint: int) -> tuple[float, int]:
 
 
 def turn_spread(body: Body, sigma_m: np.ndarray) -> Float[np.ndarray, "frames segments"]:
-    """Convert (F, J) deviations of joints in metres to (F, S) rotations of the segments' bones in radians."""
+    """Convert (F, J) deviations in metres to (F, S) rotations of segments in radians."""
     recorded, found = list(body.recorded_joints), []
     for _, joint in SEGMENTS.values():
         j = body.layout.joints.index(joint)
@@ -95,7 +95,7 @@ def turn_spread(body: Body, sigma_m: np.ndarray) -> Float[np.ndarray, "frames se
 
 
 def segment_turns(body: Body, root: np.ndarray, local: np.ndarray) -> Float[np.ndarray, "frames segments 3 3"]:
-    """Return (F, S, 3, 3) rotations of each segment relative to its parent, as in ``turn_covariance``."""
+    """Return (F, S, 3, 3) rotations of each segment relative to its parent."""
     names, found = body.layout.joints, []
     for parent, joint in SEGMENTS.values():
         if parent == "ground":
@@ -170,7 +170,7 @@ def anatomical_frames(
 
 
 def worn_offsets(motion: Motion) -> dict[str, np.ndarray]:
-    """Return the (3,) offset of each marker from its location on the body in the rest frame, in metres."""
+    """Return the (3,) offset of each marker from its location on the body in metres."""
     return (
         {} if motion.layout is None or motion.offsets is None else dict(zip(motion.layout, motion.offsets, strict=True))
     )
@@ -222,7 +222,7 @@ class PosedSegments:
         return round(float(np.degrees(np.arctan2(R[1, 0], R[0, 0]))))
 
     def relative(self, segment: str) -> np.ndarray:
-        """Return (F, 3, 3) rotations of a segment relative to its parent, reflected on the left side."""
+        """Return (F, 3, 3) rotations relative to the parent, reflected on the left side."""
         above = SEGMENTS[segment][0]
         turns = self.rotations[segment]
         turns = turns if above == "ground" else np.swapaxes(self.rotations[above], -1, -2) @ turns

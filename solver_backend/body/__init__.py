@@ -1,1 +1,1 @@
-"""Body model: kinematics, skinning, landmarks, anatomical rules, and files of the SMPL family."""
+"""Body model: kinematics, skinning, landmarks, and files of the SMPL family."""

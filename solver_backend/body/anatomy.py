@@ -1,4 +1,4 @@
-"""Define landmarks on any body by anatomical rules, from its joints and by rays cast at its skin."""
+"""Define landmarks on any body from its joints and by rays cast at its skin."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _cast(body: Body, origin: np.ndarray, direction: np.ndarray, outermost: bool
 
 @dataclass(frozen=True)
 class AtJoints:
-    """Weighted mean of joints, shifted by an offset in the rest frame (metres for a stature of 1.70 m)."""
+    """Weighted mean of joints, shifted in the rest frame (metres at a stature of 1.70 m)."""
 
     joints: dict[str, float]
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)

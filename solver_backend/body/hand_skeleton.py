@@ -1,4 +1,4 @@
-"""Pose a hand's skeleton with joint angles, and compute points on its segments with derivatives."""
+"""Pose a hand's skeleton with joint angles, and compute points on its segments."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def informed_joints(known: Bool[np.ndarray, "n a"]) -> Bool[np.ndarray, "n 5 3"]
 
 
 def rotation_angles(turns: Float[np.ndarray, "n 5 3 3 3"], side: int) -> Float[np.ndarray, "n a"]:
-    """Return (n, A) angles of (n, 5, 3, 3, 3) joint rotations, the inverse of ``joint_rotations``."""
+    """Return (n, A) angles of joint rotations, the inverse of ``joint_rotations``."""
     x, sign = turns[..., 0], side_sign(side)
     spread = np.arcsin(np.clip(-x[..., 2], -1.0, 1.0)) * sign
     twist = np.arctan2(turns[..., 2, 1], turns[..., 2, 2]) * sign
@@ -211,7 +211,7 @@ class HandSkeleton:
         return jacobian
 
     def local_rotations(self, angles: Float[np.ndarray, "n a"]) -> Float[np.ndarray, "n 5 3 3 3"]:
-        """Return (F, 5, 3, 3, 3) rotations of the finger joints from rest, each in its parent's rest frame.
+        """Return (F, 5, 3, 3, 3) finger rotations from rest, in the parents' rest frames.
 
         ``G_j = A_j A_j⁰ᵀ`` with the segment's frame A posed and A⁰ at rest, and ``R_j = G_pᵀ G_j``.
         """
@@ -222,7 +222,7 @@ class HandSkeleton:
         return local
 
     def angles_of(self, local: Float[np.ndarray, "n 5 3 3 3"]) -> Float[np.ndarray, "n a"]:
-        """Return the (F, A) angles nearest to rotations from rest, the inverse of ``local_rotations``."""
+        """Return the (F, A) angles nearest to rotations from rest."""
         G = [local[:, :, 0]]
         for joint in (1, 2):
             G.append(G[-1] @ local[:, :, joint])

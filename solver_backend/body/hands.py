@@ -98,7 +98,7 @@ COLUMNS: tuple[tuple[int, ...], ...] = tuple(  # Finger joints of a hand in SMPL
 
 @lru_cache(maxsize=8)
 def hand_skeletons(body: Body) -> tuple[HandSkeleton, HandSkeleton]:
-    """Return the left and the right hand of a ``SMPL_HANDS`` body's mean shape, in its rest frame."""
+    """Return both hands of a ``SMPL_HANDS`` body's mean shape, in its rest frame."""
     left, right = (HandSkeleton.of_points(hand_points(body, side), side) for side in range(len(SIDES)))
     return left, right
 

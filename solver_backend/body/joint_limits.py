@@ -58,7 +58,7 @@ def swing_and_twist(local: Array) -> Array:
 
 
 def from_swing_and_twist(angles: Array) -> Array:
-    """Return the (N, 21, 3, 3) rotations for (N, 21, 3) angles, the inverse of ``swing_and_twist``."""
+    """Return (N, 21, 3, 3) rotations for angles, the inverse of ``swing_and_twist``."""
     twist = constant(_TWIST, angles) * angles
     return array_namespace(angles).matmul(exp_so3(angles - twist), exp_so3(twist))
 

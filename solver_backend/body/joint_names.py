@@ -55,7 +55,7 @@ _OTHERWISE = {"mid_hip": "pelvis", "head_top": "head", "big_toe": "foot"}  # Joi
 
 
 def joint_centre_places(labels: Sequence[str]) -> dict[str, str]:
-    """Map the labels of a skeleton's joint centres to locations, or to empty text if they are unused.
+    """Map the labels of joint centres to locations, or to "" if they are unused.
 
     A location is ``=`` and a body joint, or ``~`` and a detector's keypoint. The result is empty if less than
     ``LEAST_SHARE`` of the labels are words of one vocabulary, or if no limb exists on both sides.

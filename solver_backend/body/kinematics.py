@@ -27,7 +27,7 @@ def forward_kinematics(
     local: Float[Array, "frames n 3 3"],
     transl: Float[Array, "frames 3"],
 ) -> PosedSkeleton:
-    """Pose the tree: ``G_j = G_p R_j``, ``p_j = p_p + G_p (J_j - J_p)`` (Loper et al. 2015, eqs. 3-4).
+    """Pose the tree: ``G_j = G_p R_j``, ``p_j = p_p + G_p (J_j - J_p)``.
 
     ``global_orient`` (F, 3, 3) rotates the body about the pelvis joint, ``local`` (F, n, 3, 3) rotates joints 1..n. The
     landmarks ``keypoint_landmarks(body, JointSet.SMPL_24)`` provide derivatives of the joints.
@@ -54,7 +54,7 @@ def with_resting_hands(body: Body, local: Float[Array, "frames n 3 3"]) -> Float
 
 
 def recorded_vectors(body: Body, vectors: np.ndarray) -> np.ndarray:
-    """Return (F, R - 1, 3) axis-angles of a motion's joints from (F, n, 3) of the body's, 0 where missing."""
+    """Return (F, R - 1, 3) axis-angles of a motion's joints, 0 where missing."""
     own = np.array(body.recorded_joints[1:]) - 1
     pose = np.zeros((len(vectors), len(own), 3))
     turned = own < vectors.shape[1]
@@ -69,7 +69,7 @@ def pose_feature(local: Float[Array, "frames n 3 3"]) -> Float[Array, "frames fe
 
 
 def subtree_matrix(parents: tuple[int, ...]) -> Float[np.ndarray, "joints joints"]:
-    """Return the (J, J) matrix S with S[k, b] = 1 if joint b is k or a descendant of k, otherwise 0."""
+    """Return the (J, J) matrix S with S[k, b] = 1 if joint b is k or below k."""
     below = np.eye(len(parents))
     for j in range(len(parents) - 1, 0, -1):
         below[parents[j]] += below[j]

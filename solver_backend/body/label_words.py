@@ -1,4 +1,4 @@
-"""Split labels, with or without separators, into words of several languages: a side and a body part."""
+"""Split labels into words of several languages: a side and a body part."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ class LabelWords:
     phrases: dict[tuple[str, ...], tuple[str, ...]]  # Locations by the sorted words that name them, without side.
 
     def of(self, label: str, letters: Letters = ENGLISH) -> tuple[str, list[str]]:
-        """Return the side of a label (or empty text) and its words, or no words if some of them are unknown."""
+        """Return the side of a label (or "") and its words, or no words if some are unknown."""
         for pattern in _TOKENS:
             side, words = self._of_tokens([token.upper() for token in pattern.findall(spelt(label))], letters)
             if words:
@@ -185,7 +185,7 @@ class LabelWords:
         return self.of(f"{label[-1:]} {label[:-1]}") if label[-1:] in ("L", "R") else ("", [])
 
     def places_of(self, label: str, letters: Letters = ENGLISH) -> tuple[str, ...]:
-        """Return the locations that a label's words name, or no locations if no phrase contains all words."""
+        """Return the locations that a label's words name as a whole phrase."""
         side, words = self.of(label, letters)
         parts = self.phrases.get(tuple(sorted(set(words))), ()) if words else ()
         return tuple(part[1:] if part[0] == "-" else side + part for part in parts if (part[0] == "-") == (not side))

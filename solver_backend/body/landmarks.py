@@ -1,4 +1,4 @@
-"""Compute landmarks on the body (keypoints, markers) and their Jacobians without the full mesh.
+"""Compute landmarks on the body and their Jacobians without the full mesh.
 
 Positions are linear in the joints' global rotations, ``y_l = p_0 + sum_c G_c h_lc``. The levers ``h_lc`` depend only on
 the shape, so that a take needs only a few matrix products.
@@ -28,7 +28,7 @@ from solver_backend.types.shapes import Float
 
 @dataclass(frozen=True, eq=False)
 class Landmarks:
-    """L named points ``y_l = sum_b w_lb p_b + G_b (a_lb - w_lb J_b)``, attached to bones b with weights w."""
+    """L named points ``y_l = sum_b w_lb p_b + G_b (a_lb - w_lb J_b)`` on bones b."""
 
     names: tuple[str, ...]
     weights: Float[np.ndarray, "landmarks joints"]  # (L, J) weight of each bone, rows sum to 1.

@@ -23,7 +23,7 @@ _WAIST = ("FWT", "MWT")  # Pelvis locations with skin that moves with the hips.
 
 
 def chosen_places(ambiguous: Mapping[str, tuple[str, ...]], known: Collection[str], file: LayoutFile) -> dict[str, str]:
-    """Resolve ambiguous labels that have one remaining choice: an unlabelled location on a labelled limb.
+    """Resolve ambiguous labels with one remaining choice on a labelled limb.
 
     ``LateralEpicondyleL`` belongs to the elbow if only arms have markers, or if the knee has another label.
     """
@@ -193,7 +193,7 @@ class MarkerNames:
 
 
 def least_markers(places: Collection[str]) -> int:
-    """Return the number of markers needed at these locations, fewer if all are on one arm or leg."""
+    """Return the number of markers needed, fewer if all are on one arm or leg."""
     return LEAST_LIMB_MARKERS if of_one_limb(places, load_layouts()) else LEAST_MARKERS
 
 

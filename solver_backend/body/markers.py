@@ -32,7 +32,7 @@ def marker_layout(name: str) -> tuple[str, ...]:
 
 @lru_cache(maxsize=16)
 def marker_landmarks(body: Body, names: tuple[str, ...]) -> Landmarks:
-    """Return markers by name (of any layout or alias), 9.5 mm off the skin, including pose correctives.
+    """Return markers by name, 9.5 mm off the skin, with pose correctives.
 
     ``@left_knee`` is the joint itself and moves with the bone below it. Joint centres (``=left_knee``) and keypoints
     (``~left_knee``) are inside the body and move only with the bones. An unknown name raises ``KeyError``. A ray that
@@ -56,7 +56,7 @@ def placement_precision(body: Body, names: tuple[str, ...]) -> np.ndarray:
 
 
 def skin_normals(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return the (L, 3) outward unit normals of the skin at each location of the rest body, 0 for bones."""
+    """Return the (L, 3) outward unit normals of the skin at rest, 0 for bones."""
     on, off = (
         LandmarkBuilder(body, _rules_of(names, distance)).build(names).anchors.sum(axis=1) for distance in (0.0, 1.0)
     )

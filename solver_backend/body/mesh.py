@@ -23,7 +23,7 @@ def pose_mesh(
     *,
     correctives: bool = True,
 ) -> Float[Array, "frames vertices 3"]:
-    """Return the (F, V, 3) vertices: ``v = sum_b w_b (G_b (x - J_b) + p_b)`` with correctives in x.
+    """Return the (F, V, 3) vertices: ``v = sum_b w_b (G_b (x - J_b) + p_b)``.
 
     ``x = v_template + S betas + P flatten(R_j - I)`` (Loper et al. 2015, eqs. 2, 6, 8, 9).
 
@@ -60,7 +60,7 @@ def face_normals(vertices: Float[np.ndarray, "*batch v 3"], faces: Int[np.ndarra
 
 
 def vertex_normals(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "t 3"]) -> np.ndarray:
-    """Return the (V, 3) sums of the normals of each vertex's triangles, which weights them by area."""
+    """Return the (V, 3) area-weighted sums of normals at each vertex."""
     across, normals = face_normals(vertices, faces), np.zeros_like(vertices)
     for corners in faces.T:
         np.add.at(normals, corners, across)

@@ -24,7 +24,7 @@ MOVES = 0.005  # Smallest rotation of a finger from rest in radians. Fingers tha
 
 
 def hands_of_skeleton(motion: SkeletonMotion, side: str = "") -> dict[str, str]:
-    """Return the joint for each role (``left_hand``, ``left_index_1``) in a skeleton that has only hands.
+    """Return the joint for each role in a skeleton that has only hands.
 
     ``side`` is ``left`` or ``right`` for a single hand without a side in its names.
     """

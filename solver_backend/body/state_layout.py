@@ -1,4 +1,4 @@
-"""Define the order of tangent vectors: of a pose, and of the state from which a pose is decoded."""
+"""Define the order of tangent vectors of a pose and of its state."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Block:
 
 @dataclass(frozen=True)
 class StateLayout:
-    """Layout of the tangent of a key or a single frame: named blocks in order, rotation vectors last."""
+    """Layout of the tangent of a key or a frame: named blocks, rotation vectors last."""
 
     blocks: tuple[Block, ...]
 

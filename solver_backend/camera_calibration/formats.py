@@ -212,7 +212,7 @@ def format_of(path: Path) -> str:
 def write_calibration(
     path: Path, cameras: Cameras, kind: str | None = None, rmse_px: float | None = None, *, overwrite: bool = False
 ) -> str:
-    """Write cameras (metres, Z up) to a file, or a folder for COLMAP, and return the format's name.
+    """Write cameras to a file, or a folder for COLMAP, and return the format's name.
 
     Args:
         kind: one of ``FORMATS``, by default chosen from the file name.

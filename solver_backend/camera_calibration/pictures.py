@@ -1,4 +1,4 @@
-"""Draw images with NumPy: lines, dots, boxes, text and other images. Only boards need OpenCV."""
+"""Draw images with NumPy: lines, dots, boxes, text and other images."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Correct calibrations for other image sizes, rotated images, and other conventions of camera poses.
+"""Correct calibrations for other image sizes, rotations and conventions.
 
 Each correction changes cameras, never detections, so that footage and keypoints remain unchanged.
 """

@@ -1,4 +1,4 @@
-"""Relate a detector's confidence to its standard deviation, and read and write this noise map."""
+"""Relate a detector's confidence to its deviation in a noise map."""
 
 from __future__ import annotations
 

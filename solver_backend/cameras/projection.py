@@ -34,7 +34,7 @@ _RADII = np.tan(np.linspace(0.0, 1.56, 768))
 
 @lru_cache(maxsize=64)
 def cameras_by_model(models: Models) -> tuple[tuple[LensModel, tuple[int, ...]], ...]:
-    """Return each lens model of an array with the indices of its cameras, or raise ``CalibrationInvalid``."""
+    """Return each lens model with its cameras, or raise ``CalibrationInvalid``."""
     require_models(models)
     names = dict.fromkeys(models or (DEFAULT_MODEL,))
     return tuple((LENS_MODELS[name], tuple(c for c, other in enumerate(models) if other == name)) for name in names)
@@ -235,7 +235,7 @@ AnyCameras = Cameras | CameraArrays
 
 
 def project(cameras: AnyCameras, points: Points) -> ImagePoints:
-    """Return the (C, ..., 2) pixels of world points (..., 3) in every camera: ``K distort((R x + t)/z)``.
+    """Return the (C, ..., 2) pixels of world points: ``K distort((R x + t)/z)``.
 
     Moving cameras take points (F, ..., 3), one row per frame. Pixels are NaN where not visible (see the module).
 
@@ -252,7 +252,7 @@ def project(cameras: AnyCameras, points: Points) -> ImagePoints:
 def project_with_jacobian(
     cameras: AnyCameras, points: Points
 ) -> tuple[ImagePoints, Float[Array, "cameras *batch 2 3"], Coordinate]:
-    """Return pixels, their derivatives (C, ..., 2, 3) by the points in px/m, and depths (C, ...) in m."""
+    """Return pixels, their derivatives (C, ..., 2, 3) in px/m, and depths in m."""
     K = cameras.K
     xp = array_namespace(K, points)
     x, y, z, valid = _normalised(cameras, points)

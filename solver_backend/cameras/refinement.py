@@ -116,7 +116,7 @@ class RefinedCalibration:
 
 
 def refine_calibration(capture: Capture) -> RefinedCalibration:
-    """Return camera poses that better fit the detections of all people in a capture, including hands.
+    """Return camera poses that better fit the detections of all people.
 
     Every other frame is used for the fit, and the remaining frames measure the gain. A similarity aligns the
     triangulated points with the points of the given calibration, because detections have no scale.

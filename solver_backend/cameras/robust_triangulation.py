@@ -40,7 +40,7 @@ class UndistortedViews:
 
     @cached_property
     def candidates(self) -> list[tuple[Array, Array, Array, Array]]:
-        """Return (3, N) linear triangulations of subsets of the views, and an (N,) mask of those that exist.
+        """Return (3, N) triangulations of subsets of the views, and a mask of existing ones.
 
         For each subset also return (C, N) squared residuals in px² in every view, and a (C, N) mask of points in front
         of the cameras.
@@ -259,7 +259,7 @@ _SAMPLES = 5_000, 20_000  # Observations for measuring the noise, first roughly 
 
 
 def flat_views(xy: Array, confidence: Array, sigma: Array) -> tuple[Array, Array, Array]:
-    """Return px (C, N, 2), weights (C, N), zero where missing, and noise (N,) for N = F K points."""
+    """Return px (C, N, 2), weights (C, N) and noise (N,) for N = F K points."""
     xp = array_namespace(xy)
     shape = (int(xy.shape[0]), int(xy.shape[1] * xy.shape[2]))
     px, weight = xp.reshape(xy, (*shape, 2)), xp.reshape(confidence, shape)

@@ -17,7 +17,7 @@ FOLLOWS_S = 1.0  # Standard deviation in seconds of the temporal Gaussian over t
 
 
 def steady_camera(camera: Cameras, keypoints: Keypoints2D) -> tuple[Cameras, Keypoints2D]:
-    """Return a moving camera at the same positions but level and panning slowly, and its detections.
+    """Return a moving camera that is level and pans slowly, and its detections.
 
     The view lifter was trained on static cameras, and the jitter of tracks measures the detector's noise. A shaking
     camera would affect both. Rotating a camera needs no depth: ``x' = π(V Rᵀ π⁻¹(x))``. A static camera is unchanged.

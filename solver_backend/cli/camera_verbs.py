@@ -1,4 +1,4 @@
-"""Run the camera verbs: a board to print, calibrations of cameras and sensors, and their checks."""
+"""Run the camera verbs: boards, calibrations and their checks."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def board(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Calibrate cameras from a board, a person or clicked points, or refine them, and write them."""
+    """Calibrate or refine cameras from a board, a person or points, and write them."""
     import numpy as np
 
     from solver_backend.camera_calibration.formats import write_calibration

@@ -13,7 +13,7 @@ from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 
 
 def describe_capture(capture: Capture) -> tuple[str, CaptureSummary]:
-    """Return text and JSON values: cameras, frames, keypoints, markers, people, notes and problems."""
+    """Return text and JSON values about cameras, frames, people and problems."""
     duration_s = round(capture.num_frames / capture.fps, 3) if capture.fps else None
     data = CaptureSummary(
         name=capture.name, frames=capture.num_frames, fps=capture.fps, duration_s=duration_s, joint_set=None,
@@ -34,7 +34,7 @@ def describe_capture(capture: Capture) -> tuple[str, CaptureSummary]:
 
 
 def describe_motion(motion: Motion, solve_s: float) -> tuple[str, MotionSummary]:
-    """Describe a motion as text and JSON values: length, residual and the number of frames to check."""
+    """Describe a motion as text and JSON values."""
     flags = np.zeros(motion.num_frames, np.uint8) if motion.flags is None else motion.flags
     unseen, unsure = (int(np.count_nonzero(flags & bit)) for bit in (FLAG_UNSEEN, FLAG_UNSURE))
     data = MotionSummary(

@@ -102,7 +102,7 @@ class LiveOutput:
             self.stopped = True
 
     def finish(self) -> dict[str, object]:
-        """Return plain values about the finished run: whether it was stopped, recordings, and poses sent.
+        """Return plain values about the finished run, such as its recordings.
 
         Raises:
             OutputNotWritable: lines were lost.

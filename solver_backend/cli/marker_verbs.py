@@ -1,4 +1,4 @@
-"""Run the marker verbs: label a take, write a motion's markers for other programs, draw a layout."""
+"""Run the marker verbs: label a take, write markers, and draw a layout."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CONTENTS = {"cleaned": "cleaned_markers", "solved": "markers"}
 
 
 def label(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Label the points of a take and write them as markers, or as our capture, which keeps covariances."""
+    """Label the points of a take, and write them as markers or as our capture."""
     from solver_backend.cli.arguments import loaded
     from solver_backend.exchange.errors import NoDetections
     from solver_backend.fitters.label_after import labelled_as_person
@@ -78,7 +78,7 @@ def _write(path: Path, labelled: Capture, *, overwrite: bool) -> None:
 
 
 def summary(take: LabelledTake) -> dict[str, object]:
-    """Return plain values about a labelled take: percentages, and each tracklet's label and confidence."""
+    """Return plain values about a labelled take, with each tracklet's label."""
     import numpy as np
 
     from solver_backend.labelling.outputs import GHOST, MARKERS

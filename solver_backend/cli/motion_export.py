@@ -36,7 +36,7 @@ TOO_MANY = f"The C3D file has the first {PER_PARAMETER} of {{}} events. The gait
 
 
 def export_motion(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write a motion's joint angles and gait, OpenSim's coordinates, virtual markers and tool setups."""
+    """Write a motion's joint angles, gait and OpenSim files."""
     if args.model is not None and not args.model.is_file():
         raise FileMissing("The OpenSim model does not exist.", where=str(args.model), hint="Give an .osim file.")
     body = load_chosen_body(args.body)
@@ -116,7 +116,7 @@ def _cell(value: float) -> str:
 
 
 def gait_lines(gait: Gait) -> list[str]:
-    """Return the mean of every stride value for each side, and the deviation if there are several strides."""
+    """Return the mean and deviation of every stride value for each side."""
     lines = []
     for side in SIDES:
         strides = [stride for stride in gait.strides if stride.side == side]

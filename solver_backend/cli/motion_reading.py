@@ -1,4 +1,4 @@
-"""Read motions of other programs as motions of our body: AMASS files, and clips of any skeleton."""
+"""Read motions of other programs as motions of our body."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def read_foreign_motion(
 
 
 def network_of_bvh(path: Path, body: str, progress: Progress) -> NetworkResult:
-    """Return a BVH in camera axes with Y up, as written by SAM3DBody-cpp d9a5143, as a network result."""
+    """Return a BVH of SAM3DBody-cpp d9a5143 as a network result."""
     motion = read_foreign_motion(path, body, progress, up_axis="y", keep_height=True).done.motion
     turns = np.concatenate([motion.global_orient, motion.body_pose], axis=1).reshape(motion.num_frames, -1, 3)
     local = np.asarray(exp_so3(turns[:, :NUM_TURNED]))

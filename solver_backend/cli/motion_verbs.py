@@ -1,4 +1,4 @@
-"""Run the verbs that write motions from other files: clips, glove recordings, Pose-NDF, props as JSON."""
+"""Run the verbs that write motions from clips, gloves, Pose-NDF and props."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def complete(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def fit_keypoints(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Fit poses and one shape to the keypoints of calibrated views (Tiwari et al. 2022, eqs. 10 and 11)."""
+    """Fit poses and one shape to keypoints (Tiwari et al. 2022, eqs. 10 and 11)."""
     capture = load(args.capture, {}, progress)
     settings = KeypointSettings(args.manifold, not args.constant, robust_scale=20.0, iterations=30)
     return _by_pose_ndf(

@@ -1,4 +1,4 @@
-"""Run the verbs of recorded sensors and OAK cameras: point clouds, image recordings, colour video."""
+"""Run the verbs of recorded sensors and OAK cameras."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def folder_of(args: argparse.Namespace, path: Path | None = None) -> SensorFolde
 
 
 def mask_of(args: argparse.Namespace) -> dict[str, Any]:
-    """Return each sensor's mask of bright areas in the empty scene, or no masks without a recording of it."""
+    """Return each sensor's mask of bright areas, or none without an empty scene."""
     return {} if args.empty is None else masks_of(folder_of(args, args.empty))
 
 

@@ -1,4 +1,4 @@
-"""Solve the segments of a long take on the workers of a Dask cluster (Rocklin 2015). Dask is optional.
+"""Solve the segments of a long take on a Dask cluster (Rocklin 2015), optionally.
 
 Dask pickles everything that it sends, so a scheduler must be trusted as much as this machine.
 """

@@ -1,4 +1,4 @@
-"""Run the capture verbs. Large modules are imported inside a verb, so that small verbs start quickly."""
+"""Run the capture verbs, with imports inside each verb for a quick start."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def info(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write any capture to a file of this program, or each trial of a session to a separate file.
+    """Write any capture to a file of this program, or one file per trial.
 
     A folder of videos is processed by the default detector. A sensor recording becomes a marker capture.
     """

@@ -51,7 +51,7 @@ def bridged(points: np.ndarray) -> np.ndarray:
 
 
 def butterworth(signal: np.ndarray, fps: float, cutoff_hz: float) -> np.ndarray:
-    """Return a signal (F, ...) after a fourth-order Butterworth low-pass filter without phase shift.
+    """Return a signal (F, ...) after a zero-phase fourth-order Butterworth filter.
 
     A second-order section runs forwards and backwards over the signal, extended by point reflection. With the corrected
     cut-off, both passes are 3 dB down at ``cutoff_hz`` (Winter 2009, "Biomechanics and Motor Control", 3.4).

@@ -1,1 +1,1 @@
-"""Code that solver and add-on share: errors, progress, settings and files. It needs only NumPy."""
+"""Code that solver and add-on share, which needs only NumPy."""

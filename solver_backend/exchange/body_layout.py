@@ -52,7 +52,7 @@ forearm's between elbow and wrist. The elbow bends forwards or upwards, because 
 
 
 def limits_of(joints: tuple[str, ...]) -> dict[str, JointLimit]:
-    """Return the limits of joints that have the name of an adult's joint, with or without a side."""
+    """Return the limits of joints that are named like an adult's joint."""
     found = {}
     for joint in joints:
         part = joint.removeprefix("left_").removeprefix("right_")
@@ -129,7 +129,7 @@ class BodyLayout:
 
     @cached_property
     def main_child(self) -> dict[int, int]:
-        """Child joint at the end of each joint's bone: the only child, or the child in the same group."""
+        """Child joint at the end of each joint's bone."""
         ends = {}
         for j, children in enumerate(self.children):
             own = [c for c in children if self.groups[c] == self.groups[j]]
@@ -241,7 +241,7 @@ FINGER_COLUMNS = 90  # Number of trailing columns, for the fingers.
 
 
 def body_and_fingers(poses: np.ndarray) -> np.ndarray:
-    """Return (F, 52, 3) rotation vectors of AMASS ``poses`` (F, 156 or 165), without jaw and eyes."""
+    """Return (F, 52, 3) rotation vectors of AMASS ``poses``, without jaw and eyes."""
     import numpy as np  # Blender has not imported it when add-ons are registered
 
     chosen = np.concatenate([poses[:, :BODY_COLUMNS], poses[:, -FINGER_COLUMNS:]], axis=1)

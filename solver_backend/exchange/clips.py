@@ -83,7 +83,7 @@ def require_joints(motion: MotionFile) -> np.ndarray:
 
 
 def rest_joints(motion: MotionFile) -> np.ndarray:
-    """Return the (J, 3) rest positions of a motion's joints, from its first frame (see ``unpose``)."""
+    """Return the (J, 3) rest positions of a motion's joints (see ``unpose``)."""
     return unpose(motion.body_layout.parents, motion.rotvec[0], require_joints(motion)[0], motion.transl[0])
 
 
@@ -96,7 +96,7 @@ def repose(motion: MotionFile, rotvec: np.ndarray, pelvis: np.ndarray) -> Motion
 
 
 def unobserved(motion: MotionFile) -> MotionFile:
-    """Remove detections and markers from a motion, because an edit moves the body away from them."""
+    """Remove detections and markers that an edit moves away from the body."""
     return replace(motion, **{name: getattr(MotionFile, name) for name in OBSERVED})
 
 
@@ -282,7 +282,7 @@ def turn_covariance(six: np.ndarray, A: np.ndarray) -> np.ndarray:
 
 
 def body_path(motion: MotionFile) -> np.ndarray:
-    """Return the (F, 3) smoothed ground path: x and y in metres, and the heading from -Y in radians."""
+    """Return the (F, 3) smoothed ground path: x and y in metres, heading from -Y."""
     path = ground_path(
         motion.transl + rest_joints(motion)[0],
         matrix_from_rotvec(motion.rotvec[:, 0]) @ R_STAGE_BODY.T,

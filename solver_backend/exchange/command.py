@@ -40,7 +40,7 @@ class Cancellation:
             raise self._error()
 
     def watched(self, progress: Progress) -> Progress:
-        """Wrap a progress receiver so that it raises the cancellation again if a library has suppressed it."""
+        """Wrap a progress receiver so that a suppressed cancellation is raised again."""
 
         def watching(stage: str, done: int, total: int) -> None:
             if self.asked:
@@ -135,7 +135,7 @@ class LenientStream:
 
 
 def open_standard_streams() -> None:
-    """Open standard streams that the parent process closed, so that no other file gets their descriptors."""
+    """Open standard streams that the parent closed, so that no file gets their numbers."""
     sys.stdout, sys.stderr = (
         stream or os.fdopen(os.open(os.devnull, os.O_WRONLY), "w") for stream in (sys.stdout, sys.stderr)
     )

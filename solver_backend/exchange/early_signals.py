@@ -14,7 +14,7 @@ _EVENT = f'{{"event": "error", "code": "cancelled", "message": "{_MESSAGE}", "wh
 
 
 def end_by_signals() -> None:
-    """End the process at a signal with one error event or sentence, until a verb handles signals itself.
+    """End the process at a signal with one error event, until a verb handles signals.
 
     No file is open yet, and an exception could interrupt a library's import.
     """

@@ -1,4 +1,4 @@
-"""Check lines of the progress protocol, and write frames and events of live runs (live-streams.md)."""
+"""Check lines of the progress protocol, and write the lines of live runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Add finger joints to a body's skin, from our own hands file or from SMPL-H and SMPL-X bodies."""
+"""Add finger joints to a body, from our own hands file or SMPL-H and SMPL-X."""
 
 from __future__ import annotations
 

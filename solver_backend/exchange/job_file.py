@@ -1,4 +1,4 @@
-"""The job file contains everything for one solve as JSON. It works on the command line and in Blender."""
+"""Define the job file, which contains everything for one solve as JSON."""
 
 from __future__ import annotations
 

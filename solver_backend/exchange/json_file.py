@@ -1,4 +1,4 @@
-"""Read JSON files that people edit, with limits for size and depth, and errors that name the file."""
+"""Read JSON files that people edit, with limits for size and depth."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def parse_json(text: str, path: Path | str) -> Any:
 
 
 def as_plain(value: Any) -> Any:
-    """Convert a value to JSON types: arrays to lists, data classes to objects, non-finite numbers to null."""
+    """Convert a value to JSON types, with null for non-finite numbers."""
     if is_dataclass(value):
         value = {item.name: getattr(value, item.name) for item in fields(value)}
     if isinstance(value, dict):

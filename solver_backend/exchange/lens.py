@@ -1,4 +1,4 @@
-"""List lens models by name, and apply or invert the distortion of one camera on NumPy arrays.
+"""List lens models by name, and apply or invert the distortion of one camera.
 
 A new lens model is a file like ``lens_fisheye`` and a row in ``LENS_MODELS``. ``cameras/projection.py`` applies these
 models to all cameras of an array.

@@ -60,7 +60,7 @@ _HEAD_BYTES = 2000  # Bytes of a page to search for the mark. Chosen by hand.
 
 
 def is_report(path: Path, folder: Path) -> bool:
-    """Return whether a file is the report page of a solve, judged by its suffix, folder and first bytes."""
+    """Return whether a file is the report page of a solve."""
     try:
         inside = path.resolve().parent == folder.resolve()
         if path.suffix.lower() != ".html" or not inside or not path.is_file():

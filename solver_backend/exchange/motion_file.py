@@ -1,4 +1,4 @@
-"""Read and write motion files: an AMASS-compatible ``.npz`` with joints, keyframes and provenance."""
+"""Read and write AMASS-compatible motion files with joints and provenance."""
 
 from __future__ import annotations
 

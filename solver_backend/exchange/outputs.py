@@ -35,7 +35,7 @@ def is_leftover(name: str) -> bool:
 
 
 def probe(folder: Path) -> None:
-    """Write and remove a small file, to detect a read-only folder or a full disk before work begins."""
+    """Write and remove a small file, to detect a read-only folder or a full disk."""
     path = folder / f"{_PROBE}-{os.urandom(8).hex()}"
     path.touch(exist_ok=False)
     try:

@@ -33,7 +33,7 @@ def largest_finite(values: np.ndarray) -> float:
 
 
 def require_within(name: str, values: np.ndarray, most: float, error: type[MocapError], where: str) -> None:
-    """Raise the given error unless all numbers are finite and their magnitude is at most ``most``."""
+    """Raise the given error unless all numbers are finite and at most ``most``."""
     values = np.asarray(values)
     largest = float(max(values.max(initial=0.0), -values.min(initial=0.0)))
     if not np.isfinite(largest):
@@ -43,7 +43,7 @@ def require_within(name: str, values: np.ndarray, most: float, error: type[Mocap
 
 
 def require_motion(motion: Any, turns: np.ndarray, error: type[MocapError], where: str) -> None:
-    """Raise the given error unless a motion has frames and possible rate, positions, rotations and shape.
+    """Raise the given error unless a motion's numbers are possible.
 
     Args:
         motion: object with ``fps``, ``transl``, ``betas`` and ``joints`` ((F, J, 3) metres or None).

@@ -59,7 +59,7 @@ class Prop:
         return tuple(label.rpartition(":")[2] for label in self.labels) == POSE_POINTS
 
     def in_axes(self, origin: np.ndarray, axes: np.ndarray) -> Prop:
-        """Transform the prop to other axes, given as their origin (3,) and the columns of a matrix (3, 3)."""
+        """Transform the prop to other axes: an origin (3,) and columns of a matrix (3, 3)."""
         R = matrix_from_rotvec(self.rotvec)
         points, transl = (self.points - origin) @ axes, self.transl + R @ origin
         return replace(self, points=points, rotvec=rotvec_from_matrix(R @ axes), transl=transl)

@@ -184,14 +184,14 @@ def defaults_of_class(cls: Any) -> dict[str, Any]:
 
 
 def values_that_differ(values: Any, rows: Mapping[str, Setting]) -> dict[str, Any]:
-    """Return the settings of an object that are neither default nor empty, as plain JSON values by name."""
+    """Return an object's settings that differ from defaults, as plain JSON values."""
     given = {name: value for name, row in rows.items() if (value := getattr(values, name)) != row.default}
     given = {name: value for name, value in given.items() if value or rows[name].default}
     return {name: list(v) if is_list(v) else str(v) if isinstance(v, str) else v for name, v in given.items()}
 
 
 def check_settings(values: Any) -> None:
-    """Raise ``JobInvalid`` unless each value of a settings dataclass is valid or a default of None."""
+    """Raise ``JobInvalid`` unless each value of a settings dataclass is valid."""
     for name, row in settings_of_class(values).items():
         value = getattr(values, name)
         if not (value is None and row.default is None) and not row.accepts(value):

@@ -32,7 +32,7 @@ def quat_multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def matrix_from_rotvec(rotvec: np.ndarray) -> np.ndarray:
-    """Convert rotation vectors (..., 3) in radians to matrices (..., 3, 3) by Rodrigues' formula."""
+    """Convert rotation vectors (..., 3) to matrices by Rodrigues' formula."""
     angle = np.linalg.norm(rotvec, axis=-1)[..., None, None]
     x, y, z = np.moveaxis(np.asarray(rotvec, np.float64), -1, 0)
     o = np.zeros_like(x)

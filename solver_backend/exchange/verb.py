@@ -256,7 +256,7 @@ def check_outputs(verb: Verb, args: argparse.Namespace) -> None:
 
 
 def suggest(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
-    """Return a question that suggests the nearest known word, or "" if none is similar enough (0 to 1)."""
+    """Return a question that suggests the nearest known word, or ""."""
     from difflib import get_close_matches  # only for mistakes, and slow to import
 
     near = get_close_matches(word, list(known), 1, likeness)

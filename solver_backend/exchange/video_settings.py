@@ -1,4 +1,4 @@
-"""Declare named detectors, and the settings from videos to a capture, once for command line and panel."""
+"""Declare named detectors, and the settings from videos to a capture."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ LEAST_SEEN = 10  # Fewest frames of a marker in the labelled take.
 def labelled_like(
     capture: Capture, like: Capture, progress: Progress = silent, network: PointNetwork | None = None
 ) -> tuple[Capture, LikeTake]:
-    """Label a capture's points with another take's marker names. ``network`` is the built-in one if None.
+    """Label a capture's points with another take's marker names.
 
     Raises:
         NoDetections: a take has no markers, or no frame has enough of them.
@@ -63,7 +63,7 @@ def labelled_like(
 
 
 def worn(cloud: MarkerCloud) -> MarkerCloud:
-    """Return the named markers of a labelled take, without computed points and rarely observed markers."""
+    """Return the named markers of a labelled take, without rare and computed ones."""
     labels = cloud.labels or ()
     virtual = set(name_markers([label for label in labels if not is_unnamed(label)]).virtual)
     seen = np.isfinite(cloud.positions).all(-1).sum(0)

@@ -71,7 +71,7 @@ def has_own_names(cloud: MarkerCloud) -> bool:
 
 
 def named_points(cloud: MarkerCloud) -> dict[tuple[int, int], str]:
-    """Return the known location of each segment in a partly labelled take by (column, first frame).
+    """Return the known location of each segment in a partly labelled take.
 
     These names do not change.
     """
@@ -208,7 +208,7 @@ def without_doubt_of_labels(found: Sequence[Diagnostic]) -> tuple[Diagnostic, ..
 
 
 def knows_layout(take: LabelledTake) -> bool:
-    """Return whether the network names enough points and markers to use its labels for this layout."""
+    """Return whether the network names enough markers of this layout."""
     named = _named(take)
     return bool(named.size) and named.mean() >= LEAST_NAMED and len(_places(take)) >= LEAST_NETWORK_PLACES
 

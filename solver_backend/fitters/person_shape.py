@@ -1,4 +1,4 @@
-"""Estimate constant quantities of a take: shape, bias and noise of measurements, and planted feet."""
+"""Estimate constants of a take: shape, bias, noise and planted feet."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def _arrowhead(
 def refit_shape(
     subject: Subject, frames: PosedFrames, objective: FrameObjective, scale: float, shape_prior: ShapePrior
 ) -> Subject:
-    """Return the subject with shape and offsets re-estimated from fixed poses in one linear step."""
+    """Return the subject with shape and offsets re-estimated from fixed poses."""
     if not (shape_prior.free_betas or shape_prior.free_offsets):
         return subject
     J, gradient, information, _ = _point_jacobian(subject, frames, objective, scale)
@@ -182,7 +182,7 @@ SAMPLE_FRAMES = 32  # Frames from which the shape is learned.
 
 
 def learn_subject(problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress) -> Subject:
-    """Learn the subject's shape from a sample of frames, unless the settings or the person define it."""
+    """Learn the subject's shape from a sample of frames, unless it is given."""
     if known := problem.measurements.known_person:
         return known
     frames = sample_frames(problem.measurements, SAMPLE_FRAMES)
@@ -226,7 +226,7 @@ class Contacts:
         return np.stack([self.planted[:, columns].any(axis=1) for columns in sides], axis=1)
 
     def without_feet(self, names: tuple[str, ...], held: np.ndarray) -> Contacts:
-        """Return the contacts without the left or right foot in frames (F, 2) in which other points fix it."""
+        """Return the contacts without feet in frames (F, 2) that other points fix."""
         planted = self.planted.copy()
         for side, sign in enumerate(_SIDES):
             columns = [k for k in _foot_columns(names) if names[k].startswith(sign)]
@@ -296,7 +296,7 @@ def with_learned_noise(problem: Problem, subject: Subject, sample: PosedFrames, 
 
 
 def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: float, sample: np.ndarray) -> DataTerm:
-    """Return the term with the variance of each view's keypoints learned from the residuals of a solution.
+    """Return the term with variances learned from the residuals of a solution.
 
     ``v_cl = (Σ_f |r|²/d + n v_l) / (Σ_f (1 - h) + n)`` over the inliers, in units of the variance assumed so far. This
     is the restricted maximum likelihood of the log-variance (thesis eqs. 5.2, 5.3) under an inverse-gamma prior. h is
@@ -309,7 +309,7 @@ def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: flo
 
 
 def reweighted_by_points(points: Array, part: DataTerm, term: DataTerm, scale: float) -> DataTerm:
-    """Return ``reweighted`` for the (S, L, 3) points of a sample, with the sample's part of the term."""
+    """Return ``reweighted`` for the (S, L, 3) points of a sample."""
     xp = array_namespace(points)
     found = part.residuals(points)
     inlier = found.inliers(scale)

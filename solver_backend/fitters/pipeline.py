@@ -74,7 +74,7 @@ def solve_single_frames(
 def solve_sliding_windows(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Solve window after window of n free keys by Gauss-Newton steps, with the mixture prior of poses."""
+    """Solve window after window by Gauss-Newton steps, with the mixture prior."""
     layout = KeyframeLayout.even(problem.num_frames, settings.window, free=settings.interpolation)
     keys = initial_keys(problem, subject, layout)
     scales = graduated_scales(settings.robust_scale, 3 * settings.robust_scale, 2)
@@ -157,7 +157,7 @@ def require(settings: SolveSettings, trait: str, where: str, lacks: str, otherwi
 
 
 def require_network(settings: SolveSettings, where: str) -> None:
-    """Raise ``JobInvalid`` unless the method fits a network's landmarks, without a marker layout."""
+    """Raise ``JobInvalid`` unless the method fits a network's landmarks."""
     if not METHODS[settings.method].fits_network or settings.layout:
         able = _able("fits_network")
         message = f"The landmarks '{settings.landmarks}' need the method {able} without a marker layout."
@@ -166,7 +166,7 @@ def require_network(settings: SolveSettings, where: str) -> None:
 
 
 def require_start(settings: SolveSettings, capture: Capture) -> None:
-    """Raise ``JobInvalid`` unless the method can start from a motion and the take has several cameras."""
+    """Raise ``JobInvalid`` unless the method can start from a motion."""
     if capture.several_views is None:
         hint = "Leave --start-from out, or give a capture with a second camera."
         raise JobInvalid("--start-from needs a take of several cameras.", where=capture.name, hint=hint)
@@ -480,7 +480,7 @@ def resolve_motion(
     settings: SolveSettings = SolveSettings(),
     progress: Progress = silent,
 ) -> Solution:
-    """Solve some frames of a motion again without its recording, through poses that the user pinned.
+    """Solve some frames of a motion again through pinned poses, without a recording.
 
     Body points of the motion are the measurements. Near a pin they are not used, and the prior determines the pose.
 

@@ -156,7 +156,7 @@ def noted(record: Mapping[str, Any], found: Iterable[Diagnostic]) -> dict[str, A
 
 
 def seen_frames(points: np.ndarray) -> np.ndarray:
-    """Return an (F,) mask of frames with enough known points (F, L, 3), NaN if missing, to place a body."""
+    """Return an (F,) mask of frames with enough known points to place a body."""
     located = np.isfinite(points).all(-1)
     return located.sum(-1) >= min(6, located.shape[1] // 2)
 
@@ -177,7 +177,7 @@ class Problem:
 
     @classmethod
     def of(cls, body: Body, prior: AutoencodingPrior, measurements: Measurements) -> Problem:
-        """Return the problem with the prior on the body's joints, and the built-in mixture prior of poses.
+        """Return the problem with the prior on the body's joints and the mixture prior.
 
         Raises:
             PriorInvalid: the prior is inconsistent or does not fit the body.

@@ -1,4 +1,4 @@
-"""Find props (rigid groups of markers off the person) and solve each in six degrees of freedom."""
+"""Find props (rigid groups of markers off the person), and solve each."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class PropEquations:
     dt: float
 
     def linearise(self, state: PropState, scale: float) -> tuple[np.ndarray, BlockTridiagonal]:
-        """Return the (1,) cost and the normal equations. ``scale`` is the robust scale in standard deviations."""
+        """Return the (1,) cost and the normal equations at a robust ``scale``."""
         cost, diagonal, g = self.of_markers(state, scale)
         e, before, after = self._between(state)
         weight = self._precision()

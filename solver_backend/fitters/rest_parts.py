@@ -1,4 +1,4 @@
-"""Pose body parts without informative landmarks at rest after a fit, with the spread of real people.
+"""Pose body parts without informative landmarks at rest, with people's spread.
 
 No measurement depends on the rotations of such parts. With the conditional prior ``p(part | seen) = N(rest(seen), Σ)``
 the posterior factors: observed joints keep the optimum of the fit, the part gets its rest pose, and its covariance is
@@ -80,7 +80,7 @@ class Stance:
 
 
 def stance(rotations: np.ndarray, places: np.ndarray, fps: float) -> Stance:
-    """Return the stance from (F, 3, 3) rotations and (F, 3) positions of a pelvis in metres, Z up."""
+    """Return the stance from rotations and positions of a pelvis in metres, Z up."""
     lean = np.degrees(np.arccos(np.clip(rotations[:, 2, 1], -1.0, 1.0)))
     half, every = max(1, round(0.5 * WINDOW_S * fps)), np.arange(len(places))
     first, last = np.maximum(every - half, 0), np.minimum(every + half, len(places) - 1)
@@ -98,7 +98,7 @@ def with_resting_spread(
     below: dict[str, tuple[str, ...]],
     shares: dict[str, np.ndarray],
 ) -> np.ndarray:
-    """Return (F, J, 6) covariances with resting joints: ``(1 - s) C + s (C_anchor + k² G D² Gᵀ)``.
+    """Return (F, J, 6) covariances: ``(1 - s) C + s (C_anchor + k² G D² Gᵀ)``.
 
     k is ``growth``. Joints of ``BESIDE_MM`` also get its variances, multiplied by s.
 
@@ -168,7 +168,7 @@ _WORDS = dict[str, str](map(str.split, _SHOWN.split(", ")))
 
 
 def assumed_joints(body: Body, landmarks: Landmarks, offsets: np.ndarray, located: np.ndarray) -> dict[str, float]:
-    """Return the deviation per axis in metres of the joints that only the assumed posture determines.
+    """Return the deviation in metres of joints that only the posture determines.
 
     A joint is measured if a landmark is near it, or if it lies between measured joints: between any two if one of them
     is in ``CORE``, otherwise along one limb. Two knees do not determine thighs. An arm without a trunk does not
@@ -207,7 +207,7 @@ def with_assumed_spread(covariance: np.ndarray, layout: BodyLayout, assumed: Map
 
 
 def assumed_places(assumed: Mapping[str, float], at_rest: Collection[str]) -> tuple[str, float]:
-    """Return text that names the assumed joints not at rest, and their largest deviation in metres."""
+    """Return a text about the assumed joints, and their deviation in metres."""
     kept = {name: sigma for name, sigma in assumed.items() if name not in at_rest}
     words = list(dict.fromkeys(word for name in kept if (word := _WORDS.get(name.split("_")[-1].rstrip("123")))))
     return joined_words(words), max(kept.values(), default=0)
@@ -326,7 +326,7 @@ def uninformed_parts(body: Body, measurements: Measurements) -> tuple[str, ...]:
 
 
 def parts_without(body: Body, landmarks: Landmarks, located: np.ndarray) -> tuple[str, ...]:
-    """Return the parts that no located landmark informs. ``located`` (L,) are landmarks without offsets."""
+    """Return the parts that no located landmark informs."""
     once, offsets = np.ones(1, dtype=bool), np.zeros((len(landmarks), 3))
     return tuple(resting_shares(body, landmarks, offsets, located[None], once, 1.0).rest)
 

@@ -1,4 +1,4 @@
-"""Fit poses of sampled frames to triangulated points (thesis eq. 6.5), and estimate rough motions."""
+"""Fit poses of sampled frames to triangulated points (thesis eq. 6.5)."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ TOLERANCE = 1e-2  # Initial values are good enough if no frame's cost decreases 
 
 
 def sample_frames(measurements: Measurements, count: int) -> np.ndarray:
-    """Return up to ``count`` frames spread over the take: in each section the frame with the most points."""
+    """Return up to ``count`` frames with the most points, spread over the take."""
     points = measurements.located.sum(-1)
     parts = np.array_split(np.arange(len(points)), min(count, len(points)))
     best = np.array([part[np.argmax(points[part])] for part in parts if len(part)])
@@ -183,7 +183,7 @@ def _fit_block(problem: Problem, subject: Subject, frames: np.ndarray) -> FrameS
 
 
 def lifted_betas(subject: Subject, measurements: Measurements, frames: np.ndarray) -> Array:
-    """Return the lifter's mean (10,) shape over the given frames, or the subject's shape if there is none."""
+    """Return the lifter's mean (10,) shape, or the subject's shape."""
     lifted = _lifted(subject, points_term(measurements, frames, subject.betas))
     xp = array_namespace(lifted.betas)
     count = xp.sum(xp.astype(lifted.usable, lifted.betas.dtype))

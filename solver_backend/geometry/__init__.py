@@ -1,1 +1,1 @@
-"""Rotations, alignment of point sets and interpolation on spheres, for NumPy arrays and torch tensors."""
+"""Rotations, alignment and interpolation on spheres, for NumPy and torch."""

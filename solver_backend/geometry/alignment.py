@@ -22,7 +22,7 @@ def umeyama(
     weights: Float[Array, "*#batch points"] | None = None,
     with_scale: bool = False,
 ) -> tuple[Float[Array, " *batch"], Float[Array, "*batch 3 3"], Float[Array, "*batch 3"]]:
-    """Return the scale s, rotation R and translation t that minimise ``Σ w |s R source + t - target|²``.
+    """Return s, R and t that minimise ``Σ w |s R source + t - target|²``.
 
     Shapes are (...), (..., 3, 3) and (..., 3). Without ``with_scale``, s is 1. ``weights`` (..., N) are non-negative,
     or None for equal weights. Points of weight 0 may be NaN. If all weights are zero, the result is NaN. With fewer

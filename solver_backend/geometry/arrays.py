@@ -20,7 +20,7 @@ def is_torch(value: Any) -> bool:
 
 
 def array_namespace(*values: Any) -> Any:
-    """Return the namespace of arrays and numbers: torch's if a value is a tensor, otherwise NumPy's.
+    """Return the namespace of arrays: torch's for a tensor, otherwise NumPy's.
 
     Raises:
         BackendMissing: a value is a tensor, and array-api-compat is not installed.
@@ -128,7 +128,7 @@ def quantile(
     axis: int | tuple[int, ...],
     method: Literal["linear", "lower", "nearest"] = "linear",
 ) -> np.ndarray:
-    """Return the quantile of the finite values along axes, NaN if there are none (without a warning).
+    """Return the quantile of the finite values along axes, NaN without any.
 
     The result is ``numpy.nanquantile`` of the finite values: the value at position ``(n - 1) share`` among n sorted
     values. Between two values it is interpolated (Hyndman and Fan 1996, definition 7), or ``method`` selects one.

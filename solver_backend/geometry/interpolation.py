@@ -1,4 +1,4 @@
-"""Interpolate unit vectors of any dimension along geodesics: SLERP, SIDER2, SIDER-n, with Jacobians.
+"""Interpolate unit vectors along geodesics: SLERP, SIDER2 and SIDER-n.
 
 Every point on these curves is a combination of its keys. Its weights depend only on the inner products of the keys, so
 the derivative by key j is ``w_j I + Σ_ik p_i M_j[i, k] p_kᵀ``, which needs few numbers (``KeyWeights``). Jacobians are
@@ -77,7 +77,7 @@ def _weights_by_angle(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
 
 
 def is_antipodal(z: Array) -> Array:
-    """Return a (...) mask of point pairs without a unique geodesic, from ``z = cos²(ψ/2) = |a + b|²/4``."""
+    """Return a (...) mask of point pairs without a unique geodesic."""
     return z < 100.0 * array_namespace(z).finfo(z.dtype).eps
 
 
@@ -99,14 +99,14 @@ class ZeroMeanSphere:
         return width - 2
 
     def tangent_basis(self, x: Array) -> Array:
-        """Return the (..., d, d - 2) basis of the sphere's tangent space within the hyperplane of zero mean."""
+        """Return the (..., d, d - 2) basis of tangents with zero mean."""
         xp = array_namespace(x)
         plane = constant(_helmert(x.shape[-1]), x)
         return xp.matmul(plane, householder_basis(xp.matmul(x, plane)))
 
 
 def householder_basis(x: Array) -> Array:
-    """Return columns 2 to d of the Householder reflection that maps the first axis to ±x, (..., d, d - 1)."""
+    """Return columns 2 to d of the Householder reflection of the first axis to ±x."""
     xp = array_namespace(x)
     first = x[..., :1]
     w = xp.concat((first + xp.where(first < 0, -xp.ones_like(first), xp.ones_like(first)), x[..., 1:]), axis=-1)
@@ -161,7 +161,7 @@ class KeyWeights:
 
 
 def slerp(a: Vectors, b: Vectors, t: Times) -> Vectors:
-    """Return the point (..., d) at any real ``t`` on the geodesic from ``a`` (t = 0) to ``b`` (t = 1).
+    """Return the point at ``t`` on the geodesic from ``a`` (0) to ``b`` (1).
 
     The point is ``sin((1-t)ψ)/sinψ a + sin(tψ)/sinψ b``, with a series near ``ψ = 0``. A geodesic to ``-a`` has a fixed
     direction.
@@ -212,7 +212,7 @@ def sider_weights(keys: Keys, t: Times) -> KeyWeights:
 
 
 def aitken_neville(points: list[Any], t: Array, join: Callable[..., Any], reflect: Callable[..., Any]) -> Any:
-    """Return the point at ``t`` on the curve through points at 0, 1/n, ..., 1, for any kind of geodesic.
+    """Return the point at ``t`` on the curve through points at 0, 1/n, ..., 1.
 
     ``join(point, point, share)`` returns a point on their geodesic, also beyond its ends. ``reflect(point, centre)``
     returns the point at the same distance on the other side of the centre.

@@ -1,4 +1,4 @@
-"""Run blocks of frames on all cores. NumPy releases Python's lock, torch uses separate threads."""
+"""Run blocks of frames on all cores."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def usable_cores() -> int:
 
 
 def block_size(size: int, like: Any) -> int:
-    """Return the block size for arrays like ``like``: ``size``, which fits the cache, or more for torch."""
+    """Return the block size for arrays like ``like``, at least ``size``."""
     return size * TORCH_BLOCK if is_torch(like) else size
 
 

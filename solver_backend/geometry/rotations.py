@@ -39,7 +39,7 @@ def upper_hemisphere(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
 
 
 def matrix_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
-    """Return the (..., 3, 3) rotation matrices of (..., 4) quaternions with any length except zero.
+    """Return the (..., 3, 3) rotations of (..., 4) quaternions of any length.
 
     ``R = I + 2 (w [u]x + [u]x²) / |q|²`` with ``q = (w, u)``.
 
@@ -160,7 +160,7 @@ def log_so3(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3"]:
 
 
 def left_jacobian_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
-    """Return the left Jacobian ``J`` of rotation vectors, with ``exp(v + dv) ≈ exp(J dv) exp(v)``.
+    """Return the left Jacobian ``J``, with ``exp(v + dv) ≈ exp(J dv) exp(v)``.
 
     ``J = I + (1 - cosθ)/θ² [v]x + (θ - sinθ)/θ³ [v]x²``.
     Reference: Chirikjian 2012, "Stochastic Models, Information Theory, and Lie Groups 2", eq. 10.86.

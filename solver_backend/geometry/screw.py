@@ -33,7 +33,7 @@ class _Moved:
 
 @dataclass(frozen=True)
 class ScrewPath:
-    """Rotations and translations of W·n frames, in the order of rows, through the k keys of W windows."""
+    """Rotations and translations of W·n frames through the k keys of W windows."""
 
     rotation: Array  # (W·n, 3, 3).
     transl: Array  # (W·n, 3) metres.

@@ -43,7 +43,7 @@ def unpacked(entries: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 3"]:
 
 
 def mean_sigma(entries: Float[Array, "*batch 6"]) -> Float[Array, " *batch"]:
-    """Return (...) standard deviations of (..., 6) covariances, as root mean square over the axes."""
+    """Return (...) deviations of (..., 6) covariances, as RMS over the axes."""
     xp = array_namespace(entries)
     return xp.sqrt((entries[..., 0] + entries[..., 3] + entries[..., 5]) / 3.0)
 

@@ -12,7 +12,7 @@ _CAMERA = re.compile(r"cam(?:era)?[\s_\-.]*\d+", re.IGNORECASE)
 
 
 def name_key(name: str) -> tuple[str, ...]:
-    """Return the distinctive words and numbers of a camera name, without filler words and leading zeros.
+    """Return the distinctive words and numbers of a camera name.
 
     ``cam01_json``, ``Cam_1``, ``camera-001`` and ``int_cam01_img`` give ``('1',)``. ``left_json`` gives ``('left',)``.
     """
@@ -35,7 +35,7 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
 
 
 def match_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
-    """Return the calibrated index of each recorded camera, or None if any camera has no match or several.
+    """Return the calibrated index of each recorded camera, or None if unclear.
 
     These comparisons are tried until one assigns all cameras. The first compares ``name_key``. The second compares the
     part that reads like a camera (``Static_cam_01`` -> ``cam_01``). The third removes the common beginning and end
@@ -54,7 +54,7 @@ def match_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int]
 
 
 def takes_in_names(recorded: Sequence[str], calibrated: Sequence[str]) -> tuple[str, ...]:
-    """Return the take names if the folders are several takes of the same calibrated cameras, otherwise ().
+    """Return the take names if the folders are takes of the same cameras, or ().
 
     ``walk_cam01``, ``walk_cam02``, ``run_cam01`` and ``run_cam02`` are the takes walk and run of two cameras.
     """

@@ -1,4 +1,4 @@
-"""Read the path of a moving camera from camera trackers, with one pose per frame of the take."""
+"""Read a moving camera's path from camera trackers."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ def read_text(path: Path | str, largest: int = LARGEST_TAKE) -> str:
 
 
 def as_text(data: bytes) -> str:
-    """Decode UTF-16 with a byte order mark (Excel's Unicode text), UTF-8 with or without one, or Latin-1."""
+    """Decode UTF-16 with a byte order mark, UTF-8 or Latin-1."""
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return data.decode("utf-16", "replace")
     try:
@@ -90,7 +90,7 @@ def read_xml(path: Path, largest: int, kind: str) -> ElementTree.Element:
 
 
 def npz_names(path: Path) -> frozenset[str]:
-    """Return the array names of an ``.npz`` file for recognition, or no names for an unreadable file."""
+    """Return the array names of an ``.npz`` file, none for an unreadable file."""
     with suppress(MocapError):
         if path.suffix.lower() == ".npz":
             return array_names(path)

@@ -208,7 +208,7 @@ _FIRST = re.compile(r"(?P<head>.*?)GOPR(?P<number>\d{4})(?P<tail>.*)", re.IGNORE
 
 
 def parts_of(path: Path) -> tuple[Path, ...]:
-    """Return the files of one recording in order, given a video, its first chapter, or an image folder."""
+    """Return the files of one recording in order, given its first part."""
     if path.is_dir():
         return tuple(sorted((p for p in path.iterdir() if is_picture(p)), key=lambda p: natural_key(p.name)))
     if chapter_of(path) is None or not path.parent.is_dir():

@@ -51,7 +51,7 @@ MOTIONS: Readers[Motion | AmassClip | BvhClip] = Readers(
 
 
 def load_capture(path: Path | str, *, readers: Iterable[Reader[Capture]] = CAPTURES, **options: Any) -> Capture:
-    """Read a capture with the first matching reader in ``readers``, and choose the person to solve.
+    """Read a capture with the first matching reader, and choose the person.
 
     Options are fields of ``ReadOptions``. The capture has notes on assumptions and problems.
 

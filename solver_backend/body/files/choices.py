@@ -1,4 +1,4 @@
-"""Find bodies by name or path: the built-in body, files in the user's folder, and any other file."""
+"""Find bodies by name or path, in the program or in the user's folder."""
 
 from __future__ import annotations
 

@@ -163,7 +163,7 @@ class Machine:
         self._bytes_left = max(self._dialect.least, ALLOWANCE * size)
 
     def load(self) -> Any:
-        """Return the pickle's content, with finished arrays and placeholders for objects of known classes.
+        """Return the pickle's content, with placeholders for objects of known classes.
 
         Raises:
             UnsafePickle: the pickle requests an unknown class or function, or has far too many operations.

@@ -93,7 +93,7 @@ class Adjusted:
 
 
 def median_by_camera(far: Float[np.ndarray, " n"], seen: BodySightings, count: int) -> Float[np.ndarray, " cameras"]:
-    """Return each camera's median reprojection error, NaN for a camera without points in front of it."""
+    """Return each camera's median reprojection error, NaN without points in front."""
     parts = (far[(seen.camera == c) & ~np.isnan(far)] for c in range(count))
     return np.array([np.median(part) if len(part) else np.nan for part in parts])
 
@@ -156,7 +156,7 @@ class _BundleState:
     delays: np.ndarray
 
     def moved(self, by_cameras: np.ndarray, by_bodies: np.ndarray) -> _BundleState:
-        """Return the state after a step of all cameras (19C,) and bodies (B, 6), or (B, 3) without rotation."""
+        """Return the state after a step of all cameras (19C,) and bodies."""
         step = by_cameras.reshape(len(self.cameras), CAMERA_PARAMETERS)
         turn = exp_so3(step[:, :3])
         t = (turn @ self.cameras.t[..., None])[..., 0] + step[:, 3:6]
@@ -177,7 +177,7 @@ class _Task:
     turning: slice  # Rotation parameters among a body's six. Single points do not rotate.
 
     def whole(self, values: np.ndarray) -> np.ndarray:
-        """Expand values (C columns, ...) of the unknown parameters to (19C, ...), with zeros for the others."""
+        """Expand values of the unknown parameters to (19C, ...), zero for the others."""
         C = len(self.start)
         full = np.zeros((C, CAMERA_PARAMETERS, *values.shape[1:]))
         full[:, self.columns] = values.reshape(C, len(self.columns), *values.shape[1:])
@@ -201,7 +201,7 @@ class _Task:
             return pixels_of(now.cameras, self.seen.camera, x_cam) - target
 
     def of_camera(self, by_pose: np.ndarray, by_lens: np.ndarray, by_delay: np.ndarray) -> np.ndarray:
-        """Return (N, 2, columns) derivatives of the pixels by the unknown parameters of each point's camera."""
+        """Return (N, 2, columns) derivatives of the pixels by each camera's unknowns."""
         if self.columns.max(initial=0) < 6:
             return by_pose[..., self.columns]
         return np.concatenate([by_pose, by_lens, by_delay], axis=-1)[..., self.columns]
@@ -302,7 +302,7 @@ class _Equations:
         return V_inverse, W, S, g
 
     def covariance(self, free: np.ndarray, gauge: int) -> np.ndarray:
-        """Return the (CP, CP) inverse of the reduced equations without the ``gauge`` smallest eigenvalues."""
+        """Return the (CP, CP) inverse without the ``gauge`` smallest eigenvalues."""
         _, _, S, _ = self._reduced(free, 0.0)
         if not len(S):
             return np.zeros_like(self.U)

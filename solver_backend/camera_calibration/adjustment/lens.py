@@ -67,7 +67,7 @@ def lens_mask(fitted: Sequence[int] | np.ndarray = (), *, centre: bool = False) 
 
 
 def rough_lens(image_size: tuple[int, int], focal_share: float = 0.9) -> Lens:
-    """Guess a lens from the image size: ``f = share · longer side``, with a centred principal point.
+    """Guess a lens from the image size: ``f = share · longer side``.
 
     The main cameras of phones have shares of 0.75 to 1.0, webcams of 0.7 to 0.9.
     """
@@ -156,7 +156,7 @@ def homogeneous(xy: np.ndarray) -> np.ndarray:
 
 
 def dlt_rows(points: Float[np.ndarray, "n d"], image: Float[np.ndarray, "n 2"]) -> np.ndarray:
-    """Return (n, 2, 3 d + 3) equations of each point for the entries of its (3, d + 1) projection matrix."""
+    """Return (n, 2, 3 d + 3) equations of each point for its projection matrix."""
     h = homogeneous(points)
     none = np.zeros_like(h)
     return np.stack([np.hstack([h, none, -image[:, :1] * h]), np.hstack([none, h, -image[:, 1:] * h])], axis=1)
@@ -175,7 +175,7 @@ def homography(plane: Float[np.ndarray, "n 2"], image: Float[np.ndarray, "n 2"])
 def focal_from_homographies(
     homographies: Float[np.ndarray, "views 3 3"], centre: Float[np.ndarray, " 2"]
 ) -> float | None:
-    """Return the focal length in px for which the boards' axes are orthogonal and equally long, or None.
+    """Return the focal length in px that makes the boards' axes orthogonal, or None.
 
     The (2,) principal point is known, so ``ω = diag(1/f², 1/f², 1)`` with ``h1ᵀ ω h2 = 0`` and ``h1ᵀ ω h1 = h2ᵀ ω h2``.
 

@@ -254,7 +254,7 @@ def _first_square_is_light(picture: np.ndarray, px: np.ndarray, size: tuple[int,
 
 
 def point_velocities(sightings: Mapping[int, BoardSighting], frame: int, fps: float) -> Float[np.ndarray, "points 2"]:
-    """Return (n, 2) velocities in px/s of the points in a frame, from central or one-sided differences.
+    """Return (n, 2) velocities in px/s of the points in a frame.
 
     A point without neighbours gets the median of the others. NaN if no neighbouring frame has the board.
     """

@@ -36,7 +36,7 @@ class BoardFootage:
 
 
 def board_footage(folder: Path) -> BoardFootage:
-    """Return the footage in ``intrinsics/`` and ``extrinsics/`` in or below a folder, or else its videos."""
+    """Return the footage in ``intrinsics/`` and ``extrinsics/``, or else the videos."""
     if not folder.is_dir():
         raise FileMissing("There is no such folder.", where=str(folder))
     lens, extrinsic = (_below(folder, names, _LEVELS) for names in (_LENS, _EXTRINSIC))
@@ -99,7 +99,7 @@ def recordings_beside(folder: Path) -> dict[str, Path]:
 
 
 def entries(folder: Path) -> list[Path]:
-    """Return the visible paths in a folder in natural order, or no paths if the folder cannot be read."""
+    """Return the visible paths in a folder in natural order, or none."""
     try:
         shown = [path for path in folder.iterdir() if not path.name.startswith(".")]
         return sorted(shown, key=lambda path: natural_key(path.name))

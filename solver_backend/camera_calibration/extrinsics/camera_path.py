@@ -1,4 +1,4 @@
-"""Estimate the path of a moving camera from background points that were tracked from frame to frame."""
+"""Estimate a moving camera's path from tracked background points."""
 
 from __future__ import annotations
 

@@ -209,7 +209,7 @@ JUMP = 0.5  # Largest movement per frame, relative to a person's height. Chosen 
 
 
 def main_person(detections: Detections, fps: float) -> Keypoints2D:
-    """Select the detection with the largest diagonal times mean confidence in every view and frame.
+    """Select the largest and most confident detection in every view and frame.
 
     If it is more than half a body height from the last one, the nearest detection is selected instead.
     """
@@ -248,7 +248,7 @@ def calibrate_by_person(
     known_length: tuple[str, str, float] | None = None,
     free_focal: bool = False,
 ) -> CalibratedCameras:
-    """Calibrate cameras in metres with Z up and the floor at zero from one person's keypoints alone.
+    """Calibrate cameras in metres with Z up from one person's keypoints alone.
 
     Args:
         others: the same keypoints for other camera clocks. The clocks with the largest share of inliers are used.

@@ -37,7 +37,7 @@ class Clicks:
 
 
 def read_clicks(path: Path) -> Clicks:
-    """Read a table with ``point,camera,x,y`` per click and ``point,world,x,y,z`` per known position."""
+    """Read a table of clicks (``point,camera,x,y``) and positions (``point,world,x,y,z``)."""
     px: dict[str, dict[str, tuple[float, float]]] = {}
     places: dict[str, tuple[float, float, float]] = {}
     try:
@@ -94,7 +94,7 @@ def _points_of(clicks: Clicks) -> list[str]:
 
 
 def click_tables(cameras: Cameras, clicks: Clicks) -> tuple[np.ndarray, np.ndarray]:
-    """Return the clicks (C, P, 2) in px and the known positions (P, 3) in metres, NaN where missing."""
+    """Return clicks (C, P, 2) in px and known positions (P, 3), NaN where missing."""
     points, nowhere = _points_of(clicks), (np.nan, np.nan, np.nan)
     xy = [[clicks.px.get(name, {}).get(p, nowhere[:2]) for p in points] for name in cameras.names]
     return np.array(xy).reshape(len(cameras), -1, 2), np.array([clicks.places.get(p, nowhere) for p in points])

@@ -134,7 +134,7 @@ def intersected(
 def point_bodies(
     cameras: Cameras, xy: np.ndarray, sigma: np.ndarray, known: np.ndarray | None = None
 ) -> tuple[Bodies, BodySightings, np.ndarray]:
-    """Return points seen by two cameras or with known positions, their sightings and their indices.
+    """Return points with two cameras or known positions, and their sightings.
 
     Args:
         xy: (C, P, 2) keypoints in px, NaN where unseen.

@@ -78,7 +78,7 @@ def fitted_lens(
 
 
 def board_poses(board: Board, views: Sequence[BoardSighting], lens: Lens) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotations (V, 3, 3) and translations (V, 3) from board to camera, from homographies."""
+    """Return rotations (V, 3, 3) and translations (V, 3) from board to camera."""
     poses = []
     for view in views:
         flat = undistort(lens.as_camera(), view.px[None])[0]
@@ -303,7 +303,7 @@ _CELL, _CORNER = (58, 92, 74), (236, 112, 70)
 
 
 def write_coverage(sightings: Sequence[BoardSighting], image_size: tuple[int, int], path: Path) -> None:
-    """Write a PNG of all corners in the camera's image, with the cells that the board reached in green."""
+    """Write a PNG of all corners in the camera's image, with covered cells in green."""
     scale = WIDTH / image_size[0]
     canvas = Canvas(WIDTH, max(1, round(image_size[1] * scale)))
     wide, high = np.array(canvas.rgb.shape[1::-1]) / CELLS

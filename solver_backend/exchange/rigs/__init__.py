@@ -1,1 +1,1 @@
-"""Recognise the roles of bones in rigs and skeletons of any program, from names and structure."""
+"""Recognise the roles of bones in rigs of any program."""

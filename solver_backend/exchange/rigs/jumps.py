@@ -17,7 +17,7 @@ _LONGEST_S = 0.5  # Longest jump in seconds that is interpolated. A longer one m
 def bridge_jumps(
     joints: np.ndarray, turns: np.ndarray, pelvis: int, fps: float
 ) -> tuple[np.ndarray, np.ndarray, list[Diagnostic]]:
-    """Interpolate short runs of frames that are too far from their neighbours, and report all jumps.
+    """Interpolate short runs of frames far from their neighbours, and report jumps.
 
     Args:
         joints: (F, J, 3) joint positions in metres.

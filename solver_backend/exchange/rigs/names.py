@@ -1,4 +1,4 @@
-"""Recognise bone roles by name: sides by prefix or suffix, parts by words, chains by hierarchy."""
+"""Recognise bone roles by name: sides by affix, parts by words."""
 
 from __future__ import annotations
 

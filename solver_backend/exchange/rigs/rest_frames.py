@@ -63,7 +63,7 @@ def bent_at_rest(places: Mapping[str, np.ndarray]) -> Diagnostic | None:
 
 
 def off_stance_deg(places: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return by how many degrees (...) trunk and legs deviate from a straight line, or 0 if unknown.
+    """Return the degrees between trunk and legs, or 0 if unknown.
 
     Upright figures have about 0.
 
@@ -108,7 +108,7 @@ def _angles_deg(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def limb_turns(points: np.ndarray, own: np.ndarray, is_arm: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (3, 3) rotations from a limb's upper and lower bone at rest to another figure's bones.
+    """Return the (3, 3) rotations from a limb's bones at rest to another figure's.
 
     The frames M consist of direction, hinge and the normal of both: ``A = M_own M_points^T``.
 
@@ -153,7 +153,7 @@ def level(direction: np.ndarray) -> np.ndarray:
 
 
 def swing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the smallest rotations (..., 3, 3) from directions ``a`` (..., 3) to directions ``b``."""
+    """Return the smallest rotations (..., 3, 3) from directions ``a`` to ``b``."""
     axis = np.cross(a, b)
     return limb_frame(b, axis) @ limb_frame(a, axis).swapaxes(-1, -2)
 

@@ -153,7 +153,7 @@ _LENGTHS_ALIKE = 0.3  # Largest relative difference between left and right limbs
 
 
 def is_plausible(bones: dict[str, str], skeleton: Skeleton) -> bool:
-    """Return whether limb lengths, symmetry and directions of a role map are possible for a person."""
+    """Return whether a role map's lengths, symmetry and directions fit a person."""
     index = {name: i for i, name in enumerate(skeleton.names)}
     places = {role: skeleton.heads[index[bone]] for role, bone in bones.items() if bone in index}
     lengths: dict[str, float] = {}

@@ -1,1 +1,1 @@
-"""Send and receive live motion with the Virtual Motion Capture protocol over Open Sound Control."""
+"""Send and receive live motion with the Virtual Motion Capture protocol."""

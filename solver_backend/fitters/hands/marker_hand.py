@@ -98,7 +98,7 @@ def calibrated_offsets(
 
 
 def marker_size(skeleton: HandSkeleton, labels: tuple[str, ...], positions: np.ndarray) -> float:
-    """Estimate the size of a hand relative to the skeleton from distances between markers on the palm."""
+    """Estimate a hand's relative size from distances between palm markers."""
     sites = hand_markers(skeleton, labels).sites
     one, other = np.triu_indices(len(labels), 1)
     rigid = (sites.segment[one] == 0) & (sites.segment[other] == 0)
@@ -133,7 +133,7 @@ class Extra:
 def attach_markers(
     problem: HandProblem, states: Float[np.ndarray, "frames d"], positions: Float[np.ndarray, "frames n 3"]
 ) -> Extra:
-    """Attach markers to the hand segments that they move with: ``o_s = median_f G_sᵀ (x - p_s)``.
+    """Attach markers to hand segments: ``o_s = median_f G_sᵀ (x - p_s)``.
 
     The nearest segment with nearly constant offsets is chosen. ``states`` are (F, D), ``positions`` (F, N, 3).
     """
@@ -173,7 +173,7 @@ def with_extra(markers: HandMarkers, labels: tuple[str, ...], extra: Extra) -> H
 def worn_hand(
     measured: HandClouds, side: int, skeleton: HandSkeleton, path: WristPath, fps: float, settings: SolveSettings
 ) -> tuple[HandProblem, tuple[Diagnostic, ...]]:
-    """Return the problem of one hand with its markers and attached unknown markers, and diagnostics."""
+    """Return the problem of one hand with its markers, and diagnostics."""
     markers, cloud = hand_markers(skeleton, measured.labels[side]), measured.positions[side]
     hand = calibrated_hand(cloud, markers, skeleton, path, fps, settings)
     if side not in measured.extra:

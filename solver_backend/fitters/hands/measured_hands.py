@@ -54,11 +54,11 @@ class HandViewTerm:
         return replace(self, points=self.points.astype(precision))
 
     def rescaled(self, variance: np.ndarray) -> HandViewTerm:
-        """Return the term with the variance of the points' independent noise multiplied by ``variance``."""
+        """Return the term with the points' independent variance times ``variance``."""
         return replace(self, points=self.points.rescaled(variance))
 
     def leverage(self, points: np.ndarray, used: np.ndarray) -> np.ndarray:
-        """Return the (C, F, L) share of each view's error that enters a point (see ``ReprojectionTerm``)."""
+        """Return the (C, F, L) share of each view's error that enters a point."""
         return self.points.leverage(points, used)
 
     def residuals(self, points: np.ndarray) -> Residuals:
@@ -202,7 +202,7 @@ ALONE = 0.04  # Weight of a hand seen by one view only, which cannot distinguish
 
 
 def hand_term(views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"], noise: HandNoise) -> HandViewTerm:
-    """Return the data term of one hand (side 0 left, 1 right) for (F, 3) wrist positions in metres.
+    """Return the data term of one hand (0 left, 1 right) for (F, 3) wrists in metres.
 
     ``σ² = (σ_l max(1, (15 / s)²))² + (f m / z)²`` px² for a palm of s = f 0.09 m / z px at depth z and model error m.
     """
@@ -339,7 +339,7 @@ def hand_size(
 
 
 def likely_size(hands: Iterable[HandSize]) -> float:
-    """Return the most likely size of both hands: ``(Σ s / σ² + 1 / σ₀²) / (Σ 1 / σ² + 1 / σ₀²)``."""
+    """Return the most likely hand size: ``(Σ s / σ² + 1 / σ₀²) / (Σ 1 / σ² + 1 / σ₀²)``."""
     known = [(1.0, USUAL**-2), *((hand.scale, hand.sigma**-2) for hand in hands)]
     return float(sum(scale * weight for scale, weight in known) / sum(weight for _, weight in known))
 

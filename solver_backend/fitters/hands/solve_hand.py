@@ -1,4 +1,4 @@
-"""Solve one hand over a take: objective, normal equations, initial keys, passes and covariance."""
+"""Solve one hand over a take: objective, equations, keys, passes and covariance."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ class HandProblem:
     def evaluate(
         self, states: np.ndarray, frames: np.ndarray, scale: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return costs (n,), gradients (n, D) and Gauss-Newton matrices (n, D, D) of the data in ``frames``."""
+        """Return costs (n,), gradients and Gauss-Newton matrices of the data in ``frames``."""
         points, jacobian = self._placed(states, frames)
         found = self.term.select(frames)(points, scale)
         flat = jacobian.reshape(len(states), -1, DOF)
@@ -387,7 +387,7 @@ def hand_window(fps: float) -> int:
 def solve_from(
     model: KeyModel, starts: Sequence[np.ndarray], settings: SolveSettings, alive: Callable[[], None]
 ) -> SolvedHand:
-    """Solve a hand from several (K, D) sets of initial keys and return the solution with the lowest cost."""
+    """Solve a hand from several sets of initial keys, and return the best solution."""
     problem, scale = model.problem, settings.robust_scale
     # Fingers may pass through one another during the solve, but must not intersect in the result.
     through = replace(model, problem=replace(problem, keeps_apart=False))
@@ -412,7 +412,7 @@ def solve_from(
 
 
 def untangled(model: KeyModel, found: HandKeys, scale: float, iterations: int, alive: Callable[[], None]) -> HandKeys:
-    """Solve overlapping fingers again from the relaxed pose, and keep the result if the overlap decreases.
+    """Solve overlapping fingers again, and keep the result if the overlap decreases.
 
     Fingers that have passed through one another stay on the wrong side because the objective keeps them apart.
     """
@@ -429,7 +429,7 @@ def untangled(model: KeyModel, found: HandKeys, scale: float, iterations: int, a
 
 
 def with_learned_noise(problem: HandProblem, states: Float[np.ndarray, "frames d"], scale: float) -> HandProblem:
-    """Return the problem with the noise of each point learned from the residuals of (F, D) states."""
+    """Return the problem with each point's noise learned from the residuals."""
     sample = np.unique(np.linspace(0, len(states) - 1, min(len(states), SAMPLE_FRAMES)).astype(int))
     points = problem.points(states[sample], sample)
     return replace(problem, term=reweighted_by_points(points, problem.term.select(sample), problem.term, scale))

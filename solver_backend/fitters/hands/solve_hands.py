@@ -131,7 +131,7 @@ def without_fingers(motion: Motion) -> Motion:
 
 
 def hand_size_in(motion: Motion) -> float:
-    """Return the size of a motion's hands relative to the body's shape, or 1 if the motion has no hands."""
+    """Return the hand size of a motion relative to the body, 1 without hands."""
     return float(motion.provenance.get("hands", {}).get("size", 1.0))
 
 
@@ -233,7 +233,7 @@ def with_finger_turns(
 
 
 def finger_turns_of(motion: Motion) -> Float[np.ndarray, "frames 30 3"] | None:
-    """Return (F, 30, 3) axis-angle rotations of a motion's finger joints, or None without fingers."""
+    """Return (F, 30, 3) rotations of a motion's finger joints, or None."""
     if not set(SMPL_HANDS.joints) <= set(motion.body_layout.joints):
         return None
     columns = [motion.body_layout.joints.index(joint) - 1 for joint in SMPL_HANDS.joints[FINGER_JOINTS]]

@@ -1,4 +1,4 @@
-"""Frame range of an earlier motion that is solved again, and the poses that it must pass through."""
+"""Frame range of an earlier motion to solve again, with pinned poses."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ def dense_layout(
 
 
 def paces(points: np.ndarray, fps: float, apart: int) -> tuple[float, float]:
-    """Return the mean and the 95th percentile of the points' acceleration in m/s², over ``apart`` frames.
+    """Return mean and 95th percentile of the points' acceleration in m/s².
 
     ``|x(t - h) - 2 x(t) + x(t + h)| / h²`` for (F, L, 3) points in metres. With spacing h, 4 mm of noise adds 2.2 m/s².
     """
@@ -103,7 +103,7 @@ def paces(points: np.ndarray, fps: float, apart: int) -> tuple[float, float]:
 
 
 def closer_window(window: int, pace: float, calm: float, closest: float) -> int:
-    """Return the window length ``w max(closest, min(1, √(calm / pace)))`` in frames, at least two."""
+    """Return the window length ``w max(closest, min(1, √(calm / pace)))`` in frames."""
     return max(2, round(window * max(closest, min(1.0, (calm / max(pace, 1e-6)) ** 0.5))))
 
 

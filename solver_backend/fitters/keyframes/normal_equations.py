@@ -88,7 +88,7 @@ class KeyframeNormalEquations:
         self.upper[windows, :, : self.dof] += hessian[:, :inner, inner:]
 
     def add_ends(self, hessian: Array, gradient: Array) -> None:
-        """Add the (N, D, D) blocks of the windows' last keys and the (n N + 1, D) gradient by all keys."""
+        """Add the (N, D, D) blocks of the windows' last keys, and the gradient."""
         self.diagonal[1:, : self.dof, : self.dof] += hessian
         flat = array_namespace(gradient).reshape(self.g, (-1, self.dof))
         flat[: gradient.shape[0]] += gradient
@@ -155,7 +155,7 @@ class KeyframeNormalEquations:
                 self.upper[rows // 2, row : row + size, column : column + size] += chosen
 
     def with_fixed(self, fixed: np.ndarray) -> KeyframeNormalEquations:
-        """Return the equations with the keys of an (n N + 1,) mask fixed, without step and uncertainty."""
+        """Return the equations with masked keys fixed, without step and uncertainty."""
         if not fixed.any():
             return self
         fixed = np.append(fixed, np.zeros(self.free - 1, dtype=bool))  # the dummies
@@ -293,7 +293,7 @@ def data_equations(
     hessian_frames: int = HESSIAN_FRAMES,
     decoded: list[Array] | None = None,
 ) -> DataEquations:
-    """Return the cost of the frames and the Gauss-Newton equations of the keys, computed on all cores.
+    """Return the frames' cost and the keys' Gauss-Newton equations, on all cores.
 
     ``E = Σ_f E_f(x_f)`` over the frames of all windows (thesis eqs. 6.6, 6.7). ``x_f`` is on the curve through the
     window's keys (eqs. 6.9, 6.10) and ``E_f`` is the data term of one frame (eq. 6.8).
@@ -373,7 +373,7 @@ def _exact(data: BundleModel, keys: Keyframes, rows: WindowRows, hessian: Array)
 
 
 def matrices_by_keys(rows: WindowRows, hessian: Array, d_pose_d_keys: Array) -> Array:
-    """Return (N, (n + 1) D, (n + 1) D) matrices ``P_aᵀ (Σ_f w_a w_b H_f) P_b`` of each window's keys.
+    """Return (N, (n + 1) D, (n + 1) D) matrices ``P_aᵀ (Σ_f w_a w_b H_f) P_b``.
 
     Args:
         rows: the frames of N windows whose Hessians are given.
@@ -446,7 +446,7 @@ class MotionPrior:
         return self if self.unseen is None else replace(self, unseen=self.unseen[keys.start : keys.stop - 1])
 
     def cost(self, keys: Keyframes, free: StateLayout) -> Array:
-        """Return the (K,) energy at each key, of differences centred on it or between it and the next key."""
+        """Return the (K,) energy of differences at each key."""
         xp = array_namespace(keys.z)
         cost = zeros((keys.z.shape[0],), keys.z)
         for _, value, _, sigma in self._smooth_parts(keys, free):

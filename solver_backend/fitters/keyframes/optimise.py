@@ -243,7 +243,7 @@ def solve_in_single(
     alive: Callable[[], None],
     each: Stretches,
 ) -> KeySolution:
-    """Solve all keys as ``solve_long`` does, in single precision if all positions are close to the origin."""
+    """Solve all keys as ``solve_long`` does, in single precision near the origin."""
     xp = array_namespace(start.transl)
     if float(xp.max(abs(start.transl))) >= SINGLE_TO_M:
         return solve_long(model, layout, start, schedule, alive, each=each)
@@ -371,7 +371,7 @@ def _pose_covariance(diagonal: Array, upper: Array, d_pose_d_keys: Array, window
 
 
 def noise_inflation(points: Array, term: DataTerm, scale: float, num_frames: int) -> float:
-    """Return the variance factor of the mean over n correlated frames: ``1 + 2 sum_k (1 - k/n) r^k``.
+    """Return the variance factor of n correlated frames: ``1 + 2 sum_k (1 - k/n) r^k``.
 
     r is the lag-one correlation of first-order autoregressive noise, measured on the residuals of inliers. ``points``
     are (F, L, 3) landmarks of a solution. Reference: Bayley and Hammersley 1946, "The effective number of independent

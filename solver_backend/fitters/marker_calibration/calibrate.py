@@ -57,7 +57,7 @@ class PlacementPrior:
 
 
 def person_state(subject: Subject, prior: PosePrior, frames: FrameStates) -> PersonState:
-    """Return the state of poses that may leave the prior's manifold, as in the bundle adjustment."""
+    """Return the state of poses that may leave the prior's manifold."""
     if frames.residual is None:
         frames = replace(frames, residual=zeros((frames.z.shape[0], len(prior.joints), 3), frames.z))
     return PersonState(subject, frames, state_layout(prior))
@@ -151,7 +151,7 @@ SPREAD_M = 0.03  # Deviation of joints from the scaled mean body, weighed agains
 
 
 def first_shape(body: Body, landmarks: Landmarks, points: np.ndarray) -> np.ndarray:
-    """Return the (10,) initial shape: the mean body scaled to the markers, or zeros if its size fits.
+    """Return the (10,) initial shape, zeros if the mean body's size fits.
 
     The size s is the median of ``d / r``, weighted by r, over marker pairs with a distance that no pose changes. d is
     the recorded distance, r the mean body's. The shape is ``argmin |D b - (s - 1) J|² / SPREAD_M² + |b|²`` with joints
@@ -190,7 +190,7 @@ LEAST_SEEN = 0.6  # A chosen frame shows at least this share of the largest numb
 
 
 def varied_frames(points: np.ndarray, count: int) -> np.ndarray:
-    """Return the numbers of up to ``count`` frames with the most different poses, in ascending order.
+    """Return up to ``count`` frames with the most different poses, in order.
 
     Distances between markers describe a pose without position and heading. The next frame is farthest from all chosen
     ones (Gonzalez 1985, "Clustering to minimize the maximum intercluster distance"). ``points`` are (F, L, 3).

@@ -1,4 +1,4 @@
-"""Name points that the labelling network leaves unnamed, by their position relative to bones."""
+"""Name points that the labelling network leaves unnamed, relative to bones."""
 
 from __future__ import annotations
 

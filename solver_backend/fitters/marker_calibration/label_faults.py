@@ -131,7 +131,7 @@ def _trimmed(gain: np.ndarray, first: int, last: int) -> tuple[int, int]:
 
 
 def diagnose_labels(still: np.ndarray, faults: tuple[LabelFault, ...], labels: tuple[str, ...]) -> list[Diagnostic]:
-    """Return diagnostics of stationary (F, M) markers and of wrong labels, in order of the first frame."""
+    """Return diagnostics of stationary (F, M) markers and of wrong labels."""
     found = [
         diagnostic("marker_still", markers=[labels[m]], frames=[run], remedy=Remedy.BRIDGED)
         for m in np.flatnonzero(still.any(axis=0))
@@ -184,7 +184,7 @@ _SHIN = ("KNE", "KNM"), ("ANK", "ANM", "HEE")
 
 
 def check_sides(points: np.ndarray, landmarks: Landmarks) -> None:
-    """Check that left legs and arms are left of the waist and shoulders, and that feet point forward.
+    """Check that left limbs are on the left and that feet point forward.
 
     With l from right to left, u from feet to waist and f from heels to toes, ``(l × u) · f > 0``. For strongly bent
     knees and for joint centres without toes, f points from the line of hip and ankle to the forward knee, for other
@@ -411,7 +411,7 @@ LEAST = 8  # Fewest frames that show both markers.
 
 
 def exchanged_labels(problem: Problem, like: Array) -> list[tuple[int, int]]:
-    """Return pairs of markers with swapped labels, found with a fit of the mean person to varied frames.
+    """Return pairs of markers with swapped labels, by a fit of the mean person.
 
     Markers with only a known bone have no expected position and are excluded.
     """
@@ -424,7 +424,7 @@ def exchanged_labels(problem: Problem, like: Array) -> list[tuple[int, int]]:
 
 
 def exchanged_throughout(points: np.ndarray, expected: np.ndarray) -> list[tuple[int, int]]:
-    """Return pairs (a, b) of markers that are each at the other's expected position in the median frame.
+    """Return pairs of markers that are each at the other's position in the median frame.
 
     ``m(|x_a - y_b|² + |x_b - y_a|²) < s m(|x_a - y_a|² + |x_b - y_b|²)`` with medians m over frames and positions y
     corrected by the body's error near each marker.

@@ -78,7 +78,7 @@ FREE_M = {"BAC": 0.25, "SACR": 0.16}  # The same for freely chosen positions: th
 
 
 def off_place(places: tuple[str, ...], distance: np.ndarray) -> list[int]:
-    """Return the markers too far from their locations, the farthest first, from (M,) distances in metres.
+    """Return the markers too far from their locations, the farthest first.
 
     Joint centres and markers with only a known bone have no expected position.
     """
@@ -150,7 +150,7 @@ def marker_problem(
     progress: Progress,
     person: MarkerSubject | None = None,
 ) -> Problem:
-    """Return the problem of labelled markers on a calibrated person, with wrong labels corrected.
+    """Return the problem of labelled markers on a calibrated person.
 
     Args:
         person: a person from an earlier calibration. None calibrates on this take.
@@ -227,7 +227,7 @@ def _cleaned(
 
 
 def moved_points(cloud: MarkerCloud, points: np.ndarray) -> MarkerCloud:
-    """Return the cloud with (F, L, 3) points that changed columns, each with its residual and covariance.
+    """Return the cloud with (F, L, 3) points that changed columns.
 
     An excluded marker is NaN.
     """

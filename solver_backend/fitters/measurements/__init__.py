@@ -1,1 +1,1 @@
-"""Prepare the input of a fit from views or markers: points, their covariance and a data term."""
+"""Prepare the input of a fit: points, their covariance and a data term."""

@@ -23,7 +23,7 @@ or a factor of 2 raise the mean error by 3 to 7 %, a ``FAR`` of 0.005 by 2 %, a 
 
 
 def steadiest_first(points: np.ndarray, pool: np.ndarray) -> np.ndarray:
-    """Return (M, N) indices that sort pool points by the variance of their distance to each point.
+    """Return (M, N) indices that sort points by the variance of their distances.
 
     A term for the distance puts near points first if all variances are small, as for a person who stands still. Missing
     points are NaN. Points that are visible together in fewer than two sampled frames come last.
@@ -41,7 +41,7 @@ def steadiest_first(points: np.ndarray, pool: np.ndarray) -> np.ndarray:
 def among(
     points: np.ndarray, near: np.ndarray, rows: np.ndarray, known: np.ndarray, gap: np.ndarray, lasting: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Predict a marker's (n, 3) positions in a gap from its neighbours, with (n,) squared errors in m².
+    """Predict a marker's (n, 3) positions in a gap, with squared errors in m².
 
     In the moving frame of the neighbours (Kabsch 1976), the marker's position is ``u = W v``, found by ridge regression
     on the neighbours' positions v in this frame. v describes the movement of the neighbours within the cluster. Errors
@@ -156,7 +156,7 @@ def filled(
 
 
 def lasting_frames(off: np.ndarray, lag: int) -> float:
-    """Estimate the time constant τ in frames of the correlation ``exp(-t / τ)`` of (F, M, 3) errors."""
+    """Estimate the time constant τ in frames of the errors' correlation."""
     early, late = off[:-lag], off[lag:]
     both = np.isfinite(early) & np.isfinite(late)
     early, late = np.where(both, early, 0.0), np.where(both, late, 0.0)

@@ -251,7 +251,7 @@ def measure_network_landmarks(
 def measure_directly(
     capture: Capture, body: Body, like: Array, settings: SolveSettings, person: MarkerSubject | None, progress: Progress
 ) -> Measurements:
-    """Return the network's landmarks for a recording of markers (see ``measure_network_landmarks``).
+    """Return the network's landmarks for a recording of markers.
 
     Raises:
         JobInvalid: the recording has no markers.

@@ -43,7 +43,7 @@ _UNKNOWN = ("delay_unknown", "delay_beyond")  # Diagnostics that reject a captur
 
 @dataclass(frozen=True)
 class CheckedCapture:
-    """Capture with its faults repaired or excluded, its triangulation, and the diagnostics by first frame."""
+    """Capture with its faults repaired, its triangulation, and its diagnostics."""
 
     capture: Capture
     triangulation: Triangulation

@@ -1,4 +1,4 @@
-"""Curve of poses through keyframes: value, Jacobian and vector-Jacobian product (thesis 6.2.5).
+"""Curve of poses through keyframes, with derivatives (thesis 6.2.5).
 
 Codes follow SIDER-2 (SIDER2) through the three keys of a window, and the decoder turns them into poses (thesis eq.
 6.9). Root rotations follow SIDER-2. Translations and residual rotations follow the parabola through the keys (thesis
@@ -73,7 +73,7 @@ class ApartRoot:
         return xp.sum(self.quats.vjp(by_quat), axis=1), shared(self.weights, by_transl)
 
     def jacobian(self, key: int) -> Array:
-        """Return (W·n, 6, 6) derivatives of the frames' left rotations and translations by those of a key."""
+        """Return (W·n, 6, 6) derivatives of the frames' motion by a key's motion."""
         xp = array_namespace(self.weights)
         # Map a left rotation of the key to one of the frame: 4 G(q_f)ᵀ (dq_f/dq_k) G(q_k).
         G_T = xp.matrix_transpose(quat_left_tangent(self.quats.value))
@@ -87,7 +87,7 @@ class ApartRoot:
 
 @dataclass(frozen=True)
 class ScrewRoot:
-    """Curve of rotations and translations with screws as geodesics (thesis 6.4, future directions)."""
+    """Curve of rotations and translations along screws (thesis 6.4)."""
 
     keys: Keyframes  # (W, k) keys.
     path: ScrewPath
@@ -150,14 +150,14 @@ class SphericalMean:
         return self.weights[..., None] * (across / self.length)[..., None, :]
 
     def jacobian(self, key: int) -> Array:
-        """Return the (W, n, d, d) derivative of the means by one of the vectors: ``w_k (I - v vᵀ) / |m|``."""
+        """Return the (W, n, d, d) derivative by one vector: ``w_k (I - v vᵀ) / |m|``."""
         across = identity(self.value.shape[-1], self.value) - self.value[..., :, None] * self.value[..., None, :]
         return (self.weights[..., key, None] / self.length)[..., None] * across
 
 
 @dataclass(frozen=True)
 class KeyCotangents:
-    """Derivatives of a cost by the keys of W windows, in the coordinates of codes and quaternions."""
+    """Derivatives of a cost by the keys of W windows."""
 
     z: Array | None  # (W, k, d), None where codes are constant.
     quat: Array  # (W, k, 4).
@@ -224,7 +224,7 @@ class KeyframeCurve:
 
     @cached_property
     def codes(self) -> Interpolant:
-        """Interpolated codes z (thesis eq. 6.9), computed on demand because fixed codes are decoded only once."""
+        """Interpolated codes z (thesis eq. 6.9), computed on demand."""
         return self._codes()
 
     @property
@@ -269,7 +269,7 @@ class KeyframeCurve:
         return poses, vjp
 
     def jacobian(self, prior: PosePrior, layout: StateLayout) -> Array:
-        """Return the (W·n, p, k·D) derivatives of the pose tangents by the tangents of each window's k keys."""
+        """Return the (W·n, p, k·D) derivatives of pose tangents by the keys' tangents."""
         xp, num_keys = array_namespace(self.weights), self.weights.shape[-1]
         by_code, by_residual = decoder_jacobian(prior, rows_of(self.codes.value), self.residual)
         codes, basis, weights = self.codes, CODES.tangent_basis(self.keys.z), rows_of(self.weights)
@@ -332,7 +332,7 @@ def keys_at(keys: Keyframes, layout: KeyframeLayout, times: np.ndarray) -> Keyfr
 
 
 def summed_by_keys(values: Array) -> Array:
-    """Return (n W + 1, d) derivatives by keys from (W, n + 1, d), summed where windows share a key."""
+    """Return (n W + 1, d) derivatives by keys, summed where windows share a key."""
     count, free = values.shape[0], values.shape[1] - 1
     summed = zeros((free * count + 1, values.shape[-1]), values)
     for key in range(free + 1):

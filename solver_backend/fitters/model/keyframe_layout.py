@@ -64,7 +64,7 @@ class KeyframeLayout:
         return window, (times - self.bounds[window]) / np.diff(self.bounds)[window]
 
     def spline_shares(self, window: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Return (..., 5) spline weights of the control points 2w - 1 to 2w + 3 at positions in windows.
+        """Return (..., 5) spline weights of the control points at positions in windows.
 
         ``Σ_k B_k(t) c_k`` with cubic B-splines at the keys' times has continuous velocity and acceleration. An
         additional point beyond each end is ``3 c_0 - 3 c_1 + c_2``, so that there are as many free points as keys.
@@ -93,7 +93,7 @@ class KeyframeLayout:
         return shares
 
     def rows(self, stride: int = 1) -> WindowRows:
-        """Return every ``stride``-th frame of each window, with weights that account for skipped frames."""
+        """Return every ``stride``-th frame of each window, with adjusted weights."""
         first, last = self.bounds[:-1] + 1, self.bounds[1:]
         first[0] -= 1
         width = int((last - first).max()) // stride + 1
@@ -115,7 +115,7 @@ class KeyframeLayout:
 
 
 def range_layout(frame_range: FrameRange, num_frames: int, window: int) -> tuple[KeyframeLayout, np.ndarray]:
-    """Return the windows of a frame range and one window on each side, and a (K,) mask of free keys.
+    """Return the windows of a frame range and its neighbours, and a mask of free keys.
 
     Keys are at the range's ends, at the pins, and evenly spaced between. Keys at pins, at the ends and outside are
     fixed, except at the ends of the take. ``window`` is the window length in frames.
@@ -140,14 +140,14 @@ class WindowRows(Rows):
     weight: np.ndarray  # (N, n) number of frames that each frame represents, 0 in the padding.
 
     def blocks(self, num_frames: int) -> list[slice]:
-        """Return an even number of window ranges of similar length, with at most ``num_frames`` frames each."""
+        """Return an even number of window ranges with up to ``num_frames`` frames each."""
         count, width = self.frames.shape
         pairs = -(-count * width // (2 * num_frames))
         bounds = np.round(np.linspace(0, count, min(2 * pairs, count) + 1)).astype(int)
         return [slice(a, b) for a, b in itertools.pairwise(bounds.tolist())]
 
     def columns(self, count: int) -> np.ndarray:
-        """Return about ``count`` columns spread over the rows, or more if the shortest row would get fewer."""
+        """Return about ``count`` columns spread over the rows."""
         stride = max(1, int((self.weight > 0).sum(axis=1).min()) // count)
         return np.arange((stride - 1) // 2, self.frames.shape[1], stride)
 
@@ -167,7 +167,7 @@ class Interpolant(Protocol):
         ...
 
     def vjp(self, cotangent: Array) -> Array:
-        """Return (W, n, k, d) derivatives by each of the k keys, from (W, n, d) derivatives by the points."""
+        """Return (W, n, k, d) derivatives by each key, from (W, n, d) by the points."""
         ...
 
     def jacobian(self, key: int) -> Array:
@@ -196,7 +196,7 @@ def rows_of(values: Array) -> Array:
 
 
 def combined(weights: Array, values: Array) -> Array:
-    """Return the (W·n, d) sums ``Σ_k w_k x_k`` of the keys' values (W, k, d) with weights (W, n, k)."""
+    """Return the (W·n, d) sums ``Σ_k w_k x_k`` of the keys' values."""
     if weights.shape[1] > 1:
         return rows_of(array_namespace(values).matmul(weights, values))
     # Sum single frames key by key, so that the order in which a BLAS adds three numbers does not matter.
@@ -215,7 +215,7 @@ _TOLERANCE = 1e-10  # Relative residual at which the iteration ends. Chosen by h
 
 
 def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
-    """Return the control points of the spline nearest to the parabolas through the same number of keys.
+    """Return the control points of the spline nearest to the parabolas through keys.
 
     The points are ``argmin_c Σ_f |Σ_k B_k(f) c_k - Σ_k w_k(f) x_k|²`` over the frames f, with cubic B-splines B (see
     ``KeyframeLayout.spline_shares``) and Lagrange weights w. Neighbouring keys are close, so codes and quaternions are

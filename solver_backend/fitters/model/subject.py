@@ -35,7 +35,7 @@ def state_layout(prior: PosePrior) -> StateLayout:
 
 
 def decoded(prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
-    """Return (F, 21, 3, 3) rotations ``exp(ρ_j) G_j(z)`` from decoder G and residuals ρ (thesis 6.2.2)."""
+    """Return (F, 21, 3, 3) rotations ``exp(ρ_j) G_j(z)`` (thesis 6.2.2)."""
     local = prior.decode(z)
     return local if residual is None else array_namespace(z).matmul(exp_so3(residual), local)
 
@@ -74,7 +74,7 @@ def _transposed(matrices: Array, vectors: Array) -> Array:
 
 
 def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) -> tuple[Array, Array | None]:
-    """Return Jacobians of joint rotations by the code (F, 63, d) and residuals (F, 21, 3, 3), if any.
+    """Return Jacobians of joint rotations by the code and the residuals.
 
     ``dR = [exp(ρ) J_z dz]x R`` and ``dR = [J_l(ρ) dρ]x R``. The derivative only affects steps, so single precision
     suffices and halves the most expensive product of a solve.
@@ -180,7 +180,7 @@ def rotations_of(step: Array, layout: StateLayout, num_joints: int) -> Array:
 
 
 def hemisphere_aligned(keys: Keyframes) -> Keyframes:
-    """Return the keys with the signs of root quaternions chosen so that neighbours are in one hemisphere."""
+    """Return the keys with root quaternions in one hemisphere."""
     xp = array_namespace(keys.quat)
     dots = xp.sum(keys.quat[1:] * keys.quat[:-1], axis=-1)
     signs = xp.where(dots < 0, -xp.ones_like(dots), xp.ones_like(dots))
@@ -279,7 +279,7 @@ class FrameObjective:
         return FrameObjective(points, poses, relative, skin)
 
     def of_points(self, points: Array, scale: float) -> PointEvidence:
-        """Return the sum of the point terms at (F, L, 3) positions in metres. ``scale`` is the robust scale."""
+        """Return the sum of the point terms at (F, L, 3) positions in metres."""
         return reduce(add, [term(points, scale) for term in self.points])
 
 
@@ -323,7 +323,7 @@ def pose(subject: Subject, frames: PosedFrames, *, jacobian: bool = False, by_sh
 
 
 def points_of(subject: Subject, frames: PosedFrames) -> Array:
-    """Return the subject's (F, L, 3) landmarks in metres in the given poses, computed in blocks of frames."""
+    """Return the subject's (F, L, 3) landmarks in metres, in blocks of frames."""
     blocks = [slice(start, start + BLOCK_POSES) for start in range(0, frames.transl.shape[0], BLOCK_POSES)]
     parts = map_blocks(lambda block: pose(subject, frames.select(block)).points, blocks, frames.transl)
     return array_namespace(frames.transl).concat(parts)
@@ -336,7 +336,7 @@ def frame_equations(
     scale: float,
     hessian_frames: np.ndarray | slice | None = None,
 ) -> FrameEquations:
-    """Return gradient and Hessian of each frame's objective by its pose's tangent (``PoseLayout``).
+    """Return gradient and Hessian of each frame's objective by its pose's tangent.
 
     They are ``g = Jᵀ e`` and ``H = Jᵀ Λ J``.
 

@@ -309,7 +309,7 @@ _SHAPE_FRAMES, _SHAPE_FITS = 64, 3  # Frames for refining a shape, and pose fits
 
 
 def shape_from_places(body: Body, measured: Measured) -> np.ndarray:
-    """Estimate the (10,) shape from the lengths at rest, and refine it with the joints of some frames.
+    """Estimate the (10,) shape from lengths at rest and the joints of some frames.
 
     Lengths do not determine the positions of hips and shoulders in the trunk. Poses and shape are fitted alternately.
     For fixed poses the joints are linear in the shape, and the root is eliminated. A step minimises the mean over the

@@ -45,7 +45,7 @@ class WristClock:
 
 
 def wrist_speeds(rotations: Float[np.ndarray, "n 3 3"], times: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
-    """Return angular speeds in rad/s at ``RATE`` samples per second, NaN if fewer than two are known.
+    """Return angular speeds in rad/s at ``RATE`` samples per second, NaN if unknown.
 
     ``rotations`` are (F, 3, 3) in any world and axes, ``times`` (F,) are ascending, in seconds.
     """

@@ -40,7 +40,7 @@ def network_motion(
     settings: SolveSettings = SolveSettings(),
     progress: Progress = silent,
 ) -> tuple[Motion, list[Diagnostic]]:
-    """Return one person's motion from a network's result, standing on the floor, and diagnostics.
+    """Return one person's motion from a network's result, on the floor.
 
     Rotations are copied. Points are solved as joint positions. Frames without the person are interpolated.
 

@@ -178,7 +178,7 @@ def side_jumps(xy: np.ndarray, seen: np.ndarray, pairs: Sequence[tuple[int, int]
 
 
 def exchanged_stretches(jumped: np.ndarray, longest: float) -> tuple[np.ndarray, list[int]]:
-    """Return an (F,) mask of swapped ranges between jumps, found shortest first, and the remaining jumps.
+    """Return an (F,) mask of swapped ranges between jumps, and the other jumps.
 
     Without a second jump within ``longest`` frames the correct side is unknown. A single jump of fewer than
     ``LEAST_PAIRS`` pairs also ends a swap.
@@ -297,7 +297,7 @@ class OneCamera(PointSource):
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Smooth the depth, put feet on the floor, widen deviations, and pose parts without evidence at rest."""
+        """Smooth the depth, ground the feet, and rest the parts without evidence."""
         solved = steady_depth(solved, self.open, problem.fps)
         if self.heights is not None:
             solved = stand_on_floor(solved, self.sight, problem.fps)
@@ -318,7 +318,7 @@ class OneCamera(PointSource):
         return self.views.constant_m(layout)
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
-        """Return the data term unchanged, because with one camera every depth error would count as noise."""
+        """Return the data term unchanged, because one camera shows no depth errors."""
         return bundle.data
 
 
@@ -354,7 +354,7 @@ def with_open_depth(solved: SolvedFrames, one: OneView, joints: np.ndarray) -> S
 
 
 def diagnose_one_view(solved: SolvedFrames, one: OneView, problem: Problem) -> list[Diagnostic]:
-    """Return the standard diagnostics of a single camera, and diagnostics of limbs with uncertain depth."""
+    """Return the diagnostics of a single camera, and of limbs with uncertain depth."""
     joints = problem.body.layout.recorded.joints
     columns = [joints.index(name) for name in LIMB_ENDS if name in joints]
     usual = 100.0 * float(np.median(one.sight_sigma_m[:, columns]))

@@ -67,7 +67,7 @@ def size_of(
     take: LiftedTake,
     landmarks: Landmarks,
 ) -> Size:
-    """Return the given shape, or a shape fitted to the given stature, the floor or the average stature."""
+    """Return the given shape, or one from the stature, the floor or the mean."""
     R, t = camera.poses(0, len(take.z))
     floor = R, -np.einsum("fba,fb->fa", R, t)
     stands = not capture.floor_from_person and float(np.median(np.abs(floor[1][:, 2]))) >= LEAST_HEIGHT_M
@@ -97,7 +97,7 @@ def size_of(
 
 
 def turn_sigma(take: LiftedTake, body: Body) -> np.ndarray:
-    """Return (F, 1 + J) deviations of the lifted rotations of the root and the solved joints, in radians."""
+    """Return (F, 1 + J) deviations of the lifted rotations in radians."""
     sigma = np.zeros((len(take.z), 1 + body.layout.num_solved))
     if has_segments(body):
         joints = [body.layout.joints.index(joint) for _, joint in SEGMENTS.values()]
@@ -106,7 +106,7 @@ def turn_sigma(take: LiftedTake, body: Body) -> np.ndarray:
 
 
 def depth_sigma(take: LiftedTake, body: Body) -> np.ndarray:
-    """Return the lifter's (F, R) deviations of the recorded joints along the line of sight, in metres."""
+    """Return the lifter's (F, R) deviations along the line of sight in metres."""
     return take.view.sigma_m[:, [SMPL_JOINTS.index(name) for name in body.layout.recorded.joints], 1]
 
 

@@ -90,7 +90,7 @@ def with_soles(body: Body, landmarks: Landmarks) -> Landmarks:
 
 
 def foot_columns(names: tuple[str, ...], seen: np.ndarray) -> list[int]:
-    """Return the keypoints that can show a planted foot: heels and toes, or ankles if a foot has neither.
+    """Return the keypoints that can show a planted foot.
 
     ``seen`` (L,) is the share of frames that show each keypoint.
     """
@@ -108,7 +108,7 @@ def foot_columns(names: tuple[str, ...], seen: np.ndarray) -> list[int]:
 def standing_soles(
     points: np.ndarray, heights: np.ndarray, up: np.ndarray, sight: np.ndarray, fps: float
 ) -> np.ndarray:
-    """Return an (F, K) mask of points of planted feet, which are the lowest and slow for this take.
+    """Return an (F, K) mask of points of planted feet, which are low and slow.
 
     Args:
         points: (F, K, 3) points of the feet in metres, NaN where unseen.
@@ -150,7 +150,7 @@ def fit_shape(
     floor: tuple[np.ndarray, np.ndarray] | None,
     stature_m: float = 0.0,
 ) -> SeenShape:
-    """Fit the shape to a lifted take by Gauss-Newton steps that eliminate the position t of each frame.
+    """Fit the shape to a lifted take by Gauss-Newton steps, without positions.
 
     ``min Σ_f e [Σ_i |(p_i + t)_xy - x_i (p_i + t)_z|² / σ_p² + Σ_s (h_s - o)² / σ_h²] + |β|² + o² / σ_o²``. e is the
     share of new information per frame, x are the keypoints in focal lengths, h the heights of planted soles above the

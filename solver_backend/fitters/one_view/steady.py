@@ -28,7 +28,7 @@ _LEAST = 1e-6  # Regularises joints without bones, and sigmas of 0.
 
 
 def steady_depth(solved: SolvedFrames, one: OneView, fps: float) -> SolvedFrames:
-    """Smooth the solution's bone directions and position over time, mainly along the line of sight.
+    """Smooth bone directions and position over time, mainly in depth.
 
     A bone of direction u is rotated to ``G_d (u·s) s + G_a (u - (u·s) s)`` with line of sight s and Gaussian filters G.
     A joint with several bones gets the smallest rotation that fits all of them. The root's distance and direction are

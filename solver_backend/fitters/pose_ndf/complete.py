@@ -47,7 +47,7 @@ class KeypointFit:
 
 @dataclass(frozen=True)
 class KeypointObjective:
-    """Keypoint objective ``L_J + λ_θ L_θ + λ_β L_β + λ_α L_α`` of F frames (Pose-NDF, eqs. 10 and 11)."""
+    """Keypoint objective ``L_J + λ_θ L_θ + λ_β L_β + λ_α L_α`` (eqs. 10 and 11)."""
 
     subject: Subject
     prior: PoseNDF
@@ -56,7 +56,7 @@ class KeypointObjective:
     scale: float
 
     def linearise(self, state: tuple[PosedFrames, Array]) -> tuple[Array, Arrowhead]:
-        """Return the (1,) cost and its equations in the tangents of each frame's pose and of the shared shape."""
+        """Return the (1,) cost and its equations by poses and the shared shape."""
         frames, betas = state
         posed = pose(replace(self.subject, betas=betas), frames, jacobian=True)
         xp = array_namespace(posed.points)
@@ -227,7 +227,7 @@ CHUNK_FRAMES = 240  # Frames solved at once, as the longest sequences in the pap
 def solve_sequence(
     sequence: PoseSequence, start: PosedFrames, iterations: int, stage: str = "Fitting", progress: Progress = silent
 ) -> tuple[PosedFrames, Array]:
-    """Return the poses that minimise the sequence's cost, and the (1,) cost summed over chunks of frames.
+    """Return the poses that minimise the sequence's cost, and the (1,) cost.
 
     ``iterations`` is the largest number of linearisations per chunk. ``progress`` gets the name ``stage``.
     """
@@ -355,7 +355,7 @@ def denoise(
     settings: DenoiseSettings = DenoiseSettings(),
     progress: Progress = silent,
 ) -> PosedFrames:
-    """Return the poses that minimise ``λ_v L_v + λ_θ L_θ + λ_t L_t`` (eq. 7), starting from noisy poses.
+    """Return the poses that minimise ``λ_v L_v + λ_θ L_θ + λ_t L_t`` (eq. 7).
 
     ``L_v`` and ``L_t`` use the subject's landmarks as skin. ``L_θ`` is ``max(f - level, 0)²`` of the prior's distance
     f. ``λ_t`` is proportional to the square of ``fps``, so that a speed costs the same at every frame rate.

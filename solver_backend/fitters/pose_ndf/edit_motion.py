@@ -53,7 +53,7 @@ def denoised_motion(
 def completed_motion(
     motion: Motion, body: Body, prior: PoseNDF, missing: tuple[str, ...], settings: CompleteSettings, progress: Progress
 ) -> Motion:
-    """Return the motion with new rotations of the named joints or limbs (see ``motion complete``).
+    """Return the motion with new rotations of the named joints or limbs.
 
     Raises:
         MotionInvalid: the motion has another body.
@@ -97,7 +97,7 @@ def interpolated_motion(
 
 
 def sampled_motion(body: Body, prior: PoseNDF, count: int, seed: int) -> Motion:
-    """Return a motion with one sampled pose per frame, upright, with the lowest point on the floor.
+    """Return a motion with one sampled pose per frame, on the floor.
 
     Raises:
         JobInvalid: ``count`` is below 1.

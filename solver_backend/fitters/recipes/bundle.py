@@ -258,7 +258,7 @@ def find_standing_feet(bundle: Bundle, sight: np.ndarray | None = None, heights:
 def touching_parts(
     contacts: Contacts | None, skin: SkinContacts | None, names: tuple[str, ...]
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Return an (F, 2) mask of planted feet, and an (F, 11) mask of all parts, None without skin contacts."""
+    """Return masks of planted feet (F, 2) and of all touching parts (F, 11) or None."""
     feet = None if contacts is None else contacts.feet(names)
     if skin is None:
         return feet, None

@@ -49,7 +49,7 @@ class Window:
         return self.curve(state).poses(self.prior)
 
     def objective(self, state: KeyState) -> tuple[float, KeyState]:
-        """Return the cost and its gradient by the free keys: ambient for codes, left tangent for rotations.
+        """Return the cost and its gradient by the free keys.
 
         The cost is the data term over the frames (thesis eqs. 6.7, 6.8). The gradient is computed in reverse mode.
         """

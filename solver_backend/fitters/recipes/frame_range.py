@@ -130,7 +130,7 @@ def contacts_in_place(
 
 
 def trusted_world(settings: SolveSettings, motion: Motion) -> Obstacles:
-    """Return floor and objects, except those that the views contradicted in the solve of the whole take."""
+    """Return floor and objects that the views did not contradict."""
     found = read_diagnostics(motion.provenance.get("diagnostics"))
     refused = [item.values.get("surface") for item in found if item.code == "surface_contradicted"]
     if not set(refused) - {PEOPLE}:

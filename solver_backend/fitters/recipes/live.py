@@ -263,7 +263,7 @@ class LiveViewsFit(PersonFollower):
         self._penalty = LearnedVariances().penalty
 
     def locate(self, xy: np.ndarray, confidence: np.ndarray) -> Triangulation:
-        """Triangulate the keypoints (C, L, 2) of one frame in px, NaN where missing, with confidences (C, L)."""
+        """Triangulate the keypoints (C, L, 2) of one frame in px, NaN where missing."""
         return triangulate(self.cameras, xy[:, None], confidence[:, None], self._sigma_px)
 
     def step(self, xy: np.ndarray, confidence: np.ndarray, located: Triangulation, dt: float) -> ViewsFrame:

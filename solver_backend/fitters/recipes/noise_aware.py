@@ -193,7 +193,7 @@ def solve_noise_aware(
     *,
     loss: LandmarkLoss = LearnedVariances(),
 ) -> MethodResult:
-    """Minimise thesis eq. 5.8 in its two stages (thesis 5.2.3), and interpolate unobserved frames.
+    """Minimise thesis eq. 5.8 in two stages (5.2.3), and fill unobserved frames.
 
     First fit shape, poses and translations with fixed variances. The shape uses only ``SHAPE_FRAMES`` frames. Then keep
     the shape and fit poses, translations and each landmark's log-variance in each frame (``loss``).

@@ -1,4 +1,4 @@
-"""Find a camera's values under the names that programs use, and build a ``CameraEntry`` from them."""
+"""Find a camera's values under the names that programs use."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def split_projection(P: np.ndarray, place: str) -> tuple[np.ndarray, np.ndarray,
 
 
 def projection_of(dlt: np.ndarray) -> np.ndarray:
-    """Return the (3, 4) projection matrix of eleven DLT coefficients (Abdel-Aziz and Karara 1971)."""
+    """Return the (3, 4) projection matrix of DLT coefficients (Abdel-Aziz 1971)."""
     return np.append(dlt, 1.0).reshape(3, 4)
 
 

@@ -84,7 +84,7 @@ def find_calibration(
     by_views: ByViews | None = None,
     agreement: Callable[[Cameras], float] | None = None,
 ) -> Calibration:
-    """Return the nearest calibration of the recorded cameras, with its cameras in the recorded order.
+    """Return the nearest calibration of the recorded cameras, in their order.
 
     Args:
         unit: see ``read_calibration``.

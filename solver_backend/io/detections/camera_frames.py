@@ -79,7 +79,7 @@ def is_seen(person: np.ndarray) -> bool:
 
 
 def has_score(written: np.ndarray) -> np.ndarray:
-    """Return a mask of the values that are confidences or log-confidences. 0, NaN and -1 mean undetected."""
+    """Return a mask of values that are confidences or log-confidences."""
     return (np.nan_to_num(written) != 0) & (written != NOBODY)
 
 

@@ -264,7 +264,7 @@ def is_deeplabcut(path: Path) -> bool:
 
 
 def deeplabcut_camera(path: Path) -> str:
-    """Return the video name in a file name, such as ``cam01`` in ``cam01DLC_resnet50_dance.csv``."""
+    """Return the video name in a DeepLabCut file name, such as ``cam01``."""
     return path.stem.split("DLC")[0].rstrip("_- ") or path.stem
 
 

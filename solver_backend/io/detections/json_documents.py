@@ -1,4 +1,4 @@
-"""Read detections from JSON documents, one per image or one per take with one or several cameras."""
+"""Read detections from JSON documents, one per image or one per take."""
 
 from __future__ import annotations
 
@@ -313,7 +313,7 @@ def json_files(folder: Path) -> list[Path]:
 
 
 def has_json_files(folder: Path) -> bool:
-    """Return whether a folder contains any of ``json_files``, without listing thousands of files."""
+    """Return whether a folder contains any of ``json_files``."""
     return any(True for _ in _json_names(folder))
 
 
@@ -396,7 +396,7 @@ _SUFFIX = re.compile(r"\.(jpe?g|png|bmp|tiff?|webp)$", re.IGNORECASE)
 
 
 def documents_in(text: str, path: Path) -> Any:
-    """Return the JSON document of a file, or the list of documents on its lines (OpenPifPaf videos)."""
+    """Return the JSON documents of a file, one in all or one per line."""
     lines = [line for line in text.splitlines() if line.strip()] if text.lstrip()[:1] == "{" else []
     if len(lines) > 1 and all(line.lstrip()[:1] == "{" and line.rstrip()[-1:] == "}" for line in lines[:2]):
         return [parse_json(line, path) for line in lines]

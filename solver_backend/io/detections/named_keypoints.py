@@ -1,4 +1,4 @@
-"""Map named keypoints to the joint set that has most of the names, and apply the user's own names."""
+"""Map named keypoints to a joint set, and apply the user's own names."""
 
 from __future__ import annotations
 

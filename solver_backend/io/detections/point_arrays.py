@@ -42,7 +42,7 @@ def is_array(path: Path) -> bool:
 
 
 def cameras_in(path: Path) -> dict[str, Callable[[], CameraFrames]]:
-    """Return a reading function for each camera of a file with several cameras, or {} for one camera.
+    """Return a reading function for each camera of a file, or {} for one camera.
 
     The cameras of an array have no names. They are called ``cam01``, ``cam02`` and so on.
     """
@@ -112,7 +112,7 @@ def find_array(root: Path) -> Path | None:
 
 
 def camera_names(root: Path, path: Path) -> tuple[str, ...]:
-    """Return the camera names of an array, from the videos of the recording or from FreeMoCap's numbers."""
+    """Return an array's camera names, from the videos or from FreeMoCap's numbers."""
     count, videos = len(_recorded(path)), root / "synchronized_videos"
     named = sorted(p.stem for p in videos.iterdir() if p.suffix.lower() == ".mp4") if videos.is_dir() else []
     return tuple(named) if len(named) == count else tuple(f"Camera_{c:03d}_synchronized" for c in range(count))

@@ -1,4 +1,4 @@
-"""Find each camera's detections in a recording's folder, and the settings of a Pose2Sim session."""
+"""Find each camera's detections in a recording's folder."""
 
 from __future__ import annotations
 

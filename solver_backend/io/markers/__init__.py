@@ -1,1 +1,1 @@
-"""Read recordings of optical markers: C3D, TRC, and the tables of OptiTrack, Vicon and Qualisys."""
+"""Read recordings of optical markers: C3D, TRC, and the tables of programs."""

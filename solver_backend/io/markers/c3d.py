@@ -125,7 +125,7 @@ class Parameters:
         return next(iter(self.by_name[name].texts()), "") if name in self.by_name else ""
 
     def texts(self, name: str) -> tuple[str, ...]:
-        """Return a list of strings that continues in NAME2, NAME3, ..., because a parameter has at most 255."""
+        """Return a list of strings that continues in NAME2, NAME3, ...."""
         found, part = self.by_name[name].texts() if name in self.by_name else (), 2
         while (key := f"{name}{part}") in self.by_name:
             found += self.by_name[key].texts()
@@ -442,7 +442,7 @@ def write_c3d(
 def write_c3d_parts(
     path: Path | str, size: C3dSize, parts: Iterable[tuple[np.ndarray, np.ndarray | None]], *, overwrite: bool = False
 ) -> Path:
-    """Write a C3D file from successive parts of positions (F, M, 3) in metres and residuals (F, M).
+    """Write a C3D file from successive parts of positions and residuals.
 
     Raises:
         OutputExists, OutputNotWritable: see ``atomic_output``.

@@ -67,7 +67,7 @@ def pack_block(block: LiveBlock) -> bytes:
 
 
 def read_blocks(stream: BinaryIO) -> Iterator[LiveBlock | int]:
-    """Yield the complete blocks from the stream's position, and the number of damaged bytes between them."""
+    """Yield complete blocks, and the number of damaged bytes between them."""
     damaged, at = 0, stream.tell()
     while head := stream.read(_HEAD.size):
         block, size = _block(head, stream)
@@ -129,7 +129,7 @@ def measure_recording(stream: BinaryIO) -> LiveExtent:
 
 
 def rate_of(times: np.ndarray, fps: float | None) -> float:
-    """Return the nominal rate, or the rate of the median time step if the nominal rate is not plausible."""
+    """Return the nominal rate if it is plausible, or the rate of the median step."""
     with np.errstate(all="ignore"):
         steps = np.diff(times)
         measured = 1.0 / float(np.median(steps[steps > 0])) if (steps > 0).any() else np.nan

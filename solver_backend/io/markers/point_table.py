@@ -1,4 +1,4 @@
-"""Read tables and arrays of 3D points from scripts, spreadsheets, anipose, DeepLabCut and FreeMoCap."""
+"""Read tables and arrays of 3D points."""
 
 from __future__ import annotations
 

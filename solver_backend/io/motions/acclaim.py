@@ -1,4 +1,4 @@
-"""Read Acclaim skeletons (ASF) and motions (AMC), the format of the CMU motion capture database.
+"""Read Acclaim skeletons (ASF) and motions (AMC), as in the CMU database.
 
 A bone rotates by ``G = G_parent C M C^T`` with the axes C from the skeleton and the frame's rotation M. It ends at ``p
 + G d l`` with its rest direction d and length l (Lander, Game Developer Magazine, January 1998).

@@ -276,7 +276,7 @@ def bvh_skeleton(clip: BvhClip, where: str = "BVH") -> Skeleton:
 
 
 def bvh_motion(clip: BvhClip, skeleton: Skeleton, name: str) -> SkeletonMotion:
-    """Convert a clip to a motion called ``name`` of its ``bvh_skeleton``, in the clip's unit and axes."""
+    """Convert a clip to a motion of its ``bvh_skeleton``, in the clip's unit and axes."""
     joints, turns = clip.posed()
     ends = [(clip.names.index(end.removesuffix(" end")), end) for end in skeleton.names[len(clip.names) :]]
     if ends:

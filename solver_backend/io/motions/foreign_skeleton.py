@@ -53,7 +53,7 @@ _XSENS = _segment_table(_XSENS_ROWS, "Right", "Left")
 
 
 def read_mvnx(path: Path) -> tuple[SkeletonMotion, dict[str, str]]:
-    """Read the recorded frames of an MVNX file relative to its T-pose, and the segment of each role.
+    """Read the frames of an MVNX file relative to its T-pose, and the roles.
 
     Raises:
         FileMissing, FileDamaged: the file is missing, not MVNX, or lacks segments, frames or a T-pose.
@@ -206,7 +206,7 @@ _FOLLOWING = 12  # Number of frames that are compared with the first step.
 def read_foreign_clip(
     path: Path, unit: str = "", up_axis: str = "", fps: float | None = None
 ) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
-    """Read a clip of a person in metres with Z up, and return the joint of each role and diagnostics.
+    """Read a clip of a person in metres with Z up, its roles and diagnostics.
 
     Without a unit, the leg length determines it. Without an up axis, the trunk determines it in BVH and AMC, and it is
     Z in other formats. AMC does not state a rate, so ``fps`` gives it.
@@ -244,7 +244,7 @@ def read_foreign_clip(
 def read_stated(
     path: Path, through_blender: str = "motion convert", fps: float | None = None
 ) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
-    """Read BVH, MVNX, ASF/AMC, C3D segments, or a skeleton file from Blender, in the file's unit and axes.
+    """Read a clip or skeleton file in the file's unit and axes.
 
     ``through_blender`` is the verb and arguments of the add-on's command line that reads other files. The map from
     roles to joints is empty if the format states none.
@@ -350,7 +350,7 @@ def _clear_axis(ways: np.ndarray) -> int | None:
 
 
 def first_frame_apart(motion: SkeletonMotion) -> list[Diagnostic]:
-    """Return a warning if a joint rotates more after the first frame than in the frames that follow."""
+    """Return a warning if a joint rotates most after the first frame."""
     parents = np.array(motion.parents)
     G = motion.turns[:_FOLLOWING]
     if len(G) < _FOLLOWING:

@@ -1,4 +1,4 @@
-"""Read the results of networks that estimate a person from one video, using one table of layouts.
+"""Read the results of networks that estimate a person from one video.
 
 The layouts come from these public repositories: GVHMR (zju3dv/GVHMR 44fbc19), GEM-X (NVlabs/GEM-X 3299255, SOMA's 77
 joints), WHAM (yohanshin/WHAM 2b54f77), OpenCap Monocular (opencap-monocular of August 2026, ``NAME_optimized.pkl``),

@@ -16,7 +16,7 @@ from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
 
 @dataclass(frozen=True)
 class SkeletonMap:
-    """Correspondence between the joints of a recorded skeleton and SMPL's 22 (pelvis and 21 body joints)."""
+    """Correspondence of a recorded skeleton's joints with SMPL's 22."""
 
     family: str
     joints: tuple[str, ...]  # Recorded joint that gives the global rotation of each SMPL joint 0..21.
@@ -109,7 +109,7 @@ def recorded_from_bvh(clip: BvhClip, name: str) -> RecordedClip:
 
 
 def body_rotations(clip: RecordedClip) -> np.ndarray:
-    """Return (F, 22, 3, 3) local rotations of SMPL's pelvis and 21 body joints relative to the T-pose.
+    """Return (F, 22, 3, 3) local rotations of SMPL's joints relative to the T-pose.
 
     The rotation of each bone since the T-pose is ``D = G G_tpose^T`` in world axes (Y up, facing +Z, left +X, as in
     SMPL's rest pose). Local rotations are ``D_parent^T D``. The elbow receives half of the hand's twist about the

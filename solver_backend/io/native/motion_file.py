@@ -1,4 +1,4 @@
-"""Read and write our motion and subject files. Every array must have the shape that the solver writes."""
+"""Read and write our motion and subject files, with checked shapes."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic,
 
 
 def from_logarithms(confidence: np.ndarray, written: np.ndarray) -> np.ndarray:
-    """Convert log-confidences to confidences if nearly all of the ``written`` points (..., K) are below 0.
+    """Convert log-confidences to confidences if nearly all points are below 0.
 
     A single repeated negative value only marks undetected points. Logarithms are never above 0.
     """

@@ -1,4 +1,4 @@
-"""Extract frame numbers from file names, and find the frame range that several cameras share."""
+"""Extract frame numbers from file names, and find the common frame range."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def different_frames(spans: Mapping[str, tuple[int, int]], why: str = "") -> Fra
 
 
 def cut_frames(capture: Capture, first: int, last: int) -> Capture:
-    """Return the frames ``first`` to ``last`` of a capture, with its ground truth and its footage.
+    """Return the frames ``first`` to ``last`` of a capture, with truth and footage.
 
     Raises:
         JobInvalid: the take has no such frames.

@@ -95,7 +95,7 @@ def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"], tilt_sigma: float)
 
 
 def independent_count(values: Float[np.ndarray, "frames axes"]) -> float:
-    """Return the effective number of independent samples in correlated values, from their autocorrelation."""
+    """Return the effective number of independent samples in correlated values."""
     values = values - values.mean(0)
     count, variance = len(values), float((values**2).sum(-1).mean()) if len(values) else 0.0
     if count < 4 or variance < 1e-12:
@@ -138,7 +138,7 @@ class Upright:
 def upright_from_person(
     points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet, fps: float = FPS
 ) -> Upright:
-    """Return the rigid transform that places a person upright on the floor, centred at the origin.
+    """Return the transform that places a person upright on the floor.
 
     Gravity is estimated from three sources, each with its covariance:
 
@@ -179,7 +179,7 @@ def foot_keypoints(joint_set: JointSet) -> list[int]:
 
 
 def floor_height(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> float:
-    """Return the height in metres of the floor under the feet of a person who is upright along Z."""
+    """Return the floor's height in metres under an upright person's feet."""
     kinds = foot_keypoints(joint_set)
     heights = points[:, kinds, 2]
     low = np.full(len(kinds), np.nan)

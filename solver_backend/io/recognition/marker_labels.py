@@ -26,7 +26,7 @@ def subjects_of(labels: Sequence[str]) -> tuple[str, ...]:
 
 
 def is_model_output(label: str) -> bool:
-    """Return whether a point name, such as 'LHipAngles', denotes a model output instead of a position."""
+    """Return whether a point name, such as 'LHipAngles', denotes a model output."""
     return _MODEL_OUTPUT.fullmatch(label.rpartition(":")[2].strip()) is not None
 
 
@@ -61,7 +61,7 @@ _COLON = re.compile(r"(?P<subject>.+):(?P<name>[^:]+)")
 
 
 def by_subject(labels: Sequence[str]) -> tuple[str, ...]:
-    """Return labels as ``Subject:LASI`` if several people wear the same markers, otherwise unchanged.
+    """Return labels as ``Subject:LASI`` if several people wear the same markers.
 
     These forms are recognised: ``Anna_LASI`` and ``Ben_LASI``, ``LASI_1`` and ``LASI_2``, ``LASI:Anna`` and
     ``LASI:Ben``, and ``Anna:LASI`` with ``LASI``.

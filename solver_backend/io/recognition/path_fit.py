@@ -103,7 +103,7 @@ def _upright_turns(camera: Cameras, keypoints: Keypoints2D, path: FilmedPath) ->
 
 
 def scale_by_feet(feet: np.ndarray, centre: np.ndarray, sight: np.ndarray, fps: float) -> tuple[float, float]:
-    """Return metres per unit of a camera path and the relative standard deviation, from planted feet.
+    """Return metres per unit of a camera path from planted feet, and the deviation.
 
     The scale is the minimum ``min_s Σ_f min_k ρ(|Δp_k + s Δc| / Δt)`` over the foot points k, with Geman and McClure's
     ρ. A walking person always has a planted foot. For a static camera the scale is 1 with an infinite deviation.
@@ -124,7 +124,7 @@ def scale_by_feet(feet: np.ndarray, centre: np.ndarray, sight: np.ndarray, fps: 
     along = sight[gap:]
 
     def whitened(steps: np.ndarray, sight: np.ndarray) -> np.ndarray:
-        """Return steps as speeds, with the component along the line of sight divided by ``ALONG_SIGHT``."""
+        """Return steps as speeds, reduced by ``ALONG_SIGHT`` along the line of sight."""
         part = (steps * sight).sum(-1, keepdims=True) * sight
         return (steps - (1.0 - 1.0 / ALONG_SIGHT) * part) / seconds
 

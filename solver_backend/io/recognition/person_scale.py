@@ -59,7 +59,7 @@ def scale_from_stature(
     stature_m: float | None,
     body: Body | None = None,
 ) -> tuple[float, float]:
-    """Return the metres per unit of the points, and the relative standard deviation of this scale.
+    """Return the metres per unit of the points, and this scale's deviation.
 
     Scale s and shape β minimise ``Σ (s l_i - L_i(β))²/σ² + |β|² + (h(β) - stature)²/σ_h²`` by Gauss-Newton iterations.
     Here l are measured lengths and L the body's lengths. Legs, arms, trunk and breadths are used.
@@ -102,7 +102,7 @@ def scale_from_stature(
 def scale_from_length(
     points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet, ends: tuple[str, str], length_m: float
 ) -> float:
-    """Return the metres per unit for which the median distance of two keypoints has a known length.
+    """Return the metres per unit that give two keypoints a known distance.
 
     Raises:
         JobInvalid: a keypoint is not in the joint set, or both are never visible together.
