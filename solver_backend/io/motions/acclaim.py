@@ -6,6 +6,7 @@ A bone rotates by ``G = G_parent C M C^T`` with the axes C from the skeleton and
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -84,9 +85,9 @@ def find_pair(path: Path) -> tuple[Path, Path]:
 def _other(path: Path, suffix: str) -> Path:
     there = sorted(p for p in path.parent.iterdir() if p.suffix.lower() == suffix) if path.parent.is_dir() else []
     same = [p for p in there if p.stem == path.stem]
-    number = path.stem.split("_")[0]
-    subject = [p for p in there if p.stem.split("_")[0] == number]
-    others = [p for p in there if p.stem.split("_")[0].isdigit() and number.isdigit()]
+    number = _subject(path)
+    subject = [p for p in there if _subject(p) == number]
+    others = [p for p in there if _subject(p).isdigit() and number.isdigit()]
     found = same or subject or [p for p in there if p not in others]
     if len(found) == 1:
         return found[0]
@@ -97,6 +98,11 @@ def _other(path: Path, suffix: str) -> Path:
     listed = ", ".join(p.name for p in found[:5])
     hint = f"Name one of them: {listed}." if suffix == ".amc" else f"Give one the name {path.stem}.asf: {listed}."
     raise FileMissing(f"{len(found)} files could be the {kind} of the pair.", where=str(path), hint=hint)
+
+
+def _subject(path: Path) -> str:
+    """Return the name up to a separator, such as 131 of 131-dance.asf."""
+    return re.split(r"[_\- .]", path.stem)[0]
 
 
 def _read_skeleton(path: Path) -> tuple[dict[str, _Bone], bool]:

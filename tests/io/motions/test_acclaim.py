@@ -54,11 +54,12 @@ def test_the_motion_says_if_its_angles_are_in_radians(tmp_path: Path) -> None:
     assert np.allclose(read_acclaim(pair(tmp_path, amc=amc)).turns, degrees, atol=1e-9), "the axes are in degrees"
 
 
-def test_files_with_the_numbers_of_two_subjects_are_no_pair(tmp_path: Path) -> None:
-    for path in (pair(tmp_path, names=("02.asf", "13_29.amc")), tmp_path / "02.asf"):
+@pytest.mark.parametrize("skeleton", ["02.asf", "131-dance.asf"])
+def test_files_with_the_numbers_of_two_subjects_are_no_pair(tmp_path: Path, skeleton: str) -> None:
+    for path in (pair(tmp_path, names=(skeleton, "13_29.amc")), tmp_path / skeleton):
         with pytest.raises(FileMissing, match="of the pair is missing"):
             find_pair(path)
-    (tmp_path / "02.asf").rename(tmp_path / "actor.asf")
+    (tmp_path / skeleton).rename(tmp_path / "actor.asf")
     assert find_pair(tmp_path / "13_29.amc")[0].name == "actor.asf"
 
 
