@@ -9,7 +9,7 @@ import numpy as np
 from research.baselines.rigid_filling import fill_rigidly
 from solver_backend.fitters import SolveSettings, solve
 from solver_backend.geometry.arrays import true_runs
-from solver_backend.types import Capture, MarkerCloud
+from solver_backend.types import Capture, MarkerCloud, Motion
 from tests.benchmarks.metric import Metric
 
 SHARE, BURST_S = 0.15, 0.5
@@ -50,7 +50,7 @@ def held_out(cloud: MarkerCloud, seed: int = 0, settings: SolveSettings = SolveS
     """Return the filling errors of one take, over the markers that the solve uses."""
     hide = hidden(cloud, seed)
     shown = np.where(hide[..., None], np.nan, cloud.positions)
-    motion = solve(Capture("take", markers=replace(cloud, positions=shown, residual=None)), settings).motion
+    motion = solved_hidden(cloud, hide, settings)
     assert motion.marker_labels is not None and motion.cleaned_markers is not None and motion.markers is not None
     labels = cloud.labels or ()
     columns = [labels.index(label) for label in motion.marker_labels]
@@ -58,6 +58,12 @@ def held_out(cloud: MarkerCloud, seed: int = 0, settings: SolveSettings = SolveS
     fillings = fill_rigidly(shown)[:, columns], motion.markers, motion.cleaned_markers
     rigid, body, ours = (1000 * np.linalg.norm(points - truth, axis=-1) for points in fillings)
     return HeldOut(rigid[judged], body[judged], ours[judged], better_by_gap(rigid, ours, judged))
+
+
+def solved_hidden(cloud: MarkerCloud, hide: np.ndarray, settings: SolveSettings = SolveSettings()) -> Motion:
+    """Return the solve of a take without the (F, M) hidden samples."""
+    shown = np.where(hide[..., None], np.nan, cloud.positions)
+    return solve(Capture("take", markers=replace(cloud, positions=shown, residual=None)), settings).motion
 
 
 def better_by_gap(one: np.ndarray, other: np.ndarray, judged: np.ndarray) -> np.ndarray:
