@@ -18,11 +18,11 @@ class CurveTarget:
     container: Any  # The slot's channelbag (Blender 4.4 and later) or the action itself.
 
 
-def create_action(name: str, obj: bpy.types.Object) -> CurveTarget:
-    """Create an action with a slot for one object and play it."""
+def create_action(name: str, obj: Any) -> CurveTarget:
+    """Create an action with a slot for one object or its shape keys, and play it."""
     action = bpy.data.actions.new(name)
     if hasattr(action, "slots"):
-        action.slots.new(id_type="OBJECT", name=obj.name)
+        action.slots.new(id_type=obj.id_type, name=obj.name)
     play_action(obj, action)
     target = curve_target(action)
     assert target is not None, "the action has a slot"
@@ -58,7 +58,7 @@ def current_action(obj: bpy.types.Object) -> bpy.types.Action | None:
     return own or (playing[-1].action if playing else None)
 
 
-def play_action(obj: bpy.types.Object, action: bpy.types.Action | None, slot: Any = None) -> None:
+def play_action(obj: Any, action: bpy.types.Action | None, slot: Any = None) -> None:
     """Assign an action to an object, and its slot in Blender versions that have slots."""
     animation = obj.animation_data or obj.animation_data_create()
     animation.action = action

@@ -79,7 +79,7 @@ def create_armature(
         wire_finger_controls(armature)
     limbs = [name for limb in LIMBS for name in limb.keyed]
     for name in (ROOT, *joints.joints, *limbs, *(FINGER_CONTROLS if has_fingers else ())):
-        _paint(armature.pose.bones[name])
+        paint(armature.pose.bones[name])
     return armature
 
 
@@ -137,7 +137,8 @@ def _group_bones(data: bpy.types.Armature) -> None:
             collection.assign(data.bones[bone])
 
 
-def _paint(bone: bpy.types.PoseBone) -> None:
+def paint(bone: bpy.types.PoseBone) -> None:
+    """Give a bone the colour of its side."""
     colour, target = np.array(_COLOURS.get(bone.name.split("_")[0], _MIDDLE_COLOUR)), bone.bone.color
     target.palette, target.custom.normal = "CUSTOM", colour
     target.custom.select, target.custom.active = (colour + share * (1 - colour) for share in (_SELECTED, _ACTIVE))

@@ -18,8 +18,9 @@ from ..conventions.coordinates import R_ARMATURE_BODY
 from ..conventions.datablocks import Colour, create_material, shader_of
 from ..conventions.naming import LOOKS, MANNEQUIN, PERSON_LOOK, SEGMENTS, SEGMENTS_LOOK, SUIT_LOOK
 from .body_file import BodyFile
+from .face import FACE
 from .mesh import positions
-from .shape import FACE, LOOK_KEYS, add_key, sliders
+from .shape import LOOK_KEYS, add_key, sliders
 
 
 class _Paint(NamedTuple):

@@ -1,4 +1,4 @@
-"""Add a body's shape sliders, which are shape keys of its mesh, and its facial shapes."""
+"""Add a body's shape sliders, which are shape keys of its mesh."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import bpy
 import numpy as np
 
 from .._exchange.errors import BodyInvalid
-from ..conventions.coordinates import R_ARMATURE_BODY
 from ..conventions.naming import MANNEQUIN, PERSON_LOOK, SEGMENTS_LOOK
 from ..conventions.skeleton import NUM_BETAS
 from .body_file import BodyFile, once_a_body
@@ -101,7 +100,6 @@ def _radius(body: BodyFile, vertices: np.ndarray, joints: dict[str, np.ndarray],
 
 
 _PREFIX = "Shape"
-FACE = "face_shapes"  # Names of the face's keys, a custom property of the shape keys.
 LOOK_KEYS = {PERSON_LOOK: "Athletic Wear", MANNEQUIN: "Mannequin", SEGMENTS_LOOK: "Segments"}
 """Shape key of each look."""
 
@@ -152,21 +150,6 @@ def add_key(mesh: bpy.types.Object, name: str, shaped: np.ndarray, limit: float)
     key.slider_min, key.slider_max, key.value = -limit, limit, 0.0
     key.points.foreach_set("co", np.ascontiguousarray(shaped, dtype=np.float32).ravel())
     return key
-
-
-def add_face_shapes(mesh: bpy.types.Object, body: BodyFile) -> int:
-    """Add the facial shapes as keys with ARKit's names, and return the number of new ones."""
-    keys = mesh.data.shape_keys
-    rest, new = positions(keys.reference_key.points), [name for name in body.face_shapes if name not in keys.key_blocks]
-    if body.face_shapes and len(rest) != len(body.v_template):
-        raise BodyInvalid("The mesh is not the skin of its body.", where=mesh.name, hint="Select the mesh of a body.")
-    for name in new:
-        vertices, offsets = body.face_shapes[name]
-        moved = rest.copy()
-        moved[vertices] += offsets @ R_ARMATURE_BODY.T
-        add_key(mesh, name, moved, 1.0).slider_min = 0.0
-    keys[FACE] = list(body.face_shapes)
-    return len(new)
 
 
 def get_betas(mesh: bpy.types.Object) -> np.ndarray:

@@ -19,13 +19,16 @@ from ..body.armature import deform_bone, shape_shifts
 from ..body.controls.limbs import NAMES, ROOT
 from ..body.controls.wiring import FOLLOW
 from ..body.correctives import CORRECTIVES
+from ..body.face import expressions_of, face_bones
 from ..body.layout import is_finger
 from ..body.looks import keep_shown
-from ..body.shape import all_sliders, shaped_vertices
+from ..body.mesh import positions
+from ..body.shape import LARGEST_BETA, add_key, all_sliders, shaped_vertices
 from ..conventions.skeleton import BodyLayout, layout_of
-from ..conventions.timing import scene_frame_rate
+from ..conventions.timing import go_to_frame, scene_frame_rate
 from ..errors import NothingToExport
-from .take import ExportTake, PoseSamples, against_parents, sample_joints, uniform_scale
+from ..scene.session import alone
+from .take import ExportTake, PoseSamples, against_parents, sample_pose, uniform_scale
 
 
 def plain_copy(
@@ -35,10 +38,11 @@ def plain_copy(
     root: bool = False,
     fingers: bool = True,
 ) -> tuple[bpy.types.Object, ...]:
-    """Copy a body and its optional skin without shape keys, drivers and deform bones.
+    """Copy a body and its optional skin without sliders, drivers and deform bones.
 
-    Blender must be in object mode, and the collection in the view layer. ``root`` keeps the root bone, and ``fingers``
-    keeps the finger bones. Parent joints take over the skin of omitted bones. A mesh must be a body of this add-on.
+    Shape keys of the face and of the user stay. Blender must be in object mode, and the collection in the view layer.
+    ``root`` keeps the root bone, and ``fingers`` keeps the finger bones. Parent joints take over the skin of omitted
+    bones. A mesh must be a body of this add-on.
     """
     vertices = None
     if mesh is not None:
@@ -53,16 +57,22 @@ def plain_copy(
 def _copy_skin(
     mesh: bpy.types.Object, vertices: np.ndarray, armature: bpy.types.Object, layout: BodyLayout
 ) -> bpy.types.Object:
-    """Bind a copied skin to a plain armature, without its shape keys and correctives."""
+    """Bind a copied skin to a plain armature, without its sliders and correctives."""
     keys = mesh.data.shape_keys.name
+    rest = positions(mesh.data.shape_keys.reference_key.points)
+    expressions = {key.name: (positions(key.points) - rest, key.value) for key in expressions_of(mesh)}
     mesh.shape_key_clear()
     if keys in bpy.data.shape_keys:  # before Blender 5 they outlive their mesh
         bpy.data.batch_remove((bpy.data.shape_keys[keys],))
     mesh.data.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
+    if expressions:
+        mesh.shape_key_add(name="Basis", from_mix=False)
+    for name, (offsets, value) in expressions.items():
+        add_key(mesh, name, vertices + offsets, LARGEST_BETA).value = value
     keep_shown(mesh)
     mesh.data.update()
     mesh.parent = armature
-    for joint in (name for name in layout.joints if name in armature.data.bones):
+    for joint in (bone.name for bone in armature.data.bones if deform_bone(bone.name) in mesh.vertex_groups):
         mesh.vertex_groups[deform_bone(joint)].name = joint
     _carry_left_out(mesh, armature, layout)
     correctives = mesh.modifiers.get(CORRECTIVES)
@@ -110,7 +120,9 @@ def _copy_armature(
 ) -> bpy.types.Object:
     moved, layout = shape_shifts(source), layout_of(source.data.bones)
     joints = [joint for joint in layout.joints if fingers or not is_finger(joint)]
-    kept = [*joints, ROOT] if root else joints
+    places = {joint: moved[layout.joints.index(joint)] for joint in joints}
+    places |= dict.fromkeys(face_bones(source), places["head"])
+    kept = [*places, ROOT] if root else places
     armature = local_copy(source, collection)
     armature.animation_data_clear()
     # Remove constraints before their target bones, to avoid console messages.
@@ -124,12 +136,10 @@ def _copy_armature(
             bones.remove(bone)
         if root:
             bones[ROOT].use_deform = True  # exporters leave out what does not deform
-        for j, joint in enumerate(layout.joints):
-            if joint not in joints:
-                continue
+        for joint, place in places.items():
             bones[joint].use_deform = True
             matrix = bones[joint].matrix.copy()
-            matrix.translation = (np.array(matrix.translation) + moved[j]).tolist()
+            matrix.translation = (np.array(matrix.translation) + place).tolist()
             bones[joint].matrix = matrix
     finally:
         bpy.ops.object.mode_set(mode="OBJECT")
@@ -162,8 +172,11 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
             raise NothingToExport("Only a body of this add-on can be resampled here.", where=take.name, hint=hint)
         yield take
         return
-    pose, layout = sample_joints(take, progress), take.layout
-    active, originals, action = bpy.context.view_layer.objects.active, (take.armature, *take.meshes), None
+    layout = take.layout
+    pose = sample_pose(take, progress, (*layout_of(take.armature.data.bones).joints, *face_bones(take.armature)))
+    shapes = [_sample_expressions(take, mesh) for mesh in take.meshes]
+    active, originals = bpy.context.view_layer.objects.active, (take.armature, *take.meshes)
+    actions: list[bpy.types.Action] = []
     names = [layout.node or take.armature.name, *(mesh.name for mesh in take.meshes)]
     in_the_way = [obj for obj in map(bpy.data.objects.get, names) if obj is not None and obj not in originals]
     replaced, skin = [*originals, *in_the_way], next(iter(take.meshes), None)
@@ -178,12 +191,14 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
             scale = take.metres_a_unit * uniform_scale(take) / plain.metres_a_unit
             for copy in copies if scale != 1.0 else ():
                 copy.data.transform(Matrix.Scale(scale, 4))
-            action = _bake(plain, pose)
+            actions.append(_bake(plain, pose))
+            for mesh, values in zip(skins, shapes, strict=True):
+                if values:
+                    actions.append(_key_expressions(mesh, values, _times(plain)))
             swap_names(replaced, copies, names)
             yield plain
     finally:
-        if action is not None:
-            bpy.data.actions.remove(action)
+        bpy.data.batch_remove(actions)
         bpy.context.view_layer.objects.active = active
 
 
@@ -253,6 +268,32 @@ def _key_joints(
             write_curves(target, f'pose.bones["{joint}"].location', joint, times, location, types)
         quaternions = sign_continuous(quat_from_matrix(axes.T @ local[:, j] @ axes))
         write_curves(target, f'pose.bones["{joint}"].rotation_quaternion', joint, times, quaternions, types)
+
+
+def _sample_expressions(take: ExportTake, mesh: bpy.types.Object) -> dict[str, np.ndarray]:
+    """Return each expression's (F,) values, or {} if they are not animated."""
+    names = [key.name for key in expressions_of(mesh)]
+    if not names or mesh.data.shape_keys.animation_data is None:
+        return {}
+    probe, values = bpy.data.objects.new(mesh.name, mesh.data), np.empty((take.num_frames, len(names)))
+    try:
+        with alone(probe, take.scene) as (stage, depsgraph):
+            for f, time in enumerate(take.times):
+                go_to_frame(stage, float(time))
+                blocks = probe.evaluated_get(depsgraph).data.shape_keys.key_blocks
+                values[f] = [blocks[name].value for name in names]
+    finally:
+        bpy.data.objects.remove(probe)
+    return dict(zip(names, values.T, strict=True))
+
+
+def _key_expressions(mesh: bpy.types.Object, values: dict[str, np.ndarray], times: np.ndarray) -> bpy.types.Action:
+    target, types = create_action(mesh.name, mesh.data.shape_keys), key_type_values(None, len(times))
+    for name, column in values.items():
+        write_curves(
+            target, f'key_blocks["{bpy.utils.escape_identifier(name)}"].value', name, times, column[:, None], types
+        )
+    return target.action
 
 
 def _times(plain: ExportTake) -> np.ndarray:

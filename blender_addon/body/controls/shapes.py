@@ -52,12 +52,12 @@ def add_control_shapes(
         measured = trunk if part.startswith("spine") else owner == j
         section = _SECTION_OF_PART.get(part, _MIDDLE if shape == "ring" else (-1.0, 2.0))
         local, least = (vertices[measured] - layout.heads[j]) @ axes, _LEAST_FINGER_M if is_finger(joint) else _LEAST_M
-        _show(armature.pose.bones[joint], shapes[shape], *_extent(local, lengths[j], section, least))
-    _show(armature.pose.bones[ROOT], shapes["root"], np.zeros(3), np.full(3, _ROOT_SIZE * np.ptp(vertices[:, 0])))
+        show_shape(armature.pose.bones[joint], shapes[shape], *_extent(local, lengths[j], section, least))
+    show_shape(armature.pose.bones[ROOT], shapes["root"], np.zeros(3), np.full(3, _ROOT_SIZE * np.ptp(vertices[:, 0])))
     for name in CONTROLS if has_finger_controls(armature) else ():
         at, size = (1.9, 0.006) if name.endswith("_curl") else (0.45, 0.012)
         place = np.array([0.0, at * armature.data.bones[name].length, -_ABOVE_M])
-        _show(armature.pose.bones[name], shapes["diamond"], place, np.full(3, size))
+        show_shape(armature.pose.bones[name], shapes["diamond"], place, np.full(3, size))
     for limb in LIMBS:
         _add_limb_shapes(armature, limb, body.layout, vertices, owner, shapes)
     return folder
@@ -79,15 +79,16 @@ def _add_limb_shapes(
     inside = np.isin(owner, list(below))
     local = (vertices[inside] - rest[:3, 3]) @ rest[:3, :3]
     size = armature.data.bones[limb.control].length
-    _show(bones[limb.control], shapes["box"], *_extent(local, size, (-np.inf, np.inf)))
-    _show(bones[limb.pole], shapes["diamond"], np.zeros(3), np.full(3, _POLE_SIZE_M))
+    show_shape(bones[limb.control], shapes["box"], *_extent(local, size, (-np.inf, np.inf)))
+    show_shape(bones[limb.pole], shapes["diamond"], np.zeros(3), np.full(3, _POLE_SIZE_M))
     for turn, joint in zip(limb.turns, limb.joints[:2], strict=True):
         like = bones[joint]
         scale = _TURN_SCALE * np.array(like.custom_shape_scale_xyz)
-        _show(bones[turn], shapes["ring"], np.array(like.custom_shape_translation), scale)
+        show_shape(bones[turn], shapes["ring"], np.array(like.custom_shape_translation), scale)
 
 
-def _show(bone: bpy.types.PoseBone, shape: bpy.types.Object, centre: np.ndarray, half: np.ndarray) -> None:
+def show_shape(bone: bpy.types.PoseBone, shape: bpy.types.Object, centre: np.ndarray, half: np.ndarray) -> None:
+    """Give a bone a custom shape with a (3,) centre and half size in metres, in its axes."""
     bone.custom_shape = shape
     bone.use_custom_shape_bone_size = False
     bone.custom_shape_translation, bone.custom_shape_scale_xyz = centre.tolist(), half.tolist()

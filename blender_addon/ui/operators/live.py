@@ -78,8 +78,8 @@ class CurrentLive:
         import numpy as np
 
         from ...body.body_file import default_body_path, read_body
+        from ...body.face import add_face_shapes
         from ...body.looks import show_look
-        from ...body.shape import add_face_shapes
         from ...scene.live_figure import LiveFace, create_live_figure
 
         try:

@@ -42,22 +42,26 @@ def next_bad_range(self: Any, context: bpy.types.Context) -> str | set[str]:
     return f"Frames {found[0]} to {found[1]}, {ranges.index(found) + 1} of {len(ranges)}"
 
 
-@operator("Add Face Shapes", BODY, EDITABLE)
-def add_face_shapes(self: Any, context: bpy.types.Context) -> str | set[str]:
-    """Give the body shape keys with ARKit's 52 names, for keyframes or for a face received in Live."""
+@operator("Add Face", BODY, EDITABLE)
+def add_face(self: Any, context: bpy.types.Context) -> str | set[str]:
+    """Give the body shape keys with ARKit's 52 names, and bones for jaw, eyes and upper lids."""
     from ...body.body_file import body_path_of, read_body
+    from ...body.face import add_face_bones, add_face_shapes
     from ...body.looks import show_look
-    from ...body.shape import add_face_shapes, body_mesh
+    from ...body.shape import body_mesh
     from ...conventions.skeleton import layout_of
+    from ...scene.session import undisturbed
 
     review = context.scene.mocap.review
     mesh, provenance = body_mesh(review.armature), review.take.get("provenance", "") if review.take else ""
     body = read_body(body_path_of(provenance), layout_of(review.armature.data.bones))
     if mesh is None or not body.face_shapes:
         return self.give_up("Only the body that ships with the add-on has face shapes")
-    if not mesh.data.is_editable:
-        return self.give_up("The mesh of this body is linked. Add the face shapes in its own file")
+    if not (mesh.data.is_editable and review.armature.data.is_editable):
+        return self.give_up("This body is linked. Add the face in its own file")
     count = add_face_shapes(mesh, body)
+    with undisturbed(context):
+        add_face_bones(review.armature, mesh, body)
     show_look(mesh, context.scene.mocap.look)
     return f"{counted(count, 'face shape')} added to '{mesh.name}'"
 

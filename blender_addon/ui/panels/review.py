@@ -183,7 +183,7 @@ def shape(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
             column.label(text=effect, text_ctxt=CONTEXT)
             effect = ""
         column.prop(key, "value", text=effect, text_ctxt=CONTEXT, slider=True)
-    layout.operator("mocap.add_face_shapes", icon="SHAPEKEY_DATA")
+    layout.operator("mocap.add_face", icon="SHAPEKEY_DATA")
 
 
 def _has_limbs(context: bpy.types.Context) -> bool:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from mathutils import Vector
+from mathutils import Euler, Vector
 
 from blender_addon._exchange.errors import BodyInvalid
 from blender_addon.body.body_file import BodyFile, default_body_path, read_body
+from blender_addon.body.face import add_face_bones, add_face_shapes, face_bones
 from blender_addon.body.looks import show_look
 from blender_addon.body.rig import Rig, create_rig
-from blender_addon.body.shape import add_face_shapes
+from blender_addon.body.shape import set_betas
+from blender_addon.conventions.coordinates import R_ARMATURE_BODY
 from blender_addon.conventions.naming import MANNEQUIN, PERSON_LOOK
 from blender_addon.conventions.skeleton import SMPL_HANDS
 from blender_addon.scene.live_figure import LiveFace
@@ -125,6 +127,48 @@ def test_a_received_face_and_keys_drive_the_skin(face: bpy.types.Object, scene: 
         block.keyframe_insert("value", frame=frame)
     scene.frame_set(6)
     assert 0.2 < block.value < 0.8
+
+
+BONES = ("jaw", "left_eye", "left_eyelid", "right_eye", "right_eyelid")
+
+
+def posed(rig: Rig, name: str, degrees: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
+    """Return the evaluated skin with a bone of the face turned about its own axes."""
+    rig.armature.pose.bones[name].rotation_quaternion = Euler(np.deg2rad(degrees)).to_quaternion()
+    return evaluated(rig.mesh)
+
+
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_bones_move_the_skin_of_any_shape_as_the_shapes_do(rig: Rig, body: BodyFile, when: str) -> None:
+    betas = np.linspace(2.0, -2.0, 10)
+    if when == "before":
+        set_betas(rig.mesh, betas)
+    rest = evaluated(rig.mesh)
+    add_face_bones(rig.armature, rig.mesh, body)
+    add_face_bones(rig.armature, rig.mesh, body)
+    assert sorted(face_bones(rig.armature)) == list(BONES)
+    np.testing.assert_allclose(evaluated(rig.mesh), rest, atol=2e-6)
+    if when == "after":
+        set_betas(rig.mesh, betas)
+    rig.armature.pose.bones["head"].rotation_quaternion = (0.9, 0.1, 0.4, -0.1)
+    rest = evaluated(rig.mesh)
+    turn = np.array(rig.armature.pose.bones["head"].matrix.to_3x3()) @ np.array(
+        rig.armature.data.bones["head"].matrix_local.to_3x3().inverted()
+    )
+    for name, degrees, shape, most in (
+        ("jaw", (19.0, 0.0, 0.0), "jawOpen", 0.2),
+        ("left_eyelid", (24.4, 0.0, 0.0), "eyeBlinkLeft", 0.3),
+        ("right_eye", (0.0, -25.0, 0.0), "eyeLookOutRight", 0.3),
+    ):
+        moved = posed(rig, name, degrees) - rest
+        at, offsets = body.face_shapes[shape]
+        wanted = np.zeros_like(rest)
+        wanted[at] = offsets @ R_ARMATURE_BODY.T @ turn.T
+        if name.endswith("lid"):
+            wanted[body.v_template[:, 1] < body.v_template[at, 1].mean()] = 0.0
+        left = np.linalg.norm(moved - wanted) / np.linalg.norm(wanted)
+        assert left < most, (name, left)
+        np.testing.assert_allclose(posed(rig, name), rest, atol=1e-6)
 
 
 def test_adding_again_adds_nothing_and_another_mesh_is_refused(face: bpy.types.Object, body: BodyFile) -> None:

@@ -196,7 +196,7 @@ def test_an_override_is_edited_here(mocap: Any, solved_take: Any, tmp_path: Path
     review = bpy.context.scene.mocap.review
     assert review.take.library is not None and needs_this_file([review.armature])
     keys = len(body_mesh(review.armature).data.shape_keys.key_blocks)
-    assert bpy.ops.mocap.add_face_shapes() == {"CANCELLED"}, "the mesh belongs to the other file"
+    assert bpy.ops.mocap.add_face() == {"CANCELLED"}, "the mesh belongs to the other file"
     assert len(body_mesh(review.armature).data.shape_keys.key_blocks) == keys
     assert bpy.ops.mocap.thin_take(by="TOLERANCE", tolerance_mm=5.0) == {"FINISHED"}
     assert review.take.library is None

@@ -97,3 +97,19 @@ def test_a_changed_look_is_undone(mocap, rig: Rig) -> None:
     for wanted in states[1:]:
         bpy.ops.ed.redo()
         assert shown() == wanted
+
+
+def test_a_face_added_in_pose_mode_is_undone(mocap, rig: Rig) -> None:
+    bpy.context.preferences.edit.use_global_undo = True
+    mocap.review.armature, name = rig.armature, rig.mesh.name
+    before = len(rig.mesh.data.shape_keys.key_blocks), len(rig.armature.data.bones), len(rig.mesh.vertex_groups)
+    bpy.context.view_layer.objects.active = rig.armature
+    bpy.ops.object.mode_set(mode="POSE")
+    step("pose mode")
+    assert bpy.ops.mocap.add_face() == {"FINISHED"} and bpy.context.mode == "POSE"
+    step("face")
+    for redo in (False, True):
+        (bpy.ops.ed.redo if redo else bpy.ops.ed.undo)()
+        mesh, armature = bpy.data.objects[name], bpy.context.scene.mocap.review.armature
+        found = len(mesh.data.shape_keys.key_blocks), len(armature.data.bones), len(mesh.vertex_groups)
+        assert found == tuple(n + redo * more for n, more in zip(before, (52, 10, 5), strict=True))

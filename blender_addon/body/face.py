@@ -1,0 +1,154 @@
+"""Add the face of the bundled body: shape keys with ARKit's 52 names, and bones for jaw, eyes and upper lids.
+
+Bones and keys add up. A bone takes its skin from a facial shape: the weight of a vertex is the length of its movement
+in the shape, relative to its movement with the bone.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import bpy
+import numpy as np
+
+from .._exchange.errors import BodyInvalid
+from .._exchange.so3 import matrix_from_rotvec
+from ..conventions.coordinates import R_ARMATURE_BODY
+from ..conventions.skeleton import JOINTS
+from .armature import DEFORM_COLLECTION, deform_bone, paint
+from .body_file import BodyFile
+from .controls.limbs import LIMBS
+from .controls.shapes import show_shape
+from .mesh import positions
+from .shape import LOOK_KEYS, add_key, get_betas, sliders
+
+FACE = "face_shapes"  # Names of the face's keys, a custom property of the shape keys.
+_HEAD, _COLLECTION, _LEAST_WEIGHT = "head", "Face", 1e-3
+_LENGTH_M, _SIZE_M = 0.02, 0.006  # Length of the bones, and half the size of their controls. Chosen by hand.
+
+
+class _FaceBone(NamedTuple):
+    """A bone of the face. Points are in the mean body's frame, relative to the head's joint, in metres."""
+
+    shape: str  # Facial shape with the skin of the bone.
+    turn_deg: tuple[float, float, float]  # Rotation vector of the bone at the shape's value 1.
+    pivot: tuple[float, float, float]
+    control: tuple[float, float, float]  # Place of its control, in front of the skin.
+
+
+_JAW = _FaceBone("jawOpen", (19.0, 0.0, 0.0), (0.0, 0.040, 0.014), (0.0, -0.025, 0.125))  # As in ``_EYES``.
+_EYES = {
+    "eye": _FaceBone("eyeLookOut{}", (0.0, 25.0, 0.0), (0.0322, 0.0740, 0.0863), (0.032, 0.074, 0.130)),
+    "eyelid": _FaceBone("eyeBlink{}", (24.4, 0.0, 0.0), (0.0322, 0.0740, 0.0863), (0.032, 0.090, 0.125)),
+}
+"""Bones on the left. Rotations and pivots are the ones of ``assets_procedural.detail.expressions``."""
+
+
+def _bones() -> dict[str, _FaceBone]:
+    found, flip = {"jaw": _JAW}, np.array([-1.0, 1.0, 1.0])
+    for kind, bone in _EYES.items():
+        found[f"left_{kind}"] = bone._replace(shape=bone.shape.format("Left"))
+        points = [(flip * point).tolist() for point in (bone.pivot, bone.control)]
+        found[f"right_{kind}"] = _FaceBone(bone.shape.format("Right"), tuple(-flip * bone.turn_deg), *points)
+    return found
+
+
+_BONES = _bones()
+
+
+def face_bones(armature: bpy.types.Object) -> list[str]:
+    """Return the names of an armature's face bones."""
+    return [name for name in _BONES if name in armature.data.bones and deform_bone(name) in armature.data.bones]
+
+
+def add_face_shapes(mesh: bpy.types.Object, body: BodyFile) -> int:
+    """Add the body's facial shapes as keys with ARKit's names, at 0. Return the number of new keys."""
+    keys = mesh.data.shape_keys
+    rest, new = positions(keys.reference_key.points), [name for name in body.face_shapes if name not in keys.key_blocks]
+    if body.face_shapes and len(rest) != len(body.v_template):
+        raise BodyInvalid("The mesh is not the skin of its body.", where=mesh.name, hint="Select the mesh of a body.")
+    for name in new:
+        vertices, offsets = body.face_shapes[name]
+        moved = rest.copy()
+        moved[vertices] += offsets @ R_ARMATURE_BODY.T
+        add_key(mesh, name, moved, 1.0).slider_min = 0.0
+    keys[FACE] = list(body.face_shapes)
+    return len(new)
+
+
+def add_face_bones(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile) -> None:
+    """Add the bones of the face to a body in its current shape, unless it has them. Blender must be in object mode."""
+    if any(name in armature.data.bones for name in _BONES):
+        return
+    betas, head = get_betas(mesh), JOINTS.index(_HEAD)
+    joints = np.stack([body.rest_joints(np.zeros_like(betas))[head], body.rest_joints(betas)[head]])
+    moved = body.shaped(betas) - body.v_template - (joints[1] - joints[0])
+    weights = {name: _weights(bone, joints[0] + bone.pivot, body) for name, bone in _BONES.items()}
+    places = {name: bone.pivot + np.average(moved, axis=0, weights=weights[name]) for name, bone in _BONES.items()}
+    bpy.context.view_layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    try:
+        _add_bones(armature.data, places)
+    finally:
+        bpy.ops.object.mode_set(mode="OBJECT")
+    _wire(armature)
+    for name in _BONES:
+        _give_skin(mesh, deform_bone(name), weights[name])
+
+
+def _weights(bone: _FaceBone, pivot: np.ndarray, body: BodyFile) -> np.ndarray:
+    """Return the (V,) weights by which a bone at a pivot moves the skin most like its facial shape."""
+    vertices, offsets = body.face_shapes[bone.shape]
+    points = body.v_template[vertices] - pivot
+    moved = points @ matrix_from_rotvec(np.deg2rad(bone.turn_deg)).T - points
+    if bone.turn_deg[0]:
+        offsets = np.where(offsets[:, 1:2] < 0, offsets, 0.0)  # the lower lid rises
+    found = np.zeros(len(body.v_template))
+    found[vertices] = np.sum(offsets * moved, axis=1) / np.maximum(np.sum(moved**2, axis=1), 1e-12)
+    return found.clip(0.0, 1.0)
+
+
+def _add_bones(data: bpy.types.Armature, places: dict[str, np.ndarray]) -> None:
+    head = data.edit_bones[_HEAD]
+    way = np.array(head.matrix.to_3x3())[:, 1] * _LENGTH_M
+    for name, place in places.items():
+        above, start = head, np.array(head.head) + R_ARMATURE_BODY @ place
+        for each in (name, deform_bone(name)):
+            bone = data.edit_bones.new(each)
+            bone.head, bone.tail, bone.roll, bone.parent = start.tolist(), (start + way).tolist(), head.roll, above
+            bone.use_deform, above = each != name, bone
+
+
+def _wire(armature: bpy.types.Object) -> None:
+    """Set up controls. The deform bone of a slider's shape moves back like the head's."""
+    data, bones = armature.data, armature.pose.bones
+    shown = data.collections_all.get(_COLLECTION) or data.collections.new(_COLLECTION)
+    axes = np.array(data.bones[_HEAD].matrix_local.to_3x3()).T @ R_ARMATURE_BODY
+    shape = bones[LIMBS[0].pole].custom_shape if LIMBS[0].pole in bones else None
+    for name, own in _BONES.items():
+        bone, deform = bones[name], bones[deform_bone(name)]
+        bone.rotation_mode, bone.lock_location, bone.lock_scale = "QUATERNION", (True,) * 3, (True,) * 3
+        if shape is not None:
+            show_shape(bone, shape, axes @ (np.array(own.control) - own.pivot), np.full(3, _SIZE_M))
+        paint(bone)
+        shown.assign(data.bones[name])
+        if (hidden := data.collections_all.get(DEFORM_COLLECTION)) is not None:
+            hidden.assign(data.bones[deform.name])
+        back = deform.constraints.new("COPY_LOCATION")
+        back.target, back.subtarget = armature, deform_bone(_HEAD)
+        back.owner_space = back.target_space = "LOCAL"
+
+
+def _give_skin(mesh: bpy.types.Object, name: str, weights: np.ndarray) -> None:
+    """Give a bone its (V,) weights, and scale the other bones' weights down."""
+    group = mesh.vertex_groups.new(name=name)
+    for vertex in np.flatnonzero(weights > _LEAST_WEIGHT).tolist():
+        for item in mesh.data.vertices[vertex].groups:
+            item.weight *= 1.0 - weights[vertex]
+        group.add([vertex], weights[vertex], "REPLACE")
+
+
+def expressions_of(mesh: bpy.types.Object) -> list[bpy.types.ShapeKey]:
+    """Return the shape keys of the face and of the user that are not muted."""
+    keys, known = mesh.data.shape_keys, {key.name for key in sliders(mesh)} | {*LOOK_KEYS.values()}
+    return [key for key in keys.key_blocks if key != keys.reference_key and key.name not in known and not key.mute]

@@ -1,0 +1,72 @@
+"""A face in files: its shape keys and their animation reach FBX and glTF, at the take's own frames."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from blender_addon.animation.deviation import evaluated_vertices
+from blender_addon.body.body_file import BodyFile
+from blender_addon.body.face import add_face_bones, add_face_shapes
+from blender_addon.body.mesh import positions
+from blender_addon.body.rig import Rig
+from blender_addon.body.shape import set_betas
+from blender_addon.export.formats import FORMATS
+from blender_addon.export.take import take_of
+from blender_addon.export.write import export_take
+from solver_backend.live.face_source import BLEND_SHAPES
+
+READERS = {"fbx": bpy.ops.import_scene.fbx, "gltf": bpy.ops.import_scene.gltf}
+FRAMES = (1.0, 8.0)
+
+
+@pytest.fixture
+def speaking(scene: bpy.types.Scene, rig: Rig, body: BodyFile) -> Rig:
+    """Return a body that opens its jaw and turns its head from frame 1 to 8, in a shape of its own."""
+    set_betas(rig.mesh, np.linspace(1.0, -1.0, 10))
+    add_face_shapes(rig.mesh, body)
+    add_face_bones(rig.armature, rig.mesh, body)
+    keys, head = rig.mesh.data.shape_keys, rig.armature.pose.bones["head"]
+    keys.key_blocks["eyeBlinkLeft"].value = 0.5
+    for frame, value in zip(FRAMES, (0.0, 1.0), strict=True):
+        keys.key_blocks["jawOpen"].value = value
+        keys.key_blocks["jawOpen"].keyframe_insert("value", frame=frame)
+        head.rotation_quaternion = (1.0, 0.0, 0.3 * value, 0.0)
+        head.keyframe_insert("rotation_quaternion", frame=frame)
+        rig.armature.pose.bones["jaw"].rotation_quaternion = (1.0, 0.05 * value, 0.0, 0.0)
+        rig.armature.pose.bones["jaw"].keyframe_insert("rotation_quaternion", frame=frame)
+    scene.frame_set(1)
+    return rig
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_the_face_moves_in_files(scene: bpy.types.Scene, speaking: Rig, tmp_path: Path, name: str) -> None:
+    keys, moved = speaking.mesh.data.shape_keys.key_blocks, speaking.mesh.name
+    away = np.linalg.norm(positions(keys["jawOpen"].points) - positions(keys["Basis"].points), axis=1)
+    lip, times = int(away.argmax()), np.array([1.0, 5.0, 7.0])
+    shown = np.stack([evaluated_vertices(scene, speaking.mesh, time)[lip] for time in times])
+    before = {key.name: key.value for key in keys}
+    scene.render.fps = 24
+    export_take(take_of(scene, speaking.armature, fps=12.0), name, tmp_path / f"face{FORMATS[name].suffix}")
+    assert {key.name: key.value for key in speaking.mesh.data.shape_keys.key_blocks} == before
+    assert [obj.name for obj in scene.objects if obj.type == "MESH" and not obj.hide_render] == [moved]
+    [path] = tmp_path.iterdir()
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    bpy.context.scene.render.fps = 12
+    assert READERS[name](filepath=str(path)) == {"FINISHED"}
+    assert {"jaw", "left_eye", "right_eyelid"} <= {bone.name for bone in bpy.data.armatures[0].bones}
+    [mesh] = [obj for obj in bpy.data.objects if obj.type == "MESH" and obj.data.shape_keys]
+    blocks = mesh.data.shape_keys.key_blocks
+    assert {key.name for key in list(blocks)[1:]} == set(BLEND_SHAPES)
+    first = mesh.data.shape_keys.animation_data.action.frame_range[0]
+    point = (
+        lip
+        if name == "fbx"
+        else int(np.linalg.norm(evaluated_vertices(bpy.context.scene, mesh, first) - shown[0], axis=1).argmin())
+    )
+    found = [evaluated_vertices(bpy.context.scene, mesh, first + (time - 1) / 2)[point] for time in times]
+    np.testing.assert_allclose(found, shown, atol=1e-3)
+    assert blocks["eyeBlinkLeft"].value == pytest.approx(0.5, abs=1e-3)
