@@ -196,7 +196,10 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
                 if values:
                     actions.append(_key_expressions(mesh, values, _times(plain)))
             swap_names(replaced, copies, names)
-            yield plain
+            with alone(armature, take.scene) as (stage, _):  # exporters evaluate the whole scene in each frame
+                for mesh in skins:
+                    stage.collection.objects.link(mesh)
+                yield replace(plain, scene=stage)
     finally:
         bpy.data.batch_remove(actions)
         bpy.context.view_layer.objects.active = active

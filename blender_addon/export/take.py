@@ -138,7 +138,8 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
         if take.is_plain:
             set_scene_frame_rate(scene, take.fps)
             units.scale_length = take.metres_a_unit
-        yield scene
+        with bpy.context.temp_override(selected_objects=objects):  # of the window's scene without it
+            yield scene
     finally:
         for obj in objects:
             obj.select_set(False)

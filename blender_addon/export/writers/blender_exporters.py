@@ -115,6 +115,7 @@ def export_fbx(path: Path, take: ExportTake, progress: Progress) -> None:
 def export_gltf(path: Path, take: ExportTake, progress: Progress) -> None:
     """Write binary glTF in metres, Y up, with a key on every frame."""
     settings = {"use_selection": True, "export_format": "GLB", "export_yup": True, "export_def_bones": True}
+    settings |= {"use_active_scene": True}
     settings |= {"export_influence_nb": 4, "export_animations": True, "export_animation_mode": "SCENE"}
     settings |= {"export_anim_scene_split_object": False, "export_anim_slide_to_zero": True}
     settings |= {"export_force_sampling": True, "export_optimize_animation_size": False}
