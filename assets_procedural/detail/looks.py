@@ -1,4 +1,4 @@
-"""Build the looks of the shown body: athletic wear with short hair, a mannequin and coloured segments.
+"""Build the looks of the shown body: athletic wear with and without short hair, a mannequin and coloured segments.
 
 A look has a material per face and moves the skin. Vertices slide onto hems, hairlines and joints (``mesh.lines``).
 Cloth spans furrows of the body at a distance, a shoe covers the toes, and hair covers the scalp. Soles keep their
@@ -64,14 +64,15 @@ class _Half:
 def build_looks(vertices: Array, faces: Array, mirror: Array, material: Array) -> dict[str, Look]:
     """Build the looks of the relaxed rest body, by name, from the (F,) materials of ``expressions``."""
     body = vertices, faces, mirror
-    return {"person": _athletic(*body, material), "mannequin": _jointed(*body), "segments": _segmented(*body)}
+    wear = {"person": _athletic(*body, material), "shaven": _athletic(*body, material, hair=False)}
+    return wear | {"mannequin": _jointed(*body), "segments": _segmented(*body)}
 
 
-def _athletic(vertices: Array, faces: Array, mirror: Array, material: Array) -> Look:
+def _athletic(vertices: Array, faces: Array, mirror: Array, material: Array, *, hair: bool = True) -> Look:
     half = _Half(vertices, faces, mirror)
     mesh, own = half.mesh, material[: len(material) // 2].copy()
     own[own == SUIT] = SKIN
-    hair, brow = mesh.draw(_hairline), mesh.draw(_brow, _BROW_M, _BROW_M)
+    scalp, brow = mesh.draw(_hairline), mesh.draw(_brow, _BROW_M, _BROW_M)
     collar = mesh.draw(_neckline, _HEM_M, _GAP_M)
     sleeve = mesh.draw(lambda p: p[:, 0] - 0.325, _HEM_M, _GAP_M)
     waist = mesh.draw(lambda p: 0.915 - p[:, 1], _HEM_M, _GAP_M)
@@ -80,10 +81,11 @@ def _athletic(vertices: Array, faces: Array, mirror: Array, material: Array) -> 
     shoe = mesh.draw(_shoe_collar, 0.009, _GAP_M)
     sole = mesh.draw(_sole, 0.0, _GAP_M)
     mesh.even_out(3)
+    grown = scalp.inside & hair
     bare = (own == SKIN) | (own == NAIL) & shoe.inside  # eyes, lips and nails of fingers stay
     shirt, shorts = collar.inside & sleeve.inside & waist.inside, leg.inside & ~waist.inside
     for chosen, number in (
-        (brow.near | hair.inside, HAIR),
+        (brow.near | grown, HAIR),
         (shirt, SHIRT),
         ((collar.hem | sleeve.hem) & (shirt | collar.edge | sleeve.edge), TRIM),
         (shorts, SHORTS),
@@ -97,7 +99,7 @@ def _athletic(vertices: Array, faces: Array, mirror: Array, material: Array) -> 
     at = half.whole()
     dressed = _dress(half, at, half.marks(shirt), half.marks(shorts), half.marks(sock.inside & ~shoe.inside))
     dressed = _shod(half, dressed, half.marks(shoe.inside), half.marks(sole.inside))
-    dressed = _grow_hair(half, dressed, half.marks(hair.inside), half.marks(brow.near))
+    dressed = _grow_hair(half, dressed, half.marks(grown), half.marks(brow.near))
     return Look(np.concatenate([own, own]).astype(np.uint8), dressed + [0.0, half.floor, 0.0] - vertices)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..conventions.coordinates import R_ARMATURE_BODY
 from ..conventions.datablocks import Colour, create_material, shader_of
-from ..conventions.naming import LOOKS, MANNEQUIN, PERSON_LOOK, SEGMENTS, SEGMENTS_LOOK, SUIT_LOOK
+from ..conventions.naming import LOOKS, MANNEQUIN, PERSON_LOOK, SEGMENTS, SEGMENTS_LOOK, SHAVEN_LOOK, SUIT_LOOK
 from .body_file import BodyFile
 from .face import FACE
 from .mesh import positions
@@ -61,7 +61,8 @@ _COLOURS = (
     (0.62, 0.19, 0.08), (0.80, 0.36, 0.14), (0.88, 0.52, 0.26), (0.92, 0.66, 0.42),
 )  # fmt: skip
 _SEGMENTS = tuple(_Paint(name, (*colour, 1.0)) for name, colour in zip(SEGMENTS, _COLOURS, strict=True))
-_PAINTS = {PERSON_LOOK: _PERSON, SUIT_LOOK: _PERSON, MANNEQUIN: _MANNEQUIN, SEGMENTS_LOOK: _SEGMENTS}
+_PAINTS = dict.fromkeys((PERSON_LOOK, SHAVEN_LOOK, SUIT_LOOK), _PERSON)
+_PAINTS |= {MANNEQUIN: _MANNEQUIN, SEGMENTS_LOOK: _SEGMENTS}
 _SHOWN = "look"  # Custom property of a mesh: the look that it shows.
 
 

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from .._exchange.errors import BodyInvalid
-from ..conventions.naming import MANNEQUIN, PERSON_LOOK, SEGMENTS_LOOK
+from ..conventions.naming import MANNEQUIN, PERSON_LOOK, SEGMENTS_LOOK, SHAVEN_LOOK
 from ..conventions.skeleton import NUM_BETAS
 from .body_file import BodyFile, once_a_body
 from .layout import shape_directions
@@ -100,7 +100,12 @@ def _radius(body: BodyFile, vertices: np.ndarray, joints: dict[str, np.ndarray],
 
 
 _PREFIX = "Shape"
-LOOK_KEYS = {PERSON_LOOK: "Athletic Wear", MANNEQUIN: "Mannequin", SEGMENTS_LOOK: "Segments"}
+LOOK_KEYS = {
+    PERSON_LOOK: "Athletic Wear",
+    SHAVEN_LOOK: "Shaven Head",
+    MANNEQUIN: "Mannequin",
+    SEGMENTS_LOOK: "Segments",
+}
 """Shape key of each look."""
 
 

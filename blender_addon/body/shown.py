@@ -8,7 +8,7 @@ import numpy as np
 
 from .._exchange.errors import BodyInvalid
 from .._exchange.npz import read_arrays
-from ..conventions.naming import LOOKS, MANNEQUIN, PERSON_LOOK, SEGMENTS, SEGMENTS_LOOK, SUIT_LOOK
+from ..conventions.naming import LOOKS, MANNEQUIN, SEGMENTS, SEGMENTS_LOOK
 
 SHOWN_FILE = "shown_neutral.npz"  # File next to the bundled body.
 RELAXED = "relaxed"  # Name of the shape that is part of the face at rest.
@@ -73,13 +73,13 @@ def face_materials(
 ) -> np.ndarray:
     """Return the (L, T) material of each face in each of ``LOOKS``.
 
-    By default, athletic wear and the suit use the body file's (T,) materials, or 0 without any. The mannequin has one
-    material, and segments follow the largest of the (V, J) weights.
+    By default, the mannequin has one material, segments follow the largest of the (V, J) weights, and all other looks
+    use the body file's (T,) materials, or 0 without any.
     """
     plain = np.zeros(len(faces), np.int64) if material is None else np.clip(material, 0, _OF_BODIES - 1)
     segment = np.array([SEGMENTS.index(_segment_of(joint)) for joint in joints])
     nearest = segment[weights[faces].sum(axis=1).argmax(axis=1)]
-    found = {PERSON_LOOK: plain, SUIT_LOOK: plain, MANNEQUIN: 0 * plain, SEGMENTS_LOOK: nearest, **own}
+    found = dict.fromkeys(LOOKS, plain) | {MANNEQUIN: 0 * plain, SEGMENTS_LOOK: nearest, **own}
     return np.stack([found[look] for look in LOOKS])
 
 

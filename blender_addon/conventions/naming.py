@@ -39,8 +39,8 @@ MARKERS: tuple[str, ...] = (
 )  # fmt: skip
 
 
-PERSON_LOOK, SUIT_LOOK, MANNEQUIN, SEGMENTS_LOOK = "person", "suit", "mannequin", "segments"
-LOOKS = (PERSON_LOOK, SUIT_LOOK, MANNEQUIN, SEGMENTS_LOOK)
+PERSON_LOOK, SHAVEN_LOOK, SUIT_LOOK, MANNEQUIN, SEGMENTS_LOOK = "person", "shaven", "suit", "mannequin", "segments"
+LOOKS = (PERSON_LOOK, SHAVEN_LOOK, SUIT_LOOK, MANNEQUIN, SEGMENTS_LOOK)
 _SIDED = ("Arm", "Forearm", "Hand", "Thigh", "Shank", "Foot", "Toes")
 SEGMENTS = (
     "Head",

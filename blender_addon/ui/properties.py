@@ -14,7 +14,7 @@ from .._exchange.setting import defaults_of_class, settings_of_class
 from .._exchange.solve_settings import PRESETS
 from .._exchange.video_settings import DETECTORS, VideoSettings
 from ..conventions.file_paths import file_of
-from ..conventions.naming import MANNEQUIN, PERSON_LOOK, SEGMENTS_LOOK, SUIT_LOOK
+from ..conventions.naming import MANNEQUIN, PERSON_LOOK, SEGMENTS_LOOK, SHAVEN_LOOK, SUIT_LOOK
 from .acquisition_properties import MocapLive, MocapSensors, MocapStudio
 from .capture_properties import MocapCapture, MocapReview
 from .setting_properties import (
@@ -267,6 +267,7 @@ def _show_look(settings: bpy.types.PropertyGroup, context: bpy.types.Context) ->
 
 _LOOKS = (
     (PERSON_LOOK, "Athletic Wear", "Shirt, shorts, shoes and short hair"),
+    (SHAVEN_LOOK, "Shaven Head", "Athletic wear without hair"),
     (SUIT_LOOK, "Suit", "A tight suit without hair, with exactly the skin that the solver uses"),
     (MANNEQUIN, "Mannequin", "A grey figure with marked joints and no face"),
     (SEGMENTS_LOOK, "Segments", "One colour per body segment, left in blue and right in orange"),

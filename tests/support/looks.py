@@ -9,7 +9,7 @@ import numpy as np
 def look_of(mesh: bpy.types.Object) -> str:
     """Return the look by the materials of the faces: a look's name, ``plain`` for the suit or a body without looks."""
     names = {mesh.material_slots[k].material.name.split(".")[0] for k in used_slots(mesh)}
-    kinds = {"Shirt": "person", "Mannequin": "mannequin", "Left Arm": "segments"}
+    kinds = {"Hair": "person", "Shirt": "shaven", "Mannequin": "mannequin", "Left Arm": "segments"}
     return next((look for name, look in kinds.items() if name in names), "plain")
 
 

@@ -1,4 +1,4 @@
-"""A body has four looks, every face has a material in each, and going back loses nothing."""
+"""A body has five looks, every face has a material in each, and going back loses nothing."""
 
 from __future__ import annotations
 
@@ -16,7 +16,15 @@ from blender_addon._exchange.errors import BodyInvalid
 from blender_addon.body.body_file import BodyFile, default_body_path, read_body
 from blender_addon.body.looks import looks_of, show_look
 from blender_addon.body.rig import Rig, create_rig
-from blender_addon.conventions.naming import LOOKS, MANNEQUIN, PERSON_LOOK, SEGMENTS, SEGMENTS_LOOK, SUIT_LOOK
+from blender_addon.conventions.naming import (
+    LOOKS,
+    MANNEQUIN,
+    PERSON_LOOK,
+    SEGMENTS,
+    SEGMENTS_LOOK,
+    SHAVEN_LOOK,
+    SUIT_LOOK,
+)
 from blender_addon.export.plain_take import plain_copy
 from solver_backend.body.body import load_body
 from tests.support.looks import look_of, shown_colours, used_slots
@@ -105,6 +113,16 @@ def test_hems_are_lines(body: BodyFile) -> None:
     plane = np.linalg.lstsq(np.c_[left[:, [0, 2]], np.ones(len(left))], left[:, 1], rcond=None)[0]
     off = left[:, 1] - np.c_[left[:, [0, 2]], np.ones(len(left))] @ plane
     assert len(left) > 15 and np.abs(off).max() < 0.003
+
+
+def test_a_shaven_head_differs_from_athletic_wear_only_on_the_scalp(body: BodyFile) -> None:
+    (haired, with_hair), (shaven, without) = body.looks[PERSON_LOOK], body.looks[SHAVEN_LOOK]
+    scalp = haired != shaven
+    assert scalp.sum() > 300 and set(haired[scalp]) == {8} and set(shaven[scalp]) == {0}
+    assert (shaven == 8).any(), "the brows stay"
+    grown = np.linalg.norm(with_hair - without, axis=1)
+    assert set(np.flatnonzero(grown > 1e-6)) <= set(np.unique(body.faces[scalp]))
+    assert 0.013 < grown.max() < 0.015, "hair is 14 mm thick"
 
 
 def test_looks_are_mirror_images(body: BodyFile) -> None:
