@@ -109,7 +109,7 @@ def _require_shapes(arrays: dict[str, np.ndarray], path: Path, shapes: dict[str,
 
 _REQUIRED = ("v_template", "shapedirs", "J_regressor", "weights", "kintree_table", "f")
 _BLANK = ("blank_vertices", "blank_offsets")
-_OPTIONAL = ("posedirs", "body_id", "uv", "face_material", "license", *_BLANK)
+_OPTIONAL = ("posedirs", "body_id", "vt", "ft", "face_material", "license", *_BLANK)
 _TEXTS = frozenset({"body_id", "license"})
 _ASSET = Path("assets", "body_neutral.npz")
 _OWN_LICENCE = "CC0-1.0"
@@ -128,7 +128,8 @@ class BodyFile:
     J_regressor: np.ndarray  # (J, V), rows sum to 1.
     weights: np.ndarray  # (V, J), rows sum to 1.
     faces: np.ndarray  # (T, 3) vertex indices.
-    uv: np.ndarray | None = None  # (V, 2) texture coordinates.
+    texture: tuple[np.ndarray, np.ndarray] | None = None
+    """(N, 2) texture coordinates, and (T, 3) indices of the ones of each face, None without a texture map."""
     face_material: np.ndarray | None = None  # (T,) index of each face's material.
     blank_face: tuple[np.ndarray, np.ndarray] | None = None
     """(N,) vertices and their (N, 3) offsets in metres that remove the face, None if the body has no blank face."""
@@ -182,7 +183,7 @@ def _read(path: Path, layout: BodyLayout, state: object) -> BodyFile:
     if _ships_with_us(path):
         arrays, shapes, looks = add_shown(arrays, path.with_name(SHOWN_FILE))
     weights, fields = np.asarray(arrays["weights"], np.float64), Fields(path, arrays)
-    posedirs, uv, material = (arrays.get(key) for key in ("posedirs", "uv", "face_material"))
+    posedirs, material = (arrays.get(key) for key in ("posedirs", "face_material"))
     body = BodyFile(
         id=fields.text("body_id", path.stem),
         v_template=np.asarray(arrays["v_template"], np.float64),
@@ -191,7 +192,7 @@ def _read(path: Path, layout: BodyLayout, state: object) -> BodyFile:
         J_regressor=np.asarray(arrays["J_regressor"], np.float64),
         weights=weights / weights.sum(axis=1, keepdims=True),
         faces=np.asarray(arrays["f"]).astype(np.int64),
-        uv=None if uv is None else np.asarray(uv, np.float64),
+        texture=_texture(arrays),
         face_material=None if material is None else np.asarray(material).astype(np.int64),
         blank_face=_blank_face(arrays),
         looks=looks,
@@ -200,7 +201,7 @@ def _read(path: Path, layout: BodyLayout, state: object) -> BodyFile:
         flat_hands=arrays.get("flat_hands"),
         licence=fields.text("license", _OWN_LICENCE if _ships_with_us(path) else ""),
     )
-    for array in [*vars(body).values(), *(body.blank_face or ())]:
+    for array in [*vars(body).values(), *(body.blank_face or ()), *(body.texture or ())]:
         if isinstance(array, np.ndarray):
             array.flags.writeable = False
     return body
@@ -226,6 +227,17 @@ def _blank_face(arrays: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray] 
     return vertices.astype(np.int64), np.asarray(offsets, np.float32)
 
 
+def _texture(arrays: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray] | None:
+    if not {"vt", "ft"} <= set(arrays) or np.shape(arrays["ft"]) != np.shape(arrays["f"]):
+        return None
+    points, corners = np.asarray(arrays["vt"], np.float64), np.asarray(arrays["ft"]).astype(np.int64)
+    if points.shape[1:] != (2,) or corners.min() < 0 or corners.max() >= len(points) or not np.isfinite(points).all():
+        return None
+    owner = np.zeros(len(points), np.int64)
+    owner[corners] = arrays["f"]
+    return (points, corners) if (owner[corners] == arrays["f"]).all() else None
+
+
 def _ships_with_us(path: Path) -> bool:
     return path.resolve().parts[-len(_ASSET.parts) :] == _ASSET.parts
 
@@ -245,7 +257,6 @@ def _check(arrays: dict[str, np.ndarray], path: Path, layout: BodyLayout) -> Non
         "shapedirs": (vertices, 3, NUM_BETAS),
         "kintree_table": (2, joints),
         "f": (faces, 3),
-        "uv": (vertices, 2),
         "face_material": (faces,),
         "blank_offsets": (len(arrays.get("blank_vertices", ())), 3),
     }

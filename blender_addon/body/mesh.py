@@ -83,10 +83,11 @@ def create_mesh(name: str, body: BodyFile, armature: bpy.types.Object) -> bpy.ty
     """Create the body's mesh with linear blend skinning, as a child of its armature."""
     mesh = bpy.data.meshes.new(name)
     vertices = around_pelvis(body, np.zeros(NUM_BETAS), np.array(armature.data.bones[JOINTS[0]].head_local))
-    polygons, _ = polygons_of(body)
+    polygons, _, uv = polygons_of(body)
     mesh.from_pydata(vertices.tolist(), [], polygons)
     mesh.polygons.foreach_set("use_smooth", np.ones(len(polygons), dtype=bool))
-    _add_uv(mesh, body)
+    if uv is not None:
+        mesh.uv_layers.new(name="UVMap").data.foreach_set("uv", uv.astype(np.float32).ravel())
     mesh.update()
     _drop_defaults(mesh)
     obj = bpy.data.objects.new(name, mesh)
@@ -104,11 +105,18 @@ def _face_materials(body: BodyFile) -> np.ndarray:
 
 
 @once_a_body
-def polygons_of(body: BodyFile) -> tuple[list[list[int]], np.ndarray]:
-    """Return the body's polygons and their (L, P) materials in each look."""
+def polygons_of(body: BodyFile) -> tuple[list[list[int]], np.ndarray, np.ndarray | None]:
+    """Return the body's polygons, their (L, P) materials in each look, and the (C, 2) texture coordinates of corners.
+
+    Polygons consist of texture points, so that none crosses a seam.
+    """
     kinds, kind = np.unique(_face_materials(body), axis=1, return_inverse=True)
-    polygons, kind = pair_triangles(body.v_template, body.faces, kind.ravel())
-    return polygons, kinds[:, kind]
+    points, corners = body.texture or (None, body.faces)
+    owner = np.zeros(int(corners.max()) + 1, np.int64)
+    owner[corners] = body.faces
+    polygons, kind = pair_triangles(body.v_template[owner], corners, kind.ravel())
+    uv = None if points is None else points[np.concatenate(polygons)]
+    return [owner[polygon].tolist() for polygon in polygons], kinds[:, kind], uv
 
 
 def positions(points: bpy.types.bpy_prop_collection) -> np.ndarray:
@@ -123,15 +131,6 @@ def _drop_defaults(mesh: bpy.types.Mesh) -> None:
     for name in (".select_vert", ".select_edge", ".select_poly", "sharp_face"):
         if (attribute := mesh.attributes.get(name)) is not None:
             mesh.attributes.remove(attribute)
-
-
-def _add_uv(mesh: bpy.types.Mesh, body: BodyFile) -> None:
-    if body.uv is None:
-        return
-    corner = np.empty(len(mesh.loops), np.int32)
-    mesh.loops.foreach_get("vertex_index", corner)
-    layer = mesh.uv_layers.new(name="UVMap")
-    layer.data.foreach_set("uv", body.uv[corner].astype(np.float32).ravel())
 
 
 def _add_weights(obj: bpy.types.Object, body: BodyFile) -> None:

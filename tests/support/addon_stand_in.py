@@ -78,7 +78,8 @@ def write_body(path: Path, *, body_id: str = "stand_in") -> Path:
     np.savez(
         path, v_template=v, shapedirs=shapedirs, posedirs=1e-4 * rng.normal(size=(len(v), 3, 207)),
         J_regressor=regressor, weights=np.array(weights), f=np.array(faces), body_id=np.array(body_id),
-        kintree_table=np.array([[4294967295, *PARENTS[1:]], range(NUM_JOINTS)]), uv=v[:, :2] / 2,
+        kintree_table=np.array([[4294967295, *PARENTS[1:]], range(NUM_JOINTS)]), vt=v[:, :2] / 2,
+        ft=np.array(faces),
         face_material=np.array(materials),
     )  # fmt: skip
     return path
