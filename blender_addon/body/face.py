@@ -1,4 +1,4 @@
-"""Add the face of the bundled body: shape keys with ARKit's 52 names, and bones for jaw, eyes and upper lids.
+"""Add the face: shape keys with ARKit's 52 names, and bones for jaw, eyes and upper lids.
 
 Bones and keys add up. A bone takes its skin from a facial shape: the weight of a vertex is the length of its movement
 in the shape, relative to its movement with the bone.
@@ -28,7 +28,7 @@ _LENGTH_M, _SIZE_M = 0.02, 0.006  # Length of the bones, and half the size of th
 
 
 class _FaceBone(NamedTuple):
-    """A bone of the face. Points are in the mean body's frame, relative to the head's joint, in metres."""
+    """A bone of the face. Points are relative to the mean body's head joint, in metres."""
 
     shape: str  # Facial shape with the skin of the bone.
     turn_deg: tuple[float, float, float]  # Rotation vector of the bone at the shape's value 1.
@@ -62,7 +62,7 @@ def face_bones(armature: bpy.types.Object) -> list[str]:
 
 
 def add_face_shapes(mesh: bpy.types.Object, body: BodyFile) -> int:
-    """Add the body's facial shapes as keys with ARKit's names, at 0. Return the number of new keys."""
+    """Add the facial shapes as keys with ARKit's names, and return the number of new ones."""
     keys = mesh.data.shape_keys
     rest, new = positions(keys.reference_key.points), [name for name in body.face_shapes if name not in keys.key_blocks]
     if body.face_shapes and len(rest) != len(body.v_template):
@@ -77,7 +77,10 @@ def add_face_shapes(mesh: bpy.types.Object, body: BodyFile) -> int:
 
 
 def add_face_bones(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile) -> None:
-    """Add the bones of the face to a body in its current shape, unless it has them. Blender must be in object mode."""
+    """Add the bones of the face to a body in its current shape, unless it has them.
+
+    Blender must be in object mode.
+    """
     if any(name in armature.data.bones for name in _BONES):
         return
     betas, head = get_betas(mesh), JOINTS.index(_HEAD)
