@@ -333,7 +333,7 @@ def test_limbs_that_are_missing_are_a_warning(tmp_path: Path, known: KnownMotion
     assert lacking["severity"] == "warning" and lacking["values"]["parts"] == ["left arm", "right arm"]
     resting = read_motion(out).resting
     assert resting is not None and resting[:, [18, 19, 20, 21, 22, 23]].all() and not resting[:, :18].any()
-    assert any("bones of the arms are ambiguous" in note for note in result["notes"])
+    assert [note for note in result["notes"] if "ambiguous" in note] == ["The bones of the arms are ambiguous."]
     assert any("No joints were found for" in problem for problem in result["problems"])
     assert (
         main(

@@ -285,12 +285,13 @@ def _roles(skeleton: Skeleton, where: str) -> tuple[dict[str, str], list[Diagnos
         parents = {name: skeleton.names[p] for name, p in zip(skeleton.names, skeleton.parents, strict=True) if p >= 0}
         named = guess_roles(skeleton.names, parents)
         guess = replace(guess, roles=named if is_plausible(named, skeleton) else {})
+    doubts = [doubt.partition(".")[0] for doubt in guess.doubts]  # the table of the second sentence is for rigs
     if set(_NEEDED) <= guess.roles.keys():
-        unclear = [diagnostic("motion_skeleton_unclear", doubt=doubt.removesuffix(".")) for doubt in guess.doubts]
+        unclear = [diagnostic("motion_skeleton_unclear", doubt=doubt) for doubt in doubts]
         return guess.roles, [*_missing(guess.roles), *unclear]
     missing = [role for role in _NEEDED if role not in guess.roles]
-    message = " ".join(guess.doubts) or "Its joints do not form a person."
-    hint = f"{message} At least a pelvis and two whole legs are needed."
+    message = ". ".join(doubts) or "Its joints do not form a person"
+    hint = f"{message}. At least a pelvis and two whole legs are needed, with names such as Hips and LeftLeg."
     raise MotionInvalid(f"No joints were found for {', '.join(missing)}.", where=where, hint=hint)
 
 
