@@ -437,8 +437,10 @@ def read_trc(path: Path) -> MarkerSource:
         raise FileDamaged(what, where=str(path), hint="Export the file again.")
     names, header = _line_of("datarate", lines[:at]), {}
     if names is not None and names + 1 < at:
-        pairs = zip(_cells(lines[names]), _cells(lines[names + 1]), strict=False)
-        header = {name.lower(): value for name, value in pairs}
+        of, values = _cells(lines[names]), _cells(lines[names + 1])
+        given = [value for value in values if value]  # doubled tabs leave empty cells between them
+        values = given if len(given) == len(list(filter(None, of))) else values
+        header = {name.lower(): value for name, value in zip(of, values, strict=False)}
     labels = _labels(lines[at])
     first = next((i for i in range(at + 1, len(lines)) if is_number(_cells(lines[i])[0])), len(lines))
     rows = [line.split("\t") if "\t" in line else line.split() for line in lines[first:] if line.strip()]

@@ -114,8 +114,9 @@ def test_labels_between_other_numbers_of_tabs(tmp_path: Path) -> None:
 
 def test_doubled_tabs_between_numbers(tmp_path: Path) -> None:
     lines = [row.replace("\t", "\t\t") for row in rows()]
-    found = read(write(tmp_path / "t.trc", lines))
+    found = read(write(tmp_path / "t.trc", lines, values="100\t\t100\t\t4\t\t2\t\tmm\t100\t1\t4"))
     np.testing.assert_allclose(found.cloud.positions[0], EXPECTED, atol=1e-12)
+    assert not found.problems and "as the file states" in " ".join(words(found.notes))
 
 
 def test_spaces_instead_of_tabs(tmp_path: Path) -> None:
