@@ -64,7 +64,7 @@ class Coordinates:
     """N coordinates in F frames."""
 
     names: tuple[str, ...]
-    values: np.ndarray  # (F, N) degrees, and metres for the pelvis's position.
+    values: np.ndarray  # (F, N) degrees, metres for the pelvis's position, radians for the kneecaps.
 
 
 def coordinates(posed: PosedSegments) -> Coordinates:
@@ -83,9 +83,9 @@ def coordinates(posed: PosedSegments) -> Coordinates:
             if name:
                 names.append(f"{name}_{side[0]}" if side else name)
                 columns.append(np.degrees(sign * angle))
-                if name == "knee_angle":  # The kneecap's coordinate, which a constraint of the models ties to it.
+                if name == "knee_angle":  # A constraint ties the kneecap to it. OpenSim converts no such degrees.
                     names.append(f"knee_angle_{side[0]}_beta")
-                    columns.append(columns[-1])
+                    columns.append(sign * angle)
     names, columns = [*names[3:6], *names[:3], *names[6:]], [*columns[3:6], *columns[:3], *columns[6:]]
     return Coordinates(tuple(names), np.stack(columns, axis=-1))
 

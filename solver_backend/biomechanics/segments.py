@@ -9,9 +9,11 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.finger_joints import FIRST_FINGER
+from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.arrays import Array, array_namespace, identity
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.small_matrices import unit, unpacked
@@ -140,8 +142,6 @@ def anatomical_frames(
         worn: (3,) offset in the rest frame from the body's landmark to the person's, in metres, by location.
     """
     right, up, forward = -np.eye(3)[0], np.eye(3)[1], np.eye(3)[2]
-    if "SACR" in worn:  # It is between the posterior spines.
-        worn = {"LBWT": worn["SACR"], "RBWT": worn["SACR"], **worn}
     if not worn.keys() >= set(_PELVIS_PLACES):  # A plane that moves at one edge alone would tilt.
         worn = {place: offset for place, offset in worn.items() if place not in _PELVIS_PLACES}
     at, skin = _centres(body, betas, worn), _skin(body, betas, _TRUNK_PLACES, worn)
@@ -170,10 +170,16 @@ def anatomical_frames(
 
 
 def worn_offsets(motion: Motion) -> dict[str, np.ndarray]:
-    """Return the (3,) offset of each marker from its location on the body in metres."""
-    return (
-        {} if motion.layout is None or motion.offsets is None else dict(zip(motion.layout, motion.offsets, strict=True))
-    )
+    """Return the (3,) offset of each marker from its location on the body in metres.
+
+    A marker on the sacrum also counts as both posterior iliac spines.
+    """
+    if motion.layout is None or motion.offsets is None:
+        return {}
+    worn = dict(zip(motion.layout, motion.offsets, strict=True))
+    if "SACR" in worn:  # It is between the posterior spines.
+        worn = {"LBWT": worn["SACR"], "RBWT": worn["SACR"], **worn}
+    return worn
 
 
 def _centres(body: Body, betas: np.ndarray, worn: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -250,6 +256,9 @@ def _hinge_turn(upper: np.ndarray, forearm: np.ndarray, sign: float) -> np.ndarr
 def posed_segments(motion: Motion, body: Body) -> PosedSegments:
     """Return the segments of a motion.
 
+    With markers on all iliac spines, the pelvis is the rigid body that best fits the spines of the posed skin. The
+    bone does not bend with the hips, as the skin does. In squats, the pelvis joint is 10 degrees off (``squats1``).
+
     Raises:
         MotionInvalid: the body is not the motion's, or has other joints than the SMPL family.
     """
@@ -263,11 +272,17 @@ def posed_segments(motion: Motion, body: Body) -> PosedSegments:
     local[:, own] = motion.body_pose.reshape(motion.num_frames, -1, 3)
     turned = exp_so3(local[:, : max(own) + 1].astype(np.float64))
     root, betas = exp_so3(motion.global_orient.astype(np.float64)), motion.betas.astype(np.float64)
-    posed = forward_kinematics(body, betas, root, turned, motion.transl.astype(np.float64))
-    frames = anatomical_frames(body, betas, worn_offsets(motion))
+    transl, worn = motion.transl.astype(np.float64), worn_offsets(motion)
+    posed = forward_kinematics(body, betas, root, turned, transl)
+    frames = anatomical_frames(body, betas, worn)
     number = {segment: names.index(joint) for segment, (_, joint) in SEGMENTS.items()}
     ground = WORLD_TO_GROUND @ _quarter_turn(posed.G[:, names.index("pelvis"), :2, 2].mean(axis=0))
     rotations = {segment: ground @ posed.G[:, j] @ frames[segment] for segment, j in number.items()}
+    if worn.keys() >= set(_PELVIS_PLACES):
+        rest = np.stack([*_skin(body, betas, _PELVIS_PLACES, worn).values()])
+        places, moved = marker_landmarks(body, _PELVIS_PLACES), np.stack([worn[name] for name in _PELVIS_PLACES])
+        skin = pose_landmarks(body, places, betas, root, turned, transl, offsets=moved).points
+        rotations["pelvis"] = ground @ umeyama(np.broadcast_to(rest, skin.shape), skin)[1] @ frames["pelvis"]
     for side in ("left", "right"):
         arm = f"{side}_upper_arm"
         turn = _hinge_turn(rotations[arm], rotations[f"{side}_forearm"], 1.0 if side == "left" else -1.0)

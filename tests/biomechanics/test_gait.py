@@ -19,7 +19,7 @@ from solver_backend.io.load import load_capture
 from solver_backend.io.native.motion_file import write_motion
 from solver_backend.report.biomechanics import _gait_table
 from solver_backend.types import FLAG_UNSEEN, MarkerCloud
-from tests.biomechanics.agreement import PIG, step_errors
+from tests.biomechanics.agreement import NEAR_S, STEPS, step_errors, steps
 from tests.support.still_pose import still
 
 FPS, PERIOD, STANCE, SPEED = 100.0, 1.1, 0.6, 1.3
@@ -68,6 +68,20 @@ def test_a_simulated_walk_has_its_times_and_lengths():
         assert stride.time_s == pytest.approx(PERIOD, abs=0.01) and stride.speed_m_s == pytest.approx(SPEED, rel=0.02)
         assert stride.stance_percent == pytest.approx(100 * STANCE, abs=4)
         assert stride.length_m == pytest.approx(SPEED * PERIOD, rel=0.02)
+
+
+@pytest.mark.parametrize(("raised", "count"), [(0.0, 4), (0.2, 0)])
+def test_a_heel_that_glides_over_the_floor_strikes_where_it_stops(raised, count):
+    posed, cloud = walked()
+    points = cloud.positions.copy()
+    points[..., 2] = 0.0  # A shuffle: the feet do not leave the floor.
+    if raised:  # The same swing ends in the air, and the foot stays there.
+        points[:, (0, 3), 2] = raised * (np.arange(600) > 150)[:, None]
+    gait = find_gait(posed, replace(cloud, positions=points))
+    for side, delay in (("right", 0.0), ("left", PERIOD / 2)):
+        found = gait.strikes[side][gait.strikes[side] > 1.5]
+        assert len(found) >= count and (count or not len(found[found < 2.5]))
+        assert max((np.abs(delay + PERIOD * np.arange(8) - t).min() for t in found if count), default=0.0) < 0.04
 
 
 def test_steps_in_interpolated_frames_are_left_out():
@@ -138,13 +152,15 @@ def test_mean_curves_are_means_over_the_cycles():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("take", ["PiG_Motion-FlatFoot-Full", "FunctionalWalk"])
-def test_steps_agree_with_force_plates(shared_data, take):
+@pytest.mark.parametrize(
+    ("take", "median_s"), [("PiG_Motion-FlatFoot-Full", 0.010), ("FunctionalWalk", 0.010), ("PlugInC3D", 0.018)]
+)
+def test_steps_agree_with_force_plates(shared_data, take, median_s):
     """Takes on which no constant was chosen."""
     pytest.importorskip("ezc3d")
-    path = shared_data / PIG[take]
-    errors = [seconds for _, seconds in step_errors(solve(load_capture(path)).motion, path)]
-    assert len(errors) >= 4 and np.median(errors) < 0.010 and max(errors) < 0.020
+    errors = step_errors(steps(solve(load_capture(shared_data / STEPS[take])).motion), shared_data / STEPS[take])
+    offs = [abs(seconds) for _, seconds, _ in errors]
+    assert len(offs) >= 4 and np.median(offs) < median_s and sum(off > NEAR_S for off in offs) <= (take == "PlugInC3D")
 
 
 def test_steps_are_events_of_the_c3d_file_and_rows_of_the_tables(tmp_path, monkeypatch, capsys):

@@ -16,7 +16,7 @@ from solver_backend.biomechanics.joint_angles import (
     isb_angles,
     successive_turns,
 )
-from solver_backend.biomechanics.open_sim import RULES
+from solver_backend.biomechanics.open_sim import RULES, virtual_markers
 from solver_backend.biomechanics.segments import posed_segments, without_fingers
 from solver_backend.body.body import load_body
 from solver_backend.exchange.body_layout import SMPL
@@ -119,6 +119,24 @@ def test_angles_do_not_depend_on_the_heading_and_sides_are_mirrored():
         if name.startswith("left_"):
             other_side = other.column(name.replace("left_", "right_"))
             assert np.abs(first.degrees[:, k] - other_side).max() < 1.5, name  # the body's skin is not exactly even
+
+
+def test_the_pelvis_follows_the_spines_of_a_squatting_person():
+    """The skin over the spines bends with the hips. Markers on it move the fitted pelvis joint, but not the bone."""
+    bend, places = [-1.8, 0.0, 0.0], ("LFWT", "RFWT", "LBWT", "RBWT")
+    squat, body = still(left_hip=bend, right_hip=bend), load_body()
+    worn = replace(squat, layout=places, offsets=np.zeros((4, 3)))
+    tilts = []
+    for motion in (squat, worn, replace(worn, body_pose=np.zeros_like(squat.body_pose))):
+        posed = posed_segments(motion, body)
+        cloud = virtual_markers(motion, body, posed)
+        front, back = (sum(cloud.positions[0, cloud.labels.index(s + n)] for s in "LR") for n in ("ASI", "PSI"))
+        rise = np.degrees(np.arctan2((front - back)[2], np.hypot(*(front - back)[:2])))
+        tilts.append((isb_angles(posed).column("pelvis_tilt")[0], rise))
+    joint, spines, standing = tilts
+    assert joint[0] == pytest.approx(standing[0], abs=0.01)
+    assert spines[0] - standing[0] == pytest.approx(spines[1] - standing[1], abs=0.5)
+    assert abs(spines[0] - standing[0]) > 3.0
 
 
 def test_a_motion_with_fingers_has_the_same_angles():

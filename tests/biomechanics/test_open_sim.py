@@ -48,6 +48,7 @@ def test_files_are_written_once_and_read_back(tmp_path, capsys):
     columns = read_mot(folder / "walk.mot")
     assert columns["time"][-1] == pytest.approx(0.39) and columns["pelvis_tx"][-1] - columns["pelvis_tx"][0] > 0.99
     assert np.ptp(columns["hip_flexion_r"]) == pytest.approx(np.degrees(0.8), abs=1.0)
+    assert columns["knee_angle_r_beta"] == pytest.approx(np.radians(columns["knee_angle_r"]), abs=1e-6)  # As OpenSim.
     cloud = read_markers(folder / "walk_markers.trc").cloud
     posed = posed_segments(motion, load_body())
     names = list(cloud.labels)
@@ -101,7 +102,7 @@ def test_legs_agree_with_the_inverse_kinematics_of_a_recording(shared_data, take
     folder = shared_data / "markers" / "nimble" / "Subject4"
     motion = solve(load_capture(folder / "MarkerData" / f"{take}.trc")).motion
     rms = {name: off for name, off, *_ in inverse_kinematics(motion, folder / "IK" / f"{take}_ik.mot")}
-    for name, most in {"hip_flexion": 2.5, "knee_angle": 2.5, "hip_adduction": 4.0}.items():
+    for name, most in {"hip_flexion": 2.5, "knee_angle": 3.0, "hip_adduction": 4.0}.items():
         assert max(rms[f"{name}_l"], rms[f"{name}_r"]) < most, name
 
 
@@ -122,8 +123,8 @@ def test_opensim_has_the_coordinates_and_its_segments_are_ours(opensim):
     found, centre = coordinates(posed), {}
     for k in range(0, motion.num_frames, 5):
         for name, value in zip(found.names, found.values[k], strict=True):
-            metres = name in ("pelvis_tx", "pelvis_ty", "pelvis_tz")
-            model.updCoordinateSet().get(name).setValue(state, value if metres else np.radians(value), False)
+            kept = name in ("pelvis_tx", "pelvis_ty", "pelvis_tz") or name.endswith("beta")
+            model.updCoordinateSet().get(name).setValue(state, value if kept else np.radians(value), False)
         model.realizePosition(state)
         for label, body in (("hip", "femur"), ("knee", "tibia"), ("ankle", "talus"), ("shoulder", "humerus"),
                             ("elbow", "ulna"), ("wrist", "hand")):  # fmt: skip
@@ -141,6 +142,35 @@ def test_opensim_has_the_coordinates_and_its_segments_are_ours(opensim):
             ours = ((posed.joints[f"{side}_{lower}"] - posed.joints[f"{side}_{upper}"]) @ posed.ground.T)[::5]
             cosine = (theirs * ours).sum(1) / np.linalg.norm(theirs, axis=1) / np.linalg.norm(ours, axis=1)
             assert np.degrees(np.arccos(cosine)).max() < most, (side, upper)
+
+
+def test_the_motion_file_opens_and_moves_the_model(opensim, tmp_path):
+    """OpenSim reads the file as a motion of the model, and its joint centres move as ours do."""
+    motion = walk()
+    write_motion(tmp_path / "walk.npz", motion)
+    assert main(["motion export", str(tmp_path / "walk.npz"), "--out", str(tmp_path)]) == 0
+    model, storage = opensim.Model(os.environ["MOCAP_OPENSIM_MODEL"]), opensim.Storage(str(tmp_path / "walk.mot"))
+    state, places = model.initSystem(), []
+    model.getSimbodyEngine().convertDegreesToRadians(storage)
+    assert storage.getSize() == motion.num_frames
+    for k in range(motion.num_frames):
+        row = storage.getStateVector(k).getData()
+        for i in range(row.size()):
+            model.updCoordinateSet().get(storage.getColumnLabels().get(i + 1)).setValue(state, row.get(i), False)
+        knee, kneecap = (
+            model.getCoordinateSet().get(name).getValue(state) for name in ("knee_angle_r", "knee_angle_r_beta")
+        )
+        assert kneecap == pytest.approx(knee, abs=1e-6)
+        model.realizePosition(state)
+        points = [model.getBodySet().get(name).getPositionInGround(state) for name in ("pelvis", "calcn_l")]
+        places.append([[p.get(i) for i in range(3)] for p in points])
+    pelvis, heel = np.moveaxis(np.array(places), 1, 0)
+    posed = posed_segments(motion, load_body())
+    ours = [posed.joints[name] @ posed.ground.T for name in ("pelvis", "left_ankle")]
+    assert np.abs((pelvis - pelvis[0]) - (ours[0] - ours[0][0])).max() < 0.005
+    assert np.ptp(heel - pelvis, axis=0)[0] > 0.3
+    ways = [np.linalg.norm(np.diff(points, axis=0), axis=1).sum() for points in (heel - pelvis, ours[1] - ours[0])]
+    assert ways[0] == pytest.approx(ways[1], rel=0.15)
 
 
 @pytest.mark.slow
