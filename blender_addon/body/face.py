@@ -36,24 +36,14 @@ class _FaceBone(NamedTuple):
     control: tuple[float, float, float]  # Place of its control, in front of the skin.
 
 
-_JAW = _FaceBone("jawOpen", (19.0, 0.0, 0.0), (0.0, 0.040, 0.014), (0.0, -0.025, 0.125))  # As in ``_EYES``.
-_EYES = {
-    "eye": _FaceBone("eyeLookOut{}", (0.0, 25.0, 0.0), (0.0322, 0.0740, 0.0863), (0.032, 0.074, 0.130)),
-    "eyelid": _FaceBone("eyeBlink{}", (24.4, 0.0, 0.0), (0.0322, 0.0740, 0.0863), (0.032, 0.090, 0.125)),
+_BONES = {
+    "jaw": _FaceBone("jawOpen", (19.0, 0.0, 0.0), (0.0, 0.040, 0.014), (0.0, -0.025, 0.125)),
+    "left_eye": _FaceBone("eyeLookOutLeft", (0.0, 25.0, 0.0), (0.0322, 0.074, 0.0863), (0.032, 0.074, 0.13)),
+    "right_eye": _FaceBone("eyeLookOutRight", (0.0, -25.0, 0.0), (-0.0322, 0.074, 0.0863), (-0.032, 0.074, 0.13)),
+    "left_eyelid": _FaceBone("eyeBlinkLeft", (24.4, 0.0, 0.0), (0.0322, 0.074, 0.0863), (0.032, 0.09, 0.125)),
+    "right_eyelid": _FaceBone("eyeBlinkRight", (24.4, 0.0, 0.0), (-0.0322, 0.074, 0.0863), (-0.032, 0.09, 0.125)),
 }
-"""Bones on the left. Rotations and pivots are the ones of ``assets_procedural.detail.expressions``."""
-
-
-def _bones() -> dict[str, _FaceBone]:
-    found, flip = {"jaw": _JAW}, np.array([-1.0, 1.0, 1.0])
-    for kind, bone in _EYES.items():
-        found[f"left_{kind}"] = bone._replace(shape=bone.shape.format("Left"))
-        points = [(flip * point).tolist() for point in (bone.pivot, bone.control)]
-        found[f"right_{kind}"] = _FaceBone(bone.shape.format("Right"), tuple(-flip * bone.turn_deg), *points)
-    return found
-
-
-_BONES = _bones()
+"""Rotations and pivots are the ones of ``assets_procedural.detail.expressions``."""
 
 
 def face_bones(armature: bpy.types.Object) -> list[str]:

@@ -39,7 +39,7 @@ STAGES = {
     ),
 }  # fmt: skip
 """Where a button stands, by a part of what it does; several stages where each has it."""
-_TO_THE_TOP, _PAGE, _PAGES = -90, 8, 14  # Turns of the wheel to the top and for a page, and pages at most.
+_TO_THE_TOP, _PAGE, _PAGES = -90, 5, 22  # Turns of the wheel to the top and for a page, and pages at most.
 
 
 class User(Hands):
