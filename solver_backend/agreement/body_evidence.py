@@ -7,15 +7,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.agreement.evidence import TakeEvidence, count_in_bins, expected_density, fit_noise
-from solver_backend.agreement.reading import Pose, Reading
+from solver_backend.agreement.evidence import (
+    MOVED,
+    SCALES,
+    UNRELATED_OUTLIERS,
+    TakeEvidence,
+    count_in_bins,
+    expected_density,
+    fit_noise,
+)
+from solver_backend.agreement.reading import ENOUGH, Pose, Reading
 from solver_backend.cameras.refinement import resected
 from solver_backend.exchange.lens import DEFAULT_MODEL
 from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.types import Cameras
 
-LEAST_BONE_NOISE, UNRELATED_BONES, BONE_OUTLIERS = 0.03, 0.35, 0.3
-"""Standard deviations of log bone lengths (smallest, and for non-rigid bones), and the outliers' rate and density."""
+LEAST_BONE_NOISE, UNRELATED_BONES = 0.03, 0.35
+"""Standard deviations of log bone lengths: smallest, and for non-rigid bones. Outliers have the rate and the density
+``UNRELATED_OUTLIERS``."""
 BONES = (
     ("shoulder", "hip", 0.50), ("hip", "knee", 0.42), ("knee", "ankle", 0.42), ("shoulder", "elbow", 0.29),
     ("elbow", "wrist", 0.25), ("ankle", "big_toe", 0.18),
@@ -32,7 +41,6 @@ LEVEL_CONCENTRATION, LEVEL_OUTLIERS = 4.0, 0.03
 """Concentration of the trunk's direction in upright images (von Mises), and share of tilted cameras."""
 FORWARD_WRONG = 0.01  # Probability that a joint is defined on the wrong side of the body.
 BENT = 0.06  # Knees bent by less (metres at usual stature) may be behind the line from hip to ankle.
-SAME_BODY = 0.04  # Largest distance between equal bodies, relative to body height.
 
 
 @dataclass(frozen=True)
@@ -59,7 +67,7 @@ class BodyEvidence:
         U, S, Vt = np.linalg.svd(b.T @ a)
         signs = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
         fit = (S * signs).sum() / max((b**2).sum(), 1e-12) * b @ (U * signs) @ Vt
-        return bool(np.median(np.linalg.norm(fit - a, axis=-1)) < SAME_BODY * self.height)
+        return bool(np.median(np.linalg.norm(fit - a, axis=-1)) < MOVED * self.height)
 
 
 def judge_body(evidence: TakeEvidence, reading: Reading, effect: float | None = None) -> BodyEvidence:
@@ -119,12 +127,12 @@ def _rigid(evidence: TakeEvidence, off: np.ndarray) -> tuple[float, float]:
     The log-likelihood of a single pose is 0.
     """
     counts = count_in_bins(off.T.reshape(1, *off.T.shape), evidence.weight[:, None])
-    noise = fit_noise(counts, LEAST_BONE_NOISE, BONE_OUTLIERS)
+    noise = fit_noise(counts, LEAST_BONE_NOISE, UNRELATED_OUTLIERS)
     z = evidence.per_pose(np.nan_to_num(np.clip(off / noise.sigma[0], -3, 3)), 1)
     effect = max(1.0, float((z.sum(0) ** 2).sum() / max(z.size, 1)))
     count = float((np.isfinite(off) * evidence.weight).sum()) * (evidence.poses - 1) / max(evidence.poses, 1)
     shared = 1 if evidence.views == 2 else 2  # with more views the same errors already show between views
-    unrelated = expected_density(UNRELATED_BONES, BONE_OUTLIERS, BONE_OUTLIERS)
+    unrelated = expected_density(UNRELATED_BONES, UNRELATED_OUTLIERS, UNRELATED_OUTLIERS)
     return float((noise.density[0] - unrelated) * count / shared), effect
 
 
@@ -233,11 +241,6 @@ def _meeting_points(rows: np.ndarray, weight: np.ndarray, matrices: np.ndarray) 
     return X, np.einsum("vac,pjc->vpja", matrices[:, :, :3], X) + matrices[:, None, None, :, 3]
 
 
-LEAST_POINTS = 24  # Fewest points for fitting a pose.
-MATERIAL = 0.05  # A camera counts as moved if it sees the person this far (median) off the prediction, in person sizes.
-SCALES = 0.3, 0.1, 0.03  # Scales of the robust weights, in person sizes.
-
-
 def refit_pose(evidence: TakeEvidence, reading: Reading, view: int, *, turned: bool = False) -> Pose | None:
     """Fit the pose of a view to the others' points, or return None if it already fits."""
     points, _ = triangulate_rays(evidence, replace(reading, left_out=(*reading.left_out, view)))
@@ -246,13 +249,14 @@ def refit_pose(evidence: TakeEvidence, reading: Reading, view: int, *, turned: b
     R, t = evidence.pose_of(pose_key)
     known = np.isfinite(points).all(-1) & np.isfinite(seen.rays).all(-1)
     X, rays = points[known], seen.rays[known]
-    if len(X) < LEAST_POINTS or np.median(_distances(R, t, X, rays, seen.size)) < MATERIAL:
+    if len(X) < ENOUGH or np.median(_distances(R, t, X, rays, seen.size)) < MOVED:
         return None
     starts = [(R, t), _turned(R, t, X, rays)]
     if turned:
         R, t = starts[1]
     else:
-        plain = _unit_camera(evidence.cameras.subset([points_key[1]]))
+        camera = evidence.cameras.subset([points_key[1]])
+        plain = replace(camera, K=np.eye(3)[None], distortion=np.zeros_like(camera.distortion), models=(DEFAULT_MODEL,))
         first = [_fit(replace(plain, R=R[None], t=t[None]), X, rays, seen.size, SCALES[:1]) for R, t in starts]
         best = min(first, key=lambda c: float(np.median(_distances(c.R[0], c.t[0], X, rays, seen.size))))
         fitted = _fit(best, X, rays, seen.size, SCALES[1:])
@@ -279,10 +283,6 @@ def _turned(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray) -> tu
         off = np.linalg.norm(seen - ways @ turned.T, axis=-1)
         near = off <= 3 * np.median(off)
     return turned, np.negative(turned) @ place
-
-
-def _unit_camera(camera: Cameras) -> Cameras:
-    return replace(camera, K=np.eye(3)[None], distortion=np.zeros_like(camera.distortion), models=(DEFAULT_MODEL,))
 
 
 def _fit(camera: Cameras, X: np.ndarray, rays: np.ndarray, size: float, scales: Sequence[float]) -> Cameras:

@@ -91,12 +91,9 @@ def count_in_bins(distance: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def fit_noise(counts: np.ndarray, least: float = LEAST_NOISE, outlier_density: float = OUTLIER_DENSITY) -> Noise:
-    """Fit the noise of N sets of distances by expectation maximisation from two initial values.
+    """Fit the noise of N sets of distances, given by (N, BINS) weights, from two initial values.
 
-    Args:
-        counts: (N, BINS) weights per bin, see ``count_in_bins``.
-
-    Reference: Dempster, Laird and Rubin 1977.
+    Expectation maximisation (Dempster, Laird and Rubin 1977).
     """
     total = np.maximum(counts.sum(1), 1e-9)
     cumulated = np.cumsum(counts, axis=1) / total[:, None]
@@ -120,14 +117,17 @@ BOUND = 6.0  # Smallest lead of an explanation over every other one, in nats: od
 BLOCKS = 8  # Number of time blocks with independent errors.
 SIGMAS = 3.0  # Significant difference in standard deviations: 0.3 % of normal errors exceed it.
 MOST_ROUNDS = 40  # Largest number of iterations.
+SCALES = 0.3, 0.1, 0.03  # Decreasing scales of robust weights, in person sizes.
+STRIDE = 3  # Frames between compared delays, and shortest delay that the search of readings considers.
 LEAST_CAMERAS = 3  # Two views have only one pair of epipolar lines and agree by chance too easily.
 POSES, FRAMES, SAMPLED_FRAMES = 40, 120, 300
 """Largest numbers of independent poses, of frames with likelihoods, and of frames for measuring delays."""
-MOVED = 0.04  # Smallest distance between two independent poses, in person sizes.
+MOVED = 0.04
+"""Smallest distance in person sizes between independent poses or different bodies, and to where a moved camera sees the
+person. It is also the scale of matching frames, about 6 cm."""
 EACH, NEIGHBOURS = 8, 3  # Up to this number of cameras all pairs are compared, beyond it neighbours on either side.
 _BODY = ("nose", "eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "big_toe", "heel")
 _FAR = 5.0  # Largest coordinate of a keypoint on the unit plane.
-_BATCH = 256  # Interpretations of a pair of views in memory at once.
 
 PointsKey = tuple[int, int, PictureReading, bool, int]
 """View, calibrated camera, image interpretation, swapped sides, delay in frames."""
@@ -144,25 +144,15 @@ class ViewRays:
     outside: float  # Share of the keypoints outside the image.
 
 
-def body_columns(names: Sequence[str]) -> np.ndarray:
-    """Return the columns of the keypoints to compare."""
-    wanted = {"nose", *(f"{side}_{part}" for part in _BODY[1:] for side in ("left", "right"))}
-    return np.array([k for k, name in enumerate(names) if name in wanted], int)
-
-
 class TakeEvidence:
     """Distances between the views for any interpretation, with cached statistics of pairs."""
 
     def __init__(self, cameras: Cameras, detections: Detections) -> None:
-        """Choose the frames to compare.
-
-        Args:
-            cameras: A calibrated cameras of the file.
-            detections: all people in C views. The largest person of each image is used.
-        """
+        """Choose the frames to compare. The largest person of each image in C views is used."""
         self.cameras, self.joint_set = cameras, detections.joint_set
         names = detections.joint_set.keypoints
-        columns = body_columns(names)
+        wanted = {"nose", *(f"{side}_{part}" for part in _BODY[1:] for side in ("left", "right"))}
+        columns = np.array([k for k, name in enumerate(names) if name in wanted], int)
         self.names = [names[k] for k in columns]
         self._mirror = [self.names.index(names[detections.joint_set.mirrored()[k]]) for k in columns]
         self._xy = main_person(detections, every_keypoint=True)[..., columns, :]
@@ -171,8 +161,9 @@ class TakeEvidence:
         self.frames, self.pose = independent_poses(self._xy, self.person_px)
         self.pairs = compared_pairs(self.views, EACH, NEIGHBOURS)
         self.suspects = tuple(range(self.views))  # Views that may have a fault.
-        self._cameras: dict[int, Cameras] = {}
+        self._cameras = [cameras.subset([owner]) for owner in range(len(cameras))]
         self._windows: dict[tuple[int, Window], tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+        """Scale and offset of pixels in a part of the image, and the size of that part before any rotation."""
         self._poses: dict[PoseKey, tuple[np.ndarray, np.ndarray]] = {}
         self._points: dict[PointsKey, ViewRays] = {}
         self._numbers: dict[ViewKey, int] = {}
@@ -213,12 +204,15 @@ class TakeEvidence:
             self._read(view, owner, wanted)
 
     def _read(self, view: int, owner: int, keys: Sequence[PointsKey]) -> None:
-        camera = self._camera(owner)
+        camera = self._cameras[owner]
         lens = camera.K[0, [0, 1], [0, 1]], camera.K[0, :2, 2]
         pixels, outside, focal = list[np.ndarray](), list[float](), list[float]()
         for _, _, picture, sides, late in keys:
             if (owner, picture.window) not in self._windows:
-                self._windows[owner, picture.window] = _window_map(camera, picture.window)
+                shown = corrected(camera, [CameraCorrection(window=picture.window)])
+                scale = np.array([picture.window[0], 1.0])
+                offset = shown.K[0, :2, 2] - scale * camera.K[0, :2, 2]
+                self._windows[owner, picture.window] = scale, offset, shown.image_size[0]
             scale, offset, size = self._windows[owner, picture.window]
             size = size * picture.size
             at = self.frames + late
@@ -245,18 +239,13 @@ class TakeEvidence:
         for key, seen_rays, length, share in zip(keys, rays, focal, outside, strict=True):
             self._points[key] = ViewRays(seen_rays, float(self.person_px[view] / length), share)
 
-    def _camera(self, owner: int) -> Cameras:
-        if owner not in self._cameras:
-            self._cameras[owner] = self.cameras.subset([owner])
-        return self._cameras[owner]
-
     def pose_of(self, key: PoseKey) -> tuple[np.ndarray, np.ndarray]:
         """Return the rotation (3, 3) and translation (3,) of a camera in one interpretation."""
         owner, pose, graphics, moved = key
         if moved is not None:
             return np.reshape(moved[:9], (3, 3)), np.array(moved[9:])
         if key not in self._poses:
-            read = corrected(self._camera(owner), [CameraCorrection(pose=pose, graphics=graphics)])
+            read = corrected(self._cameras[owner], [CameraCorrection(pose=pose, graphics=graphics)])
             self._poses[key] = read.R[0], read.t[0]
         return self._poses[key]
 
@@ -292,10 +281,8 @@ class TakeEvidence:
             if place not in self._counts:
                 missing.setdefault((pair[0][1], pair[1][1]), []).append(pair)
         for poses, wanted in missing.items():
-            for first in range(0, len(wanted), _BATCH):
-                part = wanted[first : first + _BATCH]
-                counted = count_in_bins(self._distances(poses, part), self.weight[:, None])
-                self._counts.update(((number[a], number[b]), row) for (a, b), row in zip(part, counted, strict=True))
+            counted = count_in_bins(self._distances(poses, wanted), self.weight[:, None])
+            self._counts.update(((number[a], number[b]), row) for (a, b), row in zip(wanted, counted, strict=True))
         return np.stack([self._counts[place] for place in places])
 
     def _distances(self, poses: tuple[PoseKey, PoseKey], pairs: Sequence[tuple[ViewKey, ViewKey]]) -> np.ndarray:
@@ -411,13 +398,6 @@ def epipolar_distances(
         return np.einsum("...c,...c", rays_b, line_b) / np.sqrt(square_b * size_b**2 + square_a * size_a**2 + 1e-18)
 
 
-def _window_map(camera: Cameras, window: Window) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return scale and offset of pixels in an image part, and its size before any rotation."""
-    shown = corrected(camera, [CameraCorrection(window=window)])
-    scale = np.array([window[0], 1.0])
-    return scale, shown.K[0, :2, 2] - scale * camera.K[0, :2, 2], shown.image_size[0]
-
-
 def agreement_share(cameras: Cameras, detections: Detections) -> float:
     """Return the share of keypoints that are inliers, 0 if nothing can be compared."""
     evidence = TakeEvidence(cameras, detections)
@@ -441,13 +421,9 @@ def _person_size(xy: np.ndarray) -> np.ndarray:
 
 
 def independent_poses(xy: np.ndarray, person_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return up to ``FRAMES`` frames, and the number of the independent pose in each of them.
+    """Return up to ``FRAMES`` frames of keypoints (C, F, J, 2), and the number of the pose in each.
 
     The distance between two poses is a median over keypoints and views, so that errors of one view have no effect.
-
-    Args:
-        xy: (C, F, J, 2) keypoints in px, NaN where unseen.
-        person_px: (C,) size of the person in each view.
     """
     seen = (np.isfinite(xy[..., 0]).sum(-1) >= MIN_POINTS).sum(0)
     frames = np.flatnonzero(seen >= 2)

@@ -14,6 +14,7 @@ from solver_backend.agreement.body_evidence import BodyEvidence, judge_body
 from solver_backend.agreement.evidence import (
     BLOCKS,
     BOUND,
+    EACH,
     LEAST_CAMERAS,
     UNRELATED_NOISE,
     Noise,
@@ -22,23 +23,23 @@ from solver_backend.agreement.evidence import (
 )
 from solver_backend.agreement.hypotheses import (
     CAMERA_ROWS,
+    FREE,
     ROWS,
     Row,
     changes_of,
     conventions,
     cost_of,
     exchange_names,
+    fit_window,
     one_window,
     windows,
 )
-from solver_backend.agreement.picture_fit import FREE, fit_window
 from solver_backend.agreement.reading import Detections, Reading
 from solver_backend.types import Cameras
 
 BEAM, MOST_FAULTS = 5, 2  # Interpretations kept in the search, and largest number of faulty cameras.
-MOVED_OF = 2  # Number of best interpretations from which a moved camera is searched, because each needs a fit.
-JUDGED, SHORTLIST = 14, 28
-"""Numbers of the most likely interpretations to triangulate, and to rank with all poses after a ranking with few."""
+JUDGED = 14
+"""Number of the most likely interpretations to triangulate. Twice as many are ranked with all poses."""
 AS_NOISY = 1.15  # Largest ratio of noise at which the simpler of two interpretations with one body wins.
 AS_EXACT = 0.2
 """Largest deficit in the mean log density of a fitted view, in nats. It corresponds to a noise ratio of 1.2. It
@@ -112,9 +113,7 @@ def explain(
 ) -> Explanation:
     """Search the interpretation of C views, and keep the literal one unless another is certain.
 
-    Args:
-        names_stated: true if the user states the camera names. Swapped names are then not tried.
-        rows: faults to try. Conventions of all files are tried only with ``ROWS``.
+    Swapped names are not tried if the user states them. Conventions of all files are tried only with ``ROWS``.
     """
     evidence = TakeEvidence(cameras, detections)
     written = Reading.as_written(evidence.views)
@@ -167,15 +166,16 @@ class _Search:
         common = [self.written, *(conventions(self.scout, self.written) if self.is_whole and everybody else ())]
         # Swapped names hide other faults: only in a mirrored ring do views agree after fixing one.
         named = [row for row in self.rows if row is exchange_names]
-        common += self._propose(named, [reading for reading in common if _is_simple(reading)])
-        alike = self._rank([*self._rank(common, self.scout)[:SHORTLIST], self.written])
+        simple = (r for r in common if not r.pictures[0].mirrored and r.correction(0).changes <= 1)
+        common += self._propose(named, list(simple))
+        alike = self._rank([*self._rank(common, self.scout)[: 2 * JUDGED], self.written])
         self.constraints = self.raw_constraints / self.quick.design_effect(alike[0])
         alike = self._rank(alike)
         found, beam = alike[:JUDGED], list(dict.fromkeys([*alike[:BEAM], self.written]))
         for _ in range(MOST_FAULTS):
-            named_alike = [reading for reading in beam if reading.owners == self.written.owners][:MOVED_OF]
-            starts = dict.fromkeys([*beam[:MOVED_OF], *named_alike]) if self.is_alone and self.is_whole else ()
-            likely = self._rank(self._propose(self.rows, beam), self.scout)[:SHORTLIST]
+            named_alike = [reading for reading in beam if reading.owners == self.written.owners][:MOST_FAULTS]
+            starts = dict.fromkeys([*beam[:MOST_FAULTS], *named_alike]) if self.is_alone and self.is_whole else ()
+            likely = self._rank(self._propose(self.rows, beam), self.scout)[: 2 * JUDGED]
             found = self._rank([*found, *likely, *self._propose(CAMERA_ROWS, starts)])
             # Keep some without swapped names, which would displace every fault to combine with a moved camera.
             plain = [reading for reading in found if reading.owners == self.written.owners]
@@ -337,28 +337,21 @@ def _exchange_sides(reading: Reading) -> Reading:
     return replace(reading, sides=tuple(not side for side in reading.sides))
 
 
-MOST_WAYS = 50_000  # Largest number of assignments to compare (40,320 for 8 cameras).
-
-
 def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: list[int] | None) -> list[int] | None:
-    """Assign a calibrated camera to each recorded one by the views, or None if ambiguous.
+    """Assign a calibrated camera to each recorded one by the agreement of views, or return None.
 
-    Rings of equal cameras look the same after a rotation. Then only ``by_order`` can resolve the assignment.
-
-    Args:
-        calibrated: A cameras in any unit.
-        detections: detections of C recorded cameras, with C from 3 to A.
-        by_order: (C,) assignment of numbered names in order (``counted_order``), None for other names.
+    Rings of equal cameras look the same after a rotation. Then only ``by_order`` can resolve the assignment, which
+    numbered names give (``counted_order``).
     """
     count, total = len(detections.cameras), len(calibrated)
-    if not LEAST_CAMERAS <= count <= total or perm(total, count) > MOST_WAYS:
+    if not LEAST_CAMERAS <= count <= total or perm(total, count) > perm(EACH, EACH):
         return None
     evidence = TakeEvidence(calibrated, detections)
     if not evidence.poses:
         return None
-    evidence, written = evidence.quick(SHORTLIST), Reading.as_written(count)
+    evidence, written = evidence.quick(2 * JUDGED), Reading.as_written(count)
     ways = np.array(list(permutations(range(total), count)))
-    best = ways[np.argsort(-_quick_scores(evidence, ways, total), kind="stable")[:SHORTLIST]].tolist()
+    best = ways[np.argsort(-_quick_scores(evidence, ways, total), kind="stable")[: 2 * JUDGED]].tolist()
     best += [by_order] if by_order is not None and by_order not in best else []
     nats = evidence.nats([replace(written, owners=tuple(owners)) for owners in best])
     likely = [best[k] for k in np.flatnonzero((nats >= BOUND) & (nats > nats.max() - BOUND))]
@@ -379,8 +372,3 @@ def _quick_scores(evidence: TakeEvidence, ways: np.ndarray, total: int) -> np.nd
         table[tuple(np.array(pairs).T)] = evidence.pair_counts(readings, i, j) @ usual
         scores += table[ways[:, i], ways[:, j]]
     return scores
-
-
-def _is_simple(reading: Reading) -> bool:
-    """Return whether all images differ by at most one convention, and are not mirrored."""
-    return not reading.pictures[0].mirrored and reading.correction(0).changes <= 1

@@ -10,13 +10,66 @@ from itertools import combinations, permutations, product
 import numpy as np
 
 from solver_backend.agreement.body_evidence import refit_pose
-from solver_backend.agreement.evidence import TakeEvidence
-from solver_backend.agreement.picture_fit import FREE, FREE_OF_ONE, fit_window
-from solver_backend.agreement.reading import PLAIN, PictureReading, Reading
-from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS
+from solver_backend.agreement.evidence import MOST_ROUNDS, SCALES, STRIDE, TakeEvidence
+from solver_backend.agreement.reading import MIRROR_MEANINGS, PLAIN, PictureReading, Reading
+from solver_backend.cameras.camera_corrections import AS_CALIBRATED, FACTORS, POSES, TURNS
 
-LEAST_DELAY, LONGEST_DELAY = 3, 30
-"""Delays to try, in frames. The solve measures shorter ones, and ``find_starts`` handles longer ones."""
+FREE = (1,), (2, 3), (0, 1), (0, 2, 3), (0, 1, 2, 3)
+"""Parameters that are fitted together: size, width, left edge and top edge."""
+FREE_OF_ONE = (1,), (0, 1)  # The same for a single camera. Its crop would look like a rotation.
+CONVERGED = 2e-3  # Step length at which a fit ends.
+SPREADS = np.array([0.5, 0.3, 0.3, 0.3])
+"""Prior deviations of the logarithms of size and width, and of the edges in image heights."""
+UNNOTICED = 0.005  # Relative difference from a usual size below which images have that size.
+_DIFFERENCE, _LONGEST = 1e-4, 0.2  # Step of numerical derivatives, and largest step of the fit.
+
+
+def fit_window(evidence: TakeEvidence, reading: Reading, free: tuple[int, ...], views: tuple[int, ...] = ()) -> Reading:
+    """Return the interpretation with the size, width and edges of the images that fit the views best.
+
+    Gauss-Newton steps with Geman-McClure weights (1987) minimise the distances from epipolar lines. The parameters
+    ``free`` are one of ``FREE``. All ``views`` change equally, by default all.
+    """
+    views = views or tuple(range(evidence.views))
+    x, changes = np.zeros(4), np.eye(4)[list(free)]  # of size and width the logarithms
+    for width in SCALES:
+        for _ in range(MOST_ROUNDS):
+            readings = [_with(reading, place, views) for place in (x, *(x + _DIFFERENCE * changes))]
+            off = evidence.distances_of(readings).reshape(len(readings), -1)
+            off = off[:, np.isfinite(off).all(0)]
+            slopes = (off[1:] - off[0]) / _DIFFERENCE
+            weighted = slopes / (1 + (off[0] / width) ** 2) ** 2
+            prior = (width / SPREADS[list(free)]) ** 2
+            gradient = weighted @ off[0] + prior * (changes @ x)
+            step = np.clip(np.linalg.solve(weighted @ slopes.T + np.diag(prior), gradient), -_LONGEST, _LONGEST)
+            x = x - step @ changes
+            if np.abs(step).max() < CONVERGED:
+                break
+    fitted = enumerate(_with(reading, x, views).pictures)
+    return replace(reading, pictures=tuple(_plain(one) if view in views else one for view, one in fitted))
+
+
+def _with(reading: Reading, x: np.ndarray, views: tuple[int, ...]) -> Reading:
+    pictures, (size, wide, left, top) = list(reading.pictures), [*np.exp(x[:2]).tolist(), *x[2:].tolist()]
+    for view in views:
+        picture = pictures[view]
+        window = (picture.window[0] * wide, picture.window[1] + left, picture.window[2] + top)
+        pictures[view] = replace(picture, size=picture.size * size, window=window)
+    return replace(reading, pictures=tuple(pictures))
+
+
+def _plain(picture: PictureReading) -> PictureReading:
+    """Return the image interpretation without changes that are too small to print."""
+    wide, left, top = (
+        usual if round(100 * value) == round(100 * usual) else value
+        for value, usual in zip(picture.window, AS_CALIBRATED, strict=True)
+    )
+    size = min(FACTORS, key=lambda factor: abs(picture.size / factor - 1))
+    size = size if abs(picture.size / size - 1) < UNNOTICED else picture.size
+    return replace(picture, size=size, window=(wide, left, top))
+
+
+LONGEST_DELAY = 30  # Longest delay to try, in frames. ``find_starts`` handles longer ones, and the solve shorter ones.
 SIDES_ODDS = 3000  # Odds against a detector that swaps left and right in all views of upright images.
 MOST_PERMUTED = 4
 """Largest number of suspects for which all orders of names are tried. With more, only swaps of two are tried."""
@@ -93,14 +146,14 @@ def _moved(evidence: TakeEvidence, reading: Reading, *, turned: bool = False) ->
 
 
 def _late(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """Propose that one camera is late or early by whole frames, first in steps of three."""
+    """Propose that one camera is late or early by whole frames, first in steps of ``STRIDE``."""
     reach = min(LONGEST_DELAY, evidence.num_frames // 5)
     for view in evidence.suspects[evidence.views == 2 :]:
-        tried = [reading.with_delay(view, lag) for lag in range(-reach, reach + 1, 3)]
+        tried = [reading.with_delay(view, lag) for lag in range(-reach, reach + 1, STRIDE)]
         best = tried[int(evidence.likelihoods(tried)[0].argmax())].late
         middle = best[view] if best else 0
-        for lag in range(middle - 2, middle + 3):
-            if abs(lag) >= LEAST_DELAY:
+        for lag in range(middle - STRIDE + 1, middle + STRIDE):
+            if abs(lag) >= STRIDE:
                 yield reading.with_delay(view, lag)
 
 
@@ -121,10 +174,7 @@ RANGE_ROWS: tuple[Row, ...] = (_flipped, exchange_names, partial(_moved, turned=
 def cost_of(reading: Reading, constraints: float) -> float:
     """Return an interpretation's cost: log(alternatives) per change, log(n) / 2 per parameter.
 
-    Args:
-        constraints: number n of independent constraints in the capture.
-
-    Reference: Schwarz 1978.
+    The capture has n independent constraints. Reference: Schwarz 1978.
     """
     views = len(reading.pictures)
     common, sides = reading.common()
@@ -156,6 +206,14 @@ def _picture_cost(picture: PictureReading, usual: PictureReading, constraints: f
     )
 
 
+SIDES_EXCHANGED = "left and right are swapped in the keypoint names"
+
+
+def exchanged_pair(name: str, owner: str) -> str:
+    """Describe a view that a camera with another name recorded."""
+    return f"{name} is the calibration's {owner}"
+
+
 def changes_of(reading: Reading) -> list[tuple[str, tuple[int, ...], str, Reading]]:
     """Return the changes as (code, views, text for users, interpretation without this change)."""
     views = len(reading.pictures)
@@ -175,8 +233,7 @@ def changes_of(reading: Reading) -> list[tuple[str, tuple[int, ...], str, Readin
             without = without.with_picture(view, PLAIN, False)
         if meaning := picture.correction.meaning():
             changes.append(("calibration_corrected", tuple(members), meaning, without))
-        names = "left and right are swapped in the keypoint names"
-        flips = [part for part in (picture.mirror_meaning, names if sides else "") if part]
+        flips = [MIRROR_MEANINGS[picture.turn]] * picture.mirrored + [SIDES_EXCHANGED] * sides
         if flips:
             changes.append(("detections_corrected", tuple(members), ", and ".join(flips), without))
     named = tuple(view for view, owner in enumerate(reading.owners) if owner != view)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.agreement.evidence import BOUND
+from solver_backend.agreement.evidence import BOUND, MOST_ROUNDS
 from solver_backend.agreement.person_selection import detections_of, doubtful_views, follow_people
 from solver_backend.agreement.reading import Detections
 from solver_backend.agreement.view_faults import (
@@ -34,7 +34,6 @@ STATE_COST = 0.1  # Cost of each frame in the swapped state.
 LEAST_GAIN = 10.0  # Smallest gain of a swap to undo. With 6, correct cameras are changed.
 VIEWS_WEIGHT = 0.3  # Weight of the distances from other views, because errors of neighbouring frames are correlated.
 STEP_PX_SHARE = 0.004  # Typical movement of a keypoint per frame at 60 fps, relative to the image width.
-ROUNDS = 4  # Largest number of rounds, chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangul
     """
     found: list[LabelSwap] = []
     predictions = _predictions(cameras, keypoints, triangulation, np.arange(keypoints.num_frames))
-    for _ in range(ROUNDS):
+    for _ in range(MOST_ROUNDS):
         swaps = _foremost(_candidates(cameras, keypoints, predictions))
         if not swaps:
             break
@@ -202,13 +201,10 @@ def _again(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulatio
 def exclude_bystanders(
     cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation
 ) -> CheckedViews[ViewRange]:
-    """Exclude a view's detections in frames that show a passer-by instead of the person.
+    """Exclude detections in frames in which a detector took a passer-by for the person.
 
     As many views, or more, may agree on a passer-by as on the person. Tracks in space and in each view identify the
     person (see ``follow_people``). A single view is not excluded.
-
-    Args:
-        cameras: C cameras. With two, nothing is excluded.
     """
     least = BRIEF_S * keypoints.fps
     doubtful = len(cameras) > 2 and inconsistent_ranges(triangulation, keypoints.confidence, 0.5 * least)

@@ -7,9 +7,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.agreement.person_tracks import BRIDGE_S, assigned_exclusively, persons, view_tracks
+from solver_backend.agreement.person_tracks import (
+    BRIDGE_S,
+    STEP_SHARE,
+    TOLERANCE_M,
+    PeopleInSpace,
+    assigned_exclusively,
+    candidates,
+    detection_distances,
+    persons,
+    view_tracks,
+)
 from solver_backend.agreement.reading import MIN_POINTS, Detections, Sightings, extent, sightings
-from solver_backend.agreement.view_agreement import TOLERANCE_M, PeopleInSpace, candidates, detection_distances
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.exchange.progress import Progress, silent
@@ -17,11 +26,10 @@ from solver_backend.types import Cameras, Keypoints2D
 
 USUAL_TIMES = 4.0  # Largest distance of a person's detection relative to the median.
 CLOSEST_M = 0.04  # Distance that is always accepted.
-ALONE_SHARE, STRANGE_SHARE = 0.95, 0.2
-"""A view is unreliable if the first share of its frames shows one person, and at most the second share of them is
-accepted.
-"""
-SURE_SHARE = 0.8  # Share of a track from which its unusually distant detections are accepted too.
+ALONE_SHARE = 0.95  # Share of a view's frames with one person in a view that never shows two.
+SURE_SHARE = 0.8
+"""Share of a track from which its unusually distant detections are accepted too. A view is unreliable if at most the
+rest of its detections is accepted."""
 
 
 @dataclass(frozen=True)
@@ -63,11 +71,7 @@ def follow_people(cameras: Cameras, detections: Detections, fps: float, progress
 def detections_of(
     followed: FollowedPeople, person: int, detections: Detections, fps: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a (C, F, P) mask of a person's detections, and their matching keypoints.
-
-    Args:
-        person: index into ``followed.rows``.
-    """
+    """Return a (C, F, P) mask of a person's detections, and the matching keypoints of each."""
     rows = followed.rows[person]
     points, near = _expected_points(followed.people, rows, detections.num_frames, fps)
     others = _claimed_by_others(followed.people, rows, points, detections)
@@ -79,7 +83,7 @@ def doubtful_views(detections: Detections, accepted: np.ndarray) -> np.ndarray:
     people = detections.people()
     seen = (people > 0).sum(1)
     alone = (people == 1).sum(1) >= ALONE_SHARE * seen
-    hardly = accepted.any(-1).sum(1) < STRANGE_SHARE * seen
+    hardly = accepted.any(-1).sum(1) < (1 - SURE_SHARE) * seen
     return np.flatnonzero(alone & hardly & (seen > 0)) if len(people) > 2 else np.zeros(0, int)
 
 
@@ -267,10 +271,6 @@ def _report(
     return tuple(notes), tuple(problems)
 
 
-NEAR_SHARE = 0.4  # Largest median movement of one person's keypoints per frame, relative to the person's size.
-LEAST_SHARE = 0.25  # Smallest share of the longest track's frames. Shorter tracks are passers-by.
-
-
 Track = list[tuple[int, int]]  # Frame and row of one person's detections.
 
 
@@ -290,8 +290,8 @@ def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPers
         where = ", ".join(detections.cameras)
         raise NoDetections("No person was detected.", where=where, hint="Run the detector again.")
     tracks.sort(key=lambda track: -sum(float(size[at]) for at in track))
-    longest = max(map(len, tracks))
-    kept = [track for track in tracks if track is tracks[0] or len(track) >= LEAST_SHARE * longest]
+    longest = max(map(len, tracks))  # much shorter tracks are passers-by
+    kept = [track for track in tracks if track is tracks[0] or len(track) >= (1 - SURE_SHARE) * longest]
     others = [diagnostic("other_tracks", count=len(tracks) - 1, solvable=len(kept) - 1)] if len(tracks) > 1 else []
     notes = (diagnostic("person_chosen", basis="largest", seen=len(kept[0]), of=len(xy)), *others)
     problems = (diagnostic("own_point_unused", reason="single", joints=own),) if own else ()
@@ -318,7 +318,7 @@ def _followed(xy: np.ndarray, confidence: np.ndarray, size: np.ndarray, gone: fl
         living = [track for track in tracks if frame - track[-1][0] <= gone]
         pairs = sorted((distance(track[-1], (frame, row)), n, row) for n, track in enumerate(living) for row in free)
         for apart, n, row in pairs:
-            if apart < NEAR_SHARE and row in free and living[n][-1][0] != frame:
+            if apart < 2 * STEP_SHARE and row in free and living[n][-1][0] != frame:
                 free.remove(row)
                 living[n].append((frame, row))
         tracks += [[(frame, row)] for row in free]

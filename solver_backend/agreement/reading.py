@@ -51,7 +51,7 @@ class Detections:
 
 MIN_POINTS = 4  # Fewest common keypoints of two detections to compare.
 MIN_CONFIDENCE = 0.1  # Smallest confidence of compared keypoints.
-LEAST_VALUES = 100  # Fewest values that determine a scale or a grid.
+ENOUGH, LEAST_VALUES = 24, 100  # Fewest frames or points for an estimate, and fewest values for a scale or a grid.
 
 
 @dataclass(frozen=True)
@@ -94,11 +94,7 @@ def sightings(cameras: Cameras, detections: Detections) -> Sightings:
 
 
 def main_person(detections: Detections, *, every_keypoint: bool = False) -> np.ndarray:
-    """Return xy (C, F, J, 2) in px of the largest person in each image, NaN if unseen.
-
-    Args:
-        every_keypoint: return all keypoints, not only ``compared_keypoints``.
-    """
+    """Return compared or all keypoints (C, F, J, 2) in px of each image's largest person."""
     columns, _ = compared_keypoints(detections.joint_set)
     kept = np.arange(detections.xy.shape[3]) if every_keypoint else columns
     sure = detections.confidence >= MIN_CONFIDENCE
@@ -134,11 +130,6 @@ class PictureReading:
     def correction(self) -> CameraCorrection:
         """Return the camera's correction. Mirrored images correct the detections instead."""
         return CameraCorrection(self.size, 0 if self.mirrored else self.turn, window=self.window)
-
-    @property
-    def mirror_meaning(self) -> str:
-        """Return the text that describes mirrored images, empty if the images are not mirrored."""
-        return MIRROR_MEANINGS[self.turn] if self.mirrored else ""
 
 
 PLAIN = PictureReading()
@@ -210,11 +201,7 @@ class Reading:
 
 
 def apply_reading(cameras: Cameras, detections: Detections, reading: Reading) -> tuple[Cameras, Detections]:
-    """Return the cameras and detections of C views for one interpretation.
-
-    Args:
-        cameras: A calibrated cameras.
-    """
+    """Return the cameras and detections of C views for one interpretation of A calibrated cameras."""
     read = corrected(
         cameras.subset(list(reading.owners)), [reading.correction(v) for v in range(len(reading.pictures))]
     )
@@ -261,11 +248,9 @@ def _evenly_cut(sizes: np.ndarray, cameras: Cameras, detections: Detections, rea
 
 
 def unmirror(xy: np.ndarray, turn: int, size: np.ndarray) -> np.ndarray:
-    """Convert (..., 2) pixels of mirrored and rotated images to pixels of the original images.
+    """Convert (..., 2) pixels of turned and then mirrored images to pixels of the originals.
 
-    Args:
-        turn: quarter turns clockwise, before the mirroring.
-        size: (2,) width and height of the original images in px.
+    The original images have ``size`` px. Turns are by 90 degrees clockwise.
     """
     width, height = size.tolist()
     recorded_width = width if turn % 2 == 0 else height
@@ -273,10 +258,7 @@ def unmirror(xy: np.ndarray, turn: int, size: np.ndarray) -> np.ndarray:
 
 
 def unturn(xy: np.ndarray, turn: int, size: np.ndarray) -> np.ndarray:
-    """Convert (..., 2) pixels of images rotated clockwise to pixels of the original images.
-
-    Args: as in ``unmirror``.
-    """
+    """Convert (..., 2) pixels of images rotated clockwise to pixels of the original images."""
     (width, height), u, v = size.tolist(), xy[..., 0], xy[..., 1]
     before = ((u, v), (v, height - 1 - u), (width - 1 - u, height - 1 - v), (width - 1 - v, u))[turn]
     return np.stack(before, axis=-1)

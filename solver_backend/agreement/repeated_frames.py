@@ -9,17 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.agreement.reading import LEAST_VALUES, MIN_POINTS, Detections, extent, main_person
+from solver_backend.agreement.reading import ENOUGH, LEAST_VALUES, MIN_POINTS, Detections, extent, main_person
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid, TooFewViews
 from solver_backend.geometry.arrays import quantile, true_runs
 from solver_backend.types import Capture, Keypoints2D
 from solver_backend.types.shapes import Bool
 
-LONGEST = 5  # Longest run of repeated frames to interpolate.
+LONGEST = 5  # Longest run of repeated or skipped frames to interpolate. Lines of filled gaps are twice as long.
 LEAST_REPEATED = 1.0  # Percentage of repeated frames that is reported. Fewer are interpolated silently.
-LONGEST_SKIP, LEAST_SKIPPED = 2, 0.1
-"""Largest number of consecutive skipped frames, and smallest share of them, for a detector that skips frames."""
+LEAST_SKIPPED = 0.1  # Smallest share of skipped frames for a detector that skips frames.
 STEP_PX = 0.5  # Movement of half of the keypoints next to a repetition. A person who stands still is no repetition.
 
 
@@ -44,8 +43,7 @@ def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
     return np.concatenate([np.zeros((views, 1), dtype=bool), like & moved], axis=1)
 
 
-STRAIGHT_PX, LEAST_FILLED = 0.02, 10
-"""Largest distance in px of interpolated keypoints from a line in files with two decimals, and fewest frames."""
+STRAIGHT_PX = 0.02  # Largest distance in px of interpolated keypoints from a line in files with two decimals.
 
 
 def filled_frames(keypoints: Keypoints2D) -> np.ndarray:
@@ -62,7 +60,7 @@ def filled_frames(keypoints: Keypoints2D) -> np.ndarray:
         off = np.abs(path - (1 - share) * path[0] - share * path[-1]).max()
         moves = np.abs(path[-1] - path[0]).max(-1) > 2 * STEP_PX
         filled[view, first + 1 : last + 2] = (
-            len(path) > LEAST_FILLED and off <= STRAIGHT_PX and 2 * moves.sum() > len(moves)
+            len(path) > 2 * LONGEST and off <= STRAIGHT_PX and 2 * moves.sum() > len(moves)
         )
     return filled
 
@@ -90,7 +88,7 @@ def skipped_frames(keypoints: Keypoints2D) -> np.ndarray:
     empty = ~(keypoints.confidence > 0).any(axis=(0, 2))
     skipped = np.zeros_like(empty)
     for first, last in true_runs(empty):
-        skipped[first : last + 1] = first > 0 and last < len(empty) - 1 and last - first < LONGEST_SKIP
+        skipped[first : last + 1] = first > 0 and last < len(empty) - 1 and last - first < LONGEST
     return skipped if skipped.mean() >= LEAST_SKIPPED else np.zeros_like(empty)
 
 
@@ -121,10 +119,7 @@ _FORM = re.compile(r"(?P<camera>.+?)(?::(?P<first>\d+)-(?P<last>\d+))?")
 
 
 def without_views(capture: Capture, texts: Sequence[str]) -> Capture:
-    """Return a capture without the views that the user excludes.
-
-    Args:
-        texts: each ``CAMERA`` or ``CAMERA:FIRST-LAST``, with frames from 0.
+    """Return a capture without the views that the user excludes, see ``left_out_views``.
 
     Raises:
         TooFewViews: no camera remains.
@@ -140,11 +135,7 @@ def without_views(capture: Capture, texts: Sequence[str]) -> Capture:
 
 
 def left_out_views(texts: Sequence[str], names: Sequence[str], frames: int) -> Bool[np.ndarray, "views frames"]:
-    """Return a (C, F) mask of excluded views.
-
-    Args:
-        texts: each ``CAMERA`` or ``CAMERA:FIRST-LAST``, with frames from 0.
-    """
+    """Return a (C, F) mask of views excluded by ``CAMERA`` or ``CAMERA:FIRST-LAST`` (from 0)."""
     out = np.zeros((len(names), frames), bool)
     for text in texts:
         found = _FORM.fullmatch(text)
@@ -165,18 +156,11 @@ def left_out_views(texts: Sequence[str], names: Sequence[str], frames: int) -> B
 JUMP, CALM = 0.12, 0.25
 """Smallest movement of the keypoints per frame at a cut in every view, in person sizes, and largest movement in the
 adjacent frames relative to it. A person who runs at 5 m/s moves by 0.08 at 30 frames per second."""
-FAR_QUANTILE = 0.95
-LEAST_FRAMES, TEXT_SHARE = 20, 0.5
-"""Fewest frames, and largest ratio of the movement in numeric order to that in the recorded order, for frames sorted as
-text. 40 to 360 frames of the demo have ratios of 0.03 to 0.24. Frames in correct order have 3 and more."""
+FAR_QUANTILE = 0.95  # Quantile over frames of their movement.
 
 
 def take_cuts(detections: Detections) -> list[int]:
-    """Return the frames at which another take begins.
-
-    Args:
-        detections: all people, synchronised. The largest person of each frame is used.
-    """
+    """Return the frames at which another take begins, from the largest person of each synchronised frame."""
     points = main_person(detections)
     if points.shape[1] < 4:
         return []
@@ -194,18 +178,18 @@ def take_cuts(detections: Detections) -> list[int]:
 
 
 def report_order(detections: Detections) -> tuple[Diagnostic, ...]:
-    """Report frames that are sorted as text (1, 10, 2), if numeric order moves much less.
+    """Report frames that are sorted as text (1, 10, 100, 2).
 
-    Args:
-        detections: all people, synchronised. The largest person of each frame is used.
+    Numeric order must have less than half of the movement. It has 0.03 to 0.24 of it for 40 to 360 frames of the demo.
+    Frames in correct order have 3 and more.
     """
     points, count = main_person(detections), detections.num_frames
-    if count < LEAST_FRAMES:
+    if count < ENOUGH:
         return ()
     now = _walked(points)
     for first in (0, 1):
         by_number = np.argsort(sorted(range(first, first + count), key=str))
-        if _walked(points[:, by_number]) < TEXT_SHARE * now:
+        if 2 * _walked(points[:, by_number]) < now:
             return (diagnostic("frames_in_text_order", first=1, third=10, second=2),)
     return ()
 

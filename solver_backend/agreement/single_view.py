@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.agreement.body_evidence import MEAN_STATURE_M, STATURES_M
+from solver_backend.agreement.body_evidence import MEAN_STATURE_M, POSSIBLE_M, STATURE_SPREAD_M, STATURES_M
+from solver_backend.agreement.evidence import SIGMAS
 from solver_backend.agreement.reading import Detections, PictureReading, main_person, unturn
 from solver_backend.cameras.camera_corrections import TURNS
 from solver_backend.cameras.projection import undistort
@@ -18,13 +19,11 @@ LEAST_LEVEL, LEAST_UPRIGHT = 0.3, 0.8
 LEAST_OUTSIDE, BEYOND_PICTURE = 0.002, 0.005
 """Smallest share of keypoints outside an image with another rotation, and tolerance in image widths."""
 SURFACES_M = np.linspace(0.0, 1.2, 61)  # Heights of floors, beds, couches and treatment tables in metres.
-USUAL_M, NOBODY_M = (1.4, 2.1), (0.7, 2.6)  # Usual statures, and limits of human stature, in metres.
 SIZES = (0.5, 2.0 / 3.0, 1.5, 2.0)  # Image sizes relative to the calibrated ones.
-UNLIKE_FLOORS = (0.5, 2.0)  # Sizes that no floor can imitate. A sloping floor 1 m off level looks like 1.5 or 2/3.
-LEVEL_M, SLOPING_M = 0.15, 0.3
-"""Variation in metres, over a take, of the floor height under an average adult: largest value on a level floor, and
-smallest value on a wrong floor. Chosen by hand between 0.05 m for a walk and 1.0 m for the same walk in images of half
-the size."""
+UNLIKE_FLOORS = SIZES[::3]  # Sizes that no floor can imitate. A sloping floor 1 m off level looks like 1.5 or 2/3.
+LEVEL_M = 0.15
+"""Largest variation in metres, over a take, of the height of a level floor under an average adult. A wrong floor varies
+by twice as much. A walk has 0.05 m, and the same walk in images of half the size 1.0 m."""
 SHOULDER_SHARE, ANKLE_M = 0.82, 0.09  # Shoulder height relative to stature, and height of the ankles above the floor.
 AS_RECORDED = "the person is lying or upside down"
 OFF_THE_FLOOR = "the person's floor is not at z = 0"
@@ -130,14 +129,15 @@ def pictures_of_one_view(camera: Cameras, detections: Detections) -> FoundPictur
         return FoundPictures(picture, "alone", written.outside, AS_RECORDED if doubtful else "")
     if "ankle" not in ends:
         return None
-    possible = written.outside < LEAST_OUTSIDE and NOBODY_M[0] < written.stature() < NOBODY_M[1]
+    possible = written.outside < LEAST_OUTSIDE and POSSIBLE_M[0] < written.stature() < POSSIBLE_M[1]
     if possible or upright[0] < LEAST_UPRIGHT:
         return None
     sized = {one: stance(PictureReading(one)) for one in SIZES}
-    found = [one for one, person in sized.items() if USUAL_M[0] < person.stature() < USUAL_M[1]]
+    most = SIGMAS * STATURE_SPREAD_M
+    found = [one for one, person in sized.items() if abs(person.stature() - MEAN_STATURE_M) < most]
     if len(found) != 1 or sized[found[0]].outside > LEAST_OUTSIDE:
         return None
-    level = written.floor_spread() > SLOPING_M and sized[found[0]].floor_spread() < LEVEL_M
+    level = written.floor_spread() > 2 * LEVEL_M and sized[found[0]].floor_spread() < LEVEL_M
     certain = level and found[0] in UNLIKE_FLOORS
     return FoundPictures(PictureReading(found[0]), "level", written.outside, "" if certain else OFF_THE_FLOOR)
 

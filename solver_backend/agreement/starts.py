@@ -13,7 +13,17 @@ from itertools import combinations, product
 
 import numpy as np
 
-from solver_backend.agreement.evidence import BOUND, EACH, MOST_ROUNDS, NEIGHBOURS, SAMPLED_FRAMES, TakeEvidence
+from solver_backend.agreement.evidence import (
+    BOUND,
+    EACH,
+    MOST_ROUNDS,
+    MOVED,
+    NEIGHBOURS,
+    SAMPLED_FRAMES,
+    STRIDE,
+    TakeEvidence,
+)
+from solver_backend.agreement.evidence import POSES as FEWEST_SAMPLES
 from solver_backend.agreement.person_tracks import STEP_SHARE
 from solver_backend.agreement.reading import (
     MIN_POINTS,
@@ -29,12 +39,10 @@ from solver_backend.geometry.rotations import skew
 from solver_backend.types import UNSEEN_POINT, Cameras
 
 STAGE = "Comparing the clocks"  # Name of this stage in progress reports.
-COARSE, FINE = 0.04, 0.015
-"""Geman-McClure scales of the epipolar distance, in person sizes: 6 and 2 cm."""
-REACH = 4  # Frames on either side to refine.
+FINE = 0.015  # Geman-McClure scale of the epipolar distance for refinement, in person sizes: 2 cm.
 MOST_PEOPLE = 4  # Number of the largest people in an image to compare.
-SAMPLES, FEWEST_SAMPLES, SAMPLED_PAIRS = 160, 40, 6
-"""Frames per view to compare with all frames of another view, fewer with more pairs than the last number."""
+SAMPLES, SAMPLED_PAIRS = 160, 6
+"""Frames per view to compare with all frames of another view, and number of pairs from which they are fewer."""
 MOST_CELLS = 4_000_000
 """Comparisons of a pair in memory at once, 32 MB. For longer takes every second, third, ... frame is compared."""
 LEAST_STRENGTH = 3.0
@@ -45,7 +53,6 @@ RIVAL_SHARE = 0.7
 counts as an alternative.
 """
 NEAR_S = 0.35  # Offsets closer to the best one count as the same result. The period of walking is longer.
-COMMON_SHARE = 0.5  # Share of the shortest recording that all cameras must have in common, otherwise two of them.
 LEAST_READING = 1.0  # Smallest strength of an interpretation.
 NEAR_SIZE = 0.5  # Sizes with a smaller difference of logarithms are neighbours and have similar gains.
 
@@ -84,9 +91,8 @@ def _disagreements(cameras: Cameras, pair: tuple[int, int], a: _ViewPeople, b: _
     """Return (N, G) distances from 0 to 1 between people in two views, or NaN.
 
     With lines ``l = E x_a / |(E x_a)_12|`` the squared distance ``(x_b' l)^2`` is a product of the six numbers of ``l
-    l'`` and of ``x_b x_b'``. Its sum over the keypoints for all pairs of frames is one matrix product. Only the best
-    person of the second view counts, with cost ``d^2 / (d^2 + scale^2)`` (Hartley and Zisserman 2004, sec. 9.6 and
-    11.4).
+    l'`` and of ``x_b x_b'``. Its sum over the keypoints for all pairs of frames is one matrix product (Hartley and
+    Zisserman 2004, sec. 9.6 and 11.4). Only the best person of the second view counts.
     """
     i, j = pair
     R = cameras.R[j] @ cameras.R[i].T
@@ -192,12 +198,10 @@ class _PairGains:
         return gained * (gained / np.maximum(possible, 1e-9)) ** 2
 
 
-def _pair_gains(cameras: Cameras, xy: np.ndarray, most_samples: int = SAMPLES, scale: float = COARSE) -> _PairGains:
-    """Return the gains of all pairs of views, or of neighbours in large arrays.
+def _pair_gains(cameras: Cameras, xy: np.ndarray, most_samples: int = SAMPLES, scale: float = MOVED) -> _PairGains:
+    """Return the gains of all pairs of views (F, P, J, 2), or of neighbours in large arrays.
 
-    Args:
-        xy: (C, F, P, J, 2) normalised points of all people, NaN where missing.
-        most_samples: frames per view to compare with all frames of another view.
+    At most ``most_samples`` frames per view are compared with all frames of another view.
     """
     views, num_frames = [_ViewPeople.of(view) for view in xy], xy.shape[1]
     pairs = compared_pairs(len(views), EACH, NEIGHBOURS)
@@ -243,11 +247,8 @@ class CameraStarts:
 def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: np.ndarray) -> CameraStarts:
     """Estimate the start of each camera in whole frames, with alternatives if ambiguous.
 
-    The solve measures the remaining fractions of a frame.
-
-    Args:
-        detections: all people. Row 0 is the first recorded frame of a camera.
-        numbered: (C,) offsets from the frame numbers.
+    Row 0 is the first recorded frame of a camera, and ``numbered`` (C,) are the offsets from the frame numbers. The
+    solve measures the remaining fractions of a frame.
     """
     seeing = np.flatnonzero(detections.people().any(axis=1))
     everybody = tuple(range(len(cameras)))
@@ -272,7 +273,7 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
     fine = _pair_gains(seen.cameras.subset(np.flatnonzero(sure).tolist()), seen.xy[sure], SAMPLED_FRAMES, FINE).gains
     for (i, j), table in fine.items():
         changes = np.arange(len(table)) - len(table) // 2 - int(best[j] - best[i])
-        table[np.abs(changes) > REACH + gains.step] = 0.0
+        table[np.abs(changes) > STRIDE + gains.step] = 0.0
     offsets = numbered.copy()
     offsets[seeing[sure]] = best[0] + best_offsets(fine, len(best))
     return CameraStarts(offsets, StartEvidence.APART, doubtful)
@@ -303,11 +304,7 @@ def _rivals(gains: _PairGains, best: np.ndarray, sure: np.ndarray, near: int) ->
 
 
 def strength(cameras: Cameras, detections: Detections) -> float:
-    """Return the strength of the best match between a few frames of C views.
-
-    Args:
-        detections: all people, each camera from its first frame.
-    """
+    """Return the strength of the best match of a few frames, see ``_PairGains.strengths``."""
     step = max(1, -(-detections.num_frames // SAMPLED_FRAMES))
     thin = replace(detections, xy=detections.xy[:, ::step], confidence=detections.confidence[:, ::step], hands=None)
     gains = _pair_gains(cameras, sightings(cameras, thin).xy, FEWEST_SAMPLES)
@@ -315,11 +312,7 @@ def strength(cameras: Cameras, detections: Detections) -> float:
 
 
 def read_out_of_step(cameras: Cameras, detections: Detections) -> Reading | None:
-    """Return the interpretation with matching offsets, or None if none is clearly the best.
-
-    Args:
-        detections: all people, each camera from its first frame.
-    """
+    """Return the interpretation for which all cameras match clearly best at some offsets, or None."""
     count, written = len(cameras), Reading.as_written(len(cameras))
     if not 2 <= count <= EACH or not (detections.people() > 0).any(axis=1).all():
         return None
@@ -341,29 +334,22 @@ def _differ(one: Reading, other: Reading) -> bool:
 def common_rows(offsets: np.ndarray, lengths: np.ndarray, *, every: bool = False) -> tuple[int, int]:
     """Return the first row of the take, and one past its last row, on the first camera's clock.
 
-    Args:
-        offsets: (C,) frame f of the take is row f + offset of a camera.
-        lengths: (C,) number of rows that each camera recorded. Cameras without rows are ignored.
-        every: use only rows that all cameras recorded, even if they are few.
+    Frame f of the take is row f + offset (C,) of a camera. Cameras that recorded no rows are ignored.
+    With ``every``, only rows that all cameras recorded are used, even if they are few.
     """
     recorded = lengths > 0
     first, stop = -offsets[recorded], (lengths - offsets)[recorded]
     low, high = int(first.max()), int(stop.min())
-    if every or high - low >= COMMON_SHARE * lengths[recorded].min():
+    if every or 2 * (high - low) >= lengths[recorded].min():
         return low, high
-    # By two cameras: from the second start to the second-last end.
+    # Few rows are common to all. By two cameras: from the second start to the second-last end.
     moments = np.arange(int(first.min()), int(stop.max()))
     several = ((moments[:, None] >= first) & (moments[:, None] < stop)).sum(1) >= min(2, len(first))
     return (int(moments[several][0]), int(moments[several][-1]) + 1) if several.any() else (0, 0)
 
 
 def align_rows(detections: Detections, offsets: np.ndarray, first: int, stop: int) -> Detections:
-    """Return rows ``first`` to ``stop - 1`` of the take, without people in missing frames.
-
-    Args:
-        detections: C cameras with separate clocks.
-        offsets: (C,) see ``common_rows``.
-    """
+    """Return rows ``first`` to ``stop - 1`` of the take, see ``common_rows``. Others are empty."""
     return _at_rows(detections, np.arange(first, stop) + offsets[:, None])
 
 
@@ -380,12 +366,7 @@ def _at_rows(detections: Detections, rows: np.ndarray) -> Detections:
 
 
 def nearest_rows(detections: Detections, rates: Sequence[float]) -> Detections:
-    """Return the nearest frame of each camera for every frame of the take.
-
-    Args:
-        detections: C cameras, each from its first frame.
-        rates: (C,) frames of a camera per frame of the take.
-    """
+    """Return the nearest frame of each camera for every frame, at (C,) camera frames per frame."""
     moments = [np.round(_moments(detections, c, rate)).astype(int) for c, rate in enumerate(rates)]
     rows = np.full((len(moments), max(map(len, moments))), -1)
     for row, at in zip(rows, moments, strict=True):
@@ -394,12 +375,7 @@ def nearest_rows(detections: Detections, rates: Sequence[float]) -> Detections:
 
 
 def at_one_rate(detections: Detections, rates: Sequence[float]) -> Detections:
-    """Return every camera at the take's frame rate, interpolated within a track.
-
-    Args:
-        detections: C cameras, each from its first frame.
-        rates: (C,) frames of a camera per frame of the take.
-    """
+    """Return every camera at the take's rate, interpolated if two frames show one person."""
     count = len(detections.cameras)
     result = nearest_rows(detections, rates)
     lengths = detections.lengths or (detections.num_frames,) * count
@@ -447,9 +423,7 @@ CAMERA_RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 90.0, 100.0, 120.0, 240.0)  
 def rates_by_length(cameras: Cameras, detections: Detections, numbered: Detections) -> np.ndarray:
     """Return (C,) frames of each camera per frame of the longest one, usually 1.
 
-    Args:
-        detections: each camera from its first frame.
-        numbered: detections aligned by frame numbers.
+    Cameras start with their own first frames, but ``numbered`` detections are aligned by frame numbers.
     """
     as_they_are, longest = np.ones(len(cameras)), max(detections.lengths, default=0)
     ratios = np.array([_standard(length, longest) for length in detections.lengths])
@@ -461,12 +435,7 @@ def rates_by_length(cameras: Cameras, detections: Detections, numbered: Detectio
 
 
 def rates_match(cameras: Cameras, detections: Detections, rates: np.ndarray) -> bool:
-    """Return whether the views match better at any offsets with the given frame rates.
-
-    Args:
-        detections: each camera from its first frame.
-        rates: (C,) frames of each camera per frame of the take.
-    """
+    """Return whether the views match better at any offsets with (C,) camera frames per frame of the take."""
     tried = (nearest_rows(detections, r.tolist()) for r in (rates, np.ones(len(rates))))
     then, now = (strength(cameras, rows) for rows in tried)
     return now < RIVAL_SHARE * then

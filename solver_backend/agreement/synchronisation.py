@@ -10,24 +10,25 @@ from solver_backend.agreement.evidence import (
     BLOCKS,
     EACH,
     FRAMES,
+    MOST_ROUNDS,
     NEIGHBOURS,
     SAMPLED_FRAMES,
     SIGMAS,
+    STRIDE,
     UNRELATED,
     UNRELATED_NOISE,
     count_in_bins,
     epipolar_distances,
     fit_noise,
 )
+from solver_backend.agreement.reading import ENOUGH
 from solver_backend.agreement.starts import STAGE, best_offsets
 from solver_backend.cameras.camera_corrections import compared_pairs
 from solver_backend.cameras.projection import project_with_jacobian, undistort
-from solver_backend.cameras.robust_triangulation import ROBUST_SIGMAS, Triangulation, triangulate
+from solver_backend.cameras.robust_triangulation import DEPTH_SIGMA_M, ROBUST_SIGMAS, Triangulation, triangulate
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.small_matrices import inverse_symmetric_3x3
 from solver_backend.types import Cameras, Keypoints2D
-
-DEPTH_SIGMA_M = 0.5  # Standard deviation of a triangulated point in metres.
 
 
 @dataclass(frozen=True)
@@ -50,14 +51,13 @@ def delay_step(
     sigma_px: np.ndarray,
     *,
     drifting: bool,
-    blocks: int = BLOCKS,
 ) -> DelayStep:
     """Return one step of the delays of all cameras.
 
     A detection of camera c, read ``δ_c + τ ε_c`` frames later, is ``x + (δ_c + τ ε_c) v``. The step minimises ``Σ w |x
     + (δ + τ ε) v - π(X) - J ξ - b|²`` over delays δ, drifts ε, steps of points ξ, and a constant b for every view and
     keypoint that absorbs calibration errors. Only differences between cameras are determined. The covariance is the
-    sandwich ``H⁻¹ (Σ g_b g_bᵀ) H⁻¹`` over blocks of frames, because errors of neighbouring frames are correlated.
+    sandwich ``H⁻¹ (Σ g_b g_bᵀ) H⁻¹`` over ``BLOCKS`` of frames, because errors of neighbouring frames are correlated.
 
     Args:
         xy: (C, N, K, 2) keypoints in px, NaN where missing.
@@ -65,7 +65,6 @@ def delay_step(
         points: (N, K, 3) positions in metres, NaN where unknown.
         at: (N,) relative time of the frames, from -1 at the take's first frame to 1 at its last.
         sigma_px: (K,) or (C, N, K) standard deviation of the detections in px.
-        blocks: number of time blocks with independent errors. It must be several times the number of cameras.
 
     References: Lucas and Kanade 1981 (the shift that aligns two signals), Golub and Pereyra 1973 (the elimination),
     Liang and Zeger 1986 (the covariance).
@@ -85,7 +84,7 @@ def delay_step(
     error = _centred(error - (J @ shift[..., None])[..., 0], weight)
     kinds = 2 if drifting else 1
     ramps = np.stack([np.ones_like(at), at])[:kinds]
-    step, sigma = _solved(*_equations(J, moved, velocity, error, weight, ramps, blocks), kinds)
+    step, sigma = _solved(*_equations(J, moved, velocity, error, weight, ramps), kinds)
     late = step.T @ ramps
     points = points + np.nan_to_num(shift - np.einsum("pn,pnkj->nkj", late, moved, optimize=True))
     none = np.zeros(len(cameras))
@@ -95,19 +94,12 @@ def delay_step(
 
 def _equations(
     J: np.ndarray, moved: np.ndarray, velocity: np.ndarray, error: np.ndarray, weight: np.ndarray, ramps: np.ndarray,
-    blocks: int,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return normal matrices (blocks, B, B) and gradients (blocks, B) per ramp and view.
 
-    Args:
-        J: (C, N, K, 2, 3) derivatives of the detections by the points.
-        moved: (C, N, K, 3) step of a point that follows the velocity in each view.
-        velocity: (C, N, K, 2) velocities in px per frame.
-        error: (C, N, K, 2) errors in px, with the steps of the points eliminated.
-        weight: (C, N, K) weights.
-        ramps: (1 or 2, N) ones, and relative times.
+    Points that follow the velocity in a view move by (C, N, K, 3). The errors (C, N, K, 2) do not contain their steps.
     """
-    parts = np.array_split(np.arange(error.shape[1]), min(blocks, error.shape[1]))
+    parts = np.array_split(np.arange(error.shape[1]), min(BLOCKS, error.shape[1]))
     size = len(ramps) * len(error)
     normal, gradient = np.zeros((len(parts), size, size)), np.zeros((len(parts), size))
     for view in range(len(error)):
@@ -143,9 +135,7 @@ def _centred(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 USUAL_SIGMA_SHARE = 0.005  # Deviation of detections relative to the image width.
-STRIDE = 3  # Frames between compared lags. Gauss-Newton steps refine them.
-LEAST_FRAMES = 24  # Shortest take in which delays are estimated.
-ROUNDS, SETTLED_FRAMES = 12, 0.02  # Most steps, and largest last step.
+SETTLED_FRAMES = 0.02  # Largest last step.
 MOTION_FRAMES, LEAST_MOTION, LEAST_MOVING = 4, 6.0, 3
 """Half the number of frames over which motion is measured, smallest mean square motion of a moving keypoint in
 variances, and fewest moving keypoints. Detector noise alone gives 4 without smoothing, and 3.1 in takes of people who
@@ -213,7 +203,7 @@ def estimate_delays(
         sigma_px = located.sigma_px
     sigma_px = np.minimum(sigma_px, usual)
     moving = _moving(tracks, frames, sigma_px)
-    if len(shared) < LEAST_FRAMES or moving.sum() < 2:
+    if len(shared) < ENOUGH or moving.sum() < 2:
         unknown = np.full(count, np.nan)
         return Delays(unknown, unknown, unknown, np.zeros(count, bool), unknown, np.tile([-reach, reach], (count, 1)))
     lags, beyond = np.zeros(count), np.zeros(count, bool)
@@ -337,8 +327,8 @@ def _converged(
         velocity = 0.5 * (tracks_at(tracks, times + 1.0) - tracks_at(tracks, times - 1.0))
         return delay_step(cameras, tracks_at(tracks, times), velocity, points, place, sigma_px, drifting=drifting)
 
-    for number in range(ROUNDS):
-        progress(STAGE, number, ROUNDS)
+    for number in range(MOST_ROUNDS):
+        progress(STAGE, number, MOST_ROUNDS)
         found = one_step(drifting=drifting)
         points, step = found.points, np.clip([found.delay, found.drift], -1.0, 1.0)
         before, delay, drift = drift, delay + step[0], drift + step[1]
@@ -352,7 +342,7 @@ def _converged(
             drifting = bool((np.abs(tried.drift - _median(tried.drift)) > least).any())
             if not drifting:
                 break
-    progress(STAGE, ROUNDS, ROUNDS)
+    progress(STAGE, MOST_ROUNDS, MOST_ROUNDS)
     assert found is not None
     return delay, drift, found.sigma, found.drift_sigma
 
@@ -371,11 +361,7 @@ def reach_frames(fps: float) -> int:
 
 
 def synchronised(keypoints: Keypoints2D, delay: np.ndarray) -> Keypoints2D:
-    """Return the detections with each view shifted by its delay (0 for none).
-
-    Args:
-        delay: delays in frames, (C,) or (C, F).
-    """
+    """Return the detections with each view shifted by its delay in frames, (C,) or (C, F)."""
     xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
     hands = None if keypoints.hands is None else keypoints.hands.copy()
     delay = np.broadcast_to(delay.reshape(len(delay), -1), xy.shape[:2])

@@ -8,15 +8,16 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from solver_backend.agreement.body_evidence import refit_pose
 from solver_backend.agreement.evidence import UNRELATED_OUTLIERS, TakeEvidence
 from solver_backend.agreement.explain import AGREED_OUTLIERS, explain
 from solver_backend.agreement.hypotheses import RANGE_ROWS
 from solver_backend.agreement.reading import Detections, Reading, apply_reading
 from solver_backend.agreement.synchronisation import USUAL_SIGMA_SHARE
-from solver_backend.cameras.refinement import estimated_rotation, rotated_back
+from solver_backend.cameras.refinement import rotated_back
 from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
 from solver_backend.geometry.arrays import true_runs
-from solver_backend.geometry.rotations import exp_so3, log_so3
+from solver_backend.geometry.rotations import log_so3
 from solver_backend.types import Cameras, Keypoints2D
 
 FRAME_WEIGHT, SWITCH_COST = 6.0, 15.0
@@ -51,11 +52,7 @@ def inconsistent_ranges(triangulation: Triangulation, confidence: np.ndarray, le
     """Return the frame ranges in which a view contradicts the others, the longest first.
 
     Each view is a two-state Markov chain. The number of outliers in a frame is binomial with the rate of its state. A
-    keypoint that three views show and no two agree on is an outlier in each.
-
-    Args:
-        confidence: (C, F, K) confidences, 0 where missing.
-        least_frames: shorter ranges are ignored.
+    keypoint that three views show and no two agree on is an outlier in each. Ranges below ``least_frames`` are ignored.
 
     References: Viterbi 1967, and Rabiner 1989, "A tutorial on hidden Markov models".
     """
@@ -127,11 +124,7 @@ class CheckedViews(Generic[Finding]):
 
 
 def repair_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[ViewFault]:
-    """Undo faults of views in a range of frames that explain a contradiction, see ``explain``.
-
-    Args:
-        cameras: C cameras. With two, the wrong one cannot be determined.
-    """
+    """Undo faults of views in a range of frames that explain a contradiction, see ``explain``."""
     faults: list[ViewFault] = []
     while len(cameras) > 2 and len(faults) < 2 * len(cameras):
         fault = _next(cameras, keypoints, triangulation)
@@ -151,26 +144,15 @@ def _next(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation
         # Views that agree on a wrong interpretation make a correct view look wrong.
         tried.insert(0, (0, keypoints.num_frames - 1))
     for first, last in dict.fromkeys(tried):
-        found = explain(cameras, _everybody(cameras, keypoints, first, last), rows=RANGE_ROWS)
+        everybody = _everybody(cameras, keypoints, first, last)
+        found = explain(cameras, everybody, rows=RANGE_ROWS)
         if found.changed and found.agrees and not found.reading.left_out:
-            reading = _with_exact_turns(cameras, keypoints.frames(first, last + 1), found.reading)
+            reading, evidence = found.reading, TakeEvidence(cameras, everybody)
+            for view in (view for view, pose in enumerate(reading.moved) if pose):  # again, in more frames
+                exact = refit_pose(evidence, replace(reading, moved=()), view, turned=True)
+                reading = reading if exact is None else reading.with_pose(view, exact)
             return _extended(cameras, keypoints, ViewFault(first, last, reading))
     return None
-
-
-def _with_exact_turns(cameras: Cameras, keypoints: Keypoints2D, reading: Reading) -> Reading:
-    """Return the interpretation with rotations estimated from points that others triangulate."""
-    undone = without_faults(cameras, keypoints, replace(reading, moved=()), slice(None))
-    for view in (view for view, pose in enumerate(reading.moved) if pose is not None):
-        own = reading.owners[view]
-        others = [other for other in range(len(cameras)) if other != own]
-        found = triangulate(cameras.subset(others), undone.xy[others], undone.confidence[others])
-        seen = np.isfinite(found.points).all(-1) & (undone.confidence[own] > 0)
-        sigma = np.broadcast_to(found.sigma_px, seen.shape)[seen]
-        turn = exp_so3(estimated_rotation(cameras.subset([own]), found.points[seen], undone.xy[own][seen], sigma))
-        pose = (*(turn @ cameras.R[own]).ravel().tolist(), *(turn @ cameras.t[own]).tolist())
-        reading = reading.with_pose(view, pose)
-    return reading
 
 
 def _everybody(cameras: Cameras, keypoints: Keypoints2D, first: int, last: int) -> Detections:
@@ -190,11 +172,7 @@ def _extended(cameras: Cameras, keypoints: Keypoints2D, fault: ViewFault) -> Vie
 
 
 def exclude_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[ViewRange]:
-    """Exclude the frame ranges of views that contradict all others.
-
-    Args:
-        cameras: C cameras. Nothing changes with two.
-    """
+    """Exclude the frame ranges of views that contradict at least two others."""
     least = BRIEF_S * keypoints.fps
     found = inconsistent_ranges(triangulation, keypoints.confidence, least) if len(cameras) > 2 else []
     chosen = tuple(s for s in found if _is_hopeless(cameras, keypoints, s))
@@ -229,34 +207,17 @@ def _is_hopeless(cameras: Cameras, keypoints: Keypoints2D, view_range: ViewRange
 
 
 def best_states(unary: np.ndarray, transition: np.ndarray) -> np.ndarray:
-    """Return the states that minimise ``Σ_f u_f(s_f) + Σ_f T_f(s_{f-1}, s_f)`` (Viterbi 1967).
+    """Return (..., F) states that minimise ``Σ_f u_f(s_f) + Σ_f T_f(s_{f-1}, s_f)`` (Viterbi 1967).
 
-    The recursion is an associative product of 2x2 matrices in the (min, +) semiring. It is computed by doubling in
-    ``log2 F`` steps (Hillis and Steele 1986). Ties are resolved to state 0.
-
-    Args:
-        unary: (..., F, 2) cost of each state.
-        transition: (..., F, 2, 2) cost of the transition from the previous frame's state. The first is ignored.
-
-    Returns:
-        (..., F) bool, true for state 1.
+    Costs are (..., F, 2) of each state, and (..., F, 2, 2) of the transition from the previous frame's state. Ties give
+    state 0.
     """
-    steps = transition + unary[..., None, :]
-    steps[..., 0, :, :] = unary[..., 0, None, :]
-    forward = _running_product(steps).min(axis=-2)
-    reversed_T = np.swapaxes(transition[..., 1:, :, :] + unary[..., 1:, None, :], -1, -2)[..., ::-1, :, :]
-    backward = np.zeros_like(unary)
-    backward[..., :-1, :] = _running_product(reversed_T).min(axis=-2)[..., ::-1, :]
-    through = forward + backward
-    return through[..., 1] < through[..., 0]
-
-
-def _running_product(matrices: np.ndarray) -> np.ndarray:
-    """Return (..., F, 2, 2) cumulative products of the matrices in the (min, +) semiring."""
-    product, reach = matrices.copy(), 1
-    while reach < product.shape[-3]:
-        left, right = product[..., :-reach, :, :], product[..., reach:, :, :]
-        through = [left[..., :, state, None] + right[..., None, state, :] for state in (0, 1)]
-        product[..., reach:, :, :] = np.minimum(*through)
-        reach *= 2
-    return product
+    cost, before = unary[..., 0, :], list[np.ndarray]()
+    for f in range(1, unary.shape[-2]):
+        ways = cost[..., :, None] + transition[..., f, :, :]
+        before.append(ways[..., 1, :] < ways[..., 0, :])
+        cost = ways.min(axis=-2) + unary[..., f, :]
+    states = [cost[..., 1] < cost[..., 0]]
+    for came in reversed(before):
+        states.append(np.where(states[-1], came[..., 1], came[..., 0]))
+    return np.stack(states[::-1], axis=-1)

@@ -180,46 +180,6 @@ def view_distances(
     return np.array([np.median(view[np.isfinite(view)]) if np.isfinite(view).any() else np.nan for view in off])
 
 
-SCALES = (300.0, 100.0, 30.0, 10.0, 3.0, 3.0)
-"""Geman-McClure scales in standard deviations, from plain least squares to robust."""
-STEPS = 3  # Gauss-Newton steps at each scale.
-
-
-def estimated_rotation(
-    camera: Cameras,
-    points: Float[np.ndarray, "points 3"],
-    px: Float[np.ndarray, "points 2"],
-    sigma_px: Float[np.ndarray, " points"],
-) -> Float[np.ndarray, " 3"]:
-    """Estimate the (3,) rotation vector ω of a camera, with ``R_now = exp(ω) R``.
-
-    Gauss-Newton steps minimise ``Σ ρ(|π(exp(ω) (R X + t)) - x| / σ)`` with graduated non-convexity.
-
-    Args:
-        camera: one camera before the rotation.
-        points: (N, 3) world positions in metres.
-        px: (N, 2) pixels of the points.
-        sigma_px: (N,) standard deviations in px.
-
-    References: Geman and McClure 1987 (the penalty), Blake and Zisserman 1987 (graduated non-convexity).
-    """
-    now, R, t = CameraArrays.of(camera, px), camera.R[0].copy(), camera.t[0].copy()
-    for scale in SCALES:
-        for _ in range(STEPS):
-            expected, J, _ = project_with_jacobian(replace(now, R=R[None], t=t[None]), points)
-            error = (px - expected[0]) / sigma_px[:, None]
-            local = points @ R.T + t
-            by_rotation = -(J[0] @ R.T) @ skew(local) / sigma_px[:, None, None]
-            known = np.isfinite(error).all(-1)
-            weight = np.where(known, (scale**2 / (scale**2 + np.nan_to_num(error**2).sum(-1))) ** 2, 0.0)
-            A = by_rotation[known]
-            weighted = np.swapaxes(A, -1, -2) * weight[known, None, None]
-            normal = (weighted @ A).sum(axis=0) + 1e-9 * np.eye(3)
-            step = exp_so3(np.linalg.solve(normal, (weighted @ error[known, :, None]).sum(axis=0)[:, 0]))
-            R, t = step @ R, step @ t
-    return log_so3(R @ camera.R[0].T)
-
-
 def rotated_back(
     camera: Cameras, px: Float[np.ndarray, "*batch 2"], rotation: Float[np.ndarray, "*turns 3"]
 ) -> Float[np.ndarray, "*batch 2"]:
@@ -228,7 +188,7 @@ def rotated_back(
     Args:
         camera: one camera before the rotation.
         px: (..., 2) pixels of the rotated camera.
-        rotation: (3,) rotation vector in radians, see ``estimated_rotation``, or (F, 3) for (F, n, 2) pixels.
+        rotation: (3,) rotation vector in radians, or (F, 3) for (F, n, 2) pixels.
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 8.4 (cameras with one centre).
     """

@@ -12,8 +12,7 @@ import pytest
 from solver_backend.agreement.body_evidence import refit_pose
 from solver_backend.agreement.evidence import TakeEvidence, count_in_bins, fit_noise
 from solver_backend.agreement.explain import AS_EXACT, Explanation, explain
-from solver_backend.agreement.hypotheses import one_window
-from solver_backend.agreement.picture_fit import FREE, fit_window
+from solver_backend.agreement.hypotheses import FREE, fit_window, one_window
 from solver_backend.agreement.reading import PLAIN, Detections, PictureReading, Reading, apply_reading
 from solver_backend.agreement.single_view import pictures_of_one_view
 from solver_backend.cameras.camera_corrections import CameraCorrection, corrected

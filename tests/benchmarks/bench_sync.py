@@ -19,8 +19,7 @@ from solver_backend.exchange.errors import MocapError
 from solver_backend.synthesis.simulation.cast import Take, cast_person
 from solver_backend.synthesis.simulation.keypoint_detector import miscalibrated
 from solver_backend.videos.sync.clocks import Clocks
-from solver_backend.videos.sync.signals import clocks_by_speeds
-from solver_backend.videos.sync.synchronise import FilmedTracks, clocks_by_geometry
+from solver_backend.videos.sync.synchronise import FilmedTracks, clocks_by_geometry, clocks_by_speeds
 from tests.benchmarks.comparison.validation_takes import take_named
 from tests.benchmarks.kept_parts import kept
 from tests.benchmarks.metric import Metric

@@ -178,7 +178,8 @@ def test_joint_set_from_config(trial: Path) -> None:
     assert "The joint set is BODY_25B, from Config.toml." in words(load_capture(trial).notes)
     (trial / "Config.toml").write_text("[pose]\npose_model = 'Body_with_feet'\n[project]\nframe_range = [3, 9]\n")
     found = load_capture(trial)
-    assert diagnostic("joint_set_contradicts", configured="HALPE_26", joint_set="BODY_25B") in found.problems
+    values = {"configured": "HALPE_26", "joint_set": "BODY_25B"}
+    assert diagnostic("joint_set_uncertain", reason="config", **values) in found.problems
     assert any("names HALPE_26, but the keypoints match BODY_25B" in problem for problem in words(found.problems))
     assert found.num_frames == 6 and any(
         note.startswith("Config.toml asks for frames 3 to 8. The take has 20 frames") for note in words(found.notes)

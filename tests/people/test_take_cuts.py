@@ -36,7 +36,7 @@ def test_a_whole_take_at_a_third_of_its_rate_and_a_jump_in_one_view_are_none() -
 
 
 def test_frames_in_the_order_of_texts() -> None:
-    for first, count in ((0, 22), (0, 40), (1, 120)):
+    for first, count in ((0, 24), (0, 40), (1, 120)):
         texts = sorted(range(first, first + count), key=str)
         [found] = words(report_order(rows(*[frame - first + 60 for frame in texts])))
         assert "sorted by name (1, 10, 2)" in found

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.agreement.hypotheses import SIDES_EXCHANGED, exchanged_pair
 from solver_backend.agreement.label_swaps import exclude_bystanders, undo_swaps
-from solver_backend.agreement.reading import limb_keypoints
+from solver_backend.agreement.reading import ENOUGH, limb_keypoints
 from solver_backend.agreement.repeated_frames import (
     LEAST_REPEATED,
     filled_frames,
@@ -18,7 +19,7 @@ from solver_backend.agreement.repeated_frames import (
     skipped_frames,
     without_repeats,
 )
-from solver_backend.agreement.synchronisation import LEAST_FRAMES, estimate_delays, reach_frames, synchronised
+from solver_backend.agreement.synchronisation import estimate_delays, reach_frames, synchronised
 from solver_backend.agreement.view_faults import (
     BRIEF_S,
     ViewFault,
@@ -150,7 +151,7 @@ def _in_time(
             found.append(diagnostic(code, cameras=[cameras.names[view]], frames=whole, **values))
 
     seeing = (keypoints.confidence > 0).any(axis=(1, 2))
-    unknown = np.isnan(delays.frames) & seeing & ~delays.beyond & (count >= LEAST_FRAMES)
+    unknown = np.isnan(delays.frames) & seeing & ~delays.beyond & (count >= ENOUGH)
     diagnose("delay_beyond", delays.beyond & seeing)
     for direction, sign in (("late", 1), ("early", -1)):
         which = moved & ~drifting & (sign * delays.frames > 0)
@@ -158,7 +159,7 @@ def _in_time(
     diagnose("rate_differs", drifting, size=2 * delays.drift, remedy=Remedy.REPAIRED)
     seen = (keypoints.confidence > 0).any(axis=2).sum(axis=1)
     together = int(((keypoints.confidence > 0).any(axis=2).sum(axis=0) > 1).sum())
-    brief = seeing & ((2 * seen < seen.max()) | (together < LEAST_FRAMES))
+    brief = seeing & ((2 * seen < seen.max()) | (together < ENOUGH))
     told = {"severity": Severity.WARNING, "extent": "camera", "reason": "brief"}
     diagnose("delay_unknown", unknown & brief, count=seen, of=count, **told)
     seeing &= ~brief
@@ -185,15 +186,18 @@ def _diagnose_views(cameras: Cameras, fault: ViewFault) -> list[Diagnostic]:
     where: dict[str, Any] = {"frames": [(fault.first, fault.last)], "remedy": Remedy.REPAIRED}
     found = list[Diagnostic]()
     for view, name in enumerate(cameras.names):
-        if reading.pictures[view].mirrored or reading.sides[view]:
-            code = "image_mirrored" if reading.pictures[view].mirrored else "sides_exchanged"
-            found.append(diagnostic(code, cameras=[name], **where))
+        if reading.pictures[view].mirrored:
+            found.append(diagnostic("image_mirrored", cameras=[name], **where))
+        elif reading.sides[view]:
+            found.append(diagnostic("detections_corrected", cameras=[name], found=SIDES_EXCHANGED, **where))
         if (turn := turned_by(cameras, reading, view)) is not None:
             size = float(np.degrees(np.linalg.norm(turn)))
             found.append(diagnostic("camera_turned", cameras=[name], size=size, **where))
         if (other := now.index(reading.owners[view])) != view:
             now[view], now[other] = now[other], now[view]
-            found.append(diagnostic("names_exchanged", cameras=[name, cameras.names[other]], **where))
+            both = [name, cameras.names[other]]
+            pairs = [exchanged_pair(*both), exchanged_pair(*both[::-1])]
+            found.append(diagnostic("camera_names_exchanged", cameras=both, pairs=pairs, **where))
     return found
 
 
@@ -205,11 +209,7 @@ def _alterations(
     replaced: np.ndarray,
     grids: np.ndarray,
 ) -> list[Diagnostic]:
-    """Return diagnostics of repeated, skipped and filled frames, and of pixel grids.
-
-    Args:
-        replaced: (C, F) bool, filled frames that other views replace.
-    """
+    """Return diagnostics of repeated, skipped, filled and ``replaced`` frames, and of pixel grids."""
     whole, found = [(0, len(skipped) - 1)], list[Diagnostic]()
     for view, name in enumerate(cameras.names):
         where: dict[str, Any] = {"cameras": [name], "frames": whole}

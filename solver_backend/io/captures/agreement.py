@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.agreement.explain import Applied, Explanation, explain
+from solver_backend.agreement.hypotheses import exchanged_pair
 from solver_backend.agreement.reading import Detections, Reading, apply_reading, unturn
 from solver_backend.agreement.single_view import pictures_of_one_view
 from solver_backend.agreement.starts import (
@@ -275,19 +276,16 @@ class _Files:
     def at_rates(self, ratios: np.ndarray, fps: float, *, is_open: bool = False) -> _Files:
         """Resample the detections to the take's frame rate by ``ratios`` (C,).
 
-        Cameras with other rates are reported. With ``is_open``, an ambiguous rate of the take is also reported.
+        Cameras with other rates are reported. With ``is_open``, the rate of the fastest cameras is an assumption.
         """
         if (ratios == 1).all():
             return self
         names = self.detections.cameras
         rates = {name: ratio * fps for name, ratio in zip(names, ratios.tolist(), strict=True) if ratio != 1.0}
         named = [f"{name} {rate:.4g}" for name, rate in rates.items()]
-        problems = [diagnostic("camera_rates_differ", cameras=list(rates), rate=fps, rates=named)]
-        if is_open:
-            fast = [name for name in names if name not in rates]
-            problems.append(diagnostic("frame_rate_ambiguous", cameras=fast, rate=fps))
-        resampled = at_one_rate(self.detections, ratios.tolist())
-        return _Files(self.calibration, resampled, (*self.problems, *problems))
+        values = {"rate": fps, "rates": named, "basis": "assumed" if is_open else "known"}
+        problem = diagnostic("camera_rates_differ", cameras=list(rates), **values)
+        return _Files(self.calibration, at_one_rate(self.detections, ratios.tolist()), (*self.problems, problem))
 
     def read(self, reading: Reading, options: ReadOptions, problems: Sequence[Diagnostic] = ()) -> _Files:
         """Apply a reading to the calibration and detections, and add problems to the calibration."""
@@ -397,19 +395,19 @@ def _report(names: Sequence[str], found: Explanation) -> list[Diagnostic]:
         reported.append(diagnostic("calibration_corrected", result="shares", meanings=meanings, **shares, **evidence))
     for applied in found.applied:
         named = [names[view] for view in applied.views]
-        if applied.code == "detections_corrected" and len(named) == len(names):
-            reported.append(diagnostic("detections_corrected", found=applied.meaning, **evidence))
-        elif applied.code == "detections_corrected":
+        values: dict[str, Any] = {"remedy": Remedy.REPAIRED, **evidence}
+        if applied.code == "detections_corrected":
             mirrored = any(found.reading.pictures[view].mirrored for view in applied.views)
-            code = "image_mirrored" if mirrored else "sides_exchanged"
-            reported += [diagnostic(code, cameras=[name], remedy=Remedy.REPAIRED, **evidence) for name in named]
+            if mirrored and len(named) < len(names):
+                reported += [diagnostic("image_mirrored", cameras=[name], **values) for name in named]
+            else:
+                reported.append(diagnostic(applied.code, cameras=named, found=applied.meaning, **values))
         elif applied.code == "camera_names_exchanged":
-            owners = [names[found.reading.owners[view]] for view in applied.views]
-            pairs = [f"{name} is the calibration's {owner}" for name, owner in zip(named, owners, strict=True)]
-            reported.append(diagnostic("camera_names_exchanged", cameras=named, pairs=pairs, **evidence))
+            pairs = [exchanged_pair(names[view], names[found.reading.owners[view]]) for view in applied.views]
+            reported.append(diagnostic(applied.code, cameras=named, pairs=pairs, **values))
         elif applied.code in ("camera_placed", "camera_unexplained"):
-            remedy: dict[str, Any] = {"remedy": Remedy.REPAIRED} if applied.code == "camera_placed" else {}
-            reported.append(diagnostic(applied.code, cameras=named, **remedy, **evidence))
+            values |= {} if applied.code == "camera_placed" else {"remedy": Remedy.REPORTED}
+            reported.append(diagnostic(applied.code, cameras=named, **values))
     return reported
 
 

@@ -10,34 +10,23 @@ from solver_backend.agreement.reading import LEAST_VALUES, Detections
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.io.recognition.joint_sets import SAMPLED_PEOPLE
 
-PER_CENT, FLAGGED = 100.0, 2.0  # Value of certainty in percentages, and in COCO's flags (1 hidden, 2 visible).
-_LOW, _HIGH, _SURE = 0.5, 1.5, 0.95
-"""Confidences are relative if their quantile (third value) is outside the first two values. It then counts as 1."""
-_TYPICAL_PER_CENT = 10.0  # Percentages typically exceed this. Other scores above 1 reach only a few units.
+_SURE = 0.95
+"""Quantile of confidences on another scale that counts as certain. A scale of 0 to 1 has it between 0.5 and 1.5."""
 
 
 def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return confidences in 0..1, rescaled from other scales, notes and problems.
-
-    Args:
-        confidence: confidences of one joint set and take, in any shape. 0 or NaN means undetected.
-    """
+    """Return confidences of one joint set in 0..1 (0 or NaN means undetected), notes and problems."""
     confidence = np.where(np.isnan(confidence), 0.0, confidence).astype(confidence.dtype)
     seen, largest = confidence[confidence > 0], float(confidence.max(initial=0.0))
     if not len(seen):
         return confidence, (), ()
     few = len(seen) < LEAST_VALUES
     sure = float(np.quantile(seen, 0.5 if few else _SURE))
-    if largest <= 1 and (few or sure >= _LOW):
+    if largest <= 1 and (few or 2 * sure >= 1):
         return confidence, (), ()
-    if largest == FLAGGED and np.isin(seen, (1.0, FLAGGED)).all():
-        how, certain = "flags", FLAGGED
-    elif float(np.median(seen)) > _TYPICAL_PER_CENT and sure <= PER_CENT:  # a few scores may be larger
-        how, certain = "percent", PER_CENT
-    else:
-        how, certain = ("above", 1.0) if largest > 1 and sure <= _HIGH else ("relative", sure)
+    how, certain = ("above", 1.0) if largest > 1 and 2 * sure <= 3 else ("relative", sure)
     scaled = np.minimum(confidence / certain, 1.0)
-    if how in ("above", "flags"):
+    if largest > 1:
         return scaled, (diagnostic("confidence_rescaled", how=how, severity=Severity.NOTE, largest=largest),), ()
     return scaled, (), (diagnostic("confidence_rescaled", how=how, largest=largest),)
 
@@ -54,17 +43,10 @@ def from_logarithms(confidence: np.ndarray, written: np.ndarray) -> np.ndarray:
 
 
 _LEAST_SHARE = 0.01  # Smallest fraction of all points at one position.
-_MOST_KEYPOINTS = 0.5
-"""Smallest fraction of keypoints that are ever at the position. A body has only one keypoint at a position."""
 
 
 def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
-    """Return the (2,) pixel position that most keypoints share at some time, or None.
-
-    Args:
-        xy: (..., K, 2) keypoints in pixels.
-        confidence: (..., K) confidences, 0 where undetected.
-    """
+    """Return the (2,) pixels at which most keypoints (..., K, 2) are at some time, or None."""
     count = confidence.shape[-1]
     points, seen = xy.reshape(-1, count, 2), confidence.reshape(-1, count) > 0
     seen &= np.isfinite(points).all(-1)
@@ -76,7 +58,7 @@ def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
     places, times = np.unique(few[chosen], axis=0, return_counts=True)
     place = places[times.argmax()]
     kinds = ((few == place).all(-1) & chosen).any(0).mean()
-    if times.max() < _LEAST_SHARE * chosen.sum() or kinds < _MOST_KEYPOINTS:
+    if times.max() < _LEAST_SHARE * chosen.sum() or 2 * kinds < 1:  # a body has only one keypoint at a position
         return None
     return place
 
@@ -87,11 +69,7 @@ _CENTRED = 0.1  # Fraction of negative coordinates that shows an origin at the i
 
 
 def in_pixels(detections: Detections, image_size: np.ndarray) -> Detections:
-    """Convert fractions of the image size, measured from a corner or the centre, to pixels.
-
-    Args:
-        image_size: (C, 2) width and height in pixels.
-    """
+    """Convert fractions of the (C, 2) image sizes, measured from a corner or the centre, to pixels."""
     seen = detections.xy[(detections.confidence > 0) & np.isfinite(detections.xy).all(-1)]
     if not len(seen) or np.quantile(np.abs(seen), _WITHIN) > _LARGEST:
         return detections

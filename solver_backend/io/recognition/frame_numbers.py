@@ -18,13 +18,10 @@ _SPARSEST, _FREE = 100, 1000  # Largest range of frame numbers: this factor per 
 
 
 def frame_numbers(stems: Sequence[str], *, where: str) -> np.ndarray:
-    """Return the frame number of each file of one camera.
+    """Return the frame number of each file of one camera, from the names without suffix.
 
     Names may contain other numbers (``cam01.0012``, ``take2_cam1_000012_keypoints``). The frame number is the last
     group of digits that differs between all files.
-
-    Args:
-        stems: file names without suffix.
 
     Raises:
         FileDamaged: a name has no number, two files have the same number, or the numbers are time stamps.
@@ -69,9 +66,6 @@ def counted_together(numbers: Sequence[np.ndarray]) -> list[np.ndarray] | None:
 
     The first camera then has 0, 4, 8 ..., the second one 1, 5, 9 .... The steps are equal, and no two cameras share a
     number.
-
-    Args:
-        numbers: (N,) ascending numbers of each camera.
     """
     steps = np.unique(np.concatenate([np.diff(of_camera) for of_camera in numbers]))
     firsts = [int(of_camera[0]) for of_camera in numbers]
@@ -88,10 +82,7 @@ def spans_too_much(ordered: Sequence[int]) -> bool:
 
 
 def shared_range(spans: Mapping[str, tuple[int, int]], *, trim: bool) -> tuple[int, int]:
-    """Return the first and last frame number (inclusive) that all cameras use.
-
-    Args:
-        trim: keep the frames that every camera has instead of raising an error.
+    """Return the first and last frame number that all cameras use, or have if ``trim`` is true.
 
     Raises:
         FrameCountMismatch: the ranges differ and ``trim`` is False, or the cameras have no common frame.
@@ -106,11 +97,7 @@ def shared_range(spans: Mapping[str, tuple[int, int]], *, trim: bool) -> tuple[i
 
 
 def different_frames(spans: Mapping[str, tuple[int, int]], why: str = "") -> FrameCountMismatch:
-    """Return the error about cameras with different frames, with a remedy.
-
-    Args:
-        why: a sentence with the reason why they could not be synchronised.
-    """
+    """Return the error about cameras with different frames, with the reason ``why`` as a sentence."""
     listing = "; ".join(f"{name}: {b - a + 1} (numbers {a} to {b})" for name, (a, b) in spans.items())
     common = min(b for _, b in spans.values()) - max(a for a, _ in spans.values()) + 1
     what = "recorded different numbers of frames" if common > 0 else "have no frame number in common"

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.agreement.evidence import MOST_ROUNDS
+from solver_backend.agreement.evidence import BLOCKS, MOST_ROUNDS
+from solver_backend.agreement.person_tracks import BRIDGE_S
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.exchange.errors import NoDetections
@@ -23,9 +24,9 @@ SEGMENTS = (
 mass is beyond the end. Hands count with forearms, feet with shanks (de Leva 1996, mean of both sexes)."""
 CARRIES_AT = 0.45
 """Relative position between heel and toe that supports a standing person. With 0.5, recorded people seem to lean."""
-AHEAD_M = 0.05  # Distance in metres from the ankle forward to that point if neither heels nor toes are known.
 CARRIES_M = 0.04
-"""Height in metres above the other foot at which a foot supports with weight ``exp(-1/2)`` if up is well known."""
+"""Height in metres above the other foot at which a foot supports with weight ``exp(-1/2)`` if up is well known, and
+distance from the ankle forward to the support if neither heels nor toes are known."""
 LEAST_HEIGHT = 0.7  # Smallest height of a standing person's centre of mass above the feet, in leg lengths.
 
 
@@ -63,7 +64,7 @@ def _sole(at: dict[str, np.ndarray], side: str, up: np.ndarray) -> np.ndarray:
     across = at["left_hip"] - at["right_hip"]
     ahead = np.cross(across, up)
     ahead = ahead / np.maximum(np.linalg.norm(ahead, axis=-1, keepdims=True), 1e-9)
-    guess = ankle + AHEAD_M * ahead
+    guess = ankle + CARRIES_M * ahead
     if heel is None or toe is None:
         return guess
     carrying = (1.0 - CARRIES_AT) * heel + CARRIES_AT * toe
@@ -75,9 +76,6 @@ def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"], tilt_sigma: float)
 
     The support is the lower foot. If the other foot is nearly as low, it is the point between both that is nearest to
     the projected centre of mass. The tolerance grows with the uncertainty of up, which affects the heights of the feet.
-
-    Args:
-        tilt_sigma: standard deviation of the up direction in radians.
     """
     level = np.eye(3) - np.outer(up, up)
     left_lower = ((body.feet[0] - body.feet[1]) @ up < 0)[:, None]
@@ -94,35 +92,26 @@ def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"], tilt_sigma: float)
     return (above @ level)[standing] / height[standing, None]
 
 
-def independent_count(values: Float[np.ndarray, "frames axes"]) -> float:
-    """Return the effective number of independent samples in correlated values."""
-    values = values - values.mean(0)
-    count, variance = len(values), float((values**2).sum(-1).mean()) if len(values) else 0.0
-    if count < 4 or variance < 1e-12:
-        return 1.0
-    size = 2 ** int(np.ceil(np.log2(2 * count)))
-    spectrum = np.abs(np.fft.rfft(values, size, axis=0)) ** 2
-    alike = np.fft.irfft(spectrum, size, axis=0)[: count // 2].sum(-1) / (count * variance)
-    below = np.flatnonzero(alike < 0.05)
-    first = int(below[0]) if len(below) else len(alike)
-    return max(1.0, count / (1.0 + 2.0 * float(alike[1:first].sum())))
+def mean_variance(values: Float[np.ndarray, "frames axes"]) -> float:
+    """Return the variance per axis of the mean of correlated values, from the means of time blocks."""
+    means = np.array([part.mean(axis=0) for part in np.array_split(values, min(BLOCKS, len(values)))])
+    return float(means.var(axis=0, ddof=1).mean() / len(means))
 
 
 BODY_SIGMA = np.radians(12.0)
 """Standard deviation per axis (radians) over a take of the angle between gravity and the direction from ankles to
 shoulders. If the angle varies more, the person runs, leaps or tumbles, and the frames show little about gravity."""
-BALANCE_SIGMA = np.radians(3.5)
+TILT_SIGMA = np.radians(4.0)
 """Standard deviation per axis (radians) in a long take of the angle between gravity and the mean direction from support
-to centre of mass. Accelerations and errors of the masses cause it."""
+to centre of mass, and of the roll of cameras set up by eye. A smaller tilt is usual, and is not corrected."""
 APART_SIGMAS = 1.4
 """Multiple of ``BODY_SIGMA`` beyond which trunk and balance contradict each other, so that up is uncertain."""
 FOOT_SIGMA_M = 0.02  # Standard deviation of a standing foot's keypoint height, metres.
-FRAMES_PER_STEP, FPS = 14, 30.0  # Number of correlated frames on the floor, and their frame rate.
+FPS = 30.0  # Frame rate if unknown.
 LOWEST = 0.15  # Fraction of a foot's heights below the floor because of noise.
 _PASSES = 5
 _Z = np.array([0.0, 0.0, 1.0])
 _LARGEST_STEP = 0.15  # Largest change of the floor's slope per iteration, radians, chosen by hand.
-LEAST_TILT = np.radians(4.0)  # A smaller tilt is usual for people and floors, and is not corrected.
 
 
 @dataclass(frozen=True)
@@ -226,10 +215,10 @@ def _gravity(feet: np.ndarray, trunk: np.ndarray, body: BalancePoints, fps: floa
         information = np.eye(2) / BODY_SIGMA**2
         wanted = information @ (-seen[:2] / seen[2])
         if number > 0 and len(body.centre) > 4:
-            lean = (leaning(body, up, max(LEAST_TILT, 1.5 * sigma)) @ R.T)[:, :2]
+            lean = (leaning(body, up, max(TILT_SIGMA, 1.5 * sigma)) @ R.T)[:, :2]
             if len(lean) > 4:
                 mean, spread = robust_mean(lean)
-                variance = BALANCE_SIGMA**2 + spread**2 / independent_count(lean)
+                variance = TILT_SIGMA**2 + mean_variance(lean)
                 information, wanted = information + np.eye(2) / variance, wanted - mean / variance
         slope, covariance, walked = fit_floor(feet @ R.T, np.linalg.solve(information, wanted), information, fps)
         step = float(np.linalg.norm(slope))
@@ -258,7 +247,7 @@ def fit_floor(
     x = feet[frame, kind]
     where = x[:, :2] - np.median(x[:, :2], axis=0)
     A = np.concatenate([where, np.eye(K)[kind]], axis=1)
-    alike = max(1.0, FRAMES_PER_STEP * fps / FPS) * K * FOOT_SIGMA_M**2
+    alike = max(1.0, BRIDGE_S * fps) * K * FOOT_SIGMA_M**2
     H = 1e-9 * np.eye(2 + K)
     H[:2, :2] = alike * information
     g = np.concatenate([alike * information @ wanted, np.zeros(K)])
@@ -274,7 +263,6 @@ def fit_floor(
 
 
 FLOOR_SIGMA = np.radians(1.5)  # Standard deviation of a floor from level, in addition to foot keypoint noise.
-ROLL_SIGMA = np.radians(4.0)  # Roll of cameras set up by eye, radians. The Pose2Sim demo has 2.5, 2.6, 12 and 24°.
 WITNESS_MOST = 25.0  # Largest contribution of one source, in squared standard deviations.
 SURE = 5.0
 """Smallest sum of the sources without the strongest one, and of the cameras' roll against a lying person. Level takes
@@ -283,7 +271,6 @@ reach 1.2, slopes and stairs 3.8. Chosen on five takes, and confirmed on two oth
 OFF_FLOOR_M, BELOW_M = 0.15, 0.25
 """Smallest distance in metres from the feet to a floor that they do not touch, and smallest depth of the feet below a
 wrong floor. Slopes and stairs are less deep near the origin."""
-_LEVEL_ROUNDS = 10  # Number of reweighting iterations.
 
 
 @dataclass(frozen=True)
@@ -309,7 +296,7 @@ class Level:
     @property
     def could_be_tilted(self) -> bool:
         """True if the tilt exceeds its uncertainty."""
-        return self.tilt > max(LEAST_TILT, 2.0 * self.sigma)
+        return self.tilt > max(TILT_SIGMA, 2.0 * self.sigma)
 
     @property
     def is_above_feet(self) -> bool:
@@ -320,10 +307,7 @@ class Level:
 def measure_level(
     points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet, cameras: Cameras, fps: float = FPS
 ) -> Level:
-    """Measure the tilt and floor of a world from all sources.
-
-    Args:
-        points: (F, K, 3) keypoints in metres in the calibration's world, NaN where unknown.
+    """Measure the tilt and floor of a world from keypoints (F, K, 3) in metres and cameras.
 
     Raises:
         NoDetections: shoulders and ankles are never visible together.
@@ -343,18 +327,18 @@ def _add_cameras(upright: Upright, R: np.ndarray) -> tuple[np.ndarray, float]:
 
     In the person's world, up is ``(-a, -b, 1)``, and each slope has the variance ``σ²/2``. For a level image, the
     horizontal image axis ``(h, v)`` satisfies ``h · (a, b) = v``. The roll variance is estimated with a prior of
-    ``ROLL_SIGMA``. Cameras that roll far beyond it get a low weight.
+    ``TILT_SIGMA``. Cameras that roll far beyond it get a low weight.
     """
     across = R[:, 0] @ upright.R.T
     h, v = across[:, :2], across[:, 2]
     prior = np.eye(2) / (0.5 * upright.tilt_sigma**2)
-    slope, weight, variance = np.zeros(2), np.full(len(v), ROLL_SIGMA**-2), ROLL_SIGMA**2
-    for _ in range(_LEVEL_ROUNDS):
+    slope, weight, variance = np.zeros(2), np.full(len(v), TILT_SIGMA**-2), TILT_SIGMA**2
+    for _ in range(MOST_ROUNDS):
         precision = prior + (h * weight[:, None]).T @ h
         slope = np.linalg.solve(precision, (h * weight[:, None]).T @ v)
         rolls = v - h @ slope
-        variance = float((ROLL_SIGMA**2 + np.minimum(rolls**2, ROLL_SIGMA**2).mean()) / 2)
-        weight = 1.0 / (variance * (1.0 + (rolls / (2.0 * ROLL_SIGMA)) ** 2) ** 2)
+        variance = float((TILT_SIGMA**2 + np.minimum(rolls**2, TILT_SIGMA**2).mean()) / 2)
+        weight = 1.0 / (variance * (1.0 + (rolls / (2.0 * TILT_SIGMA)) ** 2) ** 2)
     up = upright.R.T @ np.array([-slope[0], -slope[1], 1.0])
     covariance = np.linalg.inv(prior + (h * weight[:, None]).T @ h)
     return up / np.linalg.norm(up), float(np.sqrt(np.trace(covariance)))
@@ -365,12 +349,12 @@ def _balance(points: np.ndarray, joint_set: JointSet, z: np.ndarray, tilt_sigma:
     body = body_points(points, joint_set)
     if len(body.centre) <= 4:
         return 0.0
-    lean = leaning(body, _Z, max(LEAST_TILT, 1.5 * tilt_sigma))[:, :2]
+    lean = leaning(body, _Z, max(TILT_SIGMA, 1.5 * tilt_sigma))[:, :2]
     if len(lean) <= max(4, len(body.centre) // 2):  # a person who is rarely on the feet shows no balance
         return 0.0
-    mean, spread = robust_mean(lean)
+    mean, _ = robust_mean(lean)
     up = np.array([*mean, 1.0]) / np.sqrt(1.0 + mean @ mean)
-    sigma = np.sqrt(BALANCE_SIGMA**2 + spread**2 / independent_count(lean))
+    sigma = np.sqrt(TILT_SIGMA**2 + mean_variance(lean))
     return _gain(_angle(up, z) / sigma, _angle(up, _Z) / sigma)
 
 
@@ -388,14 +372,10 @@ def roll_gain(R: Float[np.ndarray, "cameras 3 3"], up: Float[np.ndarray, " 3"]) 
     """Return the gain of ``up`` over the world's Z in explaining the cameras' roll.
 
     In upright images x is horizontal. A roll counts up to 3 deviations, so that one rolled camera does not decide.
-
-    Args:
-        R: (C, 3, 3) rotations from world to camera.
-        up: (3,) unit vector in the world.
     """
 
     def rolls(direction: np.ndarray) -> np.ndarray:
-        return np.minimum(np.arcsin(np.clip(np.abs(R[:, 0] @ direction), 0.0, 1.0)) / ROLL_SIGMA, 3.0)
+        return np.minimum(np.arcsin(np.clip(np.abs(R[:, 0] @ direction), 0.0, 1.0)) / TILT_SIGMA, 3.0)
 
     gain = rolls(_Z) ** 2 - rolls(up) ** 2
     return float(np.clip(gain.sum(), -WITNESS_MOST, WITNESS_MOST))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.agreement.reading import ENOUGH
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import KeypointCountMismatch
 from solver_backend.exchange.joint_sets import NUM_HAND_POINTS
@@ -25,82 +26,60 @@ UNLIKE = 0.3
 0.12 to 0.19 in the right order, and 0.42 to 0.57 (median) in another order. Crouching people come close."""
 HANDS_ALONE = "Hands cannot be solved without a body. Detect the body too."
 """Hint for files with hands only."""
-_ENOUGH = 10  # Smallest number of people for a warning.
-
-
-def require_fit(joint_set: JointSet, num_keypoints: int, *, where: str = "") -> JointSet:
-    """Return the set after checking that files with this number of keypoints can contain it.
-
-    Raises:
-        KeypointCountMismatch: they cannot. The message lists the sets that fit.
-    """
-    if num_keypoints not in joint_set.num_written:
-        what = (
-            f"The files have {num_keypoints} keypoints per person, and {joint_set.value} has {joint_set.num_keypoints}."
-        )
-        raise KeypointCountMismatch(what, where=where, hint=_fitting_hint(num_keypoints))
-    return joint_set
 
 
 def require_known_count(num_keypoints: int, given: JointSet | None, *, where: str = "") -> None:
     """Check that the given set, or any set, has this number of keypoints.
 
     Raises:
-        KeypointCountMismatch: no set has this number.
+        KeypointCountMismatch: the set, or every set, has another number. The message lists the sets that fit.
     """
+    if num_keypoints in given.num_written if given else JointSet.fitting(num_keypoints):
+        return
+    what, hint = f"No known joint set has {num_keypoints} keypoints.", _fitting_hint(num_keypoints)
     if given is not None:
-        require_fit(given, num_keypoints, where=where)
-    elif not JointSet.fitting(num_keypoints):
-        what, hint = f"No known joint set has {num_keypoints} keypoints.", _fitting_hint(num_keypoints)
-        if num_keypoints in (NUM_HAND_POINTS, 2 * NUM_HAND_POINTS):
-            what = f"The files have {num_keypoints} keypoints per person: points of hands, without a body."
-            hint = HANDS_ALONE
-        raise KeypointCountMismatch(what, where=where, hint=hint)
+        what = f"The files have {num_keypoints} keypoints per person, and {given.value} has {given.num_keypoints}."
+    elif num_keypoints in (NUM_HAND_POINTS, 2 * NUM_HAND_POINTS):
+        what = f"The files have {num_keypoints} keypoints per person: points of hands, without a body."
+        hint = HANDS_ALONE
+    raise KeypointCountMismatch(what, where=where, hint=hint)
 
 
 def choose_joint_set(
     xy: np.ndarray, confidence: np.ndarray, given: JointSet | None, configured: JointSet | None, *, where: str = ""
 ) -> tuple[JointSet, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return the joint set of a recording, notes on how it was recognised, and warnings.
+    """Return the joint set of keypoints (..., K, 2), notes on how it was recognised, and warnings.
 
     The user's choice ``given`` is final. The set ``configured`` in the recording's settings applies unless it is
     impossible or anatomy clearly contradicts it. Otherwise the set is recognised.
-
-    Args:
-        xy: (..., K, 2) keypoints in pixels, NaN where missing.
-        confidence: (..., K) confidences.
 
     Raises:
         KeypointCountMismatch: the given set does not fit, or no set does.
     """
     count = xy.shape[-2]
     if given is not None:
-        note = diagnostic("joint_set_chosen", source="given", joint_set=given.value)
-        return require_fit(given, count, where=where), (note,), ()
+        require_known_count(count, given, where=where)
+        return given, (diagnostic("joint_set_chosen", source="given", joint_set=given.value),), ()
     flat = np.flatnonzero((confidence > 0).any(-1))
     sample = flat[:: max(1, len(flat) // SAMPLED_PEOPLE)]
     best, found, certain = recognise_joint_set(
         xy.reshape(-1, count, 2)[sample], confidence.reshape(-1, count)[sample], where=where
     )
-    if configured is None:
-        doubt = () if certain else (diagnostic("joint_set_uncertain", joint_set=best.value),)
-        return best, (found,), doubt
-    if configured is best or (count in configured.num_written and not certain):
+    if configured is best or (configured is not None and count in configured.num_written and not certain):
         return configured, (diagnostic("joint_set_chosen", source="config", joint_set=configured.value),), ()
-    return best, (found,), (diagnostic("joint_set_contradicts", configured=configured.value, joint_set=best.value),)
+    doubt = diagnostic("joint_set_uncertain", joint_set=best.value, reason="anatomy")
+    if configured is not None:
+        doubt = diagnostic("joint_set_uncertain", joint_set=best.value, reason="config", configured=configured.value)
+    return best, (found,), () if certain and configured is None else (doubt,)
 
 
 def recognise_joint_set(
     xy: np.ndarray, confidence: np.ndarray, *, where: str = ""
 ) -> tuple[JointSet, Diagnostic, bool]:
-    """Return the best joint set, a note on how it was found, and whether it is certain.
+    """Return the joint set that fits N people best, how it was found, and if it is certain.
 
     Several sets may have the same number of keypoints (BODY_25 and BODY_25B have 25). Each is scored by the RMS length
     of its bones relative to the person's height in the image. The right set has the shortest bones.
-
-    Args:
-        xy: (N, K, 2) keypoints in pixels of N people from any frames and views, NaN where missing.
-        confidence: (N, K) confidences.
 
     Raises:
         KeypointCountMismatch: no known set has K keypoints.
@@ -109,7 +88,7 @@ def recognise_joint_set(
     fitting = JointSet.fitting(xy.shape[1])
     if len(fitting) == 1:
         score = bone_score(fitting[0], xy, confidence)
-        unlike = np.isfinite(score) and score > UNLIKE and len(xy) >= _ENOUGH
+        unlike = np.isfinite(score) and score > UNLIKE and len(xy) >= ENOUGH
         source = "unlike" if unlike else "count"
         note = diagnostic("joint_set_chosen", source=source, joint_set=fitting[0].value, count=xy.shape[1])
         return fitting[0], note, not unlike
@@ -120,16 +99,11 @@ def recognise_joint_set(
         return fitting[0], diagnostic("joint_set_chosen", source="unseen", joint_set=fitting[0].value), False
     ratio = longer / max(shortest, 1e-9)
     found = diagnostic("joint_set_chosen", source="anatomy", joint_set=best.value, rival=second.value, ratio=ratio)
-    return best, found, ratio > CLEAR_RATIO and (shortest <= UNLIKE or len(xy) < _ENOUGH)
+    return best, found, ratio > CLEAR_RATIO and (shortest <= UNLIKE or len(xy) < ENOUGH)
 
 
 def bone_score(joint_set: JointSet, xy: np.ndarray, confidence: np.ndarray) -> float:
-    """Return the median RMS bone length relative to height, infinity without people.
-
-    Args:
-        xy: (N, K, 2) keypoints in pixels, NaN where missing.
-        confidence: (N, K) confidences.
-    """
+    """Return the median of RMS bone length relative to height in the image, infinity without people."""
     names = joint_set.keypoints
     pairs = {(a.format(s=side), b.format(s=side)) for a, b in _BONES for side in ("left", "right")}
     known_pairs = [(names.index(a), names.index(b)) for a, b in sorted(pairs) if a in names and b in names]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -26,11 +25,7 @@ UP_AXES: dict[str, tuple[tuple[int, int, int], ...]] = {
 
 
 def rotation_to_z_up(up_axis: str) -> np.ndarray:
-    """Return the (3, 3) rotation ``A`` with ``x_ours = A @ x_source``.
-
-    Args:
-        up_axis: axis of the source that points up: 'z', 'y', '-y' and so on, in upper or lower case.
-    """
+    """Return the (3, 3) rotation ``A`` with ``x_ours = A @ x_source`` for an up axis such as '-y'."""
     axis = up_axis.lower().lstrip("+")
     if axis not in UP_AXES:
         raise JobInvalid(f"Unknown up axis '{up_axis}'. Known axes: {', '.join(UP_AXES)}.", where="up_axis")
@@ -131,12 +126,10 @@ def find_up_axis(
         doubted = not feet_at_zero and body.lstrip("-") not in _USUAL
         problem = diagnostic("up_axis_doubted", conflict="unusual", along=body.upper()) if doubted else None
         return _axis(body, "body", problem)
-    against = partial(diagnostic, "up_axis_doubted", stated=expected.upper(), along=body.upper())
-    if feet_at_zero:
-        return _axis(body, "corrected", against(conflict="corrected"))
-    if stated:
-        return _axis(stated, "file", against(conflict="stated"))
-    return _axis(expected, "kind", against(conflict="usual"))
+    name, source, conflict = (body, "corrected", "corrected") if feet_at_zero else (expected, "file", "stated")
+    source = source if stated or feet_at_zero else "kind"
+    doubt = diagnostic("up_axis_doubted", stated=expected.upper(), along=body.upper(), conflict=conflict)
+    return _axis(name, source, doubt)
 
 
 def _axis(name: str, source: str, problem: Diagnostic | None = None) -> Recognised:

@@ -40,11 +40,7 @@ def fit_path(
     """Place a moving camera in a world with Z up and the floor under the person.
 
     Up comes from the view lifter, scale and floor slope from planted feet. Up and metres that the file states are kept.
-
-    Args:
-        camera: one camera, for its lens.
-        path: camera poses in the frames of the take.
-        stature_m: stature of the person in metres, 0 for an average adult.
+    A stature of 0 means an average adult.
     """
     body = load_body()
     landmarks, prior = keypoint_landmarks(body, keypoints.joint_set), prior_on_body(load_sposer(), body.layout)

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from solver_backend.agreement.body_evidence import (
-    MEAN_STATURE_M,
-    POSSIBLE_M,
-    STATURE_SPREAD_M,
-    STATURES_M,
-    judge_body,
-)
-from solver_backend.agreement.evidence import TakeEvidence
+from solver_backend.agreement.body_evidence import MEAN_STATURE_M, POSSIBLE_M, STATURE_SPREAD_M, STATURES_M, judge_body
+from solver_backend.agreement.evidence import MOST_ROUNDS, TakeEvidence
 from solver_backend.agreement.reading import Detections, Reading
 from solver_backend.body.body import Body, load_body
 from solver_backend.body.keypoints import keypoint_landmarks
@@ -37,7 +33,6 @@ hang lower the shoulders. Medians of eight takes of walking, dance and exercises
 LEG_SHARE = 0.491  # Ratio of thigh plus shank to stature (Drillis and Contini 1966).
 LENGTH_SIGMA_M = 0.012  # Standard deviation in metres between a detector's length and the body's.
 STATURE_SIGMA_M = 0.005  # Standard deviation of a stated stature, metres.
-_ROUNDS = 20  # Reweighting iterations, chosen by hand.
 _LEAST_LENGTH = 1e-6  # Smallest ratio of the longest bone to the size of the world.
 
 
@@ -78,7 +73,7 @@ def scale_from_stature(
     if len(measured) < 3:
         raise JobInvalid(f"{joint_set.value} has too few bones to estimate the scale.", hint="Give a known length.")
     lengths, by_shape = _body_lengths(body, joint_set, tuple(measured))
-    heights, height_by_shape = _statures(body)
+    heights, height_by_shape = _linear(partial(_stature, body))
     apart = np.array(list(measured.values()))
     if not apart.max() > _LEAST_LENGTH * max(1.0, float(np.nanmax(np.abs(points)))):
         raise JobInvalid("All keypoints of the person are at one point.", hint="Give a known length, or detect again.")
@@ -90,7 +85,7 @@ def scale_from_stature(
     right = np.concatenate([lengths / LENGTH_SIGMA_M, np.zeros(10), [(prior[0] - heights) / prior[1]]])
     weight = np.ones(len(right))
     x = np.zeros(11)
-    for _ in range(_ROUNDS):  # bones that the detector defines differently lose their weight
+    for _ in range(MOST_ROUNDS):  # bones that the detector defines differently lose their weight
         x = np.linalg.lstsq(J * weight[:, None], right * weight, rcond=None)[0]
         residual = (J @ x - right)[: len(apart)]
         weight[: len(apart)] = 1.0 / np.sqrt(1.0 + residual**2 / 4.0)
@@ -128,8 +123,12 @@ def _body_lengths(body: Body, joint_set: JointSet, pairs: tuple[tuple[str, str],
         points = rest_keypoints(body, landmarks, betas)
         return posed * np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
 
-    zero = np.zeros(10)
-    return of(zero), np.stack([(of(e) - of(-e)) / 2 for e in np.eye(10)], axis=1)
+    return _linear(of)
+
+
+def _linear(of: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the (N,) values of the mean shape, and their (N, 10) derivative by the betas."""
+    return of(np.zeros(10)), np.stack([(of(e) - of(-e)) / 2 for e in np.eye(10)], axis=-1)
 
 
 def rest_keypoints(body: Body, landmarks: Landmarks, betas: np.ndarray) -> Float[np.ndarray, "keypoints 3"]:
@@ -140,14 +139,8 @@ def rest_keypoints(body: Body, landmarks: Landmarks, betas: np.ndarray) -> Float
     ).points[0]
 
 
-def _statures(body: Body) -> tuple[float, np.ndarray]:
-    """Return the stature of the mean shape and its derivative by the ten betas, in metres."""
-
-    def of(betas: np.ndarray) -> float:
-        y = (body.v_template + body.shapedirs[..., :10] @ betas)[:, 1]
-        return float(y.max() - y.min())
-
-    return of(np.zeros(10)), np.array([(of(e) - of(-e)) / 2 for e in np.eye(10)])
+def _stature(body: Body, betas: np.ndarray) -> np.ndarray:
+    return np.ptp((body.v_template + body.shapedirs[..., :10] @ betas)[:, 1])
 
 
 _UNITS = ("m", "cm", "mm", "inch")
@@ -156,11 +149,7 @@ board or in units of structure from motion."""
 
 
 def stature_between(cameras: Cameras, detections: Detections) -> float:
-    """Return the main person's stature from bone lengths, NaN if views disagree.
-
-    Args:
-        cameras: C cameras in any unit.
-    """
+    """Return the main person's stature in the cameras' unit, or NaN if the views do not agree."""
     evidence, written = TakeEvidence(cameras, detections), Reading.as_written(len(cameras))
     if evidence.views < 2 or not evidence.poses or not np.ptp(cameras.centres, axis=0).any():
         return float("nan")
@@ -171,12 +160,8 @@ def stature_between(cameras: Cameras, detections: Detections) -> float:
 def in_persons_unit(calibration: Calibration, detections: Detections, *, keep: bool) -> tuple[Calibration, float]:
     """Return the calibration in a unit with a possible stature, and a length factor.
 
-    The factor is 1 if the stature is possible. The unit changes only if just the camera distances suggest it.
-
-    Args:
-        calibration: calibration in its present unit.
-        detections: detections of all people. The largest person of each image is used if the views agree.
-        keep: True if the unit is known.
+    The factor is 1 if the stature is possible. The unit changes only if just the camera distances suggest it, and never
+    with ``keep``.
     """
     stature, guessed = stature_between(calibration.cameras, detections), "" if keep else calibration.guessed_unit
     if not np.isfinite(stature) or POSSIBLE_M[0] <= stature <= POSSIBLE_M[1]:

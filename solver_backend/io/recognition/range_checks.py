@@ -22,8 +22,9 @@ FOCAL_LENGTHS = (0.25, 20.0)  # Range in longer image sides. 0.25 has a field of
 POSSIBLE_FOCAL_LENGTHS = (0.01, 1000.0)
 FARTHEST_M, COINCIDENT_M = 100.0, 0.01
 FRAME_RATES = (1.0, 1000.0)
-_OUTSIDE, _FAR_OUTSIDE, _MANY = 1.0, 50.0, 0.2
-"""Distances beyond the image edge in image sizes, and the fraction of detections that causes a warning."""
+_FAR_OUTSIDE, _MANY = 50.0, 0.2
+"""Impossible distance beyond the image edge in image sizes, and the fraction of detections beyond a whole image size
+that causes a warning."""
 
 
 def checked(capture: Capture) -> Capture:
@@ -122,7 +123,7 @@ def _beyond_pictures(capture: Capture) -> Iterator[Diagnostic]:
     beyond = (np.maximum(-xy[seen], xy[seen] - sizes) / sizes).max(axis=-1)
     if (share := float((beyond > _FAR_OUTSIDE).mean())) > 0.5:
         yield diagnostic("detections_outside", percent=100 * share, most=_FAR_OUTSIDE)
-    if (share := float((beyond > _OUTSIDE).mean())) > _MANY:
+    if (share := float((beyond > 1).mean())) > _MANY:
         yield diagnostic("detections_outside", severity=Severity.WARNING, percent=100 * share)
 
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from solver_backend.agreement.body_evidence import POSSIBLE_M, STATURES_M
-from solver_backend.agreement.evidence import POSES, SIGMAS
+from solver_backend.agreement.evidence import FRAMES, POSES, SIGMAS
 from solver_backend.agreement.person_selection import SelectedPerson
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.cameras.camera_corrections import unrolled
+from solver_backend.cameras.camera_corrections import COMPARED, unrolled
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
@@ -23,15 +23,7 @@ from solver_backend.exchange.plausible import HIGHEST_STEP_M
 from solver_backend.exchange.reading_settings import AUTO, OFF, ON, WorldSettings
 from solver_backend.geometry.arrays import quantile
 from solver_backend.io.camera_paths import FilmedPath, read_camera_path
-from solver_backend.io.recognition.gravity import (
-    BELOW_M,
-    OFF_FLOOR_M,
-    SURE,
-    Level,
-    measure_level,
-    middle_of,
-    roll_gain,
-)
+from solver_backend.io.recognition.gravity import BELOW_M, OFF_FLOOR_M, SURE, Level, measure_level, middle_of, roll_gain
 from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
 from solver_backend.io.recognition.path_fit import fit_path
 from solver_backend.io.recognition.person_scale import LEG_SHARE, scale_from_stature
@@ -40,15 +32,12 @@ from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 
-SAMPLED_FRAMES = 100
 _LEG = ("hip", "knee"), ("knee", "ankle")
 LEAST_UPRIGHT = 0.9  # Smallest cosine between a standing person and an axis.
 LARGEST_RESIDUAL_PX, LARGEST_BIAS_PX = 40.0, 15.0  # Limits of agreeing views, and of a camera relative to the others.
 IN_LINE = np.radians(15.0)  # Two cameras with a smaller angle between their views of the person show no depth.
-BIAS_CAMERAS = 24  # Maximum number of cameras that are compared in ``POSES`` frames. More cameras use fewer frames.
 SURELY_UPRIGHT = np.cos(np.radians(6.0))
 """Cosine of the angle between a person and Z above which no further check is needed if the floor is under the feet."""
-SAME_SCALE = 0.2  # Log-scale change below which people are not searched again.
 OTHER_STATURE = 0.06
 """Log-scale difference, in addition to ``SIGMAS`` deviations, beyond which a given stature contradicts a calibration
 with a possible person. A badly measured calibration board is within it."""
@@ -159,13 +148,13 @@ class WorldCheck:
 
 
 def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
-    """Measure a person triangulated in up to ``SAMPLED_FRAMES`` frames."""
+    """Measure a person triangulated in up to ``FRAMES`` frames. Nothing can be measured in a single view."""
     if len(cameras) == 1:
         nowhere = np.full((keypoints.num_frames, keypoints.xy.shape[2], 3), np.nan)
         return WorldCheck(nowhere, keypoints.joint_set, keypoints.fps)
-    frames = np.unique(np.linspace(0, keypoints.num_frames - 1, SAMPLED_FRAMES).round().astype(int))
+    frames = np.unique(np.linspace(0, keypoints.num_frames - 1, FRAMES).round().astype(int))
     xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
-    most = max(4, min(POSES, int(POSES * (BIAS_CAMERAS / len(cameras)) ** 2)))
+    most = max(4, min(POSES, int(POSES * (COMPARED / len(cameras)) ** 2)))
     few = slice(None, None, len(frames) // most + 1)
     found = triangulate(cameras, xy, confidence)
     points = np.asarray(found.points)
@@ -218,11 +207,8 @@ def scale_world(
 ) -> tuple[Cameras, tuple[Diagnostic, ...]]:
     """Scale the cameras as the settings request. Return them with notes and warnings.
 
-    Scaling a world by ``s`` changes no image: ``x_cam = R x + t`` becomes ``R x + s t``.
-
-    Args:
-        keypoints: detections of the person with the known stature.
-        settings: contain the stature or the scale.
+    Scaling a world by ``s`` changes no image: ``x_cam = R x + t`` becomes ``R x + s t``. The keypoints are of the
+    person with the known stature.
 
     Raises:
         JobInvalid: both are given, the stature is impossible, or too little of the person is visible.
@@ -252,18 +238,13 @@ def find_people(
 ) -> tuple[Cameras, tuple[SelectedPerson, ...], tuple[Diagnostic, ...]]:
     """Return the cameras in the requested scale, the people, and notes.
 
-    People are matched in metres, so they are searched again after a change of scale.
-
-    Args:
-        select: function that finds people, the main one first.
-        to_plausible: length factor that gives a possible stature (see ``in_persons_unit``).
+    People are matched in metres, after lengths are multiplied by ``to_plausible`` (see ``in_persons_unit``). They are
+    searched again after a change of scale. ``select`` returns the main person first.
     """
     plausible = cameras.scaled(to_plausible) if to_plausible != 1.0 else cameras
     people = select(plausible)
     scaled, notes = scale_world(cameras, people[0].keypoints, settings)
-    size = [float(np.abs(c.t).max()) + 1e-9 for c in (plausible, scaled)]
-    again = bool(notes) and abs(np.log(size[1] / size[0])) > SAME_SCALE
-    return scaled, select(scaled) if again else people, notes
+    return scaled, select(scaled) if notes else people, notes
 
 
 def fit_world(
@@ -293,7 +274,9 @@ def fit_world(
         raise JobInvalid("A camera path can only be used with one camera.", where=settings.camera_path, hint=hint)
     world = check_world(cameras, keypoints)
     axis, problems = world.up_axis(), ()
-    if up_axis is None and axis != "z" and settings.level != OFF and not _lies(cameras, axis, rolls):
+    up = rotation_to_z_up(axis)[2]  # A person along it is lying if the cameras are level in the present world.
+    lies = roll_gain(_upright(cameras, rolls, up).R, up) <= -SURE
+    if up_axis is None and axis != "z" and settings.level != OFF and not lies:
         cameras, world = _moved(cameras, world, rotation_to_z_up(axis))
         problems = (diagnostic("up_by_person", basis="axis", axis=axis.upper()),)
     cameras, world, found = _level(cameras, world, settings.level, rolls)
@@ -320,12 +303,6 @@ def _level(
     if level.is_above_feet:
         return *_moved(cameras, world, np.eye(3), level.floor_m), (diagnostic("floor_by_feet", depth=-level.floor_m),)
     return cameras, world, ()
-
-
-def _lies(cameras: Cameras, axis: str, rolls: Sequence[int]) -> bool:
-    """Return whether a person along an axis is lying, because the cameras are level in the present world."""
-    up = rotation_to_z_up(axis).T[:, 2]
-    return roll_gain(_upright(cameras, rolls, up).R, up) <= -SURE
 
 
 def _upright(cameras: Cameras, rolls: Sequence[int], up: Sequence[float] | np.ndarray) -> Cameras:
@@ -388,12 +365,7 @@ def _fit_carried_camera(
 
 
 def stand_camera(camera: Cameras, keypoints: Keypoints2D, stature_m: float = 0.0) -> tuple[Cameras, Diagnostic]:
-    """Place a camera above the origin of the person's world. Return it with a note.
-
-    Args:
-        camera: one camera. Its pose is not used.
-        stature_m: stature in metres, 0 for the average.
-    """
+    """Place a camera above the origin of a person's world (stature 0 for the average)."""
     body = load_body()
     landmarks = keypoint_landmarks(body, keypoints.joint_set)
     lifted = lift_take(camera, keypoints, body, prior_on_body(load_sposer(), body.layout), None)

@@ -26,7 +26,7 @@ from solver_backend.videos.detect.assemble import assembled, everybody
 from solver_backend.videos.pipeline.layout import FoundFolder, FoundTake
 from solver_backend.videos.pipeline.pictures import draw_boards
 from solver_backend.videos.sync.clocks import Clocks
-from solver_backend.videos.sync.signals import BY_SPEEDS
+from solver_backend.videos.sync.synchronise import BY_SPEEDS
 from solver_backend.videos.video_detections import VideoDetections
 
 ONE_CAMERA = "one camera"  # Method of a calibration of a single camera.

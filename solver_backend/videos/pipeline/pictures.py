@@ -16,7 +16,7 @@ from solver_backend.types import Cameras, JointSet
 from solver_backend.videos.detect.detect_videos import Glance
 from solver_backend.videos.files.video import probe, read_pictures, write_video
 from solver_backend.videos.sync.clocks import Clocks
-from solver_backend.videos.sync.signals import speeds
+from solver_backend.videos.sync.synchronise import speeds
 from solver_backend.videos.video_detections import VideoDetections
 
 FAINT = (80, 84, 90)

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from solver_backend.agreement.evidence import MOST_ROUNDS, SIGMAS
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, read_diagnostics
 from solver_backend.exchange.errors import FileDamaged, MocapError
 from solver_backend.exchange.plausible import LATEST_S
@@ -18,8 +18,6 @@ from solver_backend.io.files import read_json
 LEAST_CORRELATION = 0.25  # Smallest correlation of pieces and whole signals.
 LEAST_OVERLAP = 0.3  # Smallest overlap at a lag, relative to the shorter signal.
 RATE_SIGMA = 25e-6  # Prior standard deviation of a camera's rate. Quartz clocks stay within 50 ppm.
-ROUNDS = 5  # Reweighting iterations, chosen by hand.
-HUBER_SIGMAS = 2.0  # Scale of the Huber weights in standard deviations, chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -88,19 +86,16 @@ def line_fit(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Fit a robust line through lags: lag at the middle and rate (2,), covariance (2, 2).
 
-    Args:
-        weight: (N,) correlations.
-        middle_s: time of the returned lag.
-        floor_s: standard deviation common to all pieces.
+    Pieces have (N,) correlations as weights, and ``floor_s`` is their common standard deviation.
     """
     basis = np.stack([np.ones_like(at_s), at_s - middle_s], axis=1)
     prior = np.diag([0.0, RATE_SIGMA**-2])
     step, spread = np.array([np.median(lag_s), 0.0]), 0.0
     information = np.eye(2)
-    for _ in range(ROUNDS):
+    for _ in range(MOST_ROUNDS):
         residual = lag_s - basis @ step
         spread = max(1.4826 * float(np.median(np.abs(residual))), 1e-4)
-        robust = weight**2 / np.maximum(1.0, np.abs(residual) / (HUBER_SIGMAS * spread))
+        robust = weight**2 / np.maximum(1.0, np.abs(residual) / (SIGMAS * spread))
         robust = robust / np.maximum(robust.max(), 1e-12) / spread**2
         # Pieces overlap by half, so each has half of the information.
         information = 0.5 * (basis.T * robust) @ basis + prior
@@ -142,12 +137,7 @@ def _vertex(three: np.ndarray) -> float:
 
 
 def convolved(values: np.ndarray, kernel: np.ndarray, axis: int = 0) -> np.ndarray:
-    """Convolve values along an axis with an odd symmetric kernel and zero padding.
-
-    Args:
-        values: array of any shape, however short.
-        kernel: (2 n + 1,) weights.
-    """
+    """Convolve values along an axis with an odd symmetric kernel and zero padding."""
     reach = len(kernel) // 2
 
     def one(row: np.ndarray) -> np.ndarray:
@@ -157,12 +147,7 @@ def convolved(values: np.ndarray, kernel: np.ndarray, axis: int = 0) -> np.ndarr
 
 
 def smoothed(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Smooth (N, ...) values with a Gaussian over the known values, NaN if few.
-
-    Args:
-        values: NaN where unknown.
-        sigma: standard deviation in samples.
-    """
+    """Smooth (N, ...) values with a Gaussian of ``sigma`` samples, NaN where less than half is known."""
     reach = max(round(3 * sigma), 1)
     kernel, known = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2), np.isfinite(values)
     total, share = (convolved(a, kernel) for a in (np.where(known, values, 0.0), known.astype(float)))
@@ -171,11 +156,6 @@ def smoothed(values: np.ndarray, sigma: float) -> np.ndarray:
 
 class SyncUnknown(MocapError):
     """The recording does not show how the clocks of the cameras differ."""
-
-
-IN_SYNC_SIGMAS = 2.0  # A clock difference within this many standard deviations counts as zero (95 %).
-LARGEST_SIGMA_S = 1e-3
-"""Largest standard deviation of a clock in sync. A wrist at 3 m/s moves 3 mm in this time."""
 
 
 @dataclass(frozen=True)
@@ -209,26 +189,18 @@ class Clocks:
         return self.middle_s + late / (1.0 + self.rate[camera])
 
     def notes(self) -> tuple[Diagnostic, ...]:
-        """Return notes on each camera's clock, none if the cameras are used as recorded."""
+        """Return notes on the other cameras' clocks, none if the cameras are used as recorded."""
         if self.method == "as filmed":
             return ()
         sigma = np.sqrt(self.covariance[:, (0, 1), (0, 1)])
-        found = []
-        for c, name in enumerate(self.names):
-            figures: dict[str, Any] = {}
-            if not self._in_sync(c):
-                figures |= {"offset_ms": self.offset_s[c] * 1e3, "offset_sigma_ms": sigma[c, 0] * 1e3}
-                figures |= {"rate_ppm": self.rate[c] * 1e6, "rate_sigma_ppm": sigma[c, 1] * 1e6}
-            result = "offset" if figures else "sync"
-            found.append(diagnostic("clock_estimated", result=result, cameras=[name], method=self.method, **figures))
-        return tuple(found)
-
-    def _in_sync(self, camera: int) -> bool:
-        """Return whether a clock equals the first one with a small uncertainty."""
-        found = np.array([self.offset_s[camera], self.rate[camera]])
-        sigma = np.sqrt(np.diag(self.covariance[camera]))
-        sure = sigma[0] <= LARGEST_SIGMA_S and (np.abs(found) <= IN_SYNC_SIGMAS * sigma).all()
-        return not found.any() or bool(sure)
+        return tuple(
+            diagnostic(
+                "clock_estimated", cameras=[name], method=self.method, offset_ms=self.offset_s[c] * 1e3,
+                offset_sigma_ms=sigma[c, 0] * 1e3, rate_ppm=self.rate[c] * 1e6, rate_sigma_ppm=sigma[c, 1] * 1e6,
+            )
+            for c, name in enumerate(self.names)
+            if c
+        )  # fmt: skip
 
     def as_dict(self) -> dict[str, object]:
         """Return plain values for a file."""
@@ -278,18 +250,25 @@ def clocks_of_pairs(names: tuple[str, ...], pairs: Mapping[tuple[int, int], Pair
     """
     kept, findings = dict(pairs), list[Diagnostic]()
     middle_s = float(np.median([p.middle_s for p in pairs.values()])) if pairs else 0.0
+    if alone := _unconnected(len(names), kept):
+        raise SyncUnknown(
+            f"{', '.join(names[c] for c in alone)} cannot be synchronised with {names[0]} by {method}.",
+            where=", ".join(names),
+            hint="Film again, and clap in view of all cameras and near their microphones.",
+        )
     while True:
-        _require_connected(names, kept, method)
         state, covariance = _solved(len(names), kept, middle_s)
         off = {(i, j): abs(_at(p, middle_s) - (state[j, 0] - state[i, 0])) for (i, j), p in kept.items()}
         worst = max(off, key=lambda pair: off[pair])
-        without = {pair: p for pair, p in kept.items() if pair != worst}
-        if off[worst] < CONTRADICTION_S or not _connected(len(names), without):
+        if off[worst] < CONTRADICTION_S:
             break
-        findings.append(diagnostic("clocks_disagree", cameras=[names[c] for c in worst], method=method))
+        without = {pair: p for pair, p in kept.items() if pair != worst}
+        usage = "used" if _unconnected(len(names), without) else "unused"
+        values = {"method": method, "off_ms": 1e3 * off[worst], "usage": usage}
+        findings.append(diagnostic("clocks_disagree", cameras=[names[c] for c in worst], **values))
+        if usage == "used":
+            break
         kept = without
-    if off[worst] >= CONTRADICTION_S:
-        findings.append(diagnostic("clocks_contradict", method=method, off_ms=1e3 * off[worst]))
     return Clocks(names, state[:, 0], state[:, 1], covariance, middle_s, method, tuple(findings))
 
 
@@ -299,9 +278,7 @@ def clocks_of_signals(
 ) -> Clocks:  # fmt: skip
     """Estimate camera clocks from signals with the same sample rate (see ``pair_lag``).
 
-    Args:
-        floor_s: smallest standard deviation of a lag in seconds.
-        least: correlation that a pair must exceed.
+    Correlations must exceed ``least``.
 
     Raises:
         SyncUnknown: a camera agrees with no other camera.
@@ -336,24 +313,12 @@ def _solved(count: int, pairs: Mapping[tuple[int, int], PairLag], middle_s: floa
     return state, covariance
 
 
-def _connected(count: int, pairs: Mapping[tuple[int, int], PairLag]) -> set[int]:
-    """Return all cameras if they are connected, otherwise none."""
+def _unconnected(count: int, pairs: Mapping[tuple[int, int], PairLag]) -> list[int]:
+    """Return the cameras that no chain of pairs connects to the first one."""
     reached = {0}
     for _ in range(count):
         reached |= {b for pair in pairs for a, b in (pair, pair[::-1]) if a in reached}
-    return reached if len(reached) == count else set()
-
-
-def _require_connected(names: tuple[str, ...], pairs: Mapping[tuple[int, int], PairLag], method: str) -> None:
-    if _connected(len(names), pairs):
-        return
-    joined = {c for pair in pairs for c in pair}
-    alone = [names[c] for c in range(len(names)) if c not in joined] or list(names)
-    raise SyncUnknown(
-        f"The cameras cannot be synchronised by {method}: {', '.join(alone)} cannot be compared with the others.",
-        where=", ".join(names),
-        hint="Film again, and clap in view of all cameras and near their microphones.",
-    )
+    return [c for c in range(count) if c not in reached]
 
 
 EXACT_SHARE = 0.01  # A time this close to an image, relative to the interval, uses that image.
@@ -361,12 +326,9 @@ LONGEST_GAP_S = 0.1  # Largest interval between images that are interpolated.
 
 
 def common_times(first_to_last: Sequence[tuple[float, float]], clocks: Clocks, fps: float) -> np.ndarray:
-    """Return (F,) times that all videos cover, 1/fps apart. Empty if there are none.
+    """Return the (F,) times that all videos cover, 1/fps apart, from their first and last times.
 
     They begin with an image of the video that starts last, so that detections of synchronous cameras do not change.
-
-    Args:
-        first_to_last: first and last time of each video on its clock, which starts at its first image.
     """
     spans = [clocks.from_video(c, np.array(span)) for c, span in enumerate(first_to_last)]
     start, stop = max(span[0] for span in spans), min(span[1] for span in spans)
@@ -374,13 +336,7 @@ def common_times(first_to_last: Sequence[tuple[float, float]], clocks: Clocks, f
 
 
 def at_times(values: np.ndarray, times_s: np.ndarray, wanted_s: np.ndarray) -> np.ndarray:
-    """Interpolate values linearly between neighbouring images, (N, ...), NaN if missing.
-
-    Args:
-        values: (F, ...) values, NaN where missing.
-        times_s: (F,) ascending times, irregular if the frame rate varies.
-        wanted_s: (N,) times. Those beyond the first and last image give NaN.
-    """
+    """Interpolate values (F, ...) at ascending times to (N, ...) times, NaN next to a missing image."""
     if len(times_s) < 2:
         return np.full((len(wanted_s), *values.shape[1:]), np.nan)
     after = np.clip(np.searchsorted(times_s, wanted_s), 1, len(times_s) - 1)

@@ -24,8 +24,8 @@ from tests.support.trial_files import write_detections
 
 CHANGES = {
     "calibration_corrected", "camera_names_exchanged", "cameras_assigned_by_views",
-    "unit_by_person", "detections_corrected", "person_mirrored", "starts_apart", "start_left_out", "names_exchanged",
-    "image_mirrored", "camera_rates_differ", "frame_rate_ambiguous", "focal_lengths_off", "cameras_shifted",
+    "unit_by_person", "detections_corrected", "person_mirrored", "starts_apart", "start_left_out",
+    "image_mirrored", "camera_rates_differ", "focal_lengths_off", "cameras_shifted",
 }  # fmt: skip
 """Diagnostics of a change in a capture, or of one that the user should make."""
 

@@ -117,7 +117,7 @@ def test_a_camera_is_doubtful_where_a_diagnostic_names_it_and_not_where_its_name
             diagnostic("clocks_assumed", reason="The person claps in front of nobody."),
             diagnostic("camera_sees_elsewhere", cameras=["left"]),
         ),
-        notes=(diagnostic("clock_estimated", result="sync", cameras=["right"], method="sound"),),
+        notes=(diagnostic("clock_estimated", cameras=["right"], method="sound", offset_ms=2.0),),
     )  # fmt: skip
     source = write_capture(tmp_path / "words.npz", capture)
     assert bpy.ops.mocap.import_capture(filepath=str(source)) == {"FINISHED"}

@@ -41,12 +41,12 @@ def test_the_fit_recovers_a_factor_and_a_turn() -> None:
     cameras, xy = compared.cameras, compared.xy
     K = cameras.K.copy()
     K[:, [0, 1], [0, 1]] /= 1.08
-    fit = ComparedViews(replace(cameras, K=K), xy).fit
+    fit = ComparedViews(replace(cameras, K=K), xy).fit()
     assert fit is not None and abs(fit.log - np.log(1.08)) < 3 * fit.sigma < 0.1
 
 
 def test_nothing_is_known_of_nobody() -> None:
-    assert ComparedViews(CAMERAS, np.full((len(CAMERAS), 3, 25, 2), np.nan)).fit is None
+    assert ComparedViews(CAMERAS, np.full((len(CAMERAS), 3, 25, 2), np.nan)).fit() is None
 
 
 def test_cameras_in_one_place_are_not_compared() -> None:
@@ -54,4 +54,4 @@ def test_cameras_in_one_place_are_not_compared() -> None:
     t[1] = -CAMERAS.R[1] @ CAMERAS.centres[0]
     compared = ComparedViews.of(replace(CAMERAS, t=t), KEYPOINTS)
     assert compared is not None and np.isfinite(off_at(compared, np.zeros(1 + 3 * len(CAMERAS)))).all()
-    assert compared.fit is None or np.isfinite(compared.fit.log)
+    assert (fit := compared.fit()) is None or np.isfinite(fit.log)

@@ -1,4 +1,4 @@
-"""The doubling recursion finds what trying every sequence finds."""
+"""The recursion finds what trying every sequence finds."""
 
 from itertools import product
 

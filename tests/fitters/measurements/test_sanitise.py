@@ -92,7 +92,7 @@ def test_a_bumped_camera_is_named_and_turned_back(capture, count, first):
 @pytest.mark.parametrize("count", [3, 4])
 @pytest.mark.parametrize(
     ("spoil", "kind"),
-    [(bad_input.mirrored, "image_mirrored"), (bad_input.sides_exchanged, "sides_exchanged")],
+    [(bad_input.mirrored, "image_mirrored"), (bad_input.sides_exchanged, "detections_corrected")],
 )
 def test_a_mirrored_view_is_named_and_turned_round(capture, count, spoil, kind):
     few = views(capture, count)
@@ -109,7 +109,7 @@ def test_exchanged_names_are_named_and_put_right(capture, count, pair):
     few = views(capture, count)
     found = checked(bad_input.calibrations_exchanged(few, *pair))
     (fault,) = found.diagnostics
-    assert (fault.code, fault.remedy) == ("names_exchanged", Remedy.REPAIRED)
+    assert (fault.code, fault.remedy) == ("camera_names_exchanged", Remedy.REPAIRED)
     assert set(fault.where.cameras) == {few.cameras.names[view] for view in pair}
     assert fault.where.frames == ((0, LAST),)
     assert points_mm(found, few) < 1.05 * points_mm(checked(few), few)
@@ -121,7 +121,7 @@ def test_names_in_another_order_are_put_right(capture, order):
     cameras = capture.cameras
     wrong = replace(capture, cameras=replace(cameras.subset(list(order)), names=cameras.names))
     found = checked(wrong)
-    assert {f.code for f in found.diagnostics} == {"names_exchanged"}
+    assert {f.code for f in found.diagnostics} == {"camera_names_exchanged"}
     assert {name for f in found.diagnostics for name in f.where.cameras} == set(cameras.names)
     assert points_mm(found, capture) < 1.05 * points_mm(checked(capture), capture)
 

@@ -51,8 +51,8 @@ def test_two_cameras_of_four_at_half_the_rate(tmp_path: Path) -> None:
     (differ,) = [item for item in capture.problems if item.code == "camera_rates_differ"]
     assert differ.where.cameras == (cameras.names[1], cameras.names[3])
     assert differ.values["rates"] == [f"{name} 30" for name in differ.where.cameras]
-    (doubt,) = [item for item in capture.problems if item.code == "frame_rate_ambiguous"]
-    assert doubt.where.cameras == (cameras.names[0], cameras.names[2]) and "--fps" in words([doubt])[0]
+    assert differ.values["basis"] == "assumed" and "--fps" in words([differ])[0]
     stated = load_capture(tmp_path, fps=120.0)
     assert stated.fps == 120.0
-    assert "frame_rate_ambiguous" not in [item.code for item in stated.problems]
+    (differ,) = [item for item in stated.problems if item.code == "camera_rates_differ"]
+    assert differ.values["basis"] == "known"

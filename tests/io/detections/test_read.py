@@ -258,7 +258,8 @@ def test_sets_with_equal_numbers_are_recognised_by_anatomy(written: JointSet) ->
     assert choose_joint_set(xy, confidence, other, None)[0] is other
     chosen, _, problems = choose_joint_set(xy, confidence, None, other)
     assert chosen is written
-    assert problems == (diagnostic("joint_set_contradicts", configured=other.value, joint_set=written.value),)
+    values = {"configured": other.value, "joint_set": written.value}
+    assert problems == (diagnostic("joint_set_uncertain", reason="config", **values),)
     notes = choose_joint_set(xy, confidence, None, written)[1]
     assert words(notes) == (f"The joint set is {written.value}, from Config.toml.",)
 

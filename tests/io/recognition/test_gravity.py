@@ -8,7 +8,7 @@ import pytest
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.load import load_capture
-from solver_backend.io.recognition.gravity import body_points, independent_count, leaning, upright_from_person
+from solver_backend.io.recognition.gravity import body_points, leaning, mean_variance, upright_from_person
 from solver_backend.synthesis.simulation.cast import cast_person
 from solver_backend.types import JointSet
 from tests.support.recordings import BALANCING_TRIAL
@@ -71,6 +71,6 @@ def test_a_recorded_balance_is_told_as_well_as_it_says(shared_data) -> None:
 def test_values_that_repeat_count_once() -> None:
     rng = np.random.default_rng(0)
     fresh = rng.normal(size=(400, 2))
-    assert independent_count(fresh) > 250
-    assert independent_count(np.repeat(fresh[:20], 20, axis=0)) == pytest.approx(20, rel=0.5)
-    assert independent_count(np.zeros((10, 2))) == 1.0
+    assert mean_variance(fresh) == pytest.approx(1 / 400, rel=0.6)
+    assert mean_variance(np.repeat(fresh[:24], 20, axis=0)) == pytest.approx(1 / 24, rel=0.6)
+    assert mean_variance(np.zeros((10, 2))) == 0.0

@@ -41,4 +41,4 @@ def test_another_order_of_as_many_points_is_doubted(joint_set):
     xy = seen(joint_set)
     order = np.random.default_rng(1).permutation(xy.shape[1])
     _, _, problems = choose_joint_set(xy[:, order], np.ones(xy.shape[:2]), None, None)
-    assert problems == (diagnostic("joint_set_uncertain", joint_set=joint_set.value),)
+    assert problems == (diagnostic("joint_set_uncertain", joint_set=joint_set.value, reason="anatomy"),)

@@ -206,7 +206,7 @@ def test_people_are_found_again_in_another_scale(short: Capture) -> None:
         calls.append(cameras)
         return (Person(),)
 
-    find_people(short.cameras, select, WorldSettings(scale=1.1))
+    find_people(short.cameras, select, WorldSettings())
     assert len(calls) == 1
     find_people(short.cameras, select, WorldSettings(scale=3.0))
     assert len(calls) == 3
