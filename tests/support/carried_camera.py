@@ -13,6 +13,7 @@ from solver_backend.geometry.small_matrices import unit
 from solver_backend.synthesis.faults import MEASURED_DETECTOR, DetectorFaults
 from solver_backend.synthesis.simulation.cast import Person, Take, cast_person
 from solver_backend.types import Cameras, Capture, JointSet, Keypoints2D
+from tests.support.standing_people import standing
 
 JOINT_SET = JointSet.BODY_25
 SIZE = (1280, 720)
@@ -68,7 +69,7 @@ def before_still_camera(person: Person, R: np.ndarray, t: np.ndarray) -> Person:
 def film_carried(take: Take, style: str, seed: int = 0, detector: DetectorFaults = MEASURED_DETECTOR) -> Carried:
     """Film a take with a carried camera."""
     rng = np.random.default_rng(seed)
-    person = cast_person(take, rng)
+    person = standing(cast_person(take, rng), take.fps)
     posed = person.landmarks(JOINT_SET)
     R, t = camera_way(posed.skeleton.joints[:, 0], take.fps, style, seed)
     K = np.array([[[FOCAL_PX, 0, (SIZE[0] - 1) / 2], [0, FOCAL_PX, (SIZE[1] - 1) / 2], [0, 0, 1.0]]])
