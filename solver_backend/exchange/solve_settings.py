@@ -131,7 +131,7 @@ class SolveSettings:
         unit="standard deviations", rare=True)
     """Geman-McClure scale in standard deviations of the detector noise."""
     smoothing: float = _clean_up(
-        "number", 1.0, "Smoothing", "1 follows the detections, 3 gives smooth motion, and 10 loses detail",
+        "number", 1.0, "Smoothing", "Strength: 1 follows the detections, 3 gives smooth motion, and 10 loses detail",
         low=0.1, high=100, soft_high=10, methods=(GLOBAL,))
     """Factor on the acceleration bound, which was measured in recorded motion."""
     foot_lock: float = _clean_up(

@@ -44,8 +44,8 @@ class VideoSettings:
         "file", "", "Lenses", "Calibration or lens library with the lenses, by default found or estimated",
         metavar="FILE")
     focal: str = _video(
-        "text", "", "Focal Length", "26mm (35 mm equivalent) or 1450px for an unknown lens, by default from "
-        "the video file or estimated", metavar="26mm|1450px")
+        "text", "", "Focal Length", "Value for an unknown lens: 26mm (35 mm equivalent) or 1450px, by "
+        "default from the video file or estimated", metavar="26mm|1450px")
     people: int = _video("whole", 1, "People", "Largest number of people to find in each view", low=1, high=8)
     clocks: str = _video(
         "choice", "auto", "Sync", "Source of the camera delays", choices=CLOCKS, metavar="NAME")
