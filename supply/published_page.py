@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "tests" / "benchmarks"
 PUBLISHED, BASELINE = BENCHMARKS / "published_tables.json", BENCHMARKS / "baseline.json"
 TAKE_FILES = {
     "many_takes": BENCHMARKS / "many_takes.json", "walking_takes": BENCHMARKS / "walking_takes.json",
-    "noise_aware": BENCHMARKS / "noise_takes.json",
+    "run_times": BENCHMARKS / "run_times.json", "noise_aware": BENCHMARKS / "noise_takes.json",
 }  # fmt: skip
 REPRODUCED, CONTRADICTED, UNDECIDED = "reproduced", "contradicted", "undecided"
 WITHOUT_INTERVAL, TOO_SMALL, SMOOTHING = "without interval", "too small to judge", "same without the prior"
@@ -42,13 +43,17 @@ LEAST_TAKES = 12  # Smallest number of takes for a verdict.
 NETWORKS = (
     ("landmark_rows", "base of chapter 4's rows, width 8", "base_", "`fixed`"),
     ("landmark_rows", "σ(D) with SQUAD, width 8", "ortho_", "`fixed`"),
+    ("landmark_thesis", "base, width 8, 600 steps", "base_thesis_thesis_", "`thesis`"),
+    ("landmark_thesis", "σ(D) with SQUAD, width 8, 600 steps", "ortho_thesis_thesis_", "`thesis`"),
     ("landmark_clouds", "the included network", "fixed_", "`fixed`"),
     ("landmark_clouds", "the included network", "thesis_", "`thesis`"),
 )
 """Benchmark, name, start of the keys, and corruption of every network with absolute figures."""
 POSES = ("ordinary", "tail", "floor")  # Sets for evaluating landmark networks.
-_NETWORKS = """The first rows are medians over three trainings. Each error is a mean over 1,000 ordinary poses,
-646 rare poses (*tail*) or 171 poses on the floor. A dash marks a missing figure.
+COLUMNS = ("rmse_mm", "mpjpe_mm", "pck1_percent", "pck3_percent", "pck7_percent")  # Ends of their figures' keys.
+_NETWORKS = """Rows of width 8 without a number of steps are medians of three trainings with 2,000 steps. The
+others are one training. Each error is a mean over 1,000 ordinary poses, 646 rare poses (*tail*) or 171 poses on the
+floor. A dash marks a missing figure.
 
 `thesis` clouds have only the corruption in equations 4.20 to 4.27. `fixed` clouds also vary the body size and the
 heading, and have misplaced markers and props.
@@ -194,7 +199,7 @@ def published_page() -> str:
     parts = [head + "\n".join(f"| *{name}* ({total[name]} rows) | {text} |" for name, text in MEANINGS.items()), ""]
     parts += ["`python3 dev.py bench seeds` counts the verdicts.", "", *take_table(_read(TAKE_FILES["many_takes"]))]
     parts += [*noise_table(_read(TAKE_FILES["noise_aware"])), *network_table(_read(BASELINE))]
-    parts += mpjpe_table(data["landmark_mpjpe_mm"], _read(BASELINE)["landmark_rows"]["figures"])
+    parts += column_tables(data["landmark_columns"], _read(BASELINE))
     for source in dict.fromkeys(row.source for row in found):
         parts += ["", f"## {source}"]
         for table in dict.fromkeys(row.table for row in found if row.source == source):
@@ -255,32 +260,38 @@ def network_table(baseline: Mapping[str, Any]) -> list[str]:
     for bench, name, prefix, clouds in NETWORKS:
         figures = baseline[bench]["figures"]
         for poses in POSES:
-            keys = [
-                f"{prefix}{poses}_{end}" for end in ("rmse_mm", "mpjpe_mm", *(f"pck{n}_percent" for n in (1, 3, 7)))
-            ]
+            keys = [f"{prefix}{poses}_{end}" for end in COLUMNS]
             if keys[0] in figures:
                 cells = (f"{figures[key]['value']:.1f}" if key in figures else "–" for key in keys)
                 lines.append(f"| {name} | {clouds}, {poses} | {' | '.join(cells)} |")
     return [*lines, ""]
 
 
-def mpjpe_table(rows: Mapping[str, Any], figures: Mapping[str, Any]) -> list[str]:
-    """Return every row's MPJPE as a ratio to the base, ours and the published one (thesis tables 4.1 to 4.3).
+def column_tables(data: Mapping[str, Any], baseline: Mapping[str, Any]) -> list[str]:
+    """Return every column of thesis tables 4.1 to 4.3 as a ratio to the base, ours and the published one.
 
     Args:
-        rows: by name, the beginning of the figures' keys and the published MPJPE in mm of each set of poses.
-        figures: of the baseline.
+        data: published figures of the base by set of poses, and of the rows with their benchmark and the beginnings of
+            the figures' keys of row and base.
+        baseline: figures of all benchmarks. PCK may be missing.
     """
-    lines = ["MPJPE of each row relative to the base, with the published ratio in brackets:", ""]
-    lines += [f"| row | {' | '.join(POSES)} |", "|---" * (1 + len(POSES)) + "|"]
-    base, *others = rows.values()
-    for name, row in zip([*rows][1:], others, strict=True):
-        cells = []
-        for poses, over, under in zip(POSES, row["published"], base["published"], strict=True):
-            ours = (figures[f"{key}_{poses}_mpjpe_mm"]["value"] for key in (row["key"], base["key"]))
-            cells.append(f"{next(ours) / next(ours):.3f} ({over / under:.3f})")
-        lines.append(f"| {name} | {' | '.join(cells)} |")
-    return [*lines, ""]
+    lines = ["Figures of each row relative to its base, with the published ratio in brackets:", ""]
+    for poses in POSES:
+        lines += [f"| row, {poses} poses | RMSE | MPJPE | PCK1 | PCK3 | PCK7 |", "|---" * 6 + "|"]
+        for row in data["rows"]:
+            figures, cells = baseline[row["bench"]]["figures"], []
+            published = row["published"].get(poses, ())
+            for end, over, under in zip_longest(COLUMNS, published, data["base"][poses]):
+                keys = [f"{row[which]}_{poses}_{end}" for which in ("key", "base")]
+                if keys[0] in figures or not end.startswith("pck"):
+                    here, base = (figures[key]["value"] for key in keys)
+                    cells.append(f"{here / base:.3f}" if base else "–")
+                else:
+                    cells.append("–")
+                cells[-1] += f" ({over / under:.3f})" if over else ""
+            lines.append(f"| {row['name']} | {' | '.join(cells)} |")
+        lines.append("")
+    return lines
 
 
 def _amount(measured: Sequence[PublishedRow]) -> str:

@@ -30,24 +30,27 @@ COLUMNS = {
 """Suffix of a figure's key, its unit and better direction, by its name in ``figures.json``."""
 BASES = {
     "democap bmse": "democap", "democap ortho": "democap",
-    "squad thesis": "base thesis", "ortho thesis": "base thesis",
+    **dict.fromkeys(("ortho thesis", "e(R)+slerp thesis", "squad thesis"), "base thesis"),
 }  # fmt: skip
 """Rows that are compared with another network than ``base``."""
 
 
 def run(root: Path = ROOT) -> list[Metric]:
-    """Read the trainings.
+    """Read the trainings."""
+    return read_trainings(root, "base", "train_rows --data DATA --device cuda")
+
+
+def read_trainings(root: Path, base: str, command: str) -> list[Metric]:
+    """Return the figures of the trainings in a folder.
 
     Raises:
-        BenchmarkSkipped: there are none.
+        BenchmarkSkipped: there are none. The command makes them.
     """
     folders = trained(root)
     if not folders:
-        raise BenchmarkSkipped(
-            "No landmark rows are trained here.",
-            hint="python -m tests.benchmarks.landmark_rows.train_rows --data DATA --device cuda",
-        )  # fmt: skip
-    return metrics_of(folders)
+        hint = f"python -m tests.benchmarks.landmark_rows.{command}"
+        raise BenchmarkSkipped("No landmark networks are trained here.", hint=hint)
+    return metrics_of(folders, base)
 
 
 def metrics_of(folders: dict[tuple[str, int], Path], base: str = "base") -> list[Metric]:

@@ -10,23 +10,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.benchmarks.bench_landmark_rows import metrics_of
-from tests.benchmarks.landmark_rows.row_folders import trained
-from tests.benchmarks.metric import BenchmarkSkipped, Metric
+from tests.benchmarks.bench_landmark_rows import read_trainings
+from tests.benchmarks.metric import Metric
 
 ROOT = Path(__file__).resolve().parents[2] / "build" / "landmark_sources"
 
 
 def run(root: Path = ROOT) -> list[Metric]:
-    """Read the trainings.
-
-    Raises:
-        BenchmarkSkipped: there are none.
-    """
-    folders = trained(root)
-    if not folders:
-        raise BenchmarkSkipped(
-            "No landmark network is trained on sources here.",
-            hint="python -m tests.benchmarks.landmark_rows.train_sources --data DATA",
-        )  # fmt: skip
-    return metrics_of(folders, "many people")
+    """Read the trainings."""
+    return read_trainings(root, "many people", "train_sources --data DATA")

@@ -12,10 +12,12 @@ import pytest
 from supply.published_page import (
     BASELINE,
     BOTH_SIDES,
+    COLUMNS,
     CONTRADICTED,
     NOT_APPLICABLE,
     NOT_MEASURED,
     NOT_PUBLISHED,
+    POSES,
     PUBLISHED,
     REPRODUCED,
     SMOOTHING,
@@ -26,8 +28,8 @@ from supply.published_page import (
     WITHOUT_INTERVAL,
     Figures,
     PublishedRow,
+    column_tables,
     counts,
-    mpjpe_table,
     published_page,
     rows,
     take_table,
@@ -126,6 +128,11 @@ def test_only_seeds_that_both_methods_solved_are_compared() -> None:
     assert take_ratios(both, "a", "b", "not measured") == take_medians(both, "a", "not measured") == {}
 
 
+def test_a_take_on_which_the_other_method_has_no_error_counts() -> None:
+    found = {"a": {"t": {"0": {"m": 2.0}}, "u": {"0": {"m": 0.0}}}, "b": {take: {"0": {"m": 0.0}} for take in "tu"}}
+    assert take_ratios(found, "a", "b", "m") == {"t": np.inf}
+
+
 def test_the_committed_rows_name_figures_and_no_ratio_is_typed() -> None:
     kept = json.loads(BASELINE.read_text(encoding="utf-8"))
     for value in DATA["rows"]:
@@ -177,10 +184,12 @@ def test_the_page_shows_every_row_and_every_take_and_says_what_reproduced_rests_
     assert "No take is measured yet." in take_table({"runs": {}})
 
 
-def test_every_published_landmark_row_has_its_mpjpe_beside_ours() -> None:
-    found = {name: {"value": value} for name, value in (("a_tail_mpjpe_mm", 20.0), ("b_tail_mpjpe_mm", 30.0))}
-    found |= {f"{key}_{poses}_mpjpe_mm": {"value": 10.0} for key in "ab" for poses in ("ordinary", "floor")}
-    rows = {"base": {"key": "a", "published": [4, 5, 6]}, "SQUAD": {"key": "b", "published": [3, 5, 9]}}
-    assert mpjpe_table(rows, found)[-2] == "| SQUAD | 1.000 (0.750) | 1.500 (1.000) | 1.000 (1.500) |"
+def test_every_column_of_a_landmark_row_is_compared_with_the_published_one() -> None:
+    keys = [f"{key}_{poses}_{end}" for key in "ab" for poses in POSES for end in COLUMNS[:4]]
+    found = {"b": {"figures": {key: {"value": 20.0 if key[0] == "a" else 30.0} for key in keys}}}
+    row = {"name": "SQUAD", "bench": "b", "key": "b", "base": "a", "published": {"tail": [3, 4, 5, 9, 6]}}
+    lines = column_tables({"base": {name: [4, 8, 5, 6, 3] for name in POSES}, "rows": [row]}, found)
+    assert "| SQUAD | 1.500 (0.750) | 1.500 (0.500) | 1.500 (1.000) | 1.500 (1.500) | – (2.000) |" in lines
+    assert "| SQUAD | 1.500 | 1.500 | 1.500 | 1.500 | – |" in lines
     with pytest.raises(KeyError):
-        mpjpe_table({**rows, "LERP": {"key": "c", "published": [1, 1, 1]}}, found)
+        column_tables({"base": {name: [1] * 5 for name in POSES}, "rows": [{**row, "key": "c"}]}, found)

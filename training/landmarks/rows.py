@@ -148,7 +148,7 @@ def named_rows(width: int, ours_width: int = 0, resolution: int = SIZE) -> dict[
     rows |= {f"{kind}+{name}": replace(base, balance=Balance(kind, name)) for kind, name in (
         ("e(D)", "squad"), ("e(R)", "slerp"),
     )}  # fmt: skip
-    rows |= {f"{name} thesis": replace(rows[name], variety=THESIS) for name in ("base", "squad", "ortho")}
+    rows |= {f"{name} thesis": replace(rows[name], variety=THESIS) for name in ("base", "ortho", "e(R)+slerp", "squad")}
     democap, coordinates = replace(base, network="democap"), Row("coordinates", 256)
     rows |= {"democap": democap, "democap bmse": replace(democap, loss="bmse"), "coordinates": coordinates}
     rows["democap ortho"] = replace(democap, balance=ORTHO)

@@ -25,7 +25,7 @@ BY_VPOSER = "ortho by vposer"  # ``ortho`` with rare poses selected and blended 
 ROWS = (
     "base", "ortho", "bmse", "squad", "slerp", "lerp", "bezier", "bspline", "random", "σ(D)", "e(D)", "σ(R)", "e(R)",
     "e(D)+squad", "ortho fading", BY_VPOSER, "democap", "democap bmse", "democap ortho", "coordinates", "e(R)+slerp",
-    "base thesis", "squad thesis", "ortho thesis",
+    "base thesis", "ortho thesis", "e(R)+slerp thesis", "squad thesis",
 )  # fmt: skip
 WIDTH, RESOLUTION, STEPS, BATCH, RATE = 8, 48, 2000, 64, 3e-3
 """Width, resolution, steps, batch size and learning rate: a quarter of the paper's width and a third of its pixels,
