@@ -12,7 +12,7 @@ Ratios = dict[str, float]  # Ratios by take.
 
 
 def take_ratios(runs: Mapping[str, Any], over: str, under: str, column: str) -> Ratios:
-    """Return ``median over seeds of a / b`` of two methods for every take that both solved.
+    """Return ``median over seeds of a / b`` of two methods for every take that both solved, infinite if b is 0.
 
     Args:
         runs: figures by method, take, seed and column.
@@ -24,7 +24,7 @@ def take_ratios(runs: Mapping[str, Any], over: str, under: str, column: str) -> 
     for take, rows in runs[over].items():
         others = runs[under].get(take, {})
         pairs = [(row.get(column), others.get(seed, {}).get(column)) for seed, row in rows.items()]
-        known = [a / b for a, b in pairs if a is not None and b]
+        known = [a / b if b else np.inf for a, b in pairs if None not in (a, b) and (a or b)]
         if known:
             ratios[take] = float(np.median(known))
     return ratios

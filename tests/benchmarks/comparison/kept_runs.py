@@ -47,13 +47,14 @@ def resume(parts: Sequence[Part], path: Path, argv: Sequence[str]) -> Runs:
     """Measure parts that the file lacks or other code measured, and return the figures of all parts.
 
     Every part is written immediately. Parts that wait for their measurement keep their old figures. ``--minutes N``
-    starts no part after that time. ``--seeds`` and ``--methods`` select parts.
+    starts no part after that time. ``--seeds`` and ``--methods`` select parts, and ``--missing`` those without figures.
     """
     parser = argparse.ArgumentParser(prog=path.stem)
     parser.add_argument("--minutes", type=float, default=math.inf, help="stop after so long. The next call resumes")
     parser.add_argument("--seeds", type=int, nargs="+", default=sorted({part.seed for part in parts}))
     names = list(dict.fromkeys(part.name for part in parts))
     parser.add_argument("--methods", nargs="+", choices=names, default=names, metavar="NAME")
+    parser.add_argument("--missing", action="store_true", help="keep the figures of other code")
     args = parser.parse_args(argv)
     end = time.monotonic() + 60 * args.minutes
     known = json.loads(path.read_text(encoding="utf-8"))["runs"] if path.exists() else {}
@@ -61,7 +62,7 @@ def resume(parts: Sequence[Part], path: Path, argv: Sequence[str]) -> Runs:
         row = known.get(part.name, {}).get(part.take, {}).get(str(part.seed), {})
         if part.seed not in args.seeds or part.name not in args.methods:
             continue
-        if row.get("code") == part.code or time.monotonic() >= end:
+        if (row and args.missing) or row.get("code") == part.code or time.monotonic() >= end:
             continue
         row = part.measure() | {"code": part.code}
         sys.stdout.write(f"{part.name}, {part.take}, seed {part.seed}: {json.dumps(row)}\n")
