@@ -52,8 +52,9 @@ NETWORKS = (
 POSES = ("ordinary", "tail", "floor")  # Sets for evaluating landmark networks.
 COLUMNS = ("rmse_mm", "mpjpe_mm", "pck1_percent", "pck3_percent", "pck7_percent")  # Ends of their figures' keys.
 _NETWORKS = """Rows of width 8 without a number of steps are medians of three trainings with 2,000 steps. The
-others are one training. Each error is a mean over 1,000 ordinary poses, 646 rare poses (*tail*) or 171 poses on the
-floor. A dash marks a missing figure.
+others are one training. A dash marks a missing figure.
+
+Each error is a mean over 1,000 ordinary poses, 646 rare poses (*tail*) or 171 poses on the floor.
 
 `thesis` clouds have only the corruption in equations 4.20 to 4.27. `fixed` clouds also vary the body size and the
 heading, and have misplaced markers and props.

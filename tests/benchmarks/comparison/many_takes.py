@@ -8,9 +8,7 @@ only, before any method had solved them. Cameras and detector are simulated (``r
 
 from __future__ import annotations
 
-import os
 import sys
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,8 +32,7 @@ KINDS = {
 second, the others 60. No prior was trained on them."""
 TAKES = tuple(take for takes in KINDS.values() for take in takes)
 SEEDS = (0, 1, 2)  # Seeds of shape, detector noise and camera error.
-COLUMNS = ("mpjpe_mm", "rmse_mm", "mae_deg", "pck3", "pck7", "accel_m_s2", "skating_cm_f", "cpu_s")
-"""Figures of a part. Time is omitted if other programs keep the machine's cores busy."""
+COLUMNS = ("mpjpe_mm", "rmse_mm", "mae_deg", "pck3", "pck7", "accel_m_s2", "skating_cm_f")  # Figures of a part.
 METHODS = (
     Method("BundleMoCap"),
     Method(PUBLISHED),
@@ -72,11 +69,8 @@ class Part:
     def measure(self) -> dict[str, Any]:
         """Solve the take and return the figures."""
         capture = benchmark_capture(take_of(self.take), BenchmarkSettings(seed=self.seed))
-        solve, begin = self.method.solver(), time.process_time()
-        result = solve(capture)
-        row = judged(capture, result) | {"cpu_s": time.process_time() - begin}
-        columns = COLUMNS if os.getloadavg()[0] <= (os.cpu_count() or 1) else COLUMNS[:-1]
-        return {column: float(f"{row[column]:.4g}") for column in columns}
+        row = judged(capture, self.method.solver()(capture))
+        return {column: float(f"{row[column]:.4g}") for column in COLUMNS}
 
 
 def parts() -> Iterator[Part]:

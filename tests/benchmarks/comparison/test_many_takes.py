@@ -9,7 +9,7 @@ import pytest
 from supply.published_page import LEAST_TAKES
 from supply.published_page import PUBLISHED as PUBLISHED_ROWS
 from tests.benchmarks import tune_baselines
-from tests.benchmarks.comparison import kept_runs, many_takes, walking_takes
+from tests.benchmarks.comparison import kept_runs, many_takes, run_times, walking_takes
 from tests.benchmarks.comparison.methods import Method
 
 
@@ -79,8 +79,9 @@ def test_rows_that_wait_for_their_measurement_stay(one_method):
     for row in table["runs"]["MuVS"].values():
         row["0"]["code"] = "another"
     many_takes.RESULTS.write_text(json.dumps(table))
-    measure("--minutes", "0")
-    assert json.loads(many_takes.RESULTS.read_text())["runs"] == table["runs"]
+    for words in (["--minutes", "0"], ["--missing"]):
+        measure(*words)
+        assert json.loads(many_takes.RESULTS.read_text())["runs"] == table["runs"]
 
 
 def test_a_call_may_measure_some_seeds_and_drops_none_of_the_others(one_method, monkeypatch):
@@ -98,3 +99,15 @@ def test_walks_are_other_takes_than_those_of_the_main_tables() -> None:
     rows = json.loads(PUBLISHED_ROWS.read_text(encoding="utf-8"))["rows"]
     named = {name for row in rows if row.get("bench") == "walking_takes" for name in row["methods"]}
     assert named == {part.name for part in walking_takes.parts()}
+
+
+def test_run_times_are_of_all_published_methods_in_turn() -> None:
+    parts = list(run_times.parts())
+    first = parts[: len(run_times.METHODS)]
+    assert {part.take for part in first} == {run_times.TAKES[0]} and len({part.name for part in first}) == len(first)
+    assert len(parts) == 3 * len(many_takes.TAKES) * len(first)
+    rows = json.loads(PUBLISHED_ROWS.read_text(encoding="utf-8"))["rows"]
+    named = {name for row in rows if row.get("bench") == "run_times" for name in row["methods"]}
+    assert named == {part.name for part in first} and {row["column"] for row in rows if "run time" in row["what"]} == {
+        "cpu_s"
+    }
