@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -15,6 +16,8 @@ from blender_addon.body.rig import Rig
 from blender_addon.body.shape import set_betas
 from blender_addon.conventions.skeleton import JOINTS
 from blender_addon.export.plain_take import plain_copy
+from blender_addon.export.take import take_of
+from blender_addon.export.write import export_take
 from blender_addon.scene.bake import BakedTake, bake_take
 from tests.support.posed_rig import evaluated, pose
 
@@ -59,3 +62,19 @@ def test_the_body_itself_is_left_alone(scene: bpy.types.Scene, files: Any) -> No
     plain_copy(take.armature, take.mesh, take.body)
     assert (len(take.mesh.data.shape_keys.key_blocks), len(take.armature.data.bones)) == (keys, bones)
     np.testing.assert_array_equal(evaluated_vertices(scene, take.mesh, 20), before)
+
+
+def test_an_exporter_evaluates_the_body_alone(scene: bpy.types.Scene, take: BakedTake, tmp_path: Path) -> None:
+    """It visits each frame, and would evaluate all other characters of the user's scene there."""
+    seen: list[str] = []
+
+    def note(shown: bpy.types.Scene, *_: object) -> None:
+        seen.append(shown.name)
+
+    bpy.app.handlers.frame_change_post.append(note)
+    try:
+        export_take(take_of(scene, take.armature), "fbx", tmp_path / "walk.fbx")
+    finally:
+        bpy.app.handlers.frame_change_post.remove(note)
+    assert len(seen) >= 120 and scene.name not in seen
+    assert list(bpy.data.scenes) == [scene]
