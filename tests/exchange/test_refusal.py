@@ -35,7 +35,7 @@ def test_warnings_pass() -> None:
 
 def test_codes_that_refuse_nothing_are_named() -> None:
     assert SolveSettings(accept=list_refusals()).accept == list_refusals()
-    with pytest.raises(JobInvalid, match="No error to accept has the code stature") as caught:
+    with pytest.raises(JobInvalid, match="There is no error to accept with the code stature") as caught:
         SolveSettings(accept=("stature",))
     assert "stature_odd" in caught.value.hint
 
