@@ -241,6 +241,9 @@ def _meeting_points(rows: np.ndarray, weight: np.ndarray, matrices: np.ndarray) 
     return X, np.einsum("vac,pjc->vpja", matrices[:, :, :3], X) + matrices[:, None, None, :, 3]
 
 
+MATERIAL = 0.05  # A camera counts as moved if it sees the person this far (median) off the prediction, in person sizes.
+
+
 def refit_pose(evidence: TakeEvidence, reading: Reading, view: int, *, turned: bool = False) -> Pose | None:
     """Fit the pose of a view to the others' points, or return None if it already fits."""
     points, _ = triangulate_rays(evidence, replace(reading, left_out=(*reading.left_out, view)))
@@ -249,7 +252,7 @@ def refit_pose(evidence: TakeEvidence, reading: Reading, view: int, *, turned: b
     R, t = evidence.pose_of(pose_key)
     known = np.isfinite(points).all(-1) & np.isfinite(seen.rays).all(-1)
     X, rays = points[known], seen.rays[known]
-    if len(X) < ENOUGH or np.median(_distances(R, t, X, rays, seen.size)) < MOVED:
+    if len(X) < ENOUGH or np.median(_distances(R, t, X, rays, seen.size)) < MATERIAL:
         return None
     starts = [(R, t), _turned(R, t, X, rays)]
     if turned:

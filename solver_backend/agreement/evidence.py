@@ -123,8 +123,7 @@ LEAST_CAMERAS = 3  # Two views have only one pair of epipolar lines and agree by
 POSES, FRAMES, SAMPLED_FRAMES = 40, 120, 300
 """Largest numbers of independent poses, of frames with likelihoods, and of frames for measuring delays."""
 MOVED = 0.04
-"""Smallest distance in person sizes between independent poses or different bodies, and to where a moved camera sees the
-person. It is also the scale of matching frames, about 6 cm."""
+"""Smallest distance in person sizes between independent poses or different bodies, and scale of matching frames."""
 EACH, NEIGHBOURS = 8, 3  # Up to this number of cameras all pairs are compared, beyond it neighbours on either side.
 _BODY = ("nose", "eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "big_toe", "heel")
 _FAR = 5.0  # Largest coordinate of a keypoint on the unit plane.
