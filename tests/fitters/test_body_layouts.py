@@ -178,7 +178,7 @@ def broken(prior: SPoser, **change: Any) -> SPoser:
             {"joints": property(lambda self: SMPL.joints[1:20])},
             r"residual_sigma of the prior broken has shape \(21, 3\)",
         ),
-        ({"latent_dim": 30}, r"prior broken cannot encode and decode rest: .*\(N, 30\), not \(1, 32\)"),
+        ({"latent_dim": 30}, r"prior broken cannot encode and decode the rest pose: .*\(N, 30\), not \(1, 32\)"),
         ({"joints": ("tentacle",)}, "broken models none of the joints of SMPL"),
         ({"encode": lambda self, rotations: np.ones((len(rotations), 32))}, "not unit vectors with zero mean"),
         (
