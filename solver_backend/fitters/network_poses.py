@@ -19,6 +19,7 @@ from solver_backend.fitters.model.subject import FrameObjective, FrameStates
 from solver_backend.fitters.one_view.depth import OneCamera
 from solver_backend.fitters.problem import Layer, Measurements, RoughMotion, noted
 from solver_backend.geometry.arrays import Array, constant, to_numpy
+from solver_backend.geometry.rotations import matrix_from_6d, matrix_to_6d
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.lifted_take import place_before_camera
 from solver_backend.residuals.positions import RelativePositionTerm
@@ -75,9 +76,19 @@ class _Match:
 
     person: NetworkResult
     points: np.ndarray  # (F, L, 3) in the camera's axes, NaN where the result has none.
-    local: np.ndarray | None  # (F, 22, 3, 3) rotations, anything where the result has none; None for points.
+    rows: np.ndarray  # (F,) rows of the person in the take's frames, -1 where the result has none.
     off_m: float  # Median distance of its points from their rays.
     reason: str  # Method that matched the frames. Empty if the file's frame numbers did.
+
+    @property
+    def local(self) -> np.ndarray | None:
+        """(F, 22, 3, 3) rotations, anything where the result has none; None for points."""
+        return None if self.person.local is None else self.person.local[np.maximum(self.rows, 0)]
+
+    def of_points(self, points: np.ndarray) -> _Match:
+        """Return the match with other points of the person."""
+        known = (self.rows >= 0)[:, None, None]
+        return replace(self, points=np.where(known, points[np.maximum(self.rows, 0)], np.nan))
 
 
 def with_network_results(
@@ -88,7 +99,9 @@ def with_network_results(
     results: Sequence[StartingResult],
     like: Array,
 ) -> Measurements:
-    """Add a layer per network result, and start from a more precise result.
+    """Add a layer for each network result.
+
+    A single camera's size follows from the result too, and its solve may start from the result's poses.
 
     Raises:
         JobInvalid: a result's camera does not exist, or is not named although there are several.
@@ -101,6 +114,11 @@ def with_network_results(
     for result in results:
         view = _view(capture, result, measurements.landmarks)
         match = _matched(result, view, measurements.landmarks, body, betas)
+        if isinstance(measurements.source, OneCamera) and match.local is not None and not layers:
+            measurements = _sized(measurements.source, match)
+            assert measurements.known_person is not None
+            betas = to_numpy(measurements.known_person.betas)
+            match = match.of_points(_points(match.person, measurements.landmarks, body, betas))
         points = match.points
         sight = _sight(view)
         sigma, trust = deviations(points, view, sight, *_reference(measurements, body, sight))
@@ -118,6 +136,20 @@ def with_network_results(
             measurements = _surer(measurements, match, view, sigma, trust, body, prior, like)
     provenance = noted(measurements.provenance, found)
     return replace(measurements, layers=(*layers, *measurements.layers), provenance=provenance)
+
+
+def _sized(source: OneCamera, match: _Match) -> Measurements:
+    """Return the measurements of one camera, with the person's size from the mean of the lifted and the result's pose.
+
+    A wrong pose causes a wrong size, which moves the person in depth, and the errors of the two poses are independent.
+    """
+    take, local = source.take, match.local
+    assert local is not None
+    shown, own = (match.rows >= 0)[:, None, None, None], np.concatenate([take.view.root[:, None], take.local], axis=1)
+    theirs = own.copy()
+    theirs[:, : local.shape[1]] = local[:, : own.shape[1]]
+    mean = np.where(shown, matrix_from_6d(matrix_to_6d(own) + matrix_to_6d(theirs)), own)
+    return source.sized_by(replace(take, view=replace(take.view, root=mean[:, 0]), local=mean[:, 1:]))
 
 
 def _surer(
@@ -269,16 +301,16 @@ def _matched(result: StartingResult, view: _View, landmarks: Landmarks, body: Bo
         hint = "Give a result of this camera's video, and of these frames."
         raise MotionInvalid("The network's result covers too few frames of the take.", where=result.file, hint=hint)
     off, person, points, rows, reason = best
-    placed = np.where((rows >= 0)[:, None, None], points[np.maximum(rows, 0)], np.nan)
-    _require_not_mirrored(placed, view, off, result)
+    if len(result.people) > 1:
+        text = f", {reason}" if reason else ""
+        reason = f"person {person.person} of {len(result.people)} fits best{text}"
+    match = _Match(person, points, rows, off, reason).of_points(points)
+    _require_not_mirrored(match.points, view, off, result)
     if off > FITS_M and off > CHANCE * chance:
         message = f"The network's poses are {100.0 * off:.0f} cm from the camera's keypoints in every alignment."
         hint = f"Check that the file is for the video of {view.name}, and that the video was not cut or converted."
         raise MotionInvalid(message, where=result.file, hint=hint)
-    if len(result.people) > 1:
-        reason = f"person {person.person} of {len(result.people)} fits best" + (f", {reason}" if reason else "")
-    local = None if person.local is None else person.local[np.maximum(rows, 0)]
-    return _Match(person, placed, local, off, reason)
+    return match
 
 
 def _rows(person: NetworkResult, numbers: np.ndarray) -> np.ndarray:

@@ -103,3 +103,14 @@ def test_wrong_results_are_refused_by_name(filmed: Filmed) -> None:
         filmed.joined(person, camera="cam9")
     with pytest.raises(JobInvalid, match="Several cameras see the person"):
         filmed.joined(person, capture=filmed.whole)
+
+
+def test_the_size_follows_from_both_poses(filmed: Filmed) -> None:
+    assert filmed.whole.cameras is not None
+    root = filmed.whole.cameras.R[0] @ filmed.person.orient
+    exact = replace(filmed.simulated.result, local=np.concatenate([root[:, None], filmed.person.local], axis=1))
+    true, off = filmed.body.stature_of(filmed.person.betas), list[float]()
+    for measured in (filmed.measured, filmed.joined(exact)):
+        assert measured.known_person is not None
+        off.append(abs(filmed.body.stature_of(np.asarray(measured.known_person.betas)) / true - 1.0))
+    assert off[1] < 0.7 * off[0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import ClassVar
@@ -20,10 +20,11 @@ from solver_backend.fitters.build_motion import PosedTake
 from solver_backend.fitters.measurements.views import ViewPoints
 from solver_backend.fitters.model.subject import BLOCK_POSES, FrameObjective, Subject, pose
 from solver_backend.fitters.one_view.steady import stand_on_floor, steady_depth
-from solver_backend.fitters.problem import PointSource, Problem, RestWords, SolvedFrames, SolvedLayer
+from solver_backend.fitters.problem import Measurements, PointSource, Problem, RestWords, SolvedFrames, SolvedLayer
 from solver_backend.fitters.recipes.bundle import Bundle
 from solver_backend.geometry.arrays import constant, to_numpy, true_runs
 from solver_backend.geometry.small_matrices import packed, unpacked
+from solver_backend.priors.lifted_take import LiftedTake
 from solver_backend.priors.view_lifter import PARTS, bone_slants, flip_chances
 from solver_backend.residuals.positions import RelativePositionTerm
 from solver_backend.residuals.terms import DataTerm, PointTerm
@@ -276,6 +277,8 @@ class OneCamera(PointSource):
     open: OneView
     floor: tuple[PointTerm, ...]  # Terms of the floor, if it is known.
     lifted: RelativePositionTerm
+    take: LiftedTake
+    sized_by: Callable[[LiftedTake], Measurements]  # Returns these measurements, with the size from other poses.
     heights: np.ndarray | None = None
     """(L,) heights of a planted foot's points above the known floor in metres, NaN for other points."""
     REST: ClassVar[RestWords] = RestWords(Severity.WARNING, "is not seen", "are not seen")

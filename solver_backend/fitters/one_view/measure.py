@@ -160,59 +160,69 @@ def measure_one_view(
         hint = "Check that the whole person is visible in some frames."
         raise NoDetections("No frame has enough detected keypoints to place a body.", where=capture.name, hint=hint)
     sigma, sight = take.view.sigma_m[:, _joint_of(landmarks, body)], (take.view.sight[:, None, 2] @ R)[:, 0]
-    size = size_of(capture, camera, body, betas, take, landmarks)
-    shape, stature = size.betas, body.stature_of(size.betas)
-    if size.at_odds[1]:
-        measured, deviation = size.at_odds
-        found.append(
-            diagnostic("stature_at_odds", given=stature, source=size.source, measured=measured, sigma=deviation)
-        )
-    in_camera, places = take.placed(body, landmarks, shape)
     progress("Lifting", 1, 1)
-    points = (in_camera - t[:, None]) @ R
-    frames = np.flatnonzero(known)
-    noise = _sigma_px(cameras, keypoints, in_camera[:, : len(landmarks) - more, 2], view)
-    parts = (take.z, R.swapaxes(-1, -2) @ take.view.root, ((places - t)[:, None] @ R)[:, 0])
-    states = FrameStates(*(constant(part[frames], like) for part in parts))
-    precision = _precision(sigma, sight, known, _joint_of(landmarks, body))
-    share = 1.0 / max(1.0, ALIKE_S * detected.fps)
-    lifted = RelativePositionTerm.of(np.nan_to_num(points), precision, share, like)
-    assert take.view.hidden is not None
-    heights = None
-    if size.has_floor:
-        rest, by_shape = sole_heights(body, landmarks)
-        heights = np.where(
-            ["_sole_" in name for name in landmarks.names], np.maximum(rest + by_shape @ shape, 0.0), np.nan
+
+    def sized_by(poses: LiftedTake) -> Measurements:
+        """Return the measurements, with the person's size from these poses."""
+        size = size_of(capture, camera, body, betas, poses, landmarks)
+        notes, shape, stature = [*found], size.betas, body.stature_of(size.betas)
+        if size.at_odds[1]:
+            measured, deviation = size.at_odds
+            figures = {"given": stature, "measured": measured, "sigma": deviation}
+            notes.append(diagnostic("stature_at_odds", source=size.source, **figures))
+        in_camera, places = take.placed(body, landmarks, shape)
+        points = (in_camera - t[:, None]) @ R
+        frames = np.flatnonzero(known)
+        noise = _sigma_px(cameras, keypoints, in_camera[:, : len(landmarks) - more, 2], view)
+        parts = (take.z, R.swapaxes(-1, -2) @ take.view.root, ((places - t)[:, None] @ R)[:, 0])
+        states = FrameStates(*(constant(part[frames], like) for part in parts))
+        precision = _precision(sigma, sight, known, _joint_of(landmarks, body))
+        share = 1.0 / max(1.0, ALIKE_S * detected.fps)
+        lifted = RelativePositionTerm.of(np.nan_to_num(points), precision, share, like)
+        assert take.view.hidden is not None
+        heights = None
+        if size.has_floor:
+            rest, by_shape = sole_heights(body, landmarks)
+            heights = np.where(
+                ["_sole_" in name for name in landmarks.names], np.maximum(rest + by_shape @ shape, 0.0), np.nan
+            )
+        one = OneView(
+            cameras.names[view],
+            centre,
+            float(np.hypot(size.sigma, size.pose_sigma)),
+            size.pose_sigma,
+            capture.focal_sigma,
+            size.source,
+            capture.floor_from_person,
+            sight,
+            depth_sigma(take, body),
+            load_limb_slants()(take.view.hidden),
         )
-    one = OneView(
-        cameras.names[view],
-        centre,
-        float(np.hypot(size.sigma, size.pose_sigma)),
-        size.pose_sigma,
-        capture.focal_sigma,
-        size.source,
-        capture.floor_from_person,
-        sight,
-        depth_sigma(take, body),
-        load_limb_slants()(take.view.hidden),
-    )
-    return Measurements(
-        landmarks=landmarks,
-        points=np.where(seen[..., None], points, np.nan),
-        covariance=_covariances(sigma, sight, size.sigma, np.nan_to_num(points - centre[:, None])),
-        term=ReprojectionTerm.of(cameras, keypoints, noise, like).with_unseen(more),
-        fps=detected.fps,
-        source=OneCamera(
-            ViewPoints(cameras, keypoints), one, (FloorTerm(),) if size.has_floor else (), lifted, heights
-        ),
-        known_person=replace(Subject.average(body, landmarks, like), betas=constant(shape, like)),
-        rough=RoughMotion(frames, states),
-        layers=hands,
-        provenance={
-            "diagnostics": [item.as_dict() for item in found],
-            "size_factor": round(stature / body.stature_m, 4),
-        },
-    )
+        return Measurements(
+            landmarks=landmarks,
+            points=np.where(seen[..., None], points, np.nan),
+            covariance=_covariances(sigma, sight, size.sigma, np.nan_to_num(points - centre[:, None])),
+            term=ReprojectionTerm.of(cameras, keypoints, noise, like).with_unseen(more),
+            fps=detected.fps,
+            source=OneCamera(
+                ViewPoints(cameras, keypoints),
+                one,
+                (FloorTerm(),) if size.has_floor else (),
+                lifted,
+                take,
+                sized_by,
+                heights,
+            ),
+            known_person=replace(Subject.average(body, landmarks, like), betas=constant(shape, like)),
+            rough=RoughMotion(frames, states),
+            layers=hands,
+            provenance={
+                "diagnostics": [item.as_dict() for item in notes],
+                "size_factor": round(stature / body.stature_m, 4),
+            },
+        )
+
+    return sized_by(take)
 
 
 def lift_on_sides(
