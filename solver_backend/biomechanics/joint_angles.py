@@ -132,7 +132,7 @@ def turn_deviations(
     segment: str,
     covariances: dict[str, np.ndarray],
 ) -> Float[np.ndarray, "frames 3"]:
-    """Return (F, 3) deviations in radians: ``sqrt(diag(J⁻¹ C J⁻ᵀ))``.
+    """Return (F, 3) standard deviations of the angles in radians: ``sqrt(diag(J⁻¹ C J⁻ᵀ))``.
 
     J is ``axes_in_parent``, and C the covariance of the left-applied rotation in the parent segment's axes. Near gimbal
     lock J is almost singular and two deviations grow without limit, because only the sum of their angles is known.

@@ -237,7 +237,7 @@ def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords
 
 
 def spelt(label: str) -> str:
-    """Return a label without accents and with vertebrae as ``C7``, or "" if it is too long."""
+    """Return a label without accents, with vertebrae written like ``C7``, or "" if it is too long."""
     if len(label) > LONGEST_LABEL:
         return ""
     decomposed = unicodedata.normalize("NFKD", label.translate(_SPELT))

@@ -42,8 +42,8 @@ class NoiseMap:
         """Return the weight of detections with the given confidence. Confidence 0 has weight 0.
 
         ``w(c) = w₀ (σ_m² + s²) / (σ(c)² + s²)`` is the inverse variance, with the calibration's error s and the
-        detector's deviation σ. A detection with the map's median deviation σ_m has a typical weight w₀. Better ones may
-        exceed 1. The solver multiplies squared errors by these weights.
+        detector's deviation σ. A detection with the map's median deviation σ_m has the typical weight w₀. Better
+        detections may have weights above 1. The solver multiplies squared errors by these weights.
         """
         variance = np.interp(confidence, self.confidence, self.sigma_mm) ** 2 + SYSTEMATIC_MM**2
         usual = np.median(self.sigma_mm) ** 2 + SYSTEMATIC_MM**2

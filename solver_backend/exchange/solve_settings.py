@@ -168,8 +168,8 @@ class SolveSettings:
         choices=LANDMARKS, metavar="NAME", rare=True)
     """Solves a network's landmarks per frame directly, instead of labelling markers first."""
     network: str = _resource(
-        "file", "", "Label Network", "Labelling network of train model or train export, by default the "
-        "included one", metavar="NETWORK.npz|.onnx", rare=True)
+        "file", "", "Label Network", "Labelling network made by train model or train export, by default "
+        "the included one", metavar="NETWORK.npz|.onnx", rare=True)
     """Labels points, and supplies the landmarks for ``landmarks``."""
     layout: str = _resource(
         "file", "", "Marker Layout", "File of `markers layout` with the position of each label, by default the "

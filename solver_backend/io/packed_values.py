@@ -222,7 +222,7 @@ def _zipped_torch(path: Path, stream: BinaryIO) -> Any:
 
 def _small(entry: zipfile.ZipInfo) -> zipfile.ZipInfo:
     if entry.compress_type != zipfile.ZIP_STORED:
-        raise Damage("its entries are compressed, as those of PyTorch never are")
+        raise Damage("its entries are compressed, but PyTorch never compresses entries")
     _bounded(entry.file_size)
     return entry
 

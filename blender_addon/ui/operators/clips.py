@@ -90,7 +90,7 @@ _STAY = switch("In Place", "Remove the travel and the turn of the cycle")
 
 @operator("Loop", TAKE, EDITABLE, ALONE, options=_UNDO, invoke=ask, shortest_s=_SHORTEST, in_place=_STAY)
 def loop_take(self: Any, context: bpy.types.Context) -> str:
-    """Add the best cycle of this take as a take with an end that leads into its start."""
+    """Add the best cycle of this take as a new take that loops."""
     from ..._exchange.seams import find_loop
 
     found: list[Any] = []

@@ -180,7 +180,7 @@ _CUBE = Need("There is no start-up cube", lambda context: start_cube(context.sce
 
 @operator("Hide Cube", _CUBE)
 def hide_cube(self: Any, context: bpy.types.Context) -> None:
-    """Hide the cube of Blender's start-up scene, which may enclose the body, and keep it in the file."""
+    """Hide Blender's default cube, which may enclose the body, but keep it in the file."""
     if (cube := start_cube(context.scene)) is not None:
         cube.hide_set(True)
         cube.hide_render = True

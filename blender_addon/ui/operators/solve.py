@@ -138,7 +138,7 @@ def spans(frames: list[int]) -> str:
 
 @operator("Solve All", CAPTURE, scope=choice("Scope", "Extent of the run", "solve_all.scope"))
 def solve_all(self: Any, context: bpy.types.Context) -> Steps:
-    """Solve all people one after another, each as an action of their own body."""
+    """Solve all people one after another, and store each result as an action on that person's body."""
     from .import_results import take_motion
 
     settings = context.scene.mocap

@@ -25,7 +25,7 @@ _NOT_ON_NLA = Need(
 
 @operator("Show Take", BODY, EDITABLE, name=str)
 def show_take(self: Any, context: bpy.types.Context) -> str:
-    """Play this take, and keep an action of your own on a muted NLA track."""
+    """Play this take, and move an action that you made to a muted NLA track."""
     from ...animation.layers import aside_note, playing_actions
     from ...animation.takes import show_take
     from ...conventions.timing import show_frame

@@ -37,7 +37,7 @@ def read_lenses(path: Path) -> dict[str, Lens]:
         raise FileDamaged("The file is not a lens library, as --keep-lenses writes it.", where=str(path))
     lenses = table.get("lenses", {})
     if not isinstance(lenses, dict):
-        raise FileDamaged("'lenses' must be an object with a lens for each name.", where=str(path))
+        raise FileDamaged("'lenses' must be an object that maps each camera name to a lens.", where=str(path))
     return {str(name): _lens(entry, f"{path}, lens {name}") for name, entry in lenses.items()}
 
 

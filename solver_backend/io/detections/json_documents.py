@@ -474,7 +474,7 @@ def _frames(document: Any, path: Path, _camera: str) -> CameraFrames:
         number = next((frame[n] for n in _FRAME_NUMBERS if n in frame), row) if isinstance(frame, dict) else None
         people = [] if (openpose := _is_openpose(frame)) else listed_people(frame)
         if isinstance(number, bool) or not isinstance(number, int) or people is None:
-            raise FileDamaged(f"Entry {row} of the list of frames lacks its number or its people.", where=str(path))
+            raise FileDamaged(f"Entry {row} of the frame list has no frame number or no people.", where=str(path))
         if openpose:
             frames[number] = people_in_picture(frame, str(path))
             continue
