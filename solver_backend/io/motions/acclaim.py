@@ -101,8 +101,9 @@ def _other(path: Path, suffix: str) -> Path:
 
 
 def _subject(path: Path) -> str:
-    """Return the name up to a separator, such as 131 of 131-dance.asf."""
-    return re.split(r"[_\- .]", path.stem)[0]
+    """Return the leading number, such as 131 of 131-dance.asf, or the name up to "_"."""
+    number = re.match(r"\d+(?=[_\- .]|$)", path.stem)
+    return number[0] if number else path.stem.split("_")[0]
 
 
 def _read_skeleton(path: Path) -> tuple[dict[str, _Bone], bool]:

@@ -63,6 +63,19 @@ def test_files_with_the_numbers_of_two_subjects_are_no_pair(tmp_path: Path, skel
     assert find_pair(tmp_path / "13_29.amc")[0].name == "actor.asf"
 
 
+@pytest.mark.parametrize("actor", ["subject {}", "actor-{}", "P.0{}"])
+def test_separators_in_a_name_before_a_number_belong_to_the_name(tmp_path: Path, actor: str) -> None:
+    one, two = (pair(tmp_path, names=(f"{actor.format(n)}.asf", f"{actor.format(n)}_walk.amc")) for n in (1, 2))
+    assert [find_pair(amc)[0].stem for amc in (one, two)] == [actor.format(1), actor.format(2)]
+
+
+def test_actors_with_the_same_first_name_are_no_pair(tmp_path: Path) -> None:
+    pair(tmp_path, names=("bob.asf", "anna-may.amc"))
+    (tmp_path / "anna-lee.asf").write_text(ASF)
+    with pytest.raises(FileMissing, match="2 files could be the skeleton"):
+        find_pair(tmp_path / "anna-may.amc")
+
+
 def test_a_pair_is_found_by_either_file(tmp_path: Path) -> None:
     amc = pair(tmp_path)
     asf = tmp_path / "07.asf"
