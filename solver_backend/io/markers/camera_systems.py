@@ -438,8 +438,8 @@ def read_trc(path: Path) -> MarkerSource:
     names, header = _line_of("datarate", lines[:at]), {}
     if names is not None and names + 1 < at:
         of, values = _cells(lines[names]), _cells(lines[names + 1])
-        given = [value for value in values if value]  # doubled tabs leave empty cells between them
-        values = given if len(given) == len(list(filter(None, of))) else values
+        filled = [[cell for cell in cells if cell] for cells in (of, values)]  # doubled tabs leave empty cells
+        of, values = filled if len(filled[0]) == len(filled[1]) else (of, values)
         header = {name.lower(): value for name, value in zip(of, values, strict=False)}
     labels = _labels(lines[at])
     first = next((i for i in range(at + 1, len(lines)) if is_number(_cells(lines[i])[0])), len(lines))

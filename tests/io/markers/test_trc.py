@@ -119,6 +119,13 @@ def test_doubled_tabs_between_numbers(tmp_path: Path) -> None:
     assert not found.problems and "as the file states" in " ".join(words(found.notes))
 
 
+def test_doubled_tabs_in_both_lines_of_the_header(tmp_path: Path) -> None:
+    path = write(tmp_path / "t.trc", rows(), values="100\t\t100\t\t4\t\t7\t\tm\t\t100\t\t1\t\t4")
+    path.write_text(path.read_text().replace(KEYS, KEYS.replace("\t", "\t\t")))
+    source = read_trc(path)
+    assert source.unit == "m" and facts(source.problems) == ("The file states 7 markers but has 2.",)
+
+
 def test_spaces_instead_of_tabs(tmp_path: Path) -> None:
     lines = [row.replace("\t", "  ") for row in rows()]
     found = read(write(tmp_path / "t.trc", lines, labels="Frame# Time C7 LTOE"))
