@@ -243,7 +243,7 @@ def clocks_of_pairs(names: tuple[str, ...], pairs: Mapping[tuple[int, int], Pair
     """Return the clocks that best fit the lags of pairs (i, j).
 
     Pairs are weighted by their information. The most contradictory pair is excluded until none contradicts the others.
-    Every camera must be connected to the first.
+    Pairs must connect all cameras.
 
     Raises:
         SyncUnknown: no pair connects a camera.
@@ -251,8 +251,9 @@ def clocks_of_pairs(names: tuple[str, ...], pairs: Mapping[tuple[int, int], Pair
     kept, findings = dict(pairs), list[Diagnostic]()
     middle_s = float(np.median([p.middle_s for p in pairs.values()])) if pairs else 0.0
     if alone := _unconnected(len(names), kept):
+        other = next(name for c, name in enumerate(names) if c not in alone)
         raise SyncUnknown(
-            f"{', '.join(names[c] for c in alone)} cannot be synchronised with {names[0]} by {method}.",
+            f"{', '.join(names[c] for c in alone)} cannot be synchronised with {other} by {method}.",
             where=", ".join(names),
             hint="Film again, and clap in view of all cameras and near their microphones.",
         )
@@ -314,11 +315,12 @@ def _solved(count: int, pairs: Mapping[tuple[int, int], PairLag], middle_s: floa
 
 
 def _unconnected(count: int, pairs: Mapping[tuple[int, int], PairLag]) -> list[int]:
-    """Return the cameras that no chain of pairs connects to the first one."""
-    reached = {0}
-    for _ in range(count):
-        reached |= {b for pair in pairs for a, b in (pair, pair[::-1]) if a in reached}
-    return [c for c in range(count) if c not in reached]
+    """Return the cameras outside the largest group that chains of pairs connect."""
+    groups = [{c} for c in range(count)]
+    for a, b in pairs:
+        joined = groups[a] | groups[b]
+        groups = [joined if c in joined else group for c, group in enumerate(groups)]
+    return sorted({*range(count)} - max(groups, key=len))
 
 
 EXACT_SHARE = 0.01  # A time this close to an image, relative to the interval, uses that image.
