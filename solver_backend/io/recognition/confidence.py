@@ -10,6 +10,7 @@ from solver_backend.agreement.reading import LEAST_VALUES, Detections
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.io.recognition.joint_sets import SAMPLED_PEOPLE
 
+_TYPICAL_PER_CENT = 10.0  # Percentages typically exceed this. Other scores above 1 reach only a few units.
 _SURE = 0.95
 """Quantile of confidences on another scale that counts as certain. A scale of 0 to 1 has it between 0.5 and 1.5."""
 
@@ -24,9 +25,16 @@ def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic,
     sure = float(np.quantile(seen, 0.5 if few else _SURE))
     if largest <= 1 and (few or 2 * sure >= 1):
         return confidence, (), ()
-    how, certain = ("above", 1.0) if largest > 1 and 2 * sure <= 3 else ("relative", sure)
+    if largest == 2 and np.isin(seen, (1, 2)).all():  # COCO's flags
+        how, certain = "flags", 2.0
+    elif float(np.median(seen)) > _TYPICAL_PER_CENT and sure <= 100:  # a few scores may be larger
+        how, certain = "percent", 100.0
+    elif largest > 1 and 2 * sure <= 3:
+        how, certain = "above", 1.0
+    else:
+        how, certain = "few" if few else "relative", sure
     scaled = np.minimum(confidence / certain, 1.0)
-    if largest > 1:
+    if how in ("above", "flags"):
         return scaled, (diagnostic("confidence_rescaled", how=how, severity=Severity.NOTE, largest=largest),), ()
     return scaled, (), (diagnostic("confidence_rescaled", how=how, largest=largest),)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_backend.exchange.diagnostics import diagnostic
+from solver_backend.exchange.diagnostics import diagnostic, word
 from solver_backend.io.recognition.confidence import from_logarithms, on_unit_scale
 
 
@@ -49,25 +49,34 @@ def test_ones_are_no_finding_and_few_points_are_no_evidence(rng) -> None:
 
 def test_per_cent_and_larger_scores(rng) -> None:
     given = doubts(rng)
-    found, (note,), problems = on_unit_scale(100 * given)
-    assert found == pytest.approx(np.minimum(given / np.quantile(given[given > 0], 0.95), 1.0))
-    assert (note.values["how"], note.severity, problems) == ("relative", "note", ())
-    found, (note,), problems = on_unit_scale(np.where(given > 0, 500.0, 0.0))
-    assert found.max() == 1.0 and (note.values["largest"], problems) == (500.0, ())
+    for poor in (given, 0.4 * given):
+        found, notes, problems = on_unit_scale(100 * poor)
+        assert found == pytest.approx(poor) and notes == ()
+        assert problems == (diagnostic("confidence_rescaled", how="percent", largest=100 * poor.max()),)
+    found, *reported = on_unit_scale(np.where(given > 0, 500.0, 0.0))
+    unknown = diagnostic("confidence_rescaled", how="relative", largest=500.0)
+    assert found.max() == 1.0 and reported == [(), (unknown,)] and unknown.severity == "warning"
+
+
+def test_few_scores_on_an_unknown_scale_are_said_to_be_few() -> None:
+    found, _, (problem,) = on_unit_scale(np.arange(1.0, 10.0))
+    assert (found == 1.0).sum() == 5 and "the upper half is treated as certain" in word(problem).what
 
 
 @pytest.mark.parametrize("scale", [7.0, 255.0])
 def test_scores_of_a_network_keep_their_order(rng, scale: float) -> None:
     given = doubts(rng)
-    found, (note,), _ = on_unit_scale(scale * given)
-    assert found == pytest.approx(on_unit_scale(0.1 * given)[0]) and note.values["how"] == "relative"
+    found, _, (problem,) = on_unit_scale(scale * given)
+    assert found == pytest.approx(on_unit_scale(0.1 * given)[0]) and problem.values["how"] == "relative"
 
 
 def test_flags_and_logarithms(rng) -> None:
     given = doubts(rng)
-    flags = np.where(given > 0, np.where(given < 0.6, 1.0, 2.0), 0.0)
-    found, notes, problems = on_unit_scale(flags)
-    assert np.array_equal(found, flags / 2) and notes[0].values["how"] == "relative" and problems == ()
+    for hidden in (0.6, 0.96):
+        flags = np.where(given > 0, np.where(given < hidden, 1.0, 2.0), 0.0)
+        found, notes, problems = on_unit_scale(flags)
+        assert np.array_equal(found, flags / 2) and notes[0].values["how"] == "flags" and problems == ()
+    assert (flags == 2).sum() < 0.05 * (flags > 0).sum()
     written = given > 0
     logarithms = np.log(np.where(written, given, 1.0))
     assert from_logarithms(logarithms, written) == pytest.approx(given)
@@ -86,6 +95,6 @@ def test_marks_of_nobody_are_no_logarithms(rng) -> None:
 def test_one_larger_score_or_nan_leaves_per_cent(rng) -> None:
     given = 100 * doubts(rng)
     given[0, 0, :2] = 250.0, np.nan
-    found, (note,), _ = on_unit_scale(given)
-    assert note.values["how"] == "relative" and found[0, 0, :2].tolist() == [1.0, 0.0]
-    assert found[1:] == pytest.approx(np.minimum(given[1:] / np.nanquantile(given[given > 0], 0.95), 1.0), abs=2e-3)
+    found, _, (problem,) = on_unit_scale(given)
+    assert problem.values["how"] == "percent" and found[0, 0, :2].tolist() == [1.0, 0.0]
+    assert found[1:] == pytest.approx(given[1:] / 100)
