@@ -272,6 +272,7 @@ def _fields(found: Diagnostic, entry: DiagnosticEntry) -> dict[str, Any]:
     for one, several in (("camera", where.cameras), ("marker", where.markers), ("joint", where.joints)):
         names |= {f"{one}s": listed(several), one: several[0] if several else ""}
         names |= {f"other_{one}": several[1]} if len(several) > 1 else {}
+    names |= {} if where.cameras else {"cameras": "all cameras"}
     values = names | {key: _listed_value(value) for key, value in found.values.items()}
     chosen = {name: words.get(str(values.get(name))) for name, words in entry.words.items()}
     return values | {name: text.format(**values) for name, text in chosen.items() if text is not None}

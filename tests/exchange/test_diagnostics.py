@@ -100,6 +100,14 @@ def test_a_code_of_another_version_is_shown_by_name():
     assert sentence(found) == "lens_fogged (b, share 3) in frames 1-2." and found.severity is Severity.NOTE
 
 
+def test_corrected_detections_without_cameras_are_of_all_cameras() -> None:
+    told = {"code": "detections_corrected", "values": {"found": "left and right are swapped"}, "remedy": "repaired"}
+    (found,) = read_diagnostics([told])
+    what, advice = word(found)
+    assert what == "The detections of all cameras are wrong: left and right are swapped: corrected."
+    assert advice.startswith("The program corrected them. Check the files of these cameras if you use them elsewhere")
+
+
 @pytest.mark.parametrize("values", [{}, {"size": "much"}, {"size": [1, 2], "least": None}])
 def test_a_code_with_other_values_is_shown_by_name(values):
     (found,) = read_diagnostics([{"code": "stature_odd", "severity": "warning", "values": values}])
