@@ -43,7 +43,7 @@ def test_every_marker_is_in_the_capture_and_what_is_left_out_is_said(tmp_path, c
     notes = " ".join(words(capture.notes))
     for said in (
         "Lengths are in mm", "Z points up",
-        "1 labels are not in a known layout: thigh_cluster_1",
+        "Labels in no known layout (1): thigh_cluster_1",
         "computed points (1), LHJC", "second points of one body part (1), LFWT",
         "points without names (1), *3",
     ):  # fmt: skip
