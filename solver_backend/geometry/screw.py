@@ -1,4 +1,4 @@
-"""Interpolate rigid motions through keys by screws, the geodesics of SE(3).
+"""Interpolate rigid motions through keys by screws, the geodesics of SE(3) (thesis 6.4).
 
 A geodesic from A to B is ``A exp(s log(A⁻¹ B))``. The curve composes them as SIDER-n composes geodesics on a sphere.
 Rotation and translation are coupled: a rotating body moves on an arc.

@@ -143,7 +143,7 @@ def published_steps(motion: Motion) -> dict[str, Steps]:
     forward = posed.rotations["pelvis"][:, :, 0] * (1.0, 0.0, 1.0)
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
     pelvis = posed.joints["pelvis"] @ posed.ground.T
-    found = {name: {"Foot Strike": [], "Foot Off": []} for name in ("Zeni", "Ghoussayni")}
+    found: dict[str, Steps] = {name: {"Foot Strike": [], "Foot Off": []} for name in ("Zeni", "Ghoussayni")}
     for side in "RL":
         heel, toe, fifth = (in_ground(cloud.positions[:, cloud.labels.index(side + p)]) for p in ("CAL", "TOE", "MT5"))
         toe = 0.5 * (toe + fifth)

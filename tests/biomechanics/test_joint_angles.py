@@ -130,7 +130,9 @@ def test_the_pelvis_follows_the_spines_of_a_squatting_person():
     for motion in (squat, worn, replace(worn, body_pose=np.zeros_like(squat.body_pose))):
         posed = posed_segments(motion, body)
         cloud = virtual_markers(motion, body, posed)
-        front, back = (sum(cloud.positions[0, cloud.labels.index(s + n)] for s in "LR") for n in ("ASI", "PSI"))
+        front, back = (
+            cloud.positions[0, [cloud.labels.index(s + n) for s in "LR"]].sum(axis=0) for n in ("ASI", "PSI")
+        )
         rise = np.degrees(np.arctan2((front - back)[2], np.hypot(*(front - back)[:2])))
         tilts.append((isb_angles(posed).column("pelvis_tilt")[0], rise))
     joint, spines, standing = tilts

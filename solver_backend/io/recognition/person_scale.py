@@ -140,7 +140,7 @@ def rest_keypoints(body: Body, landmarks: Landmarks, betas: np.ndarray) -> Float
 
 
 def _stature(body: Body, betas: np.ndarray) -> np.ndarray:
-    return np.ptp((body.v_template + body.shapedirs[..., :10] @ betas)[:, 1])
+    return np.asarray(np.ptp((body.v_template + body.shapedirs[..., :10] @ betas)[:, 1]))
 
 
 _UNITS = ("m", "cm", "mm", "inch")

@@ -121,7 +121,7 @@ def test_an_axis_stated_against_the_body(tmp_path: Path) -> None:
     found = take(tmp_path / "take.c3d", C3dBytes(handstand, LABELS, screen=None))
     np.testing.assert_allclose(found.cloud.positions, handstand / 1000, atol=1e-7)
     assert words(found.problems)[0].startswith(
-        "The body stands along -Z, but most files of this format have Z up. Z is used."
+        "The body stands along -Z, but the file or its format has Z up. Z is used."
     )
     high = rotated + [0, 2500, 900]
     found = take(tmp_path / "take.c3d", C3dBytes(high, LABELS))
