@@ -45,6 +45,7 @@ NETWORKS = (
     ("landmark_rows", "σ(D) with SQUAD, width 8", "ortho_", "`fixed`"),
     ("landmark_thesis", "base, width 8, 600 steps", "base_thesis_thesis_", "`thesis`"),
     ("landmark_thesis", "σ(D) with SQUAD, width 8, 600 steps", "ortho_thesis_thesis_", "`thesis`"),
+    ("landmark_thesis", "e(R) with SLERP, width 8, 600 steps", "e_r_slerp_thesis_thesis_", "`thesis`"),
     ("landmark_clouds", "the included network", "fixed_", "`fixed`"),
     ("landmark_clouds", "the included network", "thesis_", "`thesis`"),
 )
