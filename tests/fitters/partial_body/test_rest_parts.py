@@ -88,7 +88,7 @@ def test_legs_alone(short, tmp_path):
     assert (motion.joint_sigma[:, at("left_wrist")] > 0.15).all()
     assert error_mm(motion, take.joints, seen) < 1.15 * error_mm(full, take.joints, seen) + 1.0
     (found,) = recorded_diagnostics(motion)
-    assert sentence(found).startswith("Arms, trunk and head have no markers, so the rest pose is shown.")
+    assert sentence(found).startswith("Arms, trunk and head have no markers, so a relaxed pose is shown.")
     assert np.abs(motion.betas).max() < 4
     again = read_motion(write_motion(tmp_path / "legs.npz", motion))
     assert np.array_equal(again.resting, motion.resting)
