@@ -61,7 +61,7 @@ ROOT_CURVES = (
 METHOD_NAMES = tuple(method.value for method in METHODS)
 BACKENDS = (
     Choice("numpy", "NumPy", "Works everywhere (recommended)"),
-    Choice("torch", "PyTorch", "Faster, with a Python that has torch"),
+    Choice("torch", "PyTorch", "Not faster than NumPy in our tests, with a Python that has torch"),
     Choice("cuda", "CUDA", "For NVIDIA graphics processors, with a Python that has torch for CUDA"),
 )
 """The results of both agree within 0.1 mm."""
