@@ -26,8 +26,9 @@ other options of a solve. The panel *Solve* writes a job file next to each take.
 }
 ```
 
-If a key is missing, its default applies. A job with an unknown key or another version is rejected. The object
-`settings` contains [settings of a solve](settings.md). Paths are absolute, or relative to the job file's folder."""
+If a key is missing, its default applies. A job with an unknown key, or an older or newer version, is rejected. The
+object `settings` contains [settings of a solve](settings.md). Paths are absolute, or relative to the job file's
+folder."""
 _TABLES = (
     (
         "JobFile",

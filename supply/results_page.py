@@ -149,7 +149,7 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ("Keypoints missed by the included detector", "detector", "missing_percent", "%"),
         ("Limbs with swapped sides in the detections", "detector", "detected_swaps_percent", "%"),
         ("Limbs with swapped sides after the solve", "detector", "solved_swaps_percent", "%"),
-        ("CPU time to decode a picture and detect keypoints", "detector", "cpu_ms", "ms"),
+        ("CPU time to decode a picture and detect keypoints, original videos", "detector", "cpu_ms", "ms"),
         ("Residual with four cameras calibrated without a board", "video_cameras", "four_px", "px"),
         ("Residual with the calibration of the trial", "video_cameras", "four_calibrated_px", "px"),
         ("Size error with four cameras calibrated without a board", "video_cameras", "four_size_percent", "%"),
@@ -162,7 +162,7 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ("Residual with the worst three of these cameras", "video_cameras", "three_px", "px"),
         ("Size error with the worst three of these cameras", "video_cameras", "three_size_percent", "%"),
         (
-            "Detection speed with four cameras on two cores",
+            "Detection speed with four cameras on two cores, real time, re-encoded videos",
             "video_speed",
             "pictures_per_s_per_camera",
             "pictures per second and camera",
