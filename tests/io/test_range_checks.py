@@ -86,7 +86,7 @@ ODD = [
     (with_camera(K=put((0, 0, 2), 5000.0)), "The principal point of cam_a, (5000, 539.5), is outside"),
     (
         with_camera(distortion=put((1, slice(0, 2)), [-5.0, 0.0])),
-        "The lens distortion of cam_b is wrong",
+        "The lens distortion of cam_b is impossible",
     ),
     (with_camera(t=put(3, [0.0, 0.0, 500.0])), "Cameras are more than 100 m from the others: cam_d (49"),
     (with_camera(R=lambda R: R.__setitem__(1, R[0]), t=lambda t: t.__setitem__(1, t[0])), "are 0.0 mm apart"),
