@@ -120,13 +120,16 @@ def _select(layer: bpy.types.ViewLayer, chosen: list[bpy.types.Object], active: 
 @contextmanager
 def alone(armature: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Scene, bpy.types.Depsgraph]]:
     """Put an armature into a temporary scene at another scene's frame rate while the block runs."""
-    stage = bpy.data.scenes.new(armature.name)
+    stage, window = bpy.data.scenes.new(armature.name), bpy.context.window
+    shown = window and window.scene
     stage.render.fps, stage.render.fps_base = scene.render.fps, scene.render.fps_base
     stage.collection.objects.link(armature)
     try:
         with bpy.context.temp_override(scene=stage, view_layer=stage.view_layers[0]):
             yield stage, bpy.context.evaluated_depsgraph_get()
     finally:
+        if window and window.scene == stage:  # glTF shows the scene that it writes
+            window.scene = shown
         bpy.data.scenes.remove(stage)
 
 
