@@ -121,7 +121,7 @@ def _select(layer: bpy.types.ViewLayer, chosen: list[bpy.types.Object], active: 
 def alone(armature: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Scene, bpy.types.Depsgraph]]:
     """Put an armature into a temporary scene at another scene's frame rate while the block runs."""
     stage, window = bpy.data.scenes.new(armature.name), bpy.context.window
-    shown = window and window.scene
+    shown = window and (window.scene, window.view_layer)
     stage.render.fps, stage.render.fps_base = scene.render.fps, scene.render.fps_base
     stage.collection.objects.link(armature)
     try:
@@ -129,7 +129,7 @@ def alone(armature: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[tuple[
             yield stage, bpy.context.evaluated_depsgraph_get()
     finally:
         if window and window.scene == stage:  # glTF shows the scene that it writes
-            window.scene = shown
+            window.scene, window.view_layer = shown
         bpy.data.scenes.remove(stage)
 
 

@@ -50,9 +50,10 @@ def test_the_face_moves_in_files(scene: bpy.types.Scene, speaking: Rig, tmp_path
     shown = np.stack([evaluated_vertices(scene, speaking.mesh, time)[lip] for time in times])
     before = {key.name: key.value for key in keys}
     scene.render.fps = 24
+    bpy.context.window.view_layer = layer = scene.view_layers.new("Second")
     bpy.data.scenes.new("AAA")  # the scene that Blender shows when it removes the one on show
     export_take(take_of(scene, speaking.armature, fps=12.0), name, tmp_path / f"face{FORMATS[name].suffix}")
-    assert bpy.context.window.scene == scene
+    assert (bpy.context.window.scene, bpy.context.window.view_layer) == (scene, layer)
     assert {key.name: key.value for key in speaking.mesh.data.shape_keys.key_blocks} == before
     assert [obj.name for obj in scene.objects if obj.type == "MESH" and not obj.hide_render] == [moved]
     [path] = tmp_path.iterdir()
