@@ -66,27 +66,29 @@ def add_face_shapes(mesh: bpy.types.Object, body: BodyFile) -> int:
     return len(new)
 
 
-def add_face_bones(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile) -> None:
-    """Add the bones of the face to a body in its current shape, unless it has them.
+def add_face_bones(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile) -> int:
+    """Add the face bones that a body in its current shape lacks, and return their number.
 
-    Blender must be in object mode.
+    Blender must be in object mode, and the armature in the view layer. A bone of the user keeps its name.
     """
-    if any(name in armature.data.bones for name in _BONES):
-        return
+    new = {name: bone for name, bone in _BONES.items() if name not in armature.data.bones}
+    if not new:
+        return 0
     betas, head = get_betas(mesh), JOINTS.index(_HEAD)
     joints = np.stack([body.rest_joints(np.zeros_like(betas))[head], body.rest_joints(betas)[head]])
     moved = body.shaped(betas) - body.v_template - (joints[1] - joints[0])
-    weights = {name: _weights(bone, joints[0] + bone.pivot, body) for name, bone in _BONES.items()}
-    places = {name: bone.pivot + np.average(moved, axis=0, weights=weights[name]) for name, bone in _BONES.items()}
+    weights = {name: _weights(bone, joints[0] + bone.pivot, body) for name, bone in new.items()}
+    places = {name: bone.pivot + np.average(moved, axis=0, weights=weights[name]) for name, bone in new.items()}
     bpy.context.view_layer.objects.active = armature
     bpy.ops.object.mode_set(mode="EDIT")
     try:
         _add_bones(armature.data, places)
     finally:
         bpy.ops.object.mode_set(mode="OBJECT")
-    _wire(armature)
-    for name in _BONES:
+    _wire(armature, new)
+    for name in new:
         _give_skin(mesh, deform_bone(name), weights[name])
+    return len(new)
 
 
 def _weights(bone: _FaceBone, pivot: np.ndarray, body: BodyFile) -> np.ndarray:
@@ -112,13 +114,13 @@ def _add_bones(data: bpy.types.Armature, places: dict[str, np.ndarray]) -> None:
             bone.use_deform, above = each != name, bone
 
 
-def _wire(armature: bpy.types.Object) -> None:
+def _wire(armature: bpy.types.Object, new: dict[str, _FaceBone]) -> None:
     """Set up controls. The deform bone of a slider's shape moves back like the head's."""
     data, bones = armature.data, armature.pose.bones
     shown = data.collections_all.get(_COLLECTION) or data.collections.new(_COLLECTION)
     axes = np.array(data.bones[_HEAD].matrix_local.to_3x3()).T @ R_ARMATURE_BODY
     shape = bones[LIMBS[0].pole].custom_shape if LIMBS[0].pole in bones else None
-    for name, own in _BONES.items():
+    for name, own in new.items():
         bone, deform = bones[name], bones[deform_bone(name)]
         bone.rotation_mode, bone.lock_location, bone.lock_scale = "QUATERNION", (True,) * 3, (True,) * 3
         if shape is not None:

@@ -59,8 +59,7 @@ def _copy_skin(
 ) -> bpy.types.Object:
     """Bind a copied skin to a plain armature, without its sliders and correctives."""
     keys = mesh.data.shape_keys.name
-    rest = positions(mesh.data.shape_keys.reference_key.points)
-    expressions = {key.name: (positions(key.points) - rest, key.value) for key in expressions_of(mesh)}
+    expressions = {key.name: (_offsets(mesh, key), key.value) for key in expressions_of(mesh)}
     mesh.shape_key_clear()
     if keys in bpy.data.shape_keys:  # before Blender 5 they outlive their mesh
         bpy.data.batch_remove((bpy.data.shape_keys[keys],))
@@ -83,6 +82,15 @@ def _copy_skin(
         if modifier.type == "ARMATURE":
             modifier.object = armature
     return mesh
+
+
+def _offsets(mesh: bpy.types.Object, key: bpy.types.ShapeKey) -> np.ndarray:
+    """Return the (V, 3) movement in metres of a key at value 1, from its own basis and masked by its vertex group."""
+    moved = positions(key.points) - positions(key.relative_key.points)
+    if (group := mesh.vertex_groups.get(key.vertex_group)) is not None:
+        for vertex in mesh.data.vertices:
+            moved[vertex.index] *= sum(item.weight for item in vertex.groups if item.group == group.index)
+    return moved
 
 
 def _carry_left_out(mesh: bpy.types.Object, armature: bpy.types.Object, layout: BodyLayout) -> None:

@@ -59,11 +59,15 @@ def add_face(self: Any, context: bpy.types.Context) -> str | set[str]:
         return self.give_up("Only the body that ships with the add-on has face shapes")
     if not (mesh.data.is_editable and review.armature.data.is_editable):
         return self.give_up("This body is linked. Add the face in its own file")
+    if review.armature.hide_viewport or review.armature.name not in context.view_layer.objects:
+        return self.give_up(
+            "The armature is disabled in viewports. Enable it and its collection, and add the face again"
+        )
     count = add_face_shapes(mesh, body)
     with undisturbed(context):
-        add_face_bones(review.armature, mesh, body)
+        bones = add_face_bones(review.armature, mesh, body)
     show_look(mesh, context.scene.mocap.look)
-    return f"{counted(count, 'face shape')} added to '{mesh.name}'"
+    return f"{counted(count, 'face shape')} and {counted(bones, 'face bone')} added to '{mesh.name}'"
 
 
 @operator("Pin Current Pose", TAKE)

@@ -174,6 +174,10 @@ def shape(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     assert mesh is not None  # see needs
     if looks_of(mesh):
         layout.column(align=True).prop(context.scene.mocap, "look", expand=True, text_ctxt=CONTEXT)
+        if context.scene.mocap.look not in looks_of(mesh):
+            wrapped(
+                layout, context, "This body was made without the chosen look. Add the body again to use it.", "INFO"
+            )
     else:
         wrapped(layout, context, "Looks need a local body that this add-on made, in Object Mode.", "INFO")
     column = layout.column(align=True)

@@ -28,7 +28,7 @@ LEAST_CARRIED_M = 0.1  # Shortest camera path in metres that determines a scale.
 BIAS, ADULTS, UNSURE = 0.05, 0.055, 0.2
 """Relative scale error that more frames do not reduce, relative deviation of adult statures, and relative standard
 deviation that causes a warning. The first is the RMS on ten simulated walks that chose the constants above (subjects
-02, 08, 09, 16 and 35), with known statures. It is 3 % on the six other walks of ``bench_carried_camera``.
+02, 08, 09, 16 and 35), with known statures.
 """
 
 

@@ -201,3 +201,12 @@ def evaluated(mesh: bpy.types.Object) -> np.ndarray:
     bpy.context.view_layer.update()
     found = mesh.evaluated_get(bpy.context.evaluated_depsgraph_get())
     return np.array([vertex.co for vertex in found.data.vertices])
+
+
+def test_a_bone_of_the_user_keeps_its_name(rig: Rig, body: BodyFile) -> None:
+    bpy.context.view_layer.objects.active = rig.armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    rig.armature.data.edit_bones.new("jaw").tail = (0.0, 0.0, 0.1)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert add_face_bones(rig.armature, rig.mesh, body) == 4
+    assert len(face_bones(rig.armature)) == 4 and add_face_bones(rig.armature, rig.mesh, body) == 0

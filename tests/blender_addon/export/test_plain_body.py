@@ -12,6 +12,7 @@ import numpy as np
 from blender_addon._exchange.motion_file import MotionFile
 from blender_addon.animation.deviation import evaluated_joints, evaluated_vertices
 from blender_addon.body.body_file import BodyFile, skin
+from blender_addon.body.mesh import positions
 from blender_addon.body.rig import Rig
 from blender_addon.body.shape import set_betas
 from blender_addon.conventions.skeleton import JOINTS
@@ -78,3 +79,17 @@ def test_an_exporter_evaluates_the_body_alone(scene: bpy.types.Scene, take: Bake
         bpy.app.handlers.frame_change_post.remove(note)
     assert len(seen) >= 120 and scene.name not in seen
     assert list(bpy.data.scenes) == [scene]
+
+
+def test_keys_of_the_user_keep_their_basis_and_their_group(scene: bpy.types.Scene, rig: Rig) -> None:
+    raised, more = (rig.mesh.shape_key_add(name=name, from_mix=False) for name in ("raised", "more"))
+    for key, height in ((raised, 0.1), (more, 0.3)):
+        for point in key.points:
+            point.co.z += height
+    more.relative_key, half = raised, rig.mesh.vertex_groups.new(name="half")
+    half.add(list(range(100)), 0.5, "REPLACE")
+    more.vertex_group = half.name
+    copy = Rig(*plain_copy(rig.armature, rig.mesh, scene.collection))
+    keys = copy.mesh.data.shape_keys.key_blocks
+    rest, found = (positions(keys[name].points)[:, 2] for name in ("Basis", "more"))
+    np.testing.assert_allclose(found - rest, np.where(np.arange(len(rest)) < 100, 0.1, 0.0), atol=1e-6)
