@@ -46,7 +46,7 @@ def build_body(num_vertices: int = NUM_VERTICES, fitted: SymmetricMesh | None = 
 
     SMPL's keys are ``v_template, shapedirs, posedirs, J_regressor, weights, kintree_table, f``. Our keys are:
 
-    - ``body_id``, ``uv`` (V, 2), ``mirror`` (V,)
+    - ``body_id``, ``mirror`` (V,)
     - ``vt`` (T, 2) and ``ft`` (F, 3) with seams, ``face_material`` (F,) and ``material_names``
     - ``J`` (24, 3) and ``J_shapedirs`` (24, 3, 10), the joints that the regressor was fitted to
     - ``blank_vertices`` (N,) and ``blank_offsets`` (N, 3) in metres, which remove the face
@@ -77,7 +77,6 @@ def build_body(num_vertices: int = NUM_VERTICES, fitted: SymmetricMesh | None = 
     texture = _timed("texture", lambda: build_texture_map(space.carried[:count], mesh.faces, part, PART_FACING))
     real = {"v_template": vertices, "shapedirs": vertex_dirs, "J": joints, "J_shapedirs": space.joint_dirs}
     real |= {"J_regressor": regressor, "weights": weights, "vt": texture.vt, "blank_offsets": _rounded(offsets)}
-    real |= {"uv": texture.per_vertex(mesh.faces, len(vertices))}
     whole = {"f": mesh.faces, "ft": texture.ft, "mirror": mesh.mirror, "blank_vertices": blank}
     arrays = {"body_id": np.array(BODY_ID), "kintree_table": KINTREE, "posedirs": posedirs.astype(np.float16)}
     arrays |= {"face_material": face_materials(part, detailed.feature), "material_names": np.array(MATERIAL_NAMES)}

@@ -25,12 +25,6 @@ class TextureMap:
     vt: Array  # (T, 2) coordinates in [0, 1].
     ft: Array  # (F, 3) index into ``vt`` of each face's corners.
 
-    def per_vertex(self, faces: Array, count: int) -> Array:
-        """Return one (V, 2) coordinate per vertex. At seams it is the first chart's."""
-        uv = np.zeros((count, 2))
-        uv[faces[::-1].ravel()] = self.vt[self.ft[::-1].ravel()]
-        return uv
-
 
 def build_texture_map(vertices: Array, faces: Array, part: Array, facing: Array) -> TextureMap:
     """Flatten and pack each (F,) part. ``facing`` (P, 3) is the direction that a part's first shell faces."""

@@ -83,7 +83,7 @@ def coordinates(posed: PosedSegments) -> Coordinates:
             if name:
                 names.append(f"{name}_{side[0]}" if side else name)
                 columns.append(np.degrees(sign * angle))
-                if name == "knee_angle":  # A constraint ties the kneecap to it. OpenSim converts no such degrees.
+                if name == "knee_angle":  # A constraint ties the kneecap to it, in radians.
                     names.append(f"knee_angle_{side[0]}_beta")
                     columns.append(sign * angle)
     names, columns = [*names[3:6], *names[:3], *names[6:]], [*columns[3:6], *columns[:3], *columns[6:]]
