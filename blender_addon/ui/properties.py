@@ -83,6 +83,10 @@ class MocapReading(ReadingProperties, bpy.types.PropertyGroup):
         return reading_options(self, {name: value for name, value in chosen.items() if value != AUTO})
 
 
+def _is_mesh(_self: bpy.types.PropertyGroup, obj: bpy.types.Object) -> bool:
+    return obj.type == "MESH"
+
+
 class MocapSolve(SolveProperties, bpy.types.PropertyGroup):
     """Settings of a solve."""
 
@@ -90,6 +94,12 @@ class MocapSolve(SolveProperties, bpy.types.PropertyGroup):
     subject: path("Subject", "Calibrated person with the markers (leave blank to calibrate on the take itself)")
     keep_shape: switch("Keep Shape", "Use the shape of the body's sliders instead of estimating it", on=True)
     report: switch("Report", "Write an HTML page with errors, warnings and charts", on=True)
+    contact_mesh: bpy.props.PointerProperty(
+        type=bpy.types.Object,
+        name="Contact Mesh",
+        description="Closed mesh at rest that the body touches but cannot enter, instead of a file of objects",
+        poll=_is_mesh,
+    )
 
     def acts(self, name: str) -> bool:
         """Return whether a setting affects the chosen method."""

@@ -8,17 +8,19 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
 
 from .._exchange.capture_file import portable_path
-from .._exchange.errors import OutputNotWritable
+from .._exchange.errors import JobInvalid, OutputNotWritable
 from .._exchange.job_file import JobFile
 from .._exchange.outputs import write_text
+from ..body.mesh import positions
 from ..body.shape import body_mesh, get_betas
 from ..conventions.file_paths import file_of
 from ..conventions.timing import scene_frame_rate
 from ..errors import TakeMissing
 from ..review.ranges import SceneRange, resolve_of
-from ..solving.take_paths import capture_folder, next_take
+from ..solving.take_paths import capture_folder, next_take, safe_name
 from .project_files import files_folder, usable
 
 
@@ -39,7 +41,8 @@ def prepare_job(
     is_calibrated, is_noisy = markers and frames is None, not markers
     subject = _file_of(settings, "subject", "Calibrate the subject again") if is_calibrated else None
     noise = _file_of(settings, "noise", "Measure it again (cameras noise)") if is_noisy else None
-    objects = _file_of(settings, "objects", "Choose the file again")
+    chosen = settings.contact_mesh
+    objects = None if chosen else _file_of(settings, "objects", "Choose the file again")
     starts = frames is None and capture.takes_network
     network = _file_of(capture, "network", "Choose the file again") if starts else None
     resolve = None if frames is None else resolve_of(frames)
@@ -47,13 +50,14 @@ def prepare_job(
     layout = write_layout(capture, take.motion.with_suffix(".layout.json"))
     armature = capture.review_of(person).armature
     mesh = body_mesh(armature) if armature is not None else None
+    shape = chosen and _write_mesh(scene, chosen, armature, take.motion)
     keeps_shape = subject is None and (settings.keep_shape or frames is not None)
     more = {
         "betas": [round(float(v), 6) for v in get_betas(mesh)] if mesh is not None and keeps_shape else None,
         "layout": layout and layout.name,
         "leave_out": capture.leave_out(scene_frame_rate(scene)),
         "noise": noise and str(noise),
-        "objects": objects and str(objects),
+        "objects": shape.name if shape else objects and str(objects),
     }
     values = {name: value for name, value in settings.values().items() if name not in more}
     job = JobFile(
@@ -108,6 +112,53 @@ def write_layout(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
 def _write_labels(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
     points = [{"point": item.point, "frame": item.frame, "marker": item.marker} for item in capture.point_labels]
     return _write(path, {"format": "manifold_mocap_user_labels", "version": 1, "points": points}) if points else None
+
+
+def _write_mesh(
+    scene: bpy.types.Scene, chosen: bpy.types.Object, armature: bpy.types.Object | None, motion: Path
+) -> Path:
+    """Write an object as the viewport shows it, in metres relative to the body, and return its OBJ file.
+
+    Raises ``JobInvalid`` if the object is not in the scene, has no faces, or can move.
+    """
+    label = f"{chosen.name} in the field Contact Mesh"
+    if chosen.name not in scene.objects:
+        raise JobInvalid(f"{label} is not in the scene.", hint="Choose another object, or clear the field.")
+    if _can_move(chosen):
+        hint = "The solver needs an object that rests for the whole take. Remove its animation, or choose another one."
+        raise JobInvalid(f"{label} is animated.", hint=hint)
+    shown = chosen.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    mesh = shown.to_mesh()
+    try:
+        points, faces = positions(mesh.vertices), [list(face.vertices) for face in mesh.polygons]
+    finally:
+        shown.to_mesh_clear()
+    if not faces:
+        raise JobInvalid(f"{label} has no faces.", hint="Choose a closed mesh.")
+    T_world_body = np.eye(4) / scene.unit_settings.scale_length if armature is None else np.array(armature.matrix_world)
+    T_world_body[3, 3] = 1.0
+    R, t = np.split((np.linalg.inv(T_world_body) @ np.array(shown.matrix_world))[:3], [3], axis=1)
+    rows = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in points @ R.T + t.T]
+    rows += ["f " + " ".join(str(1 + corner) for corner in face) for face in faces]
+    path = motion.with_name(f"{motion.stem}_{safe_name(chosen.name)}.obj")
+    return write_text(path, "\n".join(rows) + "\n", overwrite=True)
+
+
+def _can_move(obj: bpy.types.Object) -> bool:
+    """Return whether an object, its parents or what deforms it is animated."""
+    waiting, known = [obj], set[bpy.types.ID]()
+    while waiting:
+        found = waiting.pop()
+        if found is None or found in known:
+            continue
+        known.add(found)
+        if (data := found.animation_data) and (data.action or data.nla_tracks or data.drivers):
+            return True
+        if isinstance(found, bpy.types.Object):
+            waiting += [found.parent, found.data, getattr(found.data, "shape_keys", None)]
+            waiting += [getattr(modifier, "object", None) for modifier in found.modifiers]
+            waiting += [getattr(constraint, "target", None) for constraint in found.constraints]
+    return False
 
 
 def _write(path: Path, values: dict[str, Any]) -> Path:

@@ -108,13 +108,14 @@ def read_obstacles(path: Path | str) -> Obstacles:
     """Read a file of planes, boxes and meshes, and add the floor z = 0.
 
     A plane has a ``point`` and a ``normal`` towards free space. A box has a ``centre``, a ``size`` and optionally
-    ``turn_deg`` about the vertical. A mesh is the relative path of a Wavefront OBJ file. All are in metres, Z up.
+    ``turn_deg`` about the vertical. A mesh is the relative path of a Wavefront OBJ file. All are in metres, Z up. An
+    OBJ file counts as a file with this mesh alone.
 
     Raises:
         FileDamaged: the file or a mesh is damaged, or a value is invalid.
         FileMissing: the file or a mesh is missing.
     """
-    values = read_json_file(path)
+    values = {"meshes": [Path(path).name]} if Path(path).suffix.lower() == ".obj" else read_json_file(path)
     if not isinstance(values, dict) or set(values) - {*_KINDS, "format", "version"}:
         raise _damaged(path, f"The object file may contain only {', '.join(_KINDS)}.")
     planes, surfaces = [*Obstacles.floor().planes], list[np.ndarray]()

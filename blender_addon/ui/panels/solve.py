@@ -68,7 +68,8 @@ def solve_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
         for name in acting:
             _draw_value(column, settings, name)
     layout.separator()
-    names = (*names_of(RECORDING), "keep_shape", "report", *names_of(RESOURCES))
+    resources = (name for name in names_of(RESOURCES) if not (name == "objects" and settings.contact_mesh))
+    names = (*names_of(RECORDING), "keep_shape", "report", "contact_mesh", *resources)
     draw_settings(layout, context, settings, *names)
     draw_settings(layout, context, context.scene.mocap, "folder")
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 from itertools import product
 from types import SimpleNamespace
 
+import bmesh
 import bpy
 import numpy as np
 import pytest
 
+from blender_addon._exchange.errors import JobInvalid
 from blender_addon.animation.curves import action_curves
 from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.animation.lanes import read_lane
@@ -16,6 +18,8 @@ from blender_addon.errors import TakeMissing
 from blender_addon.review.ranges import sole_height
 from blender_addon.ui.scene_job import prepare_job
 from blender_addon.ui.setting_properties import ROWS
+from solver_backend.exchange.errors import FileDamaged
+from solver_backend.geometry.obstacles import read_obstacles
 from tests.support.narrow_layout import NarrowContext
 from tests.support.panel_layout import Layout
 
@@ -55,6 +59,80 @@ def test_a_detectors_noise_goes_into_the_job_and_is_missed_by_name(solved_take, 
     path.unlink()
     with pytest.raises(TakeMissing, match=r"Detector Noise no longer exists.*noise\.json"):
         prepare_job(bpy.context.scene, None)
+
+
+@pytest.fixture
+def chair(mocap, scene) -> bpy.types.Object:
+    """Return a chosen cube of 0.4 m that stands on a parent, and that a modifier raises by 0.2 m."""
+    mesh = bpy.data.meshes.new("Stuhl")
+    shape = bmesh.new()
+    bmesh.ops.create_cube(shape, size=0.2)
+    shape.to_mesh(mesh)
+    shape.free()
+    chair, parent = bpy.data.objects.new("Stuhl/ü", mesh), bpy.data.objects.new("Room", None)
+    for obj in (chair, parent):
+        scene.collection.objects.link(obj)
+    chair.parent, chair.location, chair.scale = parent, (1.0, 0.0, 0.2), (2.0, 2.0, 2.0)
+    parent.location = (0.0, 3.0, 0.0)
+    higher = chair.modifiers.new("Higher", "DISPLACE")
+    higher.direction, higher.mid_level, higher.strength = "Z", 0.0, 0.1
+    mocap.solve.contact_mesh = chair
+    return chair
+
+
+def contact_bounds() -> np.ndarray:
+    """Return the lowest and highest corner of the mesh in the job, as the solver reads it."""
+    job, path = prepare_job(bpy.context.scene, None)
+    [surface] = read_obstacles(path.parent / job.settings["objects"]).surfaces
+    return np.stack([surface.min(axis=(0, 1)), surface.max(axis=(0, 1))])
+
+
+def test_a_chosen_mesh_is_an_object_of_contact(solved_take, mocap, chair) -> None:
+    mocap.solve.objects = str(chair.name)  # a file that is missing does not matter
+    mocap.review.armature.location.x += 0.3
+    bpy.context.view_layer.update()
+    assert contact_bounds() == pytest.approx(np.array([[0.5, 2.8, 0.2], [0.9, 3.2, 0.6]]), abs=1e-5)
+    bpy.context.scene.unit_settings.scale_length = 0.01  # A body that was built in metres keeps its scale.
+    assert contact_bounds()[1] == pytest.approx([0.9, 3.2, 0.6], abs=1e-5)
+    mocap.review.armature = None
+    assert contact_bounds()[1] == pytest.approx([0.012, 0.032, 0.006], abs=1e-5)
+
+
+def test_a_chosen_mesh_can_be_undone(solved_take, mocap, chair) -> None:
+    bpy.ops.ed.undo_push(message="chosen")
+    mocap.solve.contact_mesh = None
+    bpy.ops.ed.undo_push(message="cleared")
+    assert "objects" not in prepare_job(bpy.context.scene, None)[0].settings
+    assert bpy.ops.ed.undo() == {"FINISHED"}
+    assert bpy.context.scene.mocap.solve.contact_mesh.name == "Stuhl/ü" and len(contact_bounds())
+
+
+def _animate_parent(chair: bpy.types.Object) -> None:
+    chair.parent.keyframe_insert("location", frame=1)
+
+
+def _unlink(chair: bpy.types.Object) -> None:
+    bpy.context.scene.collection.objects.unlink(chair)
+
+
+def _empty(chair: bpy.types.Object) -> None:
+    chair.data = bpy.data.meshes.new("Empty")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"), [(_animate_parent, "is animated"), (_unlink, "is not in the scene"), (_empty, "has no faces")]
+)
+def test_an_unsuitable_mesh_is_named(solved_take, mocap, chair, spoil, message: str) -> None:
+    spoil(chair)
+    with pytest.raises(JobInvalid, match=f"Stuhl/ü in the field Contact Mesh {message}"):
+        prepare_job(bpy.context.scene, None)
+
+
+def test_an_open_mesh_is_refused_by_the_solver(solved_take, mocap, chair) -> None:
+    chair.data = bpy.data.meshes.new("Sheet")
+    chair.data.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [], [(0, 1, 2)])
+    with pytest.raises(FileDamaged, match=r"mesh is not closed.*Stuhl_ü\.obj"):
+        contact_bounds()
 
 
 @pytest.mark.parametrize("tolerance_mm", [5.0, 40.0])
