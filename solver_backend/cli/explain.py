@@ -46,7 +46,8 @@ def list_errors() -> dict[str, type[MocapError]]:
     """Return the errors that can end a verb of the solver, by code."""
     for name in _PARTS:
         import_module(f"solver_backend.{name}")
-    return {kind.code: kind for kind in sorted(_kinds(MocapError), key=lambda kind: kind.code) if "code" in vars(kind)}
+    kinds = sorted((kind for kind in _kinds(MocapError) if "code" in vars(kind)), key=lambda kind: kind.code)
+    return {kind.code: kind for kind in kinds if kind.__module__.startswith("solver_backend.")}
 
 
 def _kinds(base: type[MocapError]) -> Iterator[type[MocapError]]:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from solver_backend.cli.explain import list_errors
 from solver_backend.cli.main import main
 from solver_backend.exchange.diagnostics import list_refusals, load_table
 from solver_backend.exchange.errors import ExitCode, FileDamaged, MocapError
@@ -65,6 +66,15 @@ def test_an_error_of_the_add_on_alone_is_not_taken_for_another(capsys: pytest.Ca
     for code in own:
         assert main(["explain", code]) == ExitCode.USAGE
         assert "Did you mean" not in capsys.readouterr().err
+
+
+def test_an_error_of_another_program_is_not_listed() -> None:
+    class Elsewhere(MocapError):
+        """Another program has ended."""
+
+        code = "elsewhere"
+
+    assert Elsewhere.code not in list_errors()
 
 
 def test_an_error_without_a_hint_has_the_remedy_of_its_class() -> None:
