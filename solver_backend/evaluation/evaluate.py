@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +13,9 @@ from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import FileMissing, MotionInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
+from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.io.detections.named_keypoints import plain_name
 from solver_backend.metrics import (
     accel_error_m_s2,
     angle_mae_deg,
@@ -26,7 +30,7 @@ from solver_backend.metrics import (
     world_mpjpe_mm,
 )
 from solver_backend.priors.gaussian_vae import LATENT_DIM, load_vae
-from solver_backend.types import Cameras, Capture, Keypoints2D, Motion
+from solver_backend.types import Cameras, Capture, JointSet, Keypoints2D, MarkerCloud, Motion
 
 
 def triangulate_and_filter(cameras: Cameras, keypoints: Keypoints2D, cutoff_hz: float = 6.0) -> np.ndarray:
@@ -85,6 +89,8 @@ def _run(section: tuple[np.ndarray, np.ndarray], signal: np.ndarray) -> np.ndarr
     return out
 
 
+_LIMBS = JointSet.COCO_17.keypoints[5:]  # Joints that marker systems, detectors and SMPL define alike.
+_LEAST_POINTS = 3  # A similarity needs three points.
 CODED_FRAMES = 2 * LATENT_DIM + 2  # Fewest frames for FID and DIV: two halves with more poses than code numbers.
 
 
@@ -114,6 +120,8 @@ class Evaluation:
     self_intersection_true_percent: float | None = None  # The same share of the true joints.
     baseline_mpjpe_mm: float | None = None  # Triangulation + 6 Hz Butterworth: mean error of the observed keypoints.
     baseline_accel_m_s2: float | None = None  # The same: mean acceleration error of the observed keypoints.
+    joints_moved_mpjpe_mm: float | None = None  # With a reference: after one rigid motion between the two worlds.
+    compared: tuple[str, ...] = ()  # Names of the points of a reference.
 
     @property
     def mpjpe_ratio(self) -> float | None:
@@ -128,6 +136,7 @@ class Evaluation:
     def figures(self) -> dict[str, float]:
         """Return every known value by name."""
         known = {**asdict(self), "mpjpe_ratio": self.mpjpe_ratio, "accel_ratio": self.accel_ratio}
+        known.pop("compared")
         return {name: round(value, 4) for name, value in known.items() if value is not None}
 
     def lines(self) -> list[str]:
@@ -167,27 +176,24 @@ class Evaluation:
                 f"{'poses, VPoser codes':<24} FID {self.codes_fid:.2f}, DIV {self.codes_div:.2f} "
                 f"(truth {self.codes_div_true:.2f})"
             )
+        if self.compared:
+            lines.append(f"{'worlds aligned':<24} {self.joints_moved_mpjpe_mm:7.2f} mm")
+            lines.append(f"{'compared points':<24} {', '.join(self.compared)}")
         return lines
 
 
 def evaluate(capture: Capture, motion: Motion) -> Evaluation:
-    """Compare a motion, solved or edited, with the ground truth of a synthetic capture.
+    """Compare a motion, solved or edited, with the truth of a simulated capture or joint centres of another system.
+
+    Joint centres are markers with names of joints, such as ``left_knee`` or ``RKnee``, interpolated linearly at the
+    motion's frames.
 
     Raises:
-        MotionInvalid: the capture has no truth, or the motion has other frames or joints.
+        MotionInvalid: the capture has neither, or the motion has other frames or joints.
     """
     capture = capture.named
-    if "joints" not in capture.truth:
-        hint = "Use a simulated capture. The verbs dataset demo and dataset make write them."
-        raise MotionInvalid("The capture has no ground truth to compare with.", where=capture.name, hint=hint)
-    solved, joints, names = motion.beside_truth(np.asarray(capture.truth["joints"]))
-    if not names:
-        raise MotionInvalid(
-            f"The motion's {motion.num_frames} frames and {motion.body_layout.num_joints} joints cannot be compared "
-            f"with the truth's {' by '.join(str(n) for n in np.shape(capture.truth['joints'])[:2])}.",
-            where=capture.name,
-            hint="Use the capture that it was solved from, and --frames if the motion has only some of its frames.",
-        )
+    reference = "joints" not in capture.truth
+    solved, joints, names = _of_reference(capture, motion) if reference else _of_truth(capture, motion)
     return Evaluation(
         mpjpe_mm(solved, joints),
         rmse_mm(solved, joints),
@@ -204,7 +210,60 @@ def evaluate(capture: Capture, motion: Motion) -> Evaluation:
         **_of_keypoints(capture, motion),
         **_of_markers(capture, motion),
         **_of_yardstick(capture),
+        **(_of_worlds(solved, joints, names) if reference else {}),
     )
+
+
+def _of_truth(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    solved, joints, names = motion.beside_truth(np.asarray(capture.truth["joints"]))
+    if not names:
+        raise MotionInvalid(
+            f"The motion's {motion.num_frames} frames and {motion.body_layout.num_joints} joints cannot be compared "
+            f"with the truth's {' by '.join(str(n) for n in np.shape(capture.truth['joints'])[:2])}.",
+            where=capture.name,
+            hint="Use the capture that it was solved from, and --frames if the motion has only some of its frames.",
+        )
+    return solved, joints, names
+
+
+def _of_reference(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Return the (F, N, 3) points of motion and reference that have the same names, and these names."""
+    markers = capture.markers
+    columns = [plain_name(label) for label in (markers and markers.labels) or ()]
+    points = {} if motion.keypoints3d is None else _named(JointSet(motion.joint_set).keypoints, motion.keypoints3d)
+    points |= {name: xyz for name, xyz in _named(motion.body_layout.joints, motion.joints).items() if name in _LIMBS}
+    names = tuple(name for name in dict.fromkeys(columns) if name in points)
+    if markers is None or len(names) < _LEAST_POINTS:
+        hint = "Use a simulated capture (dataset demo, dataset make), or joint centres with names such as left_knee."
+        what = "It has no ground truth to compare with, and no three of its points have names of joints."
+        raise MotionInvalid(what, where=capture.name, hint=hint)
+    lasts, needed = len(markers.positions) / markers.fps, motion.num_frames / motion.fps
+    if abs(lasts - needed) > 1 / min(markers.fps, motion.fps) + 1e-6:
+        what = f"The motion lasts {needed:.2f} s and the reference {lasts:.2f} s."
+        raise MotionInvalid(what, where=capture.name, hint="Choose the frames of the reference by --frames.")
+    found = np.stack([points[name] for name in names], axis=1)
+    return found, _at_frames(markers, [columns.index(name) for name in names], motion), names
+
+
+def _of_worlds(found: np.ndarray, true: np.ndarray, names: tuple[str, ...]) -> dict[str, Any]:
+    """Return the error after one rigid motion of all frames, because another system has its own world."""
+    both = np.isfinite(true).all(-1)
+    _, R, t = umeyama(found[both][None], true[both][None], np.ones((1, int(both.sum()))), with_scale=False)
+    return {"joints_moved_mpjpe_mm": mpjpe_mm(found @ R[0].T + t[0], true), "compared": names}
+
+
+def _named(names: Sequence[str], points: np.ndarray) -> dict[str, np.ndarray]:
+    return {name: points[:, column] for column, name in enumerate(names)}
+
+
+def _at_frames(markers: MarkerCloud, columns: list[int], motion: Motion) -> np.ndarray:
+    """Return (F, N, 3) markers at the times of the motion's frames, NaN beside missing ones."""
+    last = len(markers.positions) - 1
+    times = np.minimum(np.arange(motion.num_frames) * (markers.fps / motion.fps), last)
+    before = np.floor(times + 1e-9).astype(int)
+    share = np.maximum(times - before, 0.0)[:, None, None]
+    first, second = (markers.positions[frames][:, columns] for frames in (before, np.minimum(before + 1, last)))
+    return np.where(share > 1e-9, (1 - share) * first + share * second, first)
 
 
 def _of_feet(found: np.ndarray, true: np.ndarray, names: tuple[str, ...]) -> dict[str, float]:

@@ -14,7 +14,7 @@ import pytest
 from supply.site_hooks import OUTSIDE
 
 ROOT = Path(__file__).resolve().parents[2]
-MOST_WORDS = 44_400
+MOST_WORDS = 44_600
 """Of all pages of the site, by ``count_words``. The goal is 45,000, so lower this number when text goes."""
 
 

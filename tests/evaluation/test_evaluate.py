@@ -48,6 +48,45 @@ def test_views_are_judged_beside_the_filter(capture, motion):
     assert found.mpjpe_ratio == pytest.approx(5.0 / found.baseline_mpjpe_mm)
 
 
+REFERENCE = {"RHip": 2, "LHip": 1, "R_Knee": 5, "LKnee": 4, "right_ankle": 8, "LWrist": 20, "STRN": 9}
+
+
+@pytest.fixture
+def reference(capture) -> Capture:
+    """Joint centres of another system at twice the rate, one without a joint's name and one missing at first."""
+    points = np.array(capture.truth["joints"])[:, list(REFERENCE.values())]
+    between = (points[1:] + points[:-1]) / 2
+    positions = np.empty((2 * len(points) - 1, *points.shape[1:]))
+    positions[::2], positions[1::2] = points, between
+    positions[:4, 0] = np.nan
+    return Capture("vicon", markers=MarkerCloud(positions, 2 * capture.fps, tuple(REFERENCE)))
+
+
+def test_joint_centres_of_another_system_are_compared_by_name_and_time(reference, motion):
+    found = evaluate(reference, motion)
+    assert found.joints_mpjpe_mm == pytest.approx(5.0) and found.joints_pa_mpjpe_mm < 1e-6
+    assert found.joints_moved_mpjpe_mm == pytest.approx(0.0, abs=1e-6)
+    assert found.compared == ("right_hip", "left_hip", "right_knee", "left_knee", "right_ankle", "left_wrist")
+    assert found.lines()[-1].endswith("right_hip, left_hip, right_knee, left_knee, right_ankle, left_wrist")
+
+
+def test_keypoints_of_the_face_are_those_of_the_joint_set(capture, motion, reference):
+    nose = np.array(capture.truth["keypoints3d"])[:, [0]]
+    names = (*(f"{side}Ear" for side in "LR"), "Nose")
+    ears = [motion.joint_set.keypoints.index(f"{side}_ear") for side in ("left", "right")]
+    points = np.concatenate([np.array(capture.truth["keypoints3d"])[:, ears], nose], axis=1)
+    markers = MarkerCloud(points, capture.fps, names)
+    assert evaluate(replace(reference, markers=markers), motion).joints_mpjpe_mm == pytest.approx(5.0)
+
+
+def test_a_reference_of_another_length_or_without_names_of_joints_is_refused(reference, motion):
+    markers = reference.markers
+    with pytest.raises(MotionInvalid, match="the reference 0.50 s"):
+        evaluate(replace(reference, markers=replace(markers, positions=markers.positions[:60])), motion)
+    with pytest.raises(MotionInvalid, match="no three of its points"):
+        evaluate(replace(reference, markers=replace(markers, labels=tuple("abcdefg"))), motion)
+
+
 def test_a_hand_in_the_thigh_is_counted_beside_the_truth(capture, motion):
     joints = motion.joints.copy()
     joints[:9, [20, 22]] = joints[:9, [1, 4]]  # the left forearm and hand along the left thigh's axis
