@@ -23,16 +23,16 @@ from tests.benchmarks.large_inputs.measured_run import Run, run_measured
 from tests.benchmarks.metric import BenchmarkSkipped, Metric, key_of
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "research-log" / "large_inputs.md"
-_HEAD = """# Inputs larger than anybody films
+_HEAD = """# Very large inputs
 
-CPU time of the command and of the processes it starts, memory of the command's own process, and the longest CPU time
-between two lines of progress. What is refused has a name, and nothing is written.
+CPU time of the command and its child processes, memory of the command's own process, and the longest CPU time between
+two progress lines. A refused input has an error code, and nothing is written.
 
 ```sh
 python3 dev.py bench large_inputs --update
 ```
 
-| input | outcome | CPU (s) | memory (MB) | without progress (s) | most of it |
+| input | outcome | CPU (s) | memory (MB) | without progress (s) | costliest stage |
 |---|---|---|---|---|---|
 """
 
@@ -82,8 +82,8 @@ def _by_frame(runs: Mapping[str, Run]) -> str:
     cpu_s, mb = ((b - a) / (many - few) for a, b in ((first.cpu_s, last.cpu_s), (first.peak_mb, last.peak_mb)))
     at = _LONGEST - many
     return (
-        f"\nFrom {few:,} to {many:,} frames of eight views a frame costs {1e3 * cpu_s:.1f} ms of CPU time and "
-        f"{1e3 * mb:.0f} kB.\nBy that {_LONGEST:,} frames take {last.cpu_s + at * cpu_s:.0f} s and "
+        f"\nFrom {few:,} to {many:,} frames of eight views, each frame costs {1e3 * cpu_s:.1f} ms of CPU time and "
+        f"{1e3 * mb:.0f} kB.\nAt this rate {_LONGEST:,} frames take {last.cpu_s + at * cpu_s:.0f} s and "
         f"{last.peak_mb + at * mb:,.0f} MB.\n"
     )
 
