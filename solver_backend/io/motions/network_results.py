@@ -6,6 +6,7 @@ TRAM (yufu-wang/tram 4861c11), PromptHMR (yufu-wang/PromptHMR ea85d0a), 4D-Human
 (facebookresearch/sam-3d-body b5c765a), InstantHMR (mohamdev/InstantHMR 6f841fc), MediaPipe 0.10 (world landmarks),
 RTMW3D (open-mmlab/mmpose 1.3, projects/rtmpose3d) and MotionBERT (Walter0807/MotionBERT dccfe7b, ``X3D.npy``).
 Generated motions are also supported: vectors and joints of HumanML3D (Guo et al. 2022), and MDM (Tevet et al. 2023).
+So are pickled SMPL motions of AIST++ (Li et al. 2021), of EDGE (Tseng et al. 2023), of AMASS, and of smplx's arguments.
 """
 
 from __future__ import annotations
@@ -73,6 +74,13 @@ _LAYOUTS = (
     _RotationLayout("WHAM", "*", ("pose", "", "trans"), ("pose_world", "trans_world"), "frame_ids"),
 )
 """Layouts, tried in this order. The first layout with all its paths in the file reads it."""
+_SMPL = (
+    ("smpl_poses", "smpl_trans"),
+    ("poses", "trans"),
+    ("pose", "trans"),
+    ("global_orient", "body_pose", "transl"),
+)
+"""Keys of the rotations and the position of a pickled SMPL motion, in a world with any axis up."""
 _SOMA = 77
 _SOMA_OF = (0, 67, 72, 1, 68, 73, 2, 69, 74, 3, 70, 75, 4, 11, 39, 6, 12, 40, 13, 41, 14, 42)
 """SOMA joint of each of SMPL's 22 joints. SOMA's second neck joint, 5, rotates the head together with 6."""
@@ -182,9 +190,13 @@ def _people(path: Path) -> list[NetworkResult]:
         )
     if isinstance(content, dict) and content and all(_at(frame, "smpl") is not None for frame in content.values()):
         return _tracks(list(content.values()))
+    if smpl := [_smpl(name, person, keys) for path in ("", "*") for keys, name, person in _of_smpl(content, path)]:
+        return smpl
     held = ", ".join(map(str, list(content)[:8])) if isinstance(content, dict) else type(content).__name__
     known = ", ".join(
-        dict.fromkeys([layout.program for layout in _LAYOUTS] + [name for name, _ in _POINTS.values()] + ["MDM"])
+        dict.fromkeys(
+            [layout.program for layout in _LAYOUTS] + [name for name, _ in _POINTS.values()] + ["MDM", "SMPL"]
+        )
     )
     hint = f"Supported networks: {known} and 4D-Humans."
     raise FileDamaged(f"The layout of the network's result is unknown. It contains {held}.", where=str(path), hint=hint)
@@ -227,6 +239,30 @@ def _rotations(layout: _RotationLayout, name: str, person: dict[str, Any]) -> Ne
         turns = turns.copy()
         turns[:, 0] = numbers(_at(person, layout.to_camera)).reshape(-1, 3, 3) @ turns[:, 0]
     return _of_turns(layout.program, name, frames, turns, world, places)
+
+
+def _of_smpl(content: Any, path: str) -> Iterator[tuple[tuple[str, ...], str, dict[str, Any]]]:
+    for name, person in _found(content, path):
+        keys = next((keys for keys in _SMPL if all(key in person for key in keys)), None)
+        if keys is not None:
+            yield keys, name, person
+
+
+def _smpl(name: str, person: dict[str, Any], keys: tuple[str, ...]) -> NetworkResult:
+    """Build a result from an SMPL motion. The axis along which the person stands points up."""
+    turns = np.concatenate([_matrices(numbers(person[key])) for key in keys[:-1]], axis=1)
+    scale = float(numbers(person.get("smpl_scaling", 1.0)).reshape(-1)[0])
+    fps = next((float(numbers(person[key])) for key in ("mocap_framerate", "fps") if key in person), None)
+    mean = turns[:, 0, :, 1].mean(axis=0)
+    up = int(np.argmax(np.abs(mean)))
+    axis = np.sign(mean[up]) * np.eye(3)[up]
+    turn = (
+        np.asarray(exp_so3(0.5 * np.pi * np.cross(axis, [0.0, 1.0, 0.0]))) if up != 1 else np.diag([1.0, *axis[[1, 1]]])
+    )
+    transl = numbers(person[keys[-1]]).reshape(-1, 3) / scale @ turn.T
+    program = f"SMPL, {'-' if mean[up] < 0 else ''}{'XYZ'[up]} up"
+    made = _of_turns(program, name, np.arange(len(turns)), turns, turn @ turns[:, 0], transl)
+    return replace(made, fps=fps)
 
 
 def _matrices(values: np.ndarray) -> np.ndarray:

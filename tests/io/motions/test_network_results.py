@@ -19,9 +19,10 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.motions.network_results import is_network_result, read_network_result
 from solver_backend.io.packed_values import read_packed
 from solver_backend.types.network_result import NetworkResult
-from tests.support.network_files import PROGRAMS, ROTATIONS, FilmedMotion, write_network_file
+from tests.support.network_files import PROGRAMS, ROTATIONS, Z_UP_TO_Y_UP, FilmedMotion, write_network_file
 
 FRAMES = 6
+_TO_CAMERA = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # From Z up to a camera's Y down.
 
 
 @pytest.fixture(scope="module")
@@ -156,6 +157,27 @@ def test_plain_pickles_of_nested_arrays_are_read(tmp_path: Path) -> None:
     assert person.program == "SAM 3D Body" and len(person.frames) == 3
     np.save(tmp_path / "sam.npy", {"pred_keypoints_3d": _points()}, allow_pickle=True)
     assert len(read_network_result(tmp_path / "sam.npy")[0].frames) == 3
+
+
+@pytest.mark.parametrize(("axis", "R"), [("Y", Z_UP_TO_Y_UP), ("Z", np.eye(3)), ("-Y", _TO_CAMERA)])
+def test_pickled_smpl_motions_stand_along_their_own_axis(axis, R, filmed: FilmedMotion, tmp_path: Path) -> None:
+    """AIST++ writes lengths times a scale, smplx takes the pelvis apart, and joblib's people are numbered."""
+    root, body = filmed.roots(R), filmed.vectors.reshape(FRAMES, 63)
+    poses = np.hstack([root, body, np.zeros((FRAMES, 6))])
+    aist = {
+        "smpl_loss": 1.5,
+        "smpl_poses": poses,
+        "smpl_scaling": np.array([94.0]),
+        "smpl_trans": 94 * filmed.transl @ R.T,
+    }
+    smplx = {"global_orient": root, "body_pose": body, "transl": filmed.transl @ R.T, "fps": 60.0}
+    for content in (aist, {3: smplx}):
+        (person,) = read_network_result(_written(content, tmp_path / "motion.pkl"))
+        assert person.program == f"SMPL, {axis} up" and person.fps == (None if content is aist else 60.0)
+        assert (
+            np.abs(person.world - filmed.root).max() < 1e-5 and np.abs(person.local[:, 1:] - filmed.local).max() < 1e-5
+        )
+        assert np.abs(person.transl - filmed.transl).max() < 1e-5
 
 
 def test_shared_lists_do_not_expand(tmp_path: Path) -> None:
