@@ -22,38 +22,34 @@ _SOURCES = """## Data and licence
 {table}
 
 - **CMU motion capture** (mocap.cs.cmu.edu, sources `asfamc`, `amc`, `mb2`, `expmap`, `max`, `daz`, `segments`,
-  `makehuman` by way of MakeHuman's CC0 files, `daz_more`, `jump` and, only to evaluate, `far` by way of repositories
-  under the MIT licence: Atelier Circle 2018, arpspoof 2021, the authors of acRNN 2018). "The data used in this
-  project
-  was obtained from mocap.cs.cmu.edu. The database was created with funding from NSF EIA-0196217." Free to copy,
-  modify and redistribute, but not to resell directly.
-- **UI-PRMD** (`ui_prmd`, Vakanski et al. 2018): rehabilitation movements of eight people, optical markers, fitted
-here
-  with one shape and one set of marker offsets per person. Open Data Commons PDDL 1.0.
+  `makehuman` from MakeHuman's CC0 files, `daz_more`, `jump` and, for evaluation only, `far` from repositories
+  under the MIT licence: Atelier Circle 2018, arpspoof 2021, the authors of acRNN 2018). "The data used in this project
+  was obtained from mocap.cs.cmu.edu. The database was created with funding from NSF EIA-0196217." It may be copied,
+  modified and redistributed, but not resold directly.
+- **UI-PRMD** (`ui_prmd`, Vakanski et al. 2018): rehabilitation movements of eight people with optical markers, fitted
+  here with one shape and one set of marker offsets per person. Open Data Commons PDDL 1.0.
 - **Hand-keyed animations** (`keyed`) by Quaternius and Mesh2Motion (CC0): rolling, sitting, kneeling, crouching,
   swimming, falling. Each distinct pose counts {keyed_repeats} times. The skeleton of `jump` has no hands and no
-  toes, so only one distinct pose in {simplified_every} counts.
-- **Validation**: subjects {held_out}. They are not used for training. Conversions that do not keep the subject's
-number are
-  trained on unless their frames repeat validation frames, so other takes of a validation subject may be among them.
+  toes, so only one in {simplified_every} of its distinct poses counts.
+- **Validation**: subjects {held_out}, which training does not use. Conversions without the subject's number are
+  training data unless their frames repeat validation frames, so they may contain other takes of these subjects.
 
-Poses are distinct when no two are closer than {near_repeat_mm:.0f} mm, root mean square over the joints. Frames
-with a joint more than 30° beyond its anatomical range were tracked wrongly. Both sides omit them.
+The root mean square distance of the joints of two distinct poses is at least {near_repeat_mm:.0f} mm. Frames with a
+joint more than 30° beyond its anatomical range are tracking errors, and both sets omit them.
 
-How recordings became poses of the 21 body joints: each bone's rotation since the T-pose is kept. Half of the hand's
-twist moves to the elbow. The CMU recordings' collar bones do not move, and of their conversions only
+Recordings become poses of the 21 body joints as follows. Each bone keeps its rotation since the T-pose. Half of the
+hand's twist moves to the elbow. The CMU recordings' collar bones do not move, and of their conversions only
 `asfamc`, `amc`, `expmap` and `segments` bend the hands. Collars follow the arms by a fixed rhythm (22 % of the
 elevation, 15 % of the forward swing). Markers move collars and hands.
 """
 _AUGMENTATION = """
 Augmentation mirrors left and right, and exchanges arms, legs (both or one), head and spine between clips and sides.
 It varies collars by 5°, wrists by 12°, spine, neck and head by 3°, and the other joints by 1.5°. In 15 % of the
-windows it moves two joints to 60 to 100 % of one of their ranges.{more} Kept when no arm joint comes within 7 cm of
-a trunk, head or
-leg bone, and no moved joint is 10° beyond its range.
+windows it moves two joints to 60 to 100 % of one of their ranges.{more} A pose is used if no arm joint is within 7 cm
+of a trunk, head or leg bone, and no moved joint is more than 10° beyond its range.
 """
-_METHOD = """Measured with the weights as they ship, all distinct validation poses, 24 joints, pelvis fixed, on a
-skeleton of 1.70 m. `worst5`: the worst twentieth of poses. `between_keys`: frames from SIDER2 of three keys' codes.
+_METHOD = """Measured with the shipped weights on all distinct validation poses, with 24 joints and the pelvis fixed, on
+a skeleton of 1.70 m. `worst5` is the worst 5 % of poses. `between_keys` is frames from SIDER2 of three keys' codes.
 """
 _LIKELIHOOD = """Mean log densities of the rotation vectors of all distinct poses.
 """

@@ -95,8 +95,8 @@ RIDGE = 1e-3
 """Value in rad² added to every variance. Joints that never bend in recordings may then bend by 1.8 degrees."""
 _CARD = Card(
     "Gaussian mixture",
-    """A mixture of eight Gaussians over the rotation vectors of the 21 body joints (Bogo et al. 2016), fitted by
-expectation maximisation to the distinct poses and their mirror images, without further augmentation.""",
+    """This prior is a mixture of eight Gaussians over the rotation vectors of the 21 body joints (Bogo et al. 2016). It
+is fitted by expectation maximisation to the distinct poses and their mirror images, without further augmentation.""",
     augmented=False,
 )
 

@@ -140,10 +140,10 @@ TWIST_SIGMA_DEG = 15.0  # Standard deviation of the thumb's twist, which joint c
 HELD = 0.95
 """Fraction of every source's poses inside the ellipsoid of that probability. It scales the covariance."""
 
-_CARD = """# Prior of hands
+_CARD = """# Hand prior
 
-A Gaussian of the {angles} angles of a hand, and the range of each joint. Its mean is the relaxed hand in which fingers
-rest that nobody sees.
+This prior is a Gaussian over the {angles} angles of a hand, with the range of each joint. Its mean is the relaxed pose
+of fingers that are not visible.
 
 ## Data and licence
 
@@ -151,18 +151,19 @@ rest that nobody sees.
 |---|---|---|
 {sources}
 
-Angles were measured from joint centres, or from markers on the back of the hand, and cut to the ranges. Sources count
-alike. Recorded distal joints hardly bend and keyed ones do, so that they follow the others weakly.
+Angles were measured from joint centres, or from markers on the back of the hand, and clipped to the ranges. All sources
+have the same weight. Distal joints bend little in recordings but more in keyed poses, so their correlation with the
+other joints is weak.
 
 ## Training
 
 `{command}`
 
-The covariance is multiplied by the least number with which the ellipsoid of 95 % holds 95 % of every source.
+The covariance is scaled up by the smallest factor that puts 95 % of every source inside the 95 % ellipsoid.
 
 ## Validation
 
-Share of the poses of each source within the 95 % ellipsoid that is learned from the others.
+`held_percent` is the percentage of a source's poses within the 95 % ellipsoid learned from the other sources.
 
 | metric | value |
 |---|---|

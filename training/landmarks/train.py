@@ -144,20 +144,22 @@ def _card(
     rows = "\n".join(f"| {key} | {value:.4g} |" for key, value in figures.items())
     sizes = {name: len(table.arrays[name]) for name in ("training", "ordinary", "tail", "floor")}
     settings_rows = "\n".join(f"| `{key}` | {value} |" for key, value in asdict(settings).items())
-    return f"""# Landmark network: what each point of a cloud of markers is
+    return f"""# Landmark network: marker labels of a point cloud
 
-Attention over the points of one frame ({parameters:,} parameters, half precision), with a bias by distance in every
-attention. It gives each point one of 53 markers or none, and for 53 markers and 24 joints a position with a covariance.
-Read in NumPy (`solver_backend/labelling/point_network.py`); trained by `train model landmarks`.
+The network uses attention over the points of one frame ({parameters:,} parameters, half precision), with a bias by
+distance in every attention. It assigns each point one of 53 markers or none. It also predicts a position with a
+covariance for 53 markers and 24 joints. NumPy evaluates it (`solver_backend/labelling/point_network.py`), and
+`train model landmarks` trains it.
 
 ## Data and licence
 
-{sizes["training"]:,} distinct poses of the recordings that the priors are trained on (CMU motion capture,
-mocap.cs.cmu.edu, NSF EIA-0196217; hand-keyed animations by Quaternius and Mesh2Motion, CC0), with the pelvis' rotation;
-those of subjects {", ".join(sorted(HELD_OUT))} and of {", ".join(HELD_TAKES)} are held out, and so are the rarest 3 %,
-which are anchors of blended poses only. UI-PRMD has no part in it. Clouds are made while it trains: shapes, placement
-by each place's spread, mirrored, any heading, tilts, sizes, layouts, subsets and parts of the body, occlusion, ghosts,
-noise, props.
+The training data are {sizes["training"]:,} distinct poses with the pelvis' rotation, from the priors' recordings: CMU
+motion capture (mocap.cs.cmu.edu, NSF EIA-0196217) and hand-keyed animations by Quaternius and Mesh2Motion (CC0).
+UI-PRMD is not used. Subjects {", ".join(sorted(HELD_OUT))} and the takes
+{", ".join(HELD_TAKES)} are held out. The rarest 3 % are also held out and
+used only as anchors of blended poses. Point clouds are generated during training with random shapes, marker placement
+by each place's spread, mirroring, headings, tilts, sizes, layouts, subsets and parts of the body, occlusion, ghosts,
+noise and props.
 
 ## Training
 
@@ -165,15 +167,15 @@ noise, props.
 |---|---|
 {settings_rows}
 {note}
-After training, label scores are divided by {TEMPERATURE:g} and that of "no marker" is lowered by {GHOST_LOGIT:g}, as
-recorded takes ask for (`training/landmarks/calibration.py`). The figures below are without this.
+After training, label scores are divided by {TEMPERATURE:g}, and the score of "no marker" is lowered by {GHOST_LOGIT:g}.
+Recorded takes determine both (`tests/benchmarks/landmark_calibration.py`). The figures below are without this step.
 
 ## Validation
 
-`thesis`: all 53 markers under the thesis' corruptions (4.20 to 4.27) alone; `fixed`: all 53 markers, besides them
-sizes, headings, strayed markers, props and other ghosts; `any`: layouts, subsets and all else as in training. Poses of
-held-out subjects, evenly from {sizes["ordinary"]} ordinary, {sizes["tail"]} tail (crossed legs, crossed arms, kicks,
-crouching) and {sizes["floor"]} floor poses. Positions in mm, PCK and labels in percent.
+`thesis` has all 53 markers with the thesis' corruptions (4.20 to 4.27) alone. `fixed` adds sizes, headings, misplaced
+markers, props and other ghosts. `any` has layouts, subsets and all variations of training. Poses are from held-out
+subjects, in equal parts from {sizes["ordinary"]} ordinary, {sizes["tail"]} tail (crossed legs, crossed arms, kicks,
+crouching) and {sizes["floor"]} floor poses. Positions are in mm, PCK and labels in percent.
 
 | figure | value |
 |---|---|

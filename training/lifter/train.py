@@ -162,12 +162,13 @@ def _directions(count: int, generator: torch.Generator) -> torch.Tensor:
 NAME = "lifter"
 CARD = Card(
     "Lifter",
-    """The lifter: where a fit to a frame's 3D keypoints starts. A network from 19 points, seen from the trunk, to
-SPoser's code, the root's rotation and place, and the shape. Trained on synthetic people alone: random shapes in the
-corpus's poses, with a detector's bias, located with 3 to 30 mm of noise per axis, up to half of the points missing.""",
-    """On the distinct poses of unseen subjects, people and noise drawn as in training. `points_mm`: mean distance
-of joints 1 to 23 on a skeleton of 1.70 m, pelvis fixed. `betas_explained`: share of the first two shape parameters'
-variance that a single frame explains.
+    """The lifter estimates the start of a fit to a frame's 3D keypoints. From 19 points in the trunk's frame it
+estimates SPoser's code, the root's rotation and position, and the shape. It is trained on synthetic people alone:
+random shapes in the corpus's poses, with a detector's bias, 3 to 30 mm of noise per axis and up to half of the points
+missing.""",
+    """Measured on the distinct poses of unseen subjects, with people and noise sampled as in training. `points_mm` is
+the mean distance of joints 1 to 23 on a skeleton of 1.70 m with the pelvis fixed. `betas_explained` is the fraction of
+the first two shape parameters' variance that a single frame explains.
 """,
 )
 

@@ -123,21 +123,23 @@ def train_stages(job: TrainingJob, settings: PoseNdfSettings, manifold: PoseMani
 
 _CARD = Card(
     "Pose-NDF",
-    """Pose-NDF (Tiwari et al. 2022): the distance of a pose to the manifold of plausible poses, a neural field
-over the 21 body joints' quaternions with features down the kinematic tree; softplus layers, trained in three stages on
-the mean of distances (2) to the 5 nearest recorded poses and on the eikonal equation: on poses far from the manifold
-and on it, then also near it, then also on those that projections meet. Manifold: distinct training poses within the
-limits of joints (`body/joint_limits.py`), mirrored too. Unlike the paper, q and -q are one input by construction, the
-gradient is taken in the metric of the distance, features have 8 numbers, and **distances are to the poses of other
-people than the one a pose came from**, recorded poses included: these lie 0.4 rad (median) from everybody else's, and
-so do those of somebody unseen. With zero for recorded poses, and negatives labelled by their own neighbours, a field
-is 0.0 where the true distance of an unseen person's pose is 0.4, and negatives nearer and nearer make that worse.""",
-    """Measured with the weights as they ship, on poses of the validation subjects within the limits of joints,
-turned by 1° to 60° about every axis at one sigma (half of them in some joints only). `near`: half of the poses turned
-by less than 8°. True distance: mean over the 5 nearest training poses. `lowered`: poses whose distance, predicted or
-true, a projection (eq. 6) lowers; it moves no pose farther than 0.9 of the distance it began at. Samples begin with
-every joint drawn on its own as it turns in the recordings, 1.75 times as wide and within its range; `outside`: any
-joint beyond its range of motion and 15°.
+    """Pose-NDF (Tiwari et al. 2022) estimates a pose's distance to the manifold of plausible poses. It is a neural
+field over the 21 body joints' quaternions with features along the kinematic tree and softplus layers. It is trained on
+the mean distance (2) to the 5 nearest recorded poses and on the eikonal equation. Training has three stages: poses far
+from the manifold and on it, then also poses near it, then also poses along projections. The manifold consists of the
+distinct training poses within the joint limits (`body/joint_limits.py`) and their mirror images.
+
+In contrast to the paper, q and -q are the same input by construction, the gradient uses the metric of the distance, and
+features have 8 numbers. In addition, **distances are to the poses of other people**, even for recorded poses. The
+median distance to all other people's poses is 0.4 rad, for recorded and unseen people. If recorded poses had distance
+zero and negatives were labelled by their own neighbours, the field would be 0.0 at an unseen person's pose with a true
+distance of 0.4. Negatives that are nearer make this worse.""",
+    """Measured with the shipped weights on poses of the validation subjects within the joint limits, rotated by 1° to
+60° about every axis at one sigma (half of them in some joints only). In `near`, half of the poses are rotated by less
+than 8°. The true distance is the mean over the 5 nearest training poses. `lowered` counts poses with a distance,
+predicted or true, that a projection (eq. 6) lowers. A projection moves no pose further than 0.9 of its first distance.
+Samples start with independent joints, each with 1.75 times its recorded spread and within its range. `outside` counts
+samples with any joint more than 15° beyond its range of motion.
 """,
     augmented=False,
 )

@@ -153,9 +153,10 @@ _ENCODER_ALONE = (
 )
 CARD = Card(
     "SPoser",
-    """SPoser (thesis 6.2.2): an autoencoder of the 21 body joints' rotations whose codes are unit vectors of zero
-mean in R^32. It is trained to reproduce poses (6.3, 6.4; points are joints and axis tips of every joint's frame), and
-to reproduce the frame between keys up to 0.3 s apart from SIDER2 of the keys' codes, as the solver interpolates.""",
+    """SPoser (thesis 6.2.2) is an autoencoder of the 21 body joints' rotations. Its codes are unit vectors of zero mean
+in R^32. It is trained to reconstruct poses (6.3 and 6.4, with joints and the axis tips of every joint's frame as
+points). It also learns to reconstruct the frame between keys up to 0.3 s apart from SIDER2 of the keys' codes, as in
+the solver.""",
 )
 
 

@@ -297,21 +297,21 @@ class VaeTask:
 
 
 _SUMMARIES: dict[Kind, str] = {
-    "vposer": """VPoser (Pavlakos et al. 2019) as its public code has it: a variational autoencoder of the 21 body
-joints' rotations with a standard normal code of 32 dimensions, batch normalisation before the encoder's first and
-second layer and dropout in the decoder; retrained on our corpus.""",
-    "vposer_worded": """VPoser as the thesis describes it (4.2.4): batch normalisation before the first layer alone, and
-an activation after the decoder's last, which the public code does not have; retrained on our corpus.""",
-    "rvposer": """RVPoser (thesis 4.2.4): VPoser without batch normalisation, decoder dropout and last activation, its
-divergence under a Charbonnier penalty (4.16-4.19).""",
-    "rvposer_second_norm": """RVPoser (thesis 4.2.4) read to the letter: of the public code's two batch normalisations
-only the first is removed; its divergence under a Charbonnier penalty (4.16-4.19).""",
-    "svae": """SVAE (Davidson et al. 2018; thesis table 6.5): a variational autoencoder of the 21 body joints' rotations
-whose codes are unit vectors in R^32, von Mises-Fisher about each pose's direction and uniform over all of them. Layers
-as RVPoser's.""",
-    "lie_vae": """LieVAE (Falorsi et al. 2018; thesis table 6.5): a variational autoencoder of the 21 body joints'
-rotations whose codes are ten rotations, normal in the tangent space of each pose's and uniform on the group over all.
-Layers as RVPoser's.""",
+    "vposer": """VPoser (Pavlakos et al. 2019) as in its public code, retrained on our corpus. It is a variational
+autoencoder of the 21 body joints' rotations with a standard normal code of 32 dimensions. It has batch normalisation
+before the encoder's first and second layer, and dropout in the decoder.""",
+    "vposer_worded": """VPoser as described in the thesis (4.2.4), retrained on our corpus. It has batch normalisation
+before the first layer alone. After the decoder's last layer it has an activation that the public code lacks.""",
+    "rvposer": """RVPoser (thesis 4.2.4) is VPoser without batch normalisation, decoder dropout and last activation. Its
+divergence has a Charbonnier penalty (4.16-4.19).""",
+    "rvposer_second_norm": """RVPoser (thesis 4.2.4) in a literal reading: only the first of the public code's two batch
+normalisations is removed. Its divergence has a Charbonnier penalty (4.16-4.19).""",
+    "svae": """SVAE (Davidson et al. 2018, thesis table 6.5) is a variational autoencoder of the 21 body joints'
+rotations. Its codes are unit vectors in R^32, von Mises-Fisher about each pose's direction and uniform over all poses.
+It has RVPoser's layers.""",
+    "lie_vae": """LieVAE (Falorsi et al. 2018, thesis table 6.5) is a variational autoencoder of the 21 body joints'
+rotations. Its codes are ten rotations, normal in the tangent space at each pose's code and uniform on the group over
+all poses. It has RVPoser's layers.""",
 }
 _TITLES: dict[Kind, str] = {
     "vposer": "VPoser",

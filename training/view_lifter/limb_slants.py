@@ -34,12 +34,12 @@ _BLOCK = 1000
 FLAGGED_PERCENT = 20.0  # Share of limbs with the highest chance, for the flips on the card.
 CARD = Card(
     "Limb slants",
-    """Chances that the bones of arms and legs point towards the camera, across or away from it, from what the view
-lifter makes of a window before its last layer. A large chance of the opposite class shows a limb that may be lifted
-wrongly. The view lifter's weights stay as they are.""",
-    """On windows of unseen subjects, cameras and faults drawn as in training: `cross_entropy` of the three classes;
-`flips_percent`: limbs of which the view lifter has a bone point the other way; `flips_flagged_percent`: those among the
-20 % of limbs with the highest chance of it.
+    """This network estimates the probabilities that the bones of arms and legs point towards the camera, across or away
+from it. Its input is the view lifter's output before the last layer. A large probability of the opposite class marks
+a limb that may be lifted wrongly. The view lifter's weights do not change.""",
+    """Measured on windows of unseen subjects, with cameras and faults sampled as in training. `cross_entropy` is over
+the three classes. `flips_percent` counts limbs with a bone that the view lifter points the wrong way.
+`flips_flagged_percent` is the share of them among the 20 % of limbs with the highest probability of it.
 """,
     augmented=False,
 )

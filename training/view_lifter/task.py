@@ -159,13 +159,14 @@ def _density(off: torch.Tensor, lifted: LiftedView) -> torch.Tensor:
 NAME = "view_lifter"
 CARD = Card(
     "View lifter",
-    """The view lifter: pose code, root, direction up and errors of a person from one camera's 2D keypoints. Attention
-among 27 frames of 19 points, turned and scaled so that neither place in the picture nor distance matter. Neither the
-person's size nor their distance comes out: one camera holds neither. Trained on synthetic windows alone.""",
-    """On windows about the distinct poses of unseen subjects, cameras and faults drawn as in training. Distances are
-on a skeleton of 1.70 m about the joints' middle, in the camera's axes; `pa_joints_mm`: after the best similarity;
-`pa_inverted_mm`: of those upside down; `along_mm`: along the line of sight; `inside_95_percent`: joints within the 95 %
-ellipsoid that the network gives. SPoser, whose codes it gives, was trained on subjects 49 and 135.
+    """The view lifter estimates a person's pose code, root, up direction and errors from one camera's 2D keypoints. It
+uses attention among 27 frames of 19 points, rotated and scaled to remove position and distance. It does not estimate
+the person's size or distance, which one camera cannot measure. It is trained on synthetic windows alone.""",
+    """Measured on windows around the distinct poses of unseen subjects, with cameras and faults sampled as in training.
+Distances are on a skeleton of 1.70 m relative to the joints' centre, in the camera's axes. `pa_joints_mm` is the error
+after the best similarity, `pa_inverted_mm` the same for upside-down poses, and `along_mm` the error along the line of
+sight. `inside_95_percent` counts joints within the network's 95 % ellipsoid. The network predicts SPoser's codes, and
+SPoser was trained on subjects 49 and 135.
 """,
     augmented=False,
 )
