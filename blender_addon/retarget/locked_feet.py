@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from .._exchange.limb_bend import bend_to, eased, longest_reach, swing, within_reach
 from .._exchange.motion_file import read_motion
 from .._exchange.so3 import matrix_from_rotvec, quat_from_matrix, rotvec_from_quat
 from .._exchange.stands import stands, steps
@@ -15,7 +16,6 @@ from ..animation.layers import without_layers
 from ..animation.takes import take_file
 from ..scene.bake import add_edited_take
 from ..scene.hand_edits import played_channels, take_times
-from .motion.limbs import bend_to, eased, longest_reach, swing, within_reach
 
 _LEGS = ((1, 4, 7, 10), (2, 5, 8, 11))  # Hip, knee, ankle and ball of each leg among SMPL's joints.
 _ANKLES = [leg[2] for leg in _LEGS]

@@ -3,7 +3,7 @@
 Each side of a seam gets half of the difference in pose and velocity, which fades with distance: ``x(u) ± (δ + u δ')
 h(|u| / T) / 2`` with ``h(x) = 1 - 3x² + 2x³``, u seconds from the seam and blend time T. So pose and velocity are
 continuous (after "inertialization", Bollo 2018, here on both sides). Planted feet align the clips on the ground. There
-the δ of pelvis and leg cancel, so planted feet do not slide.
+the δ of pelvis and leg cancel, so planted feet do not slide. Around a join, the legs bend so that they stay in place.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from .clips import (
     unobserved,
 )
 from .errors import MotionInvalid
+from .limb_bend import bend_to, eased, longest_reach, within_reach
 from .motion_file import FRAMES_AXIS, MotionFile
 from .so3 import (
     matrix_from_rotvec,
@@ -64,6 +65,7 @@ _ONLY_IN_BOTH = (
 _SAME_LEGS = 0.002  # Relative leg length difference (2 mm per metre) up to which a join does not report scaling.
 _LEGS = ((1, 4, 7), (2, 5, 8))  # SMPL's hip, knee and ankle joints of each leg.
 _FEET = ((7, 10), (8, 11))  # SMPL's ankle and ball joints of each foot.
+_MOVED_M = 1e-9  # Smallest offset of a foot in metres for which its leg bends.
 _FACING = (SMPL.both("hip"), SMPL.both("shoulder"))
 
 
@@ -442,11 +444,50 @@ def join(first: MotionFile, second: MotionFile, blend_s: float = BLEND_S) -> tup
     pelvis = np.concatenate([motion.transl + rest_joints(motion)[0] for motion in (before, after)])
     joined = replace(before, props=(), **arrays)
     joined = repose(joined, joined.rotvec, pelvis)
+    apart = np.concatenate([_joints(first)[:-1], _joints(seam.placement.move(second))])
+    joined = _hold_feet(joined, apart, first.num_frames - 1, blend_s)
     if first.root is not None or second.root is not None:
         joined = replace(joined, root=body_path(joined))
     edit = {"with": second.name, "at": first.num_frames - 1}
     edit |= {"gap_degrees": round(seam.degrees, 2), "gap_mm": round(seam.mm, 1)}
     return note_edit(joined, "join", **edit), seam
+
+
+def _hold_feet(joined: MotionFile, apart: np.ndarray, at: int, blend_s: float) -> MotionFile:
+    """Return a join whose planted feet stay where they are in the motions before the blend.
+
+    A foot that stands on both sides of the seam stays at its place in the first motion. Its offset from the blended
+    motion fades within ``blend_s`` around each contact. The leg bends to the ankle, and the pelvis follows a leg that
+    is too short. Feet keep their directions.
+
+    Args:
+        apart: (F, 24, 3) joints of both motions before the blend.
+        at: first frame of the second motion.
+    """
+    if joined.contacts is None or not 0 < at < joined.num_frames:
+        return joined
+    rest, parents = rest_joints(joined), joined.body_layout.parents
+    G, p = pose_tree(rest, parents, joined.rotvec, joined.transl)
+    shifts = []
+    for (_, ball), stands in zip(_FEET, joined.contacts.T, strict=True):
+        places, stood, fade = apart[:, ball].copy(), np.flatnonzero(stands), blend_s * joined.fps
+        gap = stood[stood >= at].min(initial=len(p)) - stood[stood < at].max(initial=-len(p))
+        if gap == 1:
+            end = at + int(np.append(~stands[at:], True).argmax())
+            places[at:end] += (places[at - 1] - places[at]) * [1.0, 1.0, 0.0]
+        shifts.append(eased(places - p[:, ball], stood, fade if gap == 1 else min(fade, 0.5 * gap - 1.0)))
+    bones = [(p[:, knee] - p[:, hip], p[:, ankle] - p[:, knee]) for hip, knee, ankle in _LEGS]
+    ways = np.stack([p[:, leg[2]] - p[:, leg[0]] + shift for leg, shift in zip(_LEGS, shifts, strict=True)])
+    way = within_reach(0.0 * ways, ways, np.stack([longest_reach(*bone) for bone in bones]))
+    turned, moved = G.copy(), (np.abs(shifts).max(axis=(0, 2)) > _MOVED_M)[:, None]
+    for (hip, knee, _), goal, (upper, lower) in zip(_LEGS, ways, bones, strict=True):
+        turn_upper, turn_lower = bend_to(goal - way, upper, lower, G[:, knee, :, 0])
+        turned[:, hip], turned[:, knee] = turn_upper @ G[:, hip], turn_lower @ G[:, knee]
+    rotvec = joined.rotvec.copy()
+    for joint in (joint for leg in _LEGS for joint in leg):
+        local = rotvec_from_matrix(np.swapaxes(turned[:, parents[joint]], -1, -2) @ turned[:, joint])
+        rotvec[:, joint] = np.where(moved, local, rotvec[:, joint])
+    return repose(joined, rotvec, p[:, 0] + np.where(moved, way, 0.0))
 
 
 def splice(motion: MotionFile, part: MotionFile, first: int, fades: tuple[int, int] = (0, 0)) -> MotionFile:

@@ -165,6 +165,38 @@ def test_feet_that_stand_at_a_join_stay(stride: MotionFile) -> None:
         seams.join(replace(before, body="mine"), other)
 
 
+def test_feet_that_stand_near_a_join_stay(stride: MotionFile) -> None:
+    """One foot stands until the join and lands elsewhere after it, the other one stands throughout the join."""
+    stands = np.zeros((2, 41, 2), bool)
+    stands[0, 30:, 0] = stands[0, 35:, 1] = stands[1, 6:20, 0] = stands[1, :8, 1] = True
+    before = replace(clips.take_frames(stride, np.arange(41)), contacts=stands[0])
+    after = replace(clips.take_frames(stride, np.arange(24, 65)), contacts=stands[1])
+    joined, seam = seams.join(before, after)
+    moved = seam.placement.move(after)
+    assert seam.mm > 30 and np.array_equal(joined.contacts, np.concatenate([stands[0, :-1], stands[1]]))
+    assert np.allclose(joined.joints[30:40, 10], before.joints[30:40, 10], atol=1e-6)
+    assert np.allclose(joined.joints[46:60, 10], moved.joints[6:20, 10], atol=1e-6)
+    assert np.allclose(joined.joints[35:40, 11], before.joints[35:40, 11], atol=1e-6)
+    slid = joined.joints[40:48, 11, :2] - moved.joints[:8, 11, :2]
+    assert np.allclose(slid, slid[0], atol=1e-6), "it moves with its place in the first motion"
+    assert np.allclose(joined.joints[:25], before.joints[:25], atol=1e-9)
+    assert np.allclose(seams.rest_joints(joined), seams.rest_joints(stride), atol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("one", "two"), [("asfamc/16_15", "asfamc/16_35"), ("mb2/02_01", "mb2/02_03")])
+def test_feet_of_recorded_clips_do_not_slide_at_a_join(one: str, two: str, shared_data: Path, tmp_path: Path) -> None:
+    motions = []
+    for take in (one, two):
+        path = write_cmu_skeleton(tmp_path / f"{take[-5:]}.npz", cmu_take(shared_data / "motion_cmu" / f"{take}.npz"))
+        motions.append(as_file(import_motion(*read_foreign_clip(path, "", "")[:2], load_body()).motion, take))
+    first, joined = motions[0], seams.join(*motions)[0]
+    near = slice(first.num_frames - round(first.fps), first.num_frames + round(first.fps))
+    steps = np.linalg.norm(np.diff(joined.joints[near, 10:12, :2], axis=0), axis=-1)
+    stands = joined.contacts[near][1:] & joined.contacts[near][:-1]
+    assert stands.sum() > 10 and 1000.0 * steps[stands].mean() < 4.0
+
+
 def test_a_join_tells_what_it_changes(stride: MotionFile) -> None:
     contacts = np.ones((100, 2), bool)
     resting = np.zeros((100, 24), bool)

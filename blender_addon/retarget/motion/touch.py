@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..._exchange.limb_bend import fade
 from ..._exchange.rigs.rest_frames import FORWARD, UP
 from ..._exchange.rigs.skeleton import FINGERS, JOINT_OF, SIDES
 from .figures import Actor, Hand, Target
-from .limbs import fade, trunk_ends
+from .limbs import trunk_ends
 
 PALM = "palm"  # Name of the palm centre. Other names are fingers.
 _HAND_AFTER_WRIST = 2  # Index difference between SMPL's wrist and hand joints of a side.

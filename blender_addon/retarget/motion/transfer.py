@@ -8,12 +8,13 @@ import numpy as np
 
 from ..._exchange.body_layout import SMPL
 from ..._exchange.ground_path import ground_path
+from ..._exchange.limb_bend import bend_to, longest_reach, shortest_reach, within_reach
 from ..._exchange.rigs.rest_frames import anatomical_axis, limb_frame
 from ..._exchange.rigs.skeleton import HELPER_OF, JOINT_OF, LIMB_OF_POLE, LIMBS, SIDES
 from . import limbs
 from .figures import Actor, Target, carried_places
 from .foreign_actor import find_low_feet
-from .limbs import bend_to, hips_of, longest_reach, shortest_reach
+from .limbs import hips_of
 from .map_pose import length, measure_proportions, scale_of
 from .touch import keep_hands_on_body, keep_hands_together
 
@@ -147,7 +148,7 @@ def _for_reach(target: Target, turns: np.ndarray, places: np.ndarray, goals: dic
     if not legs:
         return np.zeros(places.shape[1:])
     bones = [_bones_of(target, turns, leg) for leg in legs.values()]
-    return limbs.within_reach(
+    return within_reach(
         np.stack([places[leg[0]] for leg in legs.values()]),
         np.stack([goals[f"{side}_foot"] for side in legs]),
         np.stack([longest_reach(*leg) for leg in bones]),

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from mathutils import Euler
 
+from blender_addon._exchange.limb_bend import bend_to, swing, within_reach
 from blender_addon._exchange.rigs.rest_frames import limb_frame
 from blender_addon._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from blender_addon.conventions.coordinates import euler_from_matrix
 from blender_addon.retarget.motion.figures import Actor, Target
 from blender_addon.retarget.motion.foreign_actor import find_low_feet
-from blender_addon.retarget.motion.limbs import FootPath, bend_to, foot_paths, steadied, swing, within_reach
+from blender_addon.retarget.motion.limbs import FootPath, foot_paths, steadied
 from blender_addon.retarget.motion.map_pose import lean_at_rest_deg
 from blender_addon.retarget.motion.transfer import within_arms
 
