@@ -102,7 +102,7 @@ def _held_foot(
     fps: float,
     longest: float,
 ) -> _Foot:
-    """Return the ankle positions and rotations of a foot whose heel and ball are locked during contacts."""
+    """Return a foot's ankle positions and rotations with heel and ball locked during contacts."""
     ankle, ball = leg[2:]
     forward = (heads[ball] - heads[ankle]) * [1.0, 1.0, 0.0]
     behind = heads[ball] - (1.0 + _HEEL_BEHIND) * forward - heads[ankle]
@@ -127,14 +127,14 @@ def _held_foot(
 
 
 def _turned(both: np.ndarray, now: np.ndarray, held: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, 3, 3) rotations of a foot to its held direction, with fades."""
+    """Return (F, 3, 3) rotations of a foot to its locked direction, with fades."""
     turn = np.zeros_like(now)
     turn[both] = rotvec_from_quat(quat_from_matrix(swing(now[both], held[both])))
     return matrix_from_rotvec(eased(turn, np.flatnonzero(both), _EASE_S * fps))
 
 
 def _same_signs(changed: np.ndarray, channels: np.ndarray) -> np.ndarray:
-    """Return channels whose quaternions keep their previous signs, because q and -q are the same rotation."""
+    """Return changed channels with the previous quaternion signs, because q and -q are the same rotation."""
     new, old = (values[:, 3:].reshape(len(values), -1, 4) for values in (changed, channels))
     signs = np.where((new * old).sum(-1, keepdims=True) < 0, -1.0, 1.0)
     return np.concatenate([changed[:, :3], (signs * new).reshape(len(changed), -1)], axis=1)

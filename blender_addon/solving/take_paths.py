@@ -17,7 +17,7 @@ from ..conventions.naming import next_number, next_path
 _POSE_FOLDERS = frozenset({"pose-associated", "pose-sync", "pose", "pose-2d", "pose_sync"})
 """Folder names in a Pose2Sim trial that contain a folder per camera, as in the solver."""
 MARKER_SUFFIXES = (".c3d", ".trc", ".csv", ".tsv")
-"""File endings of marker recordings, each of which is a capture. Some programs use .txt."""
+"""File extensions of marker recordings. Each file is a capture. Some programs use .txt."""
 _FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f]+')
 
 
@@ -32,7 +32,7 @@ class TakeFiles:
 
 
 def safe_name(name: str) -> str:
-    """Return a name that is valid for a folder on every system. Letters of any script are kept."""
+    """Return a name that is valid for a folder on every system. It keeps letters of any script."""
     cleaned = _FORBIDDEN.sub("_", name).strip(" .")
     return cleaned or "capture"
 
@@ -59,9 +59,9 @@ def next_subject(folder: Path) -> Path:
 def capture_root(path: Path) -> Path:
     """Return the capture that a dropped file belongs to.
 
-    Blender passes only dropped files, never a folder. A file with detections, calibration or settings stands for its
-    folder, or for a parent folder with the cameras' detections. Folders, capture files, marker recordings, and text
-    files without cameras around them stand for themselves.
+    Blender passes only dropped files, never a folder. For a file with detections, calibration or settings, the capture
+    is its folder, or a parent folder with the cameras' detections. Folders, capture files, marker recordings, and text
+    files without cameras around them are captures themselves.
     """
     if path.is_dir() or path.suffix.lower() in (".npz", *MARKER_SUFFIXES):
         return path

@@ -125,7 +125,7 @@ def _write_mesh(
     if chosen.name not in scene.objects:
         raise JobInvalid(f"{label} is not in the scene.", hint="Choose another object, or clear the field.")
     if _can_move(chosen):
-        hint = "The solver needs an object that rests for the whole take. Remove its animation, or choose another one."
+        hint = "The object must not move during the take. Remove its animation, or choose another object."
         raise JobInvalid(f"{label} is animated.", hint=hint)
     shown = chosen.evaluated_get(bpy.context.evaluated_depsgraph_get())
     mesh = shown.to_mesh()
@@ -145,7 +145,7 @@ def _write_mesh(
 
 
 def _can_move(obj: bpy.types.Object) -> bool:
-    """Return whether an object, its parents or what deforms it is animated."""
+    """Return whether an object, one of its parents or an object that deforms it is animated."""
     waiting, known = [obj], set[bpy.types.ID]()
     while waiting:
         found = waiting.pop()

@@ -24,9 +24,9 @@ DEFAULTS = defaults_of_class(SolveSettings)
 ROWS = {name: row for name, row in settings_of_class(SolveSettings).items() if row.in_panel}
 """Solver settings that have a property. Sliders, cameras and markers provide the others."""
 READING_ROWS = {name: row for name, row in ALL_READING_ROWS.items() if row.in_panel}
-"""Reading settings whose property is made from their row only."""
+"""Reading settings with a property that needs only their row."""
 CHOSEN_BY_PRESETS = tuple(name for name, row in ROWS.items() if row.group == METHOD)
-"""Settings that only the preset Custom takes from the user."""
+"""Settings that the user can change only with the preset Custom."""
 _PLAIN = {
     bool: bpy.props.BoolProperty,
     int: bpy.props.IntProperty,
@@ -106,7 +106,7 @@ def choice(label: str, description: str, choices: str | Sequence[Any], default: 
 
 
 def flags(label: str, description: str, choices: str | Sequence[Any], *chosen: str, **more: Any) -> PropertyRow:
-    """Return a row with several choices, some of which are enabled by default."""
+    """Return a row with several choices, some enabled by default."""
     return _row("texts", label, description, chosen, more, choices=_choices(choices))
 
 

@@ -1,4 +1,4 @@
-"""Tags on objects and collections, by which captures find the objects that belong to them.
+"""Tag objects and collections, so that captures find the objects that belong to them.
 
 A pointer in the scene would keep a deleted object alive.
 """

@@ -1,21 +1,21 @@
 """Bring your own detector: ``solver_backend detect VIDEOS --detector-worker own_detector.py --out CAPTURE.npz``.
 
-It runs in a process of its own: ``--python`` names the Python that has your detector's packages. This one finds the
-brightest pixels of a picture, so that it runs anywhere; put your model in its place.
+It runs in its own process. ``--python`` selects the Python with your detector's packages. This example finds the
+brightest pixels of a picture, so it runs anywhere. Replace it with your model.
 """
 
 import sys
 from typing import Any
 
 import numpy as np
-from pose_workers.serve import Refused, serve  # the program puts it on the path; it needs NumPy alone
+from pose_workers.serve import Refused, serve  # The program adds it to the path. It needs NumPy alone.
 
 KEYPOINTS = 17
-"""In the order of COCO_17: nose, eyes, ears, shoulders, elbows, wrists, hips, knees, ankles."""
+"""Keypoints in the order of COCO_17: nose, eyes, ears, shoulders, elbows, wrists, hips, knees, ankles."""
 
 
 class Brightest:
-    """Takes the brightest pixels for keypoints, from the top down."""
+    """Use the brightest pixels as keypoints, from top to bottom."""
 
     def __init__(self, options: dict[str, Any]) -> None:
         if options.get("hands"):
@@ -23,7 +23,7 @@ class Brightest:
         self.about = {"name": "brightest 1.0", "joint_set": "COCO_17", "people": 1}
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return (P, K, 3) people: x and y in pixels, (0, 0) the centre of the first, and confidence from 0 to 1."""
+        """Return (P, K, 3) people: x and y in pixels, (0, 0) at the top-left pixel's centre, and confidence 0 to 1."""
         brightness = rgb.astype(float).sum(axis=-1)
         rows, columns = np.unravel_index(np.argsort(brightness, axis=None)[-KEYPOINTS:], brightness.shape)
         order = np.argsort(rows)

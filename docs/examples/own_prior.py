@@ -1,7 +1,7 @@
 """Bring your own pose prior: ``python docs/examples/own_prior.py CAPTURE MOTION.npz``.
 
-Anything with codes on SPoser's sphere will do: weights that you trained (``load_sposer(path)``), or, as here, a prior
-that knows more than SPoser does: a person in wrist braces.
+Any prior with codes on SPoser's sphere works. You can load your own weights with ``load_sposer(path)``. This example
+adds knowledge to SPoser: the person wears wrist braces.
 """
 
 import sys
@@ -13,11 +13,11 @@ import numpy as np
 from solver_backend import AutoencodingPrior, load_capture, load_sposer, solve, write_motion
 
 WRISTS = [19, 20]
-"""Among the 21 body joints, which begin with the left hip."""
+"""Indices of the wrists among the 21 body joints, which start with the left hip."""
 
 
 class WristsInBraces(AutoencodingPrior):
-    """SPoser whose wrists stay straight."""
+    """SPoser with straight wrists."""
 
     name = "sposer_in_braces"
     latent_dim = 32
@@ -37,7 +37,7 @@ class WristsInBraces(AutoencodingPrior):
         return self._straightened(self._sposer.decode(z))
 
     def decode_with_jacobian(self, z: Any) -> tuple[Any, Any]:
-        """Return the same and its derivative: wrists do not move with the code."""
+        """Return poses and their derivative. The code does not move the wrists."""
         rotations, jacobian = self._sposer.decode_with_jacobian(z)
         jacobian[:, WRISTS] = 0.0
         return self._straightened(rotations), jacobian

@@ -2,7 +2,7 @@
 
     python docs/examples/solve_range_again.py CAPTURE MOTION.npz OUT.npz
 
-The frames outside the range stay as they are; the pinned pose is met exactly.
+The frames outside the range do not change. The result has exactly the pinned pose.
 """
 
 import sys
@@ -14,7 +14,7 @@ from solver_backend import FrameRange, Pin, load_capture, read_motion, resolve_r
 
 FIRST, LAST, PINNED = 8, 20, 14
 LEFT_ELBOW = 17
-"""Index into ``body_pose``: joint 18 of SMPL's 24, less the root."""
+"""Index into ``body_pose``, which omits the root of SMPL's 24 joints."""
 
 
 def main(capture_path: str, motion_path: str, out: str) -> None:

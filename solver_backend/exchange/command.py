@@ -24,7 +24,7 @@ _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") 
 
 def cancelled() -> Cancelled:
     """Return the error that a signal raises."""
-    return Cancelled("The work was cancelled.", hint="Nothing was left half-written.")
+    return Cancelled("The work was cancelled.", hint="No incomplete file remains.")
 
 
 class Cancellation:

@@ -8,7 +8,7 @@ import sys
 from types import FrameType
 
 CANCELLED = 130  # Exit code (128 + SIGINT, as in shells).
-_MESSAGE, _HINT = "The work was cancelled.", "Nothing was left half-written."
+_MESSAGE, _HINT = "The work was cancelled.", "No incomplete file remains."
 _EVENT = f'{{"event": "error", "code": "cancelled", "message": "{_MESSAGE}", "where": "", "hint": "{_HINT}"}}'
 """Event text, written without ``json``, which Blender has not imported when add-ons are registered."""
 

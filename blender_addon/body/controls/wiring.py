@@ -18,7 +18,7 @@ _REACH = 0.15
 _POLE_DISTANCE = 1.0  # Distance of a pole from its joint, relative to the upper bone's length.
 _POLE_SIZE = 0.1
 _AHEAD = {"arm": np.array([0.0, 1.0, 0.0]), "leg": np.array([0.0, -1.0, 0.0])}
-"""Rest directions in which elbows (backward) and knees (forward) point."""
+"""Rest directions of elbows (backward) and knees (forward)."""
 
 
 def add_root(data: bpy.types.Armature) -> bpy.types.EditBone:
@@ -127,7 +127,7 @@ _SHARES = {"thumb": (0.25, 0.45, 0.55)}
 _SHARES_OF_FINGERS = (0.75, 0.85, 0.5)
 """Fraction of a finger control's rotation that each joint makes. At 90 degrees a relaxed hand becomes a fist."""
 _FAN = {"thumb": 1.0, "index": 0.8, "middle": 0.1, "ring": 0.5, "pinky": 1.0}
-"""Fraction of the hand control's rotation by which each finger spreads."""
+"""Spread of each finger as a fraction of the hand control's rotation."""
 _LIMIT = np.pi
 _TOWARDS_THUMB = ("thumb", "index", "middle")
 """Fingers that spread towards the thumb. The others spread away from it."""

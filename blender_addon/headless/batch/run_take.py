@@ -64,7 +64,7 @@ def recalled(work: Work, capture: Path) -> TakeRecord | None:
 def run_step(work: Work, capture: Path, step: str, progress: Progress, *, worker: str = "", **place: Any) -> TakeRecord:
     """Process one step of a take unless it is done or not wanted. Return the take's record.
 
-    Several workers may run a step at once. Outputs get their names when they are complete, and the record comes last.
+    Several workers may run a step at once. Complete outputs get their final names, and the record is written last.
 
     Args:
         worker: name of the worker, for the record.
@@ -127,7 +127,7 @@ def _known(record: TakeRecord, folder: Path, wanted: tuple[Step, ...]) -> TakeRe
 
 
 def _begun(record: TakeRecord, folder: Path, step: str, worker: str) -> TakeRecord:
-    """Write and return the record of a take whose step has started. A step without an end was interrupted."""
+    """Write and return the record of a take with a started step. A step without an end was interrupted."""
     attempts = [*record.get("attempts", ())][-_KEPT_ATTEMPTS:]
     record = {**record, "attempts": [*attempts, {"step": step, "worker": worker, "how": "begun"}]}
     write_record(folder, record)

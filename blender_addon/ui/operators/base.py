@@ -265,7 +265,7 @@ class RunFailed(Exception):
 
 
 def options(**values: Any) -> list[str]:
-    """Return command-line options, without those that are None, False or empty."""
+    """Return command-line options, without values that are None, False or empty."""
     given = {f"--{name.replace('_', '-')}": value for name, value in values.items() if value not in (None, False, "")}
     return [word for name, value in given.items() for word in ([name] if value is True else [name, str(value)])]
 
@@ -277,7 +277,7 @@ SHORT = 600
 def works_here(objects: Sequence[bpy.types.Object], frames: float = SHORT + 1) -> bool:
     """Return whether work on objects runs in this process instead of a second Blender.
 
-    This is the case if the work is short, there is no window, a run is active, or the objects need this file.
+    True if the work is short, there is no window, a run is active, or the objects need this file.
     """
     from ...scene.session import needs_this_file
 
@@ -285,7 +285,7 @@ def works_here(objects: Sequence[bpy.types.Object], frames: float = SHORT + 1) -
 
 
 class SolverOperator(MocapOperator):
-    """Mixin for modal operators whose ``steps`` wait for a run while Blender stays usable.
+    """Mixin for modal operators with ``steps`` that wait for a run while Blender remains usable.
 
     Escape passes through, so only the Cancel button ends a run.
     """
@@ -359,7 +359,7 @@ class SolverOperator(MocapOperator):
     def cancel(self, context: bpy.types.Context) -> None:
         if not self._scene:  # a file browser or dialog was closed before the run started
             return
-        hint = "Start it again from a window that stays open."
+        hint = "Start it again, and keep its window open."
         error = WindowClosed("The run ended because its window was closed.", hint=hint)
         scene = bpy.data.scenes.get(self._scene)
         current.abandon() if scene is None else current.lose(scene, error)

@@ -77,13 +77,13 @@ def estimate_path(camera: Cameras, tracks: Tracks, progress: Progress = silent) 
     """Estimate the path of a camera from tracks in px. Return None if it fails.
 
     The first two keyframes with enough parallax give the first pose. Each further keyframe is added with its points and
-    adjusted with the last ones. Where it shows no known points, as before the camera is carried, a rotation alone must
-    explain its tracks. Finally all keyframes are adjusted, and the frames between them are posed with the points.
+    adjusted with the last ones. Without known points, before the camera moves, a rotation alone must explain a
+    keyframe's tracks. Finally all keyframes are adjusted, and the frames between them are posed with the points.
 
     Args:
         camera: one camera, for its lens.
 
-    References: Hartley and Zisserman 2004, ch. 9 and 18; Mouragnon et al. 2006 (local bundle adjustment).
+    References: Hartley and Zisserman 2004, ch. 9 and 18, and Mouragnon et al. 2006 (local bundle adjustment).
     """
     if not any(len(px) for px in tracks.px):
         return None

@@ -37,7 +37,7 @@ def fit_path(
 ) -> tuple[Cameras, Diagnostic]:
     """Place a moving camera in a world with Z up and the floor under the person.
 
-    Up comes from the view lifter, scale and floor slope from planted feet. Up and metres that the file states are kept.
+    Up comes from the view lifter, scale and floor slope from planted feet. An up axis and metres in the file are kept.
     A stature of 0 means an average adult.
     """
     body = load_body()
