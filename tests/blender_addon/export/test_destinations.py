@@ -65,11 +65,26 @@ def places(rig: bpy.types.Object, bone: str) -> np.ndarray:
     return np.array(found)
 
 
+def skin_turns(rig: bpy.types.Object, first: int) -> dict[str, np.ndarray]:
+    """Return how each bone turns its skin from rest in three frames, (3, 3, 3) in the world, whatever its axes are."""
+    world, found = rig.matrix_world.to_quaternion().to_matrix(), dict[str, list[np.ndarray]]()
+    for frame in (first, first + 30, first + 59):
+        bpy.context.scene.frame_set(frame)
+        for bone in rig.pose.bones:
+            turn = bone.matrix.to_quaternion() @ bone.bone.matrix_local.to_quaternion().inverted()
+            found.setdefault(bone.name, []).append(np.array(world @ turn.to_matrix() @ world.transposed()))
+    return {name: np.stack(turns) for name, turns in found.items()}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["unreal", "unity", "maya", "godot", "three.js"])
 def test_the_motion_arrives_as_it_was_with_no_scale_on_the_skeleton(walk: BakedTake, tmp_path: Path, name: str) -> None:
+    before = skin_turns(walk.armature, 1)
     path, joints = written(walk, name, tmp_path)
     rig = read(path)
+    after = skin_turns(rig, round(rig.animation_data.action.frame_range[0]))
+    assert len(before.keys() & after.keys()) >= 22 and after.keys() - before.keys() <= {"root"}
+    assert max(np.abs(after[bone] - before[bone]).max() for bone in after.keys() - {"root"}) < 2e-3
     assert np.abs(places(rig, "left_wrist") - joints[:, 20]).max() < 2e-3
     assert np.abs(places(rig, "right_foot") - joints[:, 11]).max() < 2e-3
     scale = 0.01 if DESTINATIONS[name].layout.unit == "cm" else 1.0

@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from blender_addon._exchange.joint_sets import SMPL_JOINTS
 from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.export.take import take_of
 from blender_addon.export.write import export_take
@@ -60,6 +61,7 @@ def test_a_player_of_vrm_animations_finds_the_take(take: BakedTake, tmp_path: Pa
     path = tmp_path / "der Gang.vrma"
     scene = bpy.context.scene
     joints = np.stack([evaluated_joints(scene, take.armature, frame) for frame in (1, 31, 60)])
+    take.action.name = "Anna Take 02"
     export_take(take_of(scene, take.armature), "vrma", path)
     assert [item.name for item in tmp_path.iterdir()] == [path.name]
     player = Player(path)
@@ -67,7 +69,11 @@ def test_a_player_of_vrm_animations_finds_the_take(take: BakedTake, tmp_path: Pa
     assert extension["specVersion"] == "1.0" and "VRMC_vrm_animation" in player.scene["extensionsUsed"]
     bones = {name: bone["node"] for name, bone in extension["humanoid"]["humanBones"].items()}
     assert bones.keys() >= REQUIRED and not player.scene.get("meshes")
-    assert {c["target"]["path"] for c in player.scene["animations"][0]["channels"]} == {"rotation", "translation"}
+    [animation] = player.scene["animations"]
+    assert animation["name"] == "Anna Take 02"
+    for sampler in animation["samplers"]:
+        assert np.allclose(player.numbers(sampler["input"])[:, 0], np.arange(60) / 30.0, atol=1e-6)
+    assert {c["target"]["path"] for c in animation["channels"]} == {"rotation", "translation"}
 
     places = {name: player.world(node)[1] for name, node in bones.items()}  # at rest: the T-pose, facing +Z
     for side, way in (("left", 1.0), ("right", -1.0)):
@@ -77,8 +83,16 @@ def test_a_player_of_vrm_animations_finds_the_take(take: BakedTake, tmp_path: Pa
         assert np.allclose(leg / np.linalg.norm(leg), [0.0, -1.0, 0.0], atol=1e-5)
 
     columns = {"hips": 0, "leftHand": 20, "rightFoot": 8, "head": 15, "leftToes": 10}
+    swap = Rotation.from_matrix([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+    first: dict[str, Rotation] = {}
     for frame, expected in zip((0, 30, 59), joints, strict=True):
         player.pose(frame)
+        scene.frame_set(1 + frame)
+        for bone, joint in columns.items():
+            shown = take.armature.matrix_world @ take.armature.pose.bones[SMPL_JOINTS[joint]].matrix
+            ours = swap * Rotation.from_matrix(np.array(shown)[:3, :3]) * swap.inv()
+            between = player.world(bones[bone])[0].inv() * ours  # the axes of the bone differ, but stay as they are
+            assert (first.setdefault(bone, between).inv() * between).magnitude() < 2e-3, (frame, bone)
         for bone, joint in columns.items():
             x, y, z = expected[joint]
             assert np.abs(player.world(bones[bone])[1] - (x, z, -y)).max() < 1e-3, (frame, bone)
