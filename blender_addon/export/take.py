@@ -125,7 +125,10 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
     frames = scene.frame_start, scene.frame_end, scene.frame_current, scene.frame_subframe
     render, units = scene.render, scene.unit_settings
     rate, scale, name = (render.fps, render.fps_base), units.scale_length, scene.name
+    namesake = bpy.data.scenes.get(take.clip) if take.clip != name else None
     try:
+        if namesake is not None:
+            namesake.name = f"{take.clip} (shown)"
         scene.name = take.clip or name  # Blender's exporters name the animation of a scene after it
         for obj in selected:
             obj.select_set(False)
@@ -149,6 +152,8 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
             obj.select_set(True)
         layer.objects.active = active
         scene.name = name
+        if namesake is not None:
+            namesake.name = take.clip
         scene.frame_start, scene.frame_end = frames[:2]
         (render.fps, render.fps_base), units.scale_length = rate, scale
         scene.frame_set(frames[2], subframe=frames[3])
