@@ -14,6 +14,8 @@ import numpy as np
 from .._exchange.errors import BodyInvalid
 from .._exchange.so3 import matrix_from_rotvec
 from ..conventions.coordinates import R_ARMATURE_BODY
+from ..conventions.naming import MANNEQUIN
+from ..conventions.nodes import add_scripted_driver
 from ..conventions.skeleton import JOINTS
 from .armature import DEFORM_COLLECTION, deform_bone, paint
 from .body_file import BodyFile
@@ -85,7 +87,7 @@ def add_face_bones(armature: bpy.types.Object, mesh: bpy.types.Object, body: Bod
         _add_bones(armature.data, places)
     finally:
         bpy.ops.object.mode_set(mode="OBJECT")
-    _wire(armature, new)
+    _wire(armature, mesh.data.shape_keys, new)
     for name in new:
         _give_skin(mesh, deform_bone(name), weights[name])
     return len(new)
@@ -114,8 +116,11 @@ def _add_bones(data: bpy.types.Armature, places: dict[str, np.ndarray]) -> None:
             bone.use_deform, above = each != name, bone
 
 
-def _wire(armature: bpy.types.Object, new: dict[str, _FaceBone]) -> None:
-    """Set up controls. The deform bone of a slider's shape moves back like the head's."""
+def _wire(armature: bpy.types.Object, keys: bpy.types.Key, new: dict[str, _FaceBone]) -> None:
+    """Set up controls.
+
+    The deform bone of a slider's shape moves back like the head's. The bones of a blank face do not rotate.
+    """
     data, bones = armature.data, armature.pose.bones
     shown = data.collections_all.get(_COLLECTION) or data.collections.new(_COLLECTION)
     axes = np.array(data.bones[_HEAD].matrix_local.to_3x3()).T @ R_ARMATURE_BODY
@@ -132,6 +137,11 @@ def _wire(armature: bpy.types.Object, new: dict[str, _FaceBone]) -> None:
         back = deform.constraints.new("COPY_LOCATION")
         back.target, back.subtarget = armature, deform_bone(_HEAD)
         back.owner_space = back.target_space = "LOCAL"
+        if (blank := LOOK_KEYS[MANNEQUIN]) in keys.key_blocks:
+            still = bone.constraints.new("LIMIT_ROTATION")
+            still.name, still.owner_space = blank, "LOCAL"
+            still.use_limit_x = still.use_limit_y = still.use_limit_z = True
+            add_scripted_driver(still, "influence", -1, "blank", {"blank": (keys, f'key_blocks["{blank}"].value')})
 
 
 def _give_skin(mesh: bpy.types.Object, name: str, weights: np.ndarray) -> None:

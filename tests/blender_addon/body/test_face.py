@@ -180,12 +180,18 @@ def test_adding_again_adds_nothing_and_another_mesh_is_refused(face: bpy.types.O
         add_face_shapes(other, body)
 
 
-def test_a_mannequin_has_no_expression_and_a_person_has_it_again(face: bpy.types.Object) -> None:
+def test_a_mannequin_has_no_expression_and_a_person_has_it_again(
+    face: bpy.types.Object, rig: Rig, body: BodyFile
+) -> None:
+    add_face_bones(rig.armature, face, body)
     show_look(face, MANNEQUIN)
     blank = evaluated(face)
+    np.testing.assert_allclose(posed(rig, "jaw", (19.0, 0.0, 0.0)), blank, atol=1e-6)
     face.data.shape_keys.key_blocks["jawOpen"].value = 1.0
-    np.testing.assert_array_equal(evaluated(face), blank)
+    np.testing.assert_allclose(evaluated(face), blank, atol=1e-6)
     show_look(face, PERSON_LOOK)
+    wide = evaluated(face)
+    assert np.linalg.norm(wide - posed(rig, "jaw"), axis=1).max() > 0.02
     assert np.linalg.norm(evaluated(face) - blank, axis=1).max() > 0.02
 
 
