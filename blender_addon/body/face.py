@@ -6,6 +6,7 @@ in the shape, relative to its movement with the bone.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import bpy
@@ -46,11 +47,23 @@ _BONES = {
     "right_eyelid": _FaceBone("eyeBlinkRight", (24.4, 0.0, 0.0), (-0.0322, 0.074, 0.0863), (-0.032, 0.09, 0.125)),
 }
 """Rotations and pivots are the ones of ``assets_procedural.detail.expressions``."""
+_GAZE_DEG = {"In": (0.0, -25.0, 0.0), "Out": (0.0, 25.0, 0.0), "Up": (-11.0, 0.0, 0.0), "Down": (16.0, 0.0, 0.0)}
+"""Rotation vectors of the left eye in the shapes ``eyeLook``, at value 1."""
 
 
 def face_bones(armature: bpy.types.Object) -> list[str]:
     """Return the names of an armature's face bones."""
     return [name for name in _BONES if name in armature.data.bones and deform_bone(name) in armature.data.bones]
+
+
+def turns_of_shapes(values: Mapping[str, np.ndarray], frames: int) -> dict[str, np.ndarray]:
+    """Return the (F, 3) rotation vectors of jaw and eyes in facial shapes with (F,) values, in the body's axes."""
+    none = np.zeros(frames)
+    found = {"jaw": np.outer(values.get("jawOpen", none), np.deg2rad(_BONES["jaw"].turn_deg))}
+    for side, flip in (("Left", 1.0), ("Right", -1.0)):
+        ways = [np.outer(values.get(f"eyeLook{way}{side}", none), turn) for way, turn in _GAZE_DEG.items()]
+        found[f"{side.lower()}_eye"] = np.deg2rad(sum(ways)) * [1.0, flip, 1.0]
+    return found
 
 
 def add_face_shapes(mesh: bpy.types.Object, body: BodyFile) -> int:

@@ -20,7 +20,7 @@ class Format:
 _SKINNED, _BONES = "Skeleton, skinned mesh and motion", ("root", "fingers")
 _RIGGED = "Rig, controls, skin and take, to append or link"
 _VRM = "Motion of humanoid bones for VRM characters, in metres, Y up"
-_POSES = "The same with jaw and eyes at rest, as SMPL-X has them"
+_POSES = "The same with jaw and eyes, as SMPL-X has them"
 FORMATS: dict[str, Format] = {
     "bvh": Format(".bvh", "BVH", "Skeleton and rotations in centimetres, Y up", "joint_tables.export_bvh", _BONES),
     "fbx": Format(".fbx", "FBX", f"{_SKINNED}, Y up", "blender_exporters.export_fbx", ("unit", "up", *_BONES, "node")),

@@ -182,7 +182,7 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
         return
     layout = take.layout
     pose = sample_pose(take, progress, (*layout_of(take.armature.data.bones).joints, *face_bones(take.armature)))
-    shapes = [_sample_expressions(take, mesh) for mesh in take.meshes]
+    shapes = [sample_expressions(take, mesh) for mesh in take.meshes]
     active, originals = bpy.context.view_layer.objects.active, (take.armature, *take.meshes)
     actions: list[bpy.types.Action] = []
     names = [layout.node or take.armature.name, *(mesh.name for mesh in take.meshes)]
@@ -281,7 +281,7 @@ def _key_joints(
         write_curves(target, f'pose.bones["{joint}"].rotation_quaternion', joint, times, quaternions, types)
 
 
-def _sample_expressions(take: ExportTake, mesh: bpy.types.Object) -> dict[str, np.ndarray]:
+def sample_expressions(take: ExportTake, mesh: bpy.types.Object) -> dict[str, np.ndarray]:
     """Return each expression's (F,) values, or {} if they are not animated."""
     names = [key.name for key in expressions_of(mesh)]
     if not names or mesh.data.shape_keys.animation_data is None:

@@ -12,11 +12,13 @@ from ..._exchange.npz import read_arrays
 from ..._exchange.progress import Progress
 from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from ...body.body_file import body_path_of, default_hands_path, read_body
+from ...body.face import expressions_of, face_bones, turns_of_shapes
 from ...body.shape import get_betas
 from ...conventions.coordinates import R_ARMATURE_BODY
+from ...conventions.skeleton import layout_of
 from ...errors import NothingToExport
-from ..plain_take import is_body
-from ..take import ExportTake, PoseSamples, against_parents, sample_joints, uniform_scale
+from ..plain_take import is_body, sample_expressions
+from ..take import ExportTake, PoseSamples, against_parents, sample_pose, uniform_scale
 
 _BODY = 1 + SMPL.num_solved  # Joints that AMASS shares with SMPL.
 _SCALED = 1e-3  # Deviation from a scale of 1 that counts as scaled, chosen by hand.
@@ -29,35 +31,52 @@ def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
     joint positions into ``joints``. The take's shape and body file must be known.
     """
     arrays, parts = _read_take(take, progress)
-    poses = np.concatenate([parts["root_orient"], parts["pose_body"], parts["pose_hand"]], axis=1)
+    poses = np.concatenate([parts[key] for key in ("root_orient", "pose_body", "pose_hand")], axis=1)
     np.savez_compressed(path, poses=poses, surface_model_type=np.array("smplh"), **arrays)
 
 
 def export_amass_x(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write a take of this add-on in SMPL-X form, with (F, 165) ``poses``."""
+    """Write a take of this add-on in SMPL-X form, with (F, 165) ``poses``.
+
+    Jaw and eyes are the sum of their bones and of the facial shapes. Other shapes have no parameter.
+    """
     arrays, parts = _read_take(take, progress)
-    frames = len(parts["root_orient"])
-    parts |= {"pose_jaw": np.zeros((frames, 3)), "pose_eye": np.zeros((frames, 6))}
     order = ("root_orient", "pose_body", "pose_jaw", "pose_eye", "pose_hand")
     poses = np.concatenate([parts[key] for key in order], axis=1)
     np.savez_compressed(path, poses=poses, surface_model_type=np.array("smplx"), **arrays, **parts)
 
 
 def _read_take(take: ExportTake, progress: Progress) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return the arrays of both models, and root, body and finger poses by name."""
+    """Return the arrays of both models, and the poses of SMPL-X's parts by name."""
     betas, rest_pelvis = _shape(take)
     _require_own_size(take)
-    pose = sample_joints(take, progress)
-    rotvec, frames = local_rotvec(pose), pose.num_frames
+    joints, bones = layout_of(take.armature.data.bones).joints, face_bones(take.armature)
+    pose = sample_pose(take, progress, (*joints, *bones))
+    turned, frames = local_rotvec(pose), pose.num_frames
+    rotvec, face = turned[:, : len(joints)], _shape_turns(take)
+    for j, name in enumerate(pose.names):
+        if name in face:
+            face[name] += turned[:, j]
     arrays = {"trans": pose.heads[:, 0] - rest_pelvis, "betas": betas, "gender": np.array("neutral")}
-    arrays |= {"mocap_framerate": np.array(pose.fps), "joints": pose.heads, "body": np.array(take.armature["body"])}
+    arrays |= {"mocap_framerate": np.array(pose.fps), "joints": pose.heads[:, : len(joints)]}
+    arrays |= {"body": np.array(take.armature["body"])}
     beyond, fingers = rotvec[:, _BODY:], np.zeros((frames, SMPL_HANDS.num_joints - _BODY, 3))
     if rotvec.shape[1] == SMPL_HANDS.num_joints:
         fingers = _fingers(beyond, str(take.armature["body"]))
     else:
         arrays["hand_pose"] = beyond.reshape(frames, -1)
     body = rotvec[:, 1:_BODY].reshape(frames, -1)
-    return arrays, {"root_orient": rotvec[:, 0], "pose_body": body, "pose_hand": fingers.reshape(frames, -1)}
+    parts = {"root_orient": rotvec[:, 0], "pose_body": body, "pose_jaw": face["jaw"]}
+    parts |= {"pose_eye": np.hstack([face["left_eye"], face["right_eye"]]), "pose_hand": fingers.reshape(frames, -1)}
+    return arrays, parts
+
+
+def _shape_turns(take: ExportTake) -> dict[str, np.ndarray]:
+    values: dict[str, np.ndarray] = {}
+    for mesh in take.meshes if is_body(take) else ():
+        values = {key.name: np.full(take.num_frames, key.value) for key in expressions_of(mesh)}
+        values |= sample_expressions(take, mesh)
+    return turns_of_shapes(values, take.num_frames)
 
 
 def _fingers(rotvec: np.ndarray, body: str) -> np.ndarray:

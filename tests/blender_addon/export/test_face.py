@@ -1,4 +1,4 @@
-"""A face in files: its shape keys and their animation reach FBX and glTF, at the take's own frames."""
+"""A face in files: its shape keys and their animation reach FBX, glTF and USD, at the take's own frames."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from blender_addon.body.face import add_face_bones, add_face_shapes
 from blender_addon.body.mesh import positions
 from blender_addon.body.rig import Rig
 from blender_addon.body.shape import set_betas
+from blender_addon.conventions.coordinates import R_ARMATURE_BODY
 from blender_addon.export.formats import FORMATS
 from blender_addon.export.take import take_of
 from blender_addon.export.write import export_take
 from solver_backend.live.face_source import BLEND_SHAPES
 
-READERS = {"fbx": bpy.ops.import_scene.fbx, "gltf": bpy.ops.import_scene.gltf}
+READERS = {"fbx": bpy.ops.import_scene.fbx, "gltf": bpy.ops.import_scene.gltf, "usd": bpy.ops.wm.usd_import}
 FRAMES = (1.0, 8.0)
 
 
@@ -73,3 +74,20 @@ def test_the_face_moves_in_files(scene: bpy.types.Scene, speaking: Rig, tmp_path
     found = [evaluated_vertices(bpy.context.scene, mesh, first + (time - 1) / 2)[point] for time in times]
     np.testing.assert_allclose(found, shown, atol=1e-3)
     assert blocks["eyeBlinkLeft"].value == pytest.approx(0.5, abs=1e-3)
+
+
+def test_jaw_and_eyes_turn_in_smpl_x(scene: bpy.types.Scene, speaking: Rig, body: BodyFile, tmp_path: Path) -> None:
+    """A shape and a bone add up."""
+    betas = np.linspace(1.0, -1.0, 10)
+    stated = {"betas": betas.tolist(), "rest_pelvis": body.rest_joints(betas)[0].tolist(), "body": body.id}
+    for key, value in stated.items():
+        speaking.armature[key] = value
+    speaking.mesh.data.shape_keys.key_blocks["eyeLookOutRight"].value = 0.5
+    path = export_take(take_of(scene, speaking.armature), "amass-x", tmp_path / "face.npz")
+    axis = np.array(speaking.armature.data.bones["jaw"].matrix_local)[:3, 0] @ R_ARMATURE_BODY
+    with np.load(path) as stored:
+        np.testing.assert_allclose(stored["pose_jaw"][0], 0.0, atol=1e-5)
+        by_bone = 2 * np.arctan(0.05) * axis
+        np.testing.assert_allclose(stored["pose_jaw"][-1], np.deg2rad([19.0, 0.0, 0.0]) + by_bone, atol=1e-4)
+        np.testing.assert_allclose(stored["pose_eye"], np.deg2rad([[0, 0, 0, 0, -12.5, 0]] * 8), atol=1e-5)
+        np.testing.assert_array_equal(stored["poses"][:, 66:69], stored["pose_jaw"])
