@@ -226,7 +226,7 @@ def _read_where(values: Mapping[str, Any]) -> Where:
 
 
 def word(found: Diagnostic, fps: float = 0.0) -> Words:
-    """Return the texts of a diagnostic, or its code if the table lacks it.
+    """Return the texts of a diagnostic, or a sentence with its code if the table lacks it.
 
     Args:
         fps: frames per second, for the duration of frame ranges. 0 omits the duration.
@@ -287,7 +287,8 @@ def _listed_value(value: Any) -> Any:
 def _by_name(found: Diagnostic) -> str:
     where = [*found.where.cameras, *found.where.markers, *found.where.joints, found.where.person, found.where.file]
     parts = [name for name in where if name] + [f"{key} {value}" for key, value in found.values.items()]
-    return f"{found.code} ({listed(parts)})" if parts else found.code
+    values = f" ({listed(parts)})" if parts else ""
+    return f"Another version reported: {found.code.replace('_', ' ')}{values}"
 
 
 def summarise(found: Sequence[Diagnostic], fps: float = 0.0) -> list[str]:

@@ -97,7 +97,8 @@ def test_a_code_of_another_version_is_shown_by_name():
         "values": {"share": 3},
     }
     (found,) = read_diagnostics([told])
-    assert sentence(found) == "lens_fogged (b, share 3) in frames 1-2." and found.severity is Severity.NOTE
+    assert sentence(found) == "Another version reported: lens fogged (b, share 3) in frames 1-2."
+    assert found.severity is Severity.NOTE
 
 
 def test_corrected_detections_without_cameras_are_of_all_cameras() -> None:
@@ -111,7 +112,7 @@ def test_corrected_detections_without_cameras_are_of_all_cameras() -> None:
 @pytest.mark.parametrize("values", [{}, {"size": "much"}, {"size": [1, 2], "least": None}])
 def test_a_code_with_other_values_is_shown_by_name(values):
     (found,) = read_diagnostics([{"code": "stature_odd", "severity": "warning", "values": values}])
-    assert sentence(found).startswith("stature_odd")
+    assert sentence(found).startswith("Another version reported: stature odd")
 
 
 @pytest.mark.parametrize("nonsense", [None, 3, {"code": "a"}, [None, 3, [], {}, {"code": 4}, {"kind": 3}]])
