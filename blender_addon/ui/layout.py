@@ -40,6 +40,10 @@ def draw_settings(layout: bpy.types.UILayout, context: bpy.types.Context, settin
         prop = settings.bl_rna.properties[name]
         if not narrow or prop.type not in _LONG:
             layout.prop(settings, name)
+            if "(0 is automatic" in prop.description and not getattr(settings, name):
+                row = layout.row()
+                row.alignment = "RIGHT"
+                row.label(text="Automatic", text_ctxt=CONTEXT)
             continue
         column = layout.column(align=True)
         column.label(text=prop.name, text_ctxt=CONTEXT)

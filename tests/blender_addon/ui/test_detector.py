@@ -45,6 +45,13 @@ def test_the_panel_shows_that_there_is_none_and_how_to_get_one(home) -> None:
     assert bpy.ops.mocap.test_detector() == {"CANCELLED"}
 
 
+def test_an_empty_stature_says_what_it_means(home) -> None:
+    videos = bpy.context.scene.mocap.videos
+    assert "label:Automatic" in drawn()
+    videos.stature = 1.8
+    assert "label:Automatic" not in drawn()
+
+
 def test_an_included_detector_needs_no_set_up_and_finds_fingers(home, monkeypatch) -> None:
     monkeypatch.setattr(backend_environment, "included_wheels", lambda: home)
     assert any("The included detector finds body and hands" in text for text in drawn())
