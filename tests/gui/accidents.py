@@ -21,7 +21,8 @@ _CAST = OUT / "Besetzung ü.blend"
 
 def steps(user: Any) -> Any:
     """Play it."""
-    yield from user.open_from_the_start(PACKAGE, "VIEW3D_PT_mocap_take", "VIEW3D_PT_mocap_formats")
+    names = ("take", "formats", "shape")
+    yield from user.open_from_the_start(PACKAGE, *(f"VIEW3D_PT_mocap_{name}" for name in names))
     yield from user.open_tab("MoCap")
     yield from user.press("mocap.demo_capture(kind='CAMERAS')", 0.25)
     yield from user.until(lambda: mocap().capture.file, "the demo capture is there", 300)
@@ -75,7 +76,6 @@ def looks(user: Any) -> Any:
     """Switch the body to a mannequin and back."""
     [mesh] = mocap().review.armature.children
     user.look_at(mocap().review.armature.pose.bones["head"].head, 1.2)
-    yield from user.open_panel("VIEW3D_PT_mocap_shape")
     mocap().look = "mannequin"
     assert look_of(mesh) == "mannequin"
     yield 1.0

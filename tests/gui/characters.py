@@ -97,7 +97,7 @@ def retargeted(user: Any, name: str, rig_name: str) -> Any:
     user.viewport.tag_redraw()
     yield 0.3
     yield from user.press("mocap.map_rig()", 0.9)
-    user.note(f"{name} is mapped: {mocap().retarget.label}; {mocap().retarget.doubts or 'no doubts'}")
+    user.note(f"{name} is mapped: {mocap().retarget.label}; {mocap().retarget.warnings or 'no doubts'}")
     if name == "Mixamo":
         yield from user.open_panel("VIEW3D_PT_mocap_bone_table", at_the_end=True)
         yield from user.shot("table_of_bones")

@@ -30,6 +30,7 @@ def steps(user: Any) -> Any:
     yield from user.until(lambda: mocap().review.armature, "the capture is solved", 900)
     yield _SETTLED_S
     yield from user.press("mocap.show_confidence()")
+    user.viewport.spaces.active.overlay.show_bones = False  # so that the controls do not cover the body
     with user.override:
         bpy.ops.mocap.view_camera(index=_CAMERA)
     yield _SETTLED_S

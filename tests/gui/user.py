@@ -24,7 +24,7 @@ STAGES = {
     "CAPTURE": (
         "view_camera", "leave_out", "use_range", "check_cameras", "refine_cameras", "restore_cameras", "import_capture",
         "demo_capture", "capture_from_videos", "video_step", "label_point", "pick_point", "people", ".reading.",
-        "show_names", "show_residuals", "leave_camera", "import_motion",
+        "show_names", "show_residuals", "leave_camera", "import_motion", "show_capture", "person_shown",
     ),
     "SOLVE CAPTURE": ("mocap.solve()",),
     "SOLVE": ("solve.preset", "solve_all", "calibrate_subject", "solve.estimate_sync", "solve.subject"),
@@ -68,6 +68,8 @@ class User(Hands):
             return
         names = [item.identifier for item in mocap.bl_rna.properties["stage"].enum_items]
         region, index, clicks = self.region("UI"), names.index(stage), self.clicks
+        yield from self._scroll(_TO_THE_TOP)
+        self._last_y = region.y + region.height  # a button below opens a stage, too
         _, y = yield from self._found("mocap.stage")
         for columns, below in ((len(names), 0), *((2, px) for px in (0, _ROW_PX, -_ROW_PX))):
             x = int(region.x + (index % columns + 0.5) / columns * (region.width - 24))
