@@ -15,8 +15,8 @@ from tests.gui.scene import PACKAGE, extension, mocap
 
 _NARROW_PX, _DEFAULT_PX = 200, 283
 _COLLECTIONS, _OBJECTS = 100, 10
-_TOP_PX = 90
-"""From the sidebar's upper edge: within it stand the button that solves, the progress and Cancel."""
+_TOP_PX = 112
+"""From the sidebar's upper edge, below the stages and Hide Cube: the button that solves, the progress and Cancel."""
 
 
 def steps(user: Any) -> Any:
