@@ -26,24 +26,23 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "research-log" / "lies.md"
 REPAIRED, HARMLESS, NAMED, REFUSED, STATED, SILENT = "repaired", "harmless", "named", "refused", "stated", "silent"
 _HEAD = """# Faults that look valid
 
-Each recording has the first 120 frames of the embedded demo with one fault. It is written as a Pose2Sim trial, and the
-command line solves it without options. The table compares it with the same frames without a fault.
+Each recording has the first 120 frames of the embedded demo with one fault, written as a Pose2Sim trial. The command
+line solves it without options. The table compares the error with the error of the same frames without a fault.
 
-- *Repaired*: the error is at most 1.15 times as large, and there is a further diagnostic.
-- *Harmless*: the error is at most 1.15 times as large, without a further diagnostic.
-- *Named*: the error is larger, and there is a further warning.
-- *Stated*: the error is larger, without a further warning, but console, report and JSON state the frame rate or the
-  stature. The views cannot check these: a board that was measured wrongly gives a consistent calibration, and
+- *Repaired* or *harmless*: the error is at most 1.15 times as large, with or without a further diagnostic.
+- *Named*: the error is larger, with a further warning.
+- *Stated*: the error is larger, without a further warning, but the outputs state the frame rate or the stature. The
+  views cannot check these: a wrongly measured board gives a consistent calibration, and
   [no movement shows its rate](agreement.md).
 - *Silent*: the error is larger, without a further warning or statement.
 
-Every warning was looked for on the console, in the report and in the JSON.
+The last column lists the outputs (console, report, JSON) that lack the warning.
 
 ```sh
 python3 dev.py bench lies --update
 ```
 
-| what is wrong | what becomes of it | error (mm) | diagnostics that the unspoiled frames do not have | lacking |
+| fault | outcome | error (mm) | further diagnostics | lacking |
 |---|---|---|---|---|
 """
 
@@ -91,7 +90,7 @@ def _plain(value: Any) -> Any:
 
 
 def new_codes(name: str, found: Mapping[str, Found]) -> list[str]:
-    """Return the codes that a row has and the unspoiled frames do not have."""
+    """Return the codes that a row has in addition to the frames without a fault."""
     return [code for code in found[name].named if code not in found[FULL].named]
 
 
@@ -114,4 +113,4 @@ def line_of(name: str, found: Mapping[str, Found]) -> str:
     row = found[name]
     error = "–" if row.refused else f"{row.error_mm:.1f}"
     new = row.says if row.refused else ", ".join(f"`{code}`" for code in new_codes(name, found)) or "none"
-    return f"| {name} | {state_of(name, found)} | {error} | {new} | {', '.join(row.missing) or 'nothing'} |"
+    return f"| {name} | {state_of(name, found)} | {error} | {new} | {', '.join(row.missing)} |"

@@ -24,7 +24,7 @@ def test_states_of_rows() -> None:
     }
     states = [state_of(name, found) for name in found]
     assert states == ["harmless", "repaired", "harmless", "named", "silent", "silent", "stated", "refused"]
-    assert line_of("cm for m", found) == "| cm for m | repaired | 8.5 | `unit_by_person` | nothing |"
+    assert line_of("cm for m", found) == "| cm for m | repaired | 8.5 | `unit_by_person` |  |"
 
 
 def test_rows_that_were_tried_are_not_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
