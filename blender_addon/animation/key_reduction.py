@@ -172,7 +172,7 @@ def _lay(values: np.ndarray, free: np.ndarray, count: int, distance: Distance, p
 
 
 def _move(values: np.ndarray, free: np.ndarray, keys: np.ndarray, distance: Distance, progress: Progress) -> np.ndarray:
-    """Move each key to nearby free frames while that reduces the distances around it. Return the new keys.
+    """Move each key to a nearby free frame if that reduces the distances. Return the new keys.
 
     Keys that are far apart are tested together.
     """

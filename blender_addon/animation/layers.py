@@ -106,7 +106,7 @@ def _remember_place(obj: bpy.types.Object) -> None:
 
 
 def restore_place(obj: bpy.types.Object, take: bpy.types.Action) -> None:
-    """Restore the transforms of an object and its root control from the last time the take was played."""
+    """Restore an object's and its root control's transforms from the take's last playback."""
     values = [float(value) for value in take.get(PLACE, ())]
     if len(values) != len(_placed(obj)) * sum(_PLACE_FIELDS.values()):
         return

@@ -40,7 +40,7 @@ class Hanging:
 def hanging_of(
     armature: bpy.types.Object, scene: bpy.types.Scene, names: Sequence[str], switches: dict[tuple[str, str], float]
 ) -> Hanging:
-    """Move each control once and return the dependencies between controls, without changing the rig."""
+    """Return the dependencies between controls, found by moving each control once."""
     with neutral(armature, names, switches), alone(armature, scene) as (stage, depsgraph):
         layer = stage.view_layers[0]
 
@@ -134,7 +134,7 @@ def _hanging(names: tuple[str, ...], before: np.ndarray, after: np.ndarray, size
 
 
 def _deepest(carries: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Return each control's (N,) deepest carrier, -1 for none. ``carries[d, c]`` is true if d carries c."""
+    """Return each control's (N,) lowest ancestor, -1 for none. ``carries[d, c]`` means d moves c."""
     likely = np.where(carries, 1 + depth[:, None], 0)
     return np.where(carries.any(0), likely.argmax(0), -1)
 

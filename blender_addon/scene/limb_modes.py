@@ -209,7 +209,7 @@ def switch_limbs(
 def take_switched(
     armature: bpy.types.Object, take: bpy.types.Action, switched: bpy.types.Action, to: str, limbs: Sequence[Limb]
 ) -> None:
-    """Move the limbs' keys of a switched copy into a take, and show the limbs' bones if the body plays it."""
+    """Move the limbs' keys of a switched copy into a take, and update the body that plays it."""
     source, target = curve_target(switched), curve_target(take)
     assert source is not None and target is not None, "a take has a slot"
     for limb in limbs:

@@ -47,7 +47,7 @@ def environment_folder(kind: str = "mediapipe") -> Path:
 
 
 def made_python() -> Path | None:
-    """Return the default Python with a detector, from a variable, Set Up Detector or the solver, or None."""
+    """Return the default detector Python: set by variable, by Set Up Detector, or the solver's."""
     folders = (environment_folder(), backend_folder() / ".venv-mediapipe")
     named = os.environ.get("MANIFOLD_MOCAP_DETECTOR_PYTHON", "")
     candidates = [*([Path(named)] if named else []), *(folder / _BELOW for folder in folders)]

@@ -292,7 +292,7 @@ def _links() -> Iterator[_Link]:
 
 
 def _destinations(paths: list[Path], base: Path) -> dict[Path, Path]:
-    """Return the new paths of files. A folder that contains other files with the same names is not used."""
+    """Return the new paths of files. A folder with other files of the same names gets a number."""
     groups: dict[Path, tuple[Path, set[Path]]] = {}
     for path in paths:
         root = _root(path, base)
@@ -327,7 +327,7 @@ def _old_base() -> Path | None:
 
 
 def _is_kept(link: _Link, path: Path) -> bool:
-    """Return whether a link is a folder relative to the .blend file, which moves with the .blend file."""
+    """Return whether a link is a folder relative to the .blend file, which moves with it."""
     base = _old_base()
     return link.key == "folder" and link.text.startswith("//") and (base is None or path.is_relative_to(base))
 

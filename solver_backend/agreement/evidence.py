@@ -443,7 +443,7 @@ def independent_poses(xy: np.ndarray, person_px: np.ndarray) -> tuple[np.ndarray
 
 
 def _pose_distances(points: np.ndarray) -> np.ndarray:
-    """Return (P, P) distances between poses in person sizes. Poses without a common view are far apart."""
+    """Return (P, P) distances between poses in person sizes, 9 without a common view."""
     views = []
     for view in points:
         gap = np.linalg.norm(view[:, None] - view[None], axis=-1)

@@ -247,7 +247,7 @@ class _Search:
         return self.quick.pair_noise(self.written)
 
     def _suspects(self) -> tuple[int, ...]:
-        """Return the views without which a majority of at least three others agrees, otherwise all views.
+        """Return the views that a majority of at least three agreeing views contradicts, or all views.
 
         In the first case the other files have no fault, and no convention common to all files explains these views.
         """
@@ -359,7 +359,7 @@ def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: lis
 
 
 def _quick_scores(evidence: TakeEvidence, ways: np.ndarray, total: int) -> np.ndarray:
-    """Return (W,) log-likelihoods of assignments under typical detector noise, summed over pairs of views."""
+    """Return (W,) log-likelihoods of assignments, summed over view pairs, for typical noise."""
     scores, usual, written = np.zeros(len(ways)), density_per_bin(0.02, 0.1), Reading.as_written(evidence.views)
     pairs = list(permutations(range(total), 2))
     for i, j in combinations(range(evidence.views), 2):

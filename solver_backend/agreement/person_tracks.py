@@ -330,7 +330,7 @@ def view_tracks(seen: Sightings) -> np.ndarray:
 
 
 def _links(xy: np.ndarray) -> np.ndarray:
-    """Return the (F-1, P) previous detection of each detection (F, P, J, 2) in frames 1.., -1 without one."""
+    """Return the (F-1, P) index of each detection's predecessor from frame 1 on, -1 without one."""
     cost = _costs(xy)
     if not cost.size:
         return np.zeros(cost.shape[:2], np.int64)
@@ -372,10 +372,10 @@ def _costs(xy: np.ndarray) -> np.ndarray:
 
 
 def assigned_exclusively(people: PeopleInSpace, tracks: np.ndarray) -> PeopleInSpace:
-    """Return the best groups of each frame that share no detection. ``tracks`` are of ``view_tracks``.
+    """Return the best groups of each frame that share no detection.
 
-    A group's score is multiplied by the share of frames over the whole take in which its views' tracks agree. Rays of
-    different people meet in some frames only.
+    A group's score is multiplied by the fraction of the take's frames with agreeing ``view_tracks``. Rays of different
+    people meet in some frames only.
     """
     score: np.ndarray = people.score * _lasting_agreement(people, tracks)
     left = np.ones(len(score), bool)
@@ -392,7 +392,7 @@ def assigned_exclusively(people: PeopleInSpace, tracks: np.ndarray) -> PeopleInS
 
 
 def _lasting_agreement(people: PeopleInSpace, tracks: np.ndarray) -> np.ndarray:
-    """Return the (H,) share of frames with agreeing tracks, averaged over the pairs of a group's views."""
+    """Return (H,) fractions of frames with agreeing tracks, as means over a group's pairs of views."""
     views = people.members.shape[1]
     size, shown = int(tracks.max(initial=-1)) + 1, tracks >= 0  # tracks have no gaps
     first, last = np.full(size, tracks.shape[1]), np.full(size, -1)

@@ -233,7 +233,7 @@ def apply_reading(cameras: Cameras, detections: Detections, reading: Reading) ->
 
 
 def _evenly_cut(sizes: np.ndarray, cameras: Cameras, detections: Detections, reading: Reading) -> np.ndarray:
-    """Return (C, 2) image sizes for crops or bars equal on both sides, if all keypoints then lie inside.
+    """Return (C, 2) sizes of images with symmetric crops or bars, if these contain all keypoints.
 
     A fitted crop determines where images begin, but not where they end. Most crops are centred.
     """

@@ -160,7 +160,7 @@ FAR_QUANTILE = 0.95  # Quantile over frames of their movement.
 
 
 def take_cuts(detections: Detections) -> list[int]:
-    """Return the frames at which another take begins, from the largest person of each synchronised frame."""
+    """Return the frames with a cut to another take: the main person jumps in all synchronised views."""
     points = main_person(detections)
     if points.shape[1] < 4:
         return []

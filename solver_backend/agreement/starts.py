@@ -122,7 +122,7 @@ def _lines(points: np.ndarray, E: np.ndarray) -> np.ndarray:
 
 
 def _squares(vectors: np.ndarray) -> np.ndarray:
-    """Return the (F, P, J, 6) entries of each ``v v'``. The product of two of them sums to ``(v' w)^2``."""
+    """Return (F, P, J, 6) entries of ``v v'``. The dot product of two such rows is ``(v' w)^2``."""
     x, y, z = np.moveaxis(vectors, -1, 0)
     root = np.sqrt(2.0)
     return np.stack([x * x, y * y, z * z, root * x * y, root * x * z, root * y * z], axis=-1)
@@ -435,14 +435,14 @@ def rates_by_length(cameras: Cameras, detections: Detections, numbered: Detectio
 
 
 def rates_match(cameras: Cameras, detections: Detections, rates: np.ndarray) -> bool:
-    """Return whether the views match better at any offsets with (C,) camera frames per frame of the take."""
+    """Return whether views match better if their (C,) frame rates differ relative to the take's."""
     tried = (nearest_rows(detections, r.tolist()) for r in (rates, np.ones(len(rates))))
     then, now = (strength(cameras, rows) for rows in tried)
     return now < RIVAL_SHARE * then
 
 
 def _standard(length: int, longest: int) -> float:
-    """Return the ratio of two usual frame rates that explains a number of frames, 1 if there is none."""
+    """Return the ratio of two usual frame rates that explains two frame counts, otherwise 1."""
     ratios = sorted({round(a / b, 6) for a, b in product(CAMERA_RATES, CAMERA_RATES) if 0.2 < a / b < 5})
     ratio = min(ratios, key=lambda ratio: abs(ratio * longest - length))
     return ratio if abs(ratio * longest - length) <= SAME_FRAMES else 1.0

@@ -160,7 +160,7 @@ def _everybody(cameras: Cameras, keypoints: Keypoints2D, first: int, last: int) 
 
 
 def _extended(cameras: Cameras, keypoints: Keypoints2D, fault: ViewFault) -> ViewFault:
-    """Extend the fault to earlier and later frames that the same interpretation explains better than none."""
+    """Extend a fault to earlier and later frames if its interpretation fits them better."""
     for first, last in ((0, fault.first - 1), (fault.last + 1, keypoints.num_frames - 1)):
         if last >= first:
             evidence = TakeEvidence(cameras, _everybody(cameras, keypoints, first, last))

@@ -107,7 +107,7 @@ def _is_skeleton(places: set[str], vocabulary: str) -> bool:
 
 
 def _as_joints(places: dict[str, str]) -> dict[str, str]:
-    """Convert locations to joints, or keep a detector's keypoints if some of them exist in no skeleton.
+    """Convert locations to joints. Keep a detector's keypoints if they include the face.
 
     If there is no ankle, the foot at the end of a leg is the ankle (Human3.6M).
     """

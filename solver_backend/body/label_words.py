@@ -219,7 +219,7 @@ class LabelWords:
         return max(map(len, (*self.vocabulary, *self.sides.words)))
 
     def _is_part(self, text: str) -> bool:
-        """Return whether a part of a token is a word: ``HANDLE`` is not ``HAND`` with a French article."""
+        """Return whether a part of a token is a word. ``HANDLE`` is not ``HAND`` and an article."""
         long = text in self.vocabulary and len(text) > ARTICLE
         return bool(self.vocabulary.get(text)) or long or text in self.sides.words
 

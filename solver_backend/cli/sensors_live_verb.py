@@ -116,7 +116,7 @@ def _frame(moment: LiveMoment) -> PointFrame:
 
 
 def _waved(chain: MarkerChain, moments: Iterator[LiveMoment]) -> Iterator[LiveLine]:
-    """Yield a line per ``COVERAGE_INTERVAL_S``: the covered part of every image, and the next position."""
+    """Yield lines with the image coverage and the wand's next position, ``COVERAGE_INTERVAL_S`` apart."""
     cameras = chain.cameras
     coverage, reported, number, moment = Coverage(cameras.names, cameras.image_size), 0.0, 0, None
     for moment in moments:

@@ -305,7 +305,7 @@ def find_cycles(motion: MotionFile, shortest_s: float = SHORTEST_S) -> list[tupl
 
 
 def _gap(motion: MotionFile, first: int, last: int) -> Seam:
-    """Return the seam between a frame and its replacement, without rates at the ends of the take."""
+    """Return the seam between two frames of a motion, without rates at the ends of the take."""
     seam = measure_seam(motion, last, motion, first)
     return seam if first > 0 and last < motion.num_frames - 1 else seam.without_rates
 

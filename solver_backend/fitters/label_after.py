@@ -75,7 +75,7 @@ def worn(cloud: MarkerCloud) -> MarkerCloud:
 def _proposed(
     cloud: MarkerCloud, reference: MarkerCloud, progress: Progress, network: PointNetwork | None, *, persistent: bool
 ) -> np.ndarray | None:
-    """Return (F, N) reference columns that the network proposes for the points, or None without a network."""
+    """Return the network's (F, N) proposals of reference columns for the points, None if it fails."""
     try:
         network = network or load_network()
         column = _columns(reference, network)

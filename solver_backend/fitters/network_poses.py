@@ -139,7 +139,7 @@ def with_network_results(
 
 
 def _sized(source: OneCamera, match: _Match) -> Measurements:
-    """Return the measurements of one camera, with the person's size from the mean of the lifted and the result's pose.
+    """Return the measurements with the person's size from the mean of both poses.
 
     A wrong pose causes a wrong size, which moves the person in depth, and the errors of the two poses are independent.
     """

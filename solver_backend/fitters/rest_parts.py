@@ -232,7 +232,7 @@ def _between(near: Collection[int], parents: Sequence[int], *, across: bool) -> 
 
 
 def _folding(unmarked: Collection[int], body: Body) -> set[int]:
-    """Return the joints in connected groups of joints without landmarks that contain a whole long bone.
+    """Return the joints of chains without landmarks that contain a whole long bone.
 
     Such a chain can fold, so its ends do not determine it: a head and heels show neither knees nor a pelvis.
     """

@@ -285,7 +285,7 @@ def _shifts(height: np.ndarray, held: np.ndarray, parts: np.ndarray) -> np.ndarr
 
 
 def _anchors(place: np.ndarray, held: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-    """Return (F, S, 3) mean positions over each held range, or over its fixed frames (F,) if it has any."""
+    """Return (F, S, 3) mean positions over each contact, or over its (F,) fixed frames if any."""
     anchors = np.zeros(place.shape)
     for k in range(held.shape[1]):
         for first, last in true_runs(held[:, k]):

@@ -300,7 +300,7 @@ def shape_of(points: np.ndarray, skin_m: float = SKIN_M) -> TakeShape:
 
 
 def exchange_gains(one: TakeShape, other: TakeShape, pairs: np.ndarray) -> np.ndarray:
-    """Return (P,) gains of exchanging each of (P, 2) marker pairs in one take, in half squared deviations.
+    """Return (P,) gains of exchanging marker pairs (P, 2) in one take, in half squared deviations.
 
     The gain is ``Σ_c w_c [q(a, a) + q(b, b) - q(a, b) - q(b, a)]`` with ``q(x, y) = min(½ (d_xc - d'_yc)² / v_c, cap)``
     over the other markers c. The same sum of triple products, whose sign an exchange changes, is added. Both takes show

@@ -257,7 +257,7 @@ def _moved_with(weights: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
 
 
 def _limbs_fit(markers: np.ndarray, places: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Return a (53,) mask of markers with all markers from their joint outwards near the body, or missing.
+    """Return a (53,) mask of markers on limbs that fit the body from their joint outwards.
 
     On a wrist with a marker bar, a body that is fitted to both ends mistakes a hand for one of them.
     """
@@ -367,7 +367,7 @@ def label_take(
 
 
 def _frames_to_read(seen: np.ndarray, tracklets: Tracklets, fps: float) -> np.ndarray:
-    """Return frames at the reading rate, and one in each shorter tracklet, if enough points are visible.
+    """Return frames at the reading rate and one per shorter tracklet, with enough visible points.
 
     Frames with many points are read less often, see ``CROWD``, and as few as short tracklets allow.
     """

@@ -86,7 +86,7 @@ def _drift(motion: Motion, feet: np.ndarray) -> Iterator[Diagnostic]:
 
 
 def _is_moving_in_stances(feet: np.ndarray, fps: float, change: float) -> bool:
-    """Return whether the lower of the (F, 2, 3) feet follows the take's height change during stances too.
+    """Return whether standing feet follow the take's height change, as in a drift.
 
     During stances a foot is still on stairs, but moves with the body in a drift. Without stances, nothing distinguishes
     them.

@@ -101,7 +101,7 @@ def detected_share(capture: Capture) -> np.ndarray | None:
 
 
 def located_share(capture: Capture) -> np.ndarray | None:
-    """Return the (F,) fraction of keypoints that at least two cameras, or the only one, detect, 0..1."""
+    """Return the (F,) fraction of keypoints detected by two cameras, or by the only camera."""
     return None if capture.keypoints is None else capture.placed.mean(axis=-1)
 
 

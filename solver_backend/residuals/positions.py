@@ -53,7 +53,7 @@ class PositionTerm(Rows):
         return Residuals(error[None], squared[None], measured[None])
 
     def leverage(self, points: Array, used: Array) -> Array:
-        """Return the (1, F, L) leverage, 1 if used: a single measurement's whole error enters its point."""
+        """Return the (1, F, L) leverage, 1 if used, because a single measurement determines its point."""
         return array_namespace(points).astype(used, points.dtype)
 
     def rescaled(self, variance: Array) -> PositionTerm:

@@ -79,7 +79,7 @@ class ReprojectionTerm:
         return replace(self, weight=self.weight / variance)
 
     def leverage(self, points: Array, used: Array) -> Array:
-        """Return the (C, F, L) share of each view's error that enters a fitted point (see ``DataTerm``)."""
+        """Return the (C, F, L) leverage of each view on a fitted point (see ``DataTerm``)."""
         xp = array_namespace(points)
         _, J, _ = project_with_jacobian(self.cameras, points)
         weight = xp.where(used, self.weight, xp.zeros_like(self.weight))

@@ -81,7 +81,7 @@ class DenseBlocks:
 
 @dataclass(frozen=True)
 class Arrowhead:
-    """Equations of B blocks that share m unknowns, which are solved for first (Schur complement)."""
+    """Equations of B blocks with m shared unknowns. Their Schur complement is solved first."""
 
     blocks: Array  # (B, n, n).
     coupling: Array  # (B, n, m).
@@ -230,7 +230,7 @@ def _most(damping: Array) -> Array:
 
 
 def _share_awaited(most: Array, damping: Array) -> Array | float:
-    """Return the fraction of the tolerance (B,) that counts as a change: a tenth if a part was held back."""
+    """Return the (B,) fraction of the tolerance that counts as a change, less for damped parts."""
     return 1.0 if damping.ndim == 1 else 1.0 - 0.9 * array_namespace(most).astype(most >= HELD_BACK, most.dtype)
 
 

@@ -27,7 +27,7 @@ class Euclidean:
         return x + v
 
     def velocity(self, x: Array, v: Array, y: Array) -> Array:
-        """Return the derivative of ``retract(x, a v)`` by ``a`` at ``a = 1``, where the curve is at ``y``."""
+        """Return the derivative of ``retract(x, a v)`` by ``a`` at its end ``y``, where ``a`` is 1."""
         return v
 
     def inner(self, u: Array, v: Array) -> float:

@@ -137,7 +137,7 @@ def measure_proportions(actor: Actor, target: Target) -> Proportions:
 
 
 def scale_of(proportions: Proportions) -> float:
-    """Return the ratio of the legs if it is plausible, or without legs the median of the other ratios."""
+    """Return the plausible ratio of the legs, or the median of the other ratios without legs."""
     known = [value for value in vars(proportions).values() if np.isfinite(value)]
     if known and not 1 / _ANY_UNIT <= np.median(known) <= _ANY_UNIT:
         hint = "One of the two uses another unit. Set the scale of the armature."

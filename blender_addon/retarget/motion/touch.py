@@ -274,7 +274,7 @@ def keep_hands_on_body(
     goals: dict[str, np.ndarray],
     scale: float,
 ) -> dict[str, np.ndarray]:
-    """Return wrist positions that keep touching palms and fingertips as far from the skin as the actor's.
+    """Return wrist positions that keep the actor's skin distance of touching palms and fingertips.
 
     A point has a relative position t along the line of each part, an angle φ about it, and a distance d from it. The
     target uses the same t and φ, and the distance scaled by hand size: ``r'(t, φ) + (s'/s) (d - r(t, φ))``. The

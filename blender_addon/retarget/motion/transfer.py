@@ -163,7 +163,7 @@ def _bones_of(target: Target, turns: np.ndarray, bones: list[int]) -> tuple[np.n
 
 
 def _hand_goals(actor: Actor, target: Target, places: np.ndarray) -> dict[str, np.ndarray]:
-    """Return (F, 3) wrist goals. Vectors from the shoulder are the actor's, scaled by the arm length."""
+    """Return (F, 3) wrist goals: the actor's vectors from the shoulder, scaled by the arm length."""
     goals = {}
     for side in SIDES:
         roles = LIMBS[f"{side}_arm"]
@@ -182,7 +182,7 @@ def within_arms(
     goals: dict[str, np.ndarray],
     touching: dict[str, np.ndarray],
 ) -> tuple[dict[str, np.ndarray], float]:
-    """Return the goals of touching hands within the arm's reach, and the largest shortening in metres."""
+    """Limit the goals of touching hands to the arm's reach. Return them and the largest cut in metres."""
     kept, beyond = dict(touching), 0.0
     for side in SIDES:
         *_, hand = roles = LIMBS[f"{side}_arm"]

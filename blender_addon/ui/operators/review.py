@@ -129,13 +129,13 @@ def _edit_contact(self: Any, context: bpy.types.Context, *, touches: bool) -> st
 
 @operator("Add Contact", TAKE, EDITABLE)
 def add_contact(self: Any, context: bpy.types.Context) -> str | set[str]:
-    """Keep the part of the active bone on the floor from First to Last when the range is solved again."""
+    """Keep the active bone's part on the floor from First to Last when the range is solved again."""
     return _edit_contact(self, context, touches=True)
 
 
 @operator("Remove Contact", TAKE, EDITABLE)
 def remove_contact(self: Any, context: bpy.types.Context) -> str | set[str]:
-    """Let the part of the active bone move from First to Last when the range is solved again."""
+    """Let the active bone's part move from First to Last when the range is solved again."""
     return _edit_contact(self, context, touches=False)
 
 

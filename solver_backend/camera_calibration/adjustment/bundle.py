@@ -315,7 +315,7 @@ class _Equations:
 
 
 def _free_matrix(unknowns: Unknowns) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (C P, Q) step of each unknown, and the P of ``CAMERA_PARAMETERS`` that are unknown."""
+    """Return the (C P, Q) matrix from unknowns to camera parameters, and the P unknown parameters."""
     C = len(unknowns.poses)
     late = np.zeros(C, bool) if unknowns.delays is None else unknowns.delays
     lens = np.zeros((C, PARAMETERS), bool) if unknowns.lens is None else unknowns.lens

@@ -52,7 +52,7 @@ def _fastest(steps: np.ndarray, runs: list[tuple[int, int]]) -> float:
 
 
 def _kept(place: np.ndarray, pieces: list[tuple[int, int]], fps: float) -> list[bool]:
-    """Return a mask of the pieces near the longest piece, or near its continuation if the figure returns.
+    """Return a mask of the pieces that continue the longest piece, directly or after a jump and return.
 
     The first and last piece never return. A run of pieces longer than a jump does not return either, because the figure
     may be fast.

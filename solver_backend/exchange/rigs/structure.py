@@ -52,7 +52,7 @@ def _limb_fits(skeleton: Skeleton, branch: int, limb: str, named: float) -> list
 
 
 def _joint_of_names(skeleton: Skeleton, path: list[int], middle: int, bears: list[bool]) -> int:
-    """Return the end of a limb among the bones after its middle joint that have the name of its end.
+    """Return the end of a limb among the bones after its middle joint with the end's name.
 
     It is the first one, unless the next one is further away than a palm. Depth cameras track the middle of the palm as
     the hand. In Acclaim's skeletons the wrist rotates the lower forearm, and the hand's bone begins at the joint.
@@ -330,7 +330,7 @@ def _differ(skeleton: Skeleton, one: tuple[LimbFit, LimbFit], other: tuple[LimbF
 
 
 def _unsure(skeleton: Skeleton, roles: dict[str, int], best: _Limbs, others: list[_Limbs]) -> list[str]:
-    """Remove roles that a nearly as likely interpretation gives to other bones. Return a message for each."""
+    """Remove roles that a similarly likely interpretation assigns differently. Return messages."""
     doubts = []
     for limb, parts in (("legs", _LEG), ("arms", (*_ARM, *FINGERS))):
         own = getattr(best, limb)
@@ -361,7 +361,7 @@ def _add_trunk(roles: dict[str, int], skeleton: Skeleton, limbs: _Limbs, up: np.
 
 
 def _add_named_head(roles: dict[str, int], skeleton: Skeleton, trunk: list[int]) -> list[str]:
-    """Add the only named head above the chest, because positions along a single axis do not reveal a head."""
+    """Add the only bone named as a head, because a trunk on one axis does not reveal the head."""
     heads = [bone for bone in skeleton.below(trunk[0]) if names_part(skeleton.names[bone], "head")]
     if len(heads) != 1:
         return ["No head was found."]

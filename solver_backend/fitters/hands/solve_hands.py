@@ -372,7 +372,7 @@ def _solve_each(
     solve: Callable[[int, MeasuredHand, Callable[[], None]], HandRange],
     progress: Progress,
 ) -> tuple[SolvedFrames, dict[int, HandRange]]:
-    """Solve each measured hand. Return the poses with adjusted arms, and the solved hand of each side."""
+    """Solve each measured hand. Return the poses with adjusted arms, and the hands by side."""
     hands = dict[int, HandRange]()
     subject, poses, count = solved.subject, solved.frames, len(found.hands)
     for number, (side, hand) in enumerate(found.hands.items()):

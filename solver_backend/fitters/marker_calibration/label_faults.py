@@ -293,7 +293,7 @@ def _feet_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | No
 def _knee_forward(
     lateral: np.ndarray, hip: np.ndarray, knee: np.ndarray, ankle: np.ndarray, least: float
 ) -> np.ndarray:
-    """Return the (F,) sines of the direction in which the knee bends, NaN if it bends less than ``least``."""
+    """Return (F,) sines of the knee's bending direction, positive forwards, NaN for straight knees."""
     along, bend = unit(hip - ankle), knee - ankle
     bend = bend - (bend * along).sum(-1, keepdims=True) * along
     bent = np.linalg.norm(bend, axis=-1) > least * np.linalg.norm(hip - ankle, axis=-1)
@@ -301,7 +301,7 @@ def _knee_forward(
 
 
 def _centres_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | None:
-    """Return the (n, F) sines of the direction of bent knees and noses, positive forwards, or None."""
+    """Return (n, F) sines of the directions of bent knees and noses, positive forwards, or None."""
     found = []
     hips, shoulders = _lateral(points, column, ("FWT",), 1), _lateral(points, column, ("SHO",), 1)
     if hips is not None:

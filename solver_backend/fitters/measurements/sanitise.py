@@ -112,7 +112,7 @@ def check_capture(
 
 
 def _others(capture: Capture, repeated: np.ndarray, faults: Sequence[ViewFault]) -> list[Keypoints2D]:
-    """Return the detections of other people in the views used, with the faults of whole views undone."""
+    """Return the other people's detections in the used views, with view faults corrected."""
     cameras, chosen = capture.require_multiview()
     seeing = (chosen.confidence > 0).any(axis=(1, 2))[:, None, None]
     others: list[Keypoints2D] = []
@@ -209,7 +209,7 @@ def _alterations(
     replaced: np.ndarray,
     grids: np.ndarray,
 ) -> list[Diagnostic]:
-    """Return diagnostics of repeated, skipped, filled and ``replaced`` frames, and of pixel grids."""
+    """Return diagnostics about repeated, skipped, filled and replaced frames and rounded pixels."""
     whole, found = [(0, len(skipped) - 1)], list[Diagnostic]()
     for view, name in enumerate(cameras.names):
         where: dict[str, Any] = {"cameras": [name], "frames": whole}

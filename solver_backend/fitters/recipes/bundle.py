@@ -312,7 +312,7 @@ def hold_skin(bundle: Bundle) -> Bundle:
 
 
 def _hold_outside(bundle: Bundle, world: Obstacles, others: OtherSkin | None) -> tuple[Bundle, np.ndarray]:
-    """Solve with the skin outside of surfaces. Also return an (F, 11) mask of parts that these affect."""
+    """Solve with the skin outside of surfaces. Also return an (F, 11) mask of the affected parts."""
     standing, names = bundle.contacts, bundle.posed.subject.landmarks.names
     works = np.zeros((bundle.problem.num_frames, len(CONTACT_PARTS)), bool)
     last = Pass(bundle.schedule, tuple(block.name for block in bundle.free.blocks), looseness=bundle.looseness)

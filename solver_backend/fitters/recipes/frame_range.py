@@ -156,7 +156,7 @@ def _within(contacts: list[UserContact], first: int, last: int) -> list[UserCont
 
 
 def _as_told(motion: Motion, told: Sequence[UserContact]) -> np.ndarray:
-    """Return an (F, 11) mask of the touching parts of an earlier motion, with the user's changes."""
+    """Return the (F, 11) mask of an earlier motion's touching parts, with the user's changes."""
     touches = np.zeros((motion.num_frames, len(CONTACT_PARTS)), bool)
     if motion.touches is not None:
         touches |= motion.touches

@@ -54,7 +54,7 @@ def read_qualisys(path: Path) -> StatedCameras:
 
 
 def _in_whole_pixels(entry: CameraEntry) -> bool:
-    """Return whether intrinsics that were read as 1/64 pixel fit the image only when multiplied by 64."""
+    """Return whether intrinsics read in 1/64 pixel are in whole pixels, judging by the image size."""
     assert entry.image_size is not None
     middle = 0.5 * np.array(entry.image_size)
     return bool((np.abs(SUBPIXELS * entry.K[:2, 2] - middle) < 0.5 * middle).all() and entry.K[0, 2] < middle[0] / 8)

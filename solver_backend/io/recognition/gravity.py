@@ -359,7 +359,7 @@ def _balance(points: np.ndarray, joint_set: JointSet, z: np.ndarray, tilt_sigma:
 
 
 def _floor(feet: np.ndarray, z: np.ndarray, fps: float) -> float:
-    """Return the gain of the new up over ``z`` in explaining the slope under the feet (rotated world)."""
+    """Return how much better the new up than ``z`` explains the floor slope under the feet."""
     if z[2] < 0.1:  # the calibration's floor would be vertical
         return 0.0
     slope, covariance, _ = fit_floor(feet, np.zeros(2), 1e-6 * np.eye(2), fps)

@@ -103,7 +103,7 @@ def recognise_joint_set(
 
 
 def bone_score(joint_set: JointSet, xy: np.ndarray, confidence: np.ndarray) -> float:
-    """Return the median of RMS bone length relative to height in the image, infinity without people."""
+    """Return the median RMS bone length relative to the person's height, infinity without people."""
     names = joint_set.keypoints
     pairs = {(a.format(s=side), b.format(s=side)) for a, b in _BONES for side in ("left", "right")}
     known_pairs = [(names.index(a), names.index(b)) for a, b in sorted(pairs) if a in names and b in names]

@@ -348,7 +348,7 @@ def _fit_one_camera(camera: Cameras, keypoints: Keypoints2D, settings: WorldSett
 def _fit_carried_camera(
     camera: Cameras, keypoints: Keypoints2D, settings: WorldSettings, check: WorldCheck
 ) -> WorldFit:
-    """Apply the path in a file to the camera, or the earlier path again if the world is to be levelled."""
+    """Apply a camera path from a file, or level the capture's own path again."""
     count = keypoints.num_frames
     if settings.camera_path:
         path = read_camera_path(settings.camera_path, count, keypoints.fps)

@@ -41,7 +41,7 @@ def _takes_by_folder(folders: Sequence[Path]) -> dict[str, dict[str, Path]]:
 
 
 def _footage_in(folder: Path) -> dict[str, Path]:
-    """Return the recording of each take in a camera's folder. OpenCap's subfolder has a folder per take."""
+    """Return a camera folder's recording of each take. OpenCap has one subfolder per take."""
     for place in _folders(folder):
         if place.name.lower() == _SOURCE_FOLDER:
             found = dict(recordings_beside(place))

@@ -176,7 +176,7 @@ def synchronise(
 
 
 def _by_what_tells(found: Sequence[VideoDetections], cameras: Cameras | None) -> Clocks:
-    """Return the clocks from keypoints, otherwise from sound, otherwise as recorded with a warning."""
+    """Return clocks from keypoints, else from sound, else assume synchronised files and warn."""
     try:
         return by_keypoints(found, cameras)
     except SyncUnknown as why:
