@@ -128,7 +128,7 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ("Bend error of knuckles and middle joints in these takes (RMS)", "hands", "flexion_rms_deg", "°"),
         ("True finger joints inside the 95 % confidence ellipsoids", "hands", "in_ellipsoids_percent", "%"),
         ("Bend error with 26 markers per hand (RMS)", "hands", "hand26_flexion_rms_deg", "°"),
-        ("Bend error with 10 markers per hand (RMS)", "hands", "hand10_flexion_rms_deg", "°"),
+        ("Bend error with 10 markers per hand, hands of the training (RMS)", "hands", "hand10_flexion_rms_deg", "°"),
         ("Solve time of body and hands relative to the body alone", "hands", "times_the_body_alone", ""),
         ("CPU time to find both hands in a picture", "hand_detection", "two_hands_ms", "ms"),
         (

@@ -234,6 +234,9 @@ def _restarted(lost: np.ndarray, keys: Keyframes, start: Start) -> Keyframes:
     return hemisphere_aligned(keys)
 
 
+ROUNDS = 4  # Most rounds that solve outlier markers again. A walk of Rajagopal et al. (2016) needs three.
+
+
 def resolve_outlier_markers(
     measurements: Measurements,
     model: BundleModel,
@@ -242,20 +245,23 @@ def resolve_outlier_markers(
     schedule: Schedule,
     frames: np.ndarray,
 ) -> Keyframes:
-    """Solve windows with outlier markers again, and keep results with fewer outliers.
+    """Solve windows with outlier markers again as long as fewer are left. A round starts where the last ended.
 
     ``measurements`` are the markers of a calibrated person, not the keypoints of a motion. References: Blake and
     Zisserman 1987 (graduated non-convexity), Black and Rangarajan 1996.
     """
-    far = _outliers(measurements, model, layout, keys, frames)
     windows_of, _ = layout.positions(frames)
-    lost = np.zeros(layout.num_windows, dtype=bool)
-    lost[windows_of[far.any(axis=1)]] = True
-    for windows in ranges_around(lost):
-        again = keys.replaced(keys_of(windows), cut_out(model, layout, keys, schedule, windows).solve().keys)
-        here = (windows_of >= windows.start) & (windows_of < windows.stop)
-        if _outliers(measurements, model, layout, again, frames[here]).sum() < far[here].sum():
-            keys = again
+    for _ in range(ROUNDS):
+        before, far = keys, _outliers(measurements, model, layout, keys, frames)
+        lost = np.zeros(layout.num_windows, dtype=bool)
+        lost[windows_of[far.any(axis=1)]] = True
+        for windows in ranges_around(lost):
+            again = keys.replaced(keys_of(windows), cut_out(model, layout, keys, schedule, windows).solve().keys)
+            here = (windows_of >= windows.start) & (windows_of < windows.stop)
+            if _outliers(measurements, model, layout, again, frames[here]).sum() < far[here].sum():
+                keys = again
+        if keys is before:
+            break
     return hemisphere_aligned(keys)
 
 

@@ -221,17 +221,22 @@ def space_keys(bundle: Bundle) -> Bundle:
 def restart_lost_limbs(bundle: Bundle) -> Bundle:
     """Solve lost limbs again before noise is learned, because they must not count as noise."""
     posed, measured = bundle.posed, bundle.problem.measurements
-    # A limb in another position has another code, so codes are free here in every pass.
-    free = state_layout(bundle.problem.prior).only([CODE, *(block.name for block in bundle.free.blocks)])
-    taken = measured, replace(bundle.model, free=free), posed.layout, posed.keys, posed.points
+    taken = measured, _with_codes(bundle), posed.layout, posed.keys, posed.points
     return bundle.move(resolve_lost_limbs(*taken, bundle.restart, bundle.schedule, posed.frames))
+
+
+def _with_codes(bundle: Bundle) -> BundleModel:
+    """Return the model with free codes, because a limb in another position has another code."""
+    free = state_layout(bundle.problem.prior).only([CODE, *(block.name for block in bundle.free.blocks)])
+    return replace(bundle.model, free=free)
 
 
 def restart_outlier_markers(bundle: Bundle, schedule: Schedule) -> Bundle:
     """Solve keys near outlier markers again, starting from wide robust scales."""
     posed, measured = bundle.posed, bundle.problem.measurements
     frames = posed.layout.frames if posed.frames is None else posed.frames
-    return bundle.move(resolve_outlier_markers(measured, bundle.model, posed.layout, posed.keys, schedule, frames))
+    taken = measured, _with_codes(bundle), posed.layout, posed.keys
+    return bundle.move(resolve_outlier_markers(*taken, schedule, frames))
 
 
 def learn_shape(bundle: Bundle, *, offsets: bool) -> Bundle:
@@ -405,7 +410,7 @@ def plan_known_person(problem: Problem, settings: SolveSettings) -> PassPlan:
     passes = (off,) if starts_near else (Pass(near, ON_THE_MANIFOLD), off)
     after: tuple[Step, ...] = (restart_lost_limbs,)
     if settings.residual_rotations and measured.source.calibrated:
-        after += (partial(restart_outlier_markers, schedule=replace(last, scales=(4 * scale, scale))),)
+        after += (partial(restart_outlier_markers, schedule=replace(last, scales=(16 * scale, 4 * scale, scale))),)
     return PassPlan(
         window, passes, (*after, hold_skin), np.arange(0, problem.num_frames, stride), problem.frames_of(4, 1)
     )
