@@ -14,12 +14,12 @@ from packaging.requirements import Requirement
 ROOT = Path(__file__).resolve().parents[1]
 CI_EXTRAS = ("bpy", "capture", "oak", "train", "scale", "dev")
 DATA = (
-    ("CMU motion capture (mocap.cs.cmu.edu)", "free to copy, modify and redistribute; no direct resale", "weights"),
+    ("CMU motion capture (mocap.cs.cmu.edu)", "free to copy, modify and redistribute, no direct resale", "weights"),
     ("UI-PRMD (Vakanski et al. 2018)", "ODC PDDL 1.0", "weights"),
     ("Quaternius and Mesh2Motion animations", "CC0-1.0", "weights"),
     ("MakeHuman motions", "CC0-1.0", "weights"),
     ("Pose2Sim's demo recording (perfanalytics, 2022)", "BSD-3-Clause", "picture of the README"),
-    ("ANSUR II (US Army, 2012)", "public survey; summary statistics only", "body"),
+    ("ANSUR II (US Army, 2012)", "public survey, summary statistics only", "body"),
 )
 """Data sources of shipped files, with terms and files. See the model cards."""
 
@@ -62,7 +62,7 @@ def licence_of(package: Distribution) -> str:
     files = [package.read_text(f"licenses/{name}") or "" for name in metadata.get_all("License-File") or ()]
     text = "\n".join([metadata.get("License") or "", *files]).strip().splitlines()
     found = stated or ", ".join(classifiers) or (text[0][:60] if text else "")
-    return found or ("none: holds no files" if _is_empty(package) else "not stated")
+    return found or ("none, because it has no files" if _is_empty(package) else "not stated")
 
 
 def _is_empty(package: Distribution) -> bool:

@@ -84,7 +84,7 @@ def prior() -> str:
                 polyline(place + 84 * joints[list(chain)] * (1, -1), ACCENT if is_key else QUIET, 3 if is_key else 2)
             ]
     parts += [text(500, 232, "poses between three keys, one code each", "m s")]
-    parts += [text(500, 250, "blue: keys; grey: on the curve; dashed: straight lines leave the sphere", "m s")]
+    parts += [text(500, 250, "blue keys, grey poses on the curve, dashed lines off the sphere", "m s")]
     return picture(
         "The pose prior: a curve between three codes on a sphere, and the poses that it decodes to", 268, parts
     )
@@ -109,7 +109,7 @@ def bundle() -> str:
         dot((x(t), h), 4.5, ACCENT, hollow=bool(k % 2))
         for k, (t, h) in enumerate(zip(layout.key_times, heights, strict=True))
     ]
-    parts += [text(x(31), 190, "frames, cut into windows; windows are shorter where the take is fast", "m s")]
+    parts += [text(x(31), 190, "frames, divided into windows that are shorter in fast motion", "m s")]
     parts += [
         dot((40, 212), 4.5, ACCENT),
         text(50, 216, "key shared by two windows", "s"),
@@ -124,7 +124,7 @@ def bundle() -> str:
                 parts.append(
                     f'<rect x="{left + side * column}" y="{top + side * row}" width="10" height="10" fill="{fill}"/>'
                 )
-    parts += [text(left, 24, "normal equations", "s"), text(left, 196, "one block a key; windows meet in", "s")]
+    parts += [text(left, 24, "normal equations", "s"), text(left, 196, "one block per key. Windows share", "s")]
     parts += [text(left, 212, "one key, so the matrix is banded", "s")]
     return picture("Keyframes over time, the curves between them, and the banded normal equations", 232, parts)
 
@@ -145,7 +145,7 @@ def noise() -> str:
         ]
         parts += [text(x, y - 14, name, "m s")]
     parts += [ellipse(*point, (17, 9), 28, ACCENT), dot(point, 3, ACCENT)]
-    parts += [text(190, 236, "Σ wᵢ Jᵢᵀ Jᵢ: one 3 × 3 matrix, whatever the number of cameras", "m s")]
+    parts += [text(190, 236, "Σ wᵢ Jᵢᵀ Jᵢ: one 3 × 3 matrix for any number of cameras", "m s")]
     left, bottom, wide, high = 440, 190, 250, 140
     r, last = np.linspace(0, _FARTHEST, 81), SolveSettings().robust_scale
     for scale, colour, name, at in ((4 * last, QUIET, "first pass", 48), (last, ACCENT, "last pass", 22)):
@@ -188,7 +188,7 @@ def markers() -> str:
         arrow((449, 104), (449, 128), (93, 128), (93, 150)),
         box(16, 152, 154, 62, ("Subject file", "for all takes of", "the person"), WARM),
     ]
-    return picture("From optical markers to a body: label, calibrate, solve, and what comes out", 232, parts)
+    return picture("From optical markers to a body: label, calibrate, solve, and the results", 232, parts)
 
 
 @cache

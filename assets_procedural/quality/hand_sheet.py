@@ -99,7 +99,7 @@ def main() -> None:
         __doc__,
         output("SHEET.png", "Picture to write"),
         flag("plain", "Leave out the correctives"),
-        option("choice", "side", "", "Hand to draw; both draws the left one first", "both", choices=sides),
+        option("choice", "side", "", "Hand to draw. The value both draws the left one first", "both", choices=sides),
     )
     body, material = load_body_with_hands(), read_baked().material
     sides = ("left", "right") if arguments.side == "both" else (arguments.side,)

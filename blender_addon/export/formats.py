@@ -38,7 +38,7 @@ FORMATS: dict[str, Format] = {
 ROOT_MOTIONS = (
     ("body", "On Hips", "The hips carry the travel over the ground"),
     ("root", "On Root", "A root bone carries the travel and the heading, smoothed"),
-    ("place", "In Place", "The travel is left out"),
+    ("place", "In Place", "The motion has no travel"),
 )
 """Choices for where the travel over the ground is stored: identifier, label and description of Blender enum items."""
 UNITS = (

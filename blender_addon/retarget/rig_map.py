@@ -41,7 +41,7 @@ class RigMap:
     """Warnings of the recognition about roles that it omitted, one sentence each. Files do not store them."""
 
     def renamed(self, names: dict[str, str]) -> RigMap:
-        """Return the map of all roles whose bone is in ``names``, with the new bone names."""
+        """Return the map of all roles with a bone in ``names``, with the new bone names."""
         bones = {role: names[bone] for role, bone in self.bones.items() if bone in names}
         switches = tuple(Switch(names[s.bone], s.key, s.fk, s.ik) for s in self.switches if s.bone in names)
         pose = {names[bone]: turn for bone, turn in self.map_pose.items() if bone in names}

@@ -39,8 +39,8 @@ MOST_POINTS = 90
 _LOOK, _JOINT_LOOK = PointLook(0.008, MARKER_COLOURS), PointLook(0.018, MARKER_COLOURS)
 """Radii of points and joints in metres, and the colours of their uncertainty. Chosen by hand."""
 _OFF_M = (0.0, 0.03, 0.08)
-"""Smallest distances in metres from the body for the second, third and fourth colour of a point: near, off, and far
-off, where the solver calls the pose unsure. A point that does not belong to the body has the first colour."""
+"""Smallest distances in metres from the body for the second, third and fourth colour of a point. At the last one the
+solver reports the pose as uncertain. A point that does not belong to the body has the first colour."""
 _DOUBT_M = (0.0, 0.02, 0.05)
 """Smallest standard deviations in metres for the second, third and fourth colour of a joint. Cameras and markers
 typically give 0.02 m for an observed joint, and 0.05 m for a joint that was unobserved for a while."""

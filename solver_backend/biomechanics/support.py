@@ -21,7 +21,7 @@ AIR_M = 0.1  # Smallest height in metres of the lowest skin above the floor of a
 JUMP_S = 1.0  # Longest time in the air, in seconds. A jump of 1 s raises the body by g T² / 8 = 1.2 m, out of reach.
 FLOOR_M = 0.05  # Largest height of the soles above the world's floor, in metres. Otherwise the floor is not at z = 0.
 LEVEL = 0.25
-"""Share of frames in which the lowest skin is below the floor level. The level therefore includes the soles of shoes.
+"""Fraction of frames with the lowest skin below the floor level. The level therefore includes the soles of shoes.
 With the world's floor instead, a person who squats in shoes (nimble, squats1) was in the air for 47 % of the take."""
 DIRECTIONS = 72  # Directions of the support polygon's edges. Its distance is up to 0.1 % too large.
 

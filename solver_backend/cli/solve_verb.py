@@ -270,7 +270,7 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[Ta
         except Cancelled:
             raise
         except MocapError as error:
-            line = f"warning: The motion of the person alone is kept, as the solve with other people failed: {error}"
+            line = f"warning: The solve with other people failed, so the motion of the person alone is used: {error}"
             ended[index] = own, title, replace(alone, summary=(line, *alone.summary))
     texts: list[str] = []
     summary: list[str] = []

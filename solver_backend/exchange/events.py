@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from typing import Any, NotRequired, TypedDict, cast
 
 Form = str | list[Any] | dict[str, Any]
-"""A key of ``_KINDS``, a list with the form of all its items, or forms by key. A value whose key ends in ? may be
-null. The key * matches all keys."""
+"""A key of ``_KINDS``, a list with the form of all its items, or forms by key. A value may be
+null if its key ends in ?. The key * matches all keys."""
 
 
 def _is_number(value: Any) -> bool:
@@ -56,7 +56,7 @@ _RESULTS: dict[str, dict[str, Form]] = {
     },
     "from-videos": {"takes": {"*": {"folder": "text", "source": "text", "read?": _CAPTURE}}},
 }
-"""Keys in the results of verbs on which a program depends."""
+"""Keys in the results of verbs that programs depend on."""
 _SEVERAL: dict[str, dict[str, Form]] = {
     "convert": {"captures": [{**_CAPTURE, "source": "text"}]},
     "solve": {"takes": [{**_SOLVED, "name": "text"}], "failed": [{"name": "text", "message": "text"}]},

@@ -51,7 +51,7 @@ class JointSet(StrEnum):
     Detectors of COCO's whole body may write only the first 23: body and feet."""
 
     def __new__(cls, name: str, keypoints: str = "", *written: int) -> Self:
-        """Create a member whose value is its name, with its columns."""
+        """Create a member with its name as value and its columns."""
         member = str.__new__(cls, name)
         member._value_ = name
         member.keypoints = _columns(keypoints)
@@ -96,7 +96,7 @@ class JointSet(StrEnum):
 
     @classmethod
     def fitting(cls, num_keypoints: int) -> tuple[JointSet, ...]:
-        """Return the sets whose detectors write this number of keypoints."""
+        """Return the sets with detectors that write this number of keypoints."""
         return tuple(s for s in cls if num_keypoints in s.num_written)
 
 

@@ -454,9 +454,9 @@ def join(first: MotionFile, second: MotionFile, blend_s: float = BLEND_S) -> tup
 
 
 def _hold_feet(joined: MotionFile, apart: np.ndarray, at: int, blend_s: float) -> MotionFile:
-    """Return a join whose planted feet stay where they are in the motions before the blend.
+    """Return a join with its planted feet at their positions before the blend.
 
-    A foot that stands on both sides of the seam stays at its place in the first motion. Its offset from the blended
+    A foot that stands on both sides of the seam keeps its position in the first motion. Its offset from the blended
     motion fades within ``blend_s`` around each contact. The leg bends to the ankle, and the pelvis follows a leg that
     is too short. Feet keep their directions.
 

@@ -21,7 +21,7 @@ def steps(points: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def stands(heights: np.ndarray, speeds: np.ndarray, fps: float) -> list[list[tuple[int, int]]]:
-    """Return the (first, end) frames of the ranges in which each point is planted.
+    """Return the ranges of planted frames of each point as (first, end).
 
     Args:
         heights: (F, K) heights in metres.

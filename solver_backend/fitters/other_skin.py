@@ -34,7 +34,7 @@ def spread_vertices(body: Body) -> np.ndarray:
 def only_close(one: Motion, other: Motion) -> Motion | None:
     """Return the other person's motion, unseen where no joints are within ``CLOSE_M``.
 
-    None if these are all frames. Frames in which either person is unseen count as such.
+    None if these are all frames. Frames without one of the people also count.
     """
     if one.joints is None or other.joints is None or len(one.joints) != len(other.joints):
         return None
@@ -49,7 +49,7 @@ def _seen(motion: Motion) -> np.ndarray:
 
 @dataclass(frozen=True)
 class OtherSkin:
-    """T points on the skin of other people, in the N frames in which any of them is seen."""
+    """T points on the skin of other people, in the N frames with any of them."""
 
     points: np.ndarray  # (N, T, 3) metres, single precision.
     normals: np.ndarray  # (N, T, 3) unit vectors out of the skin.

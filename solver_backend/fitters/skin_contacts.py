@@ -28,8 +28,8 @@ SAMPLE_S = 0.05  # Time between frames whose whole skin is posed.
 REACH_M = 0.03  # Skin up to this height above the floor may touch it after the solve.
 SOLE_M = 0.02  # Vertices of a foot up to this height above its lowest one at rest are its sole.
 LEVEL_M = 0.03
-"""Smallest depth of the lowest skin, in metres, at which the floor must be elsewhere: the mean of the deepest level
-with a true floor, 8 mm (``bench contacts``, level_deepest), and a step or wrong floor of 5 cm."""
+"""Smallest depth of the lowest skin, in metres, that shows another floor level: the mean of the deepest level with a
+true floor, 8 mm (``bench contacts``, level_deepest), and a step or wrong floor of 5 cm."""
 HANDS = (6, 7)  # Numbers of the hands' parts. Body keypoints do not determine the orientation of hands.
 LOWEST_M = 0.01  # Skin up to this height above a part's lowest skin touches in a contact that the user added.
 SURE = 3.09  # Normal quantile at which one of 1000 true surfaces is rejected.

@@ -100,7 +100,7 @@ _OWN |= {name: _on_cpu(getattr(np, name)) for name in ("arange", "empty", "eye",
 
 
 class NumpyNamespace:
-    """NumPy's functions, with those of the standard first."""
+    """NumPy's functions. Functions of the array standard have priority."""
 
     def __init__(self) -> None:
         self.__dict__.update(_OWN)

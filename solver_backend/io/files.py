@@ -120,7 +120,7 @@ def load_array(path: Path) -> np.ndarray:
 
 
 class AppendedFile:
-    """A file to which each piece is appended completely or not at all.
+    """A file that appends each piece completely or not at all.
 
     Nothing is buffered, so written pieces survive if the process ends unexpectedly.
     """

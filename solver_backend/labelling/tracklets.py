@@ -216,7 +216,7 @@ FLOOR_M, PLACED_M = 0.004, 0.006
 FREEDOM = 4.0  # Degrees of freedom of Student's t-distribution, so that one wrongly labelled partner does not decide.
 LONG_S = 3.0  # Seconds of common visibility from which the change of a distance is fully informative.
 ALIKE, ALIKE_M, ALIKE_CHANGE = 0.5, 0.012, 0.5
-"""Fraction of the pairs that are placed alike on both sides of a person, and the difference between their distances in
+"""Fraction of the pairs with similar positions on both sides of a person, and the difference between their distances in
 metres and relative to their change."""
 READINGS, _SHARE, FEWEST_PARTNERS = 8.0, 0.35, 6
 """Maximum number of independent partners (one marker's position affects all of its distances), largest weight of one

@@ -209,7 +209,7 @@ def uncertainty_section(motion: Motion) -> str:
     if motion.resting is not None:
         always = motion.resting.all(axis=0)
         names = ", ".join(np.array(motion.body_layout.joints)[always]).replace("_", " ")
-        lead += f" Joints in the rest pose have no data and are left out{f': {names}' if names else ''}."
+        lead += f" Joints in the rest pose have no data and are omitted{f': {names}' if names else ''}."
         sigma = np.where(motion.resting, np.nan, sigma)[:, ~always]
     lines = [
         PlotCurve(np.nanmax(sigma, axis=1), "least certain joint", "quiet"),

@@ -206,7 +206,7 @@ def levenberg_marquardt(
 def _adapted(damping: Array, better: Array, worse_part: Array) -> Array:
     """Return the damping of the next step, smaller after a good step and larger after a bad one.
 
-    A rejected step does not count against the parts that it improved, whose damping stays the same.
+    A rejected step does not change the damping of the parts that it improved.
     """
     xp = array_namespace(damping)
     if damping.ndim == 1 or damping.shape[1] == 1:
@@ -220,7 +220,7 @@ def _adapted(damping: Array, better: Array, worse_part: Array) -> Array:
 
 
 def _promises_little(system: NormalEquations, step: Array, cost: Array, damping: Array, settings: LMSettings) -> Array:
-    """Return a (B,) mask of problems whose equations predict too small a decrease of the cost."""
+    """Return a (B,) mask of problems with too small a predicted decrease of the cost."""
     share = settings.promise * settings.tolerance * _share_awaited(_most(damping), damping)
     return system.promised(step) < share * _total(cost)
 

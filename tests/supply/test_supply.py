@@ -59,7 +59,7 @@ def test_every_package_states_a_licence() -> None:
     assert "not stated" not in licence_table()
 
 
-@pytest.mark.parametrize(("held", "licence"), [("", "none: holds no files"), ("code.py,,\n", "not stated")])
+@pytest.mark.parametrize(("held", "licence"), [("", "none, because it has no files"), ("code.py,,\n", "not stated")])
 def test_a_package_without_files_needs_no_licence(tmp_path: Path, held: str, licence: str) -> None:
     folder = tmp_path / "lists-1.0.dist-info"
     folder.mkdir()

@@ -97,13 +97,13 @@ def check_sides(training: list[Clip], validation: list[Clip], held_out_subjects:
     """
     if not validation:
         raise FileMissing(
-            f"The recordings hold none of the subjects to validate on ({', '.join(sorted(held_out_subjects))}).",
-            hint="--data takes the folder that holds motion_cmu with all of its subjects.",
+            f"The recordings have none of the validation subjects ({', '.join(sorted(held_out_subjects))}).",
+            hint="For --data, give the folder that contains motion_cmu with all of its subjects.",
         )
     if not training:
         raise FileMissing(
-            f"The recordings hold no subject to train on besides {', '.join(sorted({c.subject for c in validation}))}.",
-            hint="--data takes the folder that holds motion_cmu with all of its subjects.",
+            f"The recordings have only validation subjects: {', '.join(sorted({c.subject for c in validation}))}.",
+            hint="For --data, give the folder that contains motion_cmu with all of its subjects.",
         )
 
 

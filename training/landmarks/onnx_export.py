@@ -122,7 +122,7 @@ def read_trained(folder: Path) -> LandmarkModel:
         raise FileMissing(
             "There is no trained row of the landmark networks here.",
             where=str(folder),
-            hint="Give the folder that train landmarks --work named; it holds figures.json and weights.npz.",
+            hint="Give the folder of train landmarks --work. It contains figures.json and weights.npz.",
         ) from error
     except ValueError as error:
         raise FileDamaged("The figures of the training cannot be read.", where=str(folder / "figures.json")) from error

@@ -148,9 +148,7 @@ class EncoderTask(SPoserTask):
         return pose_loss(truth, decoded, truth.new_ones(self._batch), self._settings.orthogonality)
 
 
-_ENCODER_ALONE = (
-    """ The encoder was trained alone for the decoder of `--from`, whose weights it ships with as they were."""
-)
+_ENCODER_ALONE = """ The encoder was trained alone for the decoder of `--from`. The decoder's weights are unchanged."""
 CARD = Card(
     "SPoser",
     """SPoser (thesis 6.2.2) is an autoencoder of the 21 body joints' rotations. Its codes are unit vectors of zero mean

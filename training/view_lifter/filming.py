@@ -142,7 +142,7 @@ def _points(body: Body, local: torch.Tensor, root: torch.Tensor) -> torch.Tensor
 def _with_limbs_of_others(
     local: torch.Tensor, start: torch.Tensor, end: torch.Tensor, generator: torch.Generator
 ) -> torch.Tensor:
-    """Return (N, 21, 3, 3) recordings whose clips have limbs of other clips, possibly from the other side."""
+    """Return (N, 21, 3, 3) recordings with limbs exchanged between clips, possibly from the other side."""
     out = local.clone()
     for first in start.unique().tolist():
         length = int(end[first]) - first

@@ -259,8 +259,8 @@ def _radii(share: np.ndarray, angle: np.ndarray, distance: np.ndarray, table: tu
 
 
 _TOUCH_BODY, _APART_BODY = (0.2, 0.35), (0.4, 0.65)
-"""Distances from the skin, in palm lengths, at which a hand touches and does not touch: of a fingertip, whose radius is
-0.1, and of the palm centre, which is 0.2 inside the hand's skin."""
+"""Distances from the skin, in palm lengths, at which a hand touches and does not touch: for a fingertip of radius 0.1,
+and for the palm centre, which is 0.2 inside the hand's skin."""
 _LIKELY = (0.4, 2.5)  # Plausible radii of the target relative to the scaled actor's.
 _CHEST_JOINT, _NECK, _HIPS = 9, 12, (1, 2)  # Numbers of SMPL's joints.
 

@@ -176,7 +176,7 @@ def shape(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         layout.column(align=True).prop(context.scene.mocap, "look", expand=True, text_ctxt=CONTEXT)
         if context.scene.mocap.look not in looks_of(mesh):
             wrapped(
-                layout, context, "This body was made without the chosen look. Add the body again to use it.", "INFO"
+                layout, context, "This body does not contain the chosen look. Add the body again to use it.", "INFO"
             )
     else:
         wrapped(layout, context, "Looks need a local body that this add-on made, in Object Mode.", "INFO")

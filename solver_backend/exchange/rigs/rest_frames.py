@@ -114,7 +114,7 @@ def limb_turns(points: np.ndarray, own: np.ndarray, is_arm: bool) -> tuple[np.nd
 
     Args:
         points: (3, 3) positions of hip, knee, ankle or shoulder, elbow, wrist on the stage.
-        own: (3, 3) the same for the other figure, whose limbs bend about their anatomical axes.
+        own: (3, 3) the same for the other figure. Its limbs bend about their anatomical axes.
     """
     turns = []
     for a, b in ((0, 1), (1, 2)):

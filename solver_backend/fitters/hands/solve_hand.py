@@ -84,7 +84,7 @@ def contact_equations(
     """Return costs (n,), gradients and Gauss-Newton matrices of ``½ Σ max(depth - δ, 0)² / σ²``.
 
     Sliding of the nearest points along two bones changes their distance only to second order and is ignored. ``points``
-    (n, 21, 3) are ``HAND_POINTS`` in metres, ``jacobian`` (n, 21, 3, D) their derivatives by the state.
+    (n, 21, 3) are ``HAND_POINTS`` in metres, and ``jacobian`` (n, 21, 3, D) is their derivative by the state.
     """
     count, dof = len(points), jacobian.shape[-1]
     cost, gradient, hessian = np.zeros(count), np.zeros((count, dof)), np.zeros((count, dof, dof))

@@ -30,7 +30,7 @@ from solver_backend.residuals.terms import geman_mcclure
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 
 BLOCK_FRAMES = 256  # Frames per block. Their matrices fit the cache, and blocks run in parallel. Affects time only.
-HESSIAN_FRAMES = 4  # Frames per window whose Hessians are formed, as these change slowly. Chosen by hand.
+HESSIAN_FRAMES = 4  # Frames per window with computed Hessians, which change slowly. Chosen by hand.
 FLOOR = 1e-2  # Precision added to every unknown to make matrices regular. Chosen by hand.
 FIXED = 1e12  # Precision of fixed keys, far above any measurement. Chosen by hand.
 Stencil = Sequence[Array | float]  # Coefficients of neighbouring keys.
@@ -304,7 +304,7 @@ def data_equations(
 
     Args:
         rows: the frames of N windows.
-        hessian_frames: number of frames per window whose Hessians are formed.
+        hessian_frames: number of frames per window with computed Hessians.
         decoded: see ``BundleModel.decode_fixed``, which is called here for None.
     """
     columns, blocks, free = rows.columns(hessian_frames), _blocks(rows, keys), _free_keys(keys, rows)
@@ -376,7 +376,7 @@ def matrices_by_keys(rows: WindowRows, hessian: Array, d_pose_d_keys: Array) -> 
     """Return (N, (n + 1) D, (n + 1) D) matrices ``P_aᵀ (Σ_f w_a w_b H_f) P_b``.
 
     Args:
-        rows: the frames of N windows whose Hessians are given.
+        rows: the frames of N windows that ``hessian`` covers.
         hessian: (N·m, p, p) Hessians of these frames, m per window.
         d_pose_d_keys: (n N + 1, p, D) derivatives P of the pose tangents by the tangents of the keys.
     """

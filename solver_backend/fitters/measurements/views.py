@@ -127,7 +127,7 @@ class LocatedPoints(_Points):
 
     @property
     def knows_floor(self) -> bool:
-        """Return False for markers: a laboratory may set zero elsewhere, and shoes have soles."""
+        """Return False, because a laboratory may have another zero, and shoes have soles."""
         return False
 
     @property

@@ -126,7 +126,7 @@ def _along(line: list[np.ndarray], share: float) -> np.ndarray:
 
 
 _PLACED = SMPL.both("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
-"""Limb joints, whose positions are fitted. Programs place head and toes differently, so only their rotations count."""
+"""Limb joints with fitted positions. Programs place head and toes differently, so only their rotations count."""
 _PLACE_SIGMA_M = 0.004  # Deviation of a limb joint from the skeleton's, in metres.
 _TURN_SIGMA = np.full(NUM_TURNED, 0.12)
 """Standard deviation of rotations in radians: less for the tilted pelvis, more for collars placed differently."""
@@ -388,11 +388,11 @@ class ImportedMotion:
 def import_motion(
     source: SkeletonMotion, roles: dict[str, str], body: Body, *, keep_height: bool = False
 ) -> ImportedMotion:
-    """Transfer a skeleton's motion to a body whose shape fits its bones.
+    """Transfer a skeleton's motion to a body with a shape that fits its bones.
 
     Args:
         roles: maps each role to a joint of the skeleton.
-        body: a body whose first joints are SMPL's.
+        body: a body that starts with SMPL's joints.
         keep_height: keep the clip's height. Otherwise the lowest soles are moved to z = 0.
 
     Raises:

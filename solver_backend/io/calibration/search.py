@@ -88,7 +88,7 @@ def find_calibration(
 
     Args:
         unit: see ``read_calibration``.
-        names: calibrated name of each recorded camera whose name differs.
+        names: calibrated name of each recorded camera with another name.
         by_views: assigns cameras if no calibration has the recorded names and ``names`` is empty.
         agreement: returns the fraction of keypoints that agree between views, given cameras in the recorded order. It
             chooses between several calibrations in one folder.

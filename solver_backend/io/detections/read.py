@@ -185,7 +185,7 @@ def _require_finite(pictures: list[_Picture]) -> None:
 
 
 def _unlike(found: Sequence[Diagnostic], bodies: Sequence[Diagnostic]) -> list[Diagnostic]:
-    """Return the diagnostics of hands that differ from those of bodies."""
+    """Return the diagnostics of hands that the bodies do not have."""
     said = {(item.code, item.values.get("how")) for item in bodies}
     return [item for item in found if (item.code, item.values.get("how")) not in said]
 

@@ -71,7 +71,7 @@ DETECTION_FOLDERS = (
     "detections",
     "labels",
 )
-"""Folders of detections, including those of EasyMocap, MMPose, MMDetection and COCO tools."""
+"""Detection folders, including the folders of EasyMocap, MMPose, MMDetection and COCO tools."""
 BELOW = ("sep-json", "labels", "json", "keypoints", "predictions", "openpose", "pose")
 """Folders inside a camera folder that contain its detections (AlphaPose, Ultralytics and others)."""
 _LEVELS_BELOW = 2  # Largest depth of such folders, as in ``cam01/openpose/json``.

@@ -51,7 +51,7 @@ def _floats(raw: np.ndarray, processor: Processor) -> np.ndarray:
 
     A VAX F float is two little-endian 16-bit words, the high word first. Its exponent is 2 larger than in the IEEE
     float with the same bits: ``value = ieee(high << 16 | low) / 4`` (VAX Architecture Reference Manual). From 2^126 up,
-    the bits are those of IEEE infinity and NaN, and the result is the same.
+    the bits mean infinity and NaN in IEEE, and the result is the same.
     """
     with np.errstate(invalid="ignore"):
         if processor is not Processor.DEC:
@@ -180,7 +180,7 @@ def _follow_chain(section: np.ndarray, processor: Processor) -> dict[str, Parame
 
 
 def _parameter(body: np.ndarray) -> Parameter | None:
-    """Return the parameter whose type byte comes first, or None if it does not fit into the section."""
+    """Return the parameter that starts with its type byte, None if it is longer than the section."""
     if len(body) < 2:
         return None
     kind, count = int(body[:1].view(np.int8)[0]), int(body[1])

@@ -71,7 +71,7 @@ def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
 def motion_of(clip: AmassClip, body: str, joints_of: JointsOf) -> Motion:
     """Convert a clip to a motion of a body, with the body's forward kinematics.
 
-    Shape coefficients are valid only for the body to which they were fitted. Set them to zero for another body.
+    Shape coefficients are valid only for their original body. Set them to zero for another body.
     """
     betas = np.zeros(NUM_BETAS)
     count = min(NUM_BETAS, len(clip.betas))

@@ -54,7 +54,7 @@ _LEAST_SHARE = 0.01  # Smallest fraction of all points at one position.
 
 
 def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
-    """Return the (2,) pixels at which most keypoints (..., K, 2) are at some time, or None."""
+    """Return the (2,) pixel that most keypoints (..., K, 2) share at some time, or None."""
     count = confidence.shape[-1]
     points, seen = xy.reshape(-1, count, 2), confidence.reshape(-1, count) > 0
     seen &= np.isfinite(points).all(-1)

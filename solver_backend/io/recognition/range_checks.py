@@ -81,7 +81,7 @@ def _odd_centres(cameras: Cameras) -> Iterator[Diagnostic]:
 
 
 def _folds(cameras: Cameras) -> Iterator[Diagnostic]:
-    """Yield a problem for each lens whose distorted radius decreases."""
+    """Yield a problem for each lens with a decreasing distorted radius."""
     limits = np.asarray(largest_radius(cameras.distortion, cameras.models)).reshape(-1)
     for c, limit in enumerate(limits):
         K, size = cameras.K[c], cameras.image_size[c]

@@ -51,7 +51,7 @@ _CODES = frozenset({
 
 
 def without_world(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Return the diagnostics without those of an earlier world check."""
+    """Return the diagnostics without the codes of an earlier world check."""
     return tuple(item for item in found if item.code not in _CODES)
 
 
@@ -254,7 +254,7 @@ def fit_world(
     up_axis: str | None = None,
     rolls: Sequence[int] = (),
 ) -> WorldFit:
-    """Transform the cameras to a world in which the person is upright.
+    """Transform the cameras to a world with an upright person.
 
     A calibration without a floor has the axes of a camera, with y down, or of a board.
 

@@ -49,7 +49,7 @@ class Device(OpenedDevice, ABC):
 
     @abstractmethod
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield frames until the device ends, and drop those that come too fast."""
+        """Yield frames until the device ends, and drop frames that arrive too fast."""
 
     def starting(self, start: float) -> Self:
         """Return the sensor with its time 0 at the host time ``start``."""

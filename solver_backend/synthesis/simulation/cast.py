@@ -104,7 +104,7 @@ _WAVELENGTH_M = 0.25  # Typical wavelength in metres, as of a calf or belly.
 
 
 def strange_body(seed: int, bones: float = 0.04, flesh_mm: float = 6.0, body: Body | None = None) -> Body:
-    """Return a body whose proportions differ from all shapes of the solver's body.
+    """Return a body with proportions unlike all shapes of the solver's body.
 
     Every bone is stretched along its axis by a random factor and carries its children. The skin follows by its weights
     and is then displaced by a smooth random field. Joints follow the skin, so keypoints also move.

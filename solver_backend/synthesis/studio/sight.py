@@ -83,8 +83,8 @@ class RigidSight:
 def rigid_sight(body: Body, landmarks: Landmarks, counted: np.ndarray) -> RigidSight:
     """Return the tables for a body's mean shape.
 
-    Of K landmarks, those that only the head or one hand carries have a table. ``counted`` (J, K) is a mask of the
-    points that each part can hide.
+    Landmarks that only the head or one hand carries have a table. ``counted`` (J, K) is a mask of the points that each
+    part can hide.
     """
     face_part = body.weights[body.faces].sum(axis=1).argmax(axis=1)
     at, bone, tables, parts = [], [], [], []
@@ -270,7 +270,7 @@ class BodySight:
         self._counted = counted[self.proxy.bone]
 
     def hidden(self, centres: np.ndarray, lines: np.ndarray, points: np.ndarray, posed: PosedProxy) -> np.ndarray:
-        """Return an (F, C, K) mask of keypoints whose sight line the body blocks."""
+        """Return an (F, C, K) mask of keypoints that the body hides from the camera."""
         hidden = hidden_by_ellipsoids(centres, lines, posed.middle, posed.shape, self._counted)
         hidden[..., self._rigid.point] |= self._rigid.hidden(centres, points, posed.turn)
         return hidden

@@ -12,8 +12,8 @@ from tests.benchmarks.spoiled_views.lies import LIES
 
 _HEAD = """# Captures with faults
 
-Captures of four cameras and 240 frames, each with one or two faults, are read and solved without options. Faults
-that cannot be corrected are on [another page](lies.md).
+Captures of four cameras and 240 frames, each with one or two faults, are read and solved without options. See
+[faults that look valid](lies.md) for the others.
 
 - *Solved*: the error is at most 1.15 times the error without the fault, and the world is level within 5°.
 - *Silent*: the error is larger, without a warning or refusal.

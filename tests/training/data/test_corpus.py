@@ -42,9 +42,9 @@ def test_recordings_without_a_held_out_subject_are_named() -> None:
     clips = [Clip("a", "08", poses(4, seed=3).astype(np.float32)), Clip("b", "02", poses(4, seed=4).astype(np.float32))]
     assert absent_subjects(clips) == ("03", "13", "60_61", "ui_prmd_s07", "ui_prmd_s08")
     assert absent_subjects(clips, frozenset({"08"})) == ()
-    with pytest.raises(FileMissing, match=r"none of the subjects to validate on \(03, 08, .*ui_prmd"):
+    with pytest.raises(FileMissing, match=r"none of the validation subjects \(03, 08, .*ui_prmd"):
         split_corpus(clips[1:])
-    with pytest.raises(FileMissing, match="no subject to train on besides 08"):
+    with pytest.raises(FileMissing, match="only validation subjects: 08"):
         split_corpus(clips[:1])
 
 
