@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.agreement.reading import ENOUGH, LEAST_VALUES, MIN_POINTS, Detections, extent, main_person
+from solver_backend.agreement.reading import ENOUGH, MIN_POINTS, Detections, extent, main_person
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid, TooFewViews
 from solver_backend.geometry.arrays import quantile, true_runs
@@ -63,21 +63,6 @@ def filled_frames(keypoints: Keypoints2D) -> np.ndarray:
             len(path) > 2 * LONGEST and off <= STRAIGHT_PX and 2 * moves.sum() > len(moves)
         )
     return filled
-
-
-COARSE = 0.02  # Smallest grid of keypoints that is reported, in person sizes: a deviation of 0.6 %.
-
-
-def grids_px(keypoints: Keypoints2D) -> np.ndarray:
-    """Return the (C,) grid spacing of a view's coordinates in px, 0 without a coarse grid."""
-    grids = np.zeros(len(keypoints.xy))
-    for view, (xy, seen) in enumerate(zip(keypoints.xy, keypoints.confidence > 0, strict=True)):
-        values = np.unique(xy[seen])
-        if seen.sum() >= LEAST_VALUES and len(values) > 2:
-            people = extent(np.where(seen[..., None], xy, np.nan)[seen.sum(-1) >= MIN_POINTS])
-            size, grid = quantile(people, 0.5, axis=0), float(np.diff(values).min())
-            grids[view] = grid if grid > np.fmax(COARSE * size, 1.0) else 0.0
-    return grids
 
 
 def skipped_frames(keypoints: Keypoints2D) -> np.ndarray:

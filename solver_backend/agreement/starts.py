@@ -9,24 +9,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from itertools import combinations, product
+from itertools import product
 
 import numpy as np
 
-from solver_backend.agreement.evidence import (
-    BOUND,
-    EACH,
-    MOST_ROUNDS,
-    MOVED,
-    NEIGHBOURS,
-    SAMPLED_FRAMES,
-    STRIDE,
-    TakeEvidence,
-)
+from solver_backend.agreement.evidence import BOUND, EACH, SAMPLED_FRAMES, STRIDE, TakeEvidence
 from solver_backend.agreement.evidence import POSES as FEWEST_SAMPLES
+from solver_backend.agreement.lags import LEAST_STRENGTH, RIVAL_SHARE, best_offsets, people_lags, rival_offsets
 from solver_backend.agreement.person_tracks import STEP_SHARE
 from solver_backend.agreement.reading import (
-    MIN_POINTS,
     Detections,
     PictureReading,
     Reading,
@@ -34,195 +25,15 @@ from solver_backend.agreement.reading import (
     extent,
     sightings,
 )
-from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS, compared_pairs
-from solver_backend.geometry.rotations import skew
+from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS
 from solver_backend.types import UNSEEN_POINT, Cameras
 
-STAGE = "Comparing the clocks"  # Name of this stage in progress reports.
-FINE = 0.015  # Geman-McClure scale of the epipolar distance for refinement, in person sizes: 2 cm.
-MOST_PEOPLE = 4  # Number of the largest people in an image to compare.
-SAMPLES, SAMPLED_PAIRS = 160, 6
-"""Frames per view to compare with all frames of another view, and number of pairs from which they are fewer."""
-MOST_CELLS = 4_000_000
-"""Comparisons of a pair in memory at once, 32 MB. For longer takes every second, third, ... frame is compared."""
-LEAST_STRENGTH = 3.0
-"""Smallest number of matching frames per camera, times the square of their share. Simulated synchronised cameras reach
-10 to 60, real ones with a poor calibration 5 to 20, unrelated cameras up to 1.9."""
-RIVAL_SHARE = 0.7
-"""Smallest share of the best gain with which frame numbers win, and with which another offset, rate or interpretation
-counts as an alternative.
-"""
+FINE = 0.015
+"""Geman-McClure scale of the epipolar distance for refinement, in person sizes: 2 cm. Without the refinement, starts of
+the demo's cameras are wrong by up to 2 frames."""
 NEAR_S = 0.35  # Offsets closer to the best one count as the same result. The period of walking is longer.
 LEAST_READING = 1.0  # Smallest strength of an interpretation.
 NEAR_SIZE = 0.5  # Sizes with a smaller difference of logarithms are neighbours and have similar gains.
-
-
-@dataclass(frozen=True)
-class _ViewPeople:
-    """People of one view in F frames."""
-
-    points: np.ndarray  # (F, P, J, 3) normalised points, homogeneous, 0 where unseen.
-    extent: np.ndarray  # (F, P) diagonal of the person's box. Infinite if too few points are seen.
-
-    @classmethod
-    def of(cls, xy: np.ndarray) -> _ViewPeople:
-        """Return the largest people of (F, P, J, 2) normalised points, NaN where missing."""
-        known = np.isfinite(xy[..., 0]) & (np.isfinite(xy[..., 0]).sum(-1) >= MIN_POINTS)[..., None]
-        size = extent(np.where(known[..., None], xy, np.nan))
-        largest = np.argsort(-np.nan_to_num(size), axis=1, kind="stable")[:, :MOST_PEOPLE]
-        points = np.concatenate([np.where(known[..., None], xy, 0.0), known[..., None]], axis=-1)
-        size = np.take_along_axis(np.where(size > 0, size, np.inf), largest, 1)
-        return cls(np.take_along_axis(points, largest[..., None, None], 1), size)
-
-    def rows(self, frames: np.ndarray) -> _ViewPeople:
-        return _ViewPeople(self.points[frames], self.extent[frames])
-
-    def lively_frames(self, count: int) -> np.ndarray:
-        """Return the frame with the most movement in each of ``count`` sections of the take."""
-        seen = self.points[..., 2]
-        points = np.where(seen[..., None] > 0, self.points[..., :2], np.nan)
-        step = np.abs(np.diff(points, axis=0, prepend=points[:1])).sum(-1)
-        speed = np.nan_to_num(step).sum(axis=(1, 2)) + 1e-9 * seen.sum(axis=(1, 2))
-        parts = np.array_split(np.arange(len(speed)), min(count, len(speed)))
-        return np.array([part[np.argmax(speed[part])] for part in parts])
-
-
-def _disagreements(cameras: Cameras, pair: tuple[int, int], a: _ViewPeople, b: _ViewPeople, scale: float) -> np.ndarray:
-    """Return (N, G) distances from 0 to 1 between people in two views, or NaN.
-
-    With lines ``l = E x_a / |(E x_a)_12|`` the squared distance ``(x_b' l)^2`` is a product of the six numbers of ``l
-    l'`` and of ``x_b x_b'``. Its sum over the keypoints for all pairs of frames is one matrix product (Hartley and
-    Zisserman 2004, sec. 9.6 and 11.4). Only the best person of the second view counts.
-    """
-    i, j = pair
-    R = cameras.R[j] @ cameras.R[i].T
-    E = skew(cameras.t[j] - R @ cameras.t[i]) @ R
-    factors = [
-        (_squares(_lines(a.points, E.T)), _squares(b.points / b.extent[..., None, None])),
-        (_squares(a.points / a.extent[..., None, None]), _squares(_lines(b.points, E))),
-        (a.points[..., 2:], b.points[..., 2:]),
-    ]
-    (n, p), (g, q) = a.extent.shape, b.extent.shape
-    share, back, common = (one.reshape(n * p, -1) @ two.reshape(g * q, -1).T for one, two in factors)
-    share += back
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share *= 0.5
-        share /= common
-        share /= share + scale**2
-    share[common < MIN_POINTS] = np.inf
-    nearest = share.reshape(n, p, g, q).min(-1)
-    known = np.isfinite(nearest)
-    with np.errstate(invalid="ignore"):
-        return np.where(known, nearest, 0.0).sum(1) / np.where(known.any(1), known.sum(1), np.nan)
-
-
-def _lines(points: np.ndarray, E: np.ndarray) -> np.ndarray:
-    line = points @ E
-    return line / np.maximum(np.linalg.norm(line[..., :2], axis=-1, keepdims=True), 1e-12)
-
-
-def _squares(vectors: np.ndarray) -> np.ndarray:
-    """Return (F, P, J, 6) entries of ``v v'``. The dot product of two such rows is ``(v' w)^2``."""
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    root = np.sqrt(2.0)
-    return np.stack([x * x, y * y, z * z, root * x * y, root * x * z, root * y * z], axis=-1)
-
-
-Tables = dict[tuple[int, int], np.ndarray]
-"""(2 R + 1,) gains of pairs of views i < j at offsets -R to R of j relative to i."""
-
-
-def offset_profile(tables: Tables, camera: int, others: dict[int, int]) -> np.ndarray:
-    """Return the (4 R + 1,) gains of a camera at offsets from -2 R to 2 R."""
-    reach = len(next(iter(tables.values()))) // 2
-    total = np.zeros(4 * reach + 1)
-    for other, offset in others.items():
-        pair = min(camera, other), max(camera, other)
-        if pair in tables and abs(offset) <= reach:
-            table = tables[pair]
-            total[reach + offset : 3 * reach + offset + 1] += table if other < camera else table[::-1]
-    return total
-
-
-def best_offsets(tables: Tables, count: int) -> np.ndarray:
-    """Return the (C,) offsets relative to the first camera with the largest sum of gains.
-
-    The search starts from the best pair and adds cameras. Coordinate descent over the cameras improves the result
-    (Besag 1986). Among equal offsets the one nearest to zero wins.
-    """
-
-    def best(gains: np.ndarray) -> int:
-        at = np.flatnonzero(gains == gains.max()) - len(gains) // 2
-        return int(at[np.abs(at).argmin()])
-
-    i, j = max(tables, key=lambda pair: tables[pair].max())
-    placed = {i: 0, j: best(tables[i, j])}
-    while len(placed) < count:
-        profiles = {c: offset_profile(tables, c, placed) for c in range(count) if c not in placed}
-        c = max(profiles, key=lambda c: profiles[c].max())
-        placed[c] = best(profiles[c])
-    for _ in range(MOST_ROUNDS):
-        before = dict(placed)
-        for c in range(count):
-            placed[c] = best(offset_profile(tables, c, {o: at for o, at in placed.items() if o != c}))
-        if placed == before:
-            break
-    offsets = np.array([placed[c] for c in range(count)])
-    return offsets - offsets[0]
-
-
-@dataclass(frozen=True)
-class _PairGains:
-    """Gains of the pairs of C views at offsets from -(F-1) to F-1, in matching frames.
-
-    A frame's gain is the decrease of its distance at an offset relative to the median over the other view's frames. A
-    view without motion has no gain.
-    """
-
-    gains: Tables
-    possible: Tables  # Largest possible gains.
-    step: int  # Frames between compared offsets. Those between have the gain of the nearest.
-
-    def of_cameras(self, offsets: np.ndarray, among: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return (C,) gains of each camera with all others or ``among``, and the largest gains."""
-        found = np.zeros((2, len(offsets)))
-        for (i, j), gains in self.gains.items():
-            row = int(offsets[j] - offsets[i]) + len(gains) // 2
-            if 0 <= row < len(gains) and (among is None or (among[i] and among[j])):
-                found[:, [i, j]] += np.array([[gains[row]], [self.possible[i, j][row]]])
-        return found[0], found[1]
-
-    def strengths(self, offsets: np.ndarray) -> np.ndarray:
-        """Return the (C,) matching frames of each camera, times their squared share."""
-        gained, possible = self.of_cameras(offsets)
-        return gained * (gained / np.maximum(possible, 1e-9)) ** 2
-
-
-def _pair_gains(cameras: Cameras, xy: np.ndarray, most_samples: int = SAMPLES, scale: float = MOVED) -> _PairGains:
-    """Return the gains of all pairs of views (F, P, J, 2), or of neighbours in large arrays.
-
-    At most ``most_samples`` frames per view are compared with all frames of another view.
-    """
-    views, num_frames = [_ViewPeople.of(view) for view in xy], xy.shape[1]
-    pairs = compared_pairs(len(views), EACH, NEIGHBOURS)
-    samples = int(np.clip(most_samples * SAMPLED_PAIRS // max(len(pairs), 1), FEWEST_SAMPLES, most_samples))
-    rows = [view.lively_frames(samples) for view in views]
-    step = max(1, -(-samples * num_frames * views[0].extent.shape[1] ** 2 // MOST_CELLS))
-    thinned = [view.rows(np.arange(0, num_frames, step)) for view in views]
-    nearest = np.minimum((np.arange(num_frames) + step // 2) // step, len(thinned[0].extent) - 1)
-    tables: tuple[Tables, Tables] = ({}, {})
-    for i, j in pairs:
-        share = _disagreements(cameras, (i, j), views[i].rows(rows[i]), thinned[j], scale)
-        known = np.isfinite(share)
-        usual, seen, whole = np.full(len(share), np.nan), known.any(axis=1), known.all(axis=1)
-        usual[whole] = np.median(share[whole], axis=1)  # many times as fast as the other one
-        usual[seen & ~whole] = np.nanmedian(share[seen & ~whole], axis=1)
-        for table, gain in zip(tables, (usual[:, None] - share, usual[:, None]), strict=True):
-            gain, total = np.where(known, gain, 0.0), np.zeros(2 * num_frames - 1)
-            for row, frame in zip(gain, rows[i], strict=True):
-                total[num_frames - 1 - frame : 2 * num_frames - 1 - frame] += row[nearest]
-            table[i, j] = total
-    return _PairGains(*tables, step)
 
 
 class StartEvidence(Enum):
@@ -257,7 +68,7 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
     names = tuple(cameras.names[c] for c in seeing)
     part = Detections(names, detections.xy[seeing], detections.confidence[seeing], detections.joint_set)
     seen = sightings(cameras.subset(seeing.tolist()), part)
-    gains = _pair_gains(seen.cameras, seen.xy)
+    gains = people_lags(seen.cameras, seen.xy)
     best = best_offsets(gains.gains, len(seeing))
     sure = gains.strengths(best) >= LEAST_STRENGTH
     doubtful = tuple(seeing[~sure].tolist())
@@ -266,11 +77,11 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
     now, then = (gains.of_cameras(offsets, sure)[0] for offsets in (numbered[seeing], best))
     if (now >= RIVAL_SHARE * then)[sure].all():
         return CameraStarts(numbered, StartEvidence.STILL if doubtful else StartEvidence.IN_STEP, doubtful)
-    if open_ := _rivals(gains, best, np.flatnonzero(sure), max(round(NEAR_S * fps), gains.step)):
+    if open_ := rival_offsets(gains.gains, best, np.flatnonzero(sure), max(round(NEAR_S * fps), gains.step)):
         several = tuple(int(seeing[c]) for c in open_)
         return CameraStarts(numbered, StartEvidence.AMBIGUOUS, several, next(iter(open_.values())))
     best = best[sure]
-    fine = _pair_gains(seen.cameras.subset(np.flatnonzero(sure).tolist()), seen.xy[sure], SAMPLED_FRAMES, FINE).gains
+    fine = people_lags(seen.cameras.subset(np.flatnonzero(sure).tolist()), seen.xy[sure], SAMPLED_FRAMES, FINE).gains
     for (i, j), table in fine.items():
         changes = np.arange(len(table)) - len(table) // 2 - int(best[j] - best[i])
         table[np.abs(changes) > STRIDE + gains.step] = 0.0
@@ -279,35 +90,11 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
     return CameraStarts(offsets, StartEvidence.APART, doubtful)
 
 
-def _rivals(gains: _PairGains, best: np.ndarray, sure: np.ndarray, near: int) -> dict[int, tuple[int, int]]:
-    """Return the two best offsets of each camera that has a distant alternative.
-
-    Cameras are shifted singly and in pairs, because two opposite cameras may agree with the others at several offsets.
-    """
-    reach = 2 * (len(next(iter(gains.gains.values()))) // 2)
-    changes = np.arange(-reach, reach + 1)
-    found: dict[int, tuple[int, int]] = {}
-    alone = [(int(c),) for c in sure]
-    for group in alone + list(combinations(sure.tolist(), 2)) * (len(sure) > 3):
-        others = {int(o): int(best[o]) for o in sure if o not in group}
-        total = np.zeros(len(changes))
-        for c in group:
-            rows = changes + reach + int(best[c])
-            inside = (rows >= 0) & (rows <= 2 * reach)
-            total += np.where(inside, offset_profile(gains.gains, c, others)[np.clip(rows, 0, 2 * reach)], 0.0)
-        rival = int(np.where(np.abs(changes) > near, total, -np.inf).argmax())
-        if total[rival] > RIVAL_SHARE * total[reach]:
-            shown = group[0] if group[0] else next(iter(others))
-            change = int(changes[rival]) * (1 if group[0] else -1)
-            found.setdefault(shown, (int(best[shown]), int(best[shown]) + change))
-    return found
-
-
 def strength(cameras: Cameras, detections: Detections) -> float:
-    """Return the strength of the best match of a few frames, see ``_PairGains.strengths``."""
+    """Return the strength of the best match of a few frames, see ``PeopleLags.strengths``."""
     step = max(1, -(-detections.num_frames // SAMPLED_FRAMES))
     thin = replace(detections, xy=detections.xy[:, ::step], confidence=detections.confidence[:, ::step], hands=None)
-    gains = _pair_gains(cameras, sightings(cameras, thin).xy, FEWEST_SAMPLES)
+    gains = people_lags(cameras, sightings(cameras, thin).xy, FEWEST_SAMPLES)
     return float(np.median(gains.strengths(best_offsets(gains.gains, len(cameras)))))
 
 

@@ -15,14 +15,13 @@ from solver_backend.agreement.evidence import (
     SAMPLED_FRAMES,
     SIGMAS,
     STRIDE,
-    UNRELATED,
     UNRELATED_NOISE,
     count_in_bins,
     epipolar_distances,
     fit_noise,
 )
+from solver_backend.agreement.lags import LEAST_STRENGTH, best_offsets, people_lags
 from solver_backend.agreement.reading import ENOUGH
-from solver_backend.agreement.starts import STAGE, best_offsets
 from solver_backend.cameras.camera_corrections import compared_pairs
 from solver_backend.cameras.projection import project_with_jacobian, undistort
 from solver_backend.cameras.robust_triangulation import DEPTH_SIGMA_M, ROBUST_SIGMAS, Triangulation, triangulate
@@ -134,18 +133,14 @@ def _centred(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return values - (weight[..., None] * values).sum(axis=-3, keepdims=True) / total
 
 
+STAGE = "Comparing the clocks"  # Name of this stage in progress reports.
 USUAL_SIGMA_SHARE = 0.005  # Deviation of detections relative to the image width.
 SETTLED_FRAMES = 0.02  # Largest last step.
-MOTION_FRAMES, LEAST_MOTION, LEAST_MOVING = 4, 6.0, 3
-"""Half the number of frames over which motion is measured, smallest mean square motion of a moving keypoint in
-variances, and fewest moving keypoints. Detector noise alone gives 4 without smoothing, and 3.1 in takes of people who
-stand. With 4 instead of 6, two short synchronised recordings (30 frames) are reported as late, and one more delay is
-found in 15 takes."""
 LEAST_DELAY_FRAMES, LEAST_SIGMAS = 0.3, 8.0
 """Smallest delay, and deviations of a certain delay or drift. Slow detector errors look like delays."""
-LEAST_DRIFT_FRAMES = 1.0  # Smallest drift that is reported without a prior.
 TESTED_FRAMES = 1.5  # Longer delays must be better than zero delay.
 LIVELY = 2.0  # Largest gain of a time block relative to the median, so that one lively block cannot dominate.
+LEAST_DRIFT_FRAMES = 1.0  # Smallest drift that is reported without a prior.
 LARGEST_SIGMA_FRAMES = 0.2  # Largest deviation of a reported delay.
 SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 """Smoothing kernel, applied after a running median of the same length that removes outliers. Both are symmetric and the
@@ -180,9 +175,10 @@ def estimate_delays(
 ) -> Delays:  # fmt: skip
     """Estimate the relative delays of all cameras together.
 
-    The likelihood of epipolar distances over all pairs of views gives the delays in whole frames. Gauss-Newton steps on
-    the reprojection error (``delay_step``) refine them. Both ignore constant offsets of a keypoint between views
-    (calibration errors). A delay must be better than zero delay in consecutive time blocks. Frames need two views.
+    The evidence of all pairs of views (``people_lags``) gives the delays in whole frames, and says whether a view shows
+    enough. Gauss-Newton steps on the reprojection error (``delay_step``) refine them. They ignore constant offsets of a
+    keypoint between views (calibration errors). A delay must be better than zero delay in consecutive time blocks.
+    Frames need two views.
 
     Args:
         xy: (C, F, K, 2) keypoints in px of limbs of one or more people, NaN where missing.
@@ -202,16 +198,15 @@ def estimate_delays(
     else:
         sigma_px = located.sigma_px
     sigma_px = np.minimum(sigma_px, usual)
-    moving = _moving(tracks, frames, sigma_px)
+    evidence = people_lags(cameras, undistort(cameras, tracks)[:, :, None], reach=reach)
+    whole = best_offsets(evidence.gains, count)
+    moving = evidence.strengths(whole) >= LEAST_STRENGTH
     if len(shared) < ENOUGH or moving.sum() < 2:
         unknown = np.full(count, np.nan)
         return Delays(unknown, unknown, unknown, np.zeros(count, bool), unknown, np.tile([-reach, reach], (count, 1)))
-    lags, beyond = np.zeros(count), np.zeros(count, bool)
-    profiled = shared[_sampled(len(shared), FRAMES)]
-    rays = _Rays(cameras.subset(np.flatnonzero(moving).tolist()), tracks[moving], profiled)
-    whole = rays.whole_lags(reach, progress)
-    lags[moving] = whole - _median(whole)
-    beyond[moving] = np.abs(lags[moving]) > reach - STRIDE
+    lags = np.where(moving, whole - _median(whole[moving]), 0.0)
+    beyond = np.abs(lags) > reach - STRIDE
+    rays = _Rays(cameras.subset(np.flatnonzero(moving).tolist()), tracks[moving], shared[_sampled(len(shared), FRAMES)])
     if located is None or lags.any():
         shifted = tracks_at(tracks, frames + lags[:, None])
         points = triangulate(cameras, shifted, np.isfinite(shifted[..., 0]).astype(float), sigma_px).points
@@ -219,8 +214,7 @@ def estimate_delays(
         points = np.asarray(located.points)[frames]
     found = _converged(cameras, tracks, frames, lags, points, sigma_px, rate_sigma, progress)
     delay, drift, sigma, drift_sigma = found
-    place = place_in_take(rays.frames, num_frames)
-    late = delay[:, None] + drift[:, None] * place
+    late = delay[:, None] + drift[:, None] * place_in_take(rays.frames, num_frames)
     late = np.where((moving & ~beyond)[:, None], late, 0.0)
     confirmed = moving.copy()
     if rate_sigma is None:
@@ -230,8 +224,8 @@ def estimate_delays(
     if rate_sigma is None:
         reported[1][np.abs(reported[1]) < LEAST_DRIFT_FRAMES] = 0.0
     delay, width = delay - _median(delay[known]), np.where(moving & ~beyond, SIGMAS * sigma, float(reach))
-    possible = np.stack([np.minimum(delay, 0.0) - width, np.maximum(delay, 0.0) + width], axis=1)
-    possible = np.clip(np.rint(possible), -reach, reach) + 0.0  # no -0
+    low, high = np.floor(np.minimum(delay, 0.0) - width), np.ceil(np.maximum(delay, 0.0) + width)
+    possible = np.clip(np.stack([low, high], axis=1), -reach, reach) + 0.0  # no -0
     return Delays(reported[0], np.where(known, sigma, np.nan), reported[1], beyond, drift_sigma, possible)
 
 
@@ -264,21 +258,6 @@ class _Rays:
             centre = np.where(known, weight * np.where(known, found, 0.0), 0.0).sum(1, keepdims=True) / total
             weight = known / (1.0 + (np.where(known, found - centre, 0.0) / UNRELATED_NOISE) ** 2)
         return found - centre
-
-    def whole_lags(self, reach: int, progress: Progress) -> np.ndarray:
-        """Return the (C,) most likely lags behind the first camera in frames."""
-        count, steps = len(self.cameras), reach // STRIDE
-        pairs, lags = compared_pairs(count, EACH, NEIGHBOURS), STRIDE * np.arange(-steps, steps + 1)
-        still = [self._at(view, np.zeros((1, 1))) for view in range(count)]
-        moved = dict[int, tuple[np.ndarray, float]]()
-        tables = dict[tuple[int, int], np.ndarray]()
-        for number, (i, j) in enumerate(pairs):
-            progress(STAGE, number, len(pairs))
-            if j not in moved:
-                moved = {j: self._at(j, lags[:, None])}
-            counts = count_in_bins(self._distances(i, j, still[i], moved[j]), np.ones(1))
-            tables[i, j] = (fit_noise(counts).density - UNRELATED) * counts.sum(1)
-        return STRIDE * best_offsets(tables, count)
 
     def beats_in_step(self, late: np.ndarray) -> np.ndarray:
         """Return a (C,) mask of delays that explain most time blocks better than none.
@@ -372,16 +351,6 @@ def synchronised(keypoints: Keypoints2D, delay: np.ndarray) -> Keypoints2D:
         if hands is not None:
             hands[view] = _view_at(hands[view], times)
     return replace(keypoints, xy=xy, confidence=confidence, hands=hands)
-
-
-def _moving(tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
-    """Return a (C,) mask of views in which the person moves enough."""
-    way = tracks_at(tracks, np.tile(frames + MOTION_FRAMES, (len(tracks), 1)))
-    way = way - tracks_at(tracks, np.tile(frames - MOTION_FRAMES, (len(tracks), 1)))
-    square = ((way / sigma_px[:, None]) ** 2).sum(-1)
-    known = np.isfinite(square)
-    mean = np.where(known, square, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
-    return (mean >= LEAST_MOTION).sum(axis=1) >= LEAST_MOVING
 
 
 def smoothed_tracks(xy: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Detections that a program filled or rounded are named. Those of a detector never are."""
+"""Detections that a program filled are named. Those of a detector never are."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver_backend.agreement.repeated_frames import filled_frames, grids_px
+from solver_backend.agreement.repeated_frames import filled_frames
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.diagnostics import Remedy, sentence
 from solver_backend.exchange.progress import silent
@@ -28,7 +28,7 @@ def with_gap(view: int, first: int, last: int) -> Keypoints2D:
 
 
 def test_a_gap_filled_with_straight_lines_is_left_out() -> None:
-    assert not filled_frames(PART).any() and not grids_px(PART).any()
+    assert not filled_frames(PART).any()
     seen = with_gap(1, 40, 90)
     filled = filled_frames(seen)
     assert filled[1, 41:90].all() and filled.sum() == 49
@@ -64,13 +64,3 @@ def test_one_keypoint_that_moves_along_a_line_is_no_filled_gap() -> None:
     alone = np.zeros_like(PART.confidence)
     alone[..., 0] = 0.9
     assert not filled_frames(replace(PART, xy=np.broadcast_to(line, PART.xy.shape), confidence=alone)).any()
-
-
-def test_keypoints_on_a_coarse_grid_are_named() -> None:
-    seen = replace(PART, xy=np.where([[[[True]]], [[[False]]], [[[True]]], [[[True]]]], PART.xy, 0.0))
-    seen = replace(seen, xy=np.where(seen.xy == 0.0, np.round(PART.xy / 32) * 32, seen.xy))
-    np.testing.assert_array_equal(grids_px(seen), [0, 32, 0, 0])
-    assert not grids_px(replace(PART, xy=np.round(PART.xy))).any()  # whole pixels are no fault
-    sound = np.round(PART.xy[0, :2] / 32) * 32
-    few = replace(PART.at(slice(0, 2)), xy=np.broadcast_to(sound, (4, *sound.shape)))
-    assert not grids_px(few).any()

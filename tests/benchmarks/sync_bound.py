@@ -24,12 +24,12 @@ import numpy as np
 
 from research.simulation import filming
 from research.simulation.filming import FilmSettings
+from solver_backend.agreement.lags import RATE_SIGMA
 from solver_backend.cameras.projection import project, project_with_jacobian
 from solver_backend.synthesis.faults import MEASURED_DETECTOR, DetectorFaults
 from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.simulation.keypoint_detector import DetectorOutput, delayed, px_per_mm
 from solver_backend.types import Cameras
-from solver_backend.videos.sync.clocks import RATE_SIGMA
 from tests.benchmarks import bench_sync
 
 BIAS_MM2 = 9.0**2 * np.array([0.2, 0.4, 0.4, 0.4, 0.4])

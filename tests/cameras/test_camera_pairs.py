@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from solver_backend.agreement.evidence import EACH, NEIGHBOURS
-from solver_backend.agreement.starts import STAGE
-from solver_backend.agreement.synchronisation import estimate_delays
+from solver_backend.agreement.synchronisation import STAGE, estimate_delays
 from solver_backend.cameras.camera_corrections import COMPARED, compared_pairs
 from tests.support.many_views import ring, seen_by
 

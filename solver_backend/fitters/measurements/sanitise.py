@@ -14,7 +14,6 @@ from solver_backend.agreement.reading import ENOUGH, limb_keypoints
 from solver_backend.agreement.repeated_frames import (
     LEAST_REPEATED,
     filled_frames,
-    grids_px,
     repeated_frames,
     skipped_frames,
     without_repeats,
@@ -76,7 +75,7 @@ def check_capture(
     again, skipped, filled = (find(keypoints) for find in (repeated_frames, skipped_frames, filled_frames))
     sound = (keypoints.confidence > 0).any(-1) & ~filled
     replaced = filled & (sound.sum(0) >= 2)  # others show where the person was
-    grids, lost = grids_px(keypoints), again | skipped | replaced
+    lost = again | skipped | replaced
     if lost.any():
         keypoints = without_repeats(keypoints, lost)
         triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
@@ -97,7 +96,7 @@ def check_capture(
     rest = exclude_views(cameras, sides.keypoints, sides.triangulation)
     progress(STAGE, 5, STEPS)
     found = [item for fault in views.found for item in _diagnose_views(cameras, fault)]
-    found += late + _alterations(cameras, again, skipped, filled, replaced, grids)
+    found += late + _alterations(cameras, again, skipped, filled, replaced)
     for swap in sides.found:
         where = {"cameras": [cameras.names[swap.view]], "frames": [(swap.first, swap.last)]}
         found.append(diagnostic("limbs_exchanged", **where, remedy=Remedy.REPAIRED, part=swap.limb, gain=swap.gain))
@@ -207,16 +206,13 @@ def _alterations(
     skipped: np.ndarray,
     filled: np.ndarray,
     replaced: np.ndarray,
-    grids: np.ndarray,
 ) -> list[Diagnostic]:
-    """Return diagnostics about repeated, skipped, filled and replaced frames and rounded pixels."""
+    """Return diagnostics about repeated, skipped, filled and replaced frames."""
     whole, found = [(0, len(skipped) - 1)], list[Diagnostic]()
     for view, name in enumerate(cameras.names):
         where: dict[str, Any] = {"cameras": [name], "frames": whole}
         if (share := 100.0 * again[view].mean()) >= LEAST_REPEATED:
             found.append(diagnostic("frames_repeated", **where, remedy=Remedy.BRIDGED, size=share))
-        if grids[view]:
-            found.append(diagnostic("detections_altered", **where, kind="rounded", size=grids[view]))
         for some, remedy in ((replaced, Remedy.EXCLUDED), (filled & ~replaced, Remedy.REPORTED)):
             if runs := true_runs(some[view]):
                 where |= {"frames": runs, "remedy": remedy, "size": 100.0 * some[view].mean()}

@@ -78,7 +78,9 @@ class ViewPoints(_Points):
 
     cameras: Cameras
     keypoints: Keypoints2D
-    REST: ClassVar[RestWords] = RestWords(Severity.WARNING, "is not seen by two cameras", "are not seen by two cameras")
+    REST: ClassVar[RestWords] = RestWords(
+        Severity.WARNING, "is not located by two cameras", "are not located by two cameras"
+    )
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
         """Record the body's keypoints in the motion."""

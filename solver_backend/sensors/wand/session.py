@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.agreement.lags import Signal
 from solver_backend.camera_calibration.adjustment.bundle import (
     CAMERA_PARAMETERS,
     Adjusted,
@@ -50,7 +51,7 @@ from solver_backend.sensors.wand.views import (
 )
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Float
-from solver_backend.videos.sync.clocks import Clocks, Signal, SyncUnknown, at_times, clocks_of_signals, convolved
+from solver_backend.videos.sync.clocks import Clocks, SyncUnknown, at_times, clocks_of_signals, convolved
 from solver_backend.videos.sync.synchronise import ROLLING_SHUTTER, in_step
 
 SIGMA_PX = 0.3  # Standard deviation in pixels of a light or marker position. It sets the robust scales.

@@ -2,138 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 
-from solver_backend.agreement.evidence import MOST_ROUNDS, SIGMAS
+from solver_backend.agreement.lags import Signal, signal_lags
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, read_diagnostics
 from solver_backend.exchange.errors import FileDamaged, MocapError
 from solver_backend.exchange.plausible import LATEST_S
 from solver_backend.io.files import read_json
-
-LEAST_CORRELATION = 0.25  # Smallest correlation of pieces and whole signals.
-LEAST_OVERLAP = 0.3  # Smallest overlap at a lag, relative to the shorter signal.
-RATE_SIGMA = 25e-6  # Prior standard deviation of a camera's rate. Quartz clocks stay within 50 ppm.
-
-
-@dataclass(frozen=True)
-class Signal:
-    """A signal with N samples of D channels."""
-
-    values: np.ndarray  # (N, D) finite values with zero mean.
-    rate_hz: float  # Samples per second.
-    start_s: float = 0.0  # Time of the first sample.
-
-
-@dataclass(frozen=True)
-class PairLag:
-    """Lead of the second signal's clock over the first one's: ``lag + rate (t - middle)`` seconds."""
-
-    lag_s: float  # Lag at ``middle_s``.
-    rate: float  # Seconds per second.
-    covariance: np.ndarray  # (2, 2) covariance of lag and rate.
-    middle_s: float  # Time on the first clock.
-    correlation: float  # Correlation of the whole signals at the lag, -1 to 1.
-
-
-def pair_lag(first: Signal, second: Signal, *, reach_s: float, piece_s: float, floor_s: float) -> PairLag | None:
-    """Return the lag of two signals with the same sample rate. None if they do not agree.
-
-    Time t on the first clock is ``t + lag`` on the second. The whole signals are correlated by FFT and normalised by
-    the overlapping energies. Then every piece is correlated near that lag, with parabolic peak interpolation. A robust
-    line through the pieces, with the quartz prior on its slope, gives lag and rate.
-
-    Args:
-        first: signal with (N, D) values.
-        second: signal with (M, D) values.
-        floor_s: smallest standard deviation in seconds, such as the delay of sound or an image interval.
-
-    Reference: Knapp and Carter 1976 (delay by correlation); Huber 1964 (the robust line).
-    """
-    rate_hz = first.rate_hz
-    shift = second.start_s - first.start_s
-    whole = _correlation(first.values, second.values, shift, reach_s, rate_hz)
-    if whole is None or whole[1] < LEAST_CORRELATION:
-        return None
-    coarse_s, correlation = whole
-    size, near = max(round(piece_s * rate_hz), 8), 0.25 * piece_s
-    starts = np.arange(0, max(len(first.values) - size, 0) + 1, max(size // 2, 1))
-    rows = []
-    for start in starts:
-        at_s = first.start_s + start / rate_hz
-        begin = round((at_s + coarse_s - second.start_s - near) * rate_hz)
-        stop = begin + size + 2 * round(near * rate_hz)
-        if begin < 0 or stop > len(second.values):
-            continue
-        piece = first.values[start : start + size]
-        found = _correlation(piece, second.values[begin:stop], second.start_s + begin / rate_hz - at_s, None, rate_hz)
-        if found is not None and found[1] >= LEAST_CORRELATION and abs(found[0] - coarse_s) < near:
-            rows.append((at_s + 0.5 * size / rate_hz, found[0], found[1]))
-    middle_s = first.start_s + 0.5 * len(first.values) / rate_hz
-    if not rows:
-        return PairLag(coarse_s, 0.0, np.diag([max(floor_s, 1 / rate_hz) ** 2, RATE_SIGMA**2]), middle_s, correlation)
-    at_s, lag_s, agreement = np.array(rows).T
-    (lag, rate), covariance = line_fit(at_s, lag_s, agreement, middle_s, floor_s)
-    return PairLag(float(lag), float(rate), covariance, middle_s, correlation)
-
-
-def line_fit(
-    at_s: np.ndarray, lag_s: np.ndarray, weight: np.ndarray, middle_s: float, floor_s: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Fit a robust line through lags: lag at the middle and rate (2,), covariance (2, 2).
-
-    Pieces have (N,) correlations as weights, and ``floor_s`` is their common standard deviation.
-    """
-    basis = np.stack([np.ones_like(at_s), at_s - middle_s], axis=1)
-    prior = np.diag([0.0, RATE_SIGMA**-2])
-    step, spread = np.array([np.median(lag_s), 0.0]), 0.0
-    information = np.eye(2)
-    for _ in range(MOST_ROUNDS):
-        residual = lag_s - basis @ step
-        spread = max(1.4826 * float(np.median(np.abs(residual))), 1e-4)
-        robust = weight**2 / np.maximum(1.0, np.abs(residual) / (SIGMAS * spread))
-        robust = robust / np.maximum(robust.max(), 1e-12) / spread**2
-        # Pieces overlap by half, so each has half of the information.
-        information = 0.5 * (basis.T * robust) @ basis + prior
-        step = np.linalg.solve(information, 0.5 * (basis.T * robust) @ lag_s)
-    covariance = np.linalg.inv(information)
-    covariance[0, 0] += floor_s**2
-    return step, covariance
-
-
-def _correlation(
-    a: np.ndarray, b: np.ndarray, shift_s: float, reach_s: float | None, rate_hz: float
-) -> tuple[float, float] | None:
-    """Return the lag of b behind a in seconds and its correlation, None if too short."""
-    size = 1 << int(np.ceil(np.log2(len(a) + len(b))))
-    product = np.fft.irfft(np.fft.rfft(b, size, axis=0) * np.conj(np.fft.rfft(a, size, axis=0)), size, axis=0).sum(-1)
-    lags = np.arange(-(len(a) - 1), len(b))
-    energy_a, energy_b = (np.r_[0.0, np.cumsum((v**2).sum(-1))] for v in (a, b))
-    low, high = np.maximum(0, -lags), np.minimum(len(a), len(b) - lags)
-    overlap = high - low
-    usable = overlap >= LEAST_OVERLAP * min(len(a), len(b))
-    if reach_s is not None:
-        usable &= np.abs(lags / rate_hz + shift_s) <= reach_s
-    if not usable.any():
-        return None
-    lags, low, high = lags[usable], low[usable], high[usable]
-    energy = (energy_a[high] - energy_a[low]) * (energy_b[high + lags] - energy_b[low + lags])
-    score = product[lags % size] / np.sqrt(np.maximum(energy, 1e-30))
-    # Long overlaps are more reliable than short ones that agree by chance.
-    sure = score * np.sqrt((high - low) / (high - low).max())
-    best = int(np.argmax(sure))
-    fraction = _vertex(score[best - 1 : best + 2]) if 0 < best < len(score) - 1 else 0.0
-    return float((lags[best] + fraction) / rate_hz + shift_s), float(score[best])
-
-
-def _vertex(three: np.ndarray) -> float:
-    """Return the vertex of the parabola through three values, in samples from the middle one."""
-    bend = three[0] - 2 * three[1] + three[2]
-    return float(np.clip(0.5 * (three[0] - three[2]) / bend, -0.5, 0.5)) if bend < 0 else 0.0
 
 
 def convolved(values: np.ndarray, kernel: np.ndarray, axis: int = 0) -> np.ndarray:
@@ -236,91 +115,21 @@ def read_clocks(path: Path) -> Clocks:
         ) from error
 
 
-CONTRADICTION_S = 0.05  # Smallest deviation of a wrong pair's lag from the others, seconds.
-
-
-def clocks_of_pairs(names: tuple[str, ...], pairs: Mapping[tuple[int, int], PairLag], method: str) -> Clocks:
-    """Return the clocks that best fit the lags of pairs (i, j).
-
-    Pairs are weighted by their information. The most contradictory pair is excluded until none contradicts the others.
-    Pairs must connect all cameras.
-
-    Raises:
-        SyncUnknown: no pair connects a camera.
-    """
-    kept, findings = dict(pairs), list[Diagnostic]()
-    middle_s = float(np.median([p.middle_s for p in pairs.values()])) if pairs else 0.0
-    if alone := _unconnected(len(names), kept):
-        other = next(name for c, name in enumerate(names) if c not in alone)
-        raise SyncUnknown(
-            f"{', '.join(names[c] for c in alone)} cannot be synchronised with {other} by {method}.",
-            where=", ".join(names),
-            hint="Film again, and clap in view of all cameras and near their microphones.",
-        )
-    while True:
-        state, covariance = _solved(len(names), kept, middle_s)
-        off = {(i, j): abs(_at(p, middle_s) - (state[j, 0] - state[i, 0])) for (i, j), p in kept.items()}
-        worst = max(off, key=lambda pair: off[pair])
-        if off[worst] < CONTRADICTION_S:
-            break
-        without = {pair: p for pair, p in kept.items() if pair != worst}
-        usage = "used" if _unconnected(len(names), without) else "unused"
-        values = {"method": method, "off_ms": 1e3 * off[worst], "usage": usage}
-        findings.append(diagnostic("clocks_disagree", cameras=[names[c] for c in worst], **values))
-        if usage == "used":
-            break
-        kept = without
-    return Clocks(names, state[:, 0], state[:, 1], covariance, middle_s, method, tuple(findings))
-
-
-def clocks_of_signals(
-    names: tuple[str, ...], signals: Sequence[Signal], method: str, *, reach_s: float, piece_s: float, floor_s: float,
-    least: float = 0.0,
-) -> Clocks:  # fmt: skip
-    """Estimate camera clocks from signals with the same sample rate (see ``pair_lag``).
-
-    Correlations must exceed ``least``.
+def clocks_of_signals(names: tuple[str, ...], signals: Sequence[Signal], method: str, **limits: float) -> Clocks:
+    """Estimate camera clocks from signals with the same sample rate and the limits of ``signal_lags``.
 
     Raises:
         SyncUnknown: a camera agrees with no other camera.
     """
-    pairs = dict[tuple[int, int], PairLag]()
-    for i, j in combinations(range(len(names)), 2):
-        found = pair_lag(signals[i], signals[j], reach_s=reach_s, piece_s=piece_s, floor_s=floor_s)
-        if found is not None and found.correlation > least:
-            pairs[i, j] = found
-    return clocks_of_pairs(names, pairs, method)
-
-
-def _at(pair: PairLag, middle_s: float) -> float:
-    return pair.lag_s + pair.rate * (middle_s - pair.middle_s)
-
-
-def _solved(count: int, pairs: Mapping[tuple[int, int], PairLag], middle_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return offsets and rates (C, 2) and covariances (C, 2, 2). They are zero for the first camera."""
-    normal, right = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
-    for (i, j), pair in pairs.items():
-        moved = np.array([[1.0, middle_s - pair.middle_s], [0.0, 1.0]])
-        information = np.linalg.inv(moved @ pair.covariance @ moved.T)
-        rows = np.zeros((2, 2 * count))
-        rows[:, 2 * i : 2 * i + 2], rows[:, 2 * j : 2 * j + 2] = -np.eye(2), np.eye(2)
-        normal += rows.T @ information @ rows
-        right += rows.T @ information @ np.array([_at(pair, middle_s), pair.rate])
-    state, covariance = np.zeros((count, 2)), np.zeros((count, 2, 2))
-    inverse = np.linalg.inv(normal[2:, 2:])
-    state[1:] = (inverse @ right[2:]).reshape(-1, 2)
-    for c in range(1, count):
-        covariance[c] = inverse[2 * c - 2 : 2 * c, 2 * c - 2 : 2 * c]
-    return state, covariance
-
-
-def _unconnected(count: int, pairs: Mapping[tuple[int, int], PairLag]) -> list[int]:
-    """Return the cameras outside the largest group that chains of pairs connect."""
-    groups = [{c} for c in range(count)]
-    for a, b in pairs:
-        joined = groups[a] | groups[b]
-        groups = [joined if c in joined else group for c, group in enumerate(groups)]
-    return sorted({*range(count)} - max(groups, key=len))
+    found = signal_lags(signals, **limits)
+    if found.unknown:
+        other = next(name for c, name in enumerate(names) if c not in found.unknown)
+        raise SyncUnknown(
+            f"{', '.join(names[c] for c in found.unknown)} cannot be synchronised with {other} by {method}.",
+            where=", ".join(names),
+            hint="Film again, and clap in view of all cameras and near their microphones.",
+        )
+    return Clocks(names, found.lag_s, found.rate, found.covariance, found.middle_s, method)
 
 
 EXACT_SHARE = 0.01  # A time this close to an image, relative to the interval, uses that image.

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.agreement.evidence import SIGMAS
+from solver_backend.agreement.lags import RATE_SIGMA, Signal
 from solver_backend.agreement.reading import ENOUGH, limb_keypoints
 from solver_backend.agreement.synchronisation import estimate_delays
 from solver_backend.exchange.diagnostics import diagnostic
@@ -16,9 +17,7 @@ from solver_backend.exchange.progress import Progress, silent
 from solver_backend.types import Cameras, JointSet
 from solver_backend.videos.files.video import Sound, VideoWithoutSound, read_sound
 from solver_backend.videos.sync.clocks import (
-    RATE_SIGMA,
     Clocks,
-    Signal,
     SyncUnknown,
     at_times,
     clocks_of_signals,
