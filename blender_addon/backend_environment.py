@@ -29,7 +29,7 @@ def backend_folder() -> Path:
 
 @cache
 def included_wheels() -> Path | None:
-    """Return the folder where Blender unpacked the included detector's wheels, or None without a detector.
+    """Return the folder of the included detector's unpacked wheels, None without a detector.
 
     The result is cached, because panels ask at every redraw. Installing another zip loads this module again.
     """

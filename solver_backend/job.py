@@ -1,4 +1,4 @@
-"""Read the job file for the solver: check each key and value, and convert them to the solver's types."""
+"""Read the solver's job file: check all keys and values, and convert them to its types."""
 
 from __future__ import annotations
 

@@ -104,7 +104,7 @@ def key_root(
 
 
 def _key_switches(target: CurveTarget, armature: bpy.types.Object, start: np.ndarray) -> None:
-    """Key the IK switches and finger controls at 0, so that a take inherits no values from another take."""
+    """Key the IK switches and finger controls at 0, because a take must not inherit values."""
     for path, name in control_paths(armature):
         write_curves(target, path, name, start, np.zeros((1, 3)), key_type_values(None, 1))
     if not has_limbs(armature):
@@ -146,7 +146,7 @@ def pose_columns(layout: BodyLayout = SMPL) -> Iterator[tuple[str, str, slice]]:
 
 
 def bone_quaternions(rotvec: np.ndarray, R_bone_body: np.ndarray) -> np.ndarray:
-    """Convert (F, J, 3) axis-angles to (F, J, 4) pose-bone quaternions (wxyz) that are continuous in sign.
+    """Convert (F, J, 3) axis-angles to (F, J, 4) wxyz quaternions with continuous signs.
 
     An axis-angle v in the body's frame is C v in the bone's axes. The root maps the body's frame to the world. The
     armature's frame already has the world's axes, so the upright rotation is removed first.

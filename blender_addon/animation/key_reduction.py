@@ -26,7 +26,7 @@ class SparseCurves:
 
     @classmethod
     def fitted(cls, values: np.ndarray, frames: np.ndarray) -> SparseCurves:
-        """Fit curves to (F, N) values by least squares, with keys at the (K,) frames that keep their values."""
+        """Fit curves to (F, N) values by least squares, exact at the (K,) frames of the keys."""
         if len(values) == 1:
             return cls(np.zeros(1, int), values, np.zeros_like(values))
         return cls(frames, values[frames], _fit_slopes(values, frames))

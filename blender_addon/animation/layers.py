@@ -51,7 +51,7 @@ def playing_actions(obj: bpy.types.Object) -> list[bpy.types.Action]:
 
 
 def aside_note(obj: bpy.types.Object, before: list[bpy.types.Action]) -> str:
-    """Return a text about the actions in ``before`` that are now muted on the NLA, "" if there are none."""
+    """Return a text about the actions in ``before`` that are now muted on the NLA."""
     tracks = obj.animation_data.nla_tracks if before else ()
     strips = [(track, strip) for track in tracks for strip in track.strips]
     where = {strip.action: track.name for track, strip in strips if strip.action is not None}

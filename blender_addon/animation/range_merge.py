@@ -160,7 +160,7 @@ def _is_constant(old: np.ndarray, new: np.ndarray) -> bool:
 
 
 def _bridge(curve: bpy.types.FCurve, times: RangeTimes, kept: np.ndarray, *, before: bool) -> np.ndarray:
-    """Return keys at the frames between the range and the nearest old key, which preserve the old motion."""
+    """Return keys between the range and the nearest old key that preserve the old motion."""
     near = times.first if before else times.last
     if len(kept):
         far = float(_times(kept)[-1 if before else 0])

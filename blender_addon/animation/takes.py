@@ -1,4 +1,4 @@
-"""Manage takes: solved actions that a body plays, keeps on NLA tracks, or offers in the asset browser."""
+"""Manage takes, which are solved actions on a body, on NLA tracks or in the asset browser."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def mark_as_asset(action: bpy.types.Action) -> None:
 
 
 def measured_key(action: bpy.types.Action) -> str:
-    """Return the key of ``PATHS`` for a take's source: its capture, or its motion if it has no capture."""
+    """Return the key of ``PATHS`` for a take's source: its capture, otherwise its motion."""
     return "capture_file" if action.get("capture_file") else "motion_file"
 
 

@@ -57,7 +57,7 @@ def face_bones(armature: bpy.types.Object) -> list[str]:
 
 
 def turns_of_shapes(values: Mapping[str, np.ndarray], frames: int) -> dict[str, np.ndarray]:
-    """Return the (F, 3) rotation vectors of jaw and eyes in facial shapes with (F,) values, in the body's axes."""
+    """Return (F, 3) rotation vectors of jaw and eyes for facial values, in the body's axes."""
     none = np.zeros(frames)
     found = {"jaw": np.outer(values.get("jawOpen", none), np.deg2rad(_BONES["jaw"].turn_deg))}
     for side, flip in (("Left", 1.0), ("Right", -1.0)):

@@ -28,7 +28,7 @@ def pair_triangles(vertices: np.ndarray, faces: np.ndarray, material: np.ndarray
 
 
 def _matched(count: int, first: list[int], second: list[int]) -> list[int]:
-    """Match triangles in pairs greedily. Then split a pair between two unmatched triangles into two pairs."""
+    """Pair triangles greedily, then split a pair between two unmatched triangles."""
     pair_of = [-1] * count
     edges: list[list[int]] = [[] for _ in range(count)]
     for pair, (a, b) in enumerate(zip(first, second, strict=True)):
@@ -106,7 +106,7 @@ def _face_materials(body: BodyFile) -> np.ndarray:
 
 @once_a_body
 def polygons_of(body: BodyFile) -> tuple[list[list[int]], np.ndarray, np.ndarray | None]:
-    """Return the body's polygons, their (L, P) materials in each look, and the (C, 2) texture coordinates of corners.
+    """Return the polygons, their (L, P) materials per look, and (C, 2) texture coordinates.
 
     Polygons consist of texture points, so that none crosses a seam.
     """

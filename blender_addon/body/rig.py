@@ -148,7 +148,7 @@ class Rig:
 
 
 def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.types.Collection) -> Rig:
-    """Create a posable body at rest at the world origin, with sliders at ``betas`` (10,), in object mode."""
+    """Create a posable body at the world origin with a (10,) shape, in object mode."""
     layout = lay_out_bones(body, betas)
     armature = create_armature(name, body.layout, layout, collection)
     hidden = add_control_shapes(armature, body, betas, layout)
@@ -161,7 +161,7 @@ def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.typ
 
 
 def stand_on_floor(rig: Rig, body: BodyFile) -> None:
-    """Add a driver to the armature's delta location that keeps the resting soles at the origin's height."""
+    """Add a driver that keeps the resting soles at the height of the armature's origin."""
     directions, _ = shape_directions(body)
     pelvis = np.array(rig.armature.data.bones[JOINTS[0]].head_local)
     vertices = around_pelvis(body, get_betas(rig.mesh), pelvis)

@@ -1,4 +1,4 @@
-"""Number the files of a kind in a folder. A number is not reused while a file with this number exists."""
+"""Number files of one kind in a folder without reusing numbers of existing files."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def next_number(folder: Path, stem: str) -> int:
-    """Return 1 more than the highest N of all files named ``stem_N...`` in a folder, 1 without such files."""
+    """Return the highest N of all files named ``stem_N...`` in a folder plus 1."""
     found = [re.match(rf"{re.escape(stem)}_(\d+)", path.name) for path in folder.glob(f"{escape(stem)}_*")]
     return 1 + max((int(match[1]) for match in found if match), default=0)
 

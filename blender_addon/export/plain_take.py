@@ -85,7 +85,7 @@ def _copy_skin(
 
 
 def _offsets(mesh: bpy.types.Object, key: bpy.types.ShapeKey) -> np.ndarray:
-    """Return the (V, 3) movement in metres of a key at value 1, from its own basis and masked by its vertex group."""
+    """Return a key's (V, 3) movement in metres at value 1, masked by its vertex group."""
     moved = positions(key.points) - positions(key.relative_key.points)
     if (group := mesh.vertex_groups.get(key.vertex_group)) is not None:
         for vertex in mesh.data.vertices:

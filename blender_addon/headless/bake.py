@@ -1,4 +1,4 @@
-"""``bake`` and ``render``: write a Blender file, a preview video and a contact sheet of a motion file."""
+"""``bake`` and ``render``: write a motion's Blender file, preview video and contact sheet."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ class ImportLimits:
     seconds: float | None = None
 
     def of_file(self, path: Path, *, whole: bool = False) -> tuple[float, float]:
-        """Return the limits in megabytes and seconds for opening a file here (``whole``), or for sampling it."""
+        """Return megabytes and seconds allowed to open a file (``whole``) or to sample it."""
         size_mb = _size_mb(path)
         memory_mb = min(_LEAST_MB + _MB_PER_MB * size_mb, _MOST_MB)
         if path.suffix.lower() == ".blend":

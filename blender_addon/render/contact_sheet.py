@@ -156,7 +156,7 @@ _STAGE = "rendering the contact sheet"
 
 
 def render_contact_sheet(path: Path, subject: RenderedTake, progress: Progress) -> None:
-    """Render twelve poses of the take and, with a capture, up to four camera views of its middle frame."""
+    """Render twelve poses of the take and up to four camera views of its middle frame."""
     cameras = subject.cameras(_MOST_CAMERAS)
     poses = [_grid_tile(i) for i in range(POSES)]
     width, poses_height = canvas_size(poses)

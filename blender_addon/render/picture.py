@@ -30,7 +30,7 @@ def read_targa(path: Path) -> np.ndarray:
 
 
 def write_png(path: Path, picture: np.ndarray, *, level: int = 6) -> None:
-    """Write an (h, w, 3) uint8 picture as PNG (ISO/IEC 15948). zlib's ``level`` is 0 (fast) to 9 (small)."""
+    """Write an (h, w, 3) uint8 picture as PNG (ISO/IEC 15948) at zlib's ``level`` from 0 to 9."""
     height, width = picture.shape[:2]
     rows = np.zeros((height, 1 + 3 * width), dtype=np.uint8)
     rows[:, 1:] = picture.reshape(height, -1)

@@ -1,4 +1,4 @@
-"""Render the preview video: the body in the capture cameras' views, over footage or a neutral room."""
+"""Render the preview video of the body in the cameras' views, over footage or a plain room."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ def named_preset(name: str, bones: Iterable[str], user_folder: Path | None = Non
 
 
 def fit(preset: RigMap, bones: Iterable[str]) -> RigMap:
-    """Adapt a preset to a rig whose bone names may have a prefix such as ``mixamorig:`` or another case."""
+    """Adapt a preset to bone names with another case or a prefix such as ``mixamorig:``."""
     exact = set(bones)
     lower = {bone.lower(): bone for bone in exact}
     wanted = {*preset.bones.values(), *(switch.bone for switch in preset.switches), *preset.map_pose}

@@ -1,4 +1,4 @@
-"""Read the motion of any armature, from our body's joints, or from another rig through its bone map."""
+"""Read any armature's motion from our body's joints, or through the rig's bone map."""
 
 from __future__ import annotations
 

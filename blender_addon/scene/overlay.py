@@ -41,7 +41,7 @@ def create_point_overlay(
     look: PointLook,
     players: Players | None = None,
 ) -> bpy.types.Object:
-    """Create one object that plays (F, K, 3) points in metres in the viewport, with NaN for unseen points."""
+    """Create one object that plays (F, K, 3) points in metres in the viewport, NaN if unseen."""
     rows, count = points.shape[:2]
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(rows * count)
@@ -114,7 +114,7 @@ def labels_of(cloud: bpy.types.Object) -> list[str]:
 
 
 def grade_markers(cloud: bpy.types.Object, motion: MotionFile | None) -> None:
-    """Colour every marker in every frame by its residual in a motion, or plainly if it has no residual."""
+    """Colour every marker in every frame by its residual in a motion, if it has one."""
     labels = labels_of(cloud)
     grades = np.zeros((len(cloud.data.vertices) // len(labels), len(labels)), np.float32)
     if motion is not None and motion.marker_residual_mm is not None:

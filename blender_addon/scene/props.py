@@ -25,7 +25,7 @@ _EDGES = 3  # Minimum number of edges per marker, drawn to the nearest markers.
 def create_props(
     scene: bpy.types.Scene, props: Sequence[Prop], fps: float, timing: TakeTiming, collection: bpy.types.Collection
 ) -> tuple[bpy.types.Object, ...]:
-    """Create an animated empty for each prop in a new collection, with the mesh of its markers as a child."""
+    """Create an animated empty for each prop in a new collection, and its markers as a child."""
     if not props:
         return ()
     folder = child_collection("Props", collection)

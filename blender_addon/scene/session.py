@@ -38,7 +38,7 @@ def fresh_scene() -> bpy.types.Scene:
 
 
 def frame_viewports(target: tuple[float, float, float]) -> None:
-    """Aim all 3D viewports of the file at a point in world metres, with studio light and material colours."""
+    """Aim all 3D viewports at a point in world metres, with studio light and material colours."""
     for screen in bpy.data.screens:
         for area in screen.areas:
             if area.type == "VIEW_3D":
@@ -157,7 +157,7 @@ def request_of(scene: bpy.types.Scene) -> dict[str, Any]:
 
 
 def _driving_meshes(owner: bpy.types.Object) -> list[bpy.types.Mesh]:
-    """Return the meshes whose shape keys drive an object or its data, including meshes without an object."""
+    """Return the meshes with shape keys that drive an object, including unlinked meshes."""
     variables = [variable for driver in _drivers((owner, owner.data)) for variable in driver.variables]
     found = (target.id for variable in variables for target in variable.targets)
     return list(dict.fromkeys(key.user for key in found if isinstance(key, bpy.types.Key)))

@@ -17,7 +17,7 @@ _ASK_S = 5.0  # Seconds for ``ps`` to answer. Chosen by hand.
 
 
 def resident_mb(pid: int) -> float | None:
-    """Return a process's memory in megabytes, 0 if it has ended, None if this system does not report it."""
+    """Return a process's memory in megabytes, 0 after its end, None if unknown."""
     if sys.platform == "win32":
         return _windows_mb(pid)
     if (_PROCESSES / "self" / "statm").is_file():

@@ -1,4 +1,4 @@
-"""Run the solver's live process, and read its poses without blocking. Only the newest pose is used."""
+"""Run the solver's live process, and read its newest pose without blocking."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ class MocapSolve(SolveProperties, bpy.types.PropertyGroup):
         return ROWS[name].acts_in(self.method if self.preset == "CUSTOM" else DEFAULTS["method"])
 
     def values(self) -> dict[str, Any]:
-        """Return the job file settings: method settings of the preset or user, and other non-default settings."""
+        """Return the job file's settings: the preset's or user's, and all non-default ones."""
         acting = tuple(name for name in CHOSEN_BY_PRESETS if self.acts(name))
         method = panel_values(self, acting) if self.preset == "CUSTOM" else PRESETS[self.preset.lower()]
         others = panel_values(self, tuple(name for name in ROWS if name not in CHOSEN_BY_PRESETS))

@@ -234,7 +234,7 @@ def panel_values(properties: Any, names: tuple[str, ...] = tuple(ROWS)) -> dict[
 
 
 def reading_options(properties: Any, listed: Mapping[str, str]) -> list[str]:
-    """Return the solver's command-line options for reading settings and list choices that are not default."""
+    """Return the solver's options for reading settings and list choices that are not default."""
     plain = {name: _plain(row, getattr(properties, name)) for name, row in READING_ROWS.items()}
     return options_of(plain | dict(listed))
 

@@ -137,7 +137,7 @@ def _rigid(evidence: TakeEvidence, off: np.ndarray) -> tuple[float, float]:
 
 
 def _heavy(off: np.ndarray, spread: float) -> float:
-    """Return the log-likelihood of deviations with heavy tails, because one unusual bone proves nothing."""
+    """Return the heavy-tailed log-likelihood of deviations: one unusual bone proves nothing."""
     return float((-2.0 * np.log1p((off / spread) ** 2 / 3)).sum())
 
 
@@ -160,7 +160,7 @@ def _upright(evidence: TakeEvidence, reading: Reading) -> float:
 
 
 def _handed(place: dict[str, np.ndarray], height: float) -> float:
-    """Return the log-likelihood that toes, knees and faces point forward. Each kind counts once per take.
+    """Return the log-likelihood that toes, knees and faces point forward, each once per take.
 
     With left ``l`` and up ``u`` of the trunk, ``n = l x u`` points forward, but backward in a mirror image.
     """
@@ -274,7 +274,7 @@ def _distances(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray, si
 
 
 def _turned(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotate a camera about its centre so that its rays point at the triangulated points (Kabsch 1976)."""
+    """Rotate a camera about its centre towards the triangulated points (Kabsch 1976)."""
     place = -R.T @ t
     ways = X - place
     ways /= np.maximum(np.linalg.norm(ways, axis=-1, keepdims=True), 1e-12)

@@ -137,7 +137,7 @@ def _claimed_by_others(
 def _accepted(
     seen: Sightings, points: np.ndarray, near: np.ndarray, others: np.ndarray, tracks: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a (C, F, P) mask of the person's detections, and the number of matching keypoints of each.
+    """Return a (C, F, P) mask of the person's detections, and their numbers of matching keypoints.
 
     A detection is accepted if its keypoints and most of its track in the view are as close as usual in this recording.
     The track distinguishes the person from people who pass behind.

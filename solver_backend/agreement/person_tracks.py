@@ -1,4 +1,4 @@
-"""Find people in space and track them: group their detections of one frame, then link them over time.
+"""Find people in space by grouping the detections of each frame, and track them over time.
 
 Rays of every pair of detections from two views are intersected at the midpoint of their shortest segment. Pairs with
 intersecting rays are projected into all other views, and the nearest detection in each is added. Distances are in

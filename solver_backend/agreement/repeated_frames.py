@@ -180,7 +180,7 @@ def report_order(detections: Detections) -> tuple[Diagnostic, ...]:
 
 
 def _walked(points: np.ndarray) -> float:
-    """Return the 95th percentile of the movement of keypoints (C, F, K, 2) per frame, 0 without keypoints."""
+    """Return the 95th percentile of keypoint movement per frame, 0 without keypoints."""
     moved = np.linalg.norm(np.diff(points, axis=1), axis=-1).swapaxes(0, 1).reshape(points.shape[1] - 1, -1)
     moved = moved[np.isfinite(moved).any(-1)]
     return float(np.quantile(quantile(moved, 0.5, axis=-1), FAR_QUANTILE)) if len(moved) else 0.0

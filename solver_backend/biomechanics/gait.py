@@ -153,7 +153,7 @@ def _events_of_foot(
 
 
 def _landings(fall: np.ndarray, first: int, fps: float) -> list[float]:
-    """Return the fractional frame after ``first`` at which a heel first stops falling, or an empty list."""
+    """Return the fractional frame after ``first`` in which a heel stops falling, or no frame."""
     part = fall[first : first + int(LANDING_S * fps) + 1]
     landed = np.flatnonzero((part[:-1] < -LANDING_M_S) & (part[1:] >= -LANDING_M_S))
     return [first + int(k) + float((-LANDING_M_S - part[k]) / (part[k + 1] - part[k])) for k in landed[:1]]

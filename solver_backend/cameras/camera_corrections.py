@@ -111,7 +111,7 @@ def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
 
 
 def _reshaped(cameras: Cameras, c: int, window: Window) -> Cameras:
-    """Return the cameras with one camera changed to another image crop: ``u' + 0.5 = s (u + 0.5) + o`` px.
+    """Change one camera to another image crop: ``u' + 0.5 = s (u + 0.5) + o`` px.
 
     The crop does not determine where the images end. Their right and bottom edges do not change.
     """
@@ -133,7 +133,7 @@ def _reposed(cameras: Cameras, c: int, correction: CameraCorrection) -> Cameras:
 
 
 def _turned_once(cameras: Cameras, c: int) -> Cameras:
-    """Rotate images by 90° clockwise, ``u' = h - 1 - v``, ``v' = u`` px, together with the camera's axes."""
+    """Rotate images and camera axes by 90° clockwise: ``u' = h - 1 - v``, ``v' = u`` px."""
     K, sizes, R, t = cameras.K.copy(), cameras.image_size.copy(), cameras.R.copy(), cameras.t.copy()
     distortion, height = cameras.distortion.copy(), sizes[c, 1]
     (fx, _, cx), (_, fy, cy) = K[c, 0], K[c, 1]  # a skew, which no lens has today, would leave the upper triangle

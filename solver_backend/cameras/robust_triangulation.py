@@ -223,7 +223,7 @@ def _normal_equations(J: Array, w: Array, error: Array) -> tuple[Array, Array]:
 
 
 def _agreeing(arrays: CameraArrays, px: Array, weight: Array, points: Array, spread: Array) -> tuple[Array, Array]:
-    """Return the inliers (C, N) and the distance of every detection (C, N) in px, NaN if there is none."""
+    """Return the inliers (C, N) and all distances (C, N) in px, NaN without a detection."""
     xp = array_namespace(px)
     error, _, seen = _errors(arrays, px, weight, points)
     distance = xp.sqrt(squared_length(error))

@@ -183,7 +183,7 @@ class Evaluation:
 
 
 def evaluate(capture: Capture, motion: Motion) -> Evaluation:
-    """Compare a motion, solved or edited, with the truth of a simulated capture or joint centres of another system.
+    """Compare a motion with ground truth, or with another system's joint centres.
 
     Joint centres are markers with names of joints, such as ``left_knee`` or ``RKnee``, interpolated linearly at the
     motion's frames.

@@ -209,7 +209,7 @@ def _read(item: Mapping[str, Any]) -> Diagnostic:
 
 
 def _kept(value: Any) -> Any:
-    """Return a text, a finite number, or a list or object of these. Other values become shortened text."""
+    """Return a text, a finite number, or a list or object of these. Shorten other values to text."""
     if isinstance(value, str | bool) or (isinstance(value, int | float) and math.isfinite(value)):
         return value
     if isinstance(value, Mapping) and value:

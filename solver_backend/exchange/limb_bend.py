@@ -1,4 +1,4 @@
-"""Bend two-bone limbs to a goal, move the body within reach of its feet, and fade offsets between fixed frames."""
+"""Bend limbs to goals, move the body within reach of its feet, and fade offsets over time."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ _ON_AXIS_M = 1e-9  # Distance in metres from the axis below which a direction is
 def within_reach(
     hips: np.ndarray, ankles: np.ndarray, reaches: np.ndarray, folded: np.ndarray | float = 0.0
 ) -> np.ndarray:
-    """Return the smallest (F, 3) body offset in metres with which every (L, F, 3) leg reaches its foot.
+    """Return the smallest (F, 3) body offset in metres that lets every leg reach its foot.
 
     With c the vector from a hip to its ankle, the offset w satisfies ``least <= |c - w| <= longest``. The smallest w is
     0, or on a sphere around one c, or on the circle where two spheres intersect. If no offset fits both legs, the

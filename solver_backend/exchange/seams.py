@@ -380,7 +380,7 @@ def _with_closed_root(cycle: MotionFile, placement: Placement) -> MotionFile:
 
 
 def _stay(cycle: MotionFile, placement: Placement) -> MotionFile:
-    """Remove the travel of a cycle. Frame i of N is moved back by the fraction i / N of the screw motion."""
+    """Remove the travel of a cycle: move frame i of N back by i / N of the screw motion."""
     share = np.arange(cycle.num_frames) / cycle.num_frames
     way = share[:, None] * (_arc(share * placement.angle) @ np.linalg.solve(_arc(placement.angle), placement.shift))
     back = matrix_from_rotvec(-(share * placement.angle)[:, None] * [0.0, 0.0, 1.0])

@@ -1,4 +1,4 @@
-"""Label takes like other takes of the same person, and find labels that are exchanged between takes."""
+"""Label takes like other takes of the same person, and find exchanged labels between takes."""
 
 from __future__ import annotations
 

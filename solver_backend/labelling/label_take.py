@@ -187,7 +187,7 @@ class FittedBody(Protocol):
 
 
 class BodyFit(Protocol):
-    """A frame-by-frame fit of a body, such as ``fitters/recipes/live.py``, which may import this module."""
+    """A fit of a body frame by frame. Implementations may import this module."""
 
     def restart(self) -> None:
         """Forget the pose."""

@@ -64,7 +64,7 @@ class RecordingFormat(ABC, Generic[Item]):
 
 @final
 class Recorder(Generic[Item]):
-    """Appends items to ``PATH.recording`` and converts it to ``PATH`` at the end, as a context manager.
+    """Context manager that appends items to ``PATH.recording`` and finally converts it to ``PATH``.
 
     The recording keeps all items even if the process is killed. The next run with the same path finishes it.
     """
@@ -316,7 +316,7 @@ def poses_at(times: np.ndarray, rows: np.ndarray, fps: float, betas: np.ndarray,
 
 
 def even_times(times: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return the frame rate of (N,) ascending seconds, and (F,) regular times from the first to the last."""
+    """Return the frame rate of (N,) ascending seconds, and (F,) regular times over their range."""
     fps = rate_of(times)
     return fps, times[0] + np.arange(round((times[-1] - times[0]) * fps) + 1) / fps
 

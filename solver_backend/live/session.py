@@ -1,4 +1,4 @@
-"""Run one person live: a loop of lines, events and statistics, and the session that fits live points."""
+"""Run one person live: the loop of lines, events and statistics, and the fit of points."""
 
 from __future__ import annotations
 
@@ -205,7 +205,7 @@ class LiveStatistics:
         return (len(self._recent) - 1) / max(self._recent[-1] - self._recent[0], 1e-6)
 
     def summary(self) -> dict[str, object]:
-        """Return numbers of frames, states and events, and the median and 99th percentile of latency and lag."""
+        """Return counts of frames, states and events, and statistics of latency and lag."""
         data: dict[str, object] = {"frames": sum(self.states.values())}
         data |= {"states": dict(self.states), "events": dict(self.events)}
         for name, values in (("latency", self.latency_ms), ("lag", self.lag_ms)):

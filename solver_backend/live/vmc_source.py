@@ -97,7 +97,7 @@ class FrameAssembly(OneSender[list[OscMessage], BoneFrame]):
         return None if numbers is None else (name, *numbers)
 
     def _numbers(self, message: OscMessage) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return rotation wxyz and position from a message's seven numbers, or None if they are impossible."""
+        """Return rotation wxyz and position from seven numbers of a message, or None if impossible."""
         values = [v for v in message.values[1:8] if isinstance(v, float | int) and not isinstance(v, bool)]
         numbers = np.array(values if len(values) == 7 else [math.nan], np.float64)
         length = float(np.linalg.norm(numbers[3:])) if (np.abs(numbers) < FARTHEST_M).all() else 0.0

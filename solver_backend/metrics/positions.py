@@ -67,7 +67,7 @@ def mpjpe_mm(found: Points, truth: Points) -> float:
 
 
 def rmse_mm(found: Points, truth: Points) -> float:
-    """Return the mean over frames of the root mean squared distance, without alignment, in millimetres.
+    """Return the mean over frames of the RMS distance in millimetres, without alignment.
 
     The error is ``1/N Σ_i √(1/J Σ_j |found_ij - truth_ij|²)`` for N frames of J points (..., J, 3) in metres. Frames
     without a common point are excluded. Thesis eq. 4.28 prints the norm without its square, and no unit.
@@ -121,7 +121,7 @@ def world_mpjpe_mm(found: Track, truth: Track, fitted: int = WORLD_FRAMES) -> fl
 
 
 def pck_percent(found: Points, truth: Points, threshold_m: float) -> float:
-    """Return the percentage of points (..., N, 3) within ``threshold_m`` of the truth, without alignment.
+    """Return the percentage of points (..., N, 3) within ``threshold_m``, without alignment.
 
     Missing points with known truth count as wrong. Points without truth are excluded. The thesis (6.3.4, eq. 4.29)
     reports 3 and 7 cm. Reference: Yang and Ramanan 2013, "Articulated human detection with flexible mixtures of parts".
@@ -134,7 +134,7 @@ def pck_percent(found: Points, truth: Points, threshold_m: float) -> float:
 def geodesic_deg(
     found: Float[np.ndarray, "*batch 3 3"], truth: Float[np.ndarray, "*batch 3 3"]
 ) -> Float[np.ndarray, " *batch"]:
-    """Return the angles (...) between (..., 3, 3) rotations in degrees, from 0 to 180, NaN where missing.
+    """Return angles between (..., 3, 3) rotations in degrees, from 0 to 180, NaN where missing.
 
     ``2 asin(|A - B|_F / (2 √2))`` keeps its precision for small angles, unlike the arc cosine of the trace (Hartley et
     al. 2013, "Rotation averaging", sec. 4).

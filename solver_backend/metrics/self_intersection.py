@@ -41,7 +41,7 @@ class Capsules:
 
 @lru_cache(maxsize=4)
 def capsules_of(body: Body) -> Capsules:
-    """Return the capsules of the mean shape of an SMPL body, each with a tenth of its bone's skin inside."""
+    """Return the capsules of SMPL's mean shape. A tenth of a bone's skin is inside its capsule."""
     ends = tuple((SMPL.joints.index(a), SMPL.joints.index(b)) for a, b in BONES)
     own = list(body.layout.standing_for(SMPL))
     rest, owner = body.joints_template[own], np.argmax(body.weights[:, own], axis=1)

@@ -213,7 +213,7 @@ class PoseAutoencoder(AutoencodingPrior):
         return reconstruction_energy(rotations, self.reconstruct(rotations), self.residual_sigma)
 
     def decoder_like(self, like: Array) -> DenseStack:
-        """Return the decoder with the array type, precision and device of ``like``, without checks of codes."""
+        """Return the decoder with the array type, precision and device of ``like``, unchecked."""
         return self._stacks(like)[1]
 
     def _decoder_for(self, z: Array) -> DenseStack:

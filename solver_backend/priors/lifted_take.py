@@ -1,4 +1,4 @@
-"""Lift the take of one camera: poses in camera axes, and the position of a body with a given shape."""
+"""Lift the take of one camera to poses in camera axes and positions of a given body."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ _SIDEWAYS = np.diag([-1.0, 1.0, 1.0])  # Mirrors points in the body's sagittal p
 def _lifted_twice(
     image: np.ndarray, confidence: np.ndarray, joint_set: JointSet, fps: float, up: np.ndarray | None
 ) -> LiftedView:
-    """Return the mean of the lifted view and its lifted mirror image. Their errors are partly independent.
+    """Return the mean of the lifted view and its mirror image, which have independent errors.
 
     A frame keeps the view if both face in opposite directions, because their mean faces sideways.
     """

@@ -1,4 +1,4 @@
-"""Estimate pose code, root, up direction and their errors from one camera's keypoints over 27 frames.
+"""Estimate pose code, root, up direction and errors from 27 frames of one camera's keypoints.
 
 Distance and size cannot be seen in one image and are not estimated. Windows are rotated towards the person and divided
 by the angular size, so that the position in the image does not matter.

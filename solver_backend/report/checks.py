@@ -169,7 +169,7 @@ def hips_never_move(capture: Capture, motion: Motion) -> bool:
 
 
 def _far_markers(motion: Motion, usual: float, scale: float) -> Iterator[Diagnostic]:
-    """Yield diagnostics about markers that are far from their position on the body, always or temporarily.
+    """Yield diagnostics about markers that are always or temporarily far from their positions.
 
     Args:
         usual: median residual of the take in millimetres.
@@ -470,7 +470,7 @@ def _keypoints(capture: Capture, residuals: KeypointResiduals) -> Iterator[Diagn
 
 
 def run_checks(capture: Capture, motion: Motion, residuals: KeypointResiduals | None) -> Iterator[Diagnostic]:
-    """Yield the diagnostics of all checks of a result. ``residuals`` is None if no camera has detections."""
+    """Yield the diagnostics of all checks. ``residuals`` is None without detections."""
     yield from check_motion(motion)
     yield from _flagged(capture, motion)
     yield from _stature(motion)

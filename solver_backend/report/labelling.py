@@ -1,4 +1,4 @@
-"""Write the page about a labelled take: fraction and confidence of labels, and frame ranges to check."""
+"""Write the page of a labelled take: fraction and confidence of labels, ranges to check."""
 
 from __future__ import annotations
 

@@ -302,7 +302,7 @@ def gaps_section(motion: Motion) -> str:
 
 
 def props_section(motion: Motion) -> str:
-    """Plot each prop's standard deviations over time, and show the percentage of frames with its markers."""
+    """Plot each prop's deviations over time, and show how often its markers are visible."""
     lead = (
         "Props are objects with markers that the person does not wear. They are solved as rigid bodies. The "
         "curves are the standard deviations of the origin and of the rotation about its least certain axis."

@@ -78,7 +78,7 @@ def residuals_of(capture: Capture, motion: Motion) -> KeypointResiduals | None:
 
 
 def _limit_px(motion: Motion, error: np.ndarray) -> np.ndarray:
-    """Return the solver's (K,) outlier limits in pixels: twice the robust scale, in standard deviations."""
+    """Return the solver's (K,) outlier limits in pixels, twice the robust scale."""
     sigma = np.asarray(motion.provenance.get("sigma_px", ()), dtype=np.float64)
     settings = motion.provenance.get("settings", {})
     usual = SolveSettings().robust_scale

@@ -31,7 +31,7 @@ class LandmarkLoss(Protocol):
         ...
 
     def __call__(self, squared: np.ndarray, seen: np.ndarray, own: np.ndarray) -> LandmarkCost:
-        """Return the cost of (F, L) squared distances r² in initial variances, at the (F, n) ``own`` unknowns."""
+        """Return the cost of (F, L) squared distances, in initial variances, at the ``own`` unknowns."""
         ...
 
 

@@ -71,7 +71,7 @@ def independent_lbfgs(
 def _wolfe_step(
     objective: Objective, at: Evaluated, direction: np.ndarray, problems: np.ndarray, settings: QuasiNewtonSettings
 ) -> Evaluated:
-    """Return points, costs and gradients after one step. Problems without a lower trial keep their point."""
+    """Return points, costs and gradients after one step. Points without a lower trial remain."""
     x, cost, gradient = at
     slope = (gradient * direction).sum(-1)
     step, low, high = np.ones(len(x)), np.zeros(len(x)), np.full(len(x), np.inf)

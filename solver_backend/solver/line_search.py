@@ -81,7 +81,7 @@ def strong_wolfe(
 
 
 def _between(low: StepTrial[Payload], high: StepTrial[Payload]) -> float:
-    """Return the minimiser of the cubic through both trials, at least 10 % of the interval from its ends."""
+    """Return the minimiser of the cubic through two trials, not near the interval's ends."""
     width = high.step - low.step
     middle = low.step + 0.5 * width
     if not (math.isfinite(high.cost) and math.isfinite(high.slope)):

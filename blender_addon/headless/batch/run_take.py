@@ -127,7 +127,7 @@ def _known(record: TakeRecord, folder: Path, wanted: tuple[Step, ...]) -> TakeRe
 
 
 def _begun(record: TakeRecord, folder: Path, step: str, worker: str) -> TakeRecord:
-    """Write and return the record of a take with a started step. A step without an end was interrupted."""
+    """Write and return the record of a take after the start of a step."""
     attempts = [*record.get("attempts", ())][-_KEPT_ATTEMPTS:]
     record = {**record, "attempts": [*attempts, {"step": step, "worker": worker, "how": "begun"}]}
     write_record(folder, record)

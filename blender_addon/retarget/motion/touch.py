@@ -46,7 +46,7 @@ class HandPlace:
 def _hand_places(
     actor: Actor, target: Target, turns: np.ndarray, goals: Mapping[str, np.ndarray]
 ) -> Iterator[HandPlace]:
-    """Yield the palms of hands that have a goal and a length, and the fingertips that both figures have."""
+    """Yield palms with a goal and a length, and fingertips that both figures have."""
     fingers = {hand.roles[0].partition("_")[0]: hand for hand in actor.hands}
     for side in SIDES:
         role = f"{side}_hand"
@@ -241,7 +241,7 @@ def _solid(
 
 
 def _radii(share: np.ndarray, angle: np.ndarray, distance: np.ndarray, table: tuple[float, float]) -> np.ndarray | None:
-    """Return the radius of each table cell. A cell without skin gets the radius of the nearest known cell."""
+    """Return the radius of each table cell. Cells without skin take it from the nearest cell."""
     low, high = table
     k = np.floor((share - low) / (high - low) * _SHARES).astype(int)
     m = np.floor(angle / (2 * np.pi) * _ANGLES).astype(int) % _ANGLES

@@ -45,7 +45,7 @@ class Transferred:
     beyond_m: float = 0.0  # Largest distance in metres by which a touch was beyond the arm's reach.
 
     def missed_m(self, target: Target) -> float:
-        """Return the largest distance in metres of a planned hand or foot from its goal, at the rig's size."""
+        """Return the largest distance in metres of a planned hand or foot from its goal."""
         off = [self.places[target.index(role)] - goal for role, goal in self.goals.items()]
         return float(np.linalg.norm(off, axis=-1).max()) if off else 0.0
 

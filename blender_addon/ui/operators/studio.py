@@ -1,4 +1,4 @@
-"""The studio: make data sets with ground truth, and predict the accuracy of the user's camera array."""
+"""The studio: make data sets with ground truth, and predict a camera array's accuracy."""
 
 from __future__ import annotations
 

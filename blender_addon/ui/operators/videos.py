@@ -1,4 +1,4 @@
-"""Make captures from videos step by step, and set up and test the detector that finds people in them."""
+"""Make captures from videos step by step, and set up and test the person detector."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ def panel(
     needs: Callable[[bpy.types.Context], Any] = lambda context: True,
     draw_header: Draw | None = None,
 ) -> Callable[[Draw], Any]:
-    """Return a decorator that makes a panel of the function that draws it, ``VIEW3D_PT_mocap_<function>``.
+    """Return a decorator that makes the panel ``VIEW3D_PT_mocap_<function>`` from a function.
 
     ``stage`` is one of ``properties.STAGES`` or ``ACQUIRE``, "" for all stages, and ``parent`` is the enclosing panel.
     """

@@ -129,7 +129,7 @@ def _projected(cameras: Cameras, which: np.ndarray, x_cam: np.ndarray) -> tuple[
 
 
 def _distorted(cameras: Cameras, which: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[Any, ...]:
-    """Return distorted coordinates (N,) and the entries of their derivative, computed once per lens model."""
+    """Return distorted coordinates (N,) and the entries of their derivative."""
     groups = cameras_by_model(cameras.models)
     if len(groups) == 1:
         return distorted(x, y, cameras.distortion[which], cameras.models[:1])

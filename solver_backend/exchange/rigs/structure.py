@@ -264,7 +264,7 @@ def _is_quadruped(skeleton: Skeleton, limbs: _Limbs) -> bool:
 
 
 def _left_first(skeleton: Skeleton, limbs: _Limbs, up: np.ndarray) -> tuple[bool, list[str]]:
-    """Return whether the first of each pair is left, and warnings. Toe directions decide, otherwise names."""
+    """Return whether the first of each pair is left, by toe directions or names, and warnings."""
     apart = skeleton.heads[limbs.legs[0].joints[0]] - skeleton.heads[limbs.legs[1].joints[0]]
     ahead = np.zeros(3)
     for fit in limbs.legs:

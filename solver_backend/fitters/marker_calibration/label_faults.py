@@ -118,7 +118,7 @@ def _smoothed(gain: np.ndarray, half: int) -> np.ndarray:
 
 
 def _trimmed(gain: np.ndarray, first: int, last: int) -> tuple[int, int]:
-    """Extend a frame range to adjacent frames with a gain, and remove frames without a gain at its ends."""
+    """Extend a frame range to adjacent frames with a gain, and trim frames without a gain."""
     while first > 0 and gain[first - 1] > 0:
         first -= 1
     while last < len(gain) - 1 and gain[last + 1] > 0:

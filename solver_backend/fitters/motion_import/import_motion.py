@@ -66,7 +66,7 @@ def measure(motion: SkeletonMotion, roles: dict[str, str], own_rest: np.ndarray)
 
 
 def _alignments(index: dict[str, int], rest: np.ndarray, own: np.ndarray) -> dict[str, np.ndarray]:
-    """Return each role's rotation from the skeleton's bone to the body's bone, both at rest in stage axes."""
+    """Return each role's rotation from skeleton bone to body bone, at rest in stage axes."""
     aligned: dict[str, np.ndarray] = {}
     for limb, roles in LIMBS.items():
         if not set(roles[:2]) <= index.keys():
@@ -429,7 +429,7 @@ def import_motion(
 
 
 def _with_own_fingers(motion: Motion, body: Body, source: SkeletonMotion, roles: dict[str, str]) -> Motion:
-    """Return the motion with the skeleton's fingers, if any of them move and the body has finger joints."""
+    """Add the skeleton's fingers to a motion if they move and the body has finger joints."""
     moving = [side for side in range(len(SIDES)) if fingers_move(source, roles, side)]
     try:
         fingered = with_fingers(body)

@@ -255,7 +255,7 @@ class LiveViewsFit(PersonFollower):
     """Live solver for a person in calibrated views."""
 
     def __init__(self, body: Body, cameras: Cameras, joint_set: JointSet, betas: np.ndarray | None = None) -> None:
-        """Create a fit of a body to detected keypoints of these cameras, with the (10,) shape if it is known."""
+        """Create a fit of a body to detected keypoints, with the (10,) shape if it is known."""
         super().__init__(Subject.average(body, keypoint_landmarks(body, joint_set), np.zeros(0)), betas)
         self.cameras, self.joint_set = cameras, joint_set
         self._sigma_px = SIGMA_PX * float(np.median(cameras.image_size[:, 1])) / LINES

@@ -80,7 +80,7 @@ def _nodes(stem: str, tree: Any, shared: Values) -> Content:
 
 
 def _camera(node: Any, shared: Values) -> tuple[Values, str, str] | None:
-    """Return a camera's values under our names, its unit and its up axis. Return None for other content."""
+    """Return a camera's values under our names, its unit and its up axis, or None."""
     if not isinstance(node, Mapping):
         return None
     for convert, unit, up_axis in _CAMERAS:
@@ -207,7 +207,7 @@ def _unity(values: Values) -> Values | None:
 
 
 def _blender(values: Values) -> Values | None:
-    """Read a Blender camera with ``matrix_world``, or with ``location`` and radians or a quaternion wxyz.
+    """Read a Blender camera with ``matrix_world``, or with ``location`` and a rotation.
 
     The lens is ``lens`` and ``sensor_width`` in mm with ``sensor_fit``, or ``angle`` in radians. Shifts are optional.
     """

@@ -68,7 +68,7 @@ def _logical_lines(text: str) -> list[_Line]:
 
 
 def _key_and_rest(text: str) -> tuple[str, str] | None:
-    """Return the key of a line and the text after its colon, or None if the line is not ``key: value``."""
+    """Return the key and the text after its colon, or None for lines without ``key: value``."""
     if text[0] in "\"'":
         key, quote, rest = text[1:].partition(text[0])
         rest = rest.lstrip() if quote else ""
@@ -125,7 +125,7 @@ def _mapping(lines: list[_Line], i: int, indent: int) -> tuple[dict[str, Any], i
 
 
 def _value(rest: str, lines: list[_Line], i: int, indent: int) -> tuple[Any, int]:
-    """Return the value that starts with the text ``rest`` of line ``i``, and the index of the next line."""
+    """Return the value that starts with ``rest`` in line ``i``, and the next line's index."""
     rest = _TAG.sub("", rest)
     if rest:
         return _flow(rest, lines[i].number), i + 1

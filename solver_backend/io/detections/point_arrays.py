@@ -141,7 +141,7 @@ def _recorded(path: Path) -> np.ndarray:
 
 @contextmanager
 def _opened(path: Path, program: str) -> Iterator[Any]:
-    """Open an HDF5 file. Convert errors inside the block to ours and name the program that wrote the file."""
+    """Open an HDF5 file. Raise our errors for it, with the name of the program that wrote it."""
     try:
         h5py = import_module("h5py")
     except ModuleNotFoundError as error:

@@ -85,7 +85,7 @@ def read_blocks(stream: BinaryIO) -> Iterator[LiveBlock | int]:
 
 
 def _block(head: bytes, stream: BinaryIO) -> tuple[LiveBlock | None, int]:
-    """Return a block that begins with ``head`` and its length. Return None and 0 if it is not complete."""
+    """Return a block that begins with ``head`` and its length, or None and 0 if incomplete."""
     if len(head) < _HEAD.size:
         return None, 0
     mark, count, check = _HEAD.unpack(head)

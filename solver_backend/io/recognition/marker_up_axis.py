@@ -199,7 +199,7 @@ def _lowest(positions: np.ndarray, axis: str, share: float = 0.01) -> float:
 
 
 def _may_lie(positions: np.ndarray, axis: str, body: str) -> bool:
-    """Return whether a person who extends along ``body`` may lie on the floor of a world with ``axis`` up."""
+    """Return whether a person extended along ``body`` may lie on the floor if ``axis`` is up."""
     low = MARKER_M[0] < _lowest(positions, axis) and _lowest(positions, axis, 0.75) < LYING_M
     return low and not MARKER_M[0] < _lowest(positions, body) < MARKER_M[1]
 

@@ -82,7 +82,7 @@ def fit_path(
 
 
 def _mean_up(lifted: LiftedTake, turns: np.ndarray) -> np.ndarray:
-    """Return the mean up direction (3,) from the lifter, rotated by (F, 3, 3), over frames with a person."""
+    """Return the mean (3,) of the lifter's up directions after (F, 3, 3) rotations."""
     weight = lifted.confidence.sum(axis=1)
     return np.einsum("f,fab,fb->a", weight, turns, lifted.view.up)
 

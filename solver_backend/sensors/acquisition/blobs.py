@@ -184,7 +184,7 @@ def full_counts(infrared: np.ndarray) -> float:
 
 
 def threshold_of(infrared: np.ndarray) -> float:
-    """Return the counts above which a pixel is bright: ``contrast`` times the background, within limits."""
+    """Return the counts of a bright pixel: ``contrast`` times the background, within limits."""
     full, step = full_counts(infrared), SETTINGS.sample_step
     sample = infrared[step // 2 :: step, step // 2 :: step].ravel()
     rank = int(SETTINGS.background_quantile * (len(sample) - 1))

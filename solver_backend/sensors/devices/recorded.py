@@ -390,7 +390,7 @@ class SensorFolder:
 
 
 def open_folder(path: Path, calibration: Path | None = None) -> SensorFolder:
-    """Open a recording, or the folder of a studio shot. ``calibration`` replaces the folder's calibration.
+    """Open a recording or a studio shot's folder, with its own or the given calibration.
 
     Raises:
         RecordingInvalid: the folder is neither, or is damaged.
@@ -425,7 +425,7 @@ def _recording(path: Path, calibration: Path | None) -> SensorFolder:
 
 
 def _zeros(indices: list[np.ndarray]) -> list[float]:
-    """Return each sensor's time zero: a common time, or the host's time for a sensor with another clock."""
+    """Return each sensor's time zero: a common time, or the host's for sensors with other clocks."""
     firsts = np.array([rows[0, 1:] if len(rows) else (np.nan, np.nan) for rows in indices])
     if not np.isfinite(firsts).any():
         return [0.0] * len(indices)

@@ -1,4 +1,4 @@
-"""Fuse the sightings of all sensors into moments, track the points and collect them in a marker cloud."""
+"""Fuse the sightings of all sensors into moments, and track the points as a marker cloud."""
 
 from __future__ import annotations
 

@@ -117,7 +117,7 @@ def direction_seen_from(cameras: Cameras, orient: np.ndarray, pelvis: np.ndarray
 
 
 def miscalibrated(cameras: Cameras, centre: np.ndarray, error_mm: float, rng: np.random.Generator) -> Cameras:
-    """Rotate the cameras slightly, so that a point at ``centre`` appears shifted by ``error_mm`` per axis.
+    """Rotate the cameras slightly to shift a point at ``centre`` by ``error_mm`` per axis.
 
     The common shift of all cameras is removed, because it only moves the world.
     """

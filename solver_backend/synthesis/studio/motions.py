@@ -95,7 +95,7 @@ def _of_bvh(path: Path, body: Body, betas: np.ndarray) -> tuple[Person, float]:
 
 
 def _at_rate(person: Person, rate: float, fps: float, frames: int) -> Person:
-    """Resample a motion to another frame rate, along geodesics of rotations and linearly in translation."""
+    """Resample a motion: rotations along geodesics, translations linearly."""
     length = len(person.transl)
     count = min(frames, int((length - 1) * fps / rate + 1e-6) + 1)
     at = np.minimum(np.arange(count) * rate / fps, length - 1)

@@ -47,7 +47,7 @@ class _Name:
 
 
 def places_picture(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return an (h, w, 3) uint8 image of a body at rest, front and back, with named markers of any layout.
+    """Return an (h, w, 3) uint8 image of a body at rest, front and back, with a layout's markers.
 
     Each name is on the side that its marker faces. On the other side the marker shines through.
 

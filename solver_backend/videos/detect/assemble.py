@@ -186,7 +186,7 @@ def in_video_pixels(
 
 
 def _stored_size(item: VideoDetections | FilmedSize) -> tuple[int, int]:
-    """Return the size in stored pixels. Other programs calibrate in these pixels if they are not square."""
+    """Return the size in stored pixels, as other programs calibrate for non-square pixels."""
     return probe(item.video).stored if item.video.exists() else item.size
 
 

@@ -1,4 +1,4 @@
-"""Detect hands in the footage of a capture, at the ends of the arms and at positions from other views."""
+"""Detect hands in a capture's footage, near the arms' ends and at other views' positions."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def first_crop(wrist_px: np.ndarray, elbow_px: np.ndarray, hand_px: float, side:
 
 
 def second_crop(points: np.ndarray, side: int) -> SquareCrop:
-    """Return a closer crop around (21, 2) points, with the knuckle of the middle finger above the wrist."""
+    """Return a closer crop around (21, 2) points, with the middle knuckle above the wrist."""
     up, _ = direction(points[_WRIST], points[_KNUCKLE], 1.0)
     across = np.array([-up[1], up[0]])
     own = np.stack([points @ across, points @ up], axis=-1)
@@ -252,7 +252,7 @@ wrists after the shift. Chosen by ``python -m tests.benchmarks.hands.late_footag
 def footage_shift(
     hands: Float[np.ndarray, "views frames 2 21 3"], wrists: Float[np.ndarray, "views frames 2 3"]
 ) -> int:
-    """Return the delay of the footage relative to the detections in frames, or 0 if hands do not show it.
+    """Return the footage's delay relative to the detections in frames, 0 if unknown.
 
     The sum ``Σ |h_f - w_(f - d) - median|² / s²`` over the hands of all views, with their size s, is minimal at the
     shift d, refined by a parabola. The median is the constant difference between the detectors.
@@ -375,7 +375,7 @@ def seen_by(capture: Capture, least: int) -> dict[str, float]:
 
 
 def arms_of(capture: Capture) -> tuple[Arms, list[Diagnostic]]:
-    """Return elbows and wrists, triangulated or lifted and then interpolated, and notes on missing sides."""
+    """Return triangulated or lifted elbows and wrists without gaps, and notes on missing sides."""
     cameras, keypoints = capture.require_views()
     cameras = replace(cameras, path=None)  # Crops need positions relative to the camera, not in the world.
     names = keypoints.joint_set.keypoints

@@ -165,7 +165,7 @@ def _takes(folder: Path, levels: int) -> Iterator[FoundTake]:
 
 
 def _lone_take(root: Path) -> tuple[FoundTake, ...]:
-    """Return the only video of a folder, or of its video folder, as a take. Return nothing for several."""
+    """Return the only video of a folder or its video folder as a take, otherwise nothing."""
     if _is_other(root):
         return ()
     below = {path.name.lower(): path for path in _folders(root)}

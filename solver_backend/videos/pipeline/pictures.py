@@ -125,7 +125,7 @@ def detections_picture(found: Sequence[VideoDetections], path: Path) -> Path:
 
 
 def glances_picture(glances: Sequence[Glance], path: Path, names: Mapping[Path, str]) -> Path:
-    """Draw the newest images of a detection with their people below the video names, and return the path."""
+    """Draw the newest images of a detection with their people, and return the path."""
     drawn = []
     for glance in glances:
         step = max(1, min(glance.rgb.shape[:2]) // 540)
@@ -144,7 +144,7 @@ def draw_boards(folder: Path, names: Sequence[str], path: Path) -> Path:
 
 
 def clocks_picture(found: Sequence[VideoDetections], clocks: Clocks, path: Path) -> Path:
-    """Draw the limb speeds of the person in each view, as recorded and on one clock, and return the path."""
+    """Draw the limb speeds in each view, before and after synchronisation, and return the path."""
     curves = []
     for c, item in enumerate(found):
         if item.num_frames < 2:
@@ -185,7 +185,7 @@ def _curves(
 
 
 def cameras_picture(cameras: Cameras, walked: np.ndarray, path: Path) -> Path:
-    """Draw the cameras (metres, Z up) and the person's path from above, with Y up, and return the path.
+    """Draw the cameras and the person's path from above, and return the file's path.
 
     Args:
         walked: (F, 3) positions of the person in metres, NaN where unknown.
@@ -226,7 +226,7 @@ def cameras_picture(cameras: Cameras, walked: np.ndarray, path: Path) -> Path:
 
 
 def check_picture(names: Sequence[str], check: CalibrationCheck, path: Path) -> Path:
-    """Draw each camera's error over the image, and its epipolar error over the take, and return the path."""
+    """Draw each camera's error over the image and over the take, and return the path."""
     canvas, rows = Canvas(), len(names)
     height = min(150.0, (SIDE - 60) / rows)
     most = max(2.0 * check.all_px, 1.0)

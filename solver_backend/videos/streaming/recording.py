@@ -1,4 +1,4 @@
-"""Record keypoints, times and poses of running cameras, and write a capture and a motion at the end."""
+"""Record running cameras, and finally write a capture of the keypoints and a motion."""
 
 from __future__ import annotations
 

@@ -187,7 +187,7 @@ def _by_what_tells(found: Sequence[VideoDetections], cameras: Cameras | None) ->
 
 
 def by_keypoints(found: Sequence[VideoDetections], cameras: Cameras | None) -> Clocks:
-    """Estimate the clocks from the main person: by geometry for calibrated cameras, otherwise by speeds.
+    """Estimate the clocks from the main person, by geometry if calibrated, otherwise by speeds.
 
     Raises:
         SyncUnknown: no person moves enough, or the views do not agree.

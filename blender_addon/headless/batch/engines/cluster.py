@@ -207,7 +207,7 @@ class ClusterEngine(Engine):
         return [Ended(ticket, LOST)]
 
     def _deaths(self, ticket: Ticket) -> int:
-        """Return the number of attempts at a take that never ended. Dask also blames takes that were waiting."""
+        """Return the number of unfinished attempts at a take. Dask also counts waiting takes."""
         known = read_record(self._work.out / ticket.name)
         attempts = () if known is None else known.get("attempts", ())
         return sum(attempt["how"] == "begun" for attempt in attempts)

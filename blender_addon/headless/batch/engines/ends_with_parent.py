@@ -1,4 +1,4 @@
-"""End the processes of a local cluster when the program that started them ends, even if it crashes."""
+"""End the processes of a local cluster if the program that started them ends or crashes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Show the benchmark as a text table and as a page: errors by method, over time, and the worst frames."""
+"""Show the benchmark as a text table and as a page with errors and the worst frames."""
 
 from __future__ import annotations
 

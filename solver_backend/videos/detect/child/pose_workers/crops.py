@@ -1,4 +1,4 @@
-"""Cut square crops from images, and measure the overlap of boxes, for detectors and the hand search."""
+"""Crop squares from images for detectors and the hand search, and measure overlaps of boxes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run a user-described pose model: an ONNX or LiteRT file with heat maps, SimCC rows or coordinates.
+"""Run a user's ONNX or LiteRT pose model with heat maps, SimCC rows or coordinates.
 
 It processes one person at a time, in the box from the previous image. See ``DEFAULTS`` for the description.
 """

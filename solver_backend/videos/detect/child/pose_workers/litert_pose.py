@@ -86,7 +86,7 @@ def _square(middle: np.ndarray, up: np.ndarray, length: float, side: int) -> Squ
 
 
 def found_people(boxes: np.ndarray, scores: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return hips and top (2,) of each person in pixels of the detector's input, the most likely first.
+    """Return hips and top (2,) of each person in the detector's pixels, the most likely first.
 
     The points of overlapping boxes are averaged with weights by score.
 

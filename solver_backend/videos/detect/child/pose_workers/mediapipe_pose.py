@@ -1,4 +1,4 @@
-"""Run MediaPipe's pose model, or its holistic model with 21 points per hand: 33 keypoints per person."""
+"""Run MediaPipe's pose model with 33 keypoints, or its holistic model with hands."""
 
 from __future__ import annotations
 

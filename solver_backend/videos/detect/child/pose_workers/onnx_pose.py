@@ -263,7 +263,7 @@ KINDS = (_MoveNet, _RtmPose, _Rtmo, _YoloPose)  # Kinds, tried in this order.
 
 
 def suppressed(corners: np.ndarray, score: np.ndarray, most: int) -> list[int]:
-    """Return the indices of boxes (N, 4) that overlap no box with a higher score, the highest score first."""
+    """Return the indices of boxes (N, 4) that overlap no better box, by descending score."""
     kept: list[int] = []
     for i in np.argsort(-score, kind="stable"):
         if len(kept) >= most:
