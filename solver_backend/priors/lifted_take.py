@@ -151,7 +151,7 @@ _SIDEWAYS = np.diag([-1.0, 1.0, 1.0])  # Mirrors points in the body's sagittal p
 def _lifted_twice(
     image: np.ndarray, confidence: np.ndarray, joint_set: JointSet, fps: float, up: np.ndarray | None
 ) -> LiftedView:
-    """Return the mean of the lifted view and its mirror image, which have independent errors.
+    """Return the mean of the lifted view and its mirror image, with partly independent errors.
 
     A frame keeps the view if both face in opposite directions, because their mean faces sideways.
     """
