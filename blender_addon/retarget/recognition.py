@@ -16,6 +16,7 @@ from .._exchange.errors import FileDamaged, FileMissing, MocapError
 from .._exchange.rigs.names import guess_roles
 from .._exchange.rigs.skeleton import FINGERS, Skeleton, is_plausible
 from .._exchange.rigs.structure import recognise
+from .._exchange.torn_lines import torn_line
 from ..conventions.timing import set_scene_frame_rate
 from ..errors import MapInvalid
 from .rig_map import RigMap, read_map
@@ -298,8 +299,10 @@ def open_scene(path: Path) -> bpy.types.Scene:
         _open(path, suffix, rate)
     except (RuntimeError, AttributeError, TypeError, ValueError, KeyError, IndexError, AssertionError) as error:
         # Importers are Python add-ons, which raise various errors on damaged files.
-        first = next((line for line in reversed(str(error).strip().splitlines()) if line.strip()), "it is damaged")
-        raise FileDamaged(f"Blender cannot open the file: {first.strip()}", where=str(path)) from error
+        lines = [line.strip() for line in str(error).splitlines() if not line.startswith("Location:")]
+        last = next((line for line in reversed(lines) if line), "it is damaged")
+        where = torn_line(path, path.read_text(errors="replace")) if suffix == ".bvh" else str(path)
+        raise FileDamaged(f"Blender cannot open the file: {last}", where=where) from error
     for rig in (o for o in bpy.data.objects if o.type == "ARMATURE" and stated):
         state_humanoid(rig, stated)
     return bpy.context.scene

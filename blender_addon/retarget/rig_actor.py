@@ -272,8 +272,10 @@ def chosen_actor(scene: bpy.types.Scene, name: str, where: str) -> bpy.types.Obj
     chosen = [name] if name else list(rigs)
     if len(chosen) == 1 and chosen[0] in rigs:
         return rigs[chosen[0]]
-    wanted = f"There is no armature '{name}' that moves." if name else "Exactly one actor is needed."
-    hint = f"Name one with --armature: {', '.join(rigs) or 'the file has none that moves'}."
+    if not rigs:
+        raise ActorMissing("No armature moves.", where=where, hint="Export the animation with its armature.")
+    wanted = f"There is no armature '{name}' that moves." if name else "Several armatures move."
+    hint = f"Name one with --armature: {', '.join(rigs)}."
     raise ActorMissing(wanted, where=where, hint=hint)
 
 

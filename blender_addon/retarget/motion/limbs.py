@@ -10,6 +10,7 @@ import numpy as np
 
 from ..._exchange.body_layout import SMPL
 from ..._exchange.limb_bend import eased
+from ..._exchange.rigs.rest_frames import FORWARD
 from ..._exchange.rigs.rest_frames import swing as turn_directions
 from ..._exchange.rigs.skeleton import FINGERS, JOINT_OF, SIDES
 from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
@@ -223,14 +224,16 @@ def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]
 def bend_fingers(actor: Actor, target: Target, A: np.ndarray, turns: np.ndarray) -> None:
     """Set a rig's finger rotations to the actor's, in place, after the hands.
 
-    B is the actor's bend, and S the smallest rotation to the direction of the actor's finger at rest.
+    B is the actor's bend, and S the smallest rotation to the direction of the actor's finger at rest. A thumb at the
+    place of its hand, as in clips of MotionBuilder, has no direction and only bends.
     """
     for hand in actor.hands:
         control = target.index(f"{hand.roles[0].partition('_')[0]}_hand")
         rows = [row for row, role in enumerate(hand.roles) if target.index(role) >= 0]
         if control >= 0 and rows:
             fingers = [target.index(hand.roles[row]) for row in rows]
-            S = turn_directions(_directions(target, fingers) @ A[control].T, hand.directions[rows])
+            ways = np.stack([_directions(target, fingers) @ A[control].T, hand.directions[rows]])
+            S = turn_directions(*np.where(ways.any(axis=-1).all(axis=0)[:, None], ways, FORWARD))
             turns[fingers] = turns[control] @ A[control].T @ hand.bends[rows] @ S[:, None] @ A[control]
 
 

@@ -12,6 +12,7 @@ from solver_backend.exchange.errors import FileDamaged, NonFiniteData
 from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, require_within
 from solver_backend.exchange.rigs.skeleton import Skeleton
 from solver_backend.exchange.skeleton_file import require_distinct
+from solver_backend.exchange.torn_lines import torn_line
 from solver_backend.io.files import read_text
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.marker_up_axis import metres_in, rotation_to_z_up
@@ -169,7 +170,7 @@ def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.n
         values = np.concatenate([np.array(words, np.float64) for words in _blocks(table)])
     except (ValueError, IndexError) as error:
         what = f"MOTION is truncated or contains something other than numbers ({error})."
-        raise FileDamaged(what, where=_torn(path, channels)) from error
+        raise FileDamaged(what, where=torn_line(path, read_text(path, _LARGEST))) from error
     if not 0 < frame_time < np.inf or not 1 <= frames <= _MOST_FRAMES:
         raise FileDamaged(
             f"MOTION states {str(frames)[:20]} frames of {frame_time:g} s, which is not possible.", where=str(path)
@@ -180,33 +181,10 @@ def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.n
     if values.size != frames * channels:
         needed = f"{frames} frames of {channels} channels need {frames * channels}"
         what = f"MOTION contains {values.size} numbers, but {needed}."
-        where, hint = _torn(path, channels), "Copy or export the file again."
+        where, hint = torn_line(path, read_text(path, _LARGEST)), "Copy or export the file again."
         hint = hint if where == str(path) else "Correct the line, or copy or export the file again."
         raise FileDamaged(what, where=where, hint=hint)
     return values.reshape(frames, channels), 1.0 / frame_time
-
-
-def _torn(path: Path | str, channels: int) -> str:
-    """Return the file, and its only MOTION line that is not a row of numbers."""
-    lines = read_text(path, _LARGEST).splitlines()
-    first = next((n for n, line in enumerate(lines) if line.strip().startswith("Frame Time")), len(lines)) + 1
-    rows, odd, torn = 0, 0, (0, 0)
-    for number in range(first, len(lines)):
-        if row := lines[number].split():
-            rows += 1
-            if len(row) != channels or not _are_numbers(row):
-                torn = torn if odd else (number + 1, len(row))
-                odd += 1
-    if not odd or 2 * odd > rows:
-        return str(path)
-    return f"{path}, line {torn[0]}, which has {torn[1]} words instead of {channels} numbers"
-
-
-def _are_numbers(words: list[str]) -> bool:
-    try:
-        return bool(np.array(words, np.float64).size)
-    except ValueError:
-        return False
 
 
 def _blocks(text: str) -> Iterator[list[str]]:

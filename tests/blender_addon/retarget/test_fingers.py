@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
 import pytest
@@ -66,6 +68,20 @@ def test_fingers_of_a_generated_rigify_rig_bend_as_the_bodys(scene: bpy.types.Sc
             theirs = [np.array(bones[f"DEF-f_{finger}.0{i}.L"].head) for i in (1, 2, 3)]
             assert angle_deg(*theirs) == pytest.approx(angle_deg(*own), abs=3.0)
     assert angle_deg(*theirs) > 40.0
+
+
+def test_a_thumb_at_the_place_of_its_hand_bends(scene: bpy.types.Scene) -> None:
+    """Its bone shows no direction at rest."""
+    motion = grasping(0.9)
+    rig, _ = foreign_rig(draw(NAMINGS["mixamo"]))
+    body = read_body(default_body_path(), motion.body_layout)
+    actor = actor_of_motion(motion, body)
+    hands = tuple(
+        replace(h, directions=h.directions * [["thumb_1" not in role] for role in h.roles]) for h in actor.hands
+    )
+    done = retarget(replace(actor, hands=hands), rig, scene, map_rig(rig), TakeTiming(1, 30.0))
+    curves = [curve for curve in action_curves(done.action) if "HandThumb1" in curve.data_path]
+    assert len(curves) == 4 and all(np.isfinite(point.co[1]) for curve in curves for point in curve.keyframe_points)
 
 
 def test_fingers_of_a_motion_without_any_are_left_alone(scene: bpy.types.Scene) -> None:

@@ -15,6 +15,7 @@ from blender_addon._exchange.errors import FileDamaged
 from blender_addon.animation.curves import action_curves, current_action
 from blender_addon.errors import ActorMissing, TargetUnsuitable
 from blender_addon.headless.main import main
+from blender_addon.retarget import recognition
 from blender_addon.retarget.recognition import frame_rate, humanoid, map_rig, open_scene, read_header
 from blender_addon.retarget.retarget import Retargeted, retarget
 from blender_addon.retarget.rig_actor import _on_floor, read_rig_actor
@@ -196,6 +197,22 @@ def test_a_vrm_animation_is_the_motion_of_its_nodes(scene: Any, tmp_path: Path) 
     damaged.write_bytes(vrma.read_bytes().replace(b"VRMC_vrm_animation", b"VRMC_vrm_animatiom"))
     with pytest.raises(FileDamaged, match="no humanoid bones"):
         open_scene(damaged)
+
+
+def test_a_torn_line_of_a_clip_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blender's importer, which leaves the file open, is replaced by its error."""
+
+    def fail(*_: object) -> None:
+        raise RuntimeError("Error: Python: Traceback\nIndexError: list index out of range\nLocation: ops.py:109")
+
+    monkeypatch.setattr(recognition, "_open", fail)
+    channels = "CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation"
+    hierarchy = f"HIERARCHY\nROOT Hips\n{{\nOFFSET 0 0 0\n{channels}\nEnd Site\n{{\nOFFSET 0 1 0\n}}\n}}\n"
+    rows = "MOTION\nFrames: 3\nFrame Time: 0.04\n0 0 0 0 0 0\n0 0 0\n0 0 0 0 0 0\n"
+    (tmp_path / "torn.bvh").write_text(hierarchy + rows)
+    with pytest.raises(FileDamaged, match="file: IndexError: list") as caught:
+        open_scene(tmp_path / "torn.bvh")
+    assert caught.value.where.endswith("line 15, which has 3 words instead of 6 numbers")
 
 
 def test_files_that_hold_no_scene_are_named(scene: Any, tmp_path: Path) -> None:
