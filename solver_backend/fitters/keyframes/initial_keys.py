@@ -243,13 +243,13 @@ def resolve_outlier_markers(
     layout: KeyframeLayout,
     keys: Keyframes,
     schedule: Schedule,
-    frames: np.ndarray,
 ) -> Keyframes:
     """Solve windows with outlier markers again as long as fewer are left. A round starts where the last ended.
 
     ``measurements`` are the markers of a calibrated person, not the keypoints of a motion. References: Blake and
     Zisserman 1987 (graduated non-convexity), Black and Rangarajan 1996.
     """
+    frames = layout.frames
     windows_of, _ = layout.positions(frames)
     for _ in range(ROUNDS):
         before, far = keys, _outliers(measurements, model, layout, keys, frames)

@@ -233,10 +233,8 @@ def _with_codes(bundle: Bundle) -> BundleModel:
 
 def restart_outlier_markers(bundle: Bundle, schedule: Schedule) -> Bundle:
     """Solve keys near outlier markers again, starting from wide robust scales."""
-    posed, measured = bundle.posed, bundle.problem.measurements
-    frames = posed.layout.frames if posed.frames is None else posed.frames
-    taken = measured, _with_codes(bundle), posed.layout, posed.keys
-    return bundle.move(resolve_outlier_markers(*taken, schedule, frames))
+    taken = bundle.problem.measurements, _with_codes(bundle), bundle.posed.layout, bundle.posed.keys
+    return bundle.move(resolve_outlier_markers(*taken, schedule))
 
 
 def learn_shape(bundle: Bundle, *, offsets: bool) -> Bundle:
