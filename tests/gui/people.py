@@ -83,7 +83,7 @@ def each_by_their_body(user: Any) -> Any:
     yield from chosen(user, 1)
     assert mocap().review.armature == second and bpy.context.view_layer.objects.active == second
     yield from user.open_panel("VIEW3D_PT_mocap_formats")
-    yield from user.press("format='csv'", 0.75)
+    yield from user.press("format='csv'", 0.25)
     yield from user.accept_file(str(OUT / "Björn.csv"))
     yield from user.until((OUT / "Björn.csv").is_file, "the second one's take is exported", 120)
     takes = len(bpy.data.actions)

@@ -104,7 +104,7 @@ def moved(user: Any) -> Any:
     assert_beside(MOVED)
     assert bpy.ops.mocap.open_report.poll()
     yield from user.open_panel("VIEW3D_PT_mocap_formats")
-    yield from user.press("format='csv'", 0.75)
+    yield from user.press("format='csv'", 0.25)
     yield from user.accept_file(str(MOVED / "take.csv"))
     yield from user.until((MOVED / "take.csv").is_file, "it is exported", 120)
     yield from user.shot("after_the_move")

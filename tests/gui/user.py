@@ -19,6 +19,7 @@ _SCROLL_WAITS = 12
 """Tenths of a second after which the wheel has moved nothing."""
 _ROW_PX = 20  # Height of a button; the stages stand in two rows where the sidebar is narrow.
 _MARGIN_PX = 12  # From the sidebar's edge to where no list or field takes the wheel for itself.
+_BELOW_EDGE_PX = 30  # From the sidebar's top to where a panel takes the wheel, and not the viewport.
 _LAG = 8  # Moves of the mouse by which a slow screen may lag behind.
 STAGES = {
     "CAPTURE": (
@@ -255,7 +256,7 @@ class User(Hands):
     def _scroll(self, lines: int) -> Generator[float | None, None, bool]:
         """Turn the wheel, and return whether that moved the panels; a slow screen takes a while to follow."""
         region, before = self.region("UI"), self._offset()
-        x, y = region.x + _MARGIN_PX, region.y + region.height // 2
+        x, y = region.x + _MARGIN_PX, region.y + region.height - _BELOW_EDGE_PX
         for _ in range(abs(lines)):
             self.window.event_simulate(type="WHEELDOWNMOUSE" if lines > 0 else "WHEELUPMOUSE", value="PRESS", x=x, y=y)
             yield None
