@@ -50,6 +50,7 @@ def chosen(user: Any, person: int) -> Any:
     x, y = yield from user.find("person_shown", 0.4)
     for row in (0, -1, 1, -2, 2):
         yield from user.click(x, y + _ROW_PX * row)
+        yield 0.5
         if mocap().capture.person_shown == person:
             return x, y + _ROW_PX * row
     raise AssertionError(f"No click on the list chooses person {person}")
