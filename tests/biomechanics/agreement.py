@@ -56,6 +56,7 @@ GOAL = (
     "PiG_Motion3_FF",
     "PlugInC3D",
 )
+HEEL_M = 0.1  # Length of the heel in front of its marker, at most.
 NEAR_S, FAR_S = 0.05, 0.3  # A step within NEAR_S of a plate's event is right. Others within FAR_S are wrong.
 Steps = dict[str, list[tuple[float, str]]]  # Times and sides, by name.
 SUBJECT4 = Path("markers", "nimble", "Subject4")
@@ -109,11 +110,15 @@ def plate_events(path: Path) -> list[tuple[float, str]]:
     """Return time and name of every crossing of 20 N of a file's force plates by a foot that is on the plate alone.
 
     A crossing with a centre of pressure outside the plate, after 20 ms of load, belongs to a foot on the plate's edge.
+    So does a strike whose recorded heel marker is more than ``HEEL_M`` beside the plate.
     """
     import ezc3d
 
     file: Any = ezc3d.c3d(str(path), extract_forceplat_data=True)
     rate, found = file["header"]["analogs"]["frame_rate"], []
+    labels, unit = file["parameters"]["POINT"]["LABELS"]["value"], file["parameters"]["POINT"]["UNITS"]["value"][0]
+    heels = file["data"]["points"][:2, [k for k, label in enumerate(labels) if label.endswith(("HEE", "CAL"))]]
+    beside = HEEL_M * {"mm": 1000.0, "m": 1.0}[unit]
     for plate in file["data"]["platform"]:
         load, wait = np.abs(plate["force"][2]), round(0.02 * rate)
         load = load - np.median(load[load < 20.0])
@@ -123,7 +128,9 @@ def plate_events(path: Path) -> list[tuple[float, str]]:
             if last - first > 0.15 * rate and load[first:last].max() > 150.0:
                 for frame, loaded, name in ((first, first + wait, "Foot Strike"), (last, last - wait, "Foot Off")):
                     place = plate["center_of_pressure"][:2, loaded]
-                    if 0 < frame < len(load) and (low < place).all() and (place < high).all():
+                    heel = heels[..., int(frame / rate * file["header"]["points"]["frame_rate"])].T
+                    off = np.maximum(low - heel, heel - high).max(axis=1).min() if name == "Foot Strike" else 0.0
+                    if 0 < frame < len(load) and (low < place).all() and (place < high).all() and off < beside:
                         found.append((frame / rate, name))
     return found
 
