@@ -6,6 +6,7 @@ import json
 import re
 import struct
 from collections.abc import Collection, Iterable, Mapping
+from math import ceil
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -190,6 +191,7 @@ _MOST_BYTES = 64 * 1024 * 1024
 """Largest header in bytes. Headers of large characters have a few megabytes."""
 _MOST_KEYS = 2**31  # Keys of a channel. glTF's largest index.
 _RATES = (1.0, 480.0)  # Plausible frame rates in frames per second, chosen by hand.
+_SPARSE_HZ, _FILM_HZ = 10.0, 24.0  # Keys below the first rate are an animator's. Frames between them reach the second.
 
 
 def read_header(path: Path) -> dict[str, Any]:
@@ -213,7 +215,7 @@ def read_header(path: Path) -> dict[str, Any]:
 
 
 def frame_rate(header: dict[str, Any]) -> float | None:
-    """Return the median key rate of a file's animations in frames per second, None without keys."""
+    """Return the median key rate of a file's animations in frames per second, a multiple for sparse keys, or None."""
     rates = []
     accessors = _list(header.get("accessors"))
     for animation in _list(header.get("animations")):
@@ -226,7 +228,8 @@ def frame_rate(header: dict[str, Any]) -> float | None:
                 rates.append((count - 1) / (ends[1] - ends[0]))
     rates = sorted(rate for rate in rates if _RATES[0] <= rate <= _RATES[1])
     # Most channels have the same rate. The median ignores a few sparse or doubled channels.
-    return round(rates[len(rates) // 2], 3) if rates else None
+    rate = rates[len(rates) // 2] if rates else None
+    return rate and round(rate * (1 if rate >= _SPARSE_HZ else ceil(_FILM_HZ / rate)), 3)
 
 
 def humanoid(header: dict[str, Any]) -> dict[str, str]:

@@ -237,3 +237,9 @@ def test_a_header_with_odd_numbers_gives_no_rate(wrong: dict[str, Any]) -> None:
     sound = {"count": 31, "min": [0.0], "max": [1.0]}
     header = {"accessors": [sound | wrong], "animations": [{"samplers": [{"input": 0}]}]}
     assert frame_rate({**header, "accessors": [sound]}) == 30.0 and frame_rate(header) is None
+
+
+@pytest.mark.parametrize(("count", "rate"), [(7, 24.0), (16, 25.0), (31, 10.0), (355, 118.0)])
+def test_sparse_keys_are_on_frames_of_a_film(count: int, rate: float) -> None:
+    header = {"accessors": [{"count": count, "min": [0.0], "max": [3.0]}], "animations": [{"samplers": [{"input": 0}]}]}
+    assert frame_rate(header) == rate
