@@ -14,6 +14,7 @@ from solver_backend.priors.lifted_take import LEAST_POINTS, LiftedTake
 
 # Chosen on simulated people with motion of subjects 08 and 60, outside all result tables, unless stated otherwise.
 POINT_M, OUTLIER_M = 0.05, 0.12  # Error of a lifted point across the line of sight, and robust scale of this error.
+FOOT_M = 0.016  # The same error of planted feet, which anchor the lifted pose: only the detector's (15.8 mm measured).
 SOLE_M, OUTLIER_SOLE_M, WIDEST_SOLE_M = 0.012, 0.06, 1.0
 """Error and outlier distance of a planted sole's height in metres, and outlier distance of the first step."""
 ALIKE_S = 0.7  # Frames within this time have correlated errors and count once, seconds.
@@ -152,7 +153,7 @@ def fit_shape(
 ) -> SeenShape:
     """Fit the shape to a lifted take by Gauss-Newton steps, without positions.
 
-    ``min Σ_f e [Σ_i |(p_i + t)_xy - x_i (p_i + t)_z|² / σ_p² + Σ_s (h_s - o)² / σ_h²] + |β|² + o² / σ_o²``. e is the
+    ``min Σ_f e [Σ_i |(p_i + t)_xy - x_i (p_i + t)_z|² / σ_i² + Σ_s (h_s - o)² / σ_h²] + |β|² + o² / σ_o²``. e is the
     share of new information per frame, x are the keypoints in focal lengths, h the heights of planted soles above the
     floor and o the height of the shoes. The fit takes the pose as exact. Rotations ω of the joints would move the
     stature by Σ g·ω, so ``pose_sigma² = Σ_fj |g_fj|² σ_fj² / e`` for errors that stay for ``ALIKE_S``.
@@ -179,6 +180,8 @@ def fit_shape(
     up, height = R[frames, :, 2], centre[frames, 2, None]
     stands = soles & (soles.any(axis=1).sum() >= max(LEAST_STANDS, MOST * stands.any(axis=1).sum()))
     x = np.where(weight[frames, :, None] > 0, take.image[frames], 0.0)
+    sigma_m = np.full(weight[frames].shape, POINT_M)
+    sigma_m[:, feet] = np.where(stands, FOOT_M, POINT_M)
     rows = np.zeros((*x.shape, 3))
     rows[..., 0, 0] = rows[..., 1, 1] = 1.0
     rows[..., 2] = -x
@@ -198,7 +201,7 @@ def fit_shape(
         p, J = np.asarray(posed.points) + shift[:, None], np.asarray(posed.by_betas)
         J = np.concatenate([J, np.zeros((*J.shape[:-1], 1))], axis=-1)
         off, by_betas = np.einsum("flka,fla->flk", rows, p), np.einsum("flka,flab->flkb", rows, J)
-        W = share * weight[frames] / POINT_M**2 * (OUTLIER_M**2 / ((off**2).sum(-1) + OUTLIER_M**2)) ** 2
+        W = share * weight[frames] / sigma_m**2 * (OUTLIER_M**2 / ((off**2).sum(-1) + OUTLIER_M**2)) ** 2
         h = np.einsum("fla,fa->fl", p[:, feet], up) + height - rest[feet] - slopes @ betas
         by_height = np.einsum("flab,fa->flb", J[:, feet], up) - slopes
         V = np.where(stands, share / SOLE_M**2 / (1.0 + (h / outlier) ** 2) ** 2, 0.0)
