@@ -25,12 +25,12 @@ def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
         args = program_called(program).parse(arguments)
     except MocapError as error:
         return Report(sys.stdout, sys.stderr, as_json=as_json).error(error)
-    if args.parent_pipe:
-        cancel_at_end_of(sys.stdin.fileno(), _GRACE_S)
     # Blender prints an ordinary error that is raised while it loads its own add-ons, and goes on.
     with own_streams(verbose=args.verbose) as (out, err), cancel_on_signals(KeyboardInterrupt) as cancellation:
         report = Report(out, err, as_json=as_json, interval_s=_INTERVAL_S)
         try:
+            if args.parent_pipe:  # after the handlers of signals, as the pipe may be closed already
+                cancel_at_end_of(sys.stdin.fileno(), _GRACE_S)
             result = run_here(args, cancellation.watched(report.progress))
         except BaseException as error:
             return report.error(name_error(error, BakeFailed, f"The {args.verb}", asked=cancellation.asked))

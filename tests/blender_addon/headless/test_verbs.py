@@ -12,6 +12,7 @@ import time
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -127,6 +128,18 @@ def test_a_signal_that_blender_swallows_ends_the_work_at_the_next_progress(
     monkeypatch.setattr(certificates, "run_certificates", swallowing)
     assert main(["certificates", "--out", str(tmp_path), "--json"]) == 130
     assert said(capfd)["code"] == "cancelled"
+
+
+def test_a_pipe_that_is_closed_already_still_cancels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blender handles no signal in Python, and a signal without a handler is lost."""
+    handlers: list[object] = []
+    monkeypatch.setattr(certificates, "run_certificates", lambda *_: {"event": "result", "outputs": [], "notes": []})
+    monkeypatch.setattr(
+        "blender_addon.headless.main.cancel_at_end_of", lambda *_: handlers.append(signal.getsignal(signal.SIGTERM))
+    )
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(fileno=lambda: 0))
+    assert main(["certificates", "--out", str(tmp_path), "--json", "--parent-pipe"]) == 0
+    assert len(handlers) == 1 and callable(handlers[0])
 
 
 @pytest.mark.slow
