@@ -49,8 +49,6 @@ def chosen(user: Any, person: int) -> Any:
     """Click on a person in the list and return where that was."""
     x, y = yield from user.find("person_shown", 0.4)
     for row in (0, -1, 1, -2, 2):
-        yield from user.move(x, y + _ROW_PX * row)
-        yield 1.0  # until the tooltip of the row before is gone
         yield from user.click(x, y + _ROW_PX * row)
         if mocap().capture.person_shown == person:
             return x, y + _ROW_PX * row
