@@ -225,7 +225,9 @@ class _TakeRun:
         self._clocks, state = self._result("sync", made_of, read_clocks, make, write)
         if state == "made" or not drawn.is_file():
             pictures.clocks_picture(self._detections, self._clocks, drawn)
-        notes = self._clocks.notes() or (diagnostic("clocks_assumed", reason="as_filmed", severity=Severity.NOTE),)
+        notes = self._clocks.notes()
+        if not notes and len(self._clocks.names) > 1:
+            notes = (diagnostic("clocks_assumed", reason="as_filmed", severity=Severity.NOTE),)
         self.steps.report("sync", state, [*notes, *self._clocks.findings], [drawn])
 
     def _checked(self, capture: Capture) -> CalibrationCheck | None:

@@ -126,6 +126,15 @@ def settings(tmp_path: Path, **more) -> PipelineSettings:
     return PipelineSettings(chosen_detector(str(write_rtmpose(tmp_path / "m.onnx"))), sync="none", **more)
 
 
+def test_one_camera_is_in_sync_with_nobody(session: Path, tmp_path: Path) -> None:
+    (session / "videos" / "cam2.mp4").unlink()
+    found, out = look_through(session), tmp_path / "out"
+    [plan] = planned(found, out)
+    run_take(found, plan, settings(tmp_path, until="sync"))
+    _, clocks = json.loads((out / "road.json").read_text(encoding="utf-8"))["steps"]
+    assert clocks["step"] == "sync" and clocks["diagnostics"] == []
+
+
 def test_cameras_are_calibrated_where_no_calibration_is(
     session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
