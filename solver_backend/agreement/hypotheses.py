@@ -172,7 +172,7 @@ RANGE_ROWS: tuple[Row, ...] = (_flipped, exchange_names, partial(_moved, turned=
 
 
 def cost_of(reading: Reading, constraints: float) -> float:
-    """Return an interpretation's cost: log(alternatives) per change, log(n) / 2 per parameter.
+    """Return an interpretation's cost: log(alternatives) per change, log(n) / 2 per parameter, and the prior of a crop.
 
     The capture has n independent constraints. Reference: Schwarz 1978.
     """
@@ -197,8 +197,11 @@ def cost_of(reading: Reading, constraints: float) -> float:
 def _picture_cost(picture: PictureReading, usual: PictureReading, constraints: float) -> float:
     is_fitted = picture.size not in FACTORS and picture.size != usual.size
     fitted = is_fitted + sum(a != b for a, b in zip(picture.window, usual.window, strict=True))
+    # Without the prior, images squeezed to a line explain even random points.
+    apart = [np.log(picture.window[0] / usual.window[0]), *np.subtract(picture.window[1:], usual.window[1:])]
     return float(
-        (picture.size != usual.size) * np.log(len(FACTORS))
+        0.5 * np.sum((apart / SPREADS[1:]) ** 2)
+        + (picture.size != usual.size) * np.log(len(FACTORS))
         + (picture.turn != usual.turn) * np.log(4)
         + (picture.mirrored != usual.mirrored) * np.log(4)
         + (picture.window != usual.window) * np.log(len(FREE))
