@@ -20,8 +20,11 @@ from ..conventions.file_paths import file_of
 from ..conventions.timing import scene_frame_rate
 from ..errors import TakeMissing
 from ..review.ranges import SceneRange, resolve_of
+from ..scene.session import alone, go_to_frame
 from ..solving.take_paths import capture_folder, next_take, safe_name
 from .project_files import files_folder, usable
+
+_SAMPLES, _REST_M = 8, 1e-3  # Frames in which an object must rest, and the movement that counts as rest.
 
 
 def prepare_job(
@@ -119,46 +122,56 @@ def _write_mesh(
 ) -> Path:
     """Write an object as the viewport shows it, in metres relative to the body, and return its OBJ file.
 
-    Raises ``JobInvalid`` if the object is not in the scene, has no faces, or can move.
+    Raises ``JobInvalid`` if the viewport does not show the object, or if it has no faces or moves.
     """
-    label = f"{chosen.name} in the field Contact Mesh"
-    if chosen.name not in scene.objects:
+    label, depsgraph = f"{chosen.name} in the field Contact Mesh", bpy.context.evaluated_depsgraph_get()
+    if chosen not in [*scene.objects]:
         raise JobInvalid(f"{label} is not in the scene.", hint="Choose another object, or clear the field.")
-    if _can_move(chosen):
-        hint = "The object must not move during the take. Remove its animation, or choose another object."
-        raise JobInvalid(f"{label} is animated.", hint=hint)
-    shown = chosen.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    mesh = shown.to_mesh()
-    try:
-        points, faces = positions(mesh.vertices), [list(face.vertices) for face in mesh.polygons]
-    finally:
-        shown.to_mesh_clear()
-    if not faces:
-        raise JobInvalid(f"{label} has no faces.", hint="Choose a closed mesh.")
+    if chosen not in {block.original for block in depsgraph.ids}:
+        raise JobInvalid(f"{label} is disabled in viewports.", hint="Enable the object and its collection.")
+    if chosen.mode == "EDIT":
+        raise JobInvalid(f"{label} is in Edit Mode.", hint="Leave Edit Mode.")
     T_world_body = np.eye(4) / scene.unit_settings.scale_length if armature is None else np.array(armature.matrix_world)
     T_world_body[3, 3] = 1.0
-    R, t = np.split((np.linalg.inv(T_world_body) @ np.array(shown.matrix_world))[:3], [3], axis=1)
+    points, faces = _shown_mesh(chosen, depsgraph)
+    if not len(faces):
+        raise JobInvalid(f"{label} has no faces.", hint="Choose a closed mesh.")
+    if not np.linalg.det(T_world_body) or not np.linalg.det(chosen.matrix_world):
+        raise JobInvalid(f"{label}, or the body, has the scale 0.", hint="Change the scale, or choose another object.")
+    if _moves(chosen, scene):
+        hint = "The object must not move during the take. Remove its animation, or choose another object."
+        raise JobInvalid(f"{label} moves.", hint=hint)
+    R, t = np.split(np.linalg.inv(T_world_body)[:3], [3], axis=1)
     rows = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in points @ R.T + t.T]
     rows += ["f " + " ".join(str(1 + corner) for corner in face) for face in faces]
     path = motion.with_name(f"{motion.stem}_{safe_name(chosen.name)}.obj")
     return write_text(path, "\n".join(rows) + "\n", overwrite=True)
 
 
-def _can_move(obj: bpy.types.Object) -> bool:
-    """Return whether an object, one of its parents or an object that deforms it is animated."""
-    waiting, known = [obj], set[bpy.types.ID]()
-    while waiting:
-        found = waiting.pop()
-        if found is None or found in known:
-            continue
-        known.add(found)
-        if (data := found.animation_data) and (data.action or data.nla_tracks or data.drivers):
-            return True
-        if isinstance(found, bpy.types.Object):
-            waiting += [found.parent, found.data, getattr(found.data, "shape_keys", None)]
-            waiting += [getattr(modifier, "object", None) for modifier in found.modifiers]
-            waiting += [getattr(constraint, "target", None) for constraint in found.constraints]
-    return False
+def _shown_mesh(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[np.ndarray, np.ndarray]:
+    """Return the (V, 3) world positions and (T, 3) triangles of an evaluated object."""
+    shown = obj.evaluated_get(depsgraph)
+    mesh = shown.to_mesh()
+    try:
+        mesh.calc_loop_triangles()
+        R, t = np.split(np.array(shown.matrix_world)[:3], [3], axis=1)
+        faces = np.array([face.vertices for face in mesh.loop_triangles], dtype=int).reshape(-1, 3)
+        return positions(mesh.vertices) @ R.T + t.T, faces
+    finally:
+        shown.to_mesh_clear()
+
+
+def _moves(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
+    """Return whether physics moves an object, or a vertex moves in ``_SAMPLES`` frames of the scene."""
+    if obj.rigid_body is not None and obj.rigid_body.type == "ACTIVE":
+        return True
+    seen = list[np.ndarray]()
+    with alone(obj, scene) as (stage, depsgraph):
+        for frame in np.linspace(scene.frame_start, scene.frame_end, _SAMPLES).round():
+            go_to_frame(stage, float(frame))
+            seen.append(_shown_mesh(obj, depsgraph)[0])
+    first, rest = seen[0], _REST_M / scene.unit_settings.scale_length
+    return any(len(points) != len(first) or np.abs(points - first).max(initial=0) > rest for points in seen)
 
 
 def _write(path: Path, values: dict[str, Any]) -> Path:

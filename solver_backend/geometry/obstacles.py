@@ -139,8 +139,8 @@ def read_obstacles(path: Path | str) -> Obstacles:
 
 
 def _read_mesh(path: Path) -> np.ndarray:
-    """Return the (T, 3, 3) triangles of an OBJ file. Polygons are split into fans."""
-    vertices, faces = list[list[float]](), list[list[int]]()
+    """Return the (T, 3, 3) triangles of an OBJ file. Convex polygons are split into fans."""
+    vertices, faces, polygon = list[list[float]](), list[list[int]](), list[int]()
     try:
         for line in require_file(path).read_text(encoding="utf-8", errors="replace").splitlines():
             word, *rest = line.split() or [""]
@@ -149,12 +149,18 @@ def _read_mesh(path: Path) -> np.ndarray:
             elif word == "f":
                 ring = [int(value.split("/")[0]) for value in rest]
                 ring = [k - 1 if k > 0 else len(vertices) + k for k in ring]
+                polygon += [len(faces)] * (len(ring) - 2)  # Number of its first triangle.
                 faces += [[ring[0], ring[k], ring[k + 1]] for k in range(1, len(ring) - 1)]
         found = np.array(vertices, dtype=float)[np.array(faces, dtype=int)]
     except (ValueError, IndexError) as error:
         raise _damaged(path, "The mesh has a line that is not valid in an OBJ file.") from error
     if found.ndim != 3 or not np.isfinite(found).all():
         raise _damaged(path, "The mesh has no triangles, or a vertex that is not a number.")
+    normals = np.cross(found[:, 1] - found[:, 0], found[:, 2] - found[:, 0])
+    whole = np.zeros_like(normals)
+    np.add.at(whole, polygon, normals)
+    if np.any((normals * whole[polygon]).sum(axis=1) < 0):
+        raise _damaged(path, "A face with more than three corners is concave. Triangulate the mesh.")
     if not _is_closed(found):
         raise _damaged(path, "The mesh is not closed. Each edge needs two faces with the same orientation.")
     a, b, c = (found - found.mean(axis=(0, 1))).transpose(1, 0, 2)

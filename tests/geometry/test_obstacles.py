@@ -91,6 +91,15 @@ def test_a_mesh_with_its_faces_turned_in_is_the_same(tmp_path: Path) -> None:
     np.testing.assert_allclose(found, np.tile([0.1, -0.1, -0.1], (2, 1)), atol=1e-9)
 
 
+def test_a_concave_face_is_refused(tmp_path: Path) -> None:
+    outline = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]
+    rows = [f"v {x} {y} {z}" for z in (0, 1) for x, y in outline]
+    rows += ["f 5 4 3 2 1 6", "f 8 9 10 11 12 7"]
+    (tmp_path / "corner.obj").write_text("\n".join(rows))
+    with pytest.raises(FileDamaged, match="is concave"):
+        read(tmp_path, {"meshes": ["corner.obj"]})
+
+
 @pytest.mark.parametrize("face", ["f 4 1 5 8", "f 4 3 2 1"])
 def test_a_mesh_with_a_hole_or_a_flipped_face_is_refused(tmp_path: Path, face: str) -> None:
     other = "" if face == "f 4 1 5 8" else "f 1 2 3 4"

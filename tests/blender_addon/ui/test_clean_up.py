@@ -108,7 +108,46 @@ def test_a_chosen_mesh_can_be_undone(solved_take, mocap, chair) -> None:
 
 
 def _animate_parent(chair: bpy.types.Object) -> None:
-    chair.parent.keyframe_insert("location", frame=1)
+    _key_ends(chair.parent)
+
+
+def _animate_target(chair: bpy.types.Object) -> None:
+    lift = bpy.data.objects.new("Lift", bpy.data.armatures.new("Lift"))
+    bpy.context.scene.collection.objects.link(lift)
+    bpy.context.view_layer.objects.active = lift
+    bpy.ops.object.mode_set(mode="EDIT")
+    lift.data.edit_bones.new("bone").tail = (0.0, 0.0, 1.0)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    _key_ends(lift.pose.bones["bone"])
+    target = chair.constraints.new("ARMATURE").targets.new()
+    target.target, target.subtarget = lift, "bone"
+
+
+def _key_ends(obj: bpy.types.Object | bpy.types.PoseBone) -> None:
+    scene = bpy.context.scene
+    for frame, place in ((scene.frame_start, 0.0), (scene.frame_end, 0.1)):
+        obj.location.x = place
+        obj.keyframe_insert("location", frame=frame)
+
+
+def _fall(chair: bpy.types.Object) -> None:
+    with bpy.context.temp_override(object=chair, active_object=chair, selected_objects=[chair]):
+        bpy.ops.rigidbody.object_add()
+
+
+def _disable(chair: bpy.types.Object) -> None:
+    chair.hide_viewport = True
+    bpy.context.view_layer.update()
+
+
+def _flatten(chair: bpy.types.Object) -> None:
+    chair.scale.z = 0.0
+    bpy.context.view_layer.update()
+
+
+def _edit(chair: bpy.types.Object) -> None:
+    bpy.context.view_layer.objects.active = chair
+    bpy.ops.object.mode_set(mode="EDIT")
 
 
 def _unlink(chair: bpy.types.Object) -> None:
@@ -120,12 +159,38 @@ def _empty(chair: bpy.types.Object) -> None:
 
 
 @pytest.mark.parametrize(
-    ("spoil", "message"), [(_animate_parent, "is animated"), (_unlink, "is not in the scene"), (_empty, "has no faces")]
-)
+    ("spoil", "message"),
+    [
+        (_animate_parent, " moves"), (_animate_target, " moves"), (_fall, " moves"), (_unlink, " is not in the scene"),
+        (_empty, " has no faces"), (_disable, " is disabled in viewports"), (_edit, " is in Edit Mode"),
+        (_flatten, ", or the body, has the scale 0"),
+    ],
+)  # fmt: skip
 def test_an_unsuitable_mesh_is_named(solved_take, mocap, chair, spoil, message: str) -> None:
     spoil(chair)
-    with pytest.raises(JobInvalid, match=f"Stuhl/ü in the field Contact Mesh {message}"):
+    with pytest.raises(JobInvalid, match=f"Stuhl/ü in the field Contact Mesh{message}"):
         prepare_job(bpy.context.scene, None)
+
+
+def test_a_key_that_moves_nothing_does_not_matter(solved_take, mocap, chair) -> None:
+    chair.parent.keyframe_insert("location", frame=1)
+    before = bpy.context.scene.frame_current
+    assert len(contact_bounds()) and bpy.context.scene.frame_current == before
+
+
+@pytest.mark.parametrize("first", range(6))
+def test_concave_faces_are_solid_from_every_first_corner(solved_take, mocap, chair, first: int) -> None:
+    outline = np.roll([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)], first, axis=0)
+    corners = [(*place, height) for height in (0, 1) for place in outline.tolist()]
+    sides = [(k, (k + 1) % 6, 6 + (k + 1) % 6, 6 + k) for k in range(6)]
+    chair.data = bpy.data.meshes.new("Corner")
+    chair.data.from_pydata(corners, [], [(5, 4, 3, 2, 1, 0), (6, 7, 8, 9, 10, 11), *sides])
+    job, path = prepare_job(bpy.context.scene, None)
+    obstacles = read_obstacles(path.parent / job.settings["objects"])
+    corner = obstacles.surfaces[0].min(axis=(0, 1))
+    inside, beside = corner + [1.0, 1.0, 1.9], corner + [3.0, 3.0, 1.9]
+    distance, _ = obstacles.nearest(np.array([inside, beside]), 1.5)
+    assert distance == pytest.approx([-0.1, 1.0], abs=1e-5)
 
 
 def test_an_open_mesh_is_refused_by_the_solver(solved_take, mocap, chair) -> None:
