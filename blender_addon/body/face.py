@@ -88,6 +88,7 @@ def add_face_bones(armature: bpy.types.Object, mesh: bpy.types.Object, body: Bod
     """
     new = {name: bone for name, bone in _BONES.items() if name not in armature.data.bones}
     if not new:
+        _rest_when_blank(armature, mesh.data.shape_keys)
         return 0
     betas, head = get_betas(mesh), JOINTS.index(_HEAD)
     joints = np.stack([body.rest_joints(np.zeros_like(betas))[head], body.rest_joints(betas)[head]])
@@ -130,10 +131,7 @@ def _add_bones(data: bpy.types.Armature, places: dict[str, np.ndarray]) -> None:
 
 
 def _wire(armature: bpy.types.Object, keys: bpy.types.Key, new: dict[str, _FaceBone]) -> None:
-    """Set up controls.
-
-    The deform bone of a slider's shape moves back like the head's. The bones of a blank face do not rotate.
-    """
+    """Set up controls. The deform bone of a slider's shape moves back like the head's."""
     data, bones = armature.data, armature.pose.bones
     shown = data.collections_all.get(_COLLECTION) or data.collections.new(_COLLECTION)
     axes = np.array(data.bones[_HEAD].matrix_local.to_3x3()).T @ R_ARMATURE_BODY
@@ -150,7 +148,16 @@ def _wire(armature: bpy.types.Object, keys: bpy.types.Key, new: dict[str, _FaceB
         back = deform.constraints.new("COPY_LOCATION")
         back.target, back.subtarget = armature, deform_bone(_HEAD)
         back.owner_space = back.target_space = "LOCAL"
-        if (blank := LOOK_KEYS[MANNEQUIN]) in keys.key_blocks:
+    _rest_when_blank(armature, keys)
+
+
+def _rest_when_blank(armature: bpy.types.Object, keys: bpy.types.Key) -> None:
+    """Add what keeps the face bones of a blank face at rest, where it is missing."""
+    if (blank := LOOK_KEYS[MANNEQUIN]) not in keys.key_blocks:
+        return
+    bones = armature.pose.bones
+    for bone in (bones[name] for name in _BONES if name in bones and deform_bone(name) in bones):
+        if blank not in bone.constraints:
             still = bone.constraints.new("LIMIT_ROTATION")
             still.name, still.owner_space = blank, "LOCAL"
             still.use_limit_x = still.use_limit_y = still.use_limit_z = True

@@ -125,7 +125,7 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
     frames = scene.frame_start, scene.frame_end, scene.frame_current, scene.frame_subframe
     render, units = scene.render, scene.unit_settings
     rate, scale, name = (render.fps, render.fps_base), units.scale_length, scene.name
-    namesake = bpy.data.scenes.get(take.clip) if take.clip != name else None
+    namesake = bpy.data.scenes.get((take.clip, None)) if take.clip != name else None  # not a linked one
     try:
         if namesake is not None:
             namesake.name = f"{take.clip} (shown)"
@@ -151,12 +151,12 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
         for obj in selected:
             obj.select_set(True)
         layer.objects.active = active
-        scene.name = name
-        if namesake is not None:
-            namesake.name = take.clip
         scene.frame_start, scene.frame_end = frames[:2]
         (render.fps, render.fps_base), units.scale_length = rate, scale
         scene.frame_set(frames[2], subframe=frames[3])
+        scene.name = name
+        if namesake is not None:
+            namesake.name = take.clip
 
 
 def uniform_scale(take: ExportTake) -> float:

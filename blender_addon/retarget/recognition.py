@@ -228,7 +228,7 @@ def frame_rate(header: dict[str, Any]) -> float | None:
                 rates.append((count - 1) / (ends[1] - ends[0]))
     rates = sorted(rate for rate in rates if _RATES[0] <= rate <= _RATES[1])
     # Most channels have the same rate. The median ignores a few sparse or doubled channels.
-    rate = rates[len(rates) // 2] if rates else None
+    rate = round(rates[len(rates) // 2], 3) if rates else None  # times are single precision
     return rate and round(rate * (1 if rate >= _SPARSE_HZ else ceil(_FILM_HZ / rate)), 3)
 
 

@@ -13,7 +13,7 @@ from ..._exchange.progress import Progress
 from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from ...body.body_file import body_path_of, default_hands_path, read_body
 from ...body.face import expressions_of, face_bones, turns_of_shapes
-from ...body.shape import get_betas
+from ...body.shape import body_mesh, get_betas
 from ...conventions.coordinates import R_ARMATURE_BODY
 from ...conventions.skeleton import layout_of
 from ...errors import NothingToExport
@@ -72,8 +72,8 @@ def _read_take(take: ExportTake, progress: Progress) -> tuple[dict[str, np.ndarr
 
 
 def _shape_turns(take: ExportTake) -> dict[str, np.ndarray]:
-    values: dict[str, np.ndarray] = {}
-    for mesh in take.meshes if is_body(take) else ():
+    values, mesh = dict[str, np.ndarray](), body_mesh(take.armature)
+    if mesh is not None:
         values = {key.name: np.full(take.num_frames, key.value) for key in expressions_of(mesh)}
         values |= sample_expressions(take, mesh)
     return turns_of_shapes(values, take.num_frames)

@@ -189,8 +189,10 @@ def test_fingers_can_be_left_out_and_hands_carry_their_skin(scene: bpy.types.Sce
 def test_a_clip_is_called_as_its_take(scene: bpy.types.Scene, walk: BakedTake, tmp_path: Path, name: str) -> None:
     """The FBX's and the glTF's animation are read back; Blender's importers put the rig's name before an FBX's."""
     walk.action.name = scene.name = "Anna Take 02"
+    scene.name = "Room"
+    other = bpy.data.scenes.new("Anna Take 02")
     path, _ = written(walk, name, tmp_path)
-    assert scene.name == walk.action.name
+    assert scene.name == "Room" and other.name == walk.action.name
     read(path)
     clips = {action.name.removesuffix("_Armature").split("|")[-1] for action in bpy.data.actions}
     assert clips == {"Anna Take 02"}

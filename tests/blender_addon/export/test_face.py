@@ -77,7 +77,11 @@ def test_the_face_moves_in_files(scene: bpy.types.Scene, speaking: Rig, tmp_path
 
 
 def test_jaw_and_eyes_turn_in_smpl_x(scene: bpy.types.Scene, speaking: Rig, body: BodyFile, tmp_path: Path) -> None:
-    """A shape and a bone add up."""
+    """A shape and a bone add up. A hat on the armature does not matter."""
+    hat = bpy.data.objects.new("Hat", bpy.data.meshes.new("Hat"))
+    scene.collection.objects.link(hat)
+    hat.data.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [], [(0, 1, 2)])
+    hat.modifiers.new("Armature", "ARMATURE").object, hat.parent = speaking.armature, speaking.armature
     betas = np.linspace(1.0, -1.0, 10)
     stated = {"betas": betas.tolist(), "rest_pelvis": body.rest_joints(betas)[0].tolist(), "body": body.id}
     for key, value in stated.items():

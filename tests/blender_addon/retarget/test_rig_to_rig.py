@@ -241,5 +241,7 @@ def test_a_header_with_odd_numbers_gives_no_rate(wrong: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize(("count", "rate"), [(7, 24.0), (16, 25.0), (31, 10.0), (355, 118.0)])
 def test_sparse_keys_are_on_frames_of_a_film(count: int, rate: float) -> None:
-    header = {"accessors": [{"count": count, "min": [0.0], "max": [3.0]}], "animations": [{"samplers": [{"input": 0}]}]}
-    assert frame_rate(header) == rate
+    for start in np.linspace(0.0, 1.0, 31):  # glTF has times of single precision
+        ends = {"min": [float(np.float32(start))], "max": [float(np.float32(start + 3.0))]}
+        header = {"accessors": [{"count": count} | ends], "animations": [{"samplers": [{"input": 0}]}]}
+        assert frame_rate(header) == rate
