@@ -212,7 +212,8 @@ def people_lags(
     thinned = [view.rows(np.arange(0, num_frames, step)) for view in views]
     nearest = np.minimum((np.arange(num_frames) + step // 2) // step, len(thinned[0].extent) - 1)
     last = num_frames - 1
-    kept = slice(None) if reach is None else slice(last - reach, last + reach + 1)
+    reach = last if reach is None else min(reach, last)
+    kept = slice(last - reach, last + reach + 1)
     found = PeopleLags({}, {}, step)
     for i, j in pairs:
         share = _disagreements(cameras, (i, j), views[i].rows(rows[i]), thinned[j], scale)

@@ -83,6 +83,11 @@ def test_calibrated_cameras_tell_offset_and_drift_below_a_tenth_of_a_frame() -> 
     assert (np.sqrt(told.covariance[1:, 0, 0]) < 0.05 / FPS).all() and (told.covariance[0] == 0).all()
 
 
+def test_a_take_may_be_shorter_than_the_largest_offset() -> None:
+    take, true = filmed([0.0, 0.0, 0.1, 0.0], [0.0] * 4, seconds=3.0)
+    assert np.abs(errors_frames(clocks_by_geometry(take, 6.5), true, 3.0)).max() < 0.5
+
+
 def test_speeds_tell_the_clocks_without_calibration() -> None:
     take, true = filmed([0.0, 1.234, -2.9, 0.507], [0.0, 50e-6, -50e-6, 20e-6])
     told = clocks_by_speeds(NAMES, take.tracks, take.times_s, take.joint_set, 6.5)
