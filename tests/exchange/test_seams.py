@@ -183,6 +183,12 @@ def test_feet_that_stand_near_a_join_stay(stride: MotionFile) -> None:
     assert np.allclose(seams.rest_joints(joined), seams.rest_joints(stride), atol=1e-9)
 
 
+def test_the_height_of_a_standing_foot_does_not_jump_at_a_join(stride: MotionFile) -> None:
+    standing = replace(stride, contacts=np.ones((100, 2), bool))
+    joined, _ = seams.join(clips.trim(standing, 0, 30), clips.trim(standing, 47, 90))
+    assert np.abs(np.diff(joined.joints[20:40, 10:12, 2], axis=0)).max() < 0.04
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("one", "two"), [("asfamc/16_15", "asfamc/16_35"), ("mb2/02_01", "mb2/02_03")])
 def test_feet_of_recorded_clips_do_not_slide_at_a_join(one: str, two: str, shared_data: Path, tmp_path: Path) -> None:
