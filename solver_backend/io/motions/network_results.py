@@ -81,6 +81,8 @@ _SMPL = (
     ("global_orient", "body_pose", "transl"),
 )
 """Keys of the rotations and the position of a pickled SMPL motion, in a world with any axis up."""
+_SMPL_HANDS, _SMPL_RATES = ("left_hand_pose", "right_hand_pose"), ("mocap_framerate", "mocap_frame_rate", "fps")
+_SMPL_LEAN = 0.7  # Tangent of the mean lean beyond which the up axis is unknown: 35°, chosen by hand.
 _SOMA = 77
 _SOMA_OF = (0, 67, 72, 1, 68, 73, 2, 69, 74, 3, 70, 75, 4, 11, 39, 6, 12, 40, 13, 41, 14, 42)
 """SOMA joint of each of SMPL's 22 joints. SOMA's second neck joint, 5, rotates the head together with 6."""
@@ -249,12 +251,20 @@ def _of_smpl(content: Any, path: str) -> Iterator[tuple[tuple[str, ...], str, di
 
 
 def _smpl(name: str, person: dict[str, Any], keys: tuple[str, ...]) -> NetworkResult:
-    """Build a result from an SMPL motion. The axis along which the person stands points up."""
+    """Build a result from an SMPL motion. The axis along which the person stands points up.
+
+    Raises ``ValueError`` if the person does not stand for most of the time.
+    """
     turns = np.concatenate([_matrices(numbers(person[key])) for key in keys[:-1]], axis=1)
+    hands = [numbers(person[key]) for key in _SMPL_HANDS if key in person]
+    if len(hands) == 2 and all(hand.size == 45 * len(turns) for hand in hands):
+        turns = np.concatenate([turns, *map(_matrices, hands)], axis=1)
     scale = float(numbers(person.get("smpl_scaling", 1.0)).reshape(-1)[0])
-    fps = next((float(numbers(person[key])) for key in ("mocap_framerate", "fps") if key in person), None)
+    fps = next((float(numbers(person[key]).reshape(-1)[0]) for key in _SMPL_RATES if key in person), None)
     mean = turns[:, 0, :, 1].mean(axis=0)
     up = int(np.argmax(np.abs(mean)))
+    if np.sort(np.abs(mean))[1] > _SMPL_LEAN * abs(mean[up]):
+        raise ValueError("its person does not stand, so its up axis is unknown")
     axis = np.sign(mean[up]) * np.eye(3)[up]
     turn = (
         np.asarray(exp_so3(0.5 * np.pi * np.cross(axis, [0.0, 1.0, 0.0]))) if up != 1 else np.diag([1.0, *axis[[1, 1]]])

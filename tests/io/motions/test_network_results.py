@@ -180,6 +180,18 @@ def test_pickled_smpl_motions_stand_along_their_own_axis(axis, R, filmed: Filmed
         assert np.abs(person.transl - filmed.transl).max() < 1e-5
 
 
+def test_fingers_and_the_rate_of_a_pickled_smpl_motion_are_read(filmed: FilmedMotion, tmp_path: Path) -> None:
+    root, body = filmed.roots(Z_UP_TO_Y_UP), filmed.vectors.reshape(FRAMES, 63)
+    smplx = {"global_orient": root, "body_pose": body, "transl": filmed.transl, "mocap_frame_rate": np.array([60])}
+    smplx |= {"left_hand_pose": np.full((FRAMES, 45), 0.1), "right_hand_pose": np.zeros((FRAMES, 45))}
+    (person,) = read_network_result(_written(smplx, tmp_path / "smplx.pkl"))
+    assert person.fps == 60 and person.fingers is not None
+    assert np.abs(person.fingers[:, :15] - exp_so3(np.full(3, 0.1))).max() < 1e-6
+    lying = smplx | {"global_orient": np.tile([0.25 * np.pi, 0.0, 0.0], (FRAMES, 1))}
+    with pytest.raises(FileDamaged, match="up axis is unknown"):
+        read_network_result(_written(lying, tmp_path / "bent.pkl"))
+
+
 def test_shared_lists_do_not_expand(tmp_path: Path) -> None:
     shared: object = [0.0]
     for _ in range(40):
