@@ -229,7 +229,9 @@ def _of_truth(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndarray,
 def _of_reference(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     """Return the (F, N, 3) points of motion and reference that have the same names, and these names."""
     markers = capture.markers
-    columns = [plain_name(label) for label in (markers and markers.labels) or ()]
+    seen = np.isfinite(markers.positions).all(-1).any(0) if markers else ()
+    labels = (markers and markers.labels) or ()
+    columns = [plain_name(label) if known else "" for label, known in zip(labels, seen, strict=False)]
     points = {} if motion.keypoints3d is None else _named(JointSet(motion.joint_set).keypoints, motion.keypoints3d)
     points |= {name: xyz for name, xyz in _named(motion.body_layout.joints, motion.joints).items() if name in _LIMBS}
     names = tuple(name for name in dict.fromkeys(columns) if name in points)
@@ -247,7 +249,9 @@ def _of_reference(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndar
 
 def _of_worlds(found: np.ndarray, true: np.ndarray, names: tuple[str, ...]) -> dict[str, Any]:
     """Return the error after one rigid motion of all frames, because another system has its own world."""
-    both = np.isfinite(true).all(-1)
+    both = np.isfinite(true).all(-1) & np.isfinite(found).all(-1)
+    if both.sum() < _LEAST_POINTS:
+        return {"joints_moved_mpjpe_mm": float("nan"), "compared": names}
     _, R, t = umeyama(found[both][None], true[both][None], np.ones((1, int(both.sum()))), with_scale=False)
     return {"joints_moved_mpjpe_mm": mpjpe_mm(found @ R[0].T + t[0], true), "compared": names}
 
