@@ -287,7 +287,7 @@ def signal_lags(
     sign = (values[:, 1:2] == np.arange(1, count)) * 1.0 - (values[:, :1] == np.arange(1, count))
     basis = np.concatenate([sign, sign * values[:, 2:3]], axis=1)
     x, weight = np.r_[coarse[1:], np.zeros(count - 1)], values[:, 4]
-    prior = np.diag(np.repeat([0.0, RATE_SIGMA**-2], count - 1))
+    prior = information = np.diag(np.repeat([0.0, RATE_SIGMA**-2], count - 1))
     for _ in range(MOST_ROUNDS):
         residual = values[:, 3] - basis @ x
         spread = max(1.4826 * float(np.median(np.abs(residual))), 1e-4)

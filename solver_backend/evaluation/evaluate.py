@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -194,7 +193,7 @@ def evaluate(capture: Capture, motion: Motion) -> Evaluation:
     capture = capture.named
     reference = "joints" not in capture.truth
     solved, joints, names = _of_reference(capture, motion) if reference else _of_truth(capture, motion)
-    return Evaluation(
+    found = Evaluation(
         mpjpe_mm(solved, joints),
         rmse_mm(solved, joints),
         pck_percent(solved, joints, 0.01),
@@ -210,8 +209,10 @@ def evaluate(capture: Capture, motion: Motion) -> Evaluation:
         **_of_keypoints(capture, motion),
         **_of_markers(capture, motion),
         **_of_yardstick(capture),
-        **(_of_worlds(solved, joints, names) if reference else {}),
     )
+    if reference:
+        found = replace(found, joints_moved_mpjpe_mm=_moved_mpjpe_mm(solved, joints), compared=names)
+    return found
 
 
 def _of_truth(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
@@ -247,13 +248,13 @@ def _of_reference(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndar
     return found, _at_frames(markers, [columns.index(name) for name in names], motion), names
 
 
-def _of_worlds(found: np.ndarray, true: np.ndarray, names: tuple[str, ...]) -> dict[str, Any]:
+def _moved_mpjpe_mm(found: np.ndarray, true: np.ndarray) -> float:
     """Return the error after one rigid motion of all frames, because another system has its own world."""
     both = np.isfinite(true).all(-1) & np.isfinite(found).all(-1)
     if both.sum() < _LEAST_POINTS:
-        return {"joints_moved_mpjpe_mm": float("nan"), "compared": names}
+        return float("nan")
     _, R, t = umeyama(found[both][None], true[both][None], np.ones((1, int(both.sum()))), with_scale=False)
-    return {"joints_moved_mpjpe_mm": mpjpe_mm(found @ R[0].T + t[0], true), "compared": names}
+    return mpjpe_mm(found @ R[0].T + t[0], true)
 
 
 def _named(names: Sequence[str], points: np.ndarray) -> dict[str, np.ndarray]:

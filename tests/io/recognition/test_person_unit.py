@@ -38,7 +38,7 @@ def test_the_unit_is_that_of_the_person(unit: str, guessed: str) -> None:
     assert factor == 1.0
     read_as = [(item.code, item.values["unit"], item.values["guessed"]) for item in found.problems]
     assert read_as == [("unit_by_person", unit, guessed)] * (unit != guessed)
-    assert all(f"read in {unit}" in problem for problem in words(found.problems))
+    assert all(f"interpreted as {unit}" in problem for problem in words(found.problems))
 
 
 def test_lengths_of_no_known_unit_stay_and_people_are_found_by_a_factor() -> None:
