@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -193,6 +194,14 @@ def evaluate(capture: Capture, motion: Motion) -> Evaluation:
     capture = capture.named
     reference = "joints" not in capture.truth
     solved, joints, names = _of_reference(capture, motion) if reference else _of_truth(capture, motion)
+    more: dict[str, Any] = {
+        **_of_feet(solved, joints, names),
+        **_of_intersections(solved, joints, names),
+        **_of_angles(capture, motion),
+        **_of_keypoints(capture, motion),
+        **_of_markers(capture, motion),
+        **_of_yardstick(capture),
+    }
     found = Evaluation(
         mpjpe_mm(solved, joints),
         rmse_mm(solved, joints),
@@ -203,12 +212,7 @@ def evaluate(capture: Capture, motion: Motion) -> Evaluation:
         pa_mpjpe_mm(solved, joints),
         world_mpjpe_mm(solved, joints),
         world_mpjpe_mm(solved, joints, fitted=2),
-        **_of_feet(solved, joints, names),
-        **_of_intersections(solved, joints, names),
-        **_of_angles(capture, motion),
-        **_of_keypoints(capture, motion),
-        **_of_markers(capture, motion),
-        **_of_yardstick(capture),
+        **more,
     )
     if reference:
         found = replace(found, joints_moved_mpjpe_mm=_moved_mpjpe_mm(solved, joints), compared=names)
