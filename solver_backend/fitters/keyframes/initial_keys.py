@@ -244,22 +244,24 @@ def resolve_outlier_markers(
     keys: Keyframes,
     schedule: Schedule,
 ) -> Keyframes:
-    """Solve windows with outlier markers again as long as fewer are left. A round starts where the last ended.
+    """Solve windows with outlier markers again as long as fewer are left. A round starts where the last one improved.
 
     ``measurements`` are the markers of a calibrated person, not the keypoints of a motion. References: Blake and
     Zisserman 1987 (graduated non-convexity), Black and Rangarajan 1996.
     """
     frames = layout.frames
     windows_of, _ = layout.positions(frames)
+    improved = np.ones(layout.num_windows, dtype=bool)
     for _ in range(ROUNDS):
         before, far = keys, _outliers(measurements, model, layout, keys, frames)
         lost = np.zeros(layout.num_windows, dtype=bool)
         lost[windows_of[far.any(axis=1)]] = True
+        lost, improved = lost & improved, np.zeros_like(improved)
         for windows in ranges_around(lost):
             again = keys.replaced(keys_of(windows), cut_out(model, layout, keys, schedule, windows).solve().keys)
             here = (windows_of >= windows.start) & (windows_of < windows.stop)
             if _outliers(measurements, model, layout, again, frames[here]).sum() < far[here].sum():
-                keys = again
+                keys, improved[windows] = again, True
         if keys is before:
             break
     return hemisphere_aligned(keys)
