@@ -116,6 +116,7 @@ def test_motions_and_headless_bakes_ask_too(
     request = VERBS["bake"].arguments(motion=motion, out=tmp_path / "out", capture=path, no_pictures=True)
     result = run_bake(request, silent)
     assert asked == [] and any("was not opened" in note for note in result["notes"])
-    allowed = replace(request, footage_from=(tmp_path,), overwrite=True)
+    given = {"capture": path, "no_pictures": True, "footage_from": [tmp_path], "overwrite": True}
+    allowed = VERBS["bake"].arguments(motion=motion, out=tmp_path / "out", **given)
     assert not [note for note in run_bake(allowed, silent)["notes"] if "was not opened" in note]
     assert asked == [elsewhere]
