@@ -188,7 +188,7 @@ def test_a_clock_that_differs_is_told(cluster: Tended, tmp_path: Path, odd_worke
 
 def test_more_memory_than_a_worker_has_is_named_with_both(cluster: Tended, tmp_path: Path) -> None:
     request = batch(tmp_path, ["a"], limits=TakeLimits(memory_mb=5000.0))
-    with pytest.raises(WorkersUnsuitable, match=r"No worker has the 5000 MB .* the largest has 1000 MB"):
+    with pytest.raises(WorkersUnsuitable, match=r"No worker has the 5000 MB .* The largest has 1000 MB"):
         run_batch(request, silent, Spread(cluster.address))
 
 
