@@ -30,6 +30,7 @@ from .clips import (
 )
 from .errors import MotionInvalid
 from .limb_bend import bend_to, eased, longest_reach, within_reach
+from .limb_bend import fade as smoothstep
 from .motion_file import FRAMES_AXIS, MotionFile
 from .so3 import (
     matrix_from_rotvec,
@@ -208,18 +209,12 @@ def blend_start(motion: MotionFile, seam: Seam, blend_s: float) -> MotionFile:
 
 
 def _offset(motion: MotionFile, seam: Seam, u: np.ndarray, share: float, blend_s: float) -> MotionFile:
-    fade = share * _fading(np.abs(u) / max(blend_s, 1e-6))
+    fade = share * smoothstep(np.abs(u), max(blend_s, 1e-6), 0.0)
     turns = fade[:, None, None] * (seam.turns + u[:, None, None] * seam.turn_rates)
     rotvec = rotvec_from_quat(quat_multiply(quat_from_rotvec(motion.rotvec), quat_from_rotvec(turns)))
     rotvec = np.where((fade == 0.0)[:, None, None], motion.rotvec, rotvec)
     shift = fade[:, None] * (seam.shift + u[:, None] * seam.velocity)
     return repose(unobserved(motion), rotvec, motion.transl + rest_joints(motion)[0] + shift)
-
-
-def _fading(x: np.ndarray) -> np.ndarray:
-    """Return h(x) = 1 - 3x² + 2x³, and 0 beyond 1."""
-    x = np.minimum(x, 1.0)
-    return 1.0 - x * x * (3.0 - 2.0 * x)
 
 
 # Loops
@@ -481,7 +476,8 @@ def _hold_feet(joined: MotionFile, apart: np.ndarray, at: int, blend_s: float) -
             end = at + int(np.append(~stands[at:], True).argmax())
             away, frames = places[at - 1] - places[at], np.arange(len(p) - at)
             places[at:end, :2] += away[:2]
-            places[at:, 2] += away[2] * _fading(frames / max(end - at, fade))  # Both stands may differ in height.
+            # Both stands may differ in height.
+            places[at:, 2] += away[2] * smoothstep(frames, max(end - at, fade), 0.0)
         shifts.append(eased(places - p[:, ball], stood, fade if gap == 1 else min(fade, 0.5 * gap - 1.0)))
     bones = [(p[:, knee] - p[:, hip], p[:, ankle] - p[:, knee]) for hip, knee, ankle in _LEGS]
     ways = np.stack([p[:, leg[2]] - p[:, leg[0]] + shift for leg, shift in zip(_LEGS, shifts, strict=True)])
