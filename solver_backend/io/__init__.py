@@ -1,1 +1,1 @@
-"""Read and write captures, calibrations and motions, with units and axes converted."""
+"""Read and write captures, calibrations and motions, and convert their units and axes."""

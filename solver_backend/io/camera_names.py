@@ -1,4 +1,4 @@
-"""Match the names of recorded cameras with the names in a calibration."""
+"""Match recorded camera names with the names in a calibration."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import re
 from collections.abc import Iterable, Sequence
 
 _FILLERS = {"cam", "camera", "c", "json", "int", "ext", "img", "view", "video", "pose", "keypoints", "openpose", "kpts"}
-_COUNTING_DIGITS = 3  # Maximum number of digits of a camera number. A longer number is a serial number.
+_COUNTING_DIGITS = 3  # Largest number of digits in a camera number. A longer number is a serial number.
 _COUNTED = re.compile(rf"(?<!\d)\d{{1,{_COUNTING_DIGITS}}}$")
 _CAMERA = re.compile(r"cam(?:era)?[\s_\-.]*\d+", re.IGNORECASE)
 
 
 def name_key(name: str) -> tuple[str, ...]:
-    """Return the distinctive words and numbers of a camera name.
+    """Return the words and numbers that distinguish a camera name.
 
     ``cam01_json``, ``Cam_1``, ``camera-001`` and ``int_cam01_img`` give ``('1',)``. ``left_json`` gives ``('left',)``.
     """
@@ -29,18 +29,18 @@ def _plain(word: str) -> str:
 
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:
-    """Return a sorting key that puts cam2 before cam10."""
+    """Return a sort key that places cam2 before cam10."""
     parts = re.findall(r"([0-9]+)|([^0-9]+)", name.lower())
     return [(1, 0, word) if word else (0, len(n), n) for n, word in ((n.lstrip("0"), word) for n, word in parts)]
 
 
 def match_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
-    """Return the calibrated index of each recorded camera, or None if unclear.
+    """Return the index of each recorded camera in the calibration, or None if the match is ambiguous.
 
-    These comparisons are tried until one assigns all cameras. The first compares ``name_key``. The second compares the
-    part that reads like a camera (``Static_cam_01`` -> ``cam_01``). The third removes the common beginning and end
+    Four comparisons are tried until one assigns all cameras. The first compares ``name_key``. The second compares the
+    part that looks like a camera name (``Static_cam_01`` -> ``cam_01``). The third removes the common prefix and suffix
     (``trial1_A`` and ``trial1_B``: ``A`` and ``B``). The last looks for the calibrated name among the words of a
-    recorded name (``Walk_Miqus_1_28984`` -> ``28984``). Each is also tried in the other direction (``A`` -> ``camA``).
+    recorded name (``Walk_Miqus_1_28984`` -> ``28984``). Each is also tried in reverse (``A`` -> ``camA``).
     """
     for read_recorded, read_calibrated in _WAYS:
         wanted, keys = read_recorded(recorded), read_calibrated(calibrated)
@@ -54,9 +54,9 @@ def match_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int]
 
 
 def takes_in_names(recorded: Sequence[str], calibrated: Sequence[str]) -> tuple[str, ...]:
-    """Return the take names if the folders are takes of the same cameras, or ().
+    """Return the take names if the folders are several takes by the same cameras, otherwise ().
 
-    ``walk_cam01``, ``walk_cam02``, ``run_cam01`` and ``run_cam02`` are the takes walk and run of two cameras.
+    ``walk_cam01``, ``walk_cam02``, ``run_cam01`` and ``run_cam02`` are the takes walk and run by two cameras.
     """
     keys = _name_keys(calibrated)
     cameras_of: dict[str, set[int]] = {}
@@ -64,7 +64,7 @@ def takes_in_names(recorded: Sequence[str], calibrated: Sequence[str]) -> tuple[
         words = _words(name)
         plain = list(map(_plain, words))
         found = [(i, k) for i, key in enumerate(keys) for k in range(len(words)) if (*plain[k : k + len(key)],) == key]
-        if len(found) > 1:  # in walk1_cam01, use the number after a word for cameras
+        if len(found) > 1:  # in walk1_cam01, use the number that follows a word for camera
             found = [(i, k) for i, k in found if k > 0 and words[k - 1] in _FILLERS]
         if len(found) != 1:
             return ()
@@ -77,7 +77,7 @@ def takes_in_names(recorded: Sequence[str], calibrated: Sequence[str]) -> tuple[
 
 
 def counted_order(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
-    """Assign numbered cameras in order, such as ``cam0`` to ``cam01``, else None."""
+    """Assign numbered cameras in order, such as ``cam0`` to ``cam01``, or return None."""
     if len(recorded) != len(calibrated) or not all(_COUNTED.search(name) for name in (*recorded, *calibrated)):
         return None
     first, second = (sorted(range(len(names)), key=lambda i: natural_key(names[i])) for names in (recorded, calibrated))
@@ -96,12 +96,12 @@ def _camera_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def _distinct_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return the keys of the names after removing their common beginning and end."""
+    """Return the keys of the names without their common prefix and suffix."""
     if len(names) < 2:
         return _name_keys(names)
     start = _shared_start(names)
     end = _shared_start([name[start:][::-1] for name in names])
-    # A number is one word. cam10 and cam11 differ by 10 and 11, not by 0 and 1.
+    # A number is one word: cam10 and cam11 differ in 10 and 11, not in 0 and 1.
     while start and names[0][start - 1].isdigit():
         start -= 1
     while end and names[0][len(names[0]) - end].isdigit():
@@ -110,24 +110,24 @@ def _distinct_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def _own_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return the distinctive words of calibrated names, or all if only numbers remain."""
+    """Return the distinguishing words in calibrated names, or all words if only numbers remain."""
     parts = _distinct_parts(names)
     return _name_keys(names) if any(map(_counts, parts)) else parts
 
 
 def _counts(key: tuple[str, ...]) -> bool:
-    """Return whether a key is a camera number and not a serial number."""
+    """Return whether a key is a camera number rather than a serial number."""
     return len(key) == 1 and key[0].isdigit() and len(key[0]) <= _COUNTING_DIGITS
 
 
 def _shared_start(names: Sequence[str]) -> int:
-    """Return the length of the common beginning of names."""
+    """Return the length of the common prefix of all names."""
     different = (i for i, letters in enumerate(zip(*names, strict=False)) if len(set(letters)) > 1)
     return next(different, min(map(len, names)))
 
 
 def _by_contained_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
-    """Return the index of the only calibrated name that each recorded name contains."""
+    """For each recorded name, return the index of the only calibrated name that it contains."""
     keys = _name_keys(calibrated)
     found = []
     for name in recorded:
@@ -147,9 +147,9 @@ _WAYS = (
     (_name_keys, _own_parts),
     (_distinct_parts, _own_parts),
 )
-"""Functions that extract the compared parts of recorded and calibrated names, the strictest pair first."""
+"""Functions that extract the compared parts of recorded and calibrated names, strictest pair first."""
 
 
 def listing(names: Iterable[str]) -> str:
-    """Join names for a message."""
+    """Join names into one phrase for a message."""
     return ", ".join(names) or "none"

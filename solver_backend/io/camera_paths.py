@@ -16,34 +16,34 @@ from solver_backend.exchange.plausible import FARTHEST_IN_UNITS
 from solver_backend.geometry.rotations import exp_so3, log_so3, matrix_from_quat
 from solver_backend.io.files import LARGEST_TEXT, read_json, read_text
 
-FRAMES, SECONDS, UNKNOWN = "frames", "seconds", "unknown"  # Clocks of paths.
-ESTIMATED = "estimated_camera_path.txt"  # Name of a path that was estimated from the background of the video.
-_GL = np.diag([1.0, -1.0, -1.0])  # From cameras with Y up and Z backwards (OpenGL, ARKit, Blender) to OpenCV's axes.
+FRAMES, SECONDS, UNKNOWN = "frames", "seconds", "unknown"  # Time bases of paths.
+ESTIMATED = "estimated_camera_path.txt"  # Name of a path estimated from the video background.
+_GL = np.diag([1.0, -1.0, -1.0])  # From cameras with Y up that look along -Z (OpenGL, ARKit, Blender) to OpenCV's axes.
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-_SAME_SPAN = 0.05  # Largest relative difference from the take's length when a unit of time is accepted.
+_SAME_SPAN = 0.05  # Largest relative difference from the take's duration for which a time unit is accepted.
 _TICKS = (1.0, 1e-3, 1e-6, 1e-9)  # Possible units of time stamps, in seconds.
-LOOSE_S = 0.1  # Largest difference in length, in seconds, of a path without the video's clock. Chosen by hand.
-NEAREST_S = 0.5  # Largest time in seconds between a frame and the nearest pose. Chosen by hand.
+LOOSE_S = 0.1  # Largest difference in duration, in seconds, for a path without the video's time base. Chosen by hand.
+NEAREST_S = 0.5  # Largest time in seconds between a frame and its nearest pose. Chosen by hand.
 _MATRICES = ("transform_matrix", "transform", "matrix", "camera_transform", "cameraTransform", "cameraPoseARFrame")
 _PLACES, _TURNS = ("translation", "position", "t"), ("rotation", "orientation", "quaternion", "q")
 _TIMES, _NUMBERS = ("timestamp", "time", "seconds"), ("frame", "frame_index", "frameNumber", "index")
 
 
-_LATEST = 1e19  # Largest time stamp. Nanoseconds since 1970 are allowed.
+_LATEST = 1e19  # Largest time stamp. It allows nanoseconds since 1970.
 _SMALLEST = 1e-6  # Smallest norm of a quaternion, and smallest scale of a matrix, that defines a rotation.
-_SHEARED = 0.01  # Largest deviation of a scaled rotation's columns from orthogonality, relative. Chosen by hand.
+_SHEARED = 0.01  # Largest relative deviation of a scaled rotation's columns from orthogonality. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class StatedPath:
-    """Camera poses as a file states them."""
+    """Camera poses as the file states them."""
 
-    R: np.ndarray  # (N, 3, 3) rotations from camera (OpenCV axes) to the file's world.
+    R: np.ndarray  # (N, 3, 3) rotations from the camera (OpenCV axes) to the file's world.
     centre: np.ndarray  # (N, 3) camera positions in the file's unit.
     at: np.ndarray  # (N,) frame numbers or time stamps (seconds) of the poses, increasing.
     clock: str  # ``FRAMES``, ``SECONDS`` or ``UNKNOWN``.
     metres: float = 0.0  # Metres per length unit, 0 if unknown.
-    up: np.ndarray | None = None  # (3,) upward direction in the file's world, None if unknown.
+    up: np.ndarray | None = None  # (3,) up direction in the file's world, or None if unknown.
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class PathFormat:
 
 @dataclass(frozen=True)
 class FilmedPath:
-    """Camera poses in the F frames of a take, in the world and unit of the file."""
+    """Camera poses in the F frames of a take, in the file's world and length unit."""
 
     R: np.ndarray  # (F, 3, 3).
     centre: np.ndarray  # (F, 3) camera positions.
@@ -70,7 +70,7 @@ def read_camera_path(path: Path | str, frames: int, fps: float) -> FilmedPath:
     """Read the camera pose of each frame of a take. Short gaps are interpolated.
 
     Raises:
-        CalibrationInvalid: no reader knows the file, or its numbers are invalid.
+        CalibrationInvalid: no reader recognises the file, or its numbers are invalid.
         FrameCountMismatch: the poses belong to another video.
     """
     path = Path(path)
@@ -103,10 +103,10 @@ def read_camera_path(path: Path | str, frames: int, fps: float) -> FilmedPath:
 
 
 def _frames_of(stated: StatedPath, frames: int, fps: float, path: Path) -> np.ndarray:
-    """Return the frame of the take, counted from 0, of each pose.
+    """Return the frame of the take, counted from 0, for each pose.
 
-    Frame numbers start at 0 or 1, or the first number is the take's first frame. Time stamps inside the take are video
-    times, because trackers may start late. Other time stamps, and poses without any, count from the first pose.
+    Frame numbers start at 0 or 1, unless the first number belongs to the take's first frame. Time stamps that lie
+    within the take are video times, because trackers may start late. Otherwise, they start at the first pose.
     """
     at, last = stated.at, max(frames - 1, 1)
     units = (1.0, *(fps * tick for tick in _TICKS if stated.clock == SECONDS))
@@ -148,7 +148,7 @@ def _numbers(rows: Sequence[Sequence[str]], path: Path) -> np.ndarray:
 
 
 def _array(values: Any, most: float = FARTHEST_IN_UNITS) -> np.ndarray:
-    """Return numbers as an array. Raise ``ValueError`` if one is not finite or exceeds ``most``."""
+    """Convert values to an array. Raise ``ValueError`` if one is not finite or exceeds ``most``."""
     try:
         array = np.array(values, dtype=float)
     except OverflowError as error:
@@ -159,14 +159,14 @@ def _array(values: Any, most: float = FARTHEST_IN_UNITS) -> np.ndarray:
 
 
 def _turns(quats: np.ndarray, path: Path) -> np.ndarray:
-    """Return (N, 3, 3) rotations of (N, 4) quaternions w, x, y, z of any norm."""
+    """Convert (N, 4) quaternions w, x, y, z of any norm to (N, 3, 3) rotations."""
     if not (np.linalg.norm(quats, axis=-1) > _SMALLEST).all():
         raise CalibrationInvalid("A rotation of the camera path is zero.", where=str(path))
     return np.asarray(matrix_from_quat(_unit(quats)))
 
 
 def _images_of(path: Path) -> Path:
-    """Return the pose file of COLMAP's folder, or the file itself."""
+    """Return the pose file in a COLMAP folder, or the file itself."""
     found = [path / part / "images.txt" for part in (".", "0", "sparse", "sparse/0")] if path.is_dir() else [path]
     return next((file for file in found if file.is_file()), path)
 
@@ -177,9 +177,9 @@ def _is_colmap(path: Path) -> bool:
 
 
 def _read_colmap(path: Path) -> StatedPath:
-    """Read COLMAP's image lines, world to camera. Numbers in image names are frames."""
+    """Read the image lines of a COLMAP model (world to camera). Numbers in image names are frame numbers."""
     file = _images_of(path)
-    # Rows of points are triples of numbers.
+    # Lines of points consist of triples of numbers.
     rows = [row for row in _lines(file) if len(row) == 10 or (len(row) > 10 and not _is_number(row[-1]))]
     names = [re.findall(r"\d+", Path(" ".join(row[9:])).stem) for row in rows]
     if not rows or not all(names):
@@ -209,7 +209,7 @@ def _read_trajectory(path: Path) -> StatedPath:
 
 
 def _read_document(path: Path) -> StatedPath:
-    """Read a JSON list of poses, or an object with such a list in ``frames`` or ``poses``.
+    """Read a JSON list of poses, or an object with such a list under ``frames`` or ``poses``.
 
     A pose is a camera-to-world matrix, or a position and a quaternion x, y, z, w. AR sessions (ARKit, ARCore, Record3D)
     are in metres with Y up. The object may state ``axes`` ("opengl" or "opencv"), ``up`` and ``metres_per_unit``.
@@ -246,7 +246,7 @@ def _read_document(path: Path) -> StatedPath:
 
 
 def _pose(pose: Any, path: Path) -> tuple[np.ndarray, np.ndarray, float, str]:
-    """Return the rotation, the position, the time stamp or frame number, and the clock of one entry."""
+    """Return an entry's rotation, position, time stamp or frame number, and time base."""
     if not isinstance(pose, Mapping):
         values = _array(pose)
         if values.shape == (7,):  # Record3D: a quaternion and a position
@@ -267,7 +267,7 @@ def _pose(pose: Any, path: Path) -> tuple[np.ndarray, np.ndarray, float, str]:
 
 
 def _of_matrix(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotation and position from 16 numbers, by rows or by columns."""
+    """Return the rotation and position in a matrix given as 16 numbers, by rows or by columns."""
     M = values.reshape(4, 4)
     M = M.T if np.allclose(M[:3, 3], 0.0) and not np.allclose(M[3, :3], 0.0) else M
     size = np.cbrt(abs(np.linalg.det(M[:3, :3])))

@@ -20,9 +20,9 @@ from solver_backend.exchange.npz import NeedsPickle, array_names, read_array_hea
 from solver_backend.exchange.outputs import open_regular, read_regular, require_file, unreadable
 
 LARGEST_TAKE = 1_000_000_000  # Largest size of a take in bytes.
-LARGEST_TEXT = 20_000_000  # Largest size in bytes of a calibration, a job or a frame's detections. Real files have kB.
+LARGEST_TEXT = 20_000_000  # Size limit in bytes of a calibration, a job or one frame's detections. Real files have kB.
 _LARGEST_TOML = 2_000_000
-LONGEST_HEADING = 200  # Longest column heading in characters. Pattern matching takes quadratic time.
+LONGEST_HEADING = 200  # Longest allowed column heading in characters. Pattern matching takes quadratic time.
 _MOST_KEY_PARTS = 32  # Largest number of dotted parts in a TOML key, chosen by hand.
 _KEY_PART = re.compile(r"""\.[ \t]*(?:[\w-]+|"(?:[^"\\\n]|\\.)*"|'[^'\n]*')[ \t]*(?=\.)""")
 
@@ -41,14 +41,14 @@ def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
 
 
 def first_bytes(path: Path, length: int) -> bytes:
-    """Read the first bytes of a file for recognition, or no bytes of an unreadable file."""
+    """Read a file's first bytes to recognise it. Return no bytes if the file is unreadable."""
     with suppress(OSError), open_regular(path) as stream:
         return stream.read(length)
     return b""
 
 
 def read_text(path: Path | str, largest: int = LARGEST_TAKE) -> str:
-    """Read a text file. Errors are as in ``read_bytes``."""
+    """Read a text file. Raises the same errors as ``read_bytes``."""
     return as_text(read_bytes(path, largest))
 
 
@@ -81,7 +81,7 @@ def read_toml(path: Path | str) -> dict[str, Any]:
 
 
 def read_xml(path: Path, largest: int, kind: str) -> ElementTree.Element:
-    """Read an XML file. Raise FileMissing or FileDamaged. ``kind`` names the format in errors."""
+    """Read an XML file. Raise FileMissing or FileDamaged, where ``kind`` names the format."""
     try:
         return ElementTree.fromstring(read_bytes(path, largest))
     except (ElementTree.ParseError, LookupError, ValueError, RecursionError) as error:
@@ -90,7 +90,7 @@ def read_xml(path: Path, largest: int, kind: str) -> ElementTree.Element:
 
 
 def npz_names(path: Path) -> frozenset[str]:
-    """Return the array names of an ``.npz`` file, none for an unreadable file."""
+    """Return the array names in an ``.npz`` file, or none if the file is unreadable."""
     with suppress(MocapError):
         if path.suffix.lower() == ".npz":
             return array_names(path)
@@ -98,7 +98,7 @@ def npz_names(path: Path) -> frozenset[str]:
 
 
 def load_array(path: Path) -> np.ndarray:
-    """Return the memory-mapped array of a ``.npy`` file. Raise FileDamaged for any other file."""
+    """Memory-map the array in a ``.npy`` file. Raise FileDamaged for any other file."""
     with open_regular(require_file(path)) as stream:
         if stream.read(4) == b"PK\x03\x04":
             hint = "Rename it to .npz, or save one array with numpy.save."
@@ -120,18 +120,18 @@ def load_array(path: Path) -> np.ndarray:
 
 
 class AppendedFile:
-    """A file that appends each piece completely or not at all.
+    """A file that appends each piece either completely or not at all.
 
-    Nothing is buffered, so written pieces survive if the process ends unexpectedly.
+    Nothing is buffered, so pieces that were written survive if the process ends unexpectedly.
     """
 
     def __init__(self, handle: int, where: str) -> None:
         self.handle, self.where = handle, where
-        self.written, self.lost = 0, 0  # Pieces in the file, and pieces that could not be written.
-        self.failure = ""  # System message of the last failure.
+        self.written, self.lost = 0, 0  # Number of pieces in the file, and number of pieces that could not be written.
+        self.failure = ""  # System message for the last failure.
         try:
             self._size: int | None = os.lseek(handle, 0, os.SEEK_CUR)
-        except OSError:  # a pipe
+        except OSError:  # the path is a pipe
             self._size = None
 
     def append(self, piece: bytes) -> bool:

@@ -1,4 +1,4 @@
-"""Find videos and image folders, and read headers, chapters and focal lengths."""
+"""Find videos and image folders, and read video headers, chapters and focal lengths."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.calibration.search import is_calibration_folder
 from solver_backend.io.camera_names import name_key, natural_key
 
-_LARGEST_HEADER = 1 << 26  # Largest header in bytes. Ten hours of video have a smaller one.
-_MOST_BOXES = 10_000  # Largest number of boxes to examine in a file, chosen by hand.
+_LARGEST_HEADER = 1 << 26  # Size limit of a header in bytes. The header for ten hours of video is smaller.
+_MOST_BOXES = 10_000  # Largest number of boxes examined in a file, chosen by hand.
 _QUARTER_TURNS = {(0, 1, -1, 0), (0, -1, 1, 0)}
-_UNREADABLE = (OSError, struct.error, IndexError, ValueError, OverflowError)  # Errors that damaged files raise.
+_UNREADABLE = (OSError, struct.error, IndexError, ValueError, OverflowError)  # Errors that damaged files cause.
 
 
 @dataclass(frozen=True)
 class VideoHeader:
-    """Values in the header of a video."""
+    """Values from a video header."""
 
     fps: float  # Mean frame rate in frames per second.
     num_frames: int
@@ -38,7 +38,7 @@ class VideoHeader:
 
 
 def read_video_header(path: Path) -> VideoHeader | None:
-    """Read the header of the first video track, None if there is none.
+    """Read the header of the first video track. Return None if there is none.
 
     ``fps = timescale * Σ count / Σ (count * duration)`` over the table of sample durations (ISO/IEC 14496-12, stts).
     """
@@ -48,7 +48,7 @@ def read_video_header(path: Path) -> VideoHeader | None:
 
 
 def _top_level_box(stream: BinaryIO, wanted: bytes) -> bytes | None:
-    """Return the content of the first top-level box of this kind, or None."""
+    """Return the content of the first top-level box of the wanted kind, or None."""
     for _ in range(_MOST_BOXES):
         if len(head := stream.read(8)) < 8:
             return None
@@ -65,7 +65,7 @@ def _top_level_box(stream: BinaryIO, wanted: bytes) -> bytes | None:
 
 
 def _boxes(data: memoryview) -> Iterator[tuple[bytes, memoryview]]:
-    """Yield the kind and content of each box inside a box."""
+    """Yield the kind and content of each box within a box."""
     at = 0
     for _ in range(_MOST_BOXES):
         if at + 8 > len(data):
@@ -82,7 +82,7 @@ def _boxes(data: memoryview) -> Iterator[tuple[bytes, memoryview]]:
 
 
 def _inside(data: memoryview, *kinds: bytes) -> memoryview:
-    """Return the content of the first box on the path ``kinds``."""
+    """Return the content of the first box that is reached by following ``kinds``."""
     for kind in kinds:
         data = next((content for found, content in _boxes(data) if found == kind), memoryview(b""))
     return data
@@ -106,7 +106,7 @@ def _video_track(moov: memoryview) -> VideoHeader | None:
 
 
 def _stored_size(tkhd: memoryview, stsd: memoryview) -> tuple[int, int]:
-    """Return the size of the first sample entry, or the display size of the track."""
+    """Return the size in the first sample entry, or else the display size of the track."""
     at = 52 if tkhd[0] == 1 else 40
     a, b, _, c, d = struct.unpack_from(">5i", tkhd, at)
     width, height = (value >> 16 for value in struct.unpack_from(">II", tkhd, at + 36))
@@ -123,9 +123,9 @@ _FOLDERS = ("videos", "video", "images", "footage")
 
 
 def find_footage(levels: Sequence[Path], recorded: Sequence[str]) -> tuple[Path | None, ...]:
-    """Return the video or image folder of each recorded camera, or None.
+    """Return the video or image folder of each recorded camera, or None if it has none.
 
-    ``levels`` are folders that may contain a folder ``videos``, the nearest first.
+    ``levels`` are the folders that may contain a ``videos`` folder, nearest first.
     """
     for level in levels:
         for name in (*_FOLDERS, "."):
@@ -138,7 +138,7 @@ def find_footage(levels: Sequence[Path], recorded: Sequence[str]) -> tuple[Path 
 
 
 def footage_in(folder: Path) -> dict[tuple[str, ...], Path]:
-    """Return the videos and image folders in a folder by the ``name_key`` of their names."""
+    """Return the videos and image folders in a folder, keyed by the ``name_key`` of their names."""
     found: dict[tuple[str, ...], Path] = {}
     for path in sorted(folder.iterdir(), key=lambda p: natural_key(p.name)):
         if path.suffix.lower() in VIDEOS and path.is_file():
@@ -149,17 +149,17 @@ def footage_in(folder: Path) -> dict[tuple[str, ...], Path]:
 
 
 def headers(footage: Sequence[Path | None]) -> list[VideoHeader | None]:
-    """Read the header of each video. It is None for missing and unreadable videos."""
+    """Read the header of each video. The result is None for missing and unreadable videos."""
     return [read_video_header(path) if path is not None and os.path.isfile(path) else None for path in footage]
 
 
 def with_sizes_of(
     calibration: Calibration, videos: Sequence[VideoHeader | None], detections: Detections
 ) -> Calibration:
-    """Convert the calibration to the pixels of the detections.
+    """Convert a calibration to the pixel coordinates of the detections.
 
-    A camera without a stated image size uses the size of its video. If video and calibration have the same aspect ratio
-    and the detections only fit the video, the calibration is scaled. Other differences are reported.
+    A camera without a stated image size uses the size of its video. If the video and the calibration have the same
+    aspect ratio and the detections fit only the video, the calibration is scaled. Other differences are reported.
     """
     cameras, notes, problems = calibration.cameras, list(calibration.notes), list(calibration.problems)
     guessed: list[str] = []
@@ -204,11 +204,11 @@ def _made_for_video(calibrated: tuple[int, ...], video: tuple[int, int], xy: np.
 _CHAPTER = re.compile(r"(?P<head>.*?)(?P<kind>G[HXP])(?P<chapter>\d\d)(?P<number>\d{4})(?P<tail>.*)", re.IGNORECASE)
 """GoPro file names. ``GX020101`` is chapter 2 of recording 0101. ``GH`` means H.264, ``GP`` cameras up to HERO5."""
 _FIRST = re.compile(r"(?P<head>.*?)GOPR(?P<number>\d{4})(?P<tail>.*)", re.IGNORECASE)
-"""Name of the first chapter of cameras up to HERO5. ``GP01``, ``GP02`` and so on follow."""
+"""Name of the first chapter on cameras up to HERO5. It is followed by ``GP01``, ``GP02`` and so on."""
 
 
 def parts_of(path: Path) -> tuple[Path, ...]:
-    """Return the files of one recording in order, given its first part."""
+    """Return the files of one recording in order, given the first file."""
     if path.is_dir():
         return tuple(sorted((p for p in path.iterdir() if is_picture(p)), key=lambda p: natural_key(p.name)))
     if chapter_of(path) is None or not path.parent.is_dir():
@@ -218,14 +218,14 @@ def parts_of(path: Path) -> tuple[Path, ...]:
 
 
 def count_recordings(root: Path) -> int:
-    """Count the recordings in a folder and its subfolders. Chapters of one recording count once."""
+    """Count the recordings in a folder and its subfolders. Chapters of a recording count once."""
     folders = [root, *sorted(path for path in root.iterdir() if path.is_dir())]
     found = [list(footage_in(folder).values()) for folder in folders if not is_calibration_folder(folder)]
     return sum(len(join_chapters(paths)) for paths in found)
 
 
 def join_chapters(videos: Iterable[Path]) -> list[tuple[Path, ...]]:
-    """Group videos into recordings with chapters in order."""
+    """Group videos into recordings, with chapters in order."""
     recordings: list[list[Path]] = []
     open_: dict[tuple[str, ...], list[Path]] = {}
     numbered = [(chapter_of(path), path) for path in sorted(videos, key=lambda p: natural_key(p.name))]
@@ -244,7 +244,7 @@ def join_chapters(videos: Iterable[Path]) -> list[tuple[Path, ...]]:
 
 
 def chapter_of(path: Path) -> tuple[tuple[str, ...], int] | None:
-    """Return the recording and the chapter number from a file name, or None."""
+    """Return the recording and chapter number given by a file name, or None."""
     if found := _FIRST.fullmatch(path.stem):
         return (found["head"], "GP", found["number"], found["tail"], path.suffix.lower()), 0
     if found := _CHAPTER.fullmatch(path.stem):
@@ -254,7 +254,7 @@ def chapter_of(path: Path) -> tuple[tuple[str, ...], int] | None:
 
 
 def is_video(path: Path) -> bool:
-    """Return whether a path is a video file and not hidden."""
+    """Return whether a path is a video file that is not hidden."""
     return path.suffix.lower() in VIDEOS and path.is_file() and not path.name.startswith(".")
 
 
@@ -264,18 +264,18 @@ def is_picture(path: Path) -> bool:
 
 
 PICTURES = (".jpg", ".jpeg")
-_MOST_EXIF, _MOST_SEGMENTS = 1 << 16, 64  # Largest JPEG segment in bytes, and maximum number of segments in a file.
+_MOST_EXIF, _MOST_SEGMENTS = 1 << 16, 64  # Largest JPEG segment in bytes, and largest number of segments in a file.
 _EXIF_POINTER, _FOCAL_35MM = 0x8769, 0xA405
-"""Exif 2.32 tags of the camera's own directory, and of FocalLengthIn35mmFilm."""
+"""Exif 2.32 tags of the Exif directory and of FocalLengthIn35mmFilm."""
 _QUICKTIME_KEY = b"com.apple.quicktime.camera.focal_length.35mm_equivalent"
 _SIGNED, _FLOATS = (21, 65, 66, 67, 74), {(23, 4): ">f", (24, 8): ">d"}
 _UNSIGNED = (22, 75, 76, 77, 78)
-"""Big-endian number types, and float types by length in bytes (QuickTime File Format, well-known types)."""
-PLAUSIBLE_MM = (8.0, 1000.0)  # Range of focal lengths in mm, from fisheye to telephoto lenses.
+"""Types of big-endian numbers, and types of floats by length in bytes (QuickTime File Format, well-known types)."""
+PLAUSIBLE_MM = (8.0, 1000.0)  # Plausible focal lengths in mm, from fisheye to telephoto lenses.
 
 
 def recorded_focal_mm(footage: Path) -> float | None:
-    """Return the recorded 35 mm equivalent focal length in mm, or None."""
+    """Return the 35 mm equivalent focal length stored in the file, in mm, or None."""
     if footage.is_dir():
         pictures = sorted(path for path in footage.iterdir() if path.suffix.lower() in PICTURES)
         return recorded_focal_mm(pictures[0]) if pictures else None

@@ -1,6 +1,6 @@
-"""Convert file contents to metres, Z up and frames per second. No other module does so.
+"""Convert file contents to metres, Z up and frames per second. No other module does this.
 
-The user's options win over the statements of the file. Evidence from the numbers comes last.
+The user's options take precedence over what the file states. Evidence in the numbers comes last.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ from solver_backend.io.text_table import LARGEST
 from solver_backend.types import MarkerCloud
 
 MARKER_OPTIONS = frozenset({"fps", "unit", "up_axis"})  # Reading options that ``interpret_markers`` applies.
-STILL_FRAMES = 10  # A marker that does not move at all in this many frames was not measured.
-WIDEST_ARRAY_M = 60.0  # Largest camera distance that is plausible in metres. A larger value means another unit.
+STILL_FRAMES = 10  # A marker that does not move at all for this number of frames was not measured.
+WIDEST_ARRAY_M = 60.0  # Largest plausible distance between cameras in metres. A larger value means another unit.
 OTHER_UNIT, LEAST_FOR_OTHER_UNIT = 20.0, 3
-"""A camera that widens the others' spread by this factor has another unit. The check needs at least this number of
-cameras.
+"""A camera that widens the spread of the others by this factor uses another unit. The check needs at least this number
+of cameras.
 """
 
 
 def interpret_rate(
     given: float | None, stated: Sequence[tuple[float | None, Diagnostic]], default: float
 ) -> tuple[float, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return the frame rate of detections, a note on its origin, and a problem if it is assumed.
+    """Return the frame rate of detections, a note about its origin, and a problem if it is assumed.
 
-    The user's rate wins. The rates that files state follow with their notes, the most reliable first.
+    The user's rate takes precedence. The rates stated in files follow with their notes, most reliable first.
     """
     if given is not None:
         return given, (diagnostic("frame_rate_read", source="given", rate=given),), ()
@@ -57,9 +57,9 @@ def interpret_rate(
 def interpret_cameras(
     stated: StatedCameras, path: Path, kind: str, unit: str | None, up_axis: str | None
 ) -> Calibration | None:
-    """Convert the cameras of a calibration to metres with Z up, None without any.
+    """Convert the cameras in a calibration to metres with Z up. Return None if there are no cameras.
 
-    Without a unit, an array wider than ``WIDEST_ARRAY_M`` is in millimetres. ``kind`` is the format name for notes.
+    Without a unit, an array wider than ``WIDEST_ARRAY_M`` is in millimetres. ``kind`` names the format in notes.
 
     Raises:
         CalibrationInvalid: two cameras have the same name, or a value is invalid.
@@ -119,7 +119,7 @@ def interpret_markers(source: MarkerSource, options: ReadOptions) -> MarkerTake:
 
     Raises:
         NoDetections: the file has no markers, or no marker is ever visible.
-        FileDamaged: the file has no frame rate, and the user gives none.
+        FileDamaged: the file has no frame rate, and the user does not specify one.
         JobInvalid: the user's unit or axis is unknown.
     """
     if source.to_metres is not None and options.unit is None and options.up_axis is None:
@@ -201,20 +201,20 @@ def _still(positions: np.ndarray, labels: Sequence[str]) -> tuple[Diagnostic, ..
 
 
 OUTSIDE = 1.0  # Smallest distance of a sentinel from the box of most positions, in longest sides. -9999 mm is two away.
-FAR = 100.0  # At this distance in box sides, any number is a sentinel. The box contains a person's walk.
+FAR = 100.0  # At this distance in box sides, any number is a sentinel. The box contains the person's whole walk.
 OFTEN = 3  # A number that occurs on all three axes this many times was not measured.
-SHARES = (0.05, 0.3)  # Fraction of positions outside the box at each end, and the fraction if more are missing.
-_NINES = 9999.0  # Smallest number that has only nines, which programs write for missing values.
+SHARES = (0.05, 0.3)  # Fraction of positions outside the box at each end, and the fraction used if more are missing.
+_NINES = 9999.0  # Smallest number that consists only of nines, which programs write for missing values.
 
 
 def without_sentinels(
     positions: np.ndarray, labels: Sequence[str]
 ) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return (F, M, 3) positions with NaN for missing markers, notes and problems.
+    """Replace missing markers in (F, M, 3) positions by NaN, and return the positions, notes and problems.
 
     Many programs write 0 0 0 for a missing marker. Others write one number on all axes (-9999, 1e6) or only nines.
     """
-    x, y, z = np.moveaxis(positions, -1, 0)  # NumPy is slow to reduce an axis of three
+    x, y, z = np.moveaxis(positions, -1, 0)  # NumPy is slow at reducing an axis of length three
     origin = (x == 0) & (y == 0) & (z == 0)
     seen = (np.abs(x) < LARGEST) & (np.abs(y) < LARGEST) & (np.abs(z) < LARGEST) & ~origin
     found = np.where(seen[..., None], positions, np.nan)
@@ -225,7 +225,7 @@ def without_sentinels(
 
 
 def _sentinels(positions: np.ndarray) -> np.ndarray:
-    """Return an (F, M) mask of sentinels, by unnatural digits or extreme distance."""
+    """Return an (F, M) mask of sentinels, recognised by unnatural digits or extreme distance."""
     x, y, z = np.moveaxis(positions, -1, 0)
     alike = (x == y) & (y == z)
     values, counts = np.unique(x[alike], return_counts=True)

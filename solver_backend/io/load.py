@@ -1,4 +1,4 @@
-"""Read a capture or a motion from any kind of file or folder."""
+"""Read a capture or a motion from a file or folder of any supported format."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Item = TypeVar("Item")
 class Readers(Iterable[Reader[Item]], Generic[Item]):
     """Readers, tried in this order. Their modules are imported on demand."""
 
-    rows: tuple[tuple[str, str], ...]  # Module in this package, and the name of its reader or tuple of readers.
+    rows: tuple[tuple[str, str], ...]  # Module in this package, and name of its reader or tuple of readers.
 
     def __iter__(self) -> Iterator[Reader[Item]]:
         for module, name in self.rows:
@@ -51,16 +51,16 @@ MOTIONS: Readers[Motion | AmassClip | BvhClip] = Readers(
 
 
 def load_capture(path: Path | str, *, readers: Iterable[Reader[Capture]] = CAPTURES, **options: Any) -> Capture:
-    """Read a capture with the first matching reader, and choose the person.
+    """Read a capture with the first matching reader, and select the person.
 
-    Options are fields of ``ReadOptions``. The capture has notes on assumptions and problems.
+    Options are fields of ``ReadOptions``. The capture contains notes on assumptions, and problems.
 
     Raises:
-        CaptureNotRecognised: no reader knows the path.
-        JobInvalid: an option does not apply to this kind of capture, or the take lacks the requested frames.
+        CaptureNotRecognised: no reader recognises the path.
+        JobInvalid: an option does not apply to this kind of capture, or the take does not contain the requested frames.
         PersonUnknown: the capture does not contain the requested person.
-        CalibrationInvalid, CaptureInvalid: its numbers are invalid (see ``range_checks``).
-        MocapError: the reader's own errors.
+        CalibrationInvalid, CaptureInvalid: numbers are invalid (see ``range_checks``).
+        MocapError: errors that the reader raises.
     """
     path, chosen = Path(os.path.abspath(path)), ReadOptions(**options)
     reader = next((reader for reader in readers if reader.recognises(path)), None)
@@ -85,8 +85,8 @@ def load_motion(path: Path | str, **options: Any) -> Motion | AmassClip | BvhCli
     """Read a motion, or an unconverted clip of another body or skeleton.
 
     Raises:
-        MotionInvalid: no reader knows the path, or its numbers are invalid (see ``motion_checks``).
-        MocapError: the reader's own errors.
+        MotionInvalid: no reader recognises the path, or numbers are invalid (see ``motion_checks``).
+        MocapError: errors that the reader raises.
     """
     path, chosen = Path(path), ReadOptions(**options)
     reader = next((reader for reader in MOTIONS if reader.recognises(path)), None)

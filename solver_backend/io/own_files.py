@@ -48,7 +48,7 @@ def _read_views(path: Path, options: ReadOptions) -> Capture:
 
 
 def _read_markers(path: Path, options: ReadOptions) -> Capture:
-    """Read a capture file with markers. The frame rate in the options applies to them."""
+    """Read a capture file with markers. The frame rate in the options applies to it."""
     capture = read_capture(path)
     capture = replace(capture, sources=capture.sources or (str(path),))
     if capture.markers is None:
@@ -84,14 +84,14 @@ CAPTURES = (
     Reader(_KIND, _has_views, _read_views, _TAKES),
     Reader(_KIND, lambda path: _is_npz(path) and not _has_views(path), _read_markers, frozenset({"fps"})),
 )
-"""Readers for files with detections, and for files with markers only."""
+"""Readers for files with detections and for files with only markers."""
 MOTION = Reader("motion .npz of this program", _is_npz, lambda path, _: read_motion(path))
 
 
 def marker_problems(cloud: MarkerCloud) -> tuple[Diagnostic, ...]:
-    """Return warnings about markers (metres, Z up) that have no human size or another up axis."""
+    """Return warnings if markers (metres, Z up) do not have human size or suggest another up axis."""
     if not np.isfinite(cloud.positions).any() or largest_finite(cloud.positions) > FARTHEST_M:
-        return ()  # the range check after every reader refuses the latter
+        return ()  # the range check after every reader rejects the latter
     found: list[Diagnostic] = []
     unit = find_unit(cloud.positions, "m", None, "m")
     if unit.problem is not None:

@@ -1,8 +1,8 @@
-"""Read values from PyTorch, joblib, pickle and NumPy files without running code.
+"""Read values from PyTorch, joblib, pickle and NumPy files without running any code in them.
 
-``torch.save`` of PyTorch 2 writes a zip with ``data.pkl`` and ``data/KEY``. Before 1.6 it wrote pickles of a magic
-number, the version, the system, the content and the keys, and then the numbers. ``joblib.dump`` of joblib 1.4 writes a
-pickle in which each array, plain or compressed by zlib, follows its description. ``numpy.save`` writes objects.
+In PyTorch 2, ``torch.save`` writes a zip with ``data.pkl`` and ``data/KEY``. Before version 1.6, it wrote pickles with
+a magic number, the version, the system, the content and the keys, followed by the numbers. ``joblib.dump`` (1.4) writes
+a pickle in which each array, plain or compressed, follows its description. ``numpy.save`` writes objects.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from solver_backend.exchange.outputs import open_regular
 from solver_backend.io.files import read_bytes
 
 SUFFIXES = (".pt", ".pth", ".pkl", ".pickle", ".joblib")  # Lower-case suffixes of such files.
-_LARGEST, _LARGEST_ARRAY = 4_000_000_000, 1 << 30  # Largest size in bytes of a file and its contents, and of an array.
+_LARGEST, _LARGEST_ARRAY = 4_000_000_000, 1 << 30  # Size limits in bytes of a file and its contents, and of an array.
 _DEEPEST, _ITEM = 50, 64  # Deepest nesting of lists and dictionaries, and bytes counted per item.
-_MOST_OPERATIONS = 30_000_000  # Maximum number of pickle operations. PHALP has some thousands per frame.
+_MOST_OPERATIONS = 30_000_000  # Largest number of pickle operations. PHALP needs a few thousand per frame.
 _ITEMS = {"Float": "<f4", "Double": "<f8", "Half": "<f2", "Long": "<i8", "Int": "<i4", "Short": "<i2", "Char": "i1"}
 _ITEMS |= {"Byte": "u1", "Bool": "b1", "BFloat16": "<u2"}
 """Number type of each storage class of PyTorch. A BFloat16 is the upper half of a float."""
-_WIDEST = 8  # Maximum number of bytes per number.
-_MAGIC = 0x1950A86A20F9469CFC6C  # First number of older PyTorch files.
+_WIDEST = 8  # Largest number of bytes per number.
+_MAGIC = 0x1950A86A20F9469CFC6C  # First number in older PyTorch files.
 _WRAPPER = "joblib.numpy_pickle.NumpyArrayWrapper"
 _DAMAGE = (OSError, EOFError, ValueError, TypeError, KeyError, IndexError, OverflowError, RecursionError, MemoryError)
 _DAMAGE += (zipfile.BadZipFile, zlib.error, struct.error, AttributeError, NotImplementedError, RuntimeError)
@@ -51,7 +51,7 @@ _DAMAGE += (zipfile.BadZipFile, zlib.error, struct.error, AttributeError, NotImp
 
 @dataclass(frozen=True)
 class Stored:
-    """An array that is loaded when it is first used."""
+    """An array that is loaded on first use."""
 
     read: Callable[[], np.ndarray]
     size: int = 0  # Largest size in bytes.
@@ -79,7 +79,7 @@ def read_packed(path: Path) -> Any:
     """Return the nested dictionaries and lists in a file. Each array is a ``Stored``.
 
     Raises:
-        UnsafePickle: the file asks for a class or function that arrays do not need.
+        UnsafePickle: the file requests a class or function that arrays do not need.
         FileMissing, FileDamaged: the file is missing, damaged or too large.
     """
     try:
@@ -110,7 +110,7 @@ def _content(path: Path) -> Any:
 
 
 def _expanded(value: Any, known: dict[int, int], deep: int = 0) -> int:
-    """Return the size in bytes after copying every shared list and array."""
+    """Return the size in bytes after every shared list and array is copied."""
     value = finished(value) if isinstance(value, UnbuiltArray) else value
     if isinstance(value, Stored | np.ndarray):
         return value.size if isinstance(value, Stored) else value.nbytes
@@ -127,7 +127,7 @@ def _expanded(value: Any, known: dict[int, int], deep: int = 0) -> int:
 def _follow(
     stream: BinaryIO | BytesIO, path: Path, storage: Callable[[Any], Any] | None = None, least: int | None = None
 ) -> Any:
-    """Return the content of one pickle. ``storage`` returns a tensor's numbers."""
+    """Return the content of one pickle. ``storage`` is a function that returns a tensor's numbers."""
     held = stream if isinstance(stream, BytesIO) else None
 
     def behind(wrapper: StandIn, stream: BinaryIO | BytesIO) -> Stored:
@@ -139,7 +139,7 @@ def _follow(
 
 
 def _behind(wrapper: StandIn, stream: BinaryIO | BytesIO, held: BytesIO | None, path: Path) -> Stored:
-    """Return the joblib array that follows its description, and move the stream past the array."""
+    """Return the joblib array that follows its description, and move the stream to the end of the array."""
     shape, dtype = wrapper.state.get("shape"), wrapper.state.get("dtype")
     if not isinstance(dtype, NamedDtype):
         raise Damage("an array's description is not valid")
@@ -183,7 +183,7 @@ def _bounded(size: int) -> int:
 
 
 def _tensor(storage: Any = None, offset: Any = 0, shape: Any = (), strides: Any = (), *_: Any) -> Stored:
-    """Return a tensor from its storage, as PyTorch's ``_rebuild_tensor_v2`` does."""
+    """Build a tensor from its storage, as PyTorch's ``_rebuild_tensor_v2`` does."""
     count, reach = _bytes_of(shape, 1), _bytes_of((offset,), 1)
     steps = [_bytes_of((step,), 1) for step in strides]
     reach += sum((n - 1) * step for n, step in zip(shape, steps, strict=True))
@@ -228,9 +228,9 @@ def _small(entry: zipfile.ZipInfo) -> zipfile.ZipInfo:
 
 
 def _older_torch(data: bytes, path: Path, least: int | None = None) -> Any:
-    """Read a file of PyTorch before 1.6, with the arrays' numbers after the content.
+    """Read a file from PyTorch before 1.6, in which the arrays' numbers follow the content.
 
-    ``least`` is the memory allowance for arrays in a small file. None uses the default.
+    ``least`` is the memory allowed for the arrays in a small file. None uses the default.
     """
     at, parts, found = 0, list[Any](), dict[str, np.ndarray]()
     kinds: dict[str, Any] = {}
@@ -287,7 +287,7 @@ def _inflated(data: bytes) -> bytes:
 
 
 def _header_size(head: bytes, path: Path) -> int:
-    """Return the number of bytes before the pickle of an object array."""
+    """Return the number of bytes that precede the pickle of an object array."""
     width = 2 if head[6] == 1 else 4
     return 8 + width + int.from_bytes(read_bytes(path)[8 : 8 + width], "little")
 

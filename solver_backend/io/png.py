@@ -1,4 +1,4 @@
-"""Write and read PNG images (ISO/IEC 15948): grey with 8 or 16 bits, or colour with 8 bits."""
+"""Write and read PNG images (ISO/IEC 15948): greyscale with 8 or 16 bits, or colour with 8 bits."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from solver_backend.io.files import read_bytes
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _SUB, _UP, _PAETH = 1, 2, 4
-_LARGEST, _LONGEST_SIDE = 1 << 27, 1 << 15  # Largest unpacked image in bytes, and largest side in pixels.
+_LARGEST, _LONGEST_SIDE = 1 << 27, 1 << 15  # Size limit of an unpacked image in bytes, and of its sides in pixels.
 
 
 def png_bytes(picture: np.ndarray, *, noisy: bool = False) -> bytes:
     """Encode an (h, w) uint8 or uint16 image, or an (h, w, 3) uint8 image, as PNG.
 
-    ``noisy`` skips the search for repetitions, which noisy pixels do not have.
+    ``noisy`` skips the search for repetitions, which noise does not contain.
     """
     height, width = picture.shape[:2]
     depth, kind = 8 * picture.dtype.itemsize, 2 if picture.ndim == 3 else 0
@@ -39,7 +39,7 @@ def png_bytes(picture: np.ndarray, *, noisy: bool = False) -> bytes:
 
 
 def read_png(path: Path) -> np.ndarray:
-    """Read a PNG, grey or colour, not interlaced. Raise FileMissing or FileDamaged."""
+    """Read a greyscale or colour PNG that is not interlaced. Raise FileMissing or FileDamaged."""
     if not path.is_file():
         raise FileMissing("The picture does not exist.", where=str(path))
     data = read_bytes(path)

@@ -1,4 +1,4 @@
-"""Define a file reader with the reading options that it accepts."""
+"""Define a file reader and the reading options that it accepts."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ Content = TypeVar("Content")
 
 @dataclass(frozen=True)
 class ReadOptions(ReadingSettings, TimeSettings, WorldSettings):
-    """Reading options from the caller. They override what the file states."""
+    """Reading options that the caller sets. They override what the file states."""
 
     joint_set: JointSet | None = field(default=None, kw_only=True)
-    """Joint set of the keypoints. None uses the recording's settings or recognises it."""
-    sync: str = SYNC_AUTO  # How to correct cameras with different start times, see ``SolveSettings``.
+    """Joint set of the keypoints. None uses the recording's settings, or recognises the set."""
+    sync: str = SYNC_AUTO  # How to correct for cameras with different start times, see ``SolveSettings``.
     progress: Progress = silent
 
     def __post_init__(self) -> None:
@@ -40,21 +40,21 @@ class ReadOptions(ReadingSettings, TimeSettings, WorldSettings):
 
 @dataclass(frozen=True)
 class Reader(Generic[Content]):
-    """A kind of file or folder."""
+    """A type of file or folder."""
 
     kind: str  # Description and file name, for lists.
-    recognises: Callable[[Path], bool]  # Quick test of a path, which may not exist.
+    recognises: Callable[[Path], bool]  # Quick test for a path, which may not exist.
     read: Callable[[Path, ReadOptions], Content]
     """Function that reads a recognised path and raises our own errors. ``open`` first rejects unsupported options."""
     takes: frozenset[str] = frozenset()
-    """Reading options that apply in addition to the options of ``load_capture``. All others are rejected."""
+    """Reading options that apply in addition to those of ``load_capture``. All others are rejected."""
 
     def open(self, path: Path, options: ReadOptions, also: frozenset[str] = frozenset()) -> Content:
-        """Read a recognised path. The caller applies the options in ``also``.
+        """Read a recognised path. The caller is responsible for the options in ``also``.
 
         Raises:
             JobInvalid: an option does not apply.
-            MocapError: the reader's own errors.
+            MocapError: errors that the reader raises.
         """
         applicable = self.takes | also
         refused = next((name for name in options.given if name not in applicable), None)
@@ -67,5 +67,5 @@ class Reader(Generic[Content]):
 
 
 def option_name(name: str) -> str:
-    """Return the command line form of a reading option."""
+    """Return a reading option as it is written on the command line."""
     return f"--{name.replace('_', '-')}"

@@ -16,30 +16,30 @@ from solver_backend.io.files import LARGEST_TAKE, as_text, first_bytes, read_tex
 from solver_backend.io.recognition.range_checks import FRAME_RATES
 
 MISSING = frozenset(("", "null", "none", "n/a", "na", "-", "--", "1.#qnan", "-1.#ind", "1.#ind", "-nan(ind)"))
-"""Cells without a value. Spellings of NaN and spreadsheet errors (``#N/A``, ``#NV``) also have none."""
-ROWS_LOOKED_AT = 100  # Number of rows that are read to find the number format.
+"""Cells that mean no value. Spellings of NaN and spreadsheet errors (``#N/A``, ``#NV``) also mean no value."""
+ROWS_LOOKED_AT = 100  # Number of rows read to find the number format.
 _START_BYTES = 1 << 16  # Largest length of a table's first line in bytes, chosen by hand.
 _GROUPED = re.compile(r"[-+]?\d{1,3}(,\d{3})+\.\d+")
 """A number with thousands separators, as spreadsheets write it: ``-1,779.458``."""
 _EXCHANGED = str.maketrans(",.", ".,")
 _MINUS = str.maketrans("\N{MINUS SIGN}", "-")
 _GROUPS = re.compile(r"(?<=\d)[ '\N{RIGHT SINGLE QUOTATION MARK}\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}](?=\d{3})")
-"""Thousands separators of France and Switzerland: ``1 779,46``, ``1'779.46``."""
+"""Thousands separators used in France and Switzerland: ``1 779,46``, ``1'779.46``."""
 _WHOLE, _DIGITS = re.compile(r"[-+]?\d+"), re.compile(r"\d+")
 OTHER_RATE = 0.3
-"""Relative difference from which the rate of a time column contradicts the stated rate. Times have few decimals, so a
-step of 4 ms may be 0.00 or 0.01."""
-_LEAST_STEP_S = 1e-9  # Smallest time step in seconds. No recording clock has a smaller one.
+"""Relative difference above which the rate of a time column contradicts the stated rate. Times have few decimals, so a
+step of 4 ms may appear as 0.00 or 0.01."""
+_LEAST_STEP_S = 1e-9  # Smallest time step in seconds. No recording clock has a finer one.
 LARGEST = 1e30  # Larger or infinite numbers count as missing, because no recorded value is that large.
 
 
 def delimiter_of(line: str) -> str:
-    """Return the separator of a line: a comma, a semicolon or a tab."""
+    """Return the separator used in a line: a comma, a semicolon or a tab."""
     return max(",;\t", key=line.count)
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:
-    """Return the cells of a line without surrounding blanks and quotes."""
+    """Return the cells in a line without surrounding spaces and quotes."""
     try:
         cells = next(csv.reader([line], delimiter=delimiter), [])
     except csv.Error:
@@ -48,22 +48,22 @@ def cells_of(line: str, delimiter: str) -> list[str]:
 
 
 def split_rows(lines: Iterable[str], delimiter: str) -> list[list[str]]:
-    """Return the cells of lines without surrounding quotes."""
+    """Return the cells in each line without surrounding quotes."""
     return [cells_of(line, delimiter) if '"' in line else line.split(delimiter) for line in lines]
 
 
 def heading_of(path: Path) -> list[str]:
-    """Return the cells of a table's first line, or no cells if the file is not a text table."""
+    """Return the cells in a table's first line, or no cells if the file is not a text table."""
     if path.suffix.lower() not in (".csv", ".tsv", ".txt"):
         return []
     start = first_bytes(path, _START_BYTES)
-    # Decode whole lines, because a cut character at the end would make UTF-8 look like another encoding.
+    # Decode whole lines, because a character cut off at the end would make UTF-8 look like another encoding.
     line = as_text(start[: start.rfind(b"\n") + 1] or start).partition("\n")[0]
     return cells_of(line, delimiter_of(line))
 
 
 def csv_rows(text: str, delimiter: str, path: Path) -> list[list[str]]:
-    """Return the non-empty rows of a table. Raise FileDamaged for invalid quotes."""
+    """Return the non-empty rows in a table. Raise FileDamaged for invalid quotes."""
     try:
         return [row for row in csv.reader(io.StringIO(text), delimiter=delimiter) if row]
     except csv.Error as error:
@@ -71,7 +71,7 @@ def csv_rows(text: str, delimiter: str, path: Path) -> list[list[str]]:
 
 
 def read_rows(path: Path, largest: int = LARGEST_TAKE) -> tuple[list[str], list[list[str]]]:
-    """Return heading and rows of a table. Raise FileMissing or FileDamaged."""
+    """Return a table's heading and rows. Raise FileMissing or FileDamaged."""
     text = read_text(path, largest)
     rows = csv_rows(text, delimiter_of(text.partition("\n")[0]), path)
     if not rows:
@@ -93,8 +93,8 @@ def read_numbers(
 ) -> np.ndarray:
     """Return (rows, columns) numbers, with NaN for missing cells.
 
-    ``first_line`` is the line number of the first row, counted from 1, for messages. ``with_whole_decimals`` describes
-    rows of a known ``width``.
+    ``first_line`` is the line number of the first row, counted from 1, for messages. ``with_whole_decimals`` explains
+    the handling of rows of a known ``width``.
 
     Raises:
         FileDamaged: a cell is not a number, or the row lengths differ too much for a table.
@@ -142,9 +142,9 @@ def decimal_comma(cells: Iterable[str]) -> bool:
 
 
 def between_tabs(lines: list[str], heading: str, least: int = 2) -> list[str]:
-    """Return the lines with tabs instead of a spreadsheet's separators and quotes.
+    """Replace a spreadsheet's separators and quotes by tabs, and return the lines.
 
-    The ``heading`` determines the separator, which it contains at least ``least`` times.
+    The separator is the one that appears at least ``least`` times in ``heading``.
     """
     separator = next((mark for mark in ("\t", ";", ",", "|") if heading.count(mark) >= least), "\t")
     if separator == "\t" and '"' not in heading:
@@ -158,13 +158,13 @@ def between_tabs(lines: list[str], heading: str, least: int = 2) -> list[str]:
 def with_whole_decimals(
     rows: list[list[str]], width: int, leading: int, path: Path, *, sure: bool = True
 ) -> list[list[str]]:
-    """Join decimals that were split at their commas, such as ``12`` and ``50`` to ``12.50``.
+    """Join decimals that were split at their commas: ``12`` and ``50`` become ``12.50``.
 
-    Rows have ``width`` cells, and the ``leading`` ones are not decimal numbers. If rows may have more cells (not
-    ``sure``), rows that cannot be joined are unchanged.
+    Rows have ``width`` cells, and the ``leading`` ones are not decimal numbers. If rows may have more cells (``sure``
+    is False), rows that cannot be joined are returned unchanged.
 
     Raises:
-        FileDamaged: some rows are split, and others cannot be joined.
+        FileDamaged: some rows are split, but others cannot be joined.
     """
     most = width + (width - leading) // 2
     split = (row for row in rows if most < _used(row) <= 2 * width)
@@ -194,7 +194,7 @@ def _joined(row: Sequence[str], width: int, leading: int) -> list[str] | None:
 
 
 def triples(values: np.ndarray, first_columns: Sequence[int]) -> np.ndarray:
-    """Return (rows, markers, 3) positions from the columns of x and the next two."""
+    """Return (rows, markers, 3) positions, given the x column of each. y and z are the next two columns."""
     columns = np.asarray(first_columns, dtype=np.int64)[:, None] + np.arange(3)
     if columns.size and columns.max() >= values.shape[1]:
         more = columns.max() + 1 - values.shape[1]
@@ -203,7 +203,7 @@ def triples(values: np.ndarray, first_columns: Sequence[int]) -> np.ndarray:
 
 
 def rate_of(times: np.ndarray) -> float | None:
-    """Return the frame rate that follows from a column of seconds, or None if it is undefined.
+    """Compute the frame rate from a column of seconds, or return None if it is undefined.
 
     Times have few decimals. If the median step, or a mean step close to it, gives an integer rate within 1 in 10,000,
     that integer is returned. Otherwise the mean is more accurate.
@@ -224,14 +224,14 @@ def _stated_rate(stated: float | None, times: np.ndarray) -> tuple[float | None,
         return (timed if timed is not None else stated), ()
     if timed is None or abs(timed - stated) <= OTHER_RATE * stated:
         return stated, ()
-    # A thinned file has new times and the old header. Times in another unit give no frame rate.
+    # A thinned file has new times and the old header. Times in another unit do not give a frame rate.
     used = timed if FRAME_RATES[0] <= timed <= FRAME_RATES[1] else stated
     others = f"the header states {stated:g} and the times {timed:.4g}"
     return used, (diagnostic("marker_rates_contradict", rate=used, others=others),)
 
 
 def different_count(items: str, stated: float | None, count: int) -> tuple[Diagnostic, ...]:
-    """Return a diagnostic if the header's number of items differs from the actual number."""
+    """Return a diagnostic if the header's item count differs from the actual count."""
     if stated in (None, count):
         return ()
     return (diagnostic("count_not_as_stated", items=items, stated=f"{stated:g}", count=count),)
@@ -240,9 +240,9 @@ def different_count(items: str, stated: float | None, count: int) -> tuple[Diagn
 def frame_facts(
     numbers: np.ndarray | None, times: np.ndarray | None = None, rate: float | None = None, count: float | None = None
 ) -> tuple[float | None, tuple[Diagnostic, ...]]:
-    """Return a table's frame rate, or None, and contradictions of frame numbers and times.
+    """Return a table's frame rate or None, and contradictions between frame numbers and times.
 
-    ``numbers`` and ``times`` are (F,) columns, None if missing. ``rate`` and frame ``count`` come from the header.
+    ``numbers`` and ``times`` are (F,) columns or None. ``rate`` and the frame ``count`` come from the header.
     """
     rate, contradicted = (rate, ()) if times is None else _stated_rate(rate, times)
     if numbers is None:
@@ -256,6 +256,6 @@ def frame_facts(
 
 
 def number_in(cell: str | None) -> float | None:
-    """Return the number in a cell, or None without one."""
+    """Return the number in a cell, or None if there is none."""
     text = (cell or "").strip().strip('"').replace(",", ".")
     return float(text) if is_number(text) and np.isfinite(float(text)) else None

@@ -1,4 +1,4 @@
-"""Raise errors about paths that no reader recognises, with the kind of file and a remedy."""
+"""Raise errors for paths that no reader recognises, stating the file type and a remedy."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from solver_backend.io.reader import Reader
 from solver_backend.io.text_table import delimiter_of, is_number
 from solver_backend.types import Capture
 
-_NAMED = 5  # Maximum number of folders or file types in an error.
-MOST_NAMES = 1000  # Maximum number of names in a folder to examine, chosen by hand.
-_LINES, _LEAST_COLUMNS = 5, 8  # Lines of a table to examine, and numbers in each: two counts and two markers.
+_NAMED = 5  # Largest number of folders or file types named in an error.
+MOST_NAMES = 1000  # Largest number of names examined in a folder, chosen by hand.
+_LINES, _LEAST_COLUMNS = 5, 8  # Table lines to examine, and numbers in each: two counts and two markers.
 _BTS = ".rah .raw .ric .rif .ang .mom .pwr .gr1 .gr2 .emf .emg .emr"
 _FILES = (
     (".trb", "binary tracks of Motion Analysis EVaRT or Cortex", "Export TRC or C3D from Cortex."),
@@ -40,7 +40,7 @@ _FILES = (
     (".xmove .xml", "an XML file", "Export C3D or TRC from the program that wrote it."),
     (".xlsx .xls .ods", "a spreadsheet", "Save the sheet as CSV or text. Supported are TRC and CSV files of tracks."),
 )
-"""Suffixes, kinds and remedies of unsupported marker files."""
+"""Suffixes, names and remedies for unsupported marker files."""
 _JSON = "Export JSON or CSV from the program that wrote them, such as MMPose's inferencer with --pred-out-dir."
 _CSV = "Write one CSV per camera as DeepLabCut does (scorer, bodyparts, coords, frames), or OpenPose's JSON files."
 _MATRICES = "*_pose.yml *_pose.yaml *_pose.xml"
@@ -50,9 +50,9 @@ _DETECTIONS = (
     (_MATRICES, "OpenPose's matrices of --write_keypoint", "Run OpenPose with --write_json FOLDER."),
     ("*.parquet", "Parquet tables", _CSV),
 )
-"""File name patterns, kinds and remedies of unsupported detections."""
+"""File name patterns, names and remedies for unsupported detections."""
 _PACKED = (("*.zip *.gz *.7z *.rar *.tar *.tgz *.xz *.bz2", "packed files", "Unpack them, one folder per camera."),)
-"""File name patterns, kinds and remedies of archives, which any folder may contain."""
+"""File name patterns, names and remedies for archives, which any folder may contain."""
 
 
 def no_capture(path: Path, readers: Iterable[Reader[Capture]]) -> CaptureNotRecognised:
@@ -115,7 +115,7 @@ def _contents(folder: Path) -> str:
 
 
 def _matching(folders: Iterable[Path], formats: Iterable[tuple[str, str, str]]) -> tuple[str, str] | None:
-    """Return the kind of unsupported detections in folders and how to convert them."""
+    """Return the type of the unsupported detections in the folders, and how to convert them."""
     there = [folder for folder in folders if folder.is_dir()]
     below = [path for folder in there for path in sorted(folder.iterdir()) if path.is_dir()]
     names = [(folder, name.lower()) for folder in (*there, *below) for name in _few_names(folder)]

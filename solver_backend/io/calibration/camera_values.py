@@ -1,4 +1,4 @@
-"""Find a camera's values under the names that programs use."""
+"""Look up a camera's values under the names that different programs use."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from solver_backend.io.calibration.entry import CameraEntry
 Values = Mapping[str, Any]  # Values of one camera by name: numbers, nested lists, or ``{rows, cols, data}``.
 Nodes = list[tuple[str, Values]]  # Name and values of each camera.
 _SMALLEST_VOLUME = 1e-6
-"""Smallest determinant of the three row directions of a projection matrix. It exceeds 0.01 for any real lens."""
+"""Smallest determinant of the unit vectors along a projection matrix's three rows. Real lenses exceed 0.01."""
 _TABLE = """
     K: matrix k cameramatrix intrinsics intrinsic intrinsicmatrix intrinsicmat mtx cammatrix calibrationmatrix
     P: projection projectionmatrix p proj
@@ -33,10 +33,10 @@ _TABLE = """
     height: imageheight imgheight pixelheight resolutiony height h
     model: distortionmodel model cameramodel
 """
-"""Each value, and its names in other tools in lower case without separators. The most common name comes first."""
+"""Each value and the names that other tools use for it, most common first, in lower case without separators."""
 SPELLINGS = {key.removesuffix(":"): tuple(names) for key, *names in map(str.split, _TABLE.strip().splitlines())}
 _FOCAL, _FOCAL_AND_CENTRE = {"fx", "fy", "cx", "cy"}, {"focal_length", "principal_point"}
-"""Keys of intrinsics as four numbers, or as one or two focal lengths with a principal point (two coordinates)."""
+"""Keys of intrinsics: four separate numbers, or one or two focal lengths and a principal point (two coordinates)."""
 _TERMS = frozenset(term for model in LENS_MODELS.values() for term in model.terms)  # Names of distortion coefficients.
 
 
@@ -44,8 +44,8 @@ def split_projection(P: np.ndarray, place: str) -> tuple[np.ndarray, np.ndarray,
     """Split a projection matrix ``P = s K [R | t]`` into K (3, 3), R (3, 3) and t (3,).
 
     K has a positive diagonal and a last element of 1. The left block of P is a triangular matrix times a rotation,
-    found from the QR factors of its inverse (Hartley and Zisserman 2004, "Multiple View Geometry", section 6.2.4). The
-    skew is ignored because it is 0 in real cameras. ``P`` (3, 4) is in pixels and may have any scale and sign.
+    obtained from the QR decomposition of its inverse (Hartley and Zisserman 2004, "Multiple View Geometry", section
+    6.2.4). The skew is set to 0, as in real cameras. ``P`` (3, 4) is in pixels and may have any scale and sign.
     """
     regular = P.shape == (3, 4) and bool(np.isfinite(P).all())
     M = P[:, :3] if regular else np.zeros((3, 3))
@@ -66,24 +66,24 @@ def split_projection(P: np.ndarray, place: str) -> tuple[np.ndarray, np.ndarray,
 
 
 def projection_of(dlt: np.ndarray) -> np.ndarray:
-    """Return the (3, 4) projection matrix of DLT coefficients (Abdel-Aziz 1971)."""
+    """Return the (3, 4) projection matrix defined by DLT coefficients (Abdel-Aziz 1971)."""
     return np.append(dlt, 1.0).reshape(3, 4)
 
 
 @lru_cache(maxsize=1024)
 def plain(key: Hashable) -> str:
-    """Return a key in lower case without separators."""
+    """Convert a key to lower case and remove separators."""
     return re.sub(r"[^a-z0-9]", "", str(key).lower())
 
 
 def find(values: Values, what: str) -> Any:
-    """Return the value that is stored under one of its names in ``SPELLINGS``, or None."""
+    """Return the value stored under any of the names that ``SPELLINGS`` lists for it, or None."""
     keys = {plain(key): key for key in values}
     return next((values[keys[name]] for name in SPELLINGS[what] if name in keys), None)
 
 
 def has_lens(node: Any) -> bool:
-    """Return whether a node has an intrinsic matrix, its four parameters or a projection matrix."""
+    """Return whether a node contains an intrinsic matrix, its four parameters or a projection matrix."""
     if not isinstance(node, Mapping):
         return False
     has_numbers = set(node) >= _FOCAL or set(node) >= _FOCAL_AND_CENTRE
@@ -91,7 +91,7 @@ def has_lens(node: Any) -> bool:
 
 
 def has_pose(values: Values) -> bool:
-    """Return whether the values include a pose, an extrinsic matrix or a projection."""
+    """Return whether the values include a pose, an extrinsic matrix or a projection matrix."""
     if find(values, "rotation") is not None and find(values, "translation") is not None:
         return True
     for what in ("extrinsics", "pose", "P") if find(values, "K") is None else ("extrinsics", "pose"):
@@ -104,7 +104,7 @@ def has_pose(values: Values) -> bool:
 
 
 def is_projection(value: Any) -> bool:
-    """Return whether a value has the shape of one or several (3, 4) matrices."""
+    """Return whether a value has the shape of one or more (3, 4) matrices."""
     try:
         return np.shape(value)[-2:] == (3, 4)
     except ValueError:
@@ -112,7 +112,7 @@ def is_projection(value: Any) -> bool:
 
 
 def camera_entry(name: str, values: Values, *, where: str) -> CameraEntry:
-    """Build a camera from its values. A name among the values replaces ``name``."""
+    """Build a camera from its values. If they include a name, it replaces ``name``."""
     own = values.get("name", values.get("camera_name"))
     if own in (None, "") and isinstance(values.get("id"), str):
         own = values["id"]
@@ -191,7 +191,7 @@ def _K(value: Any, place: str) -> np.ndarray:
         K = np.concatenate([K[:2, :3], [[0.0, 0.0, 1.0]]])
     if K.shape[-2:] != (3, 3) or K.ndim > 3:
         raise CalibrationInvalid(f"The intrinsic matrix has shape {K.shape}, but (3, 3) is expected.", where=place)
-    # MATLAB and JARVIS write matrices by columns, so the principal point is in the last row.
+    # MATLAB and JARVIS store the transposed matrix, so the principal point is in the last row.
     columns = (K[..., :2, 2] == 0).all() and (K[..., 2, :2] > 0).all() and (K[..., 2, 2] == 1).all()
     return np.swapaxes(K, -1, -2) if columns else K
 
@@ -237,7 +237,7 @@ def _rigid(value: Any, place: str) -> tuple[np.ndarray, np.ndarray]:
 def _rotation(value: Any, place: str) -> np.ndarray:
     R = numbers(value, place)
     if R.size == 3:
-        # ``Cameras`` reports non-finite values.
+        # ``Cameras`` rejects non-finite values.
         return np.asarray(exp_so3(R.reshape(3))) if np.isfinite(R).all() else np.full((3, 3), np.nan)
     if R.size != 9:
         hint = "Write the rotation as a matrix, because the order in a quaternion is ambiguous." * (R.size == 4)

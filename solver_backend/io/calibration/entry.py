@@ -1,4 +1,4 @@
-"""Hold a camera as a calibration file states it, and build ``Cameras`` from such entries."""
+"""Store a camera as its calibration file describes it, and build ``Cameras`` from such entries."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import Cameras
 
 LARGEST_PICTURE = 1_000_000  # Largest width or height in pixels.
-ROUNDING = 1e-3  # Largest deviation from a rotation matrix that counts as rounding. The matrix is then made exact.
+ROUNDING = 1e-3  # Largest deviation from a rotation matrix attributed to rounding. Such a matrix is made exact.
 
 
 @dataclass(frozen=True)
 class CameraEntry:
-    """A camera with OpenCV's axes: ``x_cam = R @ x_world + t``."""
+    """A camera in OpenCV's convention: ``x_cam = R @ x_world + t``."""
 
     name: str
     K: np.ndarray
@@ -33,11 +33,11 @@ class CameraEntry:
     t: np.ndarray
     """(3,) translation in the file's length unit."""
     image_size: tuple[int, int] | None = None
-    """Width and height in pixels, None if the file does not state them."""
+    """Width and height in pixels, or None if the file does not state them."""
     model: str = DEFAULT_MODEL
-    """Name of the lens model of the coefficients."""
+    """Name of the lens model that the coefficients belong to."""
     rotation_vector: np.ndarray | None = None
-    """(3,) rotation vector if the file stores the rotation as one."""
+    """(3,) rotation vector if the file stores one."""
 
     def __post_init__(self) -> None:
         for name in ("K", "distortion", "R", "t"):  # an uncalibrated camera may contain NaN
@@ -48,34 +48,34 @@ class CameraEntry:
 
 @dataclass(frozen=True)
 class StatedCameras:
-    """Content of a calibration file in the file's length unit and axes."""
+    """Contents of a calibration file in the file's length unit and axes."""
 
-    entries: list[CameraEntry]  # Cameras of the file. Empty if the file has another format.
-    unit: str = ""  # Length unit, empty if the format does not define one.
-    up_axis: str = ""  # Upward axis of the file's world, empty if the format does not define one.
-    source: str = "default"  # Source of the unit and the axis, for notes.
+    entries: list[CameraEntry]  # Cameras in the file. Empty if the file has another format.
+    unit: str = ""  # Length unit, or empty if the format does not define one.
+    up_axis: str = ""  # Up axis of the file's world, or empty if the format does not define one.
+    source: str = "default"  # Where the unit and axis come from, for notes.
     problems: tuple[Diagnostic, ...] = ()
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """All cameras of a calibration in metres with Z up, and notes on assumptions."""
+    """All cameras of a calibration in metres with Z up, and notes about assumptions."""
 
     cameras: Cameras
     source: Path
-    """File or folder of the calibration."""
+    """Calibration file or folder."""
     size_known: tuple[bool, ...] = ()
-    """True for each camera with an image size in the file."""
+    """For each camera, True if the file states its image size."""
     guessed_unit: str = ""
-    """Length unit if it was inferred from the distances between cameras, '' if the file or the user states it."""
+    """Length unit if inferred from the distances between cameras, or '' if the file or the user states it."""
     notes: tuple[Diagnostic, ...] = ()
     rolls: tuple[int, ...] = ()
-    """Clockwise quarter turns of each camera's images, () if no image is rotated."""
+    """Clockwise quarter turns of each camera's images, or () if no image is rotated."""
     problems: tuple[Diagnostic, ...] = ()
 
 
 def build_cameras(entries: Sequence[CameraEntry], *, where: str) -> Cameras:
-    """Build ``Cameras`` from entries, by the principal point for a missing image size."""
+    """Build ``Cameras`` from entries. A missing image size is derived from the principal point."""
     finished = [replace(e, R=_exact_rotation(e.R), distortion=_trimmed(e, where)) for e in entries]
     sizes = [_possible_size(e.image_size or _guessed_size(e.K), f"{where}, camera {e.name}") for e in finished]
     width = max(len(e.distortion) for e in finished)
@@ -92,12 +92,12 @@ def build_cameras(entries: Sequence[CameraEntry], *, where: str) -> Cameras:
 
 
 def _is_rounded(R: np.ndarray) -> bool:
-    """Return whether a matrix is a rotation with rounded numbers, possibly mirrored."""
+    """Return whether a matrix is a rotation matrix up to rounding, possibly mirrored."""
     return bool(np.isfinite(R).all() and np.abs(R @ R.T - np.eye(3)).max() <= ROUNDING)
 
 
 def _exact_rotation(R: np.ndarray) -> np.ndarray:
-    """Return the nearest rotation to a rounded one, and other matrices unchanged."""
+    """Replace a rounded rotation matrix by the nearest exact one. Return other matrices unchanged."""
     if not _is_rounded(R):
         return R
     U, _, Vt = np.linalg.svd(R)
@@ -123,25 +123,25 @@ def _possible_size(size: tuple[int, int], place: str) -> tuple[int, int]:
 
 
 def _guessed_size(K: np.ndarray) -> tuple[int, int]:
-    # ``Cameras`` checks K and reports a NaN.
+    # ``Cameras`` checks K and rejects NaN.
     centre = np.clip(np.nan_to_num(K[:2, 2], nan=0.0, posinf=0.0, neginf=0.0), -1.0, float(LARGEST_PICTURE))
     return max(1, round(2 * float(centre[0]) + 1)), max(1, round(2 * float(centre[1]) + 1))
 
 
 LARGEST_SHARE = 10.0
-"""Largest focal length in image widths. The longest lenses have 8. The smallest values in pixels are about 100."""
+"""Largest focal length in image widths. The longest lenses reach 8. Values in pixels are at least about 100."""
 SHORTEST_SHARE = 0.05
-"""Smallest focal length in image widths, with a field of view of 168 degrees. Smaller values are not in pixels."""
+"""Smallest focal length in image widths (a field of view of 168 degrees). Smaller values are not in pixels."""
 OFF_MIDDLE = 0.15
-"""Largest distance of a principal point from the image centre, in image sizes. A principal point measured from a corner
-has 0.3 or more.
+"""Largest distance from a principal point to the image centre, in image sizes. It is 0.3 or more for a principal point
+measured from a corner.
 """
-SURELY_DEGREES = 4.0 * np.pi  # A longer rotation vector is not in radians, because it would exceed two full turns.
+SURELY_DEGREES = 4.0 * np.pi  # A longer rotation vector exceeds two full turns, so it is in degrees.
 _MIRROR = np.diag([-1.0, 1.0, 1.0])
 
 
 def meant_entries(entries: Sequence[CameraEntry]) -> tuple[list[CameraEntry], tuple[Diagnostic, ...]]:
-    """Convert the cameras of one file to our conventions, and return the corrections."""
+    """Convert a file's cameras to our conventions, and return the corrections that were made."""
     names, found = [entry.name for entry in entries], []
     sized = all(e.image_size is not None for e in entries)
     sizes = [np.array(e.image_size or (1, 1)) for e in entries]

@@ -1,6 +1,6 @@
-"""Recognise cameras in the nested content of YAML, JSON and XML files.
+"""Recognise cameras in the nested contents of YAML, JSON and XML files.
 
-Functions in ``_FORMS`` read a program's whole content. Functions in ``_CAMERAS`` read one camera.
+Functions in ``_FORMS`` read a program's entire file. Functions in ``_CAMERAS`` read one camera.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ from solver_backend.io.calibration.camera_values import (
 )
 
 GRAPHICS = np.diag([1.0, -1.0, -1.0])  # Graphics cameras look along -Z with Y up, OpenCV's along Z with Y down.
-_UNITY_LENS = {"fieldofview", "fov", "sensorsize"}  # Lower-case keys of Unity's cameras. Each camera has one of them.
+_UNITY_LENS = {"fieldofview", "fov", "sensorsize"}  # Lower-case keys. Every Unity camera has at least one.
 _UNITY, _LEFT_HANDED = np.diag([1.0, -1.0, 1.0]), np.diag([1.0, 1.0, -1.0])
-"""Unity's cameras look along Z with Y up in a left-handed world. The second matrix mirrors that world."""
-_LINK = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # A robot's links look along X with Z up.
-_MOST_CAMERAS, _MOST_NODES = 256, 2000  # Maximum numbers of NeRF images and of nodes. More are frames or detections.
+"""Unity cameras look along Z with Y up in a left-handed world. The second matrix mirrors that world."""
+_LINK = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # Robot links look along X with Z up.
+_MOST_CAMERAS, _MOST_NODES = 256, 2000  # Limits on NeRF images and on nodes. Larger files hold frames or detections.
 _ALL = ("cameras", "cams", "calibration")  # Lower-case keys under which a file may store all of its cameras.
 _Steps = Mapping[str, tuple[str, np.ndarray]]
-"""For each frame, the name of its reference frame and the (4, 4) matrix from the reference to it."""
+"""For each frame, the name of its reference frame and the (4, 4) matrix from the reference frame to it."""
 
 
 @dataclass(frozen=True)
 class Content:
-    """Cameras of a file, with its length unit and up axis if the format defines them."""
+    """The cameras in a file, and its length unit and up axis if the format defines them."""
 
     nodes: Nodes
     unit: str = ""
@@ -50,7 +50,7 @@ class Content:
 
 
 def cameras_in_tree(stem: str, tree: Any) -> Content:
-    """Return the cameras in nested content, which may lack intrinsics or a pose."""
+    """Return the cameras found in nested content. Their intrinsics or pose may be missing."""
     for form in _FORMS:
         if isinstance(tree, Mapping) and (found := form(tree)) is not None:
             return found
@@ -58,7 +58,7 @@ def cameras_in_tree(stem: str, tree: Any) -> Content:
 
 
 def _nodes(stem: str, tree: Any, shared: Values) -> Content:
-    """Return a single camera, one per node, or cameras from lists of values."""
+    """Return one camera for the whole tree, one per node, or one per entry of listed values."""
     if (camera := _camera(tree, shared)) is not None:
         values, unit, up_axis = camera
         return Content(_stacked(values) or [(stem, values)], unit, up_axis)
@@ -80,7 +80,7 @@ def _nodes(stem: str, tree: Any, shared: Values) -> Content:
 
 
 def _camera(node: Any, shared: Values) -> tuple[Values, str, str] | None:
-    """Return a camera's values under our names, its unit and its up axis, or None."""
+    """Return a camera's values under our names with its length unit and up axis, or None."""
     if not isinstance(node, Mapping):
         return None
     for convert, unit, up_axis in _CAMERAS:
@@ -93,9 +93,9 @@ def _camera(node: Any, shared: Values) -> tuple[Values, str, str] | None:
 
 
 def _stacked(values: Values) -> Nodes:
-    """Return the cameras if each value is a list over cameras (as in ZJU-MoCap), or [] for one camera.
+    """Split values that list all cameras (as in ZJU-MoCap) into cameras. Return [] for a single camera.
 
-    Equal intrinsics in all rows mean one moving camera.
+    If all rows have the same intrinsics, they describe one moving camera.
     """
     try:
         K = np.array(find(values, "K"), dtype=np.float64)
@@ -107,9 +107,9 @@ def _stacked(values: Values) -> Nodes:
     return [(f"cam_{i + 1}", {key: value[i] for key, value in split.items()}) for i in range(len(K))]
 
 
-# Values of one camera.
+# Values of a single camera.
 def _vector(value: Any, size: int, place: str) -> np.ndarray | None:
-    """Return ``size`` numbers from a list or an object with x, y, z and w, else None."""
+    """Return ``size`` numbers from a list or from an object with x, y, z and w, or None."""
     if isinstance(value, Mapping) and "data" not in value:
         value = [value[key] for key in "xyzw"[:size] if key in value] if not (size == 3 and "w" in value) else None
     if value is None or isinstance(value, str):
@@ -121,7 +121,7 @@ def _vector(value: Any, size: int, place: str) -> np.ndarray | None:
 
 
 def _number(values: Values, *keys: str, default: float | None = None) -> float | None:
-    """Return the value of the first existing key as a number."""
+    """Return the value of the first of these keys that exists, as a number."""
     value = next((values[key] for key in keys if values.get(key) is not None), default)
     array = np.zeros(1) if value is None else numbers(value, "")
     if array.size != 1:
@@ -130,7 +130,7 @@ def _number(values: Values, *keys: str, default: float | None = None) -> float |
 
 
 def _rotation(value: Any, order: str, degrees: bool) -> np.ndarray | None:
-    """Return the (3, 3) rotation of a quaternion xyzw, or of angles in ``order``."""
+    """Return the (3, 3) rotation given by a quaternion xyzw or by Euler angles in ``order``."""
     if (q := _vector(value, 4, "rotation")) is not None:
         return np.asarray(matrix_from_quat(q[[3, 0, 1, 2]])) if np.linalg.norm(q) > 1e-9 else None
     if (angles := _vector(value, 3, "rotation")) is None:
@@ -143,14 +143,14 @@ def _rotation(value: Any, order: str, degrees: bool) -> np.ndarray | None:
 
 
 def _rigid(R: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Return the (4, 4) matrix that combines a rotation (3, 3) and a translation (3,)."""
+    """Combine a (3, 3) rotation and a (3,) translation into a (4, 4) matrix."""
     whole = np.eye(4)
     whole[:3, :3], whole[:3, 3] = R, t
     return whole
 
 
 def _world_to_camera(pose: np.ndarray, axes: np.ndarray) -> np.ndarray | None:
-    """Return (4, 4) extrinsics with OpenCV's axes from a camera's world pose, or None for an invalid pose."""
+    """Return (4, 4) extrinsics with OpenCV axes from a camera's pose in the world, or None if the pose is invalid."""
     if pose.shape != (4, 4) or not (np.abs(pose) <= FARTHEST_IN_UNITS).all():
         return None
     pose = pose @ _rigid(axes, np.zeros(3))
@@ -168,17 +168,17 @@ def _picture(values: Values) -> tuple[float, float] | None:
 
 
 def _seen(values: Values, f: tuple[float, float], centre: tuple[float, float], E: np.ndarray | None) -> Values:
-    """Build a camera's values from focal lengths and principal point in pixels and (4, 4) extrinsics."""
+    """Build a camera's values from focal lengths and principal point (in pixels) and (4, 4) extrinsics."""
     (fx, fy), (cx, cy), size = f, centre, _picture(values)
     named = {key: values[key] for key in ("name", "distortion", "model") if key in values}
     return {**named, "fx": fx, "fy": fy, "cx": cx, "cy": cy, "extrinsics": E, "size": size}
 
 
-# Programs that name the values of a camera differently.
+# Programs that use different names for a camera's values.
 def _unity(values: Values) -> Values | None:
-    """Read a Unity camera: ``position`` in metres, ``rotation`` as quaternion or degrees.
+    """Read a Unity camera: ``position`` in metres, and ``rotation`` as a quaternion or in degrees.
 
-    The lens is a vertical ``fieldOfView`` in degrees, or ``focalLength`` and ``sensorSize`` in mm with ``lensShift``.
+    The lens is given by a vertical ``fieldOfView`` in degrees, or by ``focalLength``, ``sensorSize`` and ``lensShift``.
     """
     known = {plain(key): value for key, value in values.items()}
     if not _UNITY_LENS & known.keys():
@@ -196,7 +196,7 @@ def _unity(values: Values) -> Values | None:
         if sensor is None or not length or not (sensor > 0).all():
             return None
         fx, fy = length * width / sensor[0], length * height / sensor[1]
-        fit = str(known.get("gatefit", "Horizontal")).lower()  # sensor side that the image fills
+        fit = str(known.get("gatefit", "Horizontal")).lower()  # the sensor side that the image fills
         fits = {"0": (fx, fy), "none": (fx, fy), "1": (fy, fy), "vertical": (fy, fy)}
         fx, fy = fits.get(fit, (fx, fx))
     shift = _vector(known.get("lensshift"), 2, "lensShift")
@@ -207,9 +207,10 @@ def _unity(values: Values) -> Values | None:
 
 
 def _blender(values: Values) -> Values | None:
-    """Read a Blender camera with ``matrix_world``, or with ``location`` and a rotation.
+    """Read a Blender camera given by ``matrix_world``, or by ``location`` and a rotation.
 
-    The lens is ``lens`` and ``sensor_width`` in mm with ``sensor_fit``, or ``angle`` in radians. Shifts are optional.
+    The lens is given by ``lens`` and ``sensor_width`` in mm with ``sensor_fit``, or ``angle`` in radians. Shifts are
+    applied.
     """
     if not {"matrix_world", "rotation_euler", "rotation_quaternion"} & values.keys():
         return None
@@ -238,7 +239,7 @@ def _blender(values: Values) -> Values | None:
 
 
 def _fit3d(values: Values) -> Values | None:
-    """Read Fit3D's parameters: ``x_cam = R (x - T)``, focal lengths, principal point, k1 k2 k3 and p1 p2."""
+    """Read Fit3D's parameters: ``x_cam = R (x - T)``, focal lengths, a principal point, k1 k2 k3 and p1 p2."""
     lens, outer = values.get("intrinsics_w_distortion"), values.get("extrinsics")
     if not isinstance(lens, Mapping) or not isinstance(outer, Mapping) or not {"R", "T"} <= outer.keys():
         return None
@@ -268,12 +269,12 @@ _CAMERAS: tuple[tuple[Callable[[Values], Values | None], str, str], ...] = (
     (_fit3d, "m", ""),
     (_opencap, "mm", ""),
 )
-"""Function that reads one camera, with the length unit and up axis that its program always uses."""
+"""Functions that read one camera, each with the length unit and up axis that its program always uses."""
 
 
-# Programs whose content is not a list of camera nodes.
+# Programs that store their cameras in another structure than a list of nodes.
 def _chained(steps: _Steps, name: str) -> np.ndarray:
-    """Return the (4, 4) matrix from the root frame of a chain to the named frame."""
+    """Multiply the matrices of a chain into one (4, 4) matrix from the root frame to the named frame."""
     pose, at = np.eye(4), name
     for _ in range(len(steps) + 1):
         if at not in steps:
@@ -286,7 +287,7 @@ def _chained(steps: _Steps, name: str) -> np.ndarray:
 
 
 def _multical(tree: Values) -> Content | None:
-    """Read multical's ``cameras`` and ``camera_poses``. ``a_to_b`` is relative to b."""
+    """Read multical's ``cameras`` and ``camera_poses``. The pose ``a_to_b`` is relative to b."""
     cameras, poses = tree.get("cameras"), tree.get("camera_poses")
     if not isinstance(cameras, Mapping) or not isinstance(poses, Mapping):
         return None
@@ -303,7 +304,7 @@ def _multical(tree: Values) -> Content | None:
 
 
 def _mccalib(tree: Values) -> Content | None:
-    """Read MC-Calib's cameras. Their poses map the camera to the world of its camera group."""
+    """Read MC-Calib's cameras. Their poses map camera coordinates to the world of the camera group."""
     nodes = [(str(k), v) for k, v in tree.items() if isinstance(v, Mapping) and "camera_pose_matrix" in v]
     if "nb_camera" not in tree or not nodes:
         return None
@@ -319,7 +320,7 @@ def _mccalib(tree: Values) -> Content | None:
 
 _STEREO = re.compile(r"(?:m|k|mtx|camera_?matrix|intrinsics?)_?(1|2|l|r|left|right)", re.IGNORECASE)
 _STEREO_LENS = re.compile(r"(?:d|dist|dist_?coeffs?|distortion)_?(1|2|l|r|left|right)", re.IGNORECASE)
-"""Names of the intrinsic matrices and distortion coefficients of a stereo pair."""
+"""Key patterns for the intrinsic matrices and distortion coefficients of a stereo pair."""
 _MORE = re.compile(r"_?(?:cam)?_?(?:[03-9]|\d{2,})", re.IGNORECASE)  # End of such a name for a further camera.
 
 
@@ -413,7 +414,7 @@ def _easymocap(tree: Values) -> Content | None:
 
 
 def _human36m(tree: Values) -> Content | None:
-    """Read Human3.6M's JSON: ``intrinsics[camera]`` and ``extrinsics[subject][camera]``."""
+    """Read Human3.6M's JSON format: ``intrinsics[camera]`` and ``extrinsics[subject][camera]``."""
     inner, outer = tree.get("intrinsics"), tree.get("extrinsics")
     if not isinstance(inner, Mapping) or not isinstance(outer, Mapping) or not all(map(has_lens, inner.values())):
         return None
@@ -498,4 +499,4 @@ _FORMS: tuple[Callable[[Values], Content | None], ...] = (
     _stereo,
     _ros,
 )
-"""Functions that read the whole content of a file, tried in this order. They return None for other content."""
+"""Functions that each read a whole file, tried in this order. They return None if the content is not theirs."""

@@ -1,4 +1,4 @@
-"""Read cameras from named values in TOML, YAML, JSON, XML, arrays and tables."""
+"""Read cameras stored as named values in TOML, YAML, JSON, XML, array and table files."""
 
 from __future__ import annotations
 
@@ -29,28 +29,28 @@ from solver_backend.io.calibration.yaml_storage import read_yaml
 from solver_backend.io.camera_names import listing, match_names
 from solver_backend.io.files import LARGEST_TEXT, first_bytes, read_json, read_text, read_toml, read_xml
 
-DLT_NUMBERS = 11  # DLT coefficients per camera: the rows of the projection matrix divided by its last element.
-_LARGEST_TEXT, _LARGEST_ARRAYS = 1 << 16, 1 << 24  # Largest text file and largest file of arrays in bytes.
+DLT_NUMBERS = 11  # DLT coefficients per camera: the projection matrix divided by its last element, by rows.
+_LARGEST_TEXT, _LARGEST_ARRAYS = 1 << 16, 1 << 24  # Size limits of a text file and of an array file, in bytes.
 _CAMERA_NAMES = ("names", "camera_names", "cameras")
-_KINDS = ("intrinsic", "intrinsics", "intri", "extrinsic", "extrinsics", "extri")  # Folders that name no camera.
+_KINDS = ("intrinsic", "intrinsics", "intri", "extrinsic", "extrinsics", "extri")  # Not camera names.
 _LIKE_CALIBRATION = re.compile(r"calib|extri|intri|stereo|cam(era)?(s|_?(param|pose|info)\w*)?$", re.IGNORECASE)
 _TELLING = {
     n for what in ("K", "distortion", "rotation", "translation", "extrinsics") for n in SPELLINGS[what] if n[3:]
 }
-"""Calibration keys with more than three letters."""
+"""Keys with more than three letters that suggest a calibration."""
 _NUMBER = re.compile(r"[-+]?[0-9.]+(e[-+]?[0-9]+)?", re.IGNORECASE)
-_HEAD = 256  # Bytes to read to recognise an XML file.
-_MOST_KEYS = 8  # Largest number of keys that a message lists.
+_HEAD = 256  # Number of bytes read to recognise an XML file.
+_MOST_KEYS = 8  # Largest number of keys listed in a message.
 
 
 @dataclass(frozen=True)
 class MatrixFile:
-    """Cameras of one file, as values that are not interpreted yet."""
+    """The cameras in one file, as values that have not been interpreted yet."""
 
     path: Path
     content: Content
     keys: str = ""
-    """Names of the file's values for messages. Set if the file may be a calibration of unknown form."""
+    """Keys of the file, for messages. Set if the file may be a calibration in an unknown format."""
 
     @property
     def holds_array(self) -> bool:
@@ -60,7 +60,7 @@ class MatrixFile:
 
 
 def read_toml_cameras(path: Path) -> StatedCameras:
-    """Read the cameras of a TOML calibration (Pose2Sim, anipose, caliscope).
+    """Read the cameras in a TOML calibration (Pose2Sim, anipose, caliscope).
 
     Each camera is a table with ``matrix`` (3, 3), ``distortions``, ``rotation`` (Rodrigues vector or matrix, world to
     camera) and ``translation``. ``size`` and ``fisheye`` are optional.
@@ -69,7 +69,7 @@ def read_toml_cameras(path: Path) -> StatedCameras:
 
 
 def camera_tables(tables: Values) -> Iterator[tuple[str, Values]]:
-    """Yield name and table of each camera: ``[cam_01]``, or ``[cameras.0]`` for ``cam_0``."""
+    """Yield the name and table of each camera: ``[cam_01]``, or ``[cameras.0]`` for ``cam_0``."""
     for key, table in tables.items():
         if not isinstance(table, Mapping) or table.get("ignore") is True:
             continue
@@ -80,7 +80,7 @@ def camera_tables(tables: Values) -> Iterator[tuple[str, Values]]:
 
 
 def read_matrix_file(path: Path, nested: bool = False) -> MatrixFile:
-    """Read the cameras of a file with a suffix in ``READ``."""
+    """Read the cameras in a file whose suffix is in ``READ``."""
     read, largest = READ[path.suffix.lower()]
     if path.is_file() and path.stat().st_size > largest:
         return MatrixFile(path, Content([]))
@@ -91,7 +91,7 @@ def read_matrix_file(path: Path, nested: bool = False) -> MatrixFile:
 
 
 def stated_cameras(files: Sequence[MatrixFile]) -> StatedCameras:
-    """Return the cameras of one or several files. Intrinsics and poses are joined by camera."""
+    """Return the cameras in one or more files. Intrinsics and poses of the same camera are combined."""
     whole: list[tuple[str, Values, str]] = []
     lenses: dict[str, dict[str, Any]] = {}
     poses: dict[str, dict[str, Any]] = {}
@@ -117,7 +117,7 @@ def stated_cameras(files: Sequence[MatrixFile]) -> StatedCameras:
 
 
 def _keys(path: Path, tree: Any) -> str:
-    """Return the keys of a possible calibration, or '' if nothing suggests one."""
+    """Return the keys of a file that may be a calibration, or '' if nothing suggests that."""
     if not isinstance(tree, Mapping) or not tree:
         return ""
     inner = next((node for node in tree.values() if isinstance(node, Mapping) and node), {})
@@ -129,7 +129,7 @@ def _keys(path: Path, tree: Any) -> str:
 
 def _of_arrays(path: Path) -> Any:
     """Return the arrays of an .npz file. Stacked arrays are split into one node per camera."""
-    if "format" in array_names(path):  # our own files have readers
+    if "format" in array_names(path):  # our own formats have their own readers
         return {}
     known = {name for names in SPELLINGS.values() for name in names}
     values = read_npz(path, lambda name: plain(name) in known or name in _CAMERA_NAMES)
@@ -143,7 +143,7 @@ def _of_arrays(path: Path) -> Any:
 
 
 def _of_text(path: Path) -> Any:
-    """Return the camera of a projection matrix, or one camera per column of DLT coefficients."""
+    """Return the camera given by a projection matrix, or one camera per column of DLT coefficients."""
     rows = [line.replace(",", " ").split() for line in read_text(path).splitlines() if line.strip()]
     if len(rows) not in (3, DLT_NUMBERS) or len({len(row) for row in rows}) != 1:
         return {}
@@ -166,7 +166,7 @@ def _of_xml(path: Path) -> Any:
 
 
 def _of_pickle(path: Path) -> Any:
-    """Return the arrays of a pickle that is named like a calibration. No code in it is run."""
+    """Return the arrays in a pickle file named like a calibration. Code in the file is never run."""
     if not _LIKE_CALIBRATION.search(path.stem):
         return {}
     try:
@@ -199,4 +199,4 @@ READ: Mapping[str, tuple[Callable[[Path], Any], int]] = {
     ".txt": (_of_text, _LARGEST_TEXT),
     ".csv": (_of_text, _LARGEST_TEXT),
 }
-"""For each suffix, the function that reads the nested content, and the largest file size in bytes."""
+"""For each suffix, the function that reads the nested content, and the size limit in bytes."""

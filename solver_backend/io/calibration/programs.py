@@ -1,4 +1,4 @@
-"""Read Qualisys, Vicon and Metashape calibrations (XML) and COLMAP's text model."""
+"""Read Qualisys, Vicon and Metashape calibrations (XML) and COLMAP text models."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from solver_backend.io.calibration.entry import CameraEntry, StatedCameras
 from solver_backend.io.files import LARGEST_TEXT, first_bytes, read_text, read_xml
 
 SUBPIXELS = 64.0  # Qualisys writes focal lengths and principal points in 1/64 pixel.
-TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0])  # Qualisys' camera looks along -Z with Y up, OpenCV's along Z with Y down.
-_HEAD = 4096  # Bytes to read to recognise the program of an XML file.
-_LARGEST_NUMBER = 1e12  # Largest magnitude of a number in a file, chosen by hand.
+TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0])  # Qualisys cameras look along -Z with Y up, OpenCV's along Z with Y down.
+_HEAD = 4096  # Number of bytes read to recognise the program that wrote an XML file.
+_LARGEST_NUMBER = 1e12  # Largest allowed magnitude of a number in a file, chosen by hand.
 _ROWS = re.compile(r"(\d{3,4})p", re.IGNORECASE)  # Matches ``video_resolution="540p"``.
-_SAME_ROWS = 0.05  # Relative tolerance for equal row counts. A sensor with 1088 rows records 1080p.
+_SAME_ROWS = 0.05  # Relative tolerance between row counts. A sensor with 1088 rows records 1080p.
 
 
 def read_qualisys(path: Path) -> StatedCameras:
-    """Read the cameras of a Qualisys calibration in mm.
+    """Read the cameras in a Qualisys calibration in mm.
 
-    Each camera has its centre ``c`` in mm in a world with Z up, and the rows ``r1, r2, r3`` of the rotation from world
-    to camera. These rows point right, up and backward. Hence ``R = diag(1, -1, -1) [r1; r2; r3]`` and ``t = -R c``. ``K
-    = [[fU, skew, cU - left], [0, fV, cV - top], [0, 0, 1]] / 64``, where left and top of the video's field of view are
-    in whole pixels. The distortion coefficients are OpenCV's k1 k2 p1 p2 k3 and have no unit. Independent checkerboard
-    calibrations of such cameras give the same values.
+    For each camera, the file has the centre ``c`` in mm in a world with Z up, and the rows ``r1, r2, r3`` of the
+    rotation from world to camera. These rows point right, up and backward. Hence ``R = diag(1, -1, -1) [r1; r2; r3]``
+    and ``t = -R c``. ``K = [[fU, skew, cU - left], [0, fV, cV - top], [0, 0, 1]] / 64``, where left and top are the
+    edges of the video's field of view in whole pixels. The distortion coefficients are OpenCV's unitless k1 k2 p1 p2
+    k3. Independent checkerboard calibrations of such cameras give the same values.
     """
     nodes = read_xml(path, LARGEST_TEXT, "Qualisys' XML").findall("cameras/camera")
     if not nodes:
@@ -54,7 +54,7 @@ def read_qualisys(path: Path) -> StatedCameras:
 
 
 def _in_whole_pixels(entry: CameraEntry) -> bool:
-    """Return whether intrinsics read in 1/64 pixel are in whole pixels, judging by the image size."""
+    """Return whether intrinsics that were read in 1/64 pixel must be in whole pixels, given the image size."""
     assert entry.image_size is not None
     middle = 0.5 * np.array(entry.image_size)
     return bool((np.abs(SUBPIXELS * entry.K[:2, 2] - middle) < 0.5 * middle).all() and entry.K[0, 2] < middle[0] / 8)
@@ -97,7 +97,7 @@ def _entry(node: ElementTree.Element, path: Path) -> CameraEntry:
 def _field_of_view(
     node: ElementTree.Element, intrinsic: ElementTree.Element, place: str
 ) -> tuple[float, float, tuple[int, int]]:
-    """Return left, top and (width, height) of the video's field of view in pixels."""
+    """Return left, top and (width, height) of the video's field of view, in pixels."""
     views = (node.find("fov_video"), node.find("fov_video_max"))
     view = next((view for view in views if view is not None), None)
     if view is None:
@@ -118,11 +118,11 @@ def _number(node: ElementTree.Element, key: str, place: str, *, default: float |
 
 
 def read_vicon(path: Path) -> StatedCameras:
-    """Read a Vicon calibration (.xcp) in mm, only of the video cameras if there are any.
+    """Read a Vicon calibration (.xcp) in mm. If it contains video cameras, read only those.
 
-    The last key frame has the focal length in pixels, the principal point, the position, and the orientation from world
-    to camera as a quaternion xyzw. ``VICON_RADIAL2`` has a centre and three radial coefficients of OpenCV's model.
-    ``VICON_RADIAL`` has two coefficients.
+    The last key frame contains the focal length in pixels, the principal point, the position, and the orientation from
+    world to camera as a quaternion xyzw. ``VICON_RADIAL2`` has a centre and three radial coefficients in OpenCV's
+    model. ``VICON_RADIAL`` has two coefficients.
     """
     found = [(node, frames[-1]) for node in read_xml(path, LARGEST_TEXT, "Vicon's XML").iter("Camera")
              if (frames := node.findall("KeyFrames/KeyFrame")) and frames[-1].get("FOCAL_LENGTH")]  # fmt: skip
@@ -162,7 +162,7 @@ def is_metashape(path: Path) -> bool:
 
 
 def read_metashape(path: Path) -> StatedCameras:
-    """Read the aligned cameras of Metashape's XML ("Export Cameras") in the unit of its chunk.
+    """Read the aligned cameras in Metashape's XML ("Export Cameras") in the chunk's unit.
 
     A camera's ``transform`` maps OpenCV's camera axes to the chunk. The chunk's transform maps to the world. ``cx`` and
     ``cy`` are offsets from the image centre. ``p1`` and ``p2`` are OpenCV's p2 and p1. The horizontal focal length is f
@@ -222,7 +222,7 @@ CAMERAS, IMAGES = "cameras.txt", "images.txt"
 _MODELS = {
     name: (model.name, focals, places) for model in LENS_MODELS.values() for name, focals, places in model.colmap
 }
-"""Our lens model, the number of focal lengths, and our coefficient indices of the values after the principal point."""
+"""Our lens model, the number of focal lengths, and our index for each coefficient after the principal point."""
 
 
 def is_colmap(folder: Path) -> bool:
@@ -231,7 +231,7 @@ def is_colmap(folder: Path) -> bool:
 
 
 def read_colmap(folder: Path) -> StatedCameras:
-    """Read a camera per image in the model's unit. COLMAP's pixel centres are at 0.5, ours at 0.
+    """Read one camera per image in the model's unit. COLMAP's pixel centres are at 0.5, ours at 0.
 
     Reference: COLMAP documentation, "Output Format" (text) and "Camera Models".
     """
@@ -269,7 +269,7 @@ def _lens(fields: list[str], place: str) -> tuple[np.ndarray, np.ndarray, tuple[
 
 
 def _rows(path: Path, every: int = 1) -> list[list[str]]:
-    """Return the fields of lines without comments. ``every=2`` skips lines of points."""
+    """Split each line into fields, without comments. ``every=2`` skips the lines of points."""
     lines = [line for line in read_text(path).splitlines() if not line.startswith("#")]
     return [line.split() for line in lines[::every] if line.strip()]
 

@@ -1,4 +1,4 @@
-"""Recognise and read a calibration of any format."""
+"""Recognise and read a calibration in any supported format."""
 
 from __future__ import annotations
 
@@ -32,21 +32,21 @@ _WHOLE: tuple[tuple[str, Callable[[Path], bool], Callable[[Path], StatedCameras]
     ("Metashape", is_metashape, read_metashape),
     ("COLMAP", is_colmap, read_colmap),
 )
-"""Name, recogniser and reader of each format that stores all cameras in one file or folder, the most reliable first."""
+"""Name, recogniser and reader of each format that keeps all cameras in one file or folder, most reliable first."""
 _NEEDED = "an intrinsic matrix (K, camera_matrix, or fx, fy, cx, cy)", "a rotation and a translation"
 """Values that every camera needs, for messages."""
 _MOST_FOLDERS = 64  # Largest number of camera folders to read in a calibration folder.
 
 
 def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str | None = None) -> Calibration:
-    """Read a calibration file, or a folder of OpenCV files or COLMAP's text model.
+    """Read a calibration file, a folder of OpenCV files or a COLMAP text model.
 
     Args:
         unit: length unit of the file ('m', 'cm', 'mm', 'inch', 'foot'). None infers it.
-        up_axis: upward axis of the file's world ('z', 'y', '-y', ...). None uses the format's axis, or 'z'.
+        up_axis: up axis of the file's world ('z', 'y', '-y', ...). None uses the format's axis, or 'z'.
 
     Raises:
-        CalibrationMissing: the path has no calibration of a known format.
+        CalibrationMissing: the path does not contain a calibration in a known format.
     """
     path = Path(path)
     files: list[MatrixFile] = []
@@ -65,11 +65,11 @@ def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str 
 def calibrations_in(
     folder: Path, *, unit: str | None = None, up_axis: str | None = None, nested: bool = False
 ) -> tuple[list[Calibration], list[MocapError]]:
-    """Return every calibration in a folder, and the errors of damaged, invalid or unknown files.
+    """Return every calibration in a folder, and the errors for damaged, invalid or unknown files.
 
     Each TOML, Qualisys, Vicon or Metashape file is a calibration, and so is each OpenCV file with several cameras. The
-    remaining OpenCV files form one calibration. Other files are skipped. ``nested`` also reads camera folders inside
-    the folder. If each camera folder has the same several files, files with equal names form a calibration.
+    remaining OpenCV files together form one calibration. Other files are skipped. ``nested`` also reads the camera
+    folders in the folder. If these contain the same files, files of equal name form one calibration.
     """
     files = sorted(p for p in folder.iterdir() if not p.name.startswith("."))
     own = [folder, *(p for p in files if nested or not p.is_dir())]  # other folders may be other recordings
@@ -113,7 +113,7 @@ def _matrix_files(paths: Iterable[Path]) -> list[Path]:
 
 
 def _not_understood(files: Iterable[MatrixFile]) -> Iterator[CalibrationMissing]:
-    """Yield an error with keys and missing values for each possible calibration file."""
+    """Yield an error with the keys and the missing values of each file that may be a calibration."""
     for file in files:
         if file.keys or file.content.nodes:
             poses = [name for name, _ in file.content.nodes]
@@ -125,7 +125,7 @@ def _not_understood(files: Iterable[MatrixFile]) -> Iterator[CalibrationMissing]
 
 
 def _of_program(path: Path, unit: str | None, up_axis: str | None) -> Calibration | None:
-    """Read the file or folder of a known calibration program, or None for other files."""
+    """Read a file or folder written by a known calibration program, or return None."""
     for kind, recognises, read in _WHOLE:
         if recognises(path):
             return interpret_cameras(read(path), path, kind, unit, up_axis)

@@ -25,16 +25,16 @@ from solver_backend.types import Cameras
 
 CONFIG = "Config.toml"
 MOST_LEVELS = 5
-"""Largest number of folder levels to search, counted from the recording. Chosen by hand."""
+"""Largest number of folder levels to search, starting at the recording. Chosen by hand."""
 AGREES_BY_NAME = 0.7
 """If at least this fraction of keypoints agrees with the assignment by name, no other assignment is tried."""
 CLEARLY_BETTER = 0.2
-"""Smallest increase in the fraction of agreeing keypoints with which another calibration replaces the first one."""
+"""Smallest increase in the fraction of agreeing keypoints for which another calibration replaces the first."""
 _CALIBRATION = re.compile(r"calib(ration)?s?\d*([_\-\s.].*)?|.+[_\-\s.]calib(ration)?s?", re.IGNORECASE)
 _CAMERAS = ("cameras", "camera_parameters", "camera_params", "sparse", "sparse/0", "colmap", "colmap/sparse/0")
-"""Folders of AIST++, Fit3D and COLMAP next to a recording."""
+"""Calibration folders of AIST++, Fit3D and COLMAP next to a recording."""
 _OPENCAP, _MAPPING = "Videos", "mapping.txt"
-"""OpenCap's folder with one folder per camera, and AIST++'s file that lists the cameras of each take."""
+"""OpenCap's folder with one subfolder per camera, and AIST++'s file that lists the cameras of each take."""
 _SESSION = re.compile(r"^S\d+(_P\d+)?", re.IGNORECASE)
 _PICKLE = "a pickle of another form", "Name a pickle of arrays calibration.pkl, or write the arrays as JSON."
 _UNSUPPORTED = {
@@ -43,17 +43,17 @@ _UNSUPPORTED = {
     ".pickle": _PICKLE,
     ".cal": ("a binary calibration", "Export it as text: OpenCV's YAML, or one projection matrix per camera."),
 }
-"""Unsupported file types by suffix: their name, and a way to convert them."""
+"""For each unsupported suffix, the name of the file type and a way to convert it."""
 
 
 ByViews = Callable[[Cameras, list[int] | None], list[int] | None]
-"""Function that assigns calibrated to recorded cameras by their views, given an assignment by name or order."""
+"""Function that assigns calibrated cameras to recorded ones by their views, given an assignment by name or order."""
 
 
 def levels_above(root: Path) -> list[Path]:
-    """Return the folder, its parent, and the folders above that belong to the recording.
+    """Return a folder, its parent, and the folders above them that belong to the same recording.
 
-    A folder belongs to it if the folder below it has a Config.toml or a Pose2Sim name such as ``S00_P00_...``.
+    A folder belongs to it if its subfolder contains a Config.toml or has a Pose2Sim name such as ``S00_P00_...``.
     """
     levels = [root, root.parent]
     while len(levels) < MOST_LEVELS:
@@ -84,14 +84,14 @@ def find_calibration(
     by_views: ByViews | None = None,
     agreement: Callable[[Cameras], float] | None = None,
 ) -> Calibration:
-    """Return the nearest calibration of the recorded cameras, in their order.
+    """Find the calibration nearest to a recording, and return it in the order of the recorded cameras.
 
     Args:
         unit: see ``read_calibration``.
-        names: calibrated name of each recorded camera with another name.
-        by_views: assigns cameras if no calibration has the recorded names and ``names`` is empty.
+        names: calibrated name of each recorded camera whose name differs.
+        by_views: assigns cameras if no calibration contains the recorded names and ``names`` is empty.
         agreement: returns the fraction of keypoints that agree between views, given cameras in the recorded order. It
-            chooses between several calibrations in one folder.
+            is used to choose between several calibrations in one folder.
 
     Raises:
         CalibrationMissing: no calibration was found.
@@ -118,7 +118,7 @@ def find_calibration(
                 return chosen
             return _others_of_more(*named[0], chosen, recorded, by_views, agreement)
         others += found
-        # A damaged file in a calibration folder is a damaged calibration. Elsewhere it may be any file.
+        # A damaged file in a calibration folder is a damaged calibration. Elsewhere it may be anything.
         meant = is_calibration_folder(folder)
         broken = [e for e in errors if not isinstance(e, CalibrationMissing)]
         serious = [e for e in broken if meant or (folder in levels and isinstance(e, CalibrationInvalid))]
@@ -143,7 +143,7 @@ def find_calibration(
 
 
 def _is_named(error: MocapError) -> bool:
-    """Return whether an error concerns a file that is named like a calibration."""
+    """Return whether an error concerns a file named like a calibration."""
     return _CALIBRATION.match(Path(error.where or "").stem) is not None
 
 
@@ -157,7 +157,7 @@ def _mismatch(root: Path, others: Sequence[Calibration], recorded: Sequence[str]
         calibrated = calibration.cameras.names
         keys = {name_key(name) for name in calibrated}
         without = [name for name in recorded if name_key(name) not in keys]
-        # Every calibrated camera is recorded exactly once.
+        # True if every calibrated camera is recorded exactly once.
         if without and {name_key(n) for n in recorded} >= keys and len(recorded) - len(without) == len(keys):
             what = f"{listing(without)} {'is' if len(without) == 1 else 'are'} recorded but not calibrated. "
             what += f"{calibration.source.name} is for {listing(calibrated)}."
@@ -178,7 +178,7 @@ def _others_of_more(
     by_views: ByViews,
     agreement: Callable[[Cameras], float],
 ) -> Calibration:
-    """Return ``chosen``, or an assignment by views if names fit the views poorly."""
+    """Return ``chosen``, or an assignment by views if the assignment by name fits the views poorly."""
     if len(whole.cameras) == len(recorded) or agreement(chosen.cameras) >= AGREES_BY_NAME:
         return chosen
     order = by_views(whole.cameras, by_names)
@@ -186,7 +186,7 @@ def _others_of_more(
 
 
 def _assigned_by_views(found: Calibration, recorded: Sequence[str], **calibrated: Any) -> Calibration:
-    """Return a calibration in the recorded order, with a problem that lists the pairs."""
+    """Return a calibration in the recorded order, and add a problem that lists the camera pairs."""
     pairs = [f"{name} is {camera}" for name, camera in zip(recorded, found.cameras.names, strict=True)]
     assigned = diagnostic("cameras_assigned_by_views", cameras=recorded, pairs=pairs, **calibrated)
     return replace(found, problems=(*found.problems, assigned))
@@ -216,7 +216,7 @@ def _folders(root: Path) -> Iterator[Path]:
 
 
 def _of_take(root: Path, folder: Path, found: list[Calibration]) -> list[Calibration]:
-    """Return the calibrations that AIST++'s mapping lists for the recorded take, or all of them."""
+    """Return the calibrations that AIST++'s mapping lists for the recorded take, or all calibrations."""
     if len(found) < 2 or not (folder / _MAPPING).is_file():
         return found
     rows = (line.split() for line in read_text(folder / _MAPPING, LARGEST_TEXT).splitlines())
@@ -226,7 +226,7 @@ def _of_take(root: Path, folder: Path, found: list[Calibration]) -> list[Calibra
 
 
 def ordered(found: Calibration, order: list[int], recorded: Sequence[str] = ()) -> Calibration:
-    """Reorder the cameras of a calibration. Add notes on omitted cameras and different names."""
+    """Reorder the cameras of a calibration. Add notes about omitted and differently named cameras."""
     left_out = [name for i, name in enumerate(found.cameras.names) if i not in order]
     notes = (diagnostic("calibrated_not_recorded", cameras=left_out),) if left_out else ()
     pairs = zip(recorded, (found.cameras.names[i] for i in order), strict=bool(recorded))

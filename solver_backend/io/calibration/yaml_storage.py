@@ -1,6 +1,6 @@
-"""Parse the part of YAML that OpenCV's FileStorage writes.
+"""Parse the subset of YAML that OpenCV's FileStorage writes.
 
-The time is linear in the length. Anchors, aliases and block texts, which FileStorage never writes, raise an error.
+The run time is linear in the length. Anchors, aliases and block scalars, which FileStorage never writes, are errors.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def read_yaml(path: Path) -> Any:
 
 
 def parse_yaml(text: str) -> Any:
-    """Parse YAML text. Raise ValueError with the line number if a line is not understood."""
+    """Parse YAML text. Raise ValueError with the line number if a line cannot be parsed."""
     lines = _logical_lines(text)
     value, end = _block(lines, 0, lines[0].indent) if lines else ({}, 0)
     if end < len(lines):
@@ -68,7 +68,7 @@ def _logical_lines(text: str) -> list[_Line]:
 
 
 def _key_and_rest(text: str) -> tuple[str, str] | None:
-    """Return the key and the text after its colon, or None for lines without ``key: value``."""
+    """Split a line into its key and the text after the colon. Return None if it is not ``key: value``."""
     if text[0] in "\"'":
         key, quote, rest = text[1:].partition(text[0])
         rest = rest.lstrip() if quote else ""
@@ -132,7 +132,7 @@ def _value(rest: str, lines: list[_Line], i: int, indent: int) -> tuple[Any, int
     following = lines[i + 1] if i + 1 < len(lines) else None
     if following is None or following.indent < indent:
         return None, i + 1
-    # Items of a list may have the same indentation as its key.
+    # List items may have the same indentation as their key.
     if following.indent == indent and (not following.text.startswith("-") or lines[i].text.startswith("-")):
         return None, i + 1
     return _block(lines, i + 1, following.indent)

@@ -1,1 +1,1 @@
-"""Read captures of other programs."""
+"""Read captures made by other programs."""

@@ -1,4 +1,4 @@
-"""Read caliscope's tracked points with the project's calibration."""
+"""Read caliscope's tracked points and the project's calibration."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from solver_backend.io.recognition.world_fit import fit_world, scale_world
 from solver_backend.io.text_table import read_numbers, read_rows
 from solver_backend.types import Capture, JointSet, Keypoints2D
 
-_CAMERA = ("port", "cam_id")  # Headings of the camera column in caliscope's versions.
+_CAMERA = ("port", "cam_id")  # Headings of the camera column in different versions of caliscope.
 _CONFIG = "config.toml"
 _LEVELS = 5
-"""Largest number of folders above the file to search for the project."""
+"""Largest number of folders above the file that are searched for the project."""
 MEDIAPIPE_POINTS = 33  # Points with larger numbers belong to the hands and the face.
-DEFAULT_FPS = 30.0  # Frames per second if there is no project, chosen by hand. A problem reports it.
-LARGEST_TAKE_FRAMES = 1_000_000  # Largest number of frames, over four hours at 60 per second. Chosen by hand.
+DEFAULT_FPS = 30.0  # Frames per second if there is no project, chosen by hand. A problem reports this assumption.
+LARGEST_TAKE_FRAMES = 1_000_000  # Largest number of frames, more than four hours at 60 per second. Chosen by hand.
 _LARGEST_NUMBER = 1e9  # Largest whole number in a table.
 
 
@@ -84,7 +84,7 @@ def _read(path: Path, options: ReadOptions) -> Capture:
 
 
 def _rows(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, 3) integers sync_index, camera and point, and (N, 2) pixels."""
+    """Return (N, 3) integers (sync_index, camera and point), and (N, 2) pixels."""
     header, rows = read_rows(path)
     camera = next((name for name in _CAMERA if name in header), _CAMERA[0])
     needed = ("sync_index", camera, "point_id", "img_loc_x", "img_loc_y")

@@ -1,4 +1,4 @@
-"""Read a folder of detections and its calibration as a capture of all people in it."""
+"""Read a folder of detections and its calibration as a capture of everyone in it."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ from solver_backend.io.recognition.person_scale import in_persons_unit
 from solver_backend.io.recognition.world_fit import find_people, fit_world
 from solver_backend.types import Cameras, Capture, PersonInViews
 
-DEFAULT_FPS = 60.0  # Frames per second if nothing states them, chosen by hand. A problem reports it.
+DEFAULT_FPS = 60.0  # Frames per second if no file states them, chosen by hand. A problem reports this assumption.
 GUESSED_SHARE, GUESSED_SIGMA = 0.9, 0.15
-"""Focal length of an unknown phone camera relative to the longer image side, and its relative standard deviation."""
-INSIDE_SHARE = 0.99  # Smallest fraction of the confident keypoints inside the image, chosen by hand.
-_LANDSCAPES = ((640, 480), (1280, 720), (1920, 1080), (3840, 2160))  # Common image sizes in pixels, or their transpose.
+"""Focal length of an unknown phone camera in longer image sides, and its relative standard deviation."""
+INSIDE_SHARE = 0.99  # Smallest fraction of confident keypoints inside the image, chosen by hand.
+_LANDSCAPES = ((640, 480), (1280, 720), (1920, 1080), (3840, 2160))  # Common image sizes in pixels.
 _KIND = (
     "a Pose2Sim trial folder (pose/<camera>_json/*.json with a calibration); "
     "a folder with detections of each camera and a calibration next to them "
@@ -49,7 +49,7 @@ _KIND = (
 def _read(root: Path, options: ReadOptions) -> Capture:
     """Read all detections and their calibration, and separate the people."""
     sources = camera_sources(root)
-    if options.camera_path:  # a calibrated pose says nothing about a moving camera's images
+    if options.camera_path:  # a calibrated pose does not describe the images of a moving camera
         options = replace(options, as_calibrated=True)
     levels = levels_above(root)
     config = read_config(levels)
@@ -148,11 +148,11 @@ def _read(root: Path, options: ReadOptions) -> Capture:
 def _assumed_camera(root: Path, detections: Detections, video: VideoHeader | None) -> Calibration:
     """Return one camera with a typical phone lens, and a problem that reports this assumption.
 
-    Without a video, the image has the smallest common size that contains nearly all confident keypoints. A few
-    extrapolated keypoints may be outside the image.
+    Without a video, the image size is the smallest common size that contains nearly all confident keypoints. A few
+    extrapolated keypoints may lie outside the image.
 
     Raises:
-        NoDetections: no person is detected.
+        NoDetections: no person was detected.
     """
     seen = (detections.confidence > 0) & np.isfinite(detections.xy).all(-1)
     if not seen.any():
@@ -191,7 +191,7 @@ def _frame_rate(
     given: float | None, config: TrialConfig, videos: Sequence[VideoHeader | None]
 ) -> tuple[float, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     stated = [round(header.fps, 3) for header in videos if header is not None]
-    rates = [rate for rate in stated if rate > 0]  # a forged header may state an hour per frame
+    rates = [rate for rate in stated if rate > 0]  # a manipulated header may state an hour per frame
     problems: list[Diagnostic] = []
     if len(set(rates)) > 1:
         problems.append(diagnostic("video_rates_differ", rates=[f"{rate:g}" for rate in rates]))

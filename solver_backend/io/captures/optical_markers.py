@@ -1,4 +1,4 @@
-"""Read a file of optical markers as a capture of one person."""
+"""Read an optical marker file as a capture of one person."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.marker_labels import prefix_of
 from solver_backend.types import Capture, MarkerCloud
 
-SEPARATOR = ","  # Separator between several prefixes of one person.
+SEPARATOR = ","  # Separator between several prefixes that belong to one person.
 
 
 def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
@@ -38,11 +38,11 @@ def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
 
     Args:
         take: markers of one or more subjects.
-        given: prefix of the subject without its colon, or several prefixes of one person separated by commas. None
-            chooses the only subject, or the only one with body markers.
+        given: prefix of the subject without its colon, or several comma-separated prefixes that belong to one person.
+            None chooses the only subject, or the only one with body markers.
 
     Raises:
-        JobInvalid: the subject is ambiguous, or the file lacks the given one.
+        JobInvalid: the subject is ambiguous, or the file does not contain the given subject.
     """
     subjects = take.subjects
     if given is None:
@@ -53,7 +53,7 @@ def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
         if len(bodies) != 1:
             what = f"The file contains {len(subjects)} subjects: {_counts(take)}."
             raise JobInvalid(what, where="subject_prefix", hint=_hint(bodies, places))
-        # Rigid bodies that are named after a bone and have no landmarks belong to that person.
+        # Rigid bodies that are named after a bone and have no landmarks also belong to that person.
         names = (bodies[0], *(name for name in subjects if not places[name] and named_bone(f"{name}:1")))
         chosen = _part(take, names, [name for name in subjects if not places[name] and name not in names])
         others = [f"{name} ({_size(take, name)} markers)" for name in subjects if name not in names]
@@ -80,7 +80,7 @@ def _part(take: MarkerTake, names: tuple[str, ...], things: Sequence[str]) -> Ma
 
 
 def joined_columns(one: MarkerCloud | None, two: MarkerCloud) -> MarkerCloud | None:
-    """Join the markers of two clouds that have the same frames. The first cloud may be None."""
+    """Join the markers of two clouds with the same frames. The first cloud may be None."""
     if not two.labels:
         return one
     if one is None:
@@ -116,7 +116,7 @@ def _hint(parts: list[str], places: dict[str, frozenset[str]]) -> str:
 
 
 def _capture(path: Path, take: MarkerTake, options: ReadOptions) -> Capture:
-    """Return the markers of one subject as a capture."""
+    """Convert one subject's markers to a capture."""
     try:
         take = of_subject(take, options.subject_prefix)
     except JobInvalid as error:
@@ -161,7 +161,7 @@ def _label_notes(names: MarkerNames, nameless: tuple[str, ...]) -> list[Diagnost
 
 
 def left_to_network(names: MarkerNames) -> bool:
-    """Return whether labels name too few landmarks, but the network has enough markers."""
+    """Return whether the labels name too few landmarks, but the network has enough markers to work with."""
     return len(names.known) < LEAST_MARKERS and len(names.known) + len(names.unknown) >= LEAST_NETWORK_PLACES
 
 
@@ -172,4 +172,4 @@ def _as_captures(reader: Reader[MarkerTake]) -> Reader[Capture]:
     return Reader(reader.kind, reader.recognises, read, reader.takes | {"subject_prefix"})
 
 
-READERS = tuple(map(_as_captures, MARKERS))  # Capture readers, one per kind of marker file.
+READERS = tuple(map(_as_captures, MARKERS))  # Capture readers, one per type of marker file.

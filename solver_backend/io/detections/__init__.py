@@ -1,1 +1,1 @@
-"""Read keypoints from the files of detectors."""
+"""Read keypoints from detector output files."""

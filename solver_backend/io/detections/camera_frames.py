@@ -1,4 +1,4 @@
-"""Hold the detected people in the frames of one camera, for any kind of file."""
+"""Store the people detected in the frames of one camera, independent of the file format."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from solver_backend.io.recognition.confidence import on_unit_scale
 from solver_backend.io.recognition.frame_numbers import spans_too_much
 from solver_backend.types import UNSEEN_POINT, JointSet
 
-People = list[np.ndarray]  # Per person in an image: (K, 3) x, y in pixels and the confidence as written.
+People = list[np.ndarray]  # Per person in an image: (K, 3) x and y in pixels, and the confidence as written.
 
 NOBODY = -1.0  # Confidence that some programs write for undetected points.
 
 Hands = list[np.ndarray | None]
-"""Per person: (2, 21, 3) x, y in pixels and written confidence of the left and right hand, or None."""
+"""Per person, None or (2, 21, 3): left and right hand, x and y in pixels, and the confidence as written."""
 
 
 @dataclass(frozen=True)
@@ -30,17 +30,17 @@ class CameraFrames:
     numbers: np.ndarray
     """(N,) frame numbers, ascending."""
     people: Callable[[int], People]
-    """Function that returns the people in the frame at this row of ``numbers``."""
+    """Function that returns the people in the frame at a given row of ``numbers``."""
     where: Callable[[int], str]
-    """Function that returns the file of the frame at this row, for messages."""
+    """Function that returns the file of the frame at a given row, for messages."""
     keypoints: tuple[str, ...] = ()
-    """Names of the K keypoints, empty if the files do not state them."""
+    """Names of the K keypoints, or empty if the files do not state them."""
     hands: Callable[[int], Hands] | None = None
-    """Function that returns the people's hands at this row. None without hands, or if the keypoints include them."""
+    """Function that returns the people's hands at a given row. None without hands or if the keypoints include them."""
 
     @classmethod
     def in_memory(cls, frames: Mapping[int, People], path: Path, keypoints: tuple[str, ...] = ()) -> CameraFrames:
-        """Build camera frames from the people in each frame of one file."""
+        """Build camera frames from the people in each frame of a single file."""
         if not frames:
             raise FileDamaged("The file has no frames.", where=str(path), hint="Run the detector again.")
         numbers = sorted(frames)
@@ -54,7 +54,7 @@ class CameraFrames:
     def of_array(
         cls, points: np.ndarray, path: Path, keypoints: tuple[str, ...] = (), numbers: Sequence[int] | None = None
     ) -> CameraFrames:
-        """Build camera frames from (F, P, K, 3) points, without people of no confidence."""
+        """Build camera frames from (F, P, K, 3) points. People whose points all have no confidence are omitted."""
         seen = has_score(points[..., 2]).any(-1)
         counted = zip(numbers or range(len(points)), points, seen, strict=True)
         frames = {number: list(people[there]) for number, people, there in counted}
@@ -64,7 +64,7 @@ class CameraFrames:
     def of_people(
         cls, found: Iterable[tuple[int, np.ndarray]], path: Path, keypoints: tuple[str, ...] = ()
     ) -> CameraFrames:
-        """Build camera frames from frame numbers and people (K, 3)."""
+        """Build camera frames from pairs of a frame number and its people (K, 3)."""
         frames: dict[int, People] = {}
         for number, person in found:
             here = frames.setdefault(number, [])
@@ -74,17 +74,17 @@ class CameraFrames:
 
 
 def is_seen(person: np.ndarray) -> bool:
-    """Return whether any point of a person (K, 3) has a confidence or log-confidence."""
+    """Return whether at least one point of a person (K, 3) has a confidence or log-confidence."""
     return bool(has_score(person[:, 2]).any())
 
 
 def has_score(written: np.ndarray) -> np.ndarray:
-    """Return a mask of values that are confidences or log-confidences."""
+    """Return a mask of the values that are confidences or log-confidences."""
     return (np.nan_to_num(written) != 0) & (written != NOBODY)
 
 
 def hands_of(xy: np.ndarray, confidence: np.ndarray, joint_set: JointSet) -> np.ndarray | None:
-    """Return the (..., 2, 21, 3) hands of whole-body keypoints, left first, or None.
+    """Extract (..., 2, 21, 3) hands from whole-body keypoints, left hand first, or return None.
 
     Args:
         xy: (..., K, 2) pixels of all K keypoints in the file.
@@ -99,7 +99,7 @@ def hands_of(xy: np.ndarray, confidence: np.ndarray, joint_set: JointSet) -> np.
 
 
 def cleaned_hands(hands: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return (..., 2, 21, 3) hands with NaN for undetected points, notes and problems."""
+    """Replace undetected points of (..., 2, 21, 3) hands by NaN. Return the hands, notes and problems."""
     unseen = np.isnan(hands).any(-1) | ~(hands[..., 2] > 0) | (hands[..., :2] == 0).all(-1)
     sure, notes, problems = on_unit_scale(np.where(unseen, 0.0, hands[..., 2]))
     cleaned = np.concatenate([hands[..., :2], sure[..., None]], axis=-1).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Read detections from text tables with a row per person or per point."""
+"""Read detections from text tables with one row per person or per point."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from solver_backend.io.recognition.frame_numbers import frame_numbers
 from solver_backend.io.text_table import csv_rows, delimiter_of, heading_of
 from solver_backend.types import JointSet
 
-Cameras = dict[str, Callable[[], CameraFrames]]  # Function that reads each camera of a table, by camera name.
+Cameras = dict[str, Callable[[], CameraFrames]]  # For each camera in a table, a function that reads it.
 FRAMES = ("frame", "frame_idx", "frame_index", "frame_number", "frame_id", "frameid", "frame_no", "index", "")
-"""Lower-case headings of the frame number. Several rows of one frame are several people."""
+"""Lower-case headings of the frame number column. Several rows with the same frame are several people."""
 CAMERAS = ("camera", "camera_id", "camera_name", "cam", "cam_id", "view", "view_id", "video")
-"""Lower-case headings of the camera name in a table of several cameras."""
-LEAST_POINTS = 8  # Smallest number of points with x and y in a body table.
+"""Lower-case headings of the camera column in a table with several cameras."""
+LEAST_POINTS = 8  # Smallest number of points with x and y in a table of a body.
 
 
 def _text(path: Path) -> tuple[str, str]:
-    """Return the text of a table with decimal points, and its delimiter."""
+    """Return a table's text with decimal points, and its delimiter."""
     text = read_text(path)
     delimiter = delimiter_of(text.partition("\n")[0])
     return (text if delimiter == "," else text.replace(",", ".")), delimiter
 
 
 def _rows(path: Path, text: tuple[str, str] | None = None) -> tuple[list[str], list[list[str]]]:
-    """Return the heading of a table and its rows."""
+    """Return a table's heading and rows."""
     rows = csv_rows(*(text or _text(path)), path)
     if not rows:
         raise FileDamaged("The table has no heading row.", where=str(path))
@@ -41,7 +41,7 @@ def _rows(path: Path, text: tuple[str, str] | None = None) -> tuple[list[str], l
 
 
 def _by_camera(path: Path, read: Callable[[list[str], list[list[str]]], CameraFrames]) -> Cameras:
-    """Return the cameras of a table that has a camera column, or {} for other tables."""
+    """Return the cameras in a table with a camera column, or {} for other tables."""
     column = _column(heading_of(path), CAMERAS)
     if column is None:
         return {}
@@ -53,7 +53,7 @@ def _by_camera(path: Path, read: Callable[[list[str], list[list[str]]], CameraFr
 
 
 def _column(heading: list[str], names: Sequence[str]) -> int | None:
-    """Return the index of the first matching heading in ``names``, or None."""
+    """Return the index of the first heading that is in ``names``, or None."""
     plain = [name.strip().lower().replace(" ", "_") for name in heading]
     return next((plain.index(name) for name in names if name in plain), None)
 
@@ -62,7 +62,7 @@ def _not_a_number(path: Path, error: Exception) -> FileDamaged:
     return FileDamaged(f"A row is too short, or has a value that is not a number ({error}).", where=str(path))
 
 
-# Tables with a row per person, and columns for x, y and score of each point.
+# Tables with one row per person, and columns for the x, y and score of each point.
 _COORD = "(?P<coord>x|y|z|score|confidence|conf|likelihood|visibility|vis|prob|c|p|v)"
 _COLUMN = re.compile(rf"(?P<name>.*\w)[ ._-]+{_COORD}", re.I)
 """Headings such as ``nose.x``, ``left_knee_y`` and ``left knee confidence``."""
@@ -80,7 +80,7 @@ def is_table(path: Path) -> bool:
 
 
 def cameras_in(path: Path) -> Cameras:
-    """Return the cameras of a table with several cameras, or {} for a table of one camera."""
+    """Return the cameras in a table with several cameras, or {} for a single-camera table."""
     return _by_camera(path, lambda heading, rows: _frames(heading, rows, path))
 
 
@@ -104,7 +104,7 @@ def _frames(heading: list[str], rows: list[list[str]], path: Path) -> CameraFram
 
 
 def _points_in(heading: list[str]) -> dict[str, dict[str, int]]:
-    """Return the columns of each point for which x and y exist."""
+    """For each point that has both x and y, return its columns."""
     for pattern in (_COLUMN, _COORD_FIRST):
         points: dict[str, dict[str, int]] = {}
         for column, name in enumerate(heading):
@@ -119,7 +119,7 @@ def _points_in(heading: list[str]) -> dict[str, dict[str, int]]:
 
 
 def _in_order(names: list[str]) -> tuple[list[str], bool]:
-    """Sort numbered points and return False, or return named points unchanged and True."""
+    """Sort numbered points and return False as well, or return named points unchanged and True."""
     numbers = [int(found[1]) if (found := _NUMBERED.fullmatch(name)) else -1 for name in names]
     first = min(numbers, default=-1)
     if first in (0, 1) and sorted(numbers) == list(range(first, first + len(names))):
@@ -128,11 +128,11 @@ def _in_order(names: list[str]) -> tuple[list[str], bool]:
 
 
 def _values(rows: list[list[str]], columns: list[int | None]) -> np.ndarray:
-    """Return (rows, columns) numbers. Empty cells are NaN, missing columns are 1."""
+    """Return (rows, columns) numbers. Empty cells are NaN, and missing columns are 1."""
     there = [column for column in columns if column is not None]
     values = np.ones((len(rows), len(columns)))
     if rows and there:
-        chosen = itemgetter(*there, there[0])  # for a single column it would not return a tuple
+        chosen = itemgetter(*there, there[0])  # with a single column it would not return a tuple
         cells = [chosen(row) for row in rows]
         try:
             read = np.array(cells, dtype=np.float64)
@@ -142,7 +142,7 @@ def _values(rows: list[list[str]], columns: list[int | None]) -> np.ndarray:
     return values
 
 
-# Tables with a row per point.
+# Tables with one row per point.
 _POINT_NAMES = """
     keypoint bodypart body_part joint landmark keypoint_name joint_name landmark_name part node point name
     keypoint_id keypoint_index joint_id joint_index landmark_id landmark_index
@@ -151,14 +151,14 @@ _POINTS = tuple(_POINT_NAMES.split())
 _PEOPLE = ("person", "person_id", "track", "track_id", "individual", "instance", "subject", "id")
 _X, _Y, _Z = ("x", "u", "x_px", "px"), ("y", "v", "y_px", "py"), ("z", "z_m", "z_mm")
 _SCORES = ("score", "confidence", "conf", "likelihood", "visibility", "prob", "probability", "c", "p")
-"""Lower-case headings of the score. The most common one comes first."""
+"""Lower-case headings of the score column, most common first."""
 _LARGEST_NUMBER = 2.0**40
 """Largest frame number, beyond any recording. A person's number is added to a multiple of the frame number."""
-MOST_POINTS = 1000  # Largest point number. Bodies, hands and faces together have 553 points.
+MOST_POINTS = 1000  # Largest point number. Body, hands and face together have 553 points.
 
 
 def has_point_rows(path: Path) -> bool:
-    """Return whether a file begins with the heading of a table with a point per row."""
+    """Return whether a file begins with the heading of a table with one row per point."""
     heading = heading_of(path)
     has = [_column(heading, names) is not None for names in (_POINTS, _X, _Y, FRAMES[:-1])]
     in_space = _column(heading, _Z) is not None and _column(heading, _SCORES) is None
@@ -166,7 +166,7 @@ def has_point_rows(path: Path) -> bool:
 
 
 def cameras_in_point_rows(path: Path) -> Cameras:
-    """Return the cameras of a table with several cameras, or {} for a table of one camera."""
+    """Return the cameras in a table with several cameras, or {} for a single-camera table."""
     return _by_camera(path, lambda heading, rows: _frames_of_points(heading, partial(_cells, rows), path))
 
 
@@ -185,10 +185,10 @@ def _cells(rows: list[list[str]], column: int) -> list[str]:
 
 
 def _even_cells(text: str, delimiter: str) -> list[str] | None:
-    """Return the cells of a table with equal rows and no quotes or blank lines, or None.
+    """Return the cells of a table without quotes or blank lines whose rows have equal length, or None.
 
     Splitting the whole text once is four times as fast as splitting each row. The first cell of each row after the
-    heading begins with a line break, which reveals rows of different length.
+    heading begins with a line break, which reveals rows of a different length.
     """
     text = text.replace("\r\n", "\n").rstrip("\n")
     if '"' in text or "\r" in text or "\n\n" in text:
@@ -233,7 +233,7 @@ def _frames_of_points(heading: list[str], cells: Callable[[int], list[str]], pat
 
 
 def _places(spelled: Iterable[str]) -> dict[str, int]:
-    """Return the column of each point, by its number or by the order of the names."""
+    """Return the column of each point, given by its number or by the order of the names."""
     written = {name: name.strip() for name in dict.fromkeys(spelled)}
     if all(name.isdecimal() for name in written.values()):
         first = min(map(int, written.values()), default=0)
@@ -243,19 +243,19 @@ def _places(spelled: Iterable[str]) -> dict[str, int]:
 
 
 def _floats(cells: list[str]) -> np.ndarray:
-    """Convert cells to numbers. Empty cells are NaN."""
+    """Convert cells to numbers. Empty cells become NaN."""
     try:
         return np.fromiter(map(float, cells), np.float64)
     except ValueError:
         return np.fromiter((float(cell.strip() or "nan") for cell in cells), np.float64)
 
 
-# DeepLabCut and JARVIS. JARVIS calls the individuals entities.
+# DeepLabCut and JARVIS. JARVIS calls individuals entities.
 _HEADINGS = {name: name for name in ("scorer", "individuals", "bodyparts", "coords")} | {"entities": "individuals"}
 """Names of the heading rows."""
 _DLC_COORDS = {"x": 0, "y": 1, "likelihood": 2, "state": 2}
-"""Column of each coordinate. JARVIS' state is 1 or 2 for an annotated point."""
-_DLC_START_BYTES = 64  # Bytes to read to recognise a file.
+"""Column of each coordinate. JARVIS writes state 1 or 2 for an annotated point."""
+_DLC_START_BYTES = 64  # Number of bytes read to recognise a file.
 
 
 def is_deeplabcut(path: Path) -> bool:
@@ -313,7 +313,7 @@ def frames_of_columns(
         values: (F, N) cells of the table.
         people: (N,) person of each column.
         parts: (N,) point of each column.
-        coords: (N,) x, y or likelihood. Others are ignored. Without likelihood the confidence is 1.
+        coords: (N,) x, y or likelihood. Other columns are ignored. Without likelihood, the confidence is 1.
         path: file, for errors.
     """
     names = tuple(dict.fromkeys(parts))
@@ -327,15 +327,15 @@ def frames_of_columns(
     return CameraFrames.of_array(found, path, names, numbers)
 
 
-# Ultralytics: a file per image, a line per person with class, box, and x, y (fractions of the image), score per point.
-_BOX = 5  # Numbers before the points: the class, and the centre, width and height of the box.
+# Ultralytics: a file per image, with a line per person: class, box, and x, y (fractions of the image), score per point.
+_BOX = 5  # Numbers before the points: class, and centre, width and height of the box.
 _NAME = re.compile(r"(?P<camera>.*?\w.*?)[_\-. ]+(?P<frame>\d{1,18})")
-"""``cam01_12``: the name of the video and the frame number, which starts at 1."""
+"""``cam01_12``: video name and frame number (from 1)."""
 _LINE_BYTES = 1 << 14  # Largest length of a file's first line in bytes, chosen by hand.
 
 
 def files_of_cameras(folder: Path) -> dict[str, list[Path]]:
-    """Return Ultralytics' text files grouped by the video in their names, or {} for other files."""
+    """Group Ultralytics text files by the video in their names. Return {} for other files."""
     paths = sorted(p for p in folder.iterdir() if p.suffix.lower() == ".txt" and _NAME.fullmatch(p.stem))
     cameras: dict[str, list[Path]] = {}
     if paths and _is_line_of_person(paths[0]):
@@ -346,9 +346,9 @@ def files_of_cameras(folder: Path) -> dict[str, list[Path]]:
 
 
 def frames_of_files(paths: Sequence[Path], where: str) -> CameraFrames:
-    """Read the frames of one camera, numbered as in the file names.
+    """Read the frames of one camera. Their numbers are in the file names.
 
-    Seventeen points are the COCO set, which all Ultralytics models detect.
+    Seventeen points are the COCO joint set, which all Ultralytics models detect.
     """
     by_number = dict(zip(frame_numbers([p.stem for p in paths], where=where).tolist(), paths, strict=True))
     numbers = sorted(by_number)
@@ -361,7 +361,7 @@ def frames_of_files(paths: Sequence[Path], where: str) -> CameraFrames:
 
 
 def _lines(path: Path) -> People:
-    """Return (K, 3) points per line. An extra number after complete points is a track number."""
+    """Return (K, 3) points per line. An extra number after the last point is a track number."""
     try:
         lines = [np.array(line.split(), dtype=np.float64) for line in read_text(path).splitlines() if line.strip()]
         points = [line[_BOX:] for line in lines]

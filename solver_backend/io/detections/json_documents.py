@@ -1,4 +1,4 @@
-"""Read detections from JSON documents, one per image or one per take."""
+"""Read detections from JSON documents that describe one image or a whole take."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from solver_backend.io.detections.camera_frames import CameraFrames, Hands, Peop
 from solver_backend.io.files import read_json
 from solver_backend.io.recognition.frame_numbers import frame_numbers
 
-# Points of one person from OpenPose, EasyMocap, MMPose, Sapiens, OpenPifPaf, or as objects.
-_OPENPOSE = ("pose_keypoints_2d", "pose_keypoints")  # Names of the body's list in OpenPose, now and in version 1.0.
+# The points of one person from OpenPose, EasyMocap, MMPose, Sapiens or OpenPifPaf, or as objects.
+_OPENPOSE = ("pose_keypoints_2d", "pose_keypoints")  # Keys of the body points in OpenPose, current and version 1.0.
 _OPENPOSE_HANDS = (("hand_{}_keypoints_2d", "hand_{}_keypoints"), ("handl2d", "handr2d"))
-"""Names of the hand lists in OpenPose (now and in version 1.0, per side), and in EasyMocap (left, right)."""
+"""Keys of the hand points in OpenPose (current and version 1.0, for each side) and in EasyMocap (left, right)."""
 _HAND_LISTS = tuple(
     (*(name.format(side) for name in _OPENPOSE_HANDS[0]), _OPENPOSE_HANDS[1][s]) for s, side in enumerate(SIDES)
 )
-"""Possible names of the hand list, per side."""
+"""Possible keys of the hand points, for each side."""
 _LISTS = ("instances", "instance_info", "predictions", "poses", "persons", "people", "detections")
-"""Keys under which programs write the list of people."""
+"""Keys under which programs store the list of people."""
 _POINTS = ("keypoints", "pose_keypoints_2d", "landmarks", "pose_landmarks", "poseLandmarks", "joints", "joints2d")
 _POINTS += ("keypoints2d", "keypoints_2d", "kpts")
 _SCORES = ("keypoint_scores", "keypoints_scores", "scores")
-"""Names of a person's points, and names of the list of their scores."""
+"""Keys of a person's points, and keys of the list of their scores."""
 _SCORE = ("score", "confidence", "visibility", "likelihood", "conf", "c", "v", "p")
-"""Names of a point's score if the point is an object with x and y, as from MediaPipe and MoveNet."""
-_BOXES = ("bboxes", "labels")  # Keys of an image in MMDetection's files.
+"""Keys of a point's score if the point is an object with x and y, as in MediaPipe and MoveNet."""
+_BOXES = ("bboxes", "labels")  # Keys of an image in MMDetection files.
 
 
 def _triples(values: object, name: str, where: str) -> np.ndarray:
-    """Return (K, 3) points from 3 K numbers or K triples. ``name`` is for errors."""
+    """Convert 3 K numbers or K triples to (K, 3) points. ``name`` is for errors."""
     if not isinstance(values, list):
         raise FileDamaged(f"A person in the file lacks '{name}'.", where=where)
     try:
@@ -60,7 +60,7 @@ def _object_point(point: Mapping[str, Any]) -> tuple[Any, Any, Any]:
 
 
 def _person(entry: Any, where: str) -> np.ndarray:
-    """Return (K, 3) points of a person from scores, triples or objects."""
+    """Return a person's (K, 3) points from scores, triples or objects."""
     if not isinstance(entry, dict):
         hint = "Export the detections again, with an object for each person."
         raise FileDamaged("A person in the file is not a JSON object.", where=where, hint=hint)
@@ -88,13 +88,13 @@ def _person(entry: Any, where: str) -> np.ndarray:
 
 
 def _points_of(entry: dict[str, Any]) -> Any:
-    """Return a person's points. None if the entry is not a person, such as an MMPose box."""
+    """Return a person's points, or None if the entry is not a person, such as a box from MMPose."""
     points = next((entry[name] for name in _POINTS if name in entry), None)
     return points if isinstance(points, list) else None
 
 
 def _names_in(entry: dict[str, Any]) -> tuple[str, ...]:
-    """Return the point names if a person's points are named objects."""
+    """Return the names of a person's points if they are named objects."""
     points = _points_of(entry)
     if not _are_point_objects(points):
         return ()
@@ -102,9 +102,9 @@ def _names_in(entry: dict[str, Any]) -> tuple[str, ...]:
     return tuple(map(str, names)) if all(names) else ()
 
 
-# Documents of one image.
+# Documents that describe one image.
 def people_in_picture(document: Any, where: str) -> People:
-    """Return all people in the document of an image.
+    """Return everyone in a document that describes one image.
 
     Raises:
         KeypointCountMismatch: the length of a keypoint list is not a multiple of three.
@@ -136,7 +136,7 @@ def _kept(people: Iterable[np.ndarray | None]) -> People:
 
 
 def _are_listed(people: list[Any]) -> bool:
-    """Return whether people have points of a known form and none has OpenPose's lists."""
+    """Return whether people have points in a known format, and nobody has OpenPose's lists."""
     return bool(people) and all(
         isinstance(entry, dict) and not any(name in entry for name in _OPENPOSE) and _points_of(entry) is not None
         for entry in people
@@ -152,7 +152,7 @@ def _is_openpose(document: Any) -> bool:
 
 
 def _openpose_person(entry: Any, where: str) -> np.ndarray | None:
-    """Return (K, 3) points of a person, or None for ``{}``, which Pose2Sim writes for an unmatched person."""
+    """Return a person's (K, 3) points, or None for ``{}``, which Pose2Sim writes for an unmatched person."""
     if entry == {}:
         return None
     if not isinstance(entry, dict):
@@ -162,10 +162,10 @@ def _openpose_person(entry: Any, where: str) -> np.ndarray | None:
 
 
 def listed_people(document: Any) -> list[Any] | None:
-    """Return the list of people in a document if all have a known form, otherwise None.
+    """Return the list of people in a document if all have a known format, otherwise None.
 
-    The list is the document itself or a value in it (``instances`` of MMPose, ``predictions`` of OpenPifPaf, ``poses``
-    of MoveNet). A document may also be one person (``landmarks`` of MediaPipe).
+    The list is the document itself or a value in it (``instances`` in MMPose, ``predictions`` in OpenPifPaf, ``poses``
+    in MoveNet). A document may also describe one person (``landmarks`` in MediaPipe).
     """
     if isinstance(document, dict):
         if (several := _several(document)) is not None:
@@ -179,7 +179,7 @@ def listed_people(document: Any) -> list[Any] | None:
 
 
 def _several(document: dict[str, Any]) -> list[Any] | None:
-    """Return the people of a document that has (P, K, 2) points and (P, K) scores of all people."""
+    """Return the people in a document that stores (P, K, 2) points and (P, K) scores for everyone."""
     people = _points_of(document)
     if not people or not all(isinstance(person, list) and person for person in people):
         return None
@@ -195,7 +195,7 @@ def _several(document: dict[str, Any]) -> list[Any] | None:
 
 
 def _hands_in_picture(document: Any, where: str) -> Hands:
-    """Return the hands of all people in an image's document, in the order of ``people_in_picture``."""
+    """Return everyone's hands in a document that describes one image, in the order of ``people_in_picture``."""
     entries = (document.get("people", document.get("annots")) or ()) if isinstance(document, dict) else ()
     people = (entry for entry in entries if isinstance(entry, dict))
     return [_hands(entry, where) for entry in people if any(entry.get(name) for name in (*_OPENPOSE, "keypoints"))]
@@ -215,18 +215,18 @@ def _hands(entry: dict[str, Any], where: str) -> np.ndarray | None:
     return hands
 
 
-# Points by name.
-_LEAST = 5  # Number of points of the largest person by which the form is recognised.
+# Documents whose points have names.
+_LEAST = 5  # A file is recognised if its largest person has at least this number of points.
 _PERSON, _PEOPLE = ("keypoints", "landmarks", "points", "joints", "pose"), ("people", "persons", "instances", "poses")
-"""Names of a person's points in an object, and names of the list of people in a frame."""
+"""Keys of a person's points, and keys of the list of people in a frame."""
 _NUMBERED = re.compile(r"(?:.*\D)?(\d{1,18})(\.\w+)?")
 """Frame name, such as ``12``, ``frame_000012`` or ``000012.jpg``."""
 _Named = Mapping[str, Any]
-"""A person's points by name: lists of x, y and an optional score, objects with x and y, or null if undetected."""
+"""A person's points by name: x, y and an optional score as a list or an object, or null if undetected."""
 
 
 def _named_people(frame: Any) -> list[_Named] | None:
-    """Return the people of a frame with named points, or None for other content."""
+    """Return the people in a frame whose points have names, or None for other content."""
     if frame is None or frame in ({}, []):
         return []
     if isinstance(frame, dict) and isinstance(listed := next((frame[n] for n in _PEOPLE if n in frame), None), list):
@@ -252,7 +252,7 @@ def _is_point(value: Any) -> bool:
 
 
 def _are_named_frames(frames: Iterable[Any]) -> bool:
-    """Return whether the first frame with a person has named points."""
+    """Return whether the points have names in the first frame with a person."""
     for frame in frames:
         if people := _named_people(frame):
             return max(map(len, people)) >= _LEAST
@@ -288,15 +288,15 @@ def _named_point(value: Any) -> tuple[Any, Any, Any]:
     return value[0], value[1], value[-1] if len(value) > 2 else 1.0
 
 
-# Files of single images.
+# Files that describe one image each.
 LINES = (".jsonl", ".ndjson")  # Suffixes of files with one JSON document per line.
 _PADDING = re.compile(r"del_(\d{1,18})_\d+")
-"""Files without people, which Pose2Sim writes where a shifted camera has no frame."""
+"""Files without people, which Pose2Sim writes for missing frames of a time-shifted camera."""
 _OWN_NAMES = "keypoints.json"
 _FLAT = re.compile(r"(?P<camera>.*?[^\d_\-. ].*?)[_\-. ]+(\d{3,18})([_\-. ]*[A-Za-z]*)")
-"""Camera and frame number in a file name if all cameras share a folder: ``cam01_000000000012_keypoints``."""
+"""Camera and frame number in a file name when all cameras share a folder: ``cam01_000000000012_keypoints``."""
 _FLAT_NUMBER_FIRST = re.compile(r"(\d{3,18})[_\-. ]+(?P<camera>.*?[^\d_\-. ].*)")
-"""The same with the frame number first, such as ``000012_cam01``."""
+"""The same pattern with the frame number first, such as ``000012_cam01``."""
 
 
 def _json_names(folder: Path) -> Iterable[str]:
@@ -308,22 +308,22 @@ def _json_names(folder: Path) -> Iterable[str]:
 
 
 def json_files(folder: Path) -> list[Path]:
-    """Return the JSON files of a folder by name, without hidden files and definitions."""
+    """Return the JSON files in a folder by name. Hidden files and keypoint definitions are omitted."""
     return [folder / name for name in sorted(_json_names(folder))]
 
 
 def has_json_files(folder: Path) -> bool:
-    """Return whether a folder contains any of ``json_files``."""
+    """Return whether a folder contains any files that ``json_files`` returns."""
     return any(True for _ in _json_names(folder))
 
 
 def line_files(folder: Path) -> list[Path]:
-    """Return the files with one JSON document per line in name order, without hidden files."""
+    """Return the files with one JSON document per line, by name. Hidden files are omitted."""
     return sorted(p for p in folder.iterdir() if p.suffix.lower() in LINES and not p.name.startswith("."))
 
 
 def cameras_of_flat_files(paths: Sequence[Path]) -> dict[str, list[Path]]:
-    """Group the files of a folder by camera, {} if file names do not state camera and frame.
+    """Group the files in a folder by camera. Return {} if file names do not state the camera and frame.
 
     The camera name comes before or after the frame number. Every camera needs at least two files. A single camera is
     accepted if its first file is an OpenPose document.
@@ -357,12 +357,12 @@ def _read_frame(path: Path) -> Any:
 
 
 def frames_in_files(paths: Sequence[Path], where: str, numbered: Sequence[str] = ()) -> CameraFrames:
-    """Read a camera's frames from one file per frame, numbered by name.
+    """Read a camera's frames from one file per frame. The frame numbers are in the file names.
 
     Args:
         paths: files of one camera.
-        where: their folder, for messages.
-        numbered: names that contain the frame numbers, by default the file names.
+        where: folder that contains them, for messages.
+        numbered: names that contain the frame numbers. Default: the file names.
     """
     if not paths:
         raise FileDamaged("The folder contains no JSON files.", where=where, hint="Put one file per frame there.")
@@ -388,15 +388,15 @@ def frames_in_files(paths: Sequence[Path], where: str, numbered: Sequence[str] =
     )
 
 
-# Documents of whole takes: AlphaPose's forms, COCO annotations and results, lists of frames of any program.
+# Documents that describe a whole take: AlphaPose formats, COCO annotations and results, and lists of frames.
 _FRAME_LISTS = ("instance_info", "frames")
 _FRAME_NUMBERS = ("frame_id", "frame", "frame_idx", "frame_index", "frame_number")
-"""Names of the list of frames in an object, and names of a frame's number."""
+"""Keys of the list of frames in an object, and keys of a frame's number."""
 _SUFFIX = re.compile(r"\.(jpe?g|png|bmp|tiff?|webp)$", re.IGNORECASE)
 
 
 def documents_in(text: str, path: Path) -> Any:
-    """Return the JSON documents of a file, one in all or one per line."""
+    """Return the JSON documents in a file, which is one document or has one per line."""
     lines = [line for line in text.splitlines() if line.strip()] if text.lstrip()[:1] == "{" else []
     if len(lines) > 1 and all(line.lstrip()[:1] == "{" and line.rstrip()[-1:] == "}" for line in lines[:2]):
         return [parse_json(line, path) for line in lines]
@@ -404,7 +404,7 @@ def documents_in(text: str, path: Path) -> Any:
 
 
 def is_take(document: Any) -> bool:
-    """Return whether a document is a take of known form, with one or several cameras."""
+    """Return whether a document is a take in a known format, with one or more cameras."""
     return _is_by_camera(document) or _is_of_one_camera(document)
 
 
@@ -420,9 +420,9 @@ def _is_by_camera(document: Any) -> bool:
 
 
 def cameras_in_document(document: Any) -> tuple[str, ...]:
-    """Return the camera names in a document of several cameras, or () for one camera.
+    """Return the camera names in a document with several cameras, or () for one camera.
 
-    They are the folders in the image names, or the names of lists of frames.
+    They are the folders in the image names, or the keys of the frame lists.
     """
     if _is_by_camera(document):
         return tuple(document)
@@ -437,12 +437,12 @@ def cameras_in_document(document: Any) -> tuple[str, ...]:
 
 
 def frames_in_document(document: Any, path: Path, camera: str = "") -> CameraFrames | None:
-    """Return the frames of one camera in a document, None for an unknown form.
+    """Return the frames of one camera in a document, or None for an unknown format.
 
     Args:
         document: content of the file.
         path: file, for errors.
-        camera: image folder of the camera in a document of several cameras. Empty reads all images.
+        camera: image folder of the camera if the document has several cameras. Empty reads all images.
 
     Raises:
         FileDamaged, KeypointCountMismatch: a frame or a person is damaged.
@@ -454,7 +454,7 @@ def frames_in_document(document: Any, path: Path, camera: str = "") -> CameraFra
 
 
 def _frame_list(document: Any) -> list[Any] | None:
-    """Return the list of frames, which is the document itself or MMPose's ``instance_info``."""
+    """Return the list of frames: the document itself or MMPose's ``instance_info``."""
     listed = document
     if isinstance(document, dict):
         listed = next((document[name] for name in _FRAME_LISTS if isinstance(document.get(name), list)), None)
@@ -467,7 +467,7 @@ def _frame_list(document: Any) -> list[Any] | None:
 
 
 def _frames(document: Any, path: Path, _camera: str) -> CameraFrames:
-    """Read a list of frames with frame number and people (MMPose, OpenPifPaf, MoveNet, MediaPipe)."""
+    """Read a list of frames with frame numbers and people (MMPose, OpenPifPaf, MoveNet, MediaPipe)."""
     frames: dict[int, People] = {}
     names: tuple[str, ...] = ()
     for row, frame in enumerate(_frame_list(document) or ()):
@@ -484,7 +484,7 @@ def _frames(document: Any, path: Path, _camera: str) -> CameraFrames:
 
 
 def _numbered_frames(document: Any) -> dict[int, Any] | None:
-    """Return the frames of a document by number, from a list or an object."""
+    """Return a document's frames by number, from a list or an object."""
     if isinstance(document, dict):
         listed = next((document[name] for name in _FRAME_LISTS if name in document), None)
         if listed is not None:
@@ -511,7 +511,7 @@ def _is_coco(document: Any) -> bool:
 
 
 def _coco(document: dict[str, Any], path: Path, camera: str) -> CameraFrames:
-    """Read COCO annotations. Annotated points with flag 1 (hidden) or 2 (visible) have confidence 1."""
+    """Read COCO annotations. Annotated points with flag 1 (hidden) or 2 (visible) get confidence 1."""
     images = [image for image in document["images"] if isinstance(image, dict) and "id" in image]
     names = {str(image["id"]): str(image.get("file_name", image["id"])) for image in images}
     people: list[tuple[str, np.ndarray]] = []
@@ -547,7 +547,7 @@ def _is_by_picture(document: Any) -> bool:
 
 
 def _pictures(document: dict[str, Any], path: Path, camera: str) -> CameraFrames:
-    """Read AlphaPose's ``open`` and ``cmu`` forms: an object per image with ``people`` or ``bodies``."""
+    """Read AlphaPose's ``open`` and ``cmu`` formats: one object per image with ``people`` or ``bodies``."""
     people: list[tuple[str, np.ndarray]] = []
     for name, entry in document.items():
         if isinstance(entry.get("people"), list):
@@ -585,4 +585,4 @@ _DOCUMENTS: tuple[tuple[Callable[[Any], bool], Callable[[Any, Path, str], Camera
     (_is_by_picture, _pictures),
     (_is_named, lambda document, path, _camera: _read_named_frames(_numbered_frames(document) or {}, path)),
 )
-"""Recogniser and reader of each form of document, tried in this order."""
+"""Test function and reader for each document format, tried in this order."""

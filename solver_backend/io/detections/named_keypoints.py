@@ -18,7 +18,7 @@ from solver_backend.types import BONES, UNSEEN_POINT, JointSet, OwnPoint
 
 LEAST_KNOWN = 8  # Smallest number of known body keypoints. Fewer do not determine a pose.
 _SIDES = {word: side for side, words in enumerate(("l left lt", "r right rt")) for word in words.split()}
-"""Index in ``SIDES`` of each word for a side."""
+"""Index in ``SIDES`` of each word that means a side."""
 _PARTS = {"foot": "ankle", "hand": "wrist", "bigtoe": "big_toe", "smalltoe": "small_toe", "littletoe": "small_toe"}
 _PARTS |= {"toe": "big_toe", **dict.fromkeys(("pelvis", "midhip", "hipcenter", "hipcentre"), "mid_hip")}
 _PARTS |= dict.fromkeys(("headtop", "topofhead", "crown", "head"), "head_top")
@@ -35,30 +35,30 @@ _SIDED = tuple(
 class NamedKeypoints:
     """Columns of a file that contain the keypoints of a joint set."""
 
-    joint_set: JointSet  # Joint set with most of the names.
-    columns: tuple[int, ...]  # (K,) column of each keypoint of the set, -1 if the file lacks it.
-    unknown: tuple[str, ...]  # Names that the joint set lacks.
-    own: tuple[int, ...] = ()  # (N,) column of each of the user's own points, -1 if the file lacks it.
+    joint_set: JointSet  # Joint set that contains most of the names.
+    columns: tuple[int, ...]  # (K,) column of each keypoint in the set, or -1 if the file does not contain it.
+    unknown: tuple[str, ...]  # Names that are not in the joint set.
+    own: tuple[int, ...] = ()  # (N,) column of each user-defined point, or -1 if absent.
 
     @property
     def found(self) -> frozenset[str]:
-        """Keypoints of the joint set that the file has."""
+        """Keypoints of the joint set that the file contains."""
         return frozenset(n for n, c in zip(self.joint_set.keypoints, self.columns, strict=True) if c >= 0)
 
     def ordered(self, person: np.ndarray) -> np.ndarray:
-        """Return (K + N, 3) points in the set's order, then the user's, NaN if missing."""
+        """Return (K + N, 3) points: the joint set in order, then the user-defined points. Missing points are NaN."""
         return np.concatenate([person, [UNSEEN_POINT]])[[*self.columns, *self.own]]
 
 
 def match_cameras(
     names: Sequence[tuple[str, ...]], given: JointSet | None = None, own: Sequence[str] = (), *, where: str = ""
 ) -> list[NamedKeypoints]:
-    """Map each camera's keypoint names to the best joint set, [] without names.
+    """Map each camera's keypoint names to the best joint set. Return [] if there are no names.
 
     Args:
         names: keypoint names of each of the C cameras. Cameras may have different keypoints.
         given: joint set that the user chose.
-        own: names of points on bones that belong to no joint set.
+        own: names of points on bones that do not belong to a joint set.
         where: file or folder, for errors.
 
     Raises:
@@ -76,7 +76,7 @@ def match_cameras(
 
 def _best_set(names: list[str], given: JointSet | None, where: str) -> JointSet:
     plain = [plain_name(name) for name in names]
-    # Of sets with the same body, prefer the one without hands, because only body points are named here.
+    # If several sets have the same body, prefer the one without hands, because only body points are named here.
     sets = (given,) if given is not None else tuple(s for s in _NAMED_SETS if s.num_keypoints in s.num_written)
     known = {s: len(set(s.keypoints) & set(plain)) for s in sets}
     best = max(sets, key=lambda s: (known[s], -s.num_keypoints))
@@ -97,7 +97,7 @@ def _in_set(names: Sequence[str], joint_set: JointSet, own: Sequence[str]) -> Na
 
 
 def plain_name(name: str) -> str:
-    """Return a keypoint name as in joint sets, such as ``left_elbow`` for ``elbow_L``."""
+    """Spell a keypoint name as joint sets do, such as ``left_elbow`` for ``elbow_L``."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=^[LR])(?=[A-Z][a-z])", "_", name.strip())
     words = [word for word in re.split(r"[^a-z]+", spaced.lower()) if word]
     sides = [_SIDES[word] for word in words if word in _SIDES]
@@ -113,22 +113,20 @@ def _part(word: str) -> str:
     return next((known for known in (*_SIDED, *_WHOLE) if known.replace("_", "") == part), part)
 
 
-LEAST_POINTS = 6  # Smallest number of points of a hand, such as its palm and two fingers.
+LEAST_POINTS = 6  # Smallest number of points in a hand, such as the palm and two fingers.
 _WORDS = ("thumb", "index forefinger fore pointer", "middle mid", "ring", "pinky little pinkie")
 _FINGERS = {word: finger for finger, words in enumerate(_WORDS) for word in words.split()}
 _OF_THUMB = {"cmc": 0, "mcp": 1, "ip": 2, "dip": 2, "tip": 3, "end": 3}
 _OF_FINGER = {"mcp": 0, "knuckle": 0, "base": 0, "pip": 1, "dip": 2, "tip": 3, "end": 3}
-"""Index along a finger for each word in a name. Numbers count from 1, which is the thumb's base or another finger's
-knuckle.
-"""
-_ROOTS = ({"hand", "root"}, {"hand", "wrist"})  # Words for the wrist point of a hand.
+"""Index along a finger for each word in a name. Numbers count from 1: the base of the thumb or a finger's knuckle."""
+_ROOTS = ({"hand", "root"}, {"hand", "wrist"})  # Words for a hand's wrist point.
 _NOISE = {"finger", "hand", "joint", "keypoint", "kp"}
 HAND_LANDMARKS = tuple(f"{side}_{point}" for side in SIDES for point in HAND_POINTS[1:])
-"""Names of the hand points without the wrists."""
+"""Names of the hand points except the wrists."""
 
 
 def hand_point(name: str) -> tuple[int, int] | None:
-    """Return side (0 left, 1 right) and index in ``HAND_POINTS`` of a name, or None.
+    """Return the side (0 left, 1 right) and the index in ``HAND_POINTS`` of a name, or None.
 
     A finger without an index along it, such as the body keypoint ``left_index``, is not a hand point.
     """
@@ -152,9 +150,9 @@ def hand_point(name: str) -> tuple[int, int] | None:
 
 
 def with_named_hands(frames: CameraFrames) -> CameraFrames:
-    """Move named hand points of a camera's frames to ``hands``, and keep the other keypoints.
+    """Move the named hand points in a camera's frames to ``hands``, and keep the other keypoints.
 
-    A hand without a wrist point uses the body's wrist.
+    If a hand has no wrist point, the body's wrist is used.
     """
     names = frames.keypoints
     points = [hand_point(name) for name in names]
@@ -186,22 +184,22 @@ FILE = "keypoints.json"
 
 @dataclass(frozen=True)
 class OwnKeypoints:
-    """Meanings that the user gives to columns of detections."""
+    """What the user's names for columns of detections mean."""
 
     landmarks: Mapping[str, str | None]
-    """Landmark of each user-defined name, None for an ignored point. Other names are matched as usual."""
+    """Landmark for each user-defined name, or None for an ignored point. Other names are matched as usual."""
     order: tuple[str, ...] = ()
-    """Names of the columns if the files have none."""
+    """Names of the columns if the files do not name them."""
     where: str = ""
-    """File of the definitions, for errors."""
+    """File with the definitions, for errors."""
     points: tuple[OwnPoint, ...] = ()
     """User-defined points at a fixed position on a bone that are not landmarks."""
 
     def apply(self, frames: CameraFrames) -> CameraFrames:
-        """Rename user-defined points to landmarks. Several points of one landmark are averaged.
+        """Rename user-defined points to landmarks. Several points for the same landmark are averaged.
 
         Raises:
-            KeypointCountMismatch: a person has another number of points than there are names.
+            KeypointCountMismatch: a person's number of points differs from the number of names.
         """
         names = frames.keypoints or self.order
         if not names:
@@ -218,7 +216,7 @@ class OwnKeypoints:
                     hint = "List every column's name under 'order'."
                     what = f"A person has {len(person)} keypoints, but {self.where} names {len(names)}."
                     raise KeypointCountMismatch(what, where=frames.where(row), hint=hint)
-            # The mean of several points has their lowest confidence, and is missing if one of them is.
+            # The mean of several points gets their lowest confidence. It is missing if one of them is missing.
             means = [[(*p[c, :2].mean(0), p[c, 2].min()) for c in columns.values()] for p in found]
             return [np.array(person) for person in means]
 

@@ -1,4 +1,4 @@
-"""Read detections from arrays: NumPy, FreeMoCap, and HDF5 of DeepLabCut and SLEAP."""
+"""Read detections from arrays: NumPy, FreeMoCap, and HDF5 from DeepLabCut and SLEAP."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from solver_backend.io.detections.column_table import frames_of_columns
 from solver_backend.io.files import first_bytes, load_array
 from solver_backend.types import JointSet
 
-# NumPy arrays of one camera have x, y and score: (frames, K, 2 or 3) or (frames, people, K, 2 or 3). All cameras are
-# an array with a leading camera axis, or an archive with one array per camera.
-_LARGEST_SCORE = 1.5  # A larger third number is a 3D coordinate and not a score.
+# NumPy arrays of one camera contain x, y and score: (frames, K, 2 or 3) or (frames, people, K, 2 or 3). Several cameras
+# are an array with a leading camera axis, or an archive with one array per camera.
+_LARGEST_SCORE = 1.5  # A larger third number is a 3D coordinate rather than a score.
 MOST_CAMERAS, MOST_PEOPLE = 64, 12
 """Largest numbers of cameras and people. The first axis is cameras if it fits and the second is too long for people."""
 
 
 def is_array(path: Path) -> bool:
-    """Return whether a file has arrays with the points of a joint set and a score."""
+    """Return whether a file contains arrays with a score and the points of a joint set."""
     try:
         arrays = list(_arrays(path).values())
     except FileDamaged:
@@ -42,9 +42,9 @@ def is_array(path: Path) -> bool:
 
 
 def cameras_in(path: Path) -> dict[str, Callable[[], CameraFrames]]:
-    """Return a reading function for each camera of a file, or {} for one camera.
+    """Return a read function for each camera in a file, or {} for a single camera.
 
-    The cameras of an array have no names. They are called ``cam01``, ``cam02`` and so on.
+    An array does not name its cameras. They are called ``cam01``, ``cam02`` and so on.
     """
     arrays = _arrays(path)
     if len(arrays) == 1:
@@ -57,7 +57,7 @@ def cameras_in(path: Path) -> dict[str, Callable[[], CameraFrames]]:
 
 
 def read_array(path: Path) -> CameraFrames:
-    """Read the frames of one camera, with confidence 1 if there are no scores."""
+    """Read the frames of one camera. The confidence is 1 if there are no scores."""
     (array, *others) = _arrays(path).values()
     if others or array.ndim > 4:
         hint = "Read it alone, or write one array per camera."
@@ -75,7 +75,7 @@ def _frames(array: np.ndarray, path: Path) -> CameraFrames:
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of a file by name. The array of a .npy file has the name ''."""
+    """Return the arrays in a file by name. The array in a .npy file has the name ''."""
     if path.suffix.lower() == ".npz":
         if not 1 < len(array_names(path)) <= MOST_CAMERAS:
             hint = f"Save 2 to {MOST_CAMERAS} arrays of shape (frames, K, 3), each under the name of its camera."
@@ -99,27 +99,27 @@ def _checked(array: np.ndarray, path: Path) -> np.ndarray:
 
 # FreeMoCap: (cameras, frames, points, 2 or 3) MediaPipe points.
 RAW_DATA = ("output_data/raw_data", "output_data/raw-data", "DataArrays")
-"""Folders of a recording that contain the array, in current and earlier versions."""
-BODY_POINTS = 33  # Number of MediaPipe's body points. The right hand, the left hand and the face follow.
-_HANDS = (BODY_POINTS + NUM_HAND_POINTS, BODY_POINTS)  # Index of the first point of the left and of the right hand.
+"""Folders of a recording that contain the array, in current and older versions."""
+BODY_POINTS = 33  # Number of MediaPipe body points. They are followed by the right hand, the left hand and the face.
+_HANDS = (BODY_POINTS + NUM_HAND_POINTS, BODY_POINTS)  # Index of the first point of the left and right hand.
 
 
 def find_array(root: Path) -> Path | None:
-    """Return the file of 2D points in a FreeMoCap recording folder, or None."""
+    """Return the file with 2D points in a FreeMoCap recording folder, or None."""
     folders = [folder for name in RAW_DATA if (folder := root / name).is_dir()]
     arrays = (p for folder in folders for p in sorted(folder.iterdir()) if p.suffix == ".npy")
     return next((p for p in arrays if "2ddata" in p.stem.lower().replace("_", "")), None)
 
 
 def camera_names(root: Path, path: Path) -> tuple[str, ...]:
-    """Return an array's camera names, from the videos or from FreeMoCap's numbers."""
+    """Return the camera names of an array, from the videos or from FreeMoCap's numbers."""
     count, videos = len(_recorded(path)), root / "synchronized_videos"
     named = sorted(p.stem for p in videos.iterdir() if p.suffix.lower() == ".mp4") if videos.is_dir() else []
     return tuple(named) if len(named) == count else tuple(f"Camera_{c:03d}_synchronized" for c in range(count))
 
 
 def read_camera(path: Path, camera: int) -> CameraFrames:
-    """Read the frames of one camera, chosen by its index in the array."""
+    """Read the frames of the camera with this index in the array."""
     points = np.array(_recorded(path)[camera, :, : BODY_POINTS + 2 * NUM_HAND_POINTS], dtype=np.float64)
     confidence = points[..., 2] if points.shape[-1] == 3 else np.isfinite(points).all(-1).astype(np.float64)
     people = np.concatenate([points[..., :2], confidence[..., None]], axis=-1)
@@ -141,7 +141,7 @@ def _recorded(path: Path) -> np.ndarray:
 
 @contextmanager
 def _opened(path: Path, program: str) -> Iterator[Any]:
-    """Open an HDF5 file. Raise our errors for it, with the name of the program that wrote it."""
+    """Open an HDF5 file. Errors are raised as our own, with the name of the program that wrote the file."""
     try:
         h5py = import_module("h5py")
     except ModuleNotFoundError as error:
@@ -166,7 +166,7 @@ _MAGIC, _GROUP = b"\x89HDF\r\n\x1a\n", b"df_with_missing"
 """First bytes of HDF5 files, and name of DeepLabCut's table."""
 _START_BYTES = 1 << 16
 _LEVELS = (3, 4)
-"""Number of column name levels: scorer, individuals (if there are several), bodyparts, coords."""
+"""Number of levels in the column names: scorer, individuals (only if there are several), bodyparts, coords."""
 
 
 def is_hdf5_table(path: Path) -> bool:
@@ -194,7 +194,7 @@ def read_hdf5_table(path: Path) -> CameraFrames:
 
 
 def _pickled_texts(pickled: Any) -> list[tuple[str, ...]]:
-    """Return a pickled list of string tuples. No code in the pickle is run."""
+    """Return a pickled list of string tuples. Code in the pickle is never run."""
     try:
         found = Machine(io.BytesIO(bytes(pickled)), "", frozenset()).load()
     except UnsafePickle as error:
@@ -206,12 +206,12 @@ def _pickled_texts(pickled: Any) -> list[tuple[str, ...]]:
 
 
 _SLEAP_NAME = re.compile(r"(labels\.v\d+\.)?(\d+_)?(?P<camera>.+?)(\.predictions)?(\.analysis)?", re.IGNORECASE)
-"""Name of SLEAP's analysis files, such as ``labels.v001.000_cam01.analysis.h5`` for ``cam01``."""
+"""Name of a SLEAP analysis file, such as ``labels.v001.000_cam01.analysis.h5`` for ``cam01``."""
 _PREDICTED = 1  # ``instance_type`` of a prediction. 0 marks annotated points, which have no score.
 
 
 def is_sleap(path: Path) -> bool:
-    """Return whether a file has a SLEAP name."""
+    """Return whether a file name is one that SLEAP writes."""
     return path.name.lower().endswith((".analysis.h5", ".slp"))
 
 
@@ -243,7 +243,7 @@ def _sleap_analysis(file: Any, path: Path) -> CameraFrames:
 
 
 def _sleap_labels(file: Any, path: Path) -> CameraFrames:
-    """Read ``frames``, ``instances`` and their points: ``pred_points`` with scores, or ``points`` without."""
+    """Read ``frames``, ``instances`` and their points: ``pred_points`` with scores, or ``points`` without scores."""
     about = json.loads(file["metadata"].attrs["json"])
     order = [node["id"] for node in about["skeletons"][0]["nodes"]]
     names = tuple(str(about["nodes"][i]["name"]) for i in order)
@@ -261,7 +261,7 @@ def _sleap_labels(file: Any, path: Path) -> CameraFrames:
 
 
 def _sleap_person(instance: np.void, points: dict[bool, np.ndarray]) -> np.ndarray:
-    """Return the (K, 3) points of an instance. Annotated points have confidence 1."""
+    """Return an instance's (K, 3) points. Annotated points have confidence 1."""
     predicted = int(instance["instance_type"]) == _PREDICTED
     rows = points[predicted][int(instance["point_id_start"]) : int(instance["point_id_end"])]
     seen = rows["visible"] & np.isfinite(rows["x"]) & np.isfinite(rows["y"])

@@ -1,4 +1,4 @@
-"""Read all people in every frame of every camera, from any kind of file."""
+"""Read all people in every frame of every camera from files of any format."""
 
 from __future__ import annotations
 
@@ -46,19 +46,19 @@ def read_detections(
     own: OwnKeypoints | None = None,
     progress: Progress = silent,
 ) -> Detections:
-    """Read all people in every frame of every camera. A frame without a file has no people.
+    """Read all people in every frame of every camera. A frame without a file contains no people.
 
     Args:
         sources: source of each camera's detections, by camera name.
-        joint_set: joint set of the keypoints. None uses ``configured`` or the names in the files, or recognises it.
+        joint_set: joint set of the keypoints. None uses ``configured`` or the files' names, or recognises the set.
         configured: joint set in the recording's settings. It is ignored if the keypoints clearly contradict it.
-        trim: keep only the frames that every camera has.
-        apart: read each camera from its first to its last frame if these differ.
-        own: meanings of the user's own keypoint names.
+        trim: keep only the frames that all cameras have.
+        apart: read each camera from its first to its last frame, even if these differ between cameras.
+        own: meanings of user-defined keypoint names.
         progress: called with the number of frames read.
 
     Raises:
-        FrameCountMismatch: the cameras' frames differ, and both ``trim`` and ``apart`` are False.
+        FrameCountMismatch: the cameras have different frames, and both ``trim`` and ``apart`` are False.
         KeypointCountMismatch: people differ in their number of keypoints, or no joint set has that number.
         NoDetections: the files contain no person.
         NonFiniteData: a coordinate is infinite.
@@ -185,7 +185,7 @@ def _require_finite(pictures: list[_Picture]) -> None:
 
 
 def _unlike(found: Sequence[Diagnostic], bodies: Sequence[Diagnostic]) -> list[Diagnostic]:
-    """Return the diagnostics of hands that the bodies do not have."""
+    """Return the diagnostics about hands that are not also reported for the bodies."""
     said = {(item.code, item.values.get("how")) for item in bodies}
     return [item for item in found if (item.code, item.values.get("how")) not in said]
 
@@ -193,7 +193,7 @@ def _unlike(found: Sequence[Diagnostic], bodies: Sequence[Diagnostic]) -> list[D
 def _written_hands(
     pictures: list[_Picture], size: tuple[int, int]
 ) -> tuple[np.ndarray | None, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return (C, F, P, 2, 21, 3) separately listed hands or None, notes and problems."""
+    """Return separately listed hands (C, F, P, 2, 21, 3) or None, notes and problems."""
     if all(hand is None for picture in pictures for hand in picture.hands):
         return None, (), ()
     most = max(len(picture.people) for picture in pictures)
@@ -214,7 +214,7 @@ def _arrays(
 ) -> tuple[np.ndarray, np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     """Return pixels (C, F, P, K, 2), confidences (C, F, P, K), notes and problems. ``size`` is C, F and K.
 
-    Points that detectors mark as undetected become NaN with confidence 0.
+    Points marked as undetected become NaN and have confidence 0.
     """
     cameras, frames, keypoints = size
     most = max(len(picture.people) for picture in pictures)
@@ -242,6 +242,6 @@ def _arrays(
 
 
 def _within_reach(values: np.ndarray) -> np.ndarray:
-    """Set pixel coordinates that exceed any image to NaN, in place."""
+    """Set pixel coordinates that are too large for any image to NaN, in place."""
     values[np.abs(values) > FARTHEST_PX] = np.nan
     return values

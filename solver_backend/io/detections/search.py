@@ -1,4 +1,4 @@
-"""Find each camera's detections in a recording's folder."""
+"""Find each camera's detections in a recording folder."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ from solver_backend.types import JointSet
 
 @dataclass(frozen=True)
 class TakeFile:
-    """A file type that contains a whole take."""
+    """A type of file that contains a whole take."""
 
     recognises: Callable[[Path], bool]
-    """Function that recognises a file by its name or first bytes."""
+    """Function that recognises a file by its name or its first bytes."""
     camera: Callable[[Path], str]
-    """Function that returns the camera in a file name."""
+    """Function that returns the camera named in a file name."""
     read: Callable[[Path], CameraFrames]
     of_all: Callable[[Path], dict[str, Callable[[], CameraFrames]]] = lambda _: {}
-    """Function that returns a reader per camera for a file of all cameras, {} for a file of one camera."""
+    """Function that returns a reader per camera if a file contains several cameras, or {} for a single-camera file."""
 
 
 _KINDS = (
@@ -58,9 +58,9 @@ _KINDS = (
     TakeFile(point_arrays.is_hdf5_table, column_table.deeplabcut_camera, point_arrays.read_hdf5_table),
     TakeFile(point_arrays.is_array, lambda path: path.stem, point_arrays.read_array, point_arrays.cameras_in),
 )
-"""File types, tried in this order. A folder has files of one type."""
+"""File types, tried in this order. A folder contains files of one type."""
 POSE_FOLDERS = ("pose-associated", "pose-sync", "pose", "pose-2d", "pose_sync")
-"""Folders of a Pose2Sim trial that contain a folder per camera, the last pipeline stage first."""
+"""Folders in a Pose2Sim trial that contain one folder per camera, last pipeline stage first."""
 DETECTION_FOLDERS = (
     *POSE_FOLDERS,
     "annots",
@@ -71,41 +71,41 @@ DETECTION_FOLDERS = (
     "detections",
     "labels",
 )
-"""Detection folders, including the folders of EasyMocap, MMPose, MMDetection and COCO tools."""
+"""Detection folders, including those of EasyMocap, MMPose, MMDetection and COCO tools."""
 BELOW = ("sep-json", "labels", "json", "keypoints", "predictions", "openpose", "pose")
-"""Folders inside a camera folder that contain its detections (AlphaPose, Ultralytics and others)."""
-_LEVELS_BELOW = 2  # Largest depth of such folders, as in ``cam01/openpose/json``.
+"""Subfolders of a camera folder that contain its detections (AlphaPose, Ultralytics and others)."""
+_LEVELS_BELOW = 2  # Largest depth of such subfolders, as in ``cam01/openpose/json``.
 _ENDINGS = re.compile(
     r"([_\-. ](json|keypoints|openpose|openpifpaf|alphapose|predictions|labels)|\.(mp4|avi|mov|mkv))$", re.IGNORECASE
 )
 _STARTS = re.compile(r"^(results|predictions|alphapose|person_keypoints)[_\-. ]+", re.IGNORECASE)
 _MOST_CAMERAS = 64
-"""Largest number of files in a folder that may be one camera each. More files are frames."""
-_LOOKED_AT = 4096  # Bytes to read to recognise the program of a file.
+"""Largest number of files in a folder that may be one per camera. If there are more, they are frames."""
+_LOOKED_AT = 4096  # Number of bytes read to recognise the program that wrote a file.
 _WHOLE = re.compile(
     r'"(instance_info|image_id|annotations|images|frames?|frame_(id|idx|index|number))"|"[^"]+\.(jpe?g|png)"\s*:'
 )
 _PERHAPS = re.compile(r'"people"|"[^"\\n]{1,60}"\s*:\s*(\[\s*-?\d|\{\s*"x")')
-"""Pattern of files that may contain OpenPose documents or named points."""
+"""Pattern found in files that may contain OpenPose documents or named points."""
 _RUNS = tuple(f"{above}{run}*/labels" for above in ("", "pose/", "runs/", "runs/*/") for run in ("predict", "track"))
-"""Folders of Ultralytics' text files, such as ``runs/pose/predict/labels`` and ``runs/pose/predict2/labels``."""
+"""Folders with Ultralytics text files, such as ``runs/pose/predict/labels`` and ``runs/pose/predict2/labels``."""
 _VIDEOS, _OUTPUT = "Videos", "OutputJsons*"
-"""Folders of OpenCap's OpenPose pipeline, ``Videos/Cam0/OutputJsons_1x736/walk1/walk1_000000000000_keypoints.json``."""
+"""Folders in OpenCap's OpenPose pipeline: ``Videos/Cam0/OutputJsons_1x736/walk1/walk1_000000000000_keypoints.json``."""
 
 
 @dataclass(frozen=True)
 class CameraSource:
-    """Location of one camera's detections."""
+    """Where one camera's detections are."""
 
-    path: Path  # Folder or file of the detections.
+    path: Path  # Folder or file with the detections.
     frames: Callable[[], CameraFrames]  # Function that lists the frames. It raises our own errors.
 
 
 def camera_sources(root: Path) -> dict[str, CameraSource]:
-    """Return the source of each camera's detections in natural order, {} for none.
+    """Find the source of each camera's detections, in natural order. Return {} if there are none.
 
-    The detections are in a folder that a known program creates, or in ``root`` itself. They are a folder or file per
-    camera, or files of all cameras together. The search reads only names and the first bytes of tables.
+    The detections are in a folder that a known program creates, or in ``root`` itself. They consist of one folder or
+    file per camera, or of files that contain all cameras. The search reads only names and the first bytes of tables.
     """
     if runs := _runs(root):
         return runs
@@ -116,12 +116,12 @@ def camera_sources(root: Path) -> dict[str, CameraSource]:
 
 
 def of_folder(folder: Path) -> CameraSource:
-    """Return the source for a camera folder, which has a file per image or a single file."""
+    """Return the source in a camera folder, which contains one file per image or a single file."""
     return CameraSource(folder, partial(_frames_of_folder, folder))
 
 
 def _frames_of_folder(folder: Path) -> CameraFrames:
-    """Read the frames of a folder with a file per image or a single file."""
+    """Read the frames in a folder that contains one file per image or a single file."""
     paths = json_files(folder)
     if len(paths) == 1 and (whole := _whole_take(paths[0])) is not None:
         return whole
@@ -133,7 +133,7 @@ def _whole_take(path: Path, camera: str = "") -> CameraFrames | None:
 
 
 def _frame_folders(parent: Path) -> dict[str, CameraSource]:
-    """Return the cameras of a folder that contains a folder per frame with a file per camera."""
+    """Return the cameras in a folder that contains one folder per frame with one file per camera."""
     below = sorted((path for path in parent.iterdir() if path.is_dir()), key=lambda path: natural_key(path.name))
     if len(below) <= _MOST_CAMERAS or any(not any(c.isdigit() for c in path.name) for path in below):
         return {}
@@ -152,7 +152,7 @@ def _folders(parent: Path) -> dict[str, CameraSource]:
 
 
 def _of_camera(folder: Path, below: Sequence[str] = (), levels: int = _LEVELS_BELOW) -> CameraSource | None:
-    """Return the source of one camera's folder, or of one of the folders ``below``."""
+    """Return the source in a camera folder or in one of the subfolders ``below``."""
     if has_json_files(folder):
         return of_folder(folder)
     kind, files = take_files(folder) or (None, [])
@@ -166,8 +166,8 @@ def _of_camera(folder: Path, below: Sequence[str] = (), levels: int = _LEVELS_BE
 
 
 def take_files(folder: Path) -> tuple[TakeFile, list[Path]] | None:
-    """Return the first file type that a folder contains and its files, or None."""
-    listed = sorted(p for p in folder.iterdir() if p.is_file())  # a filtered table comes after its table and wins
+    """Return the first file type that a folder contains, and its files, or None."""
+    listed = sorted(p for p in folder.iterdir() if p.is_file())  # filtered tables come later and win
     for kind in _KINDS:
         if found := [path for path in listed if kind.recognises(path)]:
             return kind, found
@@ -227,7 +227,7 @@ def _array(root: Path) -> dict[str, CameraSource]:
 
 
 def _runs(root: Path) -> dict[str, CameraSource]:
-    """Return the cameras of Ultralytics runs by video. Reject two runs of one video."""
+    """Return the cameras in Ultralytics runs, by video. Reject two runs on the same video."""
     folders: dict[str, list[Path]] = {}
     for labels in sorted({path for pattern in _RUNS for path in root.glob(pattern)}, key=lambda p: natural_key(str(p))):
         for name in column_table.files_of_cameras(labels):
@@ -241,7 +241,7 @@ def _runs(root: Path) -> dict[str, CameraSource]:
 
 
 def _opencap(root: Path) -> dict[str, CameraSource]:
-    """Return the cameras of an OpenCap session of a single trial."""
+    """Return the cameras in an OpenCap session with a single trial."""
     found, videos = dict[str, CameraSource](), root / _VIDEOS
     for camera in sorted(videos.iterdir(), key=lambda p: natural_key(p.name)) if videos.is_dir() else ():
         outputs = sorted(output for output in camera.glob(_OUTPUT) if output.is_dir()) if camera.is_dir() else ()
@@ -262,18 +262,18 @@ def _refuse_several(folders: Sequence[Path]) -> NoReturn:
 
 
 def camera_name(name: str) -> str:
-    """Return the camera in a folder or file name, such as ``cam01`` in ``cam01_json``."""
+    """Return the camera named in a folder or file name, such as ``cam01`` in ``cam01_json``."""
     while (shorter := _ENDINGS.sub("", name)) not in ("", name):
         name = shorter
     return _STARTS.sub("", name) or name
 
 
 def listed_paths(sources: Sequence[CameraSource]) -> tuple[str, ...]:
-    """Return the files and folders of sources without repetition."""
+    """Return the files and folders of all sources, each once."""
     return tuple(dict.fromkeys(str(source.path) for source in sources))
 
 
-_METADATA = "sessionMetadata.yaml"  # Metadata file of an OpenCap session.
+_METADATA = "sessionMetadata.yaml"  # Metadata file in an OpenCap session.
 SESSION_LEVELS = 3  # Depth of trials in a Pose2Sim session: session, participant, trial.
 _POSE_MODELS = {joint_set.value: joint_set for joint_set in (JointSet.BODY_25, JointSet.BODY_25B, JointSet.COCO_17)}
 _POSE_MODELS |= {"BODY": JointSet.COCO_17, "HALPE_26": JointSet.HALPE_26, "BODY_WITH_FEET": JointSet.HALPE_26}
@@ -283,11 +283,11 @@ _POSE_MODELS["BLAZEPOSE"] = JointSet.MEDIAPIPE_33
 
 @dataclass(frozen=True)
 class TrialConfig:
-    """Reading settings from Pose2Sim and OpenCap files. The nearest file with a value wins."""
+    """Settings for reading, from Pose2Sim and OpenCap files. The nearest file that has a value wins."""
 
-    fps: float | None = None  # Frames per second, None if no file states a number.
-    joint_set: JointSet | None = None  # Joint set that ``pose_model`` names, None if unknown.
-    frame_range: tuple[int, ...] = ()  # Frames that Pose2Sim processes. Empty means all.
+    fps: float | None = None  # Frames per second, or None if no file states a number.
+    joint_set: JointSet | None = None  # Joint set that ``pose_model`` names, or None if unknown.
+    frame_range: tuple[int, ...] = ()  # Frames that Pose2Sim processes, or empty for all frames.
     sources: tuple[str, ...] = ()  # Files that were read.
     rate_file: str = ""  # File that states the frame rate.
 
@@ -321,7 +321,7 @@ def read_config(levels: Sequence[Path]) -> TrialConfig:
 
 
 def _of_opencap(path: Path) -> dict[str, Any]:
-    with suppress(FileDamaged):  # another program may have a file of this name
+    with suppress(FileDamaged):  # another program may use the same file name
         if isinstance(values := read_yaml(path), dict):
             return {"frame_rate": values.get("framerate")}
     return {}

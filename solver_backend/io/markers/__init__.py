@@ -1,1 +1,1 @@
-"""Read recordings of optical markers: C3D, TRC, and the tables of programs."""
+"""Read optical marker recordings: C3D, TRC, and table exports of other programs."""

@@ -1,4 +1,4 @@
-"""Read and write markers in C3D files of every processor type, with integers or floats."""
+"""Read and write markers in C3D files, for all processor types and for integers and floats."""
 
 from __future__ import annotations
 
@@ -23,18 +23,19 @@ from solver_backend.types import MarkerCloud
 
 # Source: the C3D file format user guide (Motion Lab Systems, c3d.org).
 #
-# A file has blocks of 512 bytes, counted from 1. The header is block 1. Its first byte is the block of the parameter
-# section, its second byte is 0x50. Parameters are a chain of records. Each record states the distance to the next, so
-# unknown ones can be skipped. Real files break most of the rules, so no count is trusted beyond the end of the file.
+# A file consists of 512-byte blocks, counted from 1. The header is block 1. Its first byte is the block number of the
+# parameter section, its second byte is 0x50. Parameters form a chain of records. Each states the distance to the next,
+# so unknown records can be skipped. Real files break most of the rules, so no count is trusted beyond the end of the
+# file.
 #
-# A frame has four words for every point: x, y, z, and a word with the residual in its low byte and a camera mask in
-# its high byte. It is negative for a missing point. Analog samples follow. A word has two bytes in integer files and
-# four in float files, whose fourth word is the same integer as a float. The header wins over a different parameter,
-# because no program reads a file without a correct header. Counts above 65,535 are in parameters only.
+# A frame has four words per point: x, y, z, and a word with the residual in its low byte and a camera mask in its high
+# byte. The fourth word is negative for a missing point. Analog samples follow. A word has two bytes in integer files
+# and four in float files, where the fourth word is the same integer as a float. The header overrides a different
+# parameter, because no program reads a file without a correct header. Counts above 65,535 are only in parameters.
 
 
 class Processor(IntEnum):
-    """Processor types that write the numbers. The value is the byte in the file."""
+    """Processor types that write numbers in different formats. The value is the byte in the file."""
 
     INTEL = 84
     DEC = 85
@@ -42,16 +43,16 @@ class Processor(IntEnum):
 
 
 def _view(raw: np.ndarray, processor: Processor, kind: str) -> np.ndarray:
-    """View bytes as numbers in the processor's byte order, last axis contiguous."""
+    """View bytes as numbers in the processor's byte order. The last axis is contiguous."""
     return raw.view((">" if processor is Processor.MIPS else "<") + kind)
 
 
 def _floats(raw: np.ndarray, processor: Processor) -> np.ndarray:
-    """Return (..., n) float64 of (..., 4 n) bytes that are contiguous along the last axis.
+    """Convert (..., 4 n) bytes, contiguous along the last axis, to (..., n) float64 numbers.
 
-    A VAX F float is two little-endian 16-bit words, the high word first. Its exponent is 2 larger than in the IEEE
-    float with the same bits: ``value = ieee(high << 16 | low) / 4`` (VAX Architecture Reference Manual). From 2^126 up,
-    the bits mean infinity and NaN in IEEE, and the result is the same.
+    A VAX F float consists of two little-endian 16-bit words, high word first. Its exponent is larger by 2 than in the
+    IEEE float with the same bits: ``value = ieee(high << 16 | low) / 4`` (VAX Architecture Reference Manual). From
+    2^126 up, the bits mean infinity and NaN in IEEE, and so does the result.
     """
     with np.errstate(invalid="ignore"):
         if processor is not Processor.DEC:
@@ -71,10 +72,10 @@ class Header:
     """The first block. Counts are unsigned, because files may have more than 32,767 frames."""
 
     points: int  # Points per frame.
-    analog: int  # Analog samples per frame, all channels together.
-    analog_per_channel: int  # Analog samples of one channel per frame.
+    analog: int  # Analog samples per frame, over all channels.
+    analog_per_channel: int  # Analog samples per frame in one channel.
     first: int  # Number of the first frame.
-    last: int  # Number of the last frame, 65,535 if there are more.
+    last: int  # Number of the last frame, or 65,535 if there are more.
     scale: float  # Length units per integer step, negative in float files.
     data_block: int  # Block where the first frame starts.
     rate: float  # Frames per second.
@@ -85,11 +86,11 @@ class Parameter:
     """One parameter, decoded on demand."""
 
     kind: int  # -1 characters, 1 bytes, 2 integers, 4 floats.
-    dimensions: tuple[int, ...]  # Sizes, the fastest-varying first. Empty for a single value.
+    dimensions: tuple[int, ...]  # Sizes, fastest-varying axis first. Empty for a single value.
     data: np.ndarray  # Bytes of the values.
 
     def numbers(self, processor: Processor) -> np.ndarray:
-        """Return all values as float64. Integers are unsigned, characters give nothing."""
+        """Return all values as float64. Integers are unsigned. Characters give an empty array."""
         if self.kind == 4:
             return _floats(self.data, processor)
         if self.kind == 2:
@@ -105,14 +106,14 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Parameters:
-    """All parameters by 'GROUP:NAME' in capitals."""
+    """All parameters, by 'GROUP:NAME' in capitals."""
 
     processor: Processor
-    by_name: dict[str, Parameter]  # First parameter of each name.
-    end: int  # First byte after the section.
+    by_name: dict[str, Parameter]  # First parameter with each name.
+    end: int  # First byte after the parameter section.
 
     def numbers(self, name: str) -> np.ndarray:
-        """Return the values of a parameter, none if it is missing."""
+        """Return the values of a parameter, or no values if it is missing."""
         return self.by_name[name].numbers(self.processor) if name in self.by_name else np.zeros(0)
 
     def number(self, name: str) -> float | None:
@@ -121,11 +122,11 @@ class Parameters:
         return float(values[0]) if values.size and np.isfinite(values[0]) else None
 
     def first_text(self, name: str) -> str:
-        """Return the first string of a parameter, empty if it is missing."""
+        """Return the first string of a parameter, or an empty string if it is missing."""
         return next(iter(self.by_name[name].texts()), "") if name in self.by_name else ""
 
     def texts(self, name: str) -> tuple[str, ...]:
-        """Return a list of strings that continues in NAME2, NAME3, ...."""
+        """Return a list of strings. Long lists continue in NAME2, NAME3, ...."""
         found, part = self.by_name[name].texts() if name in self.by_name else (), 2
         while (key := f"{name}{part}") in self.by_name:
             found += self.by_name[key].texts()
@@ -150,11 +151,11 @@ def _read_parameters(data: np.ndarray, path: Path) -> Parameters:
 
 
 def _follow_chain(section: np.ndarray, processor: Processor) -> dict[str, Parameter]:
-    """Return the parameters in a chain of records. Every step goes forward, so the loop ends.
+    """Return the parameters in a chain of records. Every step moves forward, so the loop ends.
 
-    A record has the length of the name (negative if locked), the group id (negative in a group's own record), the name,
-    and the distance from this position to the next record. A parameter adds its type, the number of dimensions, the
-    dimensions and the data.
+    A record consists of the length of the name (negative if locked), the group id (negative in the group's own record),
+    the name, and the distance from this position to the next record. A parameter record adds its type, the number of
+    dimensions, the dimensions and the data.
     """
     groups: dict[int, str] = {}
     found: list[tuple[int, str, Parameter]] = []
@@ -180,7 +181,7 @@ def _follow_chain(section: np.ndarray, processor: Processor) -> dict[str, Parame
 
 
 def _parameter(body: np.ndarray) -> Parameter | None:
-    """Return the parameter that starts with its type byte, None if it is longer than the section."""
+    """Read a parameter that starts with its type byte. Return None if it extends beyond the section."""
     if len(body) < 2:
         return None
     kind, count = int(body[:1].view(np.int8)[0]), int(body[1])
@@ -193,7 +194,7 @@ def _parameter(body: np.ndarray) -> Parameter | None:
 
 
 def _read_header(data: np.ndarray, processor: Processor) -> Header:
-    # Word n of the user guide is bytes 2 n - 2 and 2 n - 1.
+    # Word n in the user guide is bytes 2 n - 2 and 2 n - 1.
     words = [int(value) for value in _view(data[:BLOCK], processor, "u2")[:10]]
     scale, rate = (float(_floats(data[2 * n - 2 : 2 * n + 2], processor)[0]) for n in (7, 11))
     return Header(words[1], words[2], words[9], words[3], words[4], scale, words[8], rate)
@@ -207,10 +208,10 @@ def _text(raw: np.ndarray) -> str:
         return data.decode("latin-1").strip()
 
 
-_WORDS = 17  # Numbers per segment and frame: the matrix by columns and the residual.
-_SEGMENT_NAMES = {"uarm": "upper_arm", "larm": "lower_arm", "torso": "thorax"}  # Segment names in skeletons.
+_WORDS = 17  # Numbers per segment and frame: the matrix by columns, then the residual.
+_SEGMENT_NAMES = {"uarm": "upper_arm", "larm": "lower_arm", "torso": "thorax"}  # Our names of C3D segments.
 _MODEL_OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
-"""Parameters that list points which are not positions. Programs store computed values (joint angles) as points."""
+"""Parameters listing points that are not positions. Programs store computed values (joint angles) as points."""
 MOST = 65535  # Largest count in the header.
 SAME_RATE = 0.02
 """Largest relative difference between entries of one frame rate: 59.94 is 60. No file of 80 recordings exceeds it."""
@@ -221,13 +222,13 @@ class SegmentOrigins:
     """Origins and rotations of S segments in F frames."""
 
     positions: np.ndarray  # (F, S, 3) origins in the file's length unit, NaN where missing.
-    labels: tuple[str, ...]  # (S,) names, such as ``left_upper_arm``.
+    labels: tuple[str, ...]  # (S,) segment names, such as ``left_upper_arm``.
     turns: np.ndarray  # (F, S, 3, 3) rotations from segment axes to file axes.
     rate: float | None  # Frames per second.
 
 
 def read_segments(path: Path) -> SegmentOrigins | None:
-    """Read the segments of a C3D file, None if there are none."""
+    """Read the segments in a C3D file, or return None if it has none."""
     data = np.frombuffer(read_bytes(path), np.uint8)
     return _origins(data, _read_parameters(data, path))
 
@@ -252,7 +253,7 @@ def _origins(data: np.ndarray, parameters: Parameters) -> SegmentOrigins | None:
 
 
 def _segment_name(label: str) -> str:
-    """Return ``left_upper_arm`` for ``l_uarm_4X4``."""
+    """Convert a label such as ``l_uarm_4X4`` to ``left_upper_arm``."""
     name = re.sub(r"_?4x4$", "", label.strip(), flags=re.IGNORECASE).lower()
     side = {"l_": "left_", "r_": "right_"}.get(name[:2], "")
     part = name[2:] if side else name
@@ -261,7 +262,7 @@ def _segment_name(label: str) -> str:
 
 @dataclass(frozen=True)
 class _Layout:
-    """Position of the frames in a file."""
+    """Where the frames are in a file."""
 
     start: int  # Index of the first byte.
     frames: int
@@ -272,7 +273,7 @@ class _Layout:
 
 
 def read_c3d(path: Path) -> MarkerSource:
-    """Read the markers of a C3D file, or the origins of its segments."""
+    """Read the markers in a C3D file, or its segment origins if it has segments instead."""
     data = np.frombuffer(read_bytes(path), np.uint8)
     parameters = _read_parameters(data, path)
     header = _read_header(data, parameters.processor)
@@ -309,10 +310,10 @@ def read_c3d(path: Path) -> MarkerSource:
 
 
 def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path) -> _Layout:
-    """Find the frames in the file.
+    """Locate the frames in the file.
 
-    With more than ``MOST`` frames and no parameter, the header's last frame is ``MOST`` or has restarted at 0. Then the
-    length of the file decides.
+    If there are more than ``MOST`` frames and no parameter states their number, the header's last frame is ``MOST`` or
+    has restarted at 0. The file length then determines the number.
     """
     word = 4 if header.scale < 0 or math.isnan(header.scale) else 2
     points = header.points or int(np.clip(parameters.number("POINT:USED") or 0, 0, MOST))
@@ -321,7 +322,7 @@ def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path
     room = max(len(data) - start, 0)
     claims = _frame_counts(header, parameters)
     stride = word * (4 * points + header.analog)
-    # Some writers store the number of channels instead of samples per frame. Then most of the file would be unread.
+    # Some writers store the number of channels instead of samples per frame. Most of the file would then remain unread.
     samples = word * (4 * points + len(_analog_channels(header, parameters)) * header.analog_per_channel)
     if max(claims) * stride + BLOCK < room and max(claims) * stride < max(claims) * samples <= room:
         stride = samples
@@ -342,7 +343,7 @@ def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path
 
 
 def _frame_counts(header: Header, parameters: Parameters) -> list[int]:
-    """Return all frame counts that the file states."""
+    """Return all the frame counts that the file states."""
     claims = [header.last - header.first + 1]
     start, end = (parameters.numbers(f"TRIAL:ACTUAL_{name}_FIELD") for name in ("START", "END"))
     if start.size >= 2 and end.size >= 2:
@@ -373,7 +374,7 @@ def _scale(header: Header, parameters: Parameters, path: Path) -> float:
 def _points(
     data: np.ndarray, layout: _Layout, kept: list[int], scale: float, parameters: Parameters
 ) -> tuple[np.ndarray, np.ndarray, tuple[Diagnostic, ...]]:
-    """Return (F, M, 3) positions and (F, M) residuals in the file's unit."""
+    """Return (F, M, 3) positions and (F, M) residuals in the file's unit, and notes."""
     frames = data[layout.start : layout.start + layout.frames * layout.stride].reshape(layout.frames, layout.stride)
     raw = frames[:, : 4 * layout.word * layout.points]
     values = _floats(raw, parameters.processor) if layout.word == 4 else _view(raw, parameters.processor, "i2")
@@ -405,17 +406,17 @@ def _analog_channels(header: Header, parameters: Parameters) -> tuple[str, ...]:
     return tuple(label or f"channel {i}" for i, label in enumerate(labels + ("",) * (count - len(labels)), 1))
 
 
-# Source: the C3D file format user guide (Motion Lab Systems, c3d.org). Only the required parameters and no analog
-# data are written. Counts above 65,535 are in TRIAL:ACTUAL_END_FIELD and in POINT:LONG_FRAMES, because each program
-# reads one of them. More than 255 labels continue in POINT:LABELS2.
-PER_PARAMETER = 255  # Maximum number of strings per parameter, and maximum number of characters per string.
+# Source: the C3D file format user guide (Motion Lab Systems, c3d.org). Only required parameters are written, and no
+# analog data. Counts above 65,535 are stored in both TRIAL:ACTUAL_END_FIELD and POINT:LONG_FRAMES, because each program
+# reads only one of them. If there are more than 255 labels, they continue in POINT:LABELS2.
+PER_PARAMETER = 255  # Largest number of strings per parameter, and of characters per string.
 LARGEST_M = 1e30  # Largest coordinate in metres. Single precision ends at 3.4e38, including millimetres and the scale.
 _MM = 1000.0  # Millimetres per metre.
 
 
 @dataclass(frozen=True)
 class C3dSize:
-    """Values in the header of a file, which must be known before its frames are written."""
+    """Header values, which must be known before the frames are written."""
 
     frames: int
     labels: Sequence[str]
@@ -425,14 +426,14 @@ class C3dSize:
 
 
 def unnamed_labels(markers: int) -> tuple[str, ...]:
-    """Return labels for unnamed points."""
+    """Return labels for points that have no name."""
     return tuple(f"*{i}" for i in range(1, markers + 1))
 
 
 def write_c3d(
     path: Path | str, cloud: MarkerCloud, *, events: Sequence[tuple[float, str, str]] = (), overwrite: bool = False
 ) -> Path:
-    """Write markers to a C3D file, missing ones as 0 0 0 with residual -1."""
+    """Write markers to a C3D file. Missing markers are written as 0 0 0 with residual -1."""
     positions = np.asarray(cloud.positions, dtype=np.float64)
     largest = float(np.nanmax(np.abs(positions), initial=0.0)) if np.isfinite(positions).any() else 0.0
     size = C3dSize(len(positions), cloud.labels or unnamed_labels(positions.shape[1]), cloud.fps, largest, events)
@@ -442,11 +443,11 @@ def write_c3d(
 def write_c3d_parts(
     path: Path | str, size: C3dSize, parts: Iterable[tuple[np.ndarray, np.ndarray | None]], *, overwrite: bool = False
 ) -> Path:
-    """Write a C3D file from successive parts of positions and residuals.
+    """Write a C3D file from consecutive blocks of positions and residuals.
 
     Raises:
         OutputExists, OutputNotWritable: see ``atomic_output``.
-        NonFiniteData: the frame rate is not positive, or a number does not fit the format.
+        NonFiniteData: the frame rate is not positive, or a number cannot be represented in the format.
         ShapeMismatch: there are too many markers, or their labels are too long.
     """
     markers = len(size.labels)
@@ -459,7 +460,7 @@ def write_c3d_parts(
     if markers > MOST:
         what = f"{markers} markers do not fit into a C3D file, which can contain at most {MOST}."
         raise ShapeMismatch(what, where=str(path), hint="Write fewer markers.")
-    # Use half of the range of 16-bit integers, for programs that store the points as integers.
+    # Use half the range of 16-bit integers, for programs that store the points as integers.
     scale = max(0.1, size.largest_m * _MM / 32000.0)
     section, data_block = _parameter_section(size, scale)
     last = min(size.frames, MOST)
@@ -473,7 +474,7 @@ def write_c3d_parts(
 
 
 def _frames(positions: np.ndarray, residual: np.ndarray | None, scale: float) -> np.ndarray:
-    """Return (F, M, 4) floats: x, y, z and scaled residual, -1 where missing."""
+    """Return (F, M, 4) floats: x, y, z and the scaled residual, which is -1 for a missing point."""
     seen = np.isfinite(positions).all(axis=-1)
     values = np.zeros((*positions.shape[:2], 4), dtype="<f4")
     values[..., :3] = np.where(seen[..., None], positions, 0.0)
@@ -483,11 +484,11 @@ def _frames(positions: np.ndarray, residual: np.ndarray | None, scale: float) ->
     return values
 
 
-_Value = tuple[int, tuple[int, ...], bytes]  # Kind, dimensions and bytes of a parameter.
+_Value = tuple[int, tuple[int, ...], bytes]  # Type, dimensions and bytes of a parameter.
 
 
 def _parameter_section(size: C3dSize, scale: float) -> tuple[bytes, int]:
-    """Return the parameter section, padded to whole blocks, and the number of the block after it."""
+    """Return the parameter section padded to whole blocks, and the number of the block that follows."""
     frames, labels, none = size.frames, size.labels, _texts([])
     point = {"USED": _words(len(labels)), "FRAMES": _words(min(frames, MOST)), "SCALE": _singles(-scale)}
     point |= {"RATE": _singles(size.fps), "DATA_START": _words(0), "UNITS": _texts(["mm"])}
@@ -509,7 +510,7 @@ def _parameter_section(size: C3dSize, scale: float) -> tuple[bytes, int]:
 
 
 def _event_group(events: Sequence[tuple[float, str, str]]) -> dict[str, _Value]:
-    """Return the group EVENT: side, name, and minutes and seconds of each event."""
+    """Return the EVENT group: side, name, and the minutes and seconds of each event."""
     times, sides, names = zip(*events[:PER_PARAMETER], strict=True)
     count = len(times)
     clock = struct.pack(f"<{2 * count}f", *(part for t in times for part in divmod(t, 60.0)))

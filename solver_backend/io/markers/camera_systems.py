@@ -1,4 +1,4 @@
-"""Read markers from text exports of Motive, Nexus and QTM, MATLAB and TRC files."""
+"""Read markers from Motive, Nexus and QTM text exports, MATLAB files and TRC files."""
 
 from __future__ import annotations
 
@@ -40,23 +40,23 @@ from solver_backend.io.text_table import (
 )
 from solver_backend.types import MarkerCloud
 
-# Motive, format versions 1.2 to 1.25 (OptiTrack documentation, "Data Export: CSV"). Names and values alternate in the
-# first line. Rows of types, names, ids and quantities follow, then the row "Frame", "Time (Seconds)", X, Y, Z. The
-# rows depend on the version, so columns are found by their content. Cells of missing markers are blank. Y is up.
+# Motive, format versions 1.2 to 1.25 (OptiTrack documentation, "Data Export: CSV"). The first line alternates names and
+# values. It is followed by rows of types, names, ids and quantities, then by the row "Frame", "Time (Seconds)", X, Y,
+# Z. Rows differ between versions, so columns are identified by content. Cells of missing markers are blank. Y is up.
 _AXES = re.compile(r'"?X"?\s*[,;\t]\s*"?Y"?\s*[,;\t]\s*"?Z"?')
 """Pattern of the row above the numbers. Its first words depend on the language."""
 _TYPES = re.compile(r'^"*[,;\t]\s*"?Type"?\s*[,;\t]', re.IGNORECASE | re.MULTILINE)
-"""Pattern of the row of types, which identifies the format if the first line was removed."""
+"""Pattern of the row of types, which identifies the format if the first line has been removed."""
 _FORMAT_VERSION = "format version"
-_MOTIVE_LINES = 30  # Number of lines within which the row of axes must appear.
+_MOTIVE_LINES = 30  # The row of axes must appear within this number of lines.
 _BODY, _MARKER = "rigid body", "marker"
-"""Column types. "Rigid Body Marker" and "Bone Marker" are positions that the model of an asset predicts."""
+"""Column types. Positions of the types "Rigid Body Marker" and "Bone Marker" are predicted by an asset's model."""
 _KNOWN_TYPES = (_MARKER, _BODY, "bone", "skeleton")
 _TURN, _PLACE = "rotation", "position"
 
 
 class _Columns(NamedTuple):
-    """Type, name, quantity and axis of each column. All are in lower case except names."""
+    """Type, name, quantity and axis of each column, all in lower case except names."""
 
     types: list[str]
     names: list[str]
@@ -65,7 +65,7 @@ class _Columns(NamedTuple):
 
     @classmethod
     def of(cls, header: Sequence[Sequence[str]], path: Path) -> _Columns:
-        """Read the header rows from the types to the axes."""
+        """Read the header rows, from the row of types to the row of axes."""
         lower = [[cell.lower() for cell in row] for row in header]
         kinds = ((i, cell) for i, row in enumerate(lower) for cell in row)
         at = next((i for i, cell in kinds if cell in _KNOWN_TYPES or cell.endswith(f" {_MARKER}")), None)
@@ -76,7 +76,7 @@ class _Columns(NamedTuple):
         return cls(*([*row, *[""] * width][:width] for row in (lower[at], header[at + 1], lower[-2], lower[-1])))
 
     def starts(self, quantity: str) -> list[int]:
-        """Return the index of the x column of each x, y, z triple of a quantity."""
+        """Return the x column of each x, y, z triple that belongs to a quantity."""
         every = range(len(self.axes) - 2)
         return [i for i in every if self.axes[i : i + 3] == ["x", "y", "z"] and self.quantities[i] == quantity]
 
@@ -87,7 +87,7 @@ def begins_as_motive(head: str) -> bool:
 
 
 def read_motive_csv(path: Path) -> MarkerSource:
-    """Read the markers of a Motive CSV, and bodies without markers."""
+    """Read the markers in a Motive CSV, and the bodies that have no markers."""
     lines = read_text(path).splitlines()
     at = next((i for i, line in enumerate(lines[:_MOTIVE_LINES]) if _AXES.search(line)), None)
     if not begins_as_motive("\n".join(lines[:_MOTIVE_LINES])):
@@ -108,7 +108,7 @@ def read_motive_csv(path: Path) -> MarkerSource:
     bodies, of_bodies = _motive_bodies(columns, labels, meta.get("rotation type", ""))
     rows = split_rows((line for line in lines[at + 1 :] if line.strip(blank)), delimiter)
     for row in rows:
-        if len(row) > 2 and ":" in row[2]:  # a time code
+        if len(row) > 2 and ":" in row[2]:  # the cell is a time code
             row[2] = ""
     values = read_numbers(rows, at + 2, path, width=len(header[-1]))
     rate = next((v for k in ("export", "capture") if (v := number_in(meta.get(f"{k} frame rate"))) is not None), None)
@@ -130,7 +130,7 @@ def read_motive_csv(path: Path) -> MarkerSource:
 
 
 def _motive_markers(columns: _Columns, path: Path) -> tuple[list[int], list[Diagnostic]]:
-    """Return the first column of each marker, and notes on columns that are not read."""
+    """Return the first column of each marker, and notes about columns that are not read."""
     starts = columns.starts(_PLACE)
     measured = [i for i in starts if columns.types[i] == _MARKER]
     expected = [i for i in starts if columns.types[i] != _MARKER and columns.types[i].endswith(_MARKER)]
@@ -172,7 +172,7 @@ def _motive_bodies(
 
 
 def _motive_poses(bodies: Mapping[str, tuple[int, int]], values: np.ndarray) -> RigidBodies:
-    """Return the rigid bodies in F rows, missing in rows without their quaternion."""
+    """Return the rigid bodies in F rows. A body is missing in rows that do not contain its quaternion."""
     places = triples(values, [place for _, place in bodies.values()])
     quat = np.stack([values[:, [turn + 3, turn, turn + 1, turn + 2]] for turn, _ in bodies.values()], axis=1)
     length = np.linalg.norm(quat, axis=-1, keepdims=True)
@@ -181,13 +181,13 @@ def _motive_poses(bodies: Mapping[str, tuple[int, int]], values: np.ndarray) -> 
     return RigidBodies(tuple(bodies), np.where(good, places, np.nan), rotations)
 
 
-# Nexus, and before it Workstation and Polygon (Vicon Nexus documentation, "Export ASCII files"). A file has sections.
-# Each has its name, its rate ("100" or "100,Hz"), a row with each label above the first of three columns, and a row
-# "Frame, Sub Frame, X, Y, Z, ..." ("Field #, X, Y, Z" in older files). Nexus adds a row of units. The frames follow up
-# to an empty line. Cells of missing markers are blank. Z is up.
+# Nexus, and its predecessors Workstation and Polygon (Vicon Nexus documentation, "Export ASCII files"). A file consists
+# of sections. Each has its name, its rate ("100" or "100,Hz"), a row with each label above the first of three columns,
+# and a row "Frame, Sub Frame, X, Y, Z, ..." ("Field #, X, Y, Z" in older files). Nexus adds a row of units. The frames
+# follow, up to an empty line. Cells of missing markers are blank. Z is up.
 SECTIONS = ("trajectories", "joints", "segments", "model outputs", "devices", "events")
-"""Sections of a file. The first one contains markers."""
-_SECTION_LINES = 6  # Number of lines within which a section's row of axes must appear.
+"""Sections in a file. The first one contains markers."""
+_SECTION_LINES = 6  # A section's row of axes must appear within this number of lines.
 
 
 class _Trajectories(NamedTuple):
@@ -201,7 +201,7 @@ class _Trajectories(NamedTuple):
 
 
 def read_nexus_csv(path: Path) -> MarkerSource:
-    """Read the trajectories of a Nexus CSV or text file."""
+    """Read the trajectories in a Nexus CSV or text file."""
     lines = read_text(path).splitlines()
     sections = sections_of(lines)
     if not sections:
@@ -213,7 +213,7 @@ def read_nexus_csv(path: Path) -> MarkerSource:
     starts = [i for i, line in enumerate(lines) if _section(line) == SECTIONS[0]]
     read = [_trajectories(lines, start, path) for start in starts]
     delimiter, blocks = read[-1][0], [block for _, block in read]
-    # Nexus writes one block. Scripts that join exports write one block per subject.
+    # Nexus writes one block. Scripts that merge exports write one block per subject.
     same = [block for block in blocks if np.array_equal(block.numbers, blocks[0].numbers, equal_nan=True)]
     rate = number_in(next(iter(cells_of(lines[starts[0] + 1], delimiter)), None))
     rate, problems = frame_facts(blocks[0].numbers, rate=rate)
@@ -265,7 +265,7 @@ def _trajectories(lines: Sequence[str], start: int, path: Path) -> tuple[str, _T
 
 
 def sections_of(lines: Sequence[str]) -> dict[str, int]:
-    """Return the line index of each section by its lower-case name."""
+    """Return the line index of each section, by lower-case name."""
     found: dict[str, int] = {}
     for i, line in enumerate(lines):
         if name := _section(line):
@@ -283,18 +283,18 @@ def _axes_row(lines: Sequence[str], start: int) -> int | None:
     return next((i for i in below if lines[i].strip(' "').lower().startswith(("frame", "field #"))), None)
 
 
-# Qualisys (QTM user manual, "TSV file formats, motion data"). Each header line has a name and its values between tabs.
-# An optional row of column names follows, then the frames: optionally frame number and time, then x, y and z of every
-# marker in mm. Cells of missing markers are blank, "null" or 0. Z is up unless changed.
-FIRST_LINE = "NO_OF_FRAMES"  # First word of QTM's TSV files.
+# Qualisys (QTM user manual, "TSV file formats, motion data"). Each header line consists of a name and its values,
+# separated by tabs. After an optional row of column names come the frames: optionally frame number and time, then x, y
+# and z of every marker in mm. Cells of missing markers are blank, "null" or 0. Z is up unless the user changed it.
+FIRST_LINE = "NO_OF_FRAMES"  # First word of a QTM TSV file.
 _BODY_NUMBERS = 16  # Numbers per rigid body and frame in 6D data.
 _SIX_D = "_6D"  # Suffix that QTM adds to the names of 6D files.
-_AGREE = 1e-3  # Largest difference between elements of equal rotations.
-_KINDS = ("Labeled", "Unidentified")  # Groups of trajectories that are read from MATLAB files. Discarded ones are not.
+_AGREE = 1e-3  # Largest difference between the elements of equal rotations.
+_KINDS = ("Labeled", "Unidentified")  # Trajectory groups that are read from MATLAB files.
 
 
 def read_qualisys_tsv(path: Path) -> MarkerSource:
-    """Read the markers of QTM's TSV file. 2D and 6D data raise CaptureNotRecognised."""
+    """Read the markers in a QTM TSV file. Raise CaptureNotRecognised for 2D and 6D data."""
     lines, first, header = _tsv(path)
     if not (lines and lines[0].strip().upper().startswith(FIRST_LINE)):
         raise FileDamaged(f"The file is not a QTM TSV, because it does not start with '{FIRST_LINE}'.", where=str(path))
@@ -325,7 +325,7 @@ def read_qualisys_tsv(path: Path) -> MarkerSource:
 
 
 def _tsv(path: Path) -> tuple[list[str], int, dict[str, list[str]]]:
-    """Return the lines of a file, the first line with numbers, and the header's cells."""
+    """Return a file's lines, the index of the first line with numbers, and the header cells."""
     lines = read_text(path).splitlines()
     lines = between_tabs(lines, lines[0] if lines else "", least=1)
     rows = ([cell for cell in line.split("\t") if cell.strip()] for line in lines)
@@ -356,7 +356,7 @@ def _has_frame_columns(values: np.ndarray, markers: int) -> bool:
 
 
 def _bodies_beside(path: Path, frames: int) -> RigidBodies | None:
-    """Read the bodies of the 6D file next to a marker file (``walk_6D.tsv``)."""
+    """Read the bodies in the 6D file next to a marker file (``walk_6D.tsv``)."""
     beside = path.with_name(f"{path.stem.removesuffix('_3D')}{_SIX_D}.tsv")
     if beside == path or not beside.is_file():
         return None
@@ -374,7 +374,7 @@ def _bodies_beside(path: Path, frames: int) -> RigidBodies | None:
 
 
 def _rotations(numbers: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return (F, B, 3, 3) rotations from Rot[0] to Rot[8], by columns or by rows."""
+    """Return (F, B, 3, 3) rotations from Rot[0] to Rot[8], stored by columns or by rows."""
     columns = np.nan_to_num(numbers[..., 7:]).reshape(*numbers.shape[:2], 3, 3)
     angles = np.moveaxis(np.radians(np.nan_to_num(numbers[..., 3:6])), -1, 0)
     x, y, z = (matrix_from_rotvec(angle[..., None] * axis) for angle, axis in zip(angles, np.eye(3), strict=True))
@@ -383,10 +383,10 @@ def _rotations(numbers: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 def read_qualisys_mat(path: Path) -> MarkerSource:
-    """Read the trajectories of QTM's MATLAB files.
+    """Read the trajectories in a QTM MATLAB file.
 
     Raises:
-        FileMissing, FileDamaged, CaptureNotRecognised: the file is missing, damaged or of another kind.
+        FileMissing, FileDamaged, CaptureNotRecognised: the file is missing, damaged or of another type.
     """
     records = [value for value in read_mat(path).values() if isinstance(value, dict)]
     record = next((value for value in records if isinstance(value.get("Trajectories"), dict)), None)
@@ -399,7 +399,7 @@ def read_qualisys_mat(path: Path) -> MarkerSource:
         data = group.get("Data") if isinstance(group, dict) else None
         if not isinstance(data, np.ndarray) or not data.size:
             continue
-        data = data[..., None] if data.ndim == 2 else data  # MATLAB drops the axis of a single frame
+        data = data[..., None] if data.ndim == 2 else data  # MATLAB drops the axis if there is one frame
         if data.ndim != 3 or data.shape[1] < 3:
             raise FileDamaged(f"The file's trajectories have the shape {data.shape}.", where=str(path))
         names = group.get("Labels")
@@ -418,16 +418,16 @@ def _mat_number(record: Mapping[str, Any], name: str) -> float | None:
     return float(value.ravel()[0]) if isinstance(value, np.ndarray) and value.size else None
 
 
-# TRC (track row column) of OpenSim, Cortex, Mokka, MotionBuilder and others (OpenSim user's guide, "Marker files").
-# Cells are between tabs. Rows: file type, names of the header's values, these values, then "Frame#", "Time" and labels,
-# each above the first of three columns (some programs write more or fewer tabs), X1 Y1 Z1 ..., mostly an empty line,
-# and the frames. A missing marker is blank, NaN or 0. Counts in the header are often wrong, so the rows decide.
-FILE_TYPE = "pathfiletype"  # First word of the files in lower case.
-_HEADER_LINES = 20  # Number of lines within which the labels must appear.
+# TRC (track row column), used by OpenSim, Cortex, Mokka, MotionBuilder and others (OpenSim user's guide, "Marker
+# files"). Cells are separated by tabs. Rows: file type, names of the header values, the values, "Frame#", "Time" and
+# labels, each above the first of three columns (some programs write more or fewer tabs), X1 Y1 Z1 ..., usually an empty
+# line, and the frames. A missing marker is blank, NaN or 0. Header counts are often wrong, so rows are counted.
+FILE_TYPE = "pathfiletype"  # First word of a TRC file in lower case.
+_HEADER_LINES = 20  # The labels must appear within this number of lines.
 
 
 def read_trc(path: Path) -> MarkerSource:
-    """Read the markers of a TRC file. Raise FileMissing or FileDamaged."""
+    """Read the markers in a TRC file. Raise FileMissing or FileDamaged."""
     lines = read_text(path).splitlines()
     heading = next((line for line in lines[:_HEADER_LINES] if line.strip(' "').lower().startswith("frame#")), "")
     lines = between_tabs(lines, heading)
@@ -445,7 +445,7 @@ def read_trc(path: Path) -> MarkerSource:
     first = next((i for i in range(at + 1, len(lines)) if is_number(_cells(lines[i])[0])), len(lines))
     rows = [line.split("\t") if "\t" in line else line.split() for line in lines[first:] if line.strip()]
     rows, stated = _without_doubled_tabs(rows, len(labels)), number_in(header.get("nummarkers"))
-    # Other numbers may belong to unlabelled points, or to a header that decimal commas shifted.
+    # Other numbers may belong to unlabelled points, or to a header that was shifted by decimal commas.
     width = 2 + 3 * len(labels) if labels else 0
     values = read_numbers(rows, first + 1, path, width=width, sure=stated == len(labels))
     count = max(len(labels), -(-max(values.shape[1] - 2, 0) // 3))
@@ -489,16 +489,16 @@ def _without_doubled_tabs(rows: list[list[str]], markers: int) -> list[list[str]
 
 
 def write_trc(path: Path | str, cloud: MarkerCloud, *, overwrite: bool = False, **form: str) -> Path:
-    """Write markers to a TRC file with the options ``form`` of ``trc_text``."""
+    """Write markers to a TRC file. ``form`` contains options for ``trc_text``."""
     return write_text(path, trc_text(Path(path).name, cloud, **form), overwrite=overwrite)
 
 
 def trc_text(name: str, cloud: MarkerCloud, *, unit: str = "mm", up_axis: str = "y") -> str:
-    """Return markers (metres, Z up) as a TRC file with the given unit and up axis.
+    """Return the text of a TRC file with markers (metres, Z up), in the given unit and up axis.
 
     Raises:
         NonFiniteData: the frame rate is not positive.
-        JobInvalid: the unit or the axis is unknown.
+        JobInvalid: the unit or axis is unknown.
     """
     if not (np.isfinite(cloud.fps) and cloud.fps > 0):
         raise NonFiniteData(f"The frame rate must be a positive number, not {cloud.fps}.", where=name)
@@ -507,7 +507,7 @@ def trc_text(name: str, cloud: MarkerCloud, *, unit: str = "mm", up_axis: str = 
     labels = cloud.labels or unnamed_labels(markers)
     values = (positions.reshape(-1, 3) @ rotation_to_z_up(up_axis) / metres_in(unit)).reshape(frames, 3 * markers)
     times = np.arange(frames) / cloud.fps
-    rate = f"{cloud.fps:.10g}"  # 100, not 100.000000, but 119.88012 in full
+    rate = f"{cloud.fps:.10g}"  # 100 rather than 100.000000, but 119.88012 in full
     head = [
         f"PathFileType\t4\t(X/Y/Z)\t{name}",
         "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",

@@ -1,8 +1,8 @@
-"""Write growing recordings of live points in self-contained blocks.
+"""Write recordings of live points that grow by self-contained blocks.
 
-A block is little-endian. It has 8 marker bytes, the number of points (uint32), the CRC-32 of the rest, seeded with that
-number (uint32), the time in seconds, the nominal rate, and the 3 x 3 transform of points to metres with Z up (11
-float64, NaN if unknown). Then come x, y, z of each point in the source's unit and axes (float32). Damaged blocks are
+A block is little-endian. It has 8 marker bytes, the number of points (uint32), and a CRC-32 of the rest, seeded with
+that number (uint32). Then come the time in seconds, the nominal rate, and the 3 x 3 transform of points to metres with
+Z up (11 float64, NaN if unknown), and x, y, z of each point in the source's unit and axes (float32). Damaged blocks are
 skipped.
 """
 
@@ -25,13 +25,13 @@ from solver_backend.exchange.outputs import open_regular, require_file, unreadab
 from solver_backend.exchange.plausible import FRAME_RATES
 from solver_backend.io.markers.source import MarkerSource
 
-SUFFIX = ".recording"  # Suffix added to the name of the final recording.
+SUFFIX = ".recording"  # Suffix added to the final recording's name.
 MARK = b"MMLIVE1\n"
-MOST_POINTS = 400  # Maximum number of points per frame. More are not the markers of one person.
+MOST_POINTS = 400  # Largest number of points per frame. More points cannot be one person's markers.
 _HEAD, _FIXED = struct.Struct("<8sII"), struct.Struct("<11d")
-_SEARCHED = 64, 1 << 20  # Bytes to search for the next block at first and at most. The number doubles each time.
-MOST_NUMBERS = 400_000_000  # Maximum number of coordinates: 1.6 GB, more than six hours of 60 points at 100 Hz.
-DEFAULT_RATE = 120.0  # Frames per second of a recording without time stamps, chosen by hand.
+_SEARCHED = 64, 1 << 20  # Bytes to search for the next block, at first and at most. The number doubles each time.
+MOST_NUMBERS = 400_000_000  # Largest number of coordinates: 1.6 GB, more than six hours of 60 points at 100 Hz.
+DEFAULT_RATE = 120.0  # Frames per second if a recording has no time stamps, chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -40,25 +40,25 @@ class LiveBlock:
 
     time: float  # Time stamp in seconds on the source's clock.
     points: np.ndarray  # (N, 3) float32 in the source's unit and axes.
-    fps: float | None = None  # Nominal rate, None if unknown.
-    to_metres: np.ndarray | None = None  # (3, 3) transform of the points to metres with Z up, None if unknown.
+    fps: float | None = None  # Nominal rate, or None if unknown.
+    to_metres: np.ndarray | None = None  # (3, 3) transform of the points to metres with Z up, or None if unknown.
 
 
 @dataclass(frozen=True)
 class LiveExtent:
-    """Size of a recording and the values that describe it."""
+    """Size of a recording, and values that describe it."""
 
     frames: int  # Number of complete blocks.
-    most: int  # Largest number of points in a frame.
+    most: int  # Largest number of points in any frame.
     rate: float  # Frames per second, see ``rate_of``.
-    last: float  # Time stamp of the last frame in seconds, NaN without frames.
-    to_metres: np.ndarray | None  # (3, 3) transform of the points to metres, None if unknown.
+    last: float  # Time stamp of the last frame in seconds, or NaN if there are no frames.
+    to_metres: np.ndarray | None  # (3, 3) transform of the points to metres, or None if unknown.
     largest: float  # Largest absolute coordinate in the source's unit.
     damaged: int  # Number of bytes outside complete blocks.
 
 
 def pack_block(block: LiveBlock) -> bytes:
-    """Return the bytes of a block."""
+    """Encode a block as bytes."""
     turn = np.full(9, np.nan) if block.to_metres is None else np.ravel(block.to_metres)
     body = _FIXED.pack(block.time, np.nan if block.fps is None else block.fps, *turn)
     body += np.ascontiguousarray(block.points, "<f4").tobytes()
@@ -67,7 +67,7 @@ def pack_block(block: LiveBlock) -> bytes:
 
 
 def read_blocks(stream: BinaryIO) -> Iterator[LiveBlock | int]:
-    """Yield complete blocks, and the number of damaged bytes between them."""
+    """Yield the complete blocks, and the number of damaged bytes between them."""
     damaged, at = 0, stream.tell()
     while head := stream.read(_HEAD.size):
         block, size = _block(head, stream)
@@ -85,7 +85,7 @@ def read_blocks(stream: BinaryIO) -> Iterator[LiveBlock | int]:
 
 
 def _block(head: bytes, stream: BinaryIO) -> tuple[LiveBlock | None, int]:
-    """Return a block that begins with ``head`` and its length, or None and 0 if incomplete."""
+    """Return the block that begins with ``head`` and its length, or None and 0 if it is incomplete."""
     if len(head) < _HEAD.size:
         return None, 0
     mark, count, check = _HEAD.unpack(head)
@@ -114,7 +114,7 @@ def _next_mark(stream: BinaryIO, at: int) -> int:
 
 
 def measure_recording(stream: BinaryIO) -> LiveExtent:
-    """Measure a recording. Only its time stamps are kept in memory."""
+    """Measure a recording. Only the time stamps are kept in memory."""
     times, fps, turn, most, largest, damaged = array("d"), None, None, 0, 0.0, 0
     for block in read_blocks(stream):
         if isinstance(block, int):
@@ -129,7 +129,7 @@ def measure_recording(stream: BinaryIO) -> LiveExtent:
 
 
 def rate_of(times: np.ndarray, fps: float | None) -> float:
-    """Return the nominal rate if it is plausible, or the rate of the median step."""
+    """Return the nominal rate if it is plausible, otherwise the rate given by the median time step."""
     with np.errstate(all="ignore"):
         steps = np.diff(times)
         measured = 1.0 / float(np.median(steps[steps > 0])) if (steps > 0).any() else np.nan
@@ -138,7 +138,7 @@ def rate_of(times: np.ndarray, fps: float | None) -> float:
 
 
 def read_parts(stream: BinaryIO, most: int, frames: int) -> Iterator[np.ndarray]:
-    """Yield a recording's points as (F, most, 3) arrays of at most ``frames`` frames."""
+    """Yield the points in a recording as (F, most, 3) arrays of at most ``frames`` frames."""
     blocks = (block for block in read_blocks(stream) if isinstance(block, LiveBlock))
     while taken := list(islice(blocks, frames)):
         part = np.full((len(taken), most, 3), np.nan, np.float32)
@@ -148,7 +148,7 @@ def read_parts(stream: BinaryIO, most: int, frames: int) -> Iterator[np.ndarray]
 
 
 def read_live_recording(path: Path) -> MarkerSource:
-    """Read an unfinished live recording."""
+    """Read a live recording that was not finished."""
     path = require_file(path)
     try:
         with open_regular(path) as stream:

@@ -1,4 +1,4 @@
-"""Read MATLAB files of versions 5 to 7.2 within size limits (MathWorks)."""
+"""Read MATLAB files of versions 5 to 7.2 (MathWorks) within size limits."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from solver_backend.exchange.npz import ALLOWANCE, MIN_ALLOWANCE
 from solver_backend.exchange.outputs import open_regular, require_file
 
 _HEADER, _TAG = 128, 8
-"""Bytes of the file header and of an element tag."""
+"""Size in bytes of the file header and of an element tag."""
 _MOST_ELEMENTS, _DEEPEST, _MOST_AXES = 200_000, 20, 8
-"""Maximum numbers of matrices per file, of levels of nested structures and cells, and of array axes. Chosen by hand.
-QTM's files have a few hundred matrices."""
+"""Largest number of matrices in a file, nesting depth of structures and cells, and number of array axes. Chosen by
+hand. QTM files have a few hundred matrices."""
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
-"""NumPy type of each element type."""
+"""NumPy type for each element type."""
 _TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
-"""Text encoding of each element type."""
+"""Text encoding for each element type."""
 _MATRIX, _COMPRESSED = 14, 15
 _CELL, _STRUCT, _CHAR, _OPAQUE = 1, 2, 4, 17
 _NUMERIC = range(6, 16)  # Classes of dense numeric arrays. Objects, functions and sparse matrices are skipped.
@@ -31,15 +31,15 @@ _LEFT_OUT = object()
 
 
 def read_mat(path: Path) -> dict[str, Any]:
-    """Return the variables of a file by name.
+    """Return the variables in a file, by name.
 
-    Numbers are arrays of their stored type, texts are ``str``, cells are lists. Structures are dictionaries or lists of
-    dictionaries. Objects, sparse matrices and imaginary parts are ignored.
+    Numbers are returned as arrays of their stored type, texts as ``str``, cells as lists, and structures as
+    dictionaries or lists of dictionaries. Objects, sparse matrices and imaginary parts are ignored.
 
     Raises:
-        FileMissing: there is no such file.
+        FileMissing: the file does not exist.
         CaptureNotRecognised: the file has MATLAB version 7.3 (HDF5).
-        FileDamaged: the file is of another kind, truncated, or needs far more memory than its size allows.
+        FileDamaged: the file is of another type, truncated, or needs far more memory than its size allows.
     """
     require_file(path)
     with open_regular(path) as stream:
@@ -60,7 +60,7 @@ def read_mat(path: Path) -> dict[str, Any]:
 
 @dataclass
 class _ElementReader:
-    """Reads elements and limits the memory that they use."""
+    """Reads elements, and limits the memory they use."""
 
     order: str  # Byte order, "<" or ">".
     bytes_left: int
@@ -88,15 +88,15 @@ class _ElementReader:
         return memoryview(data)
 
     def _element(self, data: memoryview, *, padded: bool = True) -> tuple[int, memoryview, memoryview]:
-        """Return the type and content of an element, and the data after it."""
+        """Return an element's type and content, and the data after it."""
         if len(data) < _TAG:
             raise ValueError("it ends within an element")
         kind, size = struct.unpack_from(f"{self.order}II", data)
-        if kind >> 16:  # up to four bytes within the tag
+        if kind >> 16:  # up to four bytes are stored within the tag
             kind, size = kind & 0xFFFF, kind >> 16
             start, end = 4, _TAG
         else:
-            # Packed elements of a file are not padded, its matrices have sizes that need no padding.
+            # Packed elements in a file are not padded, and its matrices have sizes that need no padding.
             start, end = _TAG, _TAG + (-(-size // _TAG) * _TAG if padded else size)
         if start + size > len(data):
             raise ValueError("it ends within an element")
@@ -112,14 +112,14 @@ class _ElementReader:
         return np.frombuffer(content, dtype), data
 
     def _matrix(self, data: memoryview, depth: int) -> tuple[str, Any]:
-        """Return the name and the value of a matrix."""
+        """Return the name and value of a matrix."""
         self.elements_left -= 1
         if self.elements_left < 0 or depth > _DEEPEST:
             raise ValueError("it has too many values, or values too deep within each other")
         if not len(data):
             return "", np.zeros((0, 0))
         flags, data = self._numbers(data, least=2)
-        if int(flags[0]) & 0xFF == _OPAQUE:  # a MATLAB object (string, table, datetime) has no shape
+        if int(flags[0]) & 0xFF == _OPAQUE:  # a MATLAB object (string, table, datetime), which has no shape
             return "", _LEFT_OUT
         axes, data = self._numbers(data, least=2)
         name, data = self._numbers(data)

@@ -23,27 +23,27 @@ from solver_backend.io.text_table import (
 )
 from solver_backend.types import JointSet
 
-# Three forms are read. Wide with one heading row: ``frame, LASI_x, LASI_y, LASI_z, ...`` (also ``LASI.X``, or
-# ``LASI X (mm)``). Wide with two rows: names above the first or each of the columns ``X, Y, Z``. Long with a row
-# per point: ``frame, marker, x, y, z``. Other columns (anipose's ``LASI_error``, ``LASI_score``) are skipped.
-LEAST_POINTS = 4  # Smallest number of points with three adjacent columns. Fewer show no person.
-_HEADING_LINES = 12  # Number of lines within which the headings must appear.
+# Three layouts are supported. Wide with one heading row: ``frame, LASI_x, LASI_y, LASI_z, ...`` (also ``LASI.X``, or
+# ``LASI X (mm)``). Wide with two rows: names above the first or each of the columns ``X, Y, Z``. Long with a row per
+# point: ``frame, marker, x, y, z``. Other columns (anipose's ``LASI_error``, ``LASI_score``) are skipped.
+LEAST_POINTS = 4  # Smallest number of points with three adjacent columns. Fewer do not describe a person.
+_HEADING_LINES = 12  # The headings must appear within this number of lines.
 _COLUMN = re.compile(r"(?P<name>.*?)[ ._:\-\[(]*(?P<axis>[xyz])[\])]?(?: ?[\[(](?P<unit>\w+)[\])])?", re.IGNORECASE)
 """Headings such as ``LASI_x``, ``LASI.X``, ``LASI:X``, ``LASI[x]`` and ``LASI X (mm)``."""
 _FRAMES = ("frame", "frames", "bild", "image", "frame#", "frame_number", "frame_id", "frame_idx", "fnum", "index", "")
 _TIMES = ("time", "time (s)", "time (seconds)", "time_s", "timestamp", "timestamps", "seconds", "t", "zeit")
 _TIMES += ("zeit (s)", "temps", "temps (s)")
 _NAMES = ("marker", "name", "label", "keypoint", "landmark", "joint", "bodypart", "point", "marker_name")
-"""Lower-case headings of the frame number, of the seconds, and of the point in long tables."""
+"""Lower-case headings of the frame number, of the time in seconds, and of the point name in long tables."""
 
 
 def begins_as_points(head: str) -> bool:
-    """Return whether a file begins with the headings of such a table."""
+    """Return whether a file begins with the headings of a point table."""
     return _layout(head.splitlines()[:_HEADING_LINES]) is not None
 
 
 def read_point_table(path: Path) -> MarkerSource:
-    """Read the points of a table. Raise FileMissing or FileDamaged."""
+    """Read the points in a table. Raise FileMissing or FileDamaged."""
     lines = [line for line in read_text(path).splitlines() if line.strip()]
     layout = _layout(lines[:_HEADING_LINES])
     if layout is None:
@@ -67,7 +67,7 @@ def read_point_table(path: Path) -> MarkerSource:
 def _layout(lines: Sequence[str]) -> tuple[int, list[str], dict[str, int], str] | None:
     """Return the first line of numbers, the headings, each point's first column, and the unit.
 
-    Long tables have no columns per point. The result is None if the lines contain no point headings.
+    Long tables have no columns for individual points. The result is None if the lines contain no point headings.
     """
     for at, line in enumerate(lines):
         cells = cells_of(line, delimiter_of(line))
@@ -83,7 +83,7 @@ def _layout(lines: Sequence[str]) -> tuple[int, list[str], dict[str, int], str] 
 
 
 def _spread(above: Sequence[str], axes: Sequence[str]) -> list[str]:
-    """Return ``NAME_x`` and so on for each coordinate column of two heading rows."""
+    """Combine two heading rows into ``NAME_x`` and so on, one for each coordinate column."""
     names, last = [], ""
     for column, axis in enumerate(axes):
         name = above[column] if column < len(above) else ""
@@ -105,14 +105,14 @@ def _points(names: Sequence[str]) -> tuple[dict[str, int], str]:
 
 
 def _numbers(rows: list[list[str]], headings: Sequence[str], points: set[int], first: int, path: Path) -> np.ndarray:
-    """Return the numbers in the columns of points, frames and times. Other columns are NaN."""
+    """Return the numbers in the point, frame and time columns. Other columns are NaN."""
     kept = points | {i for i, heading in enumerate(headings) if heading in (*_FRAMES, *_TIMES)}
     plain = [[cell if i in kept else "" for i, cell in enumerate(row)] for row in rows]
     return read_numbers(plain, first + 1, path)
 
 
 def _column(values: np.ndarray, headings: Sequence[str], names: Sequence[str]) -> np.ndarray | None:
-    """Return the column under one of the headings, or None if it is missing or has no numbers."""
+    """Return the column under the first matching heading. Return None if it is missing or has no numbers."""
     at = next((i for i, heading in enumerate(headings) if heading in names and i < values.shape[1]), None)
     return None if at is None or not np.isfinite(values[:, at]).any() else values[:, at]
 
@@ -120,7 +120,7 @@ def _column(values: np.ndarray, headings: Sequence[str], names: Sequence[str]) -
 def _from_long(
     rows: list[list[str]], headings: Sequence[str], first: int, path: Path
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return the numbers in the first row of each frame, (F, M, 3) positions and the labels."""
+    """Return the numbers in the first row of each frame, (F, M, 3) positions, and the labels."""
     key = next(i for i, heading in enumerate(headings) if heading in _NAMES)
     names = [row[key].strip() if key < len(row) else "" for row in rows]
     axes = [headings.index(axis) for axis in "xyz"]
@@ -158,10 +158,10 @@ def is_point_array(path: Path) -> bool:
 
 
 def read_point_array(path: Path) -> MarkerSource:
-    """Read (F, N, 3) points, NaN where missing, and their N names.
+    """Read (F, N, 3) points (NaN where missing) and their N names.
 
-    The names are in ``NAME.txt``, ``NAME.json``, ``names.txt`` or ``names.json`` in the folder of ``NAME.npy``. A text
-    file has a name per line, a JSON file a list. Without such a file, the only joint set with N points gives the names.
+    The names are in ``NAME.txt``, ``NAME.json``, ``names.txt`` or ``names.json`` next to ``NAME.npy``. A text file has
+    one name per line, a JSON file a list. Without such a file, the only joint set with N points gives the names.
 
     Raises:
         FileDamaged: the file is not an array of numbers, or the number of names differs.

@@ -1,4 +1,4 @@
-"""Read and write marker files of all kinds."""
+"""Read and write marker files in all supported formats."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from solver_backend.io.markers.source import MarkerSource, MarkerTake
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.types import MarkerCloud
 
-_HEAD_BYTES = 65536  # Bytes to read to recognise the format of a file.
+_HEAD_BYTES = 65536  # Number of bytes read to recognise a file's format.
 
 
 def _row(
@@ -64,18 +64,18 @@ MARKERS: tuple[Reader[MarkerTake], ...] = (
     _row("table of points", (".csv", ".tsv", ".txt"), read_point_table, begins_as_points),
     _row("live recording that was not finished", (SUFFIX,), read_live_recording),
 )
-"""Readers, tried in this order. The first that recognises a path reads it."""
+"""Readers, tried in this order. The first one that recognises a path reads it."""
 
 
 def read_markers(path: Path | str, **options: Any) -> MarkerTake:
     """Read a marker file with the first reader that recognises it.
 
-    The options are fps, unit and up_axis of ``ReadOptions``.
+    The options are ``fps``, ``unit`` and ``up_axis`` from ``ReadOptions``.
 
     Raises:
-        FileMissing, CaptureNotRecognised: there is no such file, or no reader knows it.
+        FileMissing, CaptureNotRecognised: the file does not exist, or no reader recognises it.
         JobInvalid: the frame rate, unit or axis is invalid, or an option is unknown.
-        MocapError: the reader's own errors.
+        MocapError: errors that the reader raises.
     """
     path, chosen = require_file(path), ReadOptions(**options)
     reader = next((reader for reader in MARKERS if reader.recognises(path)), None)
@@ -90,5 +90,5 @@ WRITERS: dict[str, Callable[..., Path]] = {"c3d": write_c3d, "trc": write_trc}  
 
 
 def write_markers(path: Path, cloud: MarkerCloud, *, overwrite: bool = False) -> Path:
-    """Write markers (metres, Z up) in the format of the path's suffix (``WRITERS``)."""
+    """Write markers (metres, Z up) in the format given by the path's suffix (``WRITERS``)."""
     return WRITERS[path.suffix.lower().lstrip(".")](path, cloud, overwrite=overwrite)

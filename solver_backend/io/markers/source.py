@@ -1,4 +1,4 @@
-"""Hold a marker file's content, and the interpreted markers in metres with Z up."""
+"""Store the content of a marker file, and the interpreted markers in metres with Z up."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from solver_backend.types import MarkerCloud
 
 @dataclass(frozen=True)
 class MarkerTake:
-    """Markers of one file in metres with Z up."""
+    """The markers in one file, in metres with Z up."""
 
-    cloud: MarkerCloud  # The markers. There are no labels if all are unnamed.
-    subjects: tuple[str, ...] = ()  # Prefixes of the labels in file order.
+    cloud: MarkerCloud  # The markers. The labels are empty if all markers are unnamed.
+    subjects: tuple[str, ...] = ()  # Label prefixes in file order.
     unlabelled: tuple[str, ...] = ()  # Labels that a program generated for unnamed points.
     notes: tuple[Diagnostic, ...] = ()
     problems: tuple[Diagnostic, ...] = ()
-    others: MarkerCloud | None = None  # Markers with other prefixes that name no person, possibly props.
+    others: MarkerCloud | None = None  # Markers whose prefixes do not name a person, possibly props.
 
 
-ARM_M = 0.1  # Distance in metres from a body's origin to the points on its axes, similar to hand-held markers.
+ARM_M = 0.1  # Distance in metres from a body's origin to the points on its axes, similar to hand-held marker tools.
 
 
 @dataclass(frozen=True)
 class RigidBodies:
-    """B rigid bodies in F frames, in the unit and axes of their file."""
+    """B rigid bodies in F frames, in the file's unit and axes."""
 
     names: tuple[str, ...]  # (B,) names.
     positions: np.ndarray  # (F, B, 3) origins, NaN where missing.
     rotations: np.ndarray  # (F, B, 3, 3) rotations from body axes to file axes.
 
     def points(self, metres: float, to_world: np.ndarray, fps: float) -> MarkerCloud:
-        """Return each body's origin and a point on each axis, as ``NAME:origin``, ``NAME:x``.
+        """Return each body's origin and one point on each of its axes, as ``NAME:origin``, ``NAME:x`` and so on.
 
         ``to_world`` (3, 3) rotates file axes to world axes. ``metres`` is the length of the file's unit.
         """
@@ -55,18 +55,18 @@ class MarkerSource:
     path: Path
     format: str  # Name and version of the format.
     positions: np.ndarray  # (F, M, 3) positions in the file's unit and axes, NaN where missing.
-    labels: tuple[str, ...]  # M labels. They are empty if points have no names.
-    rate: float | None  # Frames per second, None if the file does not state it.
-    default_unit: str  # Most common unit of the format.
-    default_up_axis: str  # Most common upward axis of the format.
-    unit: str = ""  # Unit that the file states.
-    up_axis: str = ""  # Upward axis that the file states.
-    residual: np.ndarray | None = None  # (F, M) residuals from the recording program in the file's unit.
-    bodies: RigidBodies | None = None  # Rigid bodies whose poses are in the file.
-    analog_channels: tuple[str, ...] = ()  # Names of the analog channels, which are not read.
+    labels: tuple[str, ...]  # (M,) labels, or empty if the points have no names.
+    rate: float | None  # Frames per second, or None if the file does not state them.
+    default_unit: str  # Most common unit for the format.
+    default_up_axis: str  # Most common up axis for the format.
+    unit: str = ""  # Unit stated in the file.
+    up_axis: str = ""  # Up axis stated in the file.
+    residual: np.ndarray | None = None  # (F, M) residuals from the recording program, in the file's unit.
+    bodies: RigidBodies | None = None  # Rigid bodies whose poses the file contains.
+    analog_channels: tuple[str, ...] = ()  # Names of analog channels, which are not read.
     notes: tuple[Diagnostic, ...] = ()
     problems: tuple[Diagnostic, ...] = ()
-    rate_doubts: tuple[Diagnostic, ...] = ()  # Contradictions about the frame rate, which a user's rate settles.
+    rate_doubts: tuple[Diagnostic, ...] = ()  # Contradictions about the frame rate, which a user-defined rate resolves.
     to_metres: np.ndarray | None = None  # (3, 3) transform of the positions to metres with Z up, if known.
 
 

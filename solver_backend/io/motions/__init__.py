@@ -1,1 +1,1 @@
-"""Read motions of other programs."""
+"""Read motions from other programs."""

@@ -1,7 +1,7 @@
-"""Read Acclaim skeletons (ASF) and motions (AMC), as in the CMU database.
+"""Read Acclaim skeletons (ASF) and motions (AMC), as used in the CMU database.
 
-A bone rotates by ``G = G_parent C M C^T`` with the axes C from the skeleton and the frame's rotation M. It ends at ``p
-+ G d l`` with its rest direction d and length l (Lander, Game Developer Magazine, January 1998).
+A bone rotates by ``G = G_parent C M C^T``, with its axes C from the skeleton and the frame's rotation M. It ends at ``p
++ G d l``, with its rest direction d and its length l (Lander, Game Developer Magazine, January 1998).
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from solver_backend.io.files import LARGEST_TEXT, read_text
 from solver_backend.types import SkeletonMotion
 
 SUFFIXES = (".asf", ".amc")
-RATE = 120.0  # Frames per second of CMU's takes. AMC files do not state it.
-_FRAME_DIGITS = 9  # Maximum number of digits of a frame number. A longer number means damage.
+RATE = 120.0  # Frames per second of CMU takes. AMC files do not state the rate.
+_FRAME_DIGITS = 9  # Largest number of digits in a frame number. A longer number means that the file is damaged.
 _MOST_BONES, _MOST_FRAMES, _MOST_BYTES = 1000, 1_000_000, 200_000_000
 _LONGEST = 1e6  # Largest bone length, and largest component of a direction or axis, in any unit.
-_TURNS, _PLACES = ({f"{kind}{axis}": k for k, axis in enumerate("xyz")} for kind in "rt")  # Axis index of each channel.
+_TURNS, _PLACES = ({f"{kind}{axis}": k for k, axis in enumerate("xyz")} for kind in "rt")  # Axis index per channel.
 
 
 @dataclass
 class _Bone:
-    """A bone of the skeleton. Angles are in degrees, lengths in the file's unit."""
+    """A skeleton bone. Angles are in degrees, lengths in the file's unit."""
 
     direction: np.ndarray = field(default_factory=lambda: np.zeros(3))
     length: float = 0.0
@@ -39,18 +39,18 @@ class _Bone:
 
 
 def read_acclaim(path: Path, fps: float | None = None) -> SkeletonMotion:
-    """Read a pair of ASF and AMC files, given either path, in the skeleton's unit and axes.
+    """Read a pair of ASF and AMC files in the skeleton's unit and axes, given the path of either file.
 
     Raises:
-        FileMissing: the other file of the pair is missing or ambiguous.
-        FileDamaged: a line does not fit the format.
+        FileMissing: the other file in the pair is missing or ambiguous.
+        FileDamaged: a line does not match the format.
         NonFiniteData: a value is not a number, or is out of range.
     """
     return read_pair(*find_pair(path), fps)
 
 
 def read_pair(skeleton: Path, motion: Path, fps: float | None = None) -> SkeletonMotion:
-    """Read a motion (AMC) and its skeleton (ASF) as in ``read_acclaim``."""
+    """Read a motion (AMC) and its skeleton (ASF), as ``read_acclaim`` does."""
     bones, radians = _read_skeleton(skeleton)
     values, in_radians = _read_frames(motion, bones)
     axes, turns = (
@@ -73,9 +73,9 @@ def read_pair(skeleton: Path, motion: Path, fps: float | None = None) -> Skeleto
 
 
 def find_pair(path: Path) -> tuple[Path, Path]:
-    """Return the ASF and AMC files of a pair, such as 13.asf and 13_29.amc.
+    """Find the ASF and AMC files that form a pair, such as 13.asf and 13_29.amc.
 
-    Files with the numbers of different subjects are not a pair.
+    Files that are numbered for different subjects are not a pair.
     """
     if path.suffix.lower() == ".asf":
         return path, _other(path, ".amc")
@@ -101,13 +101,13 @@ def _other(path: Path, suffix: str) -> Path:
 
 
 def _subject(path: Path) -> str:
-    """Return the leading number, such as 131 of 131-dance.asf, or the name up to "_"."""
+    """Return the leading number, such as 131 in 131-dance.asf, or the name up to "_"."""
     number = re.match(r"\d+(?=[_\- .]|$)", path.stem)
     return number[0] if number else path.stem.split("_")[0]
 
 
 def _read_skeleton(path: Path) -> tuple[dict[str, _Bone], bool]:
-    """Return the bones, root first, and whether angles are in radians."""
+    """Return the bones, root first, and whether their angles are in radians."""
     bones, part, name, radians = {"root": _Bone()}, "", "", False
     for number, line in enumerate(read_text(path, LARGEST_TEXT).splitlines(), start=1):
         words = line.split("#")[0].split()
@@ -185,7 +185,7 @@ def _from_root(bones: dict[str, _Bone], path: Path) -> dict[str, _Bone]:
 def _read_frames(path: Path, bones: dict[str, _Bone]) -> tuple[dict[str, np.ndarray], bool | None]:
     """Return (F, C) channel values per bone, and whether angles are in radians (None if not stated).
 
-    A bone that no frame contains stays in its rest pose.
+    A bone that no frame mentions stays in its rest pose.
     """
     rows: dict[str, list[list[float]]] = {name: [] for name in bones}
     frames, last, radians = 0, 0, None
@@ -235,11 +235,11 @@ def _read_frames(path: Path, bones: dict[str, _Bone]) -> tuple[dict[str, np.ndar
 def _pose(
     bones: dict[str, _Bone], values: dict[str, np.ndarray], axes: float, turns: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return rotations (F, B, 3, 3) relative to rest, and start and end points (F, B, 3) of the bones.
+    """Return (F, B, 3, 3) rotations relative to rest, and (F, B, 3) start and end points of the bones.
 
     Args:
-        axes: radians per unit of the skeleton's angles.
-        turns: radians per unit of the frames' angles.
+        axes: radians per angle unit in the skeleton.
+        turns: radians per angle unit in the frames.
     """
     names = list(bones)
     frames = len(values["root"])
@@ -265,7 +265,7 @@ def _pose(
 
 
 def _turns(angles: np.ndarray, order: str) -> np.ndarray:
-    """Return (F, 3, 3) rotations by (F, 3) angles in radians about fixed X, Y and Z, applied in ``order``."""
+    """Convert (F, 3) angles in radians about fixed X, Y and Z, applied in ``order``, to (F, 3, 3) rotations."""
     turns = np.broadcast_to(np.eye(3), (len(angles), 3, 3))
     for letter in order:
         axis = "xyz".index(letter)

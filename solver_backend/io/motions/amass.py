@@ -1,4 +1,4 @@
-"""Read AMASS npz files of the first release (SMPL-H) and of the later one (SMPL-X)."""
+"""Read AMASS npz files from the first release (SMPL-H) and the later one (SMPL-X)."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ _RATES = ("mocap_framerate", "mocap_frame_rate", "fps")
 _PARTS = "poses trans betas root_orient pose_body pose_hand surface_model_type gender"
 _STORED = (*_RATES, *_PARTS.split())
 _WIDTHS = {3 * SMPL.num_joints: "smpl", 3 * SMPL_H.num_joints: "smplh", 3 * SMPL_X.num_joints: "smplx"}
-"""Body model by the number of columns of ``poses``."""
+"""Body model for each possible number of columns in ``poses``."""
 _BODY = 3 * NUM_BODY_JOINTS
 _FINGERS = 3 * len(SMPL_H.group("left_hand") + SMPL_H.group("right_hand"))
-"""Number of pose parameters of both hands (rotation vectors)."""
+"""Number of pose parameters for both hands (rotation vectors)."""
 
 JointsOf = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""Function from betas (10,), global_orient (F, 3), body_pose (F, 69) and transl (F, 3) to joints (F, 24, 3)."""
+"""Function that maps betas (10,), global_orient (F, 3), body_pose (F, 69) and transl (F, 3) to joints (F, 24, 3)."""
 
 
 @dataclass(frozen=True)
 class AmassClip:
     """An AMASS sequence as SMPL parameters, in metres and radians with Z up."""
 
-    betas: np.ndarray  # (B,) shape coefficients, often 10 or 16, for the body of ``gender`` and ``model``.
+    betas: np.ndarray  # (B,) shape coefficients, often 10 or 16, for the body given by ``gender`` and ``model``.
     global_orient: np.ndarray  # (F, 3) rotation vectors from body to world axes.
     body_pose: np.ndarray  # (F, 69) rotation vectors of joints 1..23. Joints 22 and 23 are zero except in SMPL files.
     transl: np.ndarray  # (F, 3) translations in metres.
     fps: float
     gender: str  # 'male', 'female', 'neutral' or 'unknown'.
     model: str  # 'smpl', 'smplh' or 'smplx'.
-    hand_pose: np.ndarray | None = None  # (F, 90) rotation vectors of the fingers, left hand first, if in the file.
+    hand_pose: np.ndarray | None = None  # (F, 90) rotation vectors of the fingers, left hand first, or None.
 
 
 def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
@@ -49,7 +49,7 @@ def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
     ``fps`` replaces the file's frame rate.
 
     Raises:
-        FileMissing, FileDamaged: the file is missing, truncated, or lacks poses, translations or a frame rate.
+        FileMissing, FileDamaged: the file is missing or truncated, or has no poses, translations or frame rate.
         NonFiniteData: a value is NaN or infinite.
         MotionInvalid: there are no frames, or a rotation or shape is out of range.
     """
@@ -69,9 +69,9 @@ def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
 
 
 def motion_of(clip: AmassClip, body: str, joints_of: JointsOf) -> Motion:
-    """Convert a clip to a motion of a body, with the body's forward kinematics.
+    """Convert a clip to a motion of the named body, using that body's forward kinematics.
 
-    Shape coefficients are valid only for their original body. Set them to zero for another body.
+    Shape coefficients are valid only for the body they were fitted to. Set them to zero for another body.
     """
     betas = np.zeros(NUM_BETAS)
     count = min(NUM_BETAS, len(clip.betas))
@@ -89,7 +89,7 @@ def motion_of(clip: AmassClip, body: str, joints_of: JointsOf) -> Motion:
 
 
 def _poses(fields: Fields, frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, str]:
-    """Return the rotation vectors of root, body and fingers (or None), and the model."""
+    """Return the rotation vectors of the root, body and fingers (or None), and the model name."""
     body = np.zeros((frames, 3 * (NUM_JOINTS - 1)))
     if "poses" in fields:
         poses = fields.numbers("poses", (frames, None))
@@ -127,7 +127,7 @@ def _gender(fields: Fields) -> str:
 
 
 def is_amass(path: Path) -> bool:
-    """Return whether a file is an .npz file with poses, but not one of ours."""
+    """Return whether a file is an .npz file with poses that is not one of our own."""
     names = npz_names(path)
     return "format" not in names and ("poses" in names or "pose_body" in names)
 

@@ -1,4 +1,4 @@
-"""Read BVH motions: a skeleton with offsets, and the rotations of every joint."""
+"""Read BVH motions: a skeleton defined by offsets, and the rotations of every joint."""
 
 from __future__ import annotations
 
@@ -18,37 +18,37 @@ from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.marker_up_axis import metres_in, rotation_to_z_up
 from solver_backend.types import SkeletonMotion
 
-METRES_PER_UNIT = 0.01  # BVH states no unit. Centimetres are the most common.
-_LARGEST, _LARGEST_HIERARCHY = 256_000_000, 5_000_000  # Largest file in bytes, and largest HIERARCHY in characters.
+METRES_PER_UNIT = 0.01  # BVH does not state a unit. Centimetres are the most common.
+_LARGEST, _LARGEST_HIERARCHY = 256_000_000, 5_000_000  # Size limits: a file in bytes, and HIERARCHY in characters.
 _MOST_JOINTS, _MOST_FRAMES, _MOST_POSES = 1000, 10_000_000, 15_000_000
-"""Maximum number of joints per skeleton, frames per take, and product of both. A joint needs 100 bytes per frame."""
-_BLOCK = 1 << 20  # Characters to split at a time, chosen by hand.
+"""Largest number of joints in a skeleton, frames in a take, and their product. A joint needs 100 bytes per frame."""
+_BLOCK = 1 << 20  # Number of characters to split at a time, chosen by hand.
 _AXES = {"X": 0, "Y": 1, "Z": 2}  # Column of each axis.
 
 
 @dataclass(frozen=True)
 class BvhClip:
-    """Moving skeleton in metres with Z up, ``p_j = p_parent + G_parent @ local_j``.
+    """A moving skeleton in metres with Z up: ``p_j = p_parent + G_parent @ local_j``.
 
-    Offsets are in the skeleton's rest axes (usually Y up). The root's rotation includes the rotation to Z up.
+    Offsets are in the skeleton's rest axes (usually Y up). The root's rotation includes the conversion to Z up.
     """
 
     names: tuple[str, ...]  # (J,) joint names, parents before children.
-    parents: np.ndarray  # (J,) index of each joint's parent, -1 at the root.
-    offsets: np.ndarray  # (J, 3) offset from the parent in the rest pose, metres.
-    rotations: np.ndarray  # (F, J, 3, 3) rotations from joint axes to parent axes, for the root to world axes.
-    root_positions: np.ndarray  # (F, 3) positions of the root in the world, metres.
+    parents: np.ndarray  # (J,) index of each joint's parent, -1 for the root.
+    offsets: np.ndarray  # (J, 3) offsets from the parent in the rest pose, metres.
+    rotations: np.ndarray  # (F, J, 3, 3) rotations from joint axes to parent axes. For the root, to world axes.
+    root_positions: np.ndarray  # (F, 3) root positions in the world, metres.
     fps: float
     translations: np.ndarray | None = None
     """(F, J, 3) offsets from the parent in metres, if joints other than the root have position channels."""
     end_offsets: dict[str, np.ndarray] = field(default_factory=dict)  # (3,) metres from a joint to its End Site.
 
     def positions(self) -> np.ndarray:
-        """Return the (F, J, 3) joint positions in metres, in the world."""
+        """Return the (F, J, 3) joint positions in the world, in metres."""
         return self.posed()[0]
 
     def posed(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return (F, J, 3) joints in metres and (F, J, 3, 3) rotations from rest axes."""
+        """Return (F, J, 3) joint positions in metres and (F, J, 3, 3) rotations from rest axes."""
         frames, joints = self.rotations.shape[:2]
         local = np.broadcast_to(self.offsets, (frames, joints, 3)) if self.translations is None else self.translations
         p, G = np.empty((frames, joints, 3)), np.empty((frames, joints, 3, 3))
@@ -71,11 +71,11 @@ class _Skeleton:
 
 
 def read_bvh(path: Path | str, *, metres_per_unit: float = METRES_PER_UNIT, up_axis: str = "y") -> BvhClip:
-    """Read a BVH file with any channel order, in a given unit and with a given up axis.
+    """Read a BVH file with channels in any order, in a given unit and with a given up axis.
 
     ``R_j = R_first R_second R_third`` in channel order. The root's position channels replace its offset. For other
-    joints, most programs also replace the offset, but some add to it. Each joint votes for the reading that is closer
-    to its rest offset, so that a single translating joint decides nothing.
+    joints, most programs also replace the offset, but some add to it. Each joint votes for the interpretation that is
+    closer to its rest offset, so that a single translating joint cannot decide.
 
     Raises:
         FileMissing, FileDamaged: the file is missing, truncated or not BVH.
@@ -158,7 +158,7 @@ def _channels(words: list[str]) -> list[str]:
 
 
 def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.ndarray, float]:
-    """Return (F, channels) values and the frames per second."""
+    """Return the (F, channels) values and the frame rate."""
     channels = sum(len(names) for names in skeleton.channels)
     head, _, rest = text.partition("Time:")
     words = head.split()
@@ -198,7 +198,7 @@ def _blocks(text: str) -> Iterator[list[str]]:
 
 
 def _apply_channels(skeleton: _Skeleton, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotations (F, J, 3, 3) and local translations (F, J, 3) in the file's unit."""
+    """Return (F, J, 3, 3) rotations and (F, J, 3) local translations in the file's unit."""
     frames, joints = len(values), len(skeleton.names)
     rotations = np.tile(np.eye(3), (frames, joints, 1, 1))
     translations = np.tile(np.array(skeleton.offsets), (frames, 1, 1))
@@ -221,7 +221,7 @@ def _apply_channels(skeleton: _Skeleton, values: np.ndarray) -> tuple[np.ndarray
 
 
 def _about(axis: int, angle: np.ndarray) -> np.ndarray:
-    """Return (F, 3, 3) rotations about a coordinate axis by angles in radians."""
+    """Return (F, 3, 3) rotations about a coordinate axis, given angles in radians."""
     a, b = (axis + 1) % 3, (axis + 2) % 3
     R = np.tile(np.eye(3), (len(angle), 1, 1))
     R[:, a, a] = R[:, b, b] = np.cos(angle)
@@ -239,7 +239,7 @@ READER = Reader("BVH .bvh", lambda path: path.suffix.lower() == ".bvh", _read, f
 
 
 def bvh_skeleton(clip: BvhClip, where: str = "BVH") -> Skeleton:
-    """Return the rest skeleton of a clip, with chain ends as joints."""
+    """Return the rest skeleton of a clip. Chain ends become joints."""
     ends = {name: f"{name} end" for name, offset in clip.end_offsets.items() if np.linalg.norm(offset) > 0.0}
     require_distinct((*clip.names, *ends.values()), where)
     places: dict[str, np.ndarray] = {}
@@ -254,7 +254,7 @@ def bvh_skeleton(clip: BvhClip, where: str = "BVH") -> Skeleton:
 
 
 def bvh_motion(clip: BvhClip, skeleton: Skeleton, name: str) -> SkeletonMotion:
-    """Convert a clip to a motion of its ``bvh_skeleton``, in the clip's unit and axes."""
+    """Convert a clip to a motion of the skeleton from ``bvh_skeleton``, in the clip's unit and axes."""
     joints, turns = clip.posed()
     ends = [(clip.names.index(end.removesuffix(" end")), end) for end in skeleton.names[len(clip.names) :]]
     if ends:

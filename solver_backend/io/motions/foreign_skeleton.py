@@ -1,4 +1,4 @@
-"""Read clips of other programs' skeletons. The unit and axes are estimated from the figure."""
+"""Read clips whose skeletons come from other programs. The unit and axes are estimated from the figure."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from solver_backend.io.packed_values import SUFFIXES as PACKED
 from solver_backend.io.recognition.marker_up_axis import METRES, metres_in, rotation_to_z_up
 from solver_backend.types import SkeletonMotion
 
-_LARGEST = 2_000_000_000  # Largest MVNX file in bytes. One hour has about 1.5 GB.
+_LARGEST = 2_000_000_000  # Size limit of an MVNX file in bytes. One hour takes about 1.5 GB.
 
 
 def _segment_table(text: str, *sides: str) -> dict[str, tuple[str, str]]:
-    """Return the parent and role of each segment, first those on the midline, then each side.
+    """Return the parent and role of each segment: the midline first, then each side.
 
-    Entries are segment, parent and role, parents first. An * stands for the file's word for each side.
+    Each entry consists of segment, parent and role, with parents first. An * stands for the file's word for each side.
     """
     rows = [entry.split() for entry in text.split(",")]
     found = {segment: (parent, role) for segment, parent, role in rows if "*" not in segment}
@@ -56,7 +56,7 @@ def read_mvnx(path: Path) -> tuple[SkeletonMotion, dict[str, str]]:
     """Read the frames of an MVNX file relative to its T-pose, and the roles.
 
     Raises:
-        FileMissing, FileDamaged: the file is missing, not MVNX, or lacks segments, frames or a T-pose.
+        FileMissing, FileDamaged: the file is missing or not MVNX, or has no segments, frames or T-pose.
         NonFiniteData: a value is not a number.
         MotionInvalid: the file has no recorded frames.
     """
@@ -106,7 +106,7 @@ def _possible(rate: float | None, where: str) -> float:
 def _numbers(
     frames: list[ElementTree.Element], tag: str, shape: tuple[int, int], most: float, where: str
 ) -> np.ndarray:
-    """Return the (F, *shape) numbers of one element of every frame. ``most`` is their largest magnitude."""
+    """Return the (F, *shape) numbers that each frame has for one element. ``most`` limits their magnitude."""
     rows, count = [], shape[0] * shape[1]
     for frame in frames:
         try:
@@ -127,18 +127,18 @@ _THEIA_ROWS = """
     *shank *thigh *shin, *foot *shank *foot, *toes *foot *toe
 """
 _THEIA = _segment_table(_THEIA_ROWS, "left_", "right_")
-"""Segments in C3D files, named as by ``read_segments``."""
-_LEAST_SEEN = 0.5  # Smallest fraction of the frames in which a segment is visible.
+"""Segments in C3D files, as named by ``read_segments``."""
+_LEAST_SEEN = 0.5  # A segment must be visible in at least this fraction of the frames.
 
 
 def read_c3d_segments(path: Path) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
-    """Read the segments of a C3D file, the segment of each role, and notes.
+    """Read the segments in a C3D file, the segment of each role, and notes.
 
-    The files have no rest pose. In a standing person with hanging arms the segment axes are parallel (Z from the far to
-    the near joint), so zero rotations are that pose. The rest offset of a joint in its parent's axes is the median.
+    The files have no rest pose. When a person stands with hanging arms, the segment axes are parallel (Z from the far
+    to the near joint), so zero rotations give that pose. A joint's rest offset in its parent's axes is the median.
 
     Raises:
-        FileMissing, FileDamaged: see ``read_segments``. The file may also lack segment rotations.
+        FileMissing, FileDamaged: see ``read_segments``. Also raised if there are no segment rotations.
         MotionInvalid: the file has no pelvis or legs.
     """
     segments = read_segments(path)
@@ -174,7 +174,7 @@ def _near(name: str, names: tuple[str, ...]) -> str:
 
 
 def _filled(places: np.ndarray, G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fill gaps in positions and rotations with the last known values."""
+    """Fill gaps in positions and rotations with the last known value."""
     known = np.isfinite(places).all(-1)
     frames = np.arange(len(places))[:, None]
     last = np.maximum.accumulate(np.where(known, frames, -1), axis=0)
@@ -186,7 +186,7 @@ def _filled(places: np.ndarray, G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 _UNITS = {**METRES, "CMU (0.45 / 8 inch)": 0.0564444, "decimetre": 0.1}
 """Metres per length unit. CMU's conversions use a special unit."""
 _LEG_M, _LEAST_LEG_M, _MOST_LEG_M = 0.80, 0.45, 1.15
-"""Hip-knee-ankle length in metres: average, smallest and largest (ANSUR II 0.70 to 1.0, at the age of four 0.45)."""
+"""Length from hip to knee to ankle in metres: average, smallest and largest (ANSUR II 0.70 to 1.0, age four 0.45)."""
 _NEEDED = ("pelvis", *(f"{side}_{part}" for side in ("left", "right") for part in ("thigh", "shin", "foot")))
 """Roles that a clip of a person must have."""
 _READ = (".bvh", ".mvnx", ".c3d", ".npz", *acclaim.SUFFIXES)
@@ -195,12 +195,12 @@ _POINTS = (".csv", ".tsv", ".trc", ".npy")  # Files of points without rotations,
 _LEAST_SIZE = 1e-6  # Smallest size of a rest skeleton in any unit. A person is 0.0017 km tall.
 _MOST_M = 1e4  # Largest distance from the origin in metres.
 _APART_DEG, _TIMES = 25.0, 3.0
-"""The first frame is separate if a joint then rotates by more than this angle, and by this multiple of the largest
-rotation in the following frames. CMU's conversions to BVH have 60° and more, other clips of the benchmark do not."""
+"""The first frame is a separate pose if a joint then rotates by more than this angle and by more than this multiple of
+the largest rotation in the following frames. In the benchmark, only CMU clips converted to BVH do: 60° and more."""
 _CLEAR, _AT_ZERO, _NEAR_ZERO = 0.8, 0.15, 1.5
-"""Smallest cosine between a direction and a clear axis, and largest heights of the lowest joints, in leg lengths: of a
-figure that starts at 0 (ankles are at 0.1), and of a figure with its legs along the axis."""
-_FOLLOWING = 12  # Number of frames that are compared with the first step.
+"""Smallest cosine between a direction and a clear axis, and largest height of the lowest joints in leg lengths: for a
+figure that starts at 0 (ankles are at 0.1), and for a figure with its legs along the axis."""
+_FOLLOWING = 12  # Number of frames compared with the first step.
 
 
 def read_foreign_clip(
@@ -208,8 +208,8 @@ def read_foreign_clip(
 ) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
     """Read a clip of a person in metres with Z up, its roles and diagnostics.
 
-    Without a unit, the leg length determines it. Without an up axis, the trunk determines it in BVH and AMC, and it is
-    Z in other formats. AMC does not state a rate, so ``fps`` gives it.
+    If no unit is given, the leg length determines it. If no up axis is given, the trunk determines it in BVH and AMC
+    files, and it is Z in other formats. AMC files do not state a rate, so ``fps`` sets it.
 
     Raises:
         MocapError: see ``read_stated``.
@@ -246,11 +246,11 @@ def read_stated(
 ) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
     """Read a clip or skeleton file in the file's unit and axes.
 
-    ``through_blender`` is the verb and arguments of the add-on's command line that reads other files. The map from
-    roles to joints is empty if the format states none.
+    ``through_blender`` is the verb and arguments for the add-on's command line, which reads other files. The map from
+    roles to joints is empty if the format does not define roles.
 
     Raises:
-        MocapError: the reader's own errors, or the format is not supported.
+        MocapError: the format is not supported, or the reader raises an error.
     """
     suffix, where = path.suffix.lower(), str(path)
     if suffix == ".bvh":
@@ -281,11 +281,11 @@ def _roles(skeleton: Skeleton, where: str) -> tuple[dict[str, str], list[Diagnos
         hint = "Export the skeleton with bone lengths."
         raise MotionInvalid(f"The skeleton is {skeleton.size:.3g} units large at rest.", where=where, hint=hint)
     guess = recognise(skeleton)
-    if not guess.roles and not guess.doubts:  # names may show arms without hands
+    if not guess.roles and not guess.doubts:  # the names may describe arms without hands
         parents = {name: skeleton.names[p] for name, p in zip(skeleton.names, skeleton.parents, strict=True) if p >= 0}
         named = guess_roles(skeleton.names, parents)
         guess = replace(guess, roles=named if is_plausible(named, skeleton) else {})
-    doubts = [doubt.partition(".")[0] for doubt in guess.doubts]  # the table of the second sentence is for rigs
+    doubts = [doubt.partition(".")[0] for doubt in guess.doubts]  # the second sentence refers to a table for rigs
     if set(_NEEDED) <= guess.roles.keys():
         unclear = [diagnostic("motion_skeleton_unclear", doubt=doubt) for doubt in doubts]
         return guess.roles, [*_missing(guess.roles), *unclear]
@@ -304,7 +304,7 @@ def _missing(roles: dict[str, str]) -> list[Diagnostic]:
 
 
 def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) -> tuple[float, list[Diagnostic]]:
-    """Return the metres per unit of the clip, and a note."""
+    """Return the length of the clip's unit in metres, and a note."""
     index = {name: i for i, name in enumerate(skeleton.names)}
     chains = [[index[roles[f"{side}_{part}"]] for part in ("thigh", "shin", "foot")] for side in ("left", "right")]
     leg = float(np.mean([skeleton.distance(a, b) + skeleton.distance(b, c) for a, b, c in chains]))
@@ -318,11 +318,11 @@ def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) ->
 
 
 def _up_axis(motion: SkeletonMotion, roles: dict[str, str]) -> tuple[str, str]:
-    """Return the up axis and its source, ``y`` unless another axis is clear.
+    """Return the up axis and its source. The axis is ``y`` unless another one is clear.
 
     A standing rest pose determines the axis, because the person may lie or fly in the motion. Some converters write a
-    skeleton with Y up and a motion with Z up. If the trunk then points along another axis, that axis is right if the
-    figure starts at height 0 along it, or its legs extend along it near height 0. The source is then ``rest``.
+    skeleton with Y up and a motion with Z up. If the trunk then points along another axis, that axis is correct if the
+    figure starts at height 0 along it, or if the legs extend along it near height 0. The source is then ``rest``.
     """
     top = next((role for role in ("head", "neck_1", "left_upper_arm") if role in roles), "pelvis")
     a, b = (motion.names.index(roles[role]) for role in ("pelvis", top))
@@ -330,7 +330,7 @@ def _up_axis(motion: SkeletonMotion, roles: dict[str, str]) -> tuple[str, str]:
     posed = _clear_axis(motion.joints[:, b] - motion.joints[:, a])
     rest = _clear_axis((motion.rest[b] - motion.rest[a])[None])
     if rest == 0 or _clear_axis((motion.rest[a] - motion.rest[feet].mean(0))[None]) != rest:
-        rest = None  # A rest pose with bones along their own X, as in LAFAN1 and Bandai-Namco, is not standing.
+        rest = None  # A rest pose whose bones point along their own X, as in LAFAN1 and Bandai-Namco, is not standing.
     if rest is None or posed is None or rest == posed:
         axis = posed if rest is None else rest
         return ("y" if axis is None else "xyz"[axis]), ("trunk" if posed == axis else "rest" if axis != 1 else "")
@@ -344,14 +344,14 @@ def _up_axis(motion: SkeletonMotion, roles: dict[str, str]) -> tuple[str, str]:
 
 
 def _clear_axis(ways: np.ndarray) -> int | None:
-    """Return the index of the axis close to the mean of (F, 3) directions, or None if there is none."""
+    """Return the index of the axis close to the mean of (F, 3) directions, or None if no axis is close."""
     mean = (ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-9)).mean(0)
     axis = int(np.abs(mean).argmax())
     return axis if mean[axis] > _CLEAR else None
 
 
 def first_frame_apart(motion: SkeletonMotion) -> list[Diagnostic]:
-    """Return a warning if a joint rotates most after the first frame."""
+    """Return a warning if a joint rotates most between the first and second frame."""
     parents = np.array(motion.parents)
     G = motion.turns[:_FOLLOWING]
     if len(G) < _FOLLOWING:

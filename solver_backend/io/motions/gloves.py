@@ -1,4 +1,4 @@
-"""Read hands from MANUS and Rokoko tables, BVH and skeleton files with fingers."""
+"""Read hands from MANUS and Rokoko tables, and from BVH and skeleton files with fingers."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from solver_backend.io.text_table import heading_of, read_numbers, read_rows
 from solver_backend.types import SkeletonMotion
 from solver_backend.types.motion import GloveTake
 
-_LARGEST = 512_000_000  # Largest size of a table in bytes.
+_LARGEST = 512_000_000  # Size limit of a table in bytes.
 _LEAST_FRAMES = 2  # Smallest number of frames that determines a frame rate.
-_LEAST_PALM = 1e-6  # Smallest distance from the wrist to the knuckles in any unit.
+_LEAST_PALM = 1e-6  # Smallest distance from the wrist to the knuckles, in any unit.
 _BENDS = np.array([name.endswith(("pip_flexion", "dip_flexion")) and not name.startswith("thumb") for name in ANGLES])
-"""Mask of the joint angles that have one sign only."""
+"""Mask of the joint angles that never change sign."""
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
 def _read_columns(path: Path, wanted: Callable[[str], bool]) -> dict[str, np.ndarray]:
-    """Return (F,) numbers of the wanted columns by heading, with NaN for empty cells."""
+    """Return the (F,) numbers in each wanted column, by heading. Empty cells are NaN."""
     names, rows = read_rows(path, _LARGEST)
     kept = {name: k for k, name in enumerate(name[:LONGEST_HEADING] for name in names) if wanted(name)}
     chosen = [[row[k] if k < len(row) else "" for k in kept.values()] for row in rows if any(map(str.strip, row))]
@@ -51,14 +51,14 @@ def _rising_times(times: np.ndarray, path: Path) -> np.ndarray:
 
 
 def _no_angles(frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return (F, 2, A) angles and (F, 2, 3, 3) palm rotations that are all NaN."""
+    """Return (F, 2, A) angles and (F, 2, 3, 3) palm rotations filled with NaN."""
     return np.full((frames, 2, NUM_ANGLES), np.nan), np.full((frames, 2, 3, 3), np.nan)
 
 
 def _angles_of_points(points: np.ndarray, side: int, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return (F, A) angles and (F, 3, 3) palm rotations from (F, 21, 3) hand points.
+    """Compute (F, A) angles and (F, 3, 3) palm rotations from (F, 21, 3) hand points.
 
-    Fingers that bend backwards show that the points are mirrored. They are then mirrored back.
+    If the fingers bend backwards, the points are mirrored, and this is undone first.
     """
     palm = np.linalg.norm(points[:, KNUCKLES[1:]] - points[:, :1], axis=-1)
     if not (palm[:, [0, 1, -1]] > _LEAST_PALM).all(axis=1).any():
@@ -71,7 +71,7 @@ def _angles_of_points(points: np.ndarray, side: int, where: str) -> tuple[np.nda
 
 _MANUS_TIME = "Elapsed_Time_In_Milliseconds"
 _MANUS_JOINTS = dict.fromkeys(FINGERS, ("MCP", "PIP", "DIP", "TIP")) | {"thumb": ("CMC", "MCP", "DIP", "TIP")}
-"""MANUS joint of each finger point. The file's thumb DIP is the anatomical IP joint."""
+"""MANUS joint for each finger point. The thumb's DIP in the file is the anatomical IP joint."""
 _MANUS_POINTS = tuple(
     f"{point}_{axis}"
     for point in ("Hand", *(f"{finger.title()}_{joint}" for finger in FINGERS for joint in _MANUS_JOINTS[finger]))
@@ -82,11 +82,11 @@ _MANUS_FLEXIONS = {"thumb_mcp_flexion": "Thumb_PIP_Flex", "thumb_ip_flexion": "T
     for finger in FINGERS[1:]
     for joint in ("mcp", "pip", "dip")
 }
-"""MANUS ergonomics angles (degrees) with our definition. Spreads and the thumb base have other zero poses."""
+"""MANUS ergonomics angles (degrees) whose definition matches ours. Spreads and thumb base have other zero poses."""
 
 
 def _read_manus(path: Path, side: str) -> GloveTake:
-    """Read a hand from positions if the table has them, otherwise from angles."""
+    """Read a hand from its positions if the table has them, otherwise from its angles."""
     side = side or side_of_name(path.stem)
     if not side:
         raise MotionInvalid("The side of the hand is unknown.", where=str(path), hint="Give the side with --side.")
@@ -102,7 +102,7 @@ def _read_manus(path: Path, side: str) -> GloveTake:
     return GloveTake(path.stem, times, angles, palms)
 
 
-_ROKOKO_TIME = "Timestamp"  # Heading of the time stamp in milliseconds.
+_ROKOKO_TIME = "Timestamp"  # Heading of the time stamp column, in milliseconds.
 _ROKOKO_JOINTS = {"mcp": "Metacarpophalangeal", "pip": "ProximalInterphalangeal", "dip": "DistalInterphalangeal"}
 _ROKOKO_FLEXIONS = {
     f"{finger}_{joint}_flexion": f"Digit{n}{name}"
@@ -112,12 +112,12 @@ _ROKOKO_FLEXIONS = {
 """Rokoko's joint for each of our angles. Spreads and the thumb base have other zero poses."""
 _SEGMENTS = ("ProximalPhalan", "IntermediatePhalan", "DistalPhalan")
 _OF_THUMB = ("MetaCarpal", "ProximalPhalan", "DistalPhalan")
-"""Segments, each starting at its proximal joint. Versions end the words differently, such as Phalangx."""
+"""Segments, each starting at its proximal joint. Word endings vary between versions, such as Phalangx."""
 _COLUMN = re.compile(r"(Left|Right)(Hand|Digit[1-5]\w{0,40}?)_(position_[xyz]|flexion)", re.IGNORECASE)
 
 
 def _read_rokoko(path: Path) -> GloveTake:
-    """Read both hands from joint positions if the table has them, otherwise from its angles."""
+    """Read both hands from joint positions if the table has them, otherwise from angles."""
     columns = _read_columns(path, lambda name: name == _ROKOKO_TIME or _COLUMN.fullmatch(name) is not None)
     times = _rising_times(columns.pop(_ROKOKO_TIME), path)
     lower = {name.lower(): value for name, value in columns.items()}
@@ -134,7 +134,7 @@ def _read_rokoko(path: Path) -> GloveTake:
 
 
 def _rokoko_points(columns: dict[str, np.ndarray], side: str, frames: int) -> np.ndarray | None:
-    """Return (F, 21, 3) hand points in metres without tips, None without positions."""
+    """Return (F, 21, 3) hand points in metres without fingertips, or None if there are no positions."""
     ending = "_position_x"
     segments = {0: f"{side}hand"} if f"{side}hand{ending}" in columns else {}
     for number in range(len(FINGERS)):
@@ -156,7 +156,7 @@ def _rokoko_points(columns: dict[str, np.ndarray], side: str, frames: int) -> np
 def read_gloves(path: Path, side: str = "") -> GloveTake:
     """Read hands from a MANUS or Rokoko CSV, or from a moving skeleton (see ``read_stated``).
 
-    ``side`` is ``left`` or ``right`` for a single hand whose names state no side.
+    ``side`` is ``left`` or ``right`` for a single hand whose names do not state the side.
 
     Raises:
         FileMissing, FileDamaged, NonFiniteData: the file is missing or damaged.
@@ -178,7 +178,7 @@ def read_gloves(path: Path, side: str = "") -> GloveTake:
 
 
 def _gloves_of_skeleton(motion: SkeletonMotion, side: str, where: str) -> GloveTake:
-    """Return the hands of a moving skeleton of a person or of hands only, in any unit."""
+    """Return the hands of a moving skeleton, which is a person or only hands, in any unit."""
     parents = {n: motion.names[p] for n, p in zip(motion.names, motion.parents, strict=True) if p >= 0}
     roles = recognise(Skeleton(dict(zip(motion.names, motion.rest, strict=True)), parents)).roles
     angles, palms = _no_angles(motion.num_frames)

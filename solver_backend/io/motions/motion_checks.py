@@ -1,4 +1,4 @@
-"""Check the numbers of motions. Impossible values are errors, implausible ones are warnings."""
+"""Check the values in motions. Impossible values are errors, implausible ones are warnings."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from solver_backend.io.recognition.range_checks import FRAME_RATES
 from solver_backend.types import Motion
 
 OUTSIDE_DEG, OUTSIDE_SHARE = 45.0, 0.01
-"""Degrees beyond a joint's range and margin, and the fraction of frames that causes a warning. In CMU's motions one
-joint exceeds it in 0.1 % of the frames. One clip of 73, with a badly converted skeleton, reaches this fraction."""
+"""Degrees beyond a joint's range and margin, and the fraction of frames that causes a warning. In CMU motions, one
+joint exceeds it in 0.1 % of the frames. One clip in 73, with a badly converted skeleton, reaches this fraction."""
 LARGEST_BETA = 4.0
-"""Largest SMPL shape coefficient in standard deviations. One person in 16,000 has a larger one."""
-FASTEST_M_S = 20.0  # Largest speed of the pelvis in m/s. The fastest runners reach 12.5 m/s.
+"""Largest SMPL shape coefficient in standard deviations. One in 16,000 people has a larger one."""
+FASTEST_M_S = 20.0  # Largest pelvis speed in m/s. The fastest runners reach 12.5 m/s.
 
 AnyMotion = Motion | AmassClip | BvhClip
 
 
 def checked_motion(motion: AnyMotion, where: str) -> None:
-    """Raise MotionInvalid if the frame rate or the positions of a motion are impossible."""
+    """Raise MotionInvalid if a motion's frame rate or positions are impossible."""
     found = [*_odd_rate(motion, plausible.FRAME_RATES, Severity.ERROR)]
     away = np.abs(_places(motion)).max(axis=-1, initial=0.0)
     if (away > plausible.FARTHEST_M).any():
@@ -41,7 +41,7 @@ def checked_motion(motion: AnyMotion, where: str) -> None:
 
 
 def check_motion(motion: AnyMotion) -> tuple[Diagnostic, ...]:
-    """Return a warning for every implausible value in a motion."""
+    """Return a warning for each implausible value in a motion."""
     found = [*_odd_rate(motion, FRAME_RATES, Severity.WARNING)]
     speed = np.linalg.norm(np.diff(_places(motion), axis=0), axis=-1) * motion.fps
     if runs := true_runs(speed > FASTEST_M_S):
@@ -62,7 +62,7 @@ def _odd_rate(motion: AnyMotion, limits: tuple[float, float], severity: Severity
 
 
 def odd_shape(betas: np.ndarray) -> Iterator[Diagnostic]:
-    """Yield a warning if a body shape, apart from the stature, is implausible."""
+    """Yield a warning if a body shape is implausible, regardless of its stature."""
     if betas.size > 1 and (worst := float(np.abs(betas[1:]).max())) > LARGEST_BETA:
         yield diagnostic("shape_odd", size=worst, limit=LARGEST_BETA)
 

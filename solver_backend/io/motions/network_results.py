@@ -1,12 +1,12 @@
 """Read the results of networks that estimate a person from one video.
 
-The layouts come from these public repositories: GVHMR (zju3dv/GVHMR 44fbc19), GEM-X (NVlabs/GEM-X 3299255, SOMA's 77
-joints), WHAM (yohanshin/WHAM 2b54f77), OpenCap Monocular (opencap-monocular of August 2026, ``NAME_optimized.pkl``),
+The layouts come from these public repositories: GVHMR (zju3dv/GVHMR 44fbc19), GEM-X (NVlabs/GEM-X 3299255, the 77 SOMA
+joints), WHAM (yohanshin/WHAM 2b54f77), OpenCap Monocular (opencap-monocular as of August 2026, ``NAME_optimized.pkl``),
 TRAM (yufu-wang/tram 4861c11), PromptHMR (yufu-wang/PromptHMR ea85d0a), 4D-Humans (brjathu/PHALP 96f7e6c), SAM 3D Body
 (facebookresearch/sam-3d-body b5c765a), InstantHMR (mohamdev/InstantHMR 6f841fc), MediaPipe 0.10 (world landmarks),
 RTMW3D (open-mmlab/mmpose 1.3, projects/rtmpose3d) and MotionBERT (Walter0807/MotionBERT dccfe7b, ``X3D.npy``).
-Generated motions are also supported: vectors and joints of HumanML3D (Guo et al. 2022), and MDM (Tevet et al. 2023).
-So are pickled SMPL motions of AIST++ (Li et al. 2021), of EDGE (Tseng et al. 2023), of AMASS, and of smplx's arguments.
+Generated motions are also supported: vectors and joints of HumanML3D (Guo et al. 2022), and MDM (Tevet et al. 2023). So
+are pickled SMPL motions from AIST++ (Li et al. 2021), EDGE (Tseng et al. 2023) and AMASS, and pickled smplx arguments.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ _DAMAGE += (RuntimeError, MemoryError)
 
 @dataclass(frozen=True)
 class _RotationLayout:
-    """Keys of a program's rotations. Paths are keys between slashes, and * matches every person."""
+    """Keys under which a program stores rotations. Paths are keys joined by slashes, and * matches every person."""
 
     program: str
-    people: str  # Path of a person's dictionary, "" for the whole file.
-    camera: tuple[str, str, str]  # Paths of the pelvis (or all) rotations, joint rotations ("" if included), position.
+    people: str  # Path of a person's dictionary, or "" for the whole file.
+    camera: tuple[str, str, str]  # Paths of: pelvis (or all) rotations, joint rotations ("" if included), position.
     world: tuple[str, str] = ("", "")  # Paths of the pelvis (or all) rotations and the position, in a world with Y up.
-    frames: str = ""  # Path of the frame numbers. "" counts from 0.
+    frames: str = ""  # Path of the frame numbers. "" numbers them from 0.
     to_camera: str = ""  # Path of the rotation from world to camera if the file has only world rotations.
 
 
@@ -73,52 +73,52 @@ _LAYOUTS = (
     ),
     _RotationLayout("WHAM", "*", ("pose", "", "trans"), ("pose_world", "trans_world"), "frame_ids"),
 )
-"""Layouts, tried in this order. The first layout with all its paths in the file reads it."""
+"""Layouts, tried in this order. The first layout whose paths are all in the file is used."""
 _SMPL = (
     ("smpl_poses", "smpl_trans"),
     ("poses", "trans"),
     ("pose", "trans"),
     ("global_orient", "body_pose", "transl"),
 )
-"""Keys of the rotations and the position of a pickled SMPL motion, in a world with any axis up."""
+"""Keys of the rotations and the position in a pickled SMPL motion, in a world with any up axis."""
 _SMPL_HANDS, _SMPL_RATES = ("left_hand_pose", "right_hand_pose"), ("mocap_framerate", "mocap_frame_rate", "fps")
-_SMPL_LEAN = 0.7  # Tangent of the mean lean beyond which the up axis is unknown: 35°, chosen by hand.
+_SMPL_LEAN = 0.7  # Tangent of the mean lean above which the up axis is unknown: 35°, chosen by hand.
 _SOMA = 77
 _SOMA_OF = (0, 67, 72, 1, 68, 73, 2, 69, 74, 3, 70, 75, 4, 11, 39, 6, 12, 40, 13, 41, 14, 42)
-"""SOMA joint of each of SMPL's 22 joints. SOMA's second neck joint, 5, rotates the head together with 6."""
+"""SOMA joint for each of SMPL's 22 joints. Joint 5, SOMA's second neck joint, rotates the head together with 6."""
 _SOMA_FINGERS = tuple(
     (joint - 1, joint) if joint == first and first not in (15, 43) else (joint,)
     for hand in (0, 28)
     for first in (20 + hand, 25 + hand, 35 + hand, 30 + hand, 15 + hand)
     for joint in range(first, first + 3)
 )
-"""SOMA joints of SMPL-X's index, middle, little and ring finger and thumb. Metacarpals rotate with the first joint."""
+"""SOMA joints for SMPL-X's index, middle, little and ring finger and thumb. Metacarpals rotate with the first joint."""
 _MHR_BODY = tuple(name for name in JointSet.COCO_WHOLEBODY_133.keypoints if not name.endswith("wrist"))
 _MHR = (*_MHR_BODY, *[""] * 20, "right_wrist", *[""] * 20, "left_wrist", *[""] * 6, "neck")
-"""Names of the 70 MHR points, '' for hand points and inner elbows."""
+"""Names of the 70 MHR points, '' for hand points and inner elbow points."""
 _MHR_HANDS = tuple((wrist, *(wrist - 20 + 4 * f + 3 - k for f in range(5) for k in range(4))) for wrist in (62, 41))
-"""Columns of the 21 points of the left and right hand: the wrist, and each finger from base to tip."""
+"""Columns of the 21 points of the left and right hand: the wrist, then each finger from base to tip."""
 _POINTS = {
     70: ("SAM 3D Body", _MHR),
     17: ("MotionBERT", JointSet.H36M_17.keypoints),
     33: ("MediaPipe", JointSet.MEDIAPIPE_33.keypoints),
     133: ("RTMW3D", JointSet.COCO_WHOLEBODY_133.keypoints),
 }
-"""Program and point names by the number of points."""
+"""Program and point names for each number of points."""
 _GENERATED = JointSet.SMPL_24.keypoints[:NUM_TURNED]
 """Names of the 22 joints of HumanML3D and MDM, in a world with Y up."""
-_GENERATED_FPS = 20.0  # Frames per second of HumanML3D, on which networks are trained.
+_GENERATED_FPS = 20.0  # Frames per second of HumanML3D, the usual training data.
 _VECTOR = 263
 """Numbers per HumanML3D frame: root rotation, velocity and height (4), 21 joints (63), rotations, speeds, contacts."""
-_POINT_KEYS = ("pred_keypoints_3d", "joints_3d")  # Keys of points in SAM 3D Body and InstantHMR files.
+_POINT_KEYS = ("pred_keypoints_3d", "joints_3d")  # Keys of the points in SAM 3D Body and InstantHMR files.
 _JSON = re.compile(r'world_?landmarks|"instance_info"', re.IGNORECASE)
-_MOST_FRAMES = 1_000_000  # Largest span of frame numbers, as in captures.
-_ROUNDING = 0.03  # Largest deviation of a rotation's axes from orthonormality. 16-bit numbers reach 0.01.
-_HEAD = 1 << 16  # Bytes to read to recognise the layout of a JSON file.
+_MOST_FRAMES = 1_000_000  # Largest span of frame numbers, as for captures.
+_ROUNDING = 0.03  # Largest deviation of a rotation matrix from orthonormality. 16-bit numbers reach 0.01.
+_HEAD = 1 << 16  # Number of bytes read to recognise a JSON layout.
 
 
 def is_network_result(path: Path) -> bool:
-    """Return whether the suffix, keys or points of a file suggest a network result."""
+    """Return whether a file's suffix, keys or points suggest a network result."""
     suffix = path.suffix.lower()
     if suffix in SUFFIXES:
         return path.is_file()
@@ -138,12 +138,12 @@ def is_network_result(path: Path) -> bool:
 
 
 def read_network_result(path: Path) -> tuple[NetworkResult, ...]:
-    """Return the people of a network result, the one with most frames first.
+    """Return the people in a network result, the one with the most frames first.
 
     Raises:
-        UnsafePickle: the file asks for a class or function that arrays do not need.
-        FileMissing, FileDamaged: the file is missing or damaged, or no layout fits it.
-        MotionInvalid, NonFiniteData: the file has no person, or contains invalid numbers.
+        UnsafePickle: the file requests a class or function that arrays do not need.
+        FileMissing, FileDamaged: the file is missing or damaged, or does not match any layout.
+        MotionInvalid, NonFiniteData: the file contains no person, or contains invalid numbers.
     """
     try:
         people = [_checked(person, path) for person in _people(path)]
@@ -251,9 +251,9 @@ def _of_smpl(content: Any, path: str) -> Iterator[tuple[tuple[str, ...], str, di
 
 
 def _smpl(name: str, person: dict[str, Any], keys: tuple[str, ...]) -> NetworkResult:
-    """Build a result from an SMPL motion. The axis along which the person stands points up.
+    """Build a result from an SMPL motion. The axis along which the person stands is the up axis.
 
-    Raises ``ValueError`` if the person does not stand for most of the time.
+    Raises ``ValueError`` if the person does not stand most of the time.
     """
     turns = np.concatenate([_matrices(numbers(person[key])) for key in keys[:-1]], axis=1)
     hands = [numbers(person[key]) for key in _SMPL_HANDS if key in person]
@@ -276,7 +276,7 @@ def _smpl(name: str, person: dict[str, Any], keys: tuple[str, ...]) -> NetworkRe
 
 
 def _matrices(values: np.ndarray) -> np.ndarray:
-    """Convert rotation matrices or vectors to (F, J, 3, 3) matrices."""
+    """Convert rotation matrices or rotation vectors to (F, J, 3, 3) matrices."""
     values = np.asarray(values, np.float64)
     if values.ndim >= 3 and values.shape[-2:] == (3, 3):
         return values.reshape(len(values), -1, 3, 3)
@@ -288,7 +288,7 @@ def _matrices(values: np.ndarray) -> np.ndarray:
 def _of_turns(
     program: str, name: str, frames: np.ndarray, turns: np.ndarray, world: np.ndarray | None, transl: np.ndarray
 ) -> NetworkResult:
-    """Build a result with SMPL joint rotations from joint rotations of SMPL, SMPL-H, SMPL-X or SOMA."""
+    """Build a result with SMPL joint rotations from those of SMPL, SMPL-H, SMPL-X or SOMA."""
     fingers = None
     if turns.shape[1] == _SOMA:
         turns = turns.copy()
@@ -309,7 +309,7 @@ def _of_turns(
 
 
 def _tracks(frames: list[dict[str, Any]]) -> list[NetworkResult]:
-    """Return the people in PHALP frames, which list tracks with rotations and cameras."""
+    """Return the people in PHALP frames, which list tracks with their rotations and cameras."""
     seen: dict[str, list[tuple[int, Any, Any]]] = {}
     for number, frame in enumerate(frames):
         for k, track in enumerate(frame.get("tid", [])):
@@ -338,7 +338,7 @@ def _of_points_file(arrays: dict[str, np.ndarray]) -> list[NetworkResult]:
 
 
 def _by_person(rows: Any) -> list[NetworkResult]:
-    """Return the people in rows of frame, name and (K, 3) points."""
+    """Return the people in rows that consist of frame, name and (K, 3) points."""
     people: dict[str, list[tuple[int, np.ndarray]]] = {}
     for frame, name, points in rows:
         people.setdefault(name, []).append((frame, points))
@@ -364,7 +364,7 @@ def _of_points(name: str, frames: np.ndarray, points: np.ndarray) -> NetworkResu
 
 
 def _samples(content: dict[str, Any]) -> list[NetworkResult]:
-    """Return the samples of MDM's ``results.npy``: (S, 22, 3, F) joints."""
+    """Return the samples in MDM's ``results.npy``: (S, 22, 3, F) joints."""
     motion = finished(content.get("motion"))
     if not isinstance(motion, np.ndarray) or motion.ndim != 4 or motion.shape[1:3] != (NUM_TURNED, 3):
         return []
@@ -379,18 +379,18 @@ def _samples(content: dict[str, Any]) -> list[NetworkResult]:
 
 
 def _generated(program: str, name: str, joints: np.ndarray) -> NetworkResult:
-    points = joints * [1.0, -1.0, -1.0]  # a level camera's axes
+    points = joints * [1.0, -1.0, -1.0]  # the axes of a level camera
     return NetworkResult(program, name, np.arange(len(points)), points=points, names=_GENERATED, fps=_GENERATED_FPS)
 
 
 def joints_of_vectors(vectors: np.ndarray, where: str = "") -> np.ndarray:
-    """Return (F, 22, 3) joints in metres, Y up, from HumanML3D vectors (F, 263).
+    """Convert (F, 263) HumanML3D vectors to (F, 22, 3) joints in metres with Y up.
 
     From one frame to the next, the root rotates by ``2 r`` about Y and moves by (x, z) in its own axes. Joints are
-    relative to its ground position and heading (Guo et al. 2022, section 5).
+    relative to the root's ground position and heading (Guo et al. 2022, section 5).
 
     Raises:
-        NonFiniteData: a value of the root or of a joint is not a number.
+        NonFiniteData: a root or joint value is not a number.
     """
     wrong = np.flatnonzero(~np.isfinite(vectors[:, : 4 + 3 * (NUM_TURNED - 1)]).all(axis=1))
     if len(wrong):
@@ -411,7 +411,7 @@ def joints_of_vectors(vectors: np.ndarray, where: str = "") -> np.ndarray:
 
 
 def _people_of_json(content: Any) -> list[NetworkResult]:
-    """Return the people in MMPose predictions, or in a list of MediaPipe frames."""
+    """Return the people in MMPose predictions or in a list of MediaPipe frames."""
     if isinstance(content, dict) and "instance_info" in content:
         rows = [
             (f, str(i), _from_mmpose(numbers(one["keypoints"]).astype(np.float64)))
@@ -438,7 +438,7 @@ def _from_mmpose(points: np.ndarray) -> np.ndarray:
 
 
 def _checked(person: NetworkResult, path: Path) -> NetworkResult:
-    """Check all numbers of a person, and sort its frames."""
+    """Check all of a person's numbers, and sort the frames."""
     where = f"{path}, person {person.person}"
     person = replace(person, frames=_frame_numbers(person.frames, where))
     count = len(person.frames)

@@ -16,17 +16,17 @@ from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
 
 @dataclass(frozen=True)
 class SkeletonMap:
-    """Correspondence of a recorded skeleton's joints with SMPL's 22."""
+    """Correspondence between a recorded skeleton's joints and SMPL's 22 joints."""
 
     family: str
     joints: tuple[str, ...]  # Recorded joint that gives the global rotation of each SMPL joint 0..21.
     tpose_overrides: tuple[tuple[str, tuple[float, float, float]], ...] = ()
-    """Joint and rotation vector (rad) of T-pose rotations that replace or complete the recorded ones."""
+    """Joints and rotation vectors (rad) of T-pose rotations that replace or complete the recorded ones."""
     halfway: tuple[tuple[int, int, int], ...] = ()
-    """(joint, parent, child): SMPL joints missing in the recording. Their rotation is halfway between the other two."""
+    """(joint, parent, child): SMPL joints that were not recorded. Their rotation is halfway between the other two."""
 
 
-HIP_SPLAY = 0.3665  # Outward rotation of each leg in the zero pose of CMU skeletons, 21 degrees in rad.
+HIP_SPLAY = 0.3665  # Outward rotation of each leg in the zero pose of CMU skeletons: 21 degrees, in rad.
 _ZERO_POSE = (
     ("LeftUpLeg", (0.0, 0.0, -HIP_SPLAY)),
     ("RightUpLeg", (0.0, 0.0, HIP_SPLAY)),
@@ -36,7 +36,7 @@ _ZERO_POSE = (
     ("LeftArm", (0.0, 0.0, -0.14)),
     ("RightArm", (0.0, 0.0, 0.14)),
 )
-"""T-pose of CMU skeletons in conversions that do not contain one."""
+"""T-pose of CMU skeletons, for conversions that do not contain one."""
 _MAX_POSE = (
     ("LeftHip", (0.0, 0.0, -HIP_SPLAY)),
     ("RightHip", (0.0, 0.0, HIP_SPLAY)),
@@ -48,7 +48,7 @@ _JUMP_POSE = (
     ("left_shoulder", (np.pi / 2, 0.0, 0.0)),
     ("right_shoulder", (-np.pi / 2, 0.0, 0.0)),
 )
-"""T-poses of two skeleton families, rad."""
+"""T-poses of two skeleton families, in rad."""
 _MAKEHUMAN_POSE = tuple((s + joint, (0.0, 0.0, 0.0)) for s in ("Left", "Right") for joint in ("Hip", "Knee", "Ankle"))
 _TABLE = """
     segments: Hips LeftUpLeg RightUpLeg LowerBack LeftLeg RightLeg Spine LeftFoot RightFoot Spine1 LeftToeBase
@@ -94,14 +94,14 @@ class RecordedClip:
 
     name: str
     joint_names: list[str]
-    parents: np.ndarray  # (J,) index of each joint's parent, -1 at the root.
+    parents: np.ndarray  # (J,) index of each joint's parent, -1 for the root.
     rotvec: np.ndarray  # (F, J, 3) local rotation vectors, rad.
     tpose_rotvec: np.ndarray  # (J, 3) local rotation vectors of the T-pose, rad.
     fps: float
 
 
 def recorded_from_bvh(clip: BvhClip, name: str) -> RecordedClip:
-    """Convert a BVH clip to Y up, without its first frame, which is the T-pose."""
+    """Convert a BVH clip to Y up, and drop its first frame, which is the T-pose."""
     rotations = clip.rotations.copy()
     rotations[:, 0] = rotation_to_z_up("y").T @ rotations[:, 0]
     rotvec = log_so3(rotations)
@@ -109,14 +109,14 @@ def recorded_from_bvh(clip: BvhClip, name: str) -> RecordedClip:
 
 
 def body_rotations(clip: RecordedClip) -> np.ndarray:
-    """Return (F, 22, 3, 3) local rotations of SMPL's joints relative to the T-pose.
+    """Return (F, 22, 3, 3) local rotations of the SMPL joints relative to the T-pose.
 
-    The rotation of each bone since the T-pose is ``D = G G_tpose^T`` in world axes (Y up, facing +Z, left +X, as in
-    SMPL's rest pose). Local rotations are ``D_parent^T D``. The elbow receives half of the hand's twist about the
-    forearm, because the radius rotates along its whole length.
+    Each bone's rotation from the T-pose is ``D = G G_tpose^T`` in world axes (Y up, facing +Z, left +X, as in SMPL's
+    rest pose). Local rotations are ``D_parent^T D``. The elbow receives half of the hand's twist about the forearm,
+    because the radius rotates along its whole length.
 
     Raises:
-        MotionInvalid: the joints belong to no known skeleton.
+        MotionInvalid: the joints do not belong to a known skeleton.
     """
     mapping = next((candidate for candidate in MAPS if set(candidate.joints) <= set(clip.joint_names)), None)
     if mapping is None:
@@ -149,7 +149,7 @@ def _relative(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
 
 
 def _half_twist(hand: np.ndarray) -> np.ndarray:
-    """Return half of the twist about the x axis of (F, 3, 3) rotations (swing-twist decomposition)."""
+    """Return half the twist of (F, 3, 3) rotations about the x axis (swing-twist decomposition)."""
     trace = 1.0 + np.trace(hand, axis1=-2, axis2=-1)
     twist = 2.0 * np.arctan2(hand[:, 2, 1] - hand[:, 1, 2], np.maximum(trace, 1e-9))
     return exp_so3(0.5 * twist[:, None] * np.array([1.0, 0.0, 0.0]))

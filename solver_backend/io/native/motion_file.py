@@ -1,4 +1,4 @@
-"""Read and write our motion and subject files, with checked shapes."""
+"""Read and write our motion and subject files. Array shapes are checked."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ITEMS["sigma_px"] = (int, float)
 
 
 def read_provenance(fields: Fields) -> dict[str, Any]:
-    """Return the provenance in a file. Raise FileDamaged for entries of other types."""
+    """Return the provenance stored in a file. Raise FileDamaged if an entry has an unexpected type."""
     where = str(fields.path)
     try:
         value = json.loads(fields.text("provenance", "{}"))
@@ -47,17 +47,17 @@ _SHARED = """
     contacts flags resting root reprojection_px markers marker_residual_mm marker_flags marker_sigma cleaned_markers
     offsets props
 """
-_SAME = tuple(_SHARED.split())  # Fields with the same name in a motion and in its file.
+_SAME = tuple(_SHARED.split())  # Fields with the same name in a motion and its file.
 
 
 def write_motion(path: Path | str, motion: Motion, overwrite: bool = False, name: str | None = None) -> Path:
-    """Write a motion. Its name is the file name by default. See ``atomic_output`` for errors."""
+    """Write a motion. Its name defaults to the file name. See ``atomic_output`` for errors."""
     name = Path(path).stem if name is None else name
     return motion_file.write_motion(path, as_file(motion, name), overwrite=overwrite)
 
 
 def as_file(motion: Motion, name: str) -> MotionFile:
-    """Return the content of a motion's file."""
+    """Convert a motion to the contents of its file."""
     rotvec = np.concatenate([motion.global_orient, motion.body_pose], axis=1)
     return MotionFile(
         name=name,
@@ -91,7 +91,7 @@ def read_motion(path: Path | str) -> Motion:
 
 
 def _require_arrays(fields: Fields) -> None:
-    """Check presence and shape of every array that the solver writes."""
+    """Check that every array written by the solver is present and has the correct shape."""
     layout = layout_of(fields)
     width = AMASS_POSE_WIDTH if layout == SMPL else 3 * layout.num_joints
     frames = len(fields.numbers("poses", (None, width)))
@@ -106,7 +106,7 @@ def _require_arrays(fields: Fields) -> None:
 SUBJECT_FORMAT, SUBJECT_VERSION = "manifold_mocap_subject", 1
 _TEXTS = {"labels": "marker_labels", "places": "marker_places"}
 _NUMBERS = {"betas": "betas", "offsets": "offsets", "sigma_m": "marker_sigma", "skin_m": "skin_distance"}
-"""Stored names of the fields of a subject."""
+"""Field names in a subject file."""
 
 
 def write_subject(path: Path | str, subject: MarkerSubject, *, overwrite: bool = False) -> Path:

@@ -1,4 +1,4 @@
-"""Read labels that a user assigned to points. The solver never overrides them."""
+"""Read the labels that a user assigned to points. The solver never overrides them."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ FORMAT, VERSION = "manifold_mocap_user_labels", 1
 
 
 def read_user_labels(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], str]:
-    """Return the marker name of each (column, frame), which is empty if the point is no marker.
+    """Return the marker name for each (column, frame). It is empty if the point is not a marker.
 
     Each item has ``point`` (column, from 0), ``frame`` (from 0) and ``marker`` (a superset name, or "").
 
     Raises:
-        FileMissing, FileDamaged: the file is missing, of another kind, or has an unknown point.
+        FileMissing, FileDamaged: the file is missing, has another format, or refers to an unknown point.
         MarkersUnknown: a marker is not in the superset.
     """
     values = read_json(path)
