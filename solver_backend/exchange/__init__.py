@@ -1,1 +1,1 @@
-"""Code that solver and add-on share, which needs only NumPy."""
+"""Code shared by the solver and the add-on. It depends only on NumPy."""

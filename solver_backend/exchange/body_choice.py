@@ -1,4 +1,4 @@
-"""Find the bodies that a user can choose, and distinguish names from paths."""
+"""Find the bodies that a user can choose, and tell body names from paths."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from pathlib import Path
 SHIPPED = "neutral"  # Name of the body that ships with the solver.
 SUFFIXES = (".npz", ".pkl")
 FOLDER_VARIABLE = "MANIFOLD_MOCAP_BODIES"
-"""Environment variable with the path of another folder of bodies."""
+"""Environment variable that points to an additional folder of bodies."""
 
 
 def bodies_folder(environment: Mapping[str, str] = os.environ, platform: str = sys.platform) -> Path:
-    """Return the user's folder of bodies, which may not exist.
+    """Return the user's bodies folder, which may not exist.
 
-    It is the value of ``MANIFOLD_MOCAP_BODIES``, or ``bodies`` in the system's folder for application data.
+    It is the value of ``MANIFOLD_MOCAP_BODIES``, or ``bodies`` in the system's application data folder.
     """
     if environment.get(FOLDER_VARIABLE):
         return Path(os.path.expanduser(environment[FOLDER_VARIABLE]))
@@ -31,5 +31,5 @@ def bodies_folder(environment: Mapping[str, str] = os.environ, platform: str = s
 
 
 def is_path(choice: str) -> bool:
-    """Return whether a choice is a path: it has the suffix of a body file or contains folders."""
+    """Return whether a choice is a path: it ends in a body file suffix or contains folders."""
     return choice.lower().endswith(SUFFIXES) or "/" in choice or os.sep in choice

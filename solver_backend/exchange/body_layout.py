@@ -1,4 +1,4 @@
-"""Describe the joints, tree, sides and groups of bodies, and the layouts of the SMPL family."""
+"""Describe the joints, tree, sides and groups of bodies, and define the SMPL family's layouts."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _X, _Y = 0, 1
 
 @dataclass(frozen=True)
 class JointLimit:
-    """Range of motion of a joint."""
+    """A joint's range of motion."""
 
-    twist: int  # Smallest angles about x, y and z in degrees.
-    low_deg: tuple[float, float, float]  # Least angle about x, y and z in degrees.
+    twist: int  # Index of the twist axis.
+    low_deg: tuple[float, float, float]  # Smallest angle about x, y and z in degrees.
     high_deg: tuple[float, float, float]
 
     @property
@@ -47,12 +47,12 @@ ADULTS: dict[str, tuple[int, tuple[tuple[float, float], tuple[float, float], tup
 }
 """Twist axis, and smallest and largest angle in degrees about x, y and z. Values of paired joints are for the left
 side. Single joints are from Norkin and White 2016 (after AAOS and Boone and Azen 1979). The spine's 130 degrees of
-flexion, 70 of extension, 70 to each side and 75 of rotation are divided among three joints, the neck's among two, the
-forearm's between elbow and wrist. The elbow bends forwards or upwards, because T-poses differ in the arm's roll."""
+flexion, 70 of extension, 70 to each side and 75 of rotation are split between three joints, the neck's between two, and
+the forearm's between elbow and wrist. The elbow bends forwards or upwards, because T-poses differ in arm roll."""
 
 
 def limits_of(joints: tuple[str, ...]) -> dict[str, JointLimit]:
-    """Return the limits of joints that are named like an adult's joint."""
+    """Return the limits of the joints that have the name of an adult's joint."""
     found = {}
     for joint in joints:
         part = joint.removeprefix("left_").removeprefix("right_")
@@ -65,22 +65,22 @@ def limits_of(joints: tuple[str, ...]) -> dict[str, JointLimit]:
 
 
 SMPL_FINGERS = ("index", "middle", "pinky", "ring", "thumb")
-"""Fingers in SMPL-H's order. Each has three joints from the palm outwards. The thumb's first joint is at the wrist."""
+"""Fingers in SMPL-H's order. Each has three joints, from the palm outwards. The thumb's first joint is at the wrist."""
 
 
 @dataclass(frozen=True)
 class BodyLayout:
-    """The joints of a body, the root first and parents before their children."""
+    """The joints of a body, root first, parents before children."""
 
     name: str
     joints: tuple[str, ...]
-    """Joint names. Names of the two sides differ only in ``left_`` and ``right_``."""
-    parents: tuple[int, ...]  # Index of each joint's parent, -1 at the root.
+    """Joint names. The names for the two sides differ only in ``left_`` and ``right_``."""
+    parents: tuple[int, ...]  # Index of each joint's parent, -1 for the root.
     groups: tuple[str, ...]  # Group of each joint, such as trunk, left_arm or left_hand.
-    resting: tuple[str, ...] = ()  # Groups whose joints come last and stay at rest in a solve.
-    recorded_as: BodyLayout | None = None  # Layout of such bodies' motions, None for this layout.
+    resting: tuple[str, ...] = ()  # Groups whose joints come last and stay at rest during a solve.
+    recorded_as: BodyLayout | None = None  # Layout in which motions of such bodies are stored, or None for this layout.
     limits: Mapping[str, JointLimit] = field(default_factory=dict, compare=False)
-    """Ranges of motion by joint name. Other joints rotate freely. Motion files contain none."""
+    """Range of motion by joint name. All other joints rotate freely. Motion files do not store limits."""
 
     def __post_init__(self) -> None:
         count = len(self.joints)
@@ -100,23 +100,23 @@ class BodyLayout:
 
     @cached_property
     def solved(self) -> tuple[str, ...]:
-        """Joints after the root that a solve rotates."""
+        """Joints after the root that the solver rotates."""
         moving = [group not in self.resting for group in self.groups]
         return self.joints[1 : moving.index(False) if False in moving else None]
 
     @property
     def num_solved(self) -> int:
-        """Number of joints after the root that a solve rotates."""
+        """Number of joints after the root that the solver rotates."""
         return len(self.solved)
 
     @property
     def recorded(self) -> BodyLayout:
-        """Layout of the motions of such bodies."""
+        """Layout in which motions of such bodies are stored."""
         return self.recorded_as or self
 
     @cached_property
     def mirror(self) -> tuple[int, ...]:
-        """Index of the joint on the other side, or of the joint itself if it has none."""
+        """Index of the corresponding joint on the other side, or of the joint itself if there is none."""
         sides = {"left": "right", "right": "left"}
         other = [(sides.get(side, side), mark, part) for side, mark, part in (n.partition("_") for n in self.joints)]
         names = map("".join, other)
@@ -144,15 +144,15 @@ class BodyLayout:
         return tuple(self.joints.index(name) for name in joints)
 
     def both(self, *parts: str) -> tuple[int, ...]:
-        """Return the indices of the left and right joint of each part, such as hip."""
+        """Return the indices of the left and right joints of each part, such as hip."""
         return self.numbers(*(f"{side}_{part}" for part in parts for side in ("left", "right")))
 
     def group(self, name: str) -> tuple[int, ...]:
-        """Return the joints of a group."""
+        """Return the joints in a group."""
         return tuple(j for j, group in enumerate(self.groups) if group == name)
 
     def standing_for(self, other: BodyLayout) -> tuple[int, ...]:
-        """Return this body's joint for each joint of another body, or raise ``BodyInvalid``."""
+        """Return the joint of this body that corresponds to each joint of another one, or raise ``BodyInvalid``."""
         names = [name if name in self.joints else _STAND_INS.get(name, name) for name in other.joints]
         missing = [name for name in names if name not in self.joints]
         if missing:
@@ -160,19 +160,19 @@ class BodyLayout:
         return tuple(self.joints.index(name) for name in names)
 
     def shared_with(self, other: BodyLayout) -> tuple[list[int], list[int]]:
-        """Return the joints that both layouts name, as columns of this layout and of the other."""
+        """Return the joints that both layouts have, as columns of this layout and of the other."""
         both = [name for name in self.joints if name in other.joints]
         return [self.joints.index(name) for name in both], [other.joints.index(name) for name in both]
 
     def require_same_joints(self, other: BodyLayout, where: str) -> None:
-        """Raise ``MotionInvalid`` unless a motion of this layout can replace one of another layout."""
+        """Raise ``MotionInvalid`` unless a motion in this layout can replace one in another layout."""
         if (self.joints, self.parents) != (other.joints, other.parents):
             found = f"The motion has the layout {self.name} ({self.num_joints} joints)"
             what = f"{found}, but {other.name} ({other.num_joints} joints) is expected."
             raise MotionInvalid(what, where=where, hint="Use the body that it was solved with.")
 
     def without(self, joints: Collection[str], name: str) -> BodyLayout:
-        """Return the layout without these joints and their descendants."""
+        """Return the layout without the given joints and their descendants."""
         kept: list[int] = []
         for j, (joint, parent) in enumerate(zip(self.joints, self.parents, strict=True)):
             kept += [j] if joint not in joints and (parent < 0 or parent in kept) else []
@@ -187,7 +187,7 @@ def _hand(side: str) -> tuple[str, ...]:
 
 
 def _with_fingers(name: str, face: tuple[str, ...]) -> BodyLayout:
-    """Return SMPL's layout with a face, and with fifteen finger joints instead of each hand joint."""
+    """Return SMPL's layout with a face, and with fifteen finger joints in place of each hand joint."""
     body = SMPL.without(("left_hand", "right_hand"), name)
     joints, parents, groups = [*body.joints, *face], [*body.parents], [*body.groups]
     parents += [joints.index("head")] * len(face)
@@ -229,20 +229,20 @@ SMPL_H = _with_fingers("SMPL-H", ())  # SMPL with fingers (Romero et al. 2017).
 SMPL_X = _with_fingers("SMPL-X", ("jaw", "left_eye", "right_eye"))
 """SMPL with fingers, jaw and eyes (Pavlakos et al. 2019)."""
 SMPL_HANDS = replace(SMPL_H, name="SMPL with hands", resting=(), recorded_as=None)
-"""SMPL-H's joints for moving fingers. Solves rotate all of them, and motions contain all of them."""
+"""SMPL-H's joints, including moving fingers. The solver rotates all of them, and motions store all of them."""
 FAMILY: dict[int, BodyLayout] = {layout.num_joints: layout for layout in (SMPL, SMPL_H, SMPL_X)}
-"""Layouts of the SMPL family by number of joints, which distinguishes its files."""
+"""Layouts of the SMPL family by number of joints, which is how its files are told apart."""
 
 
-AMASS_POSE_WIDTH = 156  # SMPL-H: root, 21 body joints, 2 x 15 finger joints, 3 numbers each (Mahmood et al. 2019).
-AMASS_WIDTHS = (AMASS_POSE_WIDTH, 165)  # The same, and SMPL-X: jaw and eyes are before the fingers.
-BODY_COLUMNS = 3 + 3 * SMPL.num_solved  # Number of leading columns, for the root and the body joints.
+AMASS_POSE_WIDTH = 156  # SMPL-H: root, 21 body joints, 2 x 15 finger joints, with 3 numbers each (Mahmood et al. 2019).
+AMASS_WIDTHS = (AMASS_POSE_WIDTH, 165)  # SMPL-H, and SMPL-X with jaw and eyes before the fingers.
+BODY_COLUMNS = 3 + 3 * SMPL.num_solved  # Number of leading columns, for the root and body joints.
 FINGER_COLUMNS = 90  # Number of trailing columns, for the fingers.
 
 
 def body_and_fingers(poses: np.ndarray) -> np.ndarray:
-    """Return (F, 52, 3) rotation vectors of AMASS ``poses``, without jaw and eyes."""
-    import numpy as np  # Blender has not imported it when add-ons are registered
+    """Convert AMASS ``poses`` to (F, 52, 3) rotation vectors, without jaw and eyes."""
+    import numpy as np  # not yet imported when Blender registers add-ons
 
     chosen = np.concatenate([poses[:, :BODY_COLUMNS], poses[:, -FINGER_COLUMNS:]], axis=1)
     return chosen.reshape(len(poses), -1, 3)

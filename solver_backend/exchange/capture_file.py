@@ -15,50 +15,50 @@ from .schema import Fields
 
 FORMAT, VERSION = "manifold_mocap_capture", 1
 _CAMERA_SHAPES = {"K": (3, 3), "R": (3, 3), "t": (3,), "image_size": (2,)}
-"""Shape of each array per camera."""
+"""Shape of each array for one camera."""
 _OTHERS = "format version name camera_names distortion distortion_model footage footage_first fps xy confidence"
 _SHOWN = (*_CAMERA_SHAPES, *_OTHERS.split(), "joint_set", "marker_positions", "marker_fps", "marker_labels")
 
 
 @dataclass(frozen=True)
 class CameraFile:
-    """One calibrated camera with OpenCV's axes: ``x_cam = R @ x_world + t``."""
+    """A calibrated camera with OpenCV axes: ``x_cam = R @ x_world + t``."""
 
     name: str
     K: np.ndarray  # (3, 3) intrinsic matrix in pixels.
-    R: np.ndarray  # (3, 3) rotation world to camera.
+    R: np.ndarray  # (3, 3) rotation from world to camera.
     t: np.ndarray  # (3,) translation in metres.
     image_size: tuple[int, int]  # Width and height in pixels.
     distortion: np.ndarray  # (8,) coefficients in the order of the lens model, padded with zeros.
     distortion_model: str  # Name of the lens model in ``LENS_MODELS``.
     footage: Path | None  # Video file or image folder. It may not exist.
     footage_first: int = 0
-    """Index of the footage image that belongs to the first frame. Negative if the camera started later."""
+    """Index of the image that belongs to the first frame. Negative if the camera started later."""
 
 
 @dataclass(frozen=True)
 class CaptureFile:
-    """A recording of C cameras, F frames and K keypoints."""
+    """A recording with C cameras, F frames and K keypoints."""
 
     name: str
-    cameras: tuple[CameraFile, ...]  # Calibrated cameras in the order of the views.
+    cameras: tuple[CameraFile, ...]  # Calibrated cameras, in the order of the views.
     fps: float  # Frames per second of the detections.
     xy: np.ndarray | None = None  # (C, F, K, 2) distorted pixels, NaN where undetected.
     confidence: np.ndarray | None = None  # (C, F, K) confidences in 0..1, 0 where undetected.
     joint_set: str = ""
     markers: np.ndarray | None = None  # (F, M, 3) optical markers in world metres, NaN where missing.
-    marker_labels: tuple[str, ...] = ()  # M labels of ``markers``, empty if the recording has no names.
+    marker_labels: tuple[str, ...] = ()  # (M,) labels of ``markers``, or empty if the recording has no labels.
 
     @property
     def num_frames(self) -> int:
-        """Number of frames of the detections, or of the markers if there are no detections."""
+        """Number of frames with detections, or of marker frames if there are no detections."""
         if self.xy is not None:
             return self.xy.shape[1]
         return 0 if self.markers is None else len(self.markers)
 
 
 def read_capture(path: Path) -> CaptureFile:
-    """Read the parts of a capture file that Blender displays.
+    """Read those parts of a capture file that Blender displays.
 
     Raises:
         CaptureInvalid: cameras or detections have wrong shapes or invalid values.
@@ -82,7 +82,7 @@ def read_capture(path: Path) -> CaptureFile:
 
 
 def portable_path(path: Path | None, folder: Path) -> str:
-    """Return a footage path relative to the capture file's folder if inside, "" for none."""
+    """Return a footage path, relative to the capture file if in its folder, or "" if there is no footage."""
     if path is None:
         return ""
     full, base = os.path.abspath(path), os.path.abspath(folder)
@@ -91,7 +91,7 @@ def portable_path(path: Path | None, folder: Path) -> str:
 
 
 def footage_path(name: str, capture: Path | str) -> Path | None:
-    """Return the footage path in a capture file, the inverse of ``portable_path``."""
+    """Return the path of the footage named in a capture file. This is the inverse of ``portable_path``."""
     return Path(capture).absolute().parent / name if name else None
 
 

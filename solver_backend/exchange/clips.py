@@ -1,7 +1,7 @@
-"""Edit whole clips: trim, resample, retime, mirror, in place and root motion.
+"""Edit whole clips: trim, resample, change the speed, mirror, and make in-place or root motions.
 
-Rotations and the pelvis are interpolated by cubic splines, other numbers linearly. Contacts and flags come from the
-nearest frame. Joint positions follow from the tree, so bone lengths do not change.
+Rotations and pelvis positions are interpolated by cubic splines, and other numbers linearly. Contacts and flags are
+taken from the nearest frame. Joint positions are computed from the tree, so bone lengths do not change.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from .props import Prop
 from .so3 import matrix_from_rotvec, quat_from_rotvec, rotvec_from_matrix, rotvec_from_quat, sign_continuous
 
 R_STAGE_BODY = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Rotates the body's axes (Y up, Z forward) to the stage's axes (Z up, -Y forward)."""
-_ACROSS = np.array([-1.0, 1.0, 1.0])  # Reflection of the body's frame in its plane of symmetry.
-_UPRIGHT = 0.5  # Smallest horizontal part of the forward direction that defines the mirror plane.
-_MOST_FRAMES = 1_000_000  # Maximum number of resampled frames: more than two hours at 120 Hz. Chosen by hand.
+"""Rotation from the body's axes (Y up, Z forward) to the stage's axes (Z up, -Y forward)."""
+_ACROSS = np.array([-1.0, 1.0, 1.0])  # Reflection of the body's coordinates in its plane of symmetry.
+_UPRIGHT = 0.5  # Smallest horizontal part of the forward direction that still defines the mirror plane.
+_MOST_FRAMES = 1_000_000  # Largest number of resampled frames: more than two hours at 120 Hz. Chosen by hand.
 _MOVED = {f"motion {edit}" for edit in ("trim", "loop", "mirror", "join", "retime", "resample", "in-place")}
 _POSE = ("rotvec", "transl", "joints")
-_CROSS = ((0, 1, 2), (1, 3, 4), (2, 4, 5))  # Index of each entry of a covariance matrix among its six stored numbers.
+_CROSS = ((0, 1, 2), (1, 3, 4), (2, 4, 5))  # Index of each covariance matrix entry among the six stored numbers.
 _SIX = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))
 
 
@@ -41,7 +41,7 @@ def pose_tree(
 
     Args:
         rest: (J, 3) joint positions at rest in metres.
-        parents: parent of each joint, -1 at the root.
+        parents: parent of each joint, -1 for the root.
         rotvec: (F, J, 3) rotation vectors in radians.
         transl: (F, 3) translations in metres.
 
@@ -58,10 +58,10 @@ def pose_tree(
 
 
 def unpose(parents: tuple[int, ...], rotvec: np.ndarray, joints: np.ndarray, transl: np.ndarray) -> np.ndarray:
-    """Return (J, 3) rest joints from one pose: ``J_j = J_p + G_pᵀ (x_j - x_p)``.
+    """Compute (J, 3) rest joints from one pose: ``J_j = J_p + G_pᵀ (x_j - x_p)``.
 
     Args:
-        parents: parent of each joint, -1 at the root.
+        parents: parent of each joint, -1 for the root.
         rotvec: (J, 3) rotation vectors in radians.
         joints: (J, 3) world positions x in metres.
         transl: (3,) translation in metres.
@@ -75,7 +75,7 @@ def unpose(parents: tuple[int, ...], rotvec: np.ndarray, joints: np.ndarray, tra
 
 
 def require_joints(motion: MotionFile) -> np.ndarray:
-    """Return the (F, J, 3) joint positions of a motion. Raise MotionInvalid if it has none."""
+    """Return a motion's (F, J, 3) joint positions. Raise MotionInvalid if it has none."""
     if motion.joints is None:
         hint = "Convert it with motion convert first."
         raise MotionInvalid("The motion has no joint positions.", where=motion.name, hint=hint)
@@ -83,12 +83,12 @@ def require_joints(motion: MotionFile) -> np.ndarray:
 
 
 def rest_joints(motion: MotionFile) -> np.ndarray:
-    """Return the (J, 3) rest positions of a motion's joints (see ``unpose``)."""
+    """Compute the (J, 3) rest positions of a motion's joints (see ``unpose``)."""
     return unpose(motion.body_layout.parents, motion.rotvec[0], require_joints(motion)[0], motion.transl[0])
 
 
 def repose(motion: MotionFile, rotvec: np.ndarray, pelvis: np.ndarray) -> MotionFile:
-    """Replace the rotation vectors (F, J, 3) and the pelvis positions (F, 3)."""
+    """Replace a motion's rotation vectors (F, J, 3) and pelvis positions (F, 3)."""
     rest = rest_joints(motion)
     transl = pelvis - rest[0]
     joints = pose_tree(rest, motion.body_layout.parents, rotvec, transl)[1]
@@ -96,19 +96,19 @@ def repose(motion: MotionFile, rotvec: np.ndarray, pelvis: np.ndarray) -> Motion
 
 
 def unobserved(motion: MotionFile) -> MotionFile:
-    """Remove detections and markers that an edit moves away from the body."""
+    """Remove the detections and markers, which no longer match the body after an edit."""
     return replace(motion, **{name: getattr(MotionFile, name) for name in OBSERVED})
 
 
 def note_edit(motion: MotionFile, edit: str, **values: Any) -> MotionFile:
-    """Add an edit to a motion's provenance, with other earlier text under ``earlier``."""
+    """Add an edit to a motion's provenance. Provenance in another format is kept under ``earlier``."""
     record = _record_of(motion)
     record["edits"] = [*edits_of(motion), {"verb": f"motion {edit}", **values}]
     return replace(motion, provenance=json.dumps(record, sort_keys=True))
 
 
 def edits_of(motion: MotionFile) -> list[Any]:
-    """Return the edits in a motion's provenance, in order."""
+    """Return the edits listed in a motion's provenance, in order."""
     edits = _record_of(motion).get("edits")
     return edits if isinstance(edits, list) else []
 
@@ -122,7 +122,7 @@ def _record_of(motion: MotionFile) -> dict[str, Any]:
 
 
 def require_own_frames(edits: Sequence[object], where: str) -> None:
-    """Raise MotionInvalid if edits changed which recorded frame a motion frame shows."""
+    """Raise MotionInvalid if an edit changed which recorded frame each motion frame shows."""
     for edit in edits:
         if isinstance(edit, Mapping) and edit.get("verb") in _MOVED:
             what = f"The motion was changed by {edit['verb']}, so its frames no longer match the recording."
@@ -133,7 +133,7 @@ def require_own_frames(edits: Sequence[object], where: str) -> None:
 
 
 def take_frames(motion: MotionFile, frames: np.ndarray) -> MotionFile:
-    """Return a motion with the given frames (N,), in that order."""
+    """Select the given frames (N,) of a motion, in that order."""
     chosen: dict[str, Any] = {
         name: np.take(value, frames, axis=axis)
         for name, axis in FRAMES_AXIS.items()
@@ -145,10 +145,10 @@ def take_frames(motion: MotionFile, frames: np.ndarray) -> MotionFile:
 
 
 def trim(motion: MotionFile, first: int, last: int) -> MotionFile:
-    """Cut a motion to the frames ``first`` to ``last``, counted from 0.
+    """Trim a motion to the frames from ``first`` to ``last``, counted from 0.
 
     Raises:
-        MotionInvalid: the range is empty or exceeds the motion.
+        MotionInvalid: the range is empty or extends beyond the motion.
     """
     if not 0 <= first <= last < motion.num_frames:
         what = f"Frames {first} to {last} are outside the motion."
@@ -158,13 +158,13 @@ def trim(motion: MotionFile, first: int, last: int) -> MotionFile:
 
 
 def resample(motion: MotionFile, fps: float) -> MotionFile:
-    """Resample a motion to another frame rate. Its speed does not change."""
+    """Resample a motion to another frame rate without changing its speed."""
     done = _sample(motion, _steps(motion, motion.fps / fps), fps)
     return note_edit(done, "resample", fps=fps, before=motion.fps)
 
 
 def retime(motion: MotionFile, speed: float) -> MotionFile:
-    """Return a motion that plays ``speed`` times as fast at the same frame rate."""
+    """Make a motion play ``speed`` times as fast at the same frame rate."""
     return note_edit(_sample(motion, _steps(motion, speed), motion.fps), "retime", speed=speed)
 
 
@@ -172,7 +172,7 @@ def _steps(motion: MotionFile, step: float) -> np.ndarray:
     """Return the times 0, step, 2 step ... up to the last frame, with a tolerance for rounding.
 
     Raises:
-        MotionInvalid: there would be too many.
+        MotionInvalid: there would be too many frames.
     """
     last = motion.num_frames - 1
     if not last < _MOST_FRAMES * step:
@@ -182,7 +182,7 @@ def _steps(motion: MotionFile, step: float) -> np.ndarray:
 
 
 def _sample(motion: MotionFile, at: np.ndarray, fps: float) -> MotionFile:
-    """Sample a motion at fractional frames (N,)."""
+    """Sample a motion at N fractional frames."""
     nearest = take_frames(motion, np.rint(at).astype(int))
     linear: dict[str, Any] = {
         name: _between(value, at, axis)
@@ -200,7 +200,7 @@ def _prop_at(prop: Prop, nearest: Prop, at: np.ndarray) -> Prop:
 
 
 def _turns_at(rotvec: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Interpolate rotation vectors (N, ..., 3) by a spline of quaternions."""
+    """Interpolate rotation vectors (N, ..., 3) with a quaternion spline."""
     quat = _spline(sign_continuous(quat_from_rotvec(rotvec)), at)
     return rotvec_from_quat(quat / np.linalg.norm(quat, axis=-1, keepdims=True))
 
@@ -218,12 +218,12 @@ def _spline(values: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def _between(values: np.ndarray, at: np.ndarray, axis: int) -> np.ndarray:
-    """Interpolate values linearly between frames along an axis, exact at frames."""
+    """Interpolate values linearly along an axis. The result is exact at whole frames."""
     first = np.minimum(at.astype(int), values.shape[axis] - 1)
     second = np.minimum(np.ceil(at).astype(int), values.shape[axis] - 1)
     u = (at - first).reshape(-1, *[1] * (values.ndim - 1 - axis))
     here, there = np.take(values, first, axis=axis), np.take(values, second, axis=axis)
-    with np.errstate(invalid="ignore"):  # deviations may be infinite
+    with np.errstate(invalid="ignore"):  # standard deviations may be infinite
         return np.where(u > 0.0, (1 - u) * here + u * there, here)
 
 
@@ -231,12 +231,12 @@ def _between(values: np.ndarray, at: np.ndarray, axis: int) -> np.ndarray:
 
 
 def mirror(motion: MotionFile) -> MotionFile:
-    """Exchange left and right in a motion. The start position and direction do not change.
+    """Swap left and right in a motion. The start position and direction do not change.
 
-    The world is reflected in the vertical plane through the first pelvis and the forward direction. With A for the
-    reflection of the world and M for the reflection of the body's frame, the root's rotation R becomes ``A R M``. Every
-    other joint becomes ``M R' M``, where R' is the rotation of the joint on the other side. Its rotation vector is
-    ``(x, -y, -z)``. Mirroring twice gives the original motion.
+    The world is reflected in the vertical plane through the first pelvis position and the forward direction. If A is
+    the reflection of the world and M the reflection of the body's coordinates, the root's rotation R becomes ``A R M``.
+    Every other joint becomes ``M R' M``, where R' is the rotation of the corresponding joint on the other side. Its
+    rotation vector is ``(x, -y, -z)``. Mirroring twice restores the original motion.
     """
     rest, other = rest_joints(motion), list(motion.body_layout.mirror)
     R, pelvis = matrix_from_rotvec(motion.rotvec[:, 0]), rest[0] + motion.transl
@@ -274,7 +274,7 @@ def _others(values: np.ndarray | None, other: list[int]) -> np.ndarray | None:
 
 
 def turn_covariance(six: np.ndarray, A: np.ndarray) -> np.ndarray:
-    """Return the covariances (..., 6) of points after the linear maps A (..., 3, 3): ``A C Aᵀ``."""
+    """Transform the covariances (..., 6) of points by linear maps A (..., 3, 3): ``A C Aᵀ``."""
     return (A @ six[..., _CROSS] @ np.swapaxes(A, -1, -2))[..., _SIX[0], _SIX[1]]
 
 
@@ -282,7 +282,7 @@ def turn_covariance(six: np.ndarray, A: np.ndarray) -> np.ndarray:
 
 
 def body_path(motion: MotionFile) -> np.ndarray:
-    """Return the (F, 3) smoothed ground path: x and y in metres, heading from -Y."""
+    """Return the smoothed (F, 3) ground path: x and y in metres, and heading relative to -Y."""
     path = ground_path(
         motion.transl + rest_joints(motion)[0],
         matrix_from_rotvec(motion.rotvec[:, 0]) @ R_STAGE_BODY.T,
@@ -292,10 +292,10 @@ def body_path(motion: MotionFile) -> np.ndarray:
 
 
 def in_place(motion: MotionFile, path: np.ndarray | None = None) -> MotionFile:
-    """Remove the travel from a motion. Sway and heading remain.
+    """Remove the travel from a motion, but keep sway and heading.
 
     Args:
-        motion: motion to change. Its contacts still mark when a foot supports the body.
+        motion: motion to change. Its contacts still mark the frames in which a foot supports the body.
         path: (F, 2) travel to remove in metres. The default is the smoothed path of the hips.
     """
     path = body_path(motion) if path is None else path
@@ -306,12 +306,12 @@ def in_place(motion: MotionFile, path: np.ndarray | None = None) -> MotionFile:
 
 
 def root_motion(motion: MotionFile) -> MotionFile:
-    """Add a root bone with the smoothed travel and heading. The body's pose does not change."""
+    """Add a root bone that follows the smoothed travel and heading. The body's pose does not change."""
     return note_edit(replace(motion, root=body_path(motion)), "root-motion")
 
 
 def without_root(motion: MotionFile) -> MotionFile:
-    """Return the body's motion in the coordinates of its root bone."""
+    """Return the body's motion relative to its root bone."""
     if motion.root is None:
         return motion
     back = matrix_from_rotvec(motion.root[:, 2:] * [0.0, 0.0, -1.0])

@@ -1,6 +1,6 @@
-"""Connect to Dask schedulers on this machine, and to others only through TLS.
+"""Connect to Dask schedulers on this machine, and require TLS for all others.
 
-A scheduler runs the programs of everyone who can connect to it, and may send programs to its clients.
+A scheduler runs code from anyone who can connect to it, and may send code to its clients.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from .errors import FileMissing, SchedulerUnsafe
 from .json_file import read_json_file
 
 CERTIFICATES = {"CA_FILE": "ca.pem", "CLIENT__CERT": "cert.pem", "CLIENT__KEY": "key.pem"}
-"""Files in the ``--tls`` folder, by the end of the environment variable that passes each file to Dask."""
+"""Files in the ``--tls`` folder, by the end of the environment variable that passes each one to Dask."""
 _PREFIX = "DASK_DISTRIBUTED__COMM__"
 
 
@@ -24,7 +24,7 @@ def require_safe(address: str) -> None:
         address: address of the scheduler, or path of a file that contains it.
 
     Raises:
-        SchedulerUnsafe: it is on another host and its address does not begin with ``tls://``.
+        SchedulerUnsafe: it is on another host, and its address does not begin with ``tls://``.
     """
     found = address
     if address.endswith(".json"):
@@ -42,7 +42,7 @@ def require_safe(address: str) -> None:
 
 
 def require_certificates(address: str, known: object) -> None:
-    """Raise ``SchedulerUnsafe`` if a scheduler uses TLS and Dask has no certificates."""
+    """Raise ``SchedulerUnsafe`` if a scheduler uses TLS but Dask has no certificates."""
     if address.startswith("tls://") and not known:
         what = f"The scheduler {address} uses TLS, but no certificates were given."
         raise SchedulerUnsafe(what, where=address, hint="Give the folder with its certificates: --tls FOLDER.")
@@ -56,7 +56,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def use_certificates(folder: Path) -> None:
-    """Pass the certificates of a folder to Dask. Call this before importing Dask."""
+    """Pass the certificates in a folder to Dask. Call this before importing Dask."""
     for name, file in CERTIFICATES.items():
         path = folder.absolute() / file
         if not path.is_file():

@@ -1,4 +1,4 @@
-"""Handle signals, progress, results and named errors of both command lines."""
+"""Handle signals, progress, results and named errors for both command lines."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def cancelled() -> Cancelled:
 
 
 class Cancellation:
-    """Raises an error at the first signal, and ignores later ones during the clean-up."""
+    """Raises an error at the first signal, and ignores further signals during clean-up."""
 
     def __init__(self, error: Callable[[], BaseException]) -> None:
         self.asked, self._error = False, error
@@ -40,7 +40,7 @@ class Cancellation:
             raise self._error()
 
     def watched(self, progress: Progress) -> Progress:
-        """Wrap a progress receiver so that a suppressed cancellation is raised again."""
+        """Wrap a progress receiver so that it raises a suppressed cancellation again."""
 
         def watching(stage: str, done: int, total: int) -> None:
             if self.asked:
@@ -52,7 +52,7 @@ class Cancellation:
 
 @contextmanager
 def signals_handled(handler: Any) -> Iterator[None]:
-    """Handle cancelling signals with a function while the block runs (main thread)."""
+    """Handle cancellation signals with a function while the block runs (main thread only)."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -61,12 +61,12 @@ def signals_handled(handler: Any) -> Iterator[None]:
         yield
     finally:
         for number, old in before.items():
-            signal.signal(number, signal.SIG_DFL if old is None else old)  # Python does not know Blender's own handler
+            signal.signal(number, signal.SIG_DFL if old is None else old)  # None is Blender's own handler
 
 
 @contextmanager
 def cancel_on_signals(error: Callable[[], BaseException] = cancelled) -> Iterator[Cancellation]:
-    """Turn signals into an error while the block runs."""
+    """Raise an error for a signal that arrives while the block runs."""
     cancellation = Cancellation(error)
     with signals_handled(cancellation.on_signal):
         yield cancellation
@@ -74,7 +74,7 @@ def cancel_on_signals(error: Callable[[], BaseException] = cancelled) -> Iterato
 
 @contextmanager
 def cancelling_until_held() -> Iterator[Callable[[], None]]:
-    """Yield a function that delays signals, so that a recording is written completely."""
+    """Yield a function that defers signals, so that a recording is written completely."""
     with ExitStack() as stack:
         yield lambda: stack.enter_context(signals_handled(signal.SIG_IGN))
 
@@ -83,7 +83,7 @@ def cancel_at_end_of(stream: int, grace_s: float | None = None) -> None:
     """Cancel when a pipe from the parent process closes, even if that process crashes.
 
     Args:
-        grace_s: seconds until the process is terminated. None waits forever.
+        grace_s: seconds until the process is terminated. None waits indefinitely.
     """
 
     def watch() -> None:
@@ -99,16 +99,16 @@ def cancel_at_end_of(stream: int, grace_s: float | None = None) -> None:
 
 
 class LenientStream:
-    """A text stream for people that drops text if it is closed or full.
+    """A text stream for human readers that drops text if it is closed or full.
 
-    If the reader has ended, ``BrokenPipeError`` is raised.
+    If the reading process has ended, ``BrokenPipeError`` is raised.
     """
 
     def __init__(self, stream: TextIO | None) -> None:
         self._stream = stream
 
     def write(self, text: str) -> int:
-        """Write a text if possible."""
+        """Write text if possible."""
         self._try("write", text)
         return len(text)
 
@@ -129,13 +129,13 @@ class LenientStream:
         return self._stream is not None and not self._stream.closed and self._stream.isatty()
 
     def __getattr__(self, name: str) -> Any:
-        if name == "_stream":  # a copy has no attributes at first
+        if name == "_stream":  # a copy starts without attributes
             raise AttributeError(name)
         return getattr(self._stream, name)
 
 
 def open_standard_streams() -> None:
-    """Open standard streams that the parent closed, so that no file gets their numbers."""
+    """Reopen standard streams that the parent closed, so that no other file gets their descriptors."""
     sys.stdout, sys.stderr = (
         stream or os.fdopen(os.open(os.devnull, os.O_WRONLY), "w") for stream in (sys.stdout, sys.stderr)
     )
@@ -157,7 +157,7 @@ class Report:
         self.progress: Progress = self._lines or ConsoleProgress(self._err, interval_s)
 
     def result(self, data: Mapping[str, object], text: str, remarks: Iterable[str] = ()) -> None:
-        """Report a result: a JSON event, or text on standard output and remarks on standard error."""
+        """Report a result as a JSON event, or as text on standard output and remarks on standard error."""
         if self._lines is not None:
             self._lines.event({"event": "result", **data})
             return
@@ -185,7 +185,7 @@ def _has_colours(stream: Any) -> bool:
 
 
 def name_error(error: BaseException, failed: type[MocapError], what: str, *, asked: bool) -> MocapError:
-    """Convert any exception of a verb to a named error. Print the traceback of a program defect.
+    """Convert any exception raised by a verb to a named error. Print the traceback if it is a program defect.
 
     Args:
         failed: error class for a program defect.

@@ -1,4 +1,4 @@
-"""List the body parts that touch floors and objects."""
+"""List the body parts that can touch floors and objects."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ CONTACT_PARTS = {
     "back": ("spine1", "spine2", "spine3", "left_collar", "right_collar", "left_shoulder", "right_shoulder"),
     "head": ("neck", "head"),
 }  # fmt: skip
-"""Joints with the largest influence on each part's skin. The first joint's bone represents the part in Blender. The
-knee part includes the shank, the elbow part the forearm, and the seat the thighs."""
-FEET = 2  # Number of feet, which are the first parts.
-MIRRORED = (1, 0, 3, 2, 5, 4, 7, 6, 8, 9, 10)  # Index of the part on the other side.
+"""For each part, the joints that move its skin most. Blender represents the part by the first joint's bone. The knee
+part includes the shank, the elbow part the forearm, and the seat the thighs."""
+FEET = 2  # Number of feet, which come first among the parts.
+MIRRORED = (1, 0, 3, 2, 5, 4, 7, 6, 8, 9, 10)  # Index of the corresponding part on the other side.
 
 
 def part_of_joint(joint: str) -> str | None:

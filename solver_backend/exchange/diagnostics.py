@@ -1,4 +1,4 @@
-"""Represent diagnostics as values, with texts in ``diagnostics.json``."""
+"""Represent diagnostics as values. Their texts are in ``diagnostics.json``."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from typing import Any, NamedTuple, TypedDict
 from .errors import JobInvalid, ResultRefused
 from .plain_text import plain
 
-Frames = tuple[tuple[int, int], ...]  # First and last frame (inclusive) of frame ranges.
+Frames = tuple[tuple[int, int], ...]  # First and last frame (inclusive) of each frame range.
 _TABLE = Path(__file__).with_name("diagnostics.json")
 _RESULTS = "Results of a solve"
 _AFTER_READING = ("Recordings", "Motions of other programs", "Hands of gloves", _RESULTS)
 _LISTS = ("frames", "cameras", "markers", "joints")
 LONGEST_LIST = 6
-"""Maximum number of names or frame ranges in a sentence. The others are counted."""
-MOST_DOUBTS = 3  # Maximum number of warnings from reading that a refusal repeats.
+"""Largest number of names or frame ranges listed in a sentence. The rest are counted."""
+MOST_DOUBTS = 3  # Largest number of reading warnings that a refusal repeats.
 
 
 class Severity(StrEnum):
-    """Severity of a diagnostic. The value is the name in files."""
+    """Severity of a diagnostic. The value is its name in files."""
 
     ERROR = "error"  # The input or the result is rejected.
     WARNING = "warning"  # The result may be wrong.
@@ -33,11 +33,11 @@ class Severity(StrEnum):
 
 
 class Remedy(StrEnum):
-    """Action of the program after a diagnostic. The value is the name in files."""
+    """What the program did about a diagnostic. The value is its name in files."""
 
     REPORTED = "reported"  # Nothing was changed.
-    REPAIRED = "repaired"  # The detections, labels or the camera were corrected.
-    EXCLUDED = "excluded"  # The data are not used there.
+    REPAIRED = "repaired"  # The detections, labels or cameras were corrected.
+    EXCLUDED = "excluded"  # The data were not used at this place.
     BRIDGED = "bridged"  # The motion was interpolated.
 
 
@@ -46,22 +46,22 @@ _DONE = {"reported": "", "repaired": ": corrected", "excluded": ": not used", "b
 
 @dataclass(frozen=True)
 class DiagnosticEntry:
-    """One row of the table."""
+    """One row of the diagnostics table."""
 
     group: str  # Heading on the reference page.
     severity: Severity  # Default severity.
-    text: str  # Sentence without its full stop, with parameters in braces.
-    cause: str = ""  # The usual cause, empty if the text states it.
-    remedy: str = ""  # Advice, empty if there is nothing to do.
-    role: str = ""  # Role regarding camera faults: "explains", "doubts", "compares" or "compares all".
+    text: str  # Sentence without full stop, with parameters in braces.
+    cause: str = ""  # The usual cause, or empty if the text states it.
+    remedy: str = ""  # Advice, or empty if nothing needs to be done.
+    role: str = ""  # Role in camera faults: "explains", "doubts", "compares" or "compares all".
     words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    """Text of each named parameter value. It may contain parameters."""
+    """Text for each named parameter value. It may contain parameters."""
 
 
 @cache
 def load_table() -> dict[str, DiagnosticEntry]:
-    """Return all rows of the table by code."""
-    import json  # Blender has not imported it when add-ons are registered
+    """Return all rows of the table, by code."""
+    import json  # not yet imported when Blender registers add-ons
 
     groups = json.loads(_TABLE.read_text(encoding="utf-8"))
     return {
@@ -73,30 +73,30 @@ def load_table() -> dict[str, DiagnosticEntry]:
 
 @cache
 def list_refusals() -> tuple[str, ...]:
-    """Return the codes that can refuse a result."""
+    """Return the codes of errors that can refuse a result."""
     rows = load_table().items()
     return tuple(code for code, entry in rows if entry.group == _RESULTS and entry.severity is Severity.ERROR)
 
 
 def is_of_reading(code: str) -> bool:
-    """Return whether a diagnostic code arises before the solve."""
+    """Return whether a diagnostic with this code is raised before the solve."""
     entry = load_table().get(code)
     return entry is not None and entry.group not in _AFTER_READING
 
 
 @dataclass(frozen=True)
 class Where:
-    """Location of a diagnostic. Fields that do not apply are empty."""
+    """What a diagnostic refers to. Fields that do not apply are empty."""
 
     file: str = ""
     frames: Frames = ()  # Frame ranges.
-    cameras: tuple[str, ...] = ()  # Camera names. If others are listed for comparison, the first has the fault.
+    cameras: tuple[str, ...] = ()  # Camera names. If others are listed for comparison, the faulty one is first.
     markers: tuple[str, ...] = ()
     joints: tuple[str, ...] = ()
     person: str = ""
 
     def as_dict(self) -> dict[str, object]:
-        """Return the fields that are not empty as plain JSON values."""
+        """Return the non-empty fields as plain JSON values."""
         found = {item.name: getattr(self, item.name) for item in fields(self)} | {"frames": map(list, self.frames)}
         plain = {key: value if isinstance(value, str) else list(value) for key, value in found.items()}
         return {key: value for key, value in plain.items() if value}
@@ -114,26 +114,26 @@ class DiagnosticValues(TypedDict):
 
 @dataclass(frozen=True)
 class Diagnostic:
-    """Statement about a capture or result, with a code and a severity."""
+    """A statement about a capture or result, with a code and a severity."""
 
-    code: str  # Key in the table. Files of other versions may have unknown codes.
+    code: str  # Key in the table. Files written by other versions may contain unknown codes.
     severity: Severity
     where: Where = Where()
-    values: Mapping[str, Any] = field(default_factory=dict)  # Parameters of the table's texts, as plain JSON values.
+    values: Mapping[str, Any] = field(default_factory=dict)  # Parameters for the table's texts, as plain JSON values.
     remedy: Remedy = Remedy.REPORTED
 
     def as_dict(self) -> DiagnosticValues:
-        """Return plain JSON values, which ``read_diagnostics`` reads back."""
+        """Return plain JSON values that ``read_diagnostics`` can read."""
         where, values = self.where.as_dict(), dict(self.values)
         severity, remedy = self.severity.value, self.remedy.value
         return {"code": self.code, "severity": severity, "where": where, "values": values, "remedy": remedy}
 
 
 class Words(NamedTuple):
-    """The texts of a diagnostic."""
+    """The texts for a diagnostic."""
 
     what: str
-    advice: str  # What to do, empty if nothing.
+    advice: str  # What to do, or empty if nothing.
 
 
 # fmt: off
@@ -143,12 +143,12 @@ def diagnostic(
     joints: Sequence[str] = (), person: str = "", **values: Any,
 ) -> Diagnostic:
     # fmt: on
-    """Create a diagnostic with a code from the table.
+    """Create a diagnostic whose code is in the table.
 
     Args:
         severity: None uses the severity in the table.
         file, frames, cameras, markers, joints, person: see ``Where``.
-        values: parameters of the table's texts, rounded to six digits.
+        values: parameters for the table's texts, rounded to six digits.
     """
     runs = tuple((int(a), int(b)) for a, b in frames)
     where = Where(file, runs, tuple(cameras), tuple(markers), tuple(joints), person)
@@ -161,7 +161,7 @@ def _plain(value: Any) -> Any:
         return value
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, Integral):  # also NumPy integers, because a count has no decimals
+    if isinstance(value, Integral):  # including NumPy integers, because counts have no decimals
         return int(value)
     if isinstance(value, Iterable):
         return [_plain(item) for item in value]
@@ -169,7 +169,7 @@ def _plain(value: Any) -> Any:
 
 
 def merge(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Merge diagnostics that differ only in frames and figures. The first figures are kept."""
+    """Merge diagnostics that differ only in frames and figures, and keep the first one's figures."""
     kept: dict[str, Diagnostic] = {}
     for item in found:
         names = sorted((key, str(value)) for key, value in item.values.items() if not isinstance(value, int | float))
@@ -181,17 +181,17 @@ def merge(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
 
 
 def warnings_in(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Return the warnings and errors."""
+    """Return only the warnings and errors."""
     return tuple(item for item in found if item.severity is not Severity.NOTE)
 
 
 def notes_in(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Return the notes."""
+    """Return only the notes."""
     return tuple(item for item in found if item.severity is Severity.NOTE)
 
 
 def read_diagnostics(values: Any) -> tuple[Diagnostic, ...]:
-    """Return the diagnostics in a file or event. Items of another form are skipped."""
+    """Return the diagnostics in a file or event. Items in another format are skipped."""
     items = values if isinstance(values, list | tuple) else ()
     return tuple(_read(item) for item in items if isinstance(item, Mapping) and isinstance(item.get("code"), str))
 
@@ -209,7 +209,7 @@ def _read(item: Mapping[str, Any]) -> Diagnostic:
 
 
 def _kept(value: Any) -> Any:
-    """Return a text, a finite number, or a list or object of these. Shorten other values to text."""
+    """Return a text, a finite number, or a list or object of these. Convert other values to short text."""
     if isinstance(value, str | bool) or (isinstance(value, int | float) and math.isfinite(value)):
         return value
     if isinstance(value, Mapping) and value:
@@ -226,7 +226,7 @@ def _read_where(values: Mapping[str, Any]) -> Where:
 
 
 def word(found: Diagnostic, fps: float = 0.0) -> Words:
-    """Return the texts of a diagnostic, or a sentence with its code if the table lacks it.
+    """Return the texts for a diagnostic, or a sentence with its code if the table does not contain it.
 
     Args:
         fps: frames per second, for the duration of frame ranges. 0 omits the duration.
@@ -236,18 +236,18 @@ def word(found: Diagnostic, fps: float = 0.0) -> Words:
         entry = load_table()[found.code]
         values = _fields(found, entry)
         what, advice = entry.text.format(**values), entry.remedy.format(**values)
-    except (KeyError, ValueError, TypeError):  # a file of another version, or an edited one
+    except (KeyError, ValueError, TypeError):  # the file was edited or written by another version
         return Words(plain(_stop(f"{_by_name(found)}{where}")), "")
     return Words(plain(_stop(f"{what}{where}{_DONE[found.remedy]}")), plain(advice))
 
 
 def sentence(found: Diagnostic, fps: float = 0.0) -> str:
-    """Return a diagnostic on one line, with its message, location and remedy."""
+    """Return a diagnostic as one line with its message, location and remedy."""
     return " ".join(part for part in word(found, fps) if part)
 
 
 def frames_text(runs: Sequence[tuple[int, int]], fps: float = 0.0) -> str:
-    """Return frame ranges as text. The longest ones are listed, the others are counted."""
+    """Return frame ranges as text. The longest ones are listed, and the rest are counted."""
     longest = sorted(sorted(runs, key=lambda run: run[0] - run[1])[:LONGEST_LIST])
     lengths = [f" ({(b - a + 1) / fps:.2f} s)" if fps > 0 else "" for a, b in longest]
     texts = [f"frame {a}" if a == b else f"frames {a}-{b}{s}" for (a, b), s in zip(longest, lengths, strict=True)]
@@ -256,7 +256,7 @@ def frames_text(runs: Sequence[tuple[int, int]], fps: float = 0.0) -> str:
 
 
 def listed(names: Iterable[str]) -> str:
-    """Return the first names as text, and the number of remaining ones."""
+    """Return the first names as text, and the number of remaining names."""
     names = list(names)
     more = f" and {len(names) - LONGEST_LIST} more" if len(names) > LONGEST_LIST else ""
     return (", ".join(names[:LONGEST_LIST]) or "none") + more
@@ -292,9 +292,9 @@ def _by_name(found: Diagnostic) -> str:
 
 
 def summarise(found: Sequence[Diagnostic], fps: float = 0.0) -> list[str]:
-    """Return a line per warning, and a last line with "OK" or with what to check.
+    """Return one line per warning, and a last line with "OK" or with what to check.
 
-    After a multi-view solve, the last line states the stature, because scaling the world changes no image.
+    After a multi-view solve, the last line states the stature, because the images do not change if the world is scaled.
     """
     warnings = warnings_in(found)
     lines = [f"{item.severity.value}: {sentence(item, fps)}" for item in warnings]
@@ -303,7 +303,7 @@ def summarise(found: Sequence[Diagnostic], fps: float = 0.0) -> list[str]:
 
 
 def size_in(found: Iterable[Diagnostic]) -> str:
-    """Return the sentence about the solved body's size and its source, or '' if there is none."""
+    """Return the sentence about the solved body's size and where it comes from, or '' if there is none."""
     sizes = [item for item in found if item.code == "stature_solved"]
     return word(sizes[0]).what if sizes else ""
 
@@ -311,7 +311,7 @@ def size_in(found: Iterable[Diagnostic]) -> str:
 def _places(warnings: Sequence[Diagnostic]) -> str:
     parts = []
     for kind in ("cameras", "markers", "joints"):
-        # An exchange names two cameras or markers, and either may be wrong.
+        # A suspected swap names both cameras or markers, because either may be wrong.
         names = dict.fromkeys(name for item in warnings for name in getattr(item.where, kind))
         parts += [f"{kind[:-1] if len(names) == 1 else kind} {listed(names)}"] if names else []
     runs = _unite(run for item in warnings if not item.where.cameras for run in item.where.frames)
@@ -332,7 +332,7 @@ def _unite(runs: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
 
 
 def check_accepted(codes: Iterable[str]) -> None:
-    """Raise ``JobInvalid`` unless each code can refuse a result. The hint lists the valid codes."""
+    """Raise ``JobInvalid`` unless every code is one that can refuse a result. The hint lists the valid codes."""
     unknown = [code for code in codes if code not in list_refusals()]
     if unknown:
         hint = f"Known codes: {', '.join(list_refusals())}."
@@ -340,13 +340,13 @@ def check_accepted(codes: Iterable[str]) -> None:
 
 
 def refuse_errors(found: Iterable[Diagnostic], accepted: Iterable[str], where: str) -> tuple[Diagnostic, ...]:
-    """Return the diagnostics with accepted errors as warnings.
+    """Turn accepted errors into warnings, and raise an error if others remain.
 
     Args:
-        accepted: codes of ``list_refusals``.
+        accepted: codes from ``list_refusals``.
 
     Raises:
-        ResultRefused: an error is not accepted. The message lists all errors, the hint the advice.
+        ResultRefused: some errors are not accepted. The message lists all errors, and the hint the advice.
     """
     found, accepted = tuple(found), set(accepted)
     refused = [item for item in found if item.severity is Severity.ERROR and item.code not in accepted]

@@ -1,4 +1,4 @@
-"""Handle Ctrl-C while a program loads its libraries, with the same named error as later."""
+"""Handle Ctrl-C while a program loads its libraries, with the same named error as afterwards."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from types import FrameType
 CANCELLED = 130  # Exit code (128 + SIGINT, as in shells).
 _MESSAGE, _HINT = "The work was cancelled.", "No incomplete file remains."
 _EVENT = f'{{"event": "error", "code": "cancelled", "message": "{_MESSAGE}", "where": "", "hint": "{_HINT}"}}'
-"""Event text, written without ``json``, which Blender has not imported when add-ons are registered."""
+"""Event text, written without ``json``, which is not yet imported when Blender registers add-ons."""
 
 
 def end_by_signals() -> None:
-    """End the process at a signal with one error event, until a verb handles signals.
+    """End the process with one error event if a signal arrives before a verb handles signals.
 
-    No file is open yet, and an exception could interrupt a library's import.
+    No file is open yet, and an exception could interrupt the import of a library.
     """
     for name in ("SIGINT", "SIGTERM", "SIGBREAK"):
         if hasattr(signal, name):

@@ -18,8 +18,8 @@ class ExitCode(IntEnum):
     USAGE = 2  # The command line, the job file or a setting is wrong.
     BAD_INPUT = 3
     """A file is missing, damaged or unusable, an output exists or cannot be written, or a strict solve has warnings."""
-    FAILED = 4  # The solver, or another part that does the work, failed.
-    CANCELLED = CANCELLED  # The user or a signal ended the work. No file is incomplete.
+    FAILED = 4  # The solver or another part that does the work failed.
+    CANCELLED = CANCELLED  # The user or a signal stopped the work. No file is left incomplete.
 
 
 class ErrorEvent(TypedDict):
@@ -33,17 +33,17 @@ class ErrorEvent(TypedDict):
 
 
 class MocapError(Exception):
-    """Base class of all errors that a user can cause or encounter.
+    """Base class of all errors that a user can cause or run into.
 
     Args:
         message: one sentence about what happened and what was expected.
-        where: file, frame, camera, joint or marker of the error, "" if none.
+        where: file, frame, camera, joint or marker concerned, or "" if none.
         hint: one sentence about what to try.
     """
 
-    code = "error"  # Stable identifier in the progress stream: the snake case of the class below ``MocapError``.
-    exit_code = ExitCode.BAD_INPUT  # Exit code of a command line.
-    hint = ""  # Remedy of this class, if an error states no other.
+    code = "error"  # Stable identifier in the progress stream: the class below ``MocapError`` in snake case.
+    exit_code = ExitCode.BAD_INPUT  # Exit code of the command line.
+    hint = ""  # Remedy for this class, used if an error does not state its own.
 
     def __init_subclass__(cls) -> None:
         if cls.__base__ is MocapError:
@@ -64,7 +64,7 @@ class MocapError(Exception):
 
 
 def sentence(event: Mapping[str, object]) -> str:
-    """Return an ``error`` event on one line, with the fault, its location and a remedy."""
+    """Return an ``error`` event as one line with what happened, where, and a remedy."""
     where = f"({event['where']})" if event.get("where") else ""
     return plain(" ".join(str(part) for part in (event.get("message"), where, event.get("hint")) if part))
 
@@ -74,11 +74,11 @@ class CaptureNotRecognised(MocapError):
 
 
 class CalibrationMissing(MocapError):
-    """A capture of several views has no camera calibration."""
+    """A multi-view capture has no camera calibration."""
 
 
 class CalibrationMismatch(MocapError):
-    """Calibration and recording have different camera names."""
+    """The calibration and the recording have different camera names."""
 
 
 class CalibrationInvalid(MocapError):
@@ -96,11 +96,11 @@ class FrameCountMismatch(MocapError):
 
 
 class NotSynchronised(MocapError):
-    """With --sync on, the views do not confirm synchronisation."""
+    """``--sync on`` was set, but the views do not confirm that the cameras are synchronised."""
 
 
 class KeypointCountMismatch(MocapError):
-    """The number of keypoints does not fit the joint set."""
+    """The number of keypoints does not match the joint set."""
 
 
 class FileMissing(MocapError):
@@ -108,7 +108,7 @@ class FileMissing(MocapError):
 
 
 class FileDamaged(MocapError):
-    """The file is cut off, has another format, or lacks required parts."""
+    """The file is truncated, has another format, or has no required parts."""
 
     hint = "Correct the file, or export it again."
 
@@ -124,7 +124,7 @@ class NoDetections(MocapError):
 
 
 class PersonUnknown(MocapError):
-    """The capture has no person of this name."""
+    """The capture has no person with this name."""
 
 
 class RefinementUseless(MocapError):
@@ -132,15 +132,15 @@ class RefinementUseless(MocapError):
 
 
 class MarkersUnknown(MocapError):
-    """The markers have no labels, or labels that no layout knows."""
+    """The markers have no labels, or labels that are not in any known layout."""
 
 
 class MarkersMirrored(MocapError):
-    """The markers are a mirror image of a person."""
+    """The markers form the mirror image of a person."""
 
 
 class SubjectInvalid(MocapError):
-    """The subject file is for another body or other markers, or has impossible values."""
+    """The subject file is for another body or other markers, or contains impossible values."""
 
     hint = "Write the subject file again with markers calibrate."
 
@@ -164,21 +164,21 @@ class JobInvalid(MocapError):
 
 
 class BodyInvalid(MocapError):
-    """The body file lacks keys, or its arrays have wrong shapes or values."""
+    """The body file has missing keys, or arrays with wrong shapes or values."""
 
     hint = "Choose another body file, or see docs/reference/body-file.md."
 
 
 class BodyUnknown(MocapError):
-    """No body has this name, and no file has this path."""
+    """There is no body with this name, or no file at this path."""
 
 
 class UnsafePickle(MocapError):
-    """The pickle file asks for code that no body model needs."""
+    """The pickle file requests code that no body model needs."""
 
 
 class WeightsInvalid(MocapError):
-    """The weights of the prior are for another body, version or architecture."""
+    """The prior's weights are for another body, version or architecture."""
 
     hint = "Train the weights again, or reinstall the program."
 
@@ -188,15 +188,15 @@ class PriorInvalid(MocapError):
 
 
 class TrainingMismatch(MocapError):
-    """The checkpoint has other settings than the run that continues it."""
+    """The checkpoint's settings differ from those of the run that continues it."""
 
 
 class PoseInvalid(MocapError):
-    """Poses have the wrong shape, or are not rotations."""
+    """Poses have the wrong shape or are not rotations."""
 
 
 class MotionInvalid(MocapError):
-    """The motion file lacks keys, or has impossible values."""
+    """The motion file has missing keys or impossible values."""
 
     hint = "Choose another motion, or write it again."
 
@@ -208,7 +208,7 @@ class CaptureInvalid(MocapError):
 
 
 class BackendMissing(MocapError):
-    """The solver, its array library or its Python is missing."""
+    """The solver, its array library or its Python interpreter is missing."""
 
 
 class WarningsRefused(MocapError):
@@ -216,7 +216,7 @@ class WarningsRefused(MocapError):
 
 
 class ResultRefused(MocapError):
-    """The result is useless, for example because no person has that size."""
+    """The result is unusable, for example because no person is that size."""
 
 
 class Cancelled(MocapError):
@@ -234,19 +234,19 @@ class SchedulerUnsafe(MocapError):
 
 
 class CommandLineInvalid(MocapError):
-    """The command line has an unknown verb or option, or lacks a required one."""
+    """The command line has an unknown verb or option, or a required one is missing."""
 
     exit_code = ExitCode.USAGE
 
 
 class SolverFailed(MocapError):
-    """The program has a defect, or the memory is too small."""
+    """The program has a defect or ran out of memory."""
 
     exit_code = ExitCode.FAILED
 
 
 def describe_exit_codes(bad_input: str, failed: str, more: str = "") -> str:
-    """Return the last part of a command line's help, which explains exit codes 3 and 4."""
+    """Return the last part of a command line's help text, which explains exit codes 3 and 4."""
     return f"""\
 exit codes:
   0    there is a result

@@ -1,4 +1,4 @@
-"""Check lines of the progress protocol, and write the lines of live runs."""
+"""Check the lines of the progress protocol, and write the lines of live runs."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Callable, Mapping
 from typing import Any, NotRequired, TypedDict, cast
 
 Form = str | list[Any] | dict[str, Any]
-"""A key of ``_KINDS``, a list with the form of all its items, or forms by key. A value may be
-null if its key ends in ?. The key * matches all keys."""
+"""A key in ``_KINDS``, a list with the form of all its items, or forms by key. A value may be null if its key ends in
+"?". The key "*" matches all keys."""
 
 
 def _is_number(value: Any) -> bool:
     if isinstance(value, int):
-        return not isinstance(value, bool) and abs(value) < 2**63  # larger values may exceed a float's precision
+        return not isinstance(value, bool) and abs(value) < 2**63  # a float may not represent larger values exactly
     return isinstance(value, float) and math.isfinite(value)
 
 
@@ -23,7 +23,7 @@ _KINDS: dict[str, Callable[[Any], bool]] = {
     "number": _is_number,
     "object": lambda value: isinstance(value, dict),
 }
-"""Test function of each kind of value."""
+"""Function that checks each kind of value."""
 _DIAGNOSTICS = [{"code": "text", "severity": "text", "where": "object", "values": "object"}]
 # fmt: off
 _CAPTURE: dict[str, Form] = {
@@ -56,17 +56,17 @@ _RESULTS: dict[str, dict[str, Form]] = {
     },
     "from-videos": {"takes": {"*": {"folder": "text", "source": "text", "read?": _CAPTURE}}},
 }
-"""Keys in the results of verbs that programs depend on."""
+"""Keys in the verbs' results that other programs depend on."""
 _SEVERAL: dict[str, dict[str, Form]] = {
     "convert": {"captures": [{**_CAPTURE, "source": "text"}]},
     "solve": {"takes": [{**_SOLVED, "name": "text"}], "failed": [{"name": "text", "message": "text"}]},
 }
-"""Keys of a result with several captures or takes. Such a result contains the first of these keys."""
+"""Keys in a result for several captures or takes. Such a result contains the first of these keys."""
 # fmt: on
 
 
 def fits(form: Form, value: Any) -> bool:
-    """Return whether a value has a form."""
+    """Return whether a value has the given form."""
     if isinstance(form, str):
         return _KINDS[form](value)
     if isinstance(form, list):
@@ -87,7 +87,7 @@ def _misfits(form: dict[str, Form], value: Mapping[str, Any]) -> list[str]:
 
 
 def what_is_wrong(event: Mapping[str, Any], verb: str) -> str:
-    """Return a sentence about a solver line that violates the protocol, or "" if it is valid."""
+    """Return a sentence about what is wrong with a solver line, or "" if it follows the protocol."""
     kind = event.get("event")
     if not isinstance(kind, str) or kind not in _EVENTS:
         return f"the event {str(kind)[:40]!r} is unknown"
@@ -103,13 +103,13 @@ class EventLine(TypedDict):
     """An event of a live run."""
 
     event: str
-    t: float | None  # Seconds on the source's clock, None if unknown.
+    t: float | None  # Seconds on the source's clock, or None if unknown.
     message: str
     betas: NotRequired[list[float]]  # Only in the event ``shape``.
 
 
 class PoseValues(TypedDict):
-    """One pose: rotation vectors of root and joints in radians, translation in metres."""
+    """A pose: rotation vectors of root and joints in radians, and translation in metres."""
 
     root: list[float]
     pose: list[float]
@@ -117,7 +117,7 @@ class PoseValues(TypedDict):
 
 
 class FrameLine(TypedDict):
-    """One frame, with a pose or the reason why there is none."""
+    """A frame with a pose, or with the reason why there is none."""
 
     frame: int
     t: float
@@ -127,8 +127,8 @@ class FrameLine(TypedDict):
     pose: NotRequired[list[float]]
     trans: NotRequired[list[float]]
     points: NotRequired[int]
-    markers: NotRequired[int]  # Points that are recognised as markers.
-    views: NotRequired[int]  # Cameras used for the pose.
+    markers: NotRequired[int]  # Number of points recognised as markers.
+    views: NotRequired[int]  # Number of cameras used for the pose.
     off_mm: NotRequired[float]
     latency_ms: NotRequired[float]
     lag_ms: NotRequired[float]
@@ -146,7 +146,7 @@ LiveLine = EventLine | FrameLine
 
 
 def frame_line(number: int, t: float, state: str, latency_s: float, lag_s: float, **values: Any) -> FrameLine:
-    """Build the line of one frame, with delays in seconds and keys of ``FrameLine``."""
+    """Build the line for one frame, with delays in seconds and keys of ``FrameLine``."""
     delays = {"latency_ms": round(1e3 * latency_s, 3), "lag_ms": round(1e3 * lag_s, 3)}
     return cast("FrameLine", {"frame": number, "t": round(t, 6), "state": state, **values, **delays})
 

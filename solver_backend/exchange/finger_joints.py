@@ -1,4 +1,4 @@
-"""Add finger joints to a body, from our own hands file or SMPL-H and SMPL-X."""
+"""Add finger joints to a body, from our hands file or from SMPL-H or SMPL-X."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from .body_layout import SMPL, SMPL_H, SMPL_HANDS, BodyLayout
 from .errors import BodyInvalid
 
 HANDS_FILE = "hands_neutral.npz"
-"""File next to the shipped body with finger joints, weights and correctives of its hands."""
-HANDS_KEYS = ("body_id", "vertices", "weights", "J_regressor", "posedirs", "flat")  # Arrays to read from that file.
+"""File next to the shipped body that contains the hands' finger joints, weights and correctives."""
+HANDS_KEYS = ("body_id", "vertices", "weights", "J_regressor", "posedirs", "flat")  # Arrays read from that file.
 FIRST_FINGER = 1 + SMPL.num_solved  # Index of the first finger joint in ``SMPL_HANDS``.
 
 
 @dataclass(frozen=True, eq=False)
 class Skinning:
-    """Skinning weights of V vertices and J joints."""
+    """Skinning weights for V vertices and J joints."""
 
     weights: np.ndarray  # (V, J) weights. Rows sum to 1.
     J_regressor: np.ndarray  # (J, V) joint regressor. Rows sum to 1.
-    posedirs: np.ndarray | None  # (V, 3, 9 (J - 1)) metres per unit of pose feature, None without correctives.
+    posedirs: np.ndarray | None  # (V, 3, 9 (J - 1)) metres per unit of pose feature, or None without correctives.
 
 
 def needs_hands_file(layout: BodyLayout) -> bool:
@@ -33,15 +33,15 @@ def needs_hands_file(layout: BodyLayout) -> bool:
 def with_finger_joints(
     layout: BodyLayout, skinning: Skinning, body_id: str, hands: Mapping[str, np.ndarray] | None
 ) -> Skinning:
-    """Return the skinning for the joints of ``SMPL_HANDS``, with the same skin at rest.
+    """Convert a body's skinning to the joints in ``SMPL_HANDS``. The skin at rest does not change.
 
-    The head takes the weights of SMPL-X's jaw and eyes.
+    The head takes over the weights of SMPL-X's jaw and eyes.
 
     Args:
-        hands: arrays of ``HANDS_FILE`` if needed.
+        hands: arrays from ``HANDS_FILE`` if needed.
 
     Raises:
-        BodyInvalid: the body has no fingers, and the hands belong to another body.
+        BodyInvalid: the body has no fingers, and the hands file is for another body.
     """
     if layout.joints == SMPL_HANDS.joints:
         return skinning
@@ -68,7 +68,7 @@ def with_finger_joints(
 
 
 def from_flat(rotations: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """Convert finger rotations from a flat hand to the rest pose: ``R_j = F_pᵀ R'_j F_j``.
+    """Convert finger rotations relative to a flat hand to the rest pose: ``R_j = F_pᵀ R'_j F_j``.
 
     A bone that points along d at rest points along ``F d`` in the flat hand, so its rotation from rest is ``G' F``. The
     wrist, which is the first joint's parent, has no F.
@@ -81,7 +81,7 @@ def from_flat(rotations: np.ndarray, flat: np.ndarray) -> np.ndarray:
 
 
 def to_flat(rotations: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """Convert finger rotations relative to rest into those relative to a flat hand."""
+    """Convert finger rotations relative to rest to rotations relative to a flat hand."""
     return _of_parents(flat) @ rotations @ np.swapaxes(flat, -1, -2)
 
 

@@ -1,4 +1,4 @@
-"""Compute the ground path: the motion of a root bone, which an in-place motion omits."""
+"""Compute the ground path, which is the motion of a root bone and is removed from in-place motions."""
 
 from __future__ import annotations
 
@@ -8,31 +8,31 @@ import numpy as np
 
 from .so3 import matrix_from_rotvec, quat_from_matrix, sign_continuous
 
-_SMOOTH_S = 0.25  # Standard deviation of the Gaussian filter in seconds. Sway stays in the hips.
+_SMOOTH_S = 0.25  # Standard deviation of the Gaussian filter in seconds. Sway remains in the hips.
 
 
 @dataclass(frozen=True)
 class GroundPath:
-    """A person's path on the ground."""
+    """A person's path along the ground."""
 
-    way: np.ndarray  # (F, 3) positions in metres from the stage's origin, z = 0.
-    heading: np.ndarray  # (F,) continuous angles in radians about Z from facing -Y.
+    way: np.ndarray  # (F, 3) positions in metres relative to the stage's origin, z = 0.
+    heading: np.ndarray  # (F,) continuous angles about Z in radians, 0 when facing -Y.
 
     @classmethod
     def of(cls, root: np.ndarray) -> GroundPath:
-        """Return the path of a motion's ``root`` (F, 3)."""
+        """Return the path given by a motion's ``root`` (F, 3)."""
         return cls(np.column_stack([root[:, :2], np.zeros(len(root))]), root[:, 2])
 
     @property
     def turns(self) -> np.ndarray:
-        """(F, 3, 3) heading as rotations."""
+        """(F, 3, 3) headings as rotations."""
         return matrix_from_rotvec(self.heading[:, None] * [0.0, 0.0, 1.0])
 
 
 def ground_path(hips: np.ndarray, turns: np.ndarray, fps: float) -> GroundPath:
-    """Return the smoothed path (F, 3) and headings (F, 3, 3) of the hips, with Z up.
+    """Return the smoothed (F, 3) path and (F, 3, 3) headings of the hips, with Z up.
 
-    The heading of a rotation q is the twist of its swing-twist decomposition, ``2 atan2(q_z, q_w)``.
+    The heading of a rotation q is the twist in its swing-twist decomposition, ``2 atan2(q_z, q_w)``.
     """
     on_ground = hips * [1.0, 1.0, 0.0]
     quat = sign_continuous(quat_from_matrix(turns))
@@ -42,7 +42,7 @@ def ground_path(hips: np.ndarray, turns: np.ndarray, fps: float) -> GroundPath:
 
 
 def _smoothed(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Filter columns with a Gaussian. Values beyond the ends are point reflections."""
+    """Filter columns with a Gaussian. Beyond the ends, values are continued by point reflection."""
     half = min(int(np.ceil(3 * sigma)), len(values) - 1)
     kernel = np.exp(-0.5 * (np.arange(-half, half + 1) / max(sigma, 1e-6)) ** 2)
     longer = np.pad(values, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")

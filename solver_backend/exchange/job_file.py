@@ -1,4 +1,4 @@
-"""Define the job file, which contains everything for one solve as JSON."""
+"""Define the job file, which describes one solve completely as JSON."""
 
 from __future__ import annotations
 
@@ -14,40 +14,40 @@ from .json_file import as_plain
 from .outputs import write_text
 from .reading_settings import ROWS, ReadingSettings, TimeSettings, WorldSettings
 
-VERSION = 1  # Version of the schema. Jobs with another version are rejected.
+VERSION = 1  # Schema version. Jobs with another version are rejected.
 MOTION_SUFFIX = ".npz"
 
 
 @dataclass(frozen=True)
 class JobPin:
-    """A pose that the animator set and the solver keeps."""
+    """A pose that the animator set and the solver preserves."""
 
-    frame: int  # Frame of the capture, from 0.
-    global_orient: Sequence[float]  # Axis-angle of the pelvis from body to world, 3 numbers.
-    body_pose: Sequence[float]  # Axis-angles of joints 1 to 23 as 69 numbers, or 153 numbers with fingers.
+    frame: int  # Frame in the capture, from 0.
+    global_orient: Sequence[float]  # Axis-angle vector of the pelvis, from body to world, 3 numbers.
+    body_pose: Sequence[float]  # Axis-angle vectors of joints 1 to 23 as 69 numbers, or 153 numbers with fingers.
     transl: Sequence[float]  # Translation in metres, 3 numbers.
 
 
 @dataclass(frozen=True)
 class JobContact:
-    """A contact of a body part with the floor, added or removed by the animator."""
+    """A contact between a body part and the floor that the animator added or removed."""
 
-    part: str  # Part of the body: left_foot, right_foot, left_knee, ..., seat, back or head.
+    part: str  # Body part: left_foot, right_foot, left_knee, ..., seat, back or head.
     first: int  # First frame, from 0.
-    last: int  # Last frame, which is included.
+    last: int  # Last frame (inclusive).
     touches: bool  # True adds the contact. False removes it.
 
 
 @dataclass(frozen=True)
 class JobRange:
-    """A range of frames of an earlier motion to solve again."""
+    """A frame range in an earlier motion that is to be solved again."""
 
-    motion: Path  # Earlier motion, which does not change outside the range.
+    motion: Path  # Earlier motion, which remains unchanged outside the range.
     first: int  # First frame, from 0.
-    last: int  # Last frame, which is included.
-    pins: tuple[JobPin, ...] = ()  # Fixed poses inside the range.
-    contacts: tuple[JobContact, ...] = ()  # Contacts with the floor in the range. Later items override earlier ones.
-    forgets: bool = False  # Ignore the contacts of earlier solves of the range.
+    last: int  # Last frame (inclusive).
+    pins: tuple[JobPin, ...] = ()  # Fixed poses within the range.
+    contacts: tuple[JobContact, ...] = ()  # Floor contacts within the range. Later items override earlier ones.
+    forgets: bool = False  # Ignore contacts from earlier solves of the range.
 
 
 @dataclass(frozen=True)
@@ -58,16 +58,16 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
         JobInvalid: the motion's name has another suffix, two files have the same path, or a path or setting is invalid.
     """
 
-    capture: Path  # File or folder of the capture.
+    capture: Path  # File or folder with the capture.
     out: Path  # Motion file to write.
-    report: Path | None = None  # HTML page to write. With None, no page is written.
+    report: Path | None = None  # HTML report to write, or None for no report.
     overwrite: bool = False  # Replace existing results.
     strict: bool = False  # Refuse a result that has warnings, and write nothing.
-    subject: Path | None = None  # Subject file of the person. With None, the take calibrates the person.
+    subject: Path | None = None  # Subject file for the person. If None, the person is calibrated from the take.
     start_from: tuple[str, ...] = ()  # Earlier motions or network results to start from, each as ``[CAMERA=]FILE``.
-    labels: Path | None = None  # File of labels that the user assigned to markers. The solver never overrides them.
-    settings: Any = field(default_factory=dict)  # Settings of the solve that differ from their defaults, by key.
-    resolve: Any = None  # Frames of an earlier motion to solve again. With None, the whole take is solved.
+    labels: Path | None = None  # File with labels that the user assigned to markers. The solver never overrides them.
+    settings: Any = field(default_factory=dict)  # Solve settings that differ from their defaults, by key.
+    resolve: Any = None  # Frames of an earlier motion to solve again. If None, the whole take is solved.
 
     def __post_init__(self) -> None:
         TimeSettings.__post_init__(self)  # checks the settings of all classes
@@ -82,7 +82,7 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
         if self.resolve is not None and self.start_from:
             what = "`resolve` and `start_from` cannot be combined, because a range starts from its own motion."
             raise JobInvalid(what, where="start_from", hint="Leave `start_from` out, or solve the whole take.")
-        # A motion without its recording is its own capture. It may also be the earlier motion.
+        # A motion whose recording is not available is its own capture. It may also be the earlier motion.
         if earlier is not None and earlier.resolve() != self.capture.resolve():
             files.append(earlier)
         if len({path.resolve() for path in files}) < len(files):
@@ -90,7 +90,7 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
             raise JobInvalid(what, where=str(self.out), hint="Choose another name for the result.")
 
     def as_dict(self) -> dict[str, object]:
-        """Return the version and all fields that differ from their defaults as plain JSON values."""
+        """Return the version and all non-default fields as plain JSON values."""
         values: dict[str, Any] = {"version": VERSION}
         for item in sorted(fields(self), key=lambda item: item.name in ROWS):
             value, default = getattr(self, item.name), None if item.default is MISSING else item.default
@@ -98,14 +98,14 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
                 values[item.name] = as_plain(value)
         for name in ("contacts", "forgets"):
             if self.resolve is not None and not getattr(self.resolve, name):
-                del values["resolve"][name]  # files without these fields do not change
+                del values["resolve"][name]  # keeps job files that do not use these fields unchanged
         return values
 
 
 def start_of(text: str, folder: Path = Path()) -> tuple[str, Path]:
-    """Return camera ("" for none) and file of ``[CAMERA=]FILE``, relative to ``folder``.
+    """Split ``[CAMERA=]FILE`` into the camera ("" for none) and the file, relative to ``folder``.
 
-    A text that is the name of an existing file is that file, even if it contains an equals sign.
+    If the whole text is the name of an existing file, it is that file, even if it contains an equals sign.
     """
     if "=" not in text or os.path.exists(folder / text):
         return "", folder / text
@@ -114,7 +114,7 @@ def start_of(text: str, folder: Path = Path()) -> tuple[str, Path]:
 
 
 def write_job(path: Path, job: JobFile) -> None:
-    """Write a job file, complete or not at all."""
+    """Write a job file, either completely or not at all."""
     try:
         write_text(path, json.dumps(job.as_dict(), indent=2, ensure_ascii=False), overwrite=True)
     except OutputNotWritable as error:

@@ -1,4 +1,4 @@
-"""Define joint sets: the anatomical point of each column of a detector's output."""
+"""Define joint sets: the anatomical point for each column of a detector's output."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Self
 from .body_layout import SMPL
 
 SMPL_JOINTS: tuple[str, ...] = SMPL.joints  # SMPL's joints in SMPL's order.
-SMPL_PARENTS: tuple[int, ...] = SMPL.parents  # Index of each SMPL joint's parent, -1 at the root.
+SMPL_PARENTS: tuple[int, ...] = SMPL.parents  # Index of each SMPL joint's parent, -1 for the root.
 NUM_JOINTS = SMPL.num_joints  # Number of SMPL joints.
-NUM_BODY_JOINTS = SMPL.num_solved  # Number of joints after the root that solves rotate, without hands.
+NUM_BODY_JOINTS = SMPL.num_solved  # Number of joints after the root that the solver rotates, without hands.
 NUM_BETAS = 10  # Number of shape coefficients.
 _PARTS = {
     "arm": "shoulder elbow wrist",
@@ -20,12 +20,12 @@ _PARTS = {
     "limbs": "shoulder elbow wrist hip knee ankle",
     "mediapipe": "shoulder elbow wrist pinky index thumb hip knee ankle heel big_toe",
 }
-"""Keypoints of one side. ``up-`` reverses their order."""
+"""Keypoints on one side. ``up-`` reverses their order."""
 _SIDE = re.compile(r"^(left|right)(?=_)|(?<=^mouth_)(left|right)$")
 
 
 def _columns(text: str) -> tuple[str, ...]:
-    """Return keypoints by column. ``both:arm`` alternates between left and right."""
+    """Return the keypoint in each column. ``both:arm`` alternates between left and right."""
     found: list[str] = []
     for word in text.split():
         side, _, part = word.rpartition(":")
@@ -42,16 +42,16 @@ _EYES = "right_eye left_eye right_ear left_ear"
 
 
 class JointSet(StrEnum):
-    """Set of keypoints that a detector finds. The value is the name of the set in files."""
+    """A set of keypoints that a detector finds. The value is the set's name in files."""
 
     _value_: str
-    keypoints: tuple[str, ...]  # Anatomical name of each used column, starting at the first.
+    keypoints: tuple[str, ...]  # Anatomical name of each used column, starting with the first column.
     num_written: tuple[int, ...]
-    """Numbers of columns that detectors write. Further columns are hands and face (also for BODY_25) and MPII's chest.
-    Detectors of COCO's whole body may write only the first 23: body and feet."""
+    """Possible numbers of columns in detector output. Additional columns are hands and face (also for BODY_25) and
+    MPII's chest. Whole-body COCO detectors may write only the first 23 columns: body and feet."""
 
     def __new__(cls, name: str, keypoints: str = "", *written: int) -> Self:
-        """Create a member with its name as value and its columns."""
+        """Create a member from its name and its columns."""
         member = str.__new__(cls, name)
         member._value_ = name
         member.keypoints = _columns(keypoints)
@@ -89,14 +89,14 @@ class JointSet(StrEnum):
         return len(self.keypoints)
 
     def mirrored(self, count: int = 0) -> tuple[int, ...]:
-        """Return each column's counterpart on the other side, or the column itself."""
+        """Return each column's counterpart on the other side, or the column itself if it has none."""
         other = {"left": "right", "right": "left"}
         swapped = [_SIDE.sub(lambda found: other[found[0]], name) for name in self.keypoints]
         return (*map(self.keypoints.index, swapped), *range(len(swapped), count))
 
     @classmethod
     def fitting(cls, num_keypoints: int) -> tuple[JointSet, ...]:
-        """Return the sets with detectors that write this number of keypoints."""
+        """Return the sets for which some detector writes this number of keypoints."""
         return tuple(s for s in cls if num_keypoints in s.num_written)
 
 
@@ -105,9 +105,9 @@ HAND_POINTS: tuple[str, ...] = (
     *("wrist", "thumb_cmc", "thumb_mcp", "thumb_ip", "thumb_tip"),
     *(f"{finger}_{place}" for finger in FINGERS[1:] for place in ("mcp", "pip", "dip", "tip")),
 )
-"""The 21 points of OpenPose (Simon et al. 2017), which MediaPipe, COCO-WholeBody and Halpe share."""
+"""The 21 points defined by OpenPose (Simon et al. 2017), also used by MediaPipe, COCO-WholeBody and Halpe."""
 NUM_HAND_POINTS = len(HAND_POINTS)  # Number of points per hand.
 SIDES: tuple[str, str] = ("left", "right")  # In the order of the hands.
 HAND_COLUMNS = {(JointSet.COCO_WHOLEBODY_133, 133): (91, 112), (JointSet.HALPE_136, 136): (94, 115)}
-"""First columns of the left and right hand, by joint set and number of written keypoints. They follow the body, the
-feet and the 68 points of the face (Jin et al. 2020; Fang et al. 2022)."""
+"""First column of the left and right hand, by joint set and number of keypoints in the file. Hands follow the body, the
+feet and the 68 face points (Jin et al. 2020; Fang et al. 2022)."""

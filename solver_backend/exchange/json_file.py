@@ -1,4 +1,4 @@
-"""Read JSON files that people edit, with limits for size and depth."""
+"""Read JSON files that people edit, with limits on size and depth."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import Any
 from .errors import FileDamaged
 from .outputs import open_regular, require_file, unreadable
 
-LARGEST = 20_000_000  # Largest size in bytes of a text file by a person or a program. Real files have kilobytes.
+LARGEST = 20_000_000  # Size limit in bytes of a text file that a person or program writes. Real files have kilobytes.
 
 
 def read_json_file(path: Path | str, largest: int = LARGEST) -> Any:
-    """Return the value in a UTF-8 JSON file."""
+    """Return the value stored in a UTF-8 JSON file."""
     path = require_file(path)
     try:
         with open_regular(path) as stream:
@@ -32,7 +32,7 @@ def read_json_file(path: Path | str, largest: int = LARGEST) -> Any:
 
 
 def parse_json(text: str, path: Path | str) -> Any:
-    """Return the value of a JSON text. ``path`` is its file, for errors."""
+    """Parse JSON text. ``path`` is the file it comes from, for errors."""
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -41,12 +41,12 @@ def parse_json(text: str, path: Path | str) -> Any:
 
 
 def as_plain(value: Any) -> Any:
-    """Convert a value to JSON types, with null for non-finite numbers."""
+    """Convert a value to JSON types. Non-finite numbers become null."""
     if is_dataclass(value):
         value = {item.name: getattr(value, item.name) for item in fields(value)}
     if isinstance(value, dict):
         return {str(key): as_plain(item) for key, item in value.items()}
-    if hasattr(value, "tolist"):  # a NumPy or PyTorch value, without importing either
+    if hasattr(value, "tolist"):  # a NumPy or PyTorch value, detected without importing either
         return as_plain(value.tolist())
     if isinstance(value, list | tuple):
         return [as_plain(item) for item in value]

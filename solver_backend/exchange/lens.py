@@ -1,7 +1,7 @@
-"""List lens models by name, and apply or invert the distortion of one camera.
+"""List the lens models by name, and apply or invert one camera's distortion.
 
-A new lens model is a file like ``lens_fisheye`` and a row in ``LENS_MODELS``. ``cameras/projection.py`` applies these
-models to all cameras of an array.
+To add a lens model, add a file like ``lens_fisheye`` and a row in ``LENS_MODELS``. ``cameras/projection.py`` applies
+these models to all cameras of an array.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from .lens_fisheye import FISHEYE
 from .lens_model import LensModel
 from .lens_opencv import OPENCV
 
-LENS_MODELS: dict[str, LensModel] = {model.name: model for model in (OPENCV, FISHEYE)}  # By name in files.
-DEFAULT_MODEL = OPENCV.name  # For files that state no lens model.
+LENS_MODELS: dict[str, LensModel] = {model.name: model for model in (OPENCV, FISHEYE)}  # By their names in files.
+DEFAULT_MODEL = OPENCV.name  # Used for files that do not state a lens model.
 _MOST_STEPS = 20
 _EXACT, _ACCEPTED, _SMALL = 1e-11, 1e-7, 1e-4
 """Tolerances in normalised image units. At a focal length of 1000 px, 1e-7 is 0.0001 px."""
@@ -31,14 +31,14 @@ def require_models(names: Sequence[str]) -> None:
 
 
 def model_named(text: str) -> str:
-    """Return the lens model with this name, ``DEFAULT_MODEL`` for unknown names."""
+    """Return the lens model with this name, or ``DEFAULT_MODEL`` for unknown names."""
     plain = re.sub(r"[^a-z0-9]", "", text.lower())
     others = (model for model in LENS_MODELS.values() if model.name != DEFAULT_MODEL)
     return next((m.name for m in others if plain in m.aliases or m.name in plain), DEFAULT_MODEL)
 
 
 def is_pinhole(coefficients: np.ndarray, model: str) -> bool:
-    """Return whether a lens has no distortion."""
+    """Return whether a lens is free of distortion."""
     return LENS_MODELS[model].is_straight and not np.any(coefficients)
 
 
@@ -73,7 +73,7 @@ def undistort(xy: np.ndarray, coefficients: np.ndarray, model: str) -> np.ndarra
         xx, cross, yy = (entry[open_] for entry in derivative)
         guess[active] -= _solve(xx, cross, yy, error)
     off = np.abs(distort(guess, coefficients, model) - target).max(axis=-1, initial=0.0)
-    # Beyond the edge of the lens the formula folds over, and the other branch is beyond the centre.
+    # Beyond the edge of the lens, the formula folds over, and the other branch is on the far side of the centre.
     folded = (guess * target).sum(axis=-1) < -_SMALL
     guess[~(off < _ACCEPTED) | folded] = np.nan
     result = np.full(np.shape(xy), np.nan)
@@ -96,6 +96,6 @@ def normalised(xy: np.ndarray, K: np.ndarray) -> np.ndarray:
 
 
 def pixels(xy: np.ndarray, K: np.ndarray) -> np.ndarray:
-    """Convert normalised image points to pixels (..., 2), the inverse of ``normalised``."""
+    """Convert normalised image points to pixels (..., 2). This is the inverse of ``normalised``."""
     u = K[0, 0] * xy[..., 0] + K[0, 1] * xy[..., 1] + K[0, 2]
     return np.stack([u, K[1, 1] * xy[..., 1] + K[1, 2]], axis=-1)

@@ -12,7 +12,7 @@ import numpy as np
 
 from .lens_model import LensModel, Terms
 
-_STEPS = 20  # Maximum number of Newton steps of the inverse.
+_STEPS = 20  # Largest number of Newton steps for the inverse.
 _SMALL_SQUARE = 1e-8  # Squared angle (radians) below which the series is exact in double precision.
 
 
@@ -82,4 +82,4 @@ FISHEYE = LensModel(
     colmap=(("OPENCV_FISHEYE", 2, (0, 1, 2, 3)),),
     fits=(("fisheye", (0, 1, 2, 3)),),
 )
-"""The fisheye model of OpenCV (Kannala and Brandt 2006)."""
+"""OpenCV's fisheye model (Kannala and Brandt 2006)."""

@@ -1,4 +1,4 @@
-"""Define the interface of a lens model: terms, formula, derivatives and names."""
+"""Define the interface of lens models: terms, formula, derivatives and names."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ import numpy as np
 
 Terms = Sequence[Any] | np.ndarray
 """Coefficients in the model's order: numbers, or arrays that broadcast against the coordinates."""
-MOST_TERMS = 8  # Maximum number of coefficients of a lens. Shorter models are padded with zeros.
+MOST_TERMS = 8  # Largest number of coefficients in a lens model. Shorter models are padded with zeros.
 
 
 @dataclass(frozen=True)
 class LensModel:
-    """One lens model, with functions for arrays of any namespace ``xp``."""
+    """A lens model, with functions that accept arrays from any namespace ``xp``."""
 
     name: str  # Name in files and messages.
     terms: tuple[str, ...]  # Names of the coefficients, in order.
-    is_straight: bool  # True if the lens is a pinhole when all coefficients are zero.
+    is_straight: bool  # True if zero coefficients mean a pinhole lens.
     distort: Callable[[Any, Any, Terms, Any], tuple[Any, Any, tuple[Any, Any, Any]]]
-    """Maps (x, y, terms, xp) to distorted x and y, and the entries xx, xy and yy of the symmetric Jacobian."""
+    """Maps (x, y, terms, xp) to the distorted x and y, and to the entries xx, xy and yy of the symmetric Jacobian."""
     growth: Callable[[Any, Terms, Any], tuple[Any, Any]]
-    """Maps (r², terms, xp) to the derivative of the distorted radius by r, and a mask of undefined values."""
+    """Maps (r², terms, xp) to the derivative of the distorted radius by r, and to a mask of undefined values."""
     by_terms: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-    """Maps x and y (N,) and terms (N, 8) to the (N, 2, 8) derivative of distorted coordinates by the terms."""
+    """Maps x and y (N,) and terms (N, 8) to the (N, 2, 8) derivative of the distorted coordinates by the terms."""
     invert: Callable[[Any, Terms, Any], Any] | None = None
     """Maps distorted (..., 2), terms and xp to undistorted coordinates. None uses Newton's method in the plane."""
     turn: Callable[[np.ndarray], np.ndarray] = np.copy
-    """Maps (8,) terms to the terms of images that are rotated 90 degrees clockwise."""
-    aliases: tuple[str, ...] = ()  # Other names in calibration files, lower case without separators.
-    lengths: tuple[int, ...] = (MOST_TERMS,)  # Numbers of coefficients in calibration files, ascending.
+    """Maps (8,) terms to the terms for images rotated 90 degrees clockwise."""
+    aliases: tuple[str, ...] = ()  # Other names in calibration files, in lower case without separators.
+    lengths: tuple[int, ...] = (MOST_TERMS,)  # Possible numbers of coefficients in calibration files, ascending.
     colmap: tuple[tuple[str, int, tuple[int, ...]], ...] = ()
-    """COLMAP models of this kind: name, number of focal lengths, and indices of their terms among ours."""
+    """Equivalent COLMAP models: name, number of focal lengths, and our index for each of their terms."""
     fits: tuple[tuple[str, tuple[int, ...]], ...] = ()
-    """Fits that a calibration tries, from the simplest to the most complex: name and indices of the fitted terms."""
+    """Fits that a calibration tries, simplest first: name and indices of the fitted terms."""
 
     def listed(self, terms: np.ndarray) -> np.ndarray:
         """Return as many of the (8,) coefficients as files need for this lens."""

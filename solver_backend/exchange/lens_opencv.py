@@ -59,13 +59,13 @@ def _by_terms(x: np.ndarray, y: np.ndarray, k: np.ndarray) -> np.ndarray:
 
 
 def _turn(k: np.ndarray) -> np.ndarray:
-    """Return the terms of a rotated image: ``p1' = p2``, ``p2' = -p1``, others unchanged."""
+    """Return the terms for a rotated image: ``p1' = p2``, ``p2' = -p1``, others unchanged."""
     turned = k.copy()
     turned[2], turned[3] = k[3], -k[2]
     return turned
 
 
-# Number of focal lengths and terms of COLMAP's models.
+# Number of focal lengths and terms in COLMAP's models.
 _COLMAP = {"SIMPLE_PINHOLE": (1, 0), "PINHOLE": (2, 0), "SIMPLE_RADIAL": (1, 1), "RADIAL": (1, 2)}
 _COLMAP |= {"OPENCV": (2, 4), "FULL_OPENCV": (2, 8)}
 _FITS = {"radial2": 2, "pinhole4": 4, "pinhole5": 5, "rational8": 8}  # Number of fitted terms.
@@ -81,4 +81,4 @@ OPENCV = LensModel(
     colmap=tuple((name, focals, tuple(range(terms))) for name, (focals, terms) in _COLMAP.items()),
     fits=tuple((name, tuple(range(terms))) for name, terms in _FITS.items()),
 )
-"""The pinhole model of OpenCV with radial and tangential distortion (Brown 1966)."""
+"""OpenCV's pinhole model with radial and tangential distortion (Brown 1966)."""

@@ -1,4 +1,4 @@
-"""Bend limbs to goals, move the body within reach of its feet, and fade offsets over time."""
+"""Bend limbs towards goals, move the body within reach of its feet, and fade offsets over time."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ import numpy as np
 
 from .so3 import matrix_from_rotvec
 
-_STRAIGHTEST = 0.9995  # Largest share of a limb's length, unless the actor's limb is straighter.
-_MOST_FOLDED = 1.001  # Smallest end distance of a folded limb, relative to the bones' length difference.
-_REACHED_M, _HOPELESS_M = 1e-6, 1e3  # Tolerance of a reached distance in metres, and a cost above that of any offset.
+_STRAIGHTEST = 0.9995  # Largest extension relative to a limb's length, unless the actor's limb is straighter.
+_MOST_FOLDED = 1.001  # Smallest distance between a folded limb's ends, relative to the bones' length difference.
+_REACHED_M, _HOPELESS_M = 1e-6, 1e3  # Tolerance in metres for reaching a distance, and a cost above that of any offset.
 _CLEAR_BEND = 0.05  # Sine of the bend at which the plane of the bones and the anatomical axis have equal weight.
 
 
 def bend_to(reach: np.ndarray, upper: np.ndarray, lower: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (F, 3, 3) rotations that bring a two-bone limb to its goal.
+    """Return the (F, 3, 3) rotations that bring the end of a two-bone limb to its goal.
 
-    First the lower bone rotates about the hinge n until the distance d is right. With u and v the bones and a bar for
-    the part perpendicular to n, the law of cosines gives ``|ū| |v̄| cos φ = (d² - |u|² - |v|²)/2 - (u·n)(v·n)``. Then
-    the whole limb swings by the smallest rotation.
+    First, the lower bone rotates about the hinge n until the distance d is correct. If u and v are the bones and a bar
+    denotes the part perpendicular to n, the law of cosines gives ``|ū| |v̄| cos φ = (d² - |u|² - |v|²)/2 -
+    (u·n)(v·n)``. Then the whole limb swings by the smallest rotation.
 
     Args:
         reach: (F, 3) vectors from the start to the end of the limb in metres, shortened to the limb's length.
-        upper: (F, 3) vectors of the actor's upper bone with the rig's length.
-        lower: (F, 3) vectors of the lower bone.
-        axis: (F, 3) unit vectors of the hinge's anatomical axis, about which bend angles are positive.
+        upper: (F, 3) vectors along the actor's upper bone with the length of the rig's bone.
+        lower: (F, 3) vectors along the lower bone.
+        axis: (F, 3) unit vectors along the hinge's anatomical axis, about which bend angles are positive.
     """
     a, b = np.linalg.norm(upper, axis=-1), np.linalg.norm(lower, axis=-1)
     distance = np.clip(np.linalg.norm(reach, axis=-1), shortest_reach(upper, lower), longest_reach(upper, lower))
@@ -41,18 +41,18 @@ def bend_to(reach: np.ndarray, upper: np.ndarray, lower: np.ndarray, axis: np.nd
 
 
 def longest_reach(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
-    """Return the largest reach (...) in metres of limbs, at least the actor's."""
+    """Return the largest reach (...) of limbs in metres, which is at least the actor's."""
     a, b = np.linalg.norm(upper, axis=-1), np.linalg.norm(lower, axis=-1)
     return np.maximum(_STRAIGHTEST * (a + b), np.linalg.norm(upper + lower, axis=-1))
 
 
 def shortest_reach(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
-    """Return the (...) distance in metres between the ends of a fully folded limb with (..., 3) bones."""
+    """Return the (...) distance in metres between the ends of fully folded limbs with (..., 3) bones."""
     return _MOST_FOLDED * np.abs(np.linalg.norm(upper, axis=-1) - np.linalg.norm(lower, axis=-1))
 
 
 def _bend_axis(upper: np.ndarray, lower: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) bend axis ``n ∝ u × v / (|u| |v|) + ε a`` with the anatomical axis a."""
+    """Return the (F, 3) bend axis ``n ∝ u × v / (|u| |v|) + ε a``, where a is the anatomical axis."""
     along = _unit(upper + lower)
     square = _unit(axis - _dot(axis, along)[:, None] * along)
     n = np.cross(_unit(upper), _unit(lower)) + _CLEAR_BEND * square
@@ -60,7 +60,7 @@ def _bend_axis(upper: np.ndarray, lower: np.ndarray, axis: np.ndarray) -> np.nda
 
 
 def swing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the (F, 3, 3) smallest rotations that map (F, 3) directions a to b."""
+    """Return the smallest (F, 3, 3) rotations that map (F, 3) directions a to b."""
     a, b = _unit(a), _unit(b)
     axis = np.cross(a, b)
     sine = np.linalg.norm(axis, axis=-1, keepdims=True)
@@ -68,7 +68,7 @@ def swing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return matrix_from_rotvec(axis * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 0.0))
 
 
-_ON_AXIS_M = 1e-9  # Distance in metres from the axis below which a direction is undefined.
+_ON_AXIS_M = 1e-9  # Distance from the axis in metres below which a direction is undefined.
 
 
 def within_reach(
@@ -76,13 +76,13 @@ def within_reach(
 ) -> np.ndarray:
     """Return the smallest (F, 3) body offset in metres that lets every leg reach its foot.
 
-    With c the vector from a hip to its ankle, the offset w satisfies ``least <= |c - w| <= longest``. The smallest w is
-    0, or on a sphere around one c, or on the circle where two spheres intersect. If no offset fits both legs, the
-    midpoint of the gap is returned.
+    If c is the vector from a hip to its ankle, the offset w satisfies ``least <= |c - w| <= longest``. The smallest w
+    is 0, or lies on a sphere around one c, or on the circle where two spheres intersect. If no offset suits both legs,
+    the midpoint of the gap is returned.
 
     Args:
         reaches: (L, F) longest distances from hip to ankle in metres.
-        folded: (L, F) shortest distances, which are the differences between thigh and shin.
+        folded: (L, F) shortest distances, which are the length differences between thigh and shin.
     """
     ways = ankles - hips
     spheres = [[(way, far), (way, near)] for way, far, near in zip(ways, reaches, folded + 0.0 * reaches, strict=True)]
@@ -97,7 +97,7 @@ def within_reach(
 
 
 def _on_circle(a: np.ndarray, r: np.ndarray, b: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) point on two spheres nearest to the origin, or between them."""
+    """Return the (F, 3) points on two spheres that are nearest to the origin, or points between the spheres."""
     distance = np.linalg.norm(b - a, axis=-1)
     along = _unit(b - a)
     share = np.where(
@@ -106,7 +106,7 @@ def _on_circle(a: np.ndarray, r: np.ndarray, b: np.ndarray, q: np.ndarray) -> np
     centre = a + share[:, None] * along
     radius = np.sqrt(np.maximum(r**2 - share**2, 0.0))
     across = _dot(centre, along)[:, None] * along - centre
-    if (on_axis := np.linalg.norm(across, axis=-1) < _ON_AXIS_M).any():  # all points of the circle are as near
+    if (on_axis := np.linalg.norm(across, axis=-1) < _ON_AXIS_M).any():  # all points on the circle are equally near
         across[on_axis] = np.cross(along, np.eye(3)[np.abs(along).argmin(-1)])[on_axis]
     return centre + radius[:, None] * _unit(across)
 
@@ -120,7 +120,7 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def eased(held: np.ndarray, fixed: np.ndarray, frames: float) -> np.ndarray:
-    """Return (F, n) offsets that equal ``held`` on fixed frames and fade around them."""
+    """Return (F, n) offsets that equal ``held`` in the fixed frames and fade out around them."""
     if not len(fixed):
         return np.zeros_like(held)
     index = np.arange(len(held))

@@ -1,4 +1,4 @@
-"""List the formats of marker files. ``io/markers/read.py`` has a writer for each."""
+"""List the marker file formats. ``io/markers/read.py`` has a writer for each."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MARKER_FORMATS = {
 """Name and tooltip of each format, by file suffix."""
 
 
-FORMAT_NAMES = either(name for name, _ in MARKER_FORMATS.values())  # Names of all formats, for sentences.
+FORMAT_NAMES = either(name for name, _ in MARKER_FORMATS.values())  # Names of all formats, for use in sentences.
 
 
 def file_names(stem: str, *others: str) -> str:
@@ -44,7 +44,7 @@ _KINDS = {
 
 
 def other_kind(found: str, expected: str, where: str) -> FileDamaged:
-    """Return the error for a file in another format (``found``, "" if unknown)."""
+    """Return the error for a file in the wrong format (``found``, or "" if unknown)."""
     wanted = _KINDS[expected][0]
     if found in _KINDS:
         what, readers = _KINDS[found]
@@ -55,12 +55,12 @@ def other_kind(found: str, expected: str, where: str) -> FileDamaged:
     return FileDamaged(f"The file is not {wanted}: {stated}.", where=where, hint=hint)
 
 
-REPORT_MARK = '<meta name="generator" content="Manifold MoCap report">'  # Part of the head of every report.
-_HEAD_BYTES = 2000  # Bytes of a page to search for the mark. Chosen by hand.
+REPORT_MARK = '<meta name="generator" content="Manifold MoCap report">'  # Text in the head of every report.
+_HEAD_BYTES = 2000  # Number of bytes of a page that are searched for the mark. Chosen by hand.
 
 
 def is_report(path: Path, folder: Path) -> bool:
-    """Return whether a file is the report page of a solve."""
+    """Return whether a file is a solve's report page."""
     try:
         inside = path.resolve().parent == folder.resolve()
         if path.suffix.lower() != ".html" or not inside or not path.is_file():

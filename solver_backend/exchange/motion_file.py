@@ -1,4 +1,4 @@
-"""Read and write AMASS-compatible motion files with joints and provenance."""
+"""Read and write AMASS-compatible motion files with joint positions and provenance."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ from .schema import Fields, Shape, fits
 FORMAT, VERSION = "manifold_mocap_motion", 1
 FLAG_UNSEEN = 1
 """The frame has no usable observation. Its pose is interpolated from its neighbours."""
-FLAG_UNSURE = 2  # The residual, or the uncertainty of a joint, is far above the take's. Check this frame.
+FLAG_UNSURE = 2  # The residual or a joint's uncertainty is far above the take's usual value. Check this frame.
 FLAG_RESTING = 4
-"""No measurement informs some body part in the frame. It is shown at rest (see ``MotionFile.resting``)."""
+"""Some body part is not observed in the frame and is shown at rest (see ``MotionFile.resting``)."""
 MARKER_SEEN, MARKER_FILLED, MARKER_SWAPPED, MARKER_GHOST = 1, 2, 4, 8
-"""States of a marker in a frame: recorded; missing and filled by the solve; recorded under another marker's label and
-corrected; or recorded at an impossible position, ignored and filled."""
+"""States of a marker in a frame: recorded; missing and filled in by the solve; recorded under another marker's label
+and corrected; or recorded at an impossible position, ignored and filled in."""
 _LAYOUT = ("body_layout", "joint_names", "joint_groups", "resting_groups")
-"""Arrays of layouts other than SMPL's: layout name, joint names, joint groups and groups at rest."""
-_PARENTS = "joint_parents"  # Parent of each joint, -1 at the root.
+"""Arrays stored for layouts other than SMPL's: layout name, joint names, joint groups and groups at rest."""
+_PARENTS = "joint_parents"  # Parent of each joint, -1 for the root.
 _OPTIONAL = (
     "joints frames joints 3, keypoints3d frames keypoints 3, joint_sigma frames joints, "
     "joint_covariance frames joints 6, turn_covariance frames segments 6, reprojection_px views frames keypoints, "
@@ -47,15 +47,15 @@ _OPTIONAL = (
 _SHAPES = {name: [int(n) if n.isdigit() else n for n in axes] for name, *axes in map(str.split, _OPTIONAL.split(", "))}
 """Shape of each optional array of a motion."""
 FRAMES_AXIS = {"rotvec": 0, "transl": 0, **{n: axes.index("frames") for n, axes in _SHAPES.items() if "frames" in axes}}
-"""Index of the frame axis, for each array of a motion that has one."""
+"""Index of the frame axis in each of a motion's arrays that has one."""
 OBSERVED = (
     *("keypoints3d", "joint_set", "reprojection_px", "markers", "marker_labels", "marker_residual_mm", "marker_flags"),
     *("marker_sigma", "cleaned_markers", "offsets", "layout", "turn_covariance"),
 )
-"""Fields of a motion that describe observations by cameras and markers instead of the body."""
+"""Fields of a motion that describe what cameras and markers observed rather than the body."""
 _ALWAYS = "format version poses trans betas mocap_framerate mocap_frame_rate body hand_pose joint_set marker_labels"
 STORED = (*_ALWAYS.split(), "layout", "provenance", *_SHAPES, *_LAYOUT, _PARENTS, *PROPS)
-"""All arrays of a motion file that the solver reads."""
+"""All arrays in a motion file that the solver reads."""
 _NOT_SHOWN = "joint_covariance turn_covariance reprojection_px marker_flags marker_sigma cleaned_markers offsets layout"
 _SHOWN = tuple(name for name in STORED if name not in set(_NOT_SHOWN.split()))
 _DTYPES = {
@@ -80,48 +80,48 @@ def optional_shapes(frames: int, joints: int = SMPL.num_joints) -> dict[str, Sha
 
 @dataclass(frozen=True)
 class MotionFile:
-    """An animated body with F frames, in metres and radians, world Z up."""
+    """An animated body with F frames, in metres and radians, in a world with Z up."""
 
     name: str
-    rotvec: np.ndarray  # (F, J, 3) rotation vectors: the root maps body to world, others child to parent.
-    transl: np.ndarray  # (F, 3) translations in metres: the pelvis is at ``J_0(betas) + transl``.
+    rotvec: np.ndarray  # (F, J, 3) rotation vectors: body to world for the root, child to parent for other joints.
+    transl: np.ndarray  # (F, 3) translations in metres. The pelvis is at ``J_0(betas) + transl``.
     betas: np.ndarray  # (10,) shape coefficients.
     fps: float  # Frames per second.
-    body: str = ""  # Id of the body of the solve, "" if the file does not name it.
+    body: str = ""  # Id of the body used in the solve, or "" if the file does not state it.
     body_layout: BodyLayout = SMPL  # Names and tree of the J joints.
-    flat_hands: bool = False  # True if finger rotations are relative to a flat hand (AMASS), False if to rest.
+    flat_hands: bool = False  # True if finger rotations are relative to a flat hand (AMASS), False if relative to rest.
     joints: np.ndarray | None = None  # (F, J, 3) joint positions in world metres.
     keypoints3d: np.ndarray | None = None  # (F, K, 3) triangulated keypoints in world metres, NaN where unseen.
     joint_set: str = ""  # Name of the joint set of ``keypoints3d``.
     keyframes: np.ndarray | None = None  # (F,) bool, True at the solver's keyframes.
     contacts: np.ndarray | None = None  # (F, 2) bool, True while the left or right foot is on the floor.
-    touches: np.ndarray | None = None  # (F, 11) bool, parts on the floor (``CONTACT_PARTS``), None if only feet.
-    joint_sigma: np.ndarray | None = None  # (F, J) standard deviation of each joint in metres.
+    touches: np.ndarray | None = None  # (F, 11) bool, parts on the floor (``CONTACT_PARTS``). None: only feet known.
+    joint_sigma: np.ndarray | None = None  # (F, J) standard deviation of each joint position in metres.
     joint_covariance: np.ndarray | None = None
     """(F, J, 6) covariance of each joint position in square metres: xx, xy, xz, yy, yz, zz."""
-    turn_covariance: np.ndarray | None = None  # (F, S, 6) covariance of each segment's rotation, rad², same order.
+    turn_covariance: np.ndarray | None = None  # (F, S, 6) covariance of each segment's rotation in rad², same order.
     flags: np.ndarray | None = None  # (F,) bit mask of ``FLAG_UNSEEN``, ``FLAG_UNSURE`` and ``FLAG_RESTING``.
     resting: np.ndarray | None = None
-    """(F, J) bool, True if no measurement informs the joint, which is shown at rest. None if all are informed."""
+    """(F, J) bool, True if no measurement determines the joint, which is shown at rest. None if all are determined."""
     root: np.ndarray | None = None
-    """(F, 3) path of a root bone on the ground: x and y in metres, and the heading from -Y in radians. The body's pose
-    remains in world coordinates."""
+    """(F, 3) path of a root bone on the ground: x and y in metres, and heading relative to -Y in radians. The body's
+    pose remains in world coordinates."""
     reprojection_px: np.ndarray | None = None
-    """(views, F, K) reprojection error of keypoints in pixels, NaN where undetected."""
-    markers: np.ndarray | None = None  # (F, M, 3) marker positions of the solved body, world metres.
-    marker_labels: tuple[str, ...] = ()  # M labels of ``markers``.
+    """(views, F, K) keypoint reprojection errors in pixels, NaN where undetected."""
+    markers: np.ndarray | None = None  # (F, M, 3) marker positions on the solved body, world metres.
+    marker_labels: tuple[str, ...] = ()  # (M,) labels of ``markers``.
     marker_residual_mm: np.ndarray | None = None
-    """(F, M) distance between recorded and solved markers in millimetres, NaN where missing."""
+    """(F, M) distances between recorded and solved markers in millimetres, NaN where missing."""
     marker_flags: np.ndarray | None = None
     """(F, M) bit mask of ``MARKER_SEEN``, ``MARKER_FILLED``, ``MARKER_SWAPPED`` and ``MARKER_GHOST``."""
     marker_sigma: np.ndarray | None = None
-    """(M,) standard deviation per axis of each marker from its position on the body, in metres."""
+    """(M,) standard deviation per axis of each marker around its position on the body, in metres."""
     cleaned_markers: np.ndarray | None = None
     """(F, M, 3) recorded markers in world metres, with swaps corrected and gaps filled."""
     offsets: np.ndarray | None = None
-    """(M, 3) offset of each marker from its nominal position in the rest frame, in metres."""
-    layout: tuple[str, ...] = ()  # M landmarks of the markers on the body.
-    props: tuple[Prop, ...] = ()  # Rigid objects that do not belong to the person, F frames each.
+    """(M, 3) offset of each marker from its nominal position in the rest pose, in metres."""
+    layout: tuple[str, ...] = ()  # (M,) body landmark of each marker.
+    props: tuple[Prop, ...] = ()  # Rigid objects that are not part of the person, with F frames each.
     provenance: str = ""  # JSON text: version, settings and sources of the solve.
 
     def __post_init__(self) -> None:
@@ -142,7 +142,7 @@ class MotionFile:
 
 
 def is_motion(path: Path) -> bool:
-    """Return whether a file is a readable motion of ours or of AMASS."""
+    """Return whether a file is a readable motion from us or from AMASS."""
     if path.suffix.lower() != ".npz":
         return False
     try:
@@ -155,12 +155,12 @@ def is_motion(path: Path) -> bool:
 
 
 def read_motion(path: Path, *layouts: BodyLayout, whole: bool = False) -> MotionFile:
-    """Read the displayed parts of a motion file with a given layout, or of AMASS.
+    """Read the displayed parts of a motion file that is in one of the given layouts or from AMASS.
 
     ``whole`` reads all parts.
 
     Raises:
-        MotionInvalid: the layout differs, shapes disagree, there are no frames, or values are not finite.
+        MotionInvalid: the layout differs, shapes are inconsistent, there are no frames, or values are not finite.
     """
     kept = array_names(Path(path))
     if "poses" not in kept and "format" in kept:
@@ -175,7 +175,7 @@ def read_motion(path: Path, *layouts: BodyLayout, whole: bool = False) -> Motion
 
 
 def _typed(fields: Fields, key: str, shape: Shape) -> np.ndarray:
-    """Return an optional array, converted to its type. A bool must be 0 or 1, a flag 0 to 255."""
+    """Return an optional array converted to its type. A bool must be 0 or 1, a flag 0 to 255."""
     value, kind = fields.shaped(key, shape, MotionInvalid), _DTYPES.get(key)
     if kind is None:
         return value
@@ -185,10 +185,10 @@ def _typed(fields: Fields, key: str, shape: Shape) -> np.ndarray:
 
 
 def motion_of(fields: Fields) -> MotionFile:
-    """Build a motion from the arrays of a file. Absent optional arrays are None.
+    """Build a motion from the arrays in a file. Missing optional arrays become None.
 
     Raises:
-        MotionInvalid: shapes disagree, there is no frame rate, or numbers are invalid (see ``plausible``).
+        MotionInvalid: shapes are inconsistent, there is no frame rate, or numbers are invalid (see ``plausible``).
     """
     layout, flat = layout_of(fields), has_amass_fingers(fields)
     layout = SMPL_HANDS if flat else layout
@@ -210,11 +210,11 @@ def motion_of(fields: Fields) -> MotionFile:
 
 
 def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = False) -> Path:
-    """Write a motion without its missing parts.
+    """Write a motion. Parts that are None are omitted.
 
-    ``poses`` (F, 156) has the root and the joints that SMPL and AMASS share. ``hand_pose`` (F, 6) has SMPL's hand
-    joints, which AMASS lacks, if they are not zero. Motions of other layouts store the layout, and all joints in
-    ``poses`` (F, 3 J).
+    ``poses`` (F, 156) contains the root and the joints that SMPL and AMASS share. ``hand_pose`` (F, 6) contains SMPL's
+    hand joints, which AMASS does not have, unless they are zero. For other layouts, the file contains the layout, and
+    all joints in ``poses`` (F, 3 J).
     """
     rotvec, layout, hands = motion.rotvec.reshape(motion.num_frames, -1), motion.body_layout, np.zeros(0)
     poses = rotvec.astype(np.float32)
@@ -254,7 +254,7 @@ def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = Fals
 
 
 def layout_of(fields: Fields) -> BodyLayout:
-    """Return the layout that a motion file names, SMPL's if it names none.
+    """Return the layout that a motion file names, or SMPL's if it names none.
 
     Raises:
         MotionInvalid: the joints do not form a layout.

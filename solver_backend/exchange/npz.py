@@ -1,4 +1,4 @@
-"""Read an ``.npz`` without pickle, and write it completely or not at all."""
+"""Read ``.npz`` files without pickle, and write them completely or not at all."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .errors import FileDamaged
 from .outputs import atomic_output, open_regular, require_file, unreadable
 
 MIN_ALLOWANCE, ALLOWANCE = 2**28, 50
-"""Largest total size of a file's arrays, in bytes and as a multiple of the file size. The larger limit applies."""
+"""Limits on the total size of a file's arrays, in bytes and as a multiple of the file size. The larger one applies."""
 MOST_MEMBERS = 10_000
 _LONGEST_HEADER = 10_000
 _MOST_DIMENSIONS = 8
@@ -29,16 +29,16 @@ _CHUNK = 2**20
 _SUFFIX = ".npy"
 _PLAIN = re.compile(r"[<>|=]?(b1|\?|[iu][1248]|f[248]|c(8|16)|[SU]\d{1,9})")
 _LENGTH_BYTES = {1: 2, 2: 4, 3: 4}
-"""Bytes of the header's length field by format version."""
+"""Bytes of the header's length field for each format version."""
 _METHODS = {zipfile.ZIP_STORED: "stored", zipfile.ZIP_DEFLATED: "deflated"}
 
 
 class NeedsPickle(ValueError):
-    """The items of an array are objects instead of numbers or text."""
+    """An array's items are objects instead of numbers or text."""
 
 
 class Members:
-    """The arrays of an open archive by name."""
+    """The arrays in an open archive, by name."""
 
     def __init__(self, archive: zipfile.ZipFile, size: int) -> None:
         entries = archive.infolist()
@@ -49,15 +49,15 @@ class Members:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the arrays in archive order."""
+        """Names of the arrays, in archive order."""
         return tuple(self._entries)
 
     def read(self, name: str) -> np.ndarray:
-        """Return an array.
+        """Read an array.
 
         Raises:
             NeedsPickle: its items are objects.
-            ValueError: it is encrypted, compressed by another method, or its header, size and bytes do not match.
+            ValueError: it is encrypted or compressed by another method, or its header, size and bytes do not match.
         """
         entry = self._entries[name]
         if entry.flag_bits & 1:
@@ -66,7 +66,7 @@ class Members:
             raise ValueError(f"'{name}' is packed by method {entry.compress_type}, but stored or deflated is expected")
         with self._archive.open(entry) as stream:
             shape, dtype, by_columns, used = read_array_header(stream, name)
-            # Lengths of zero count as one, because a shape such as (2**60, 0) is also forged.
+            # Count lengths of zero as one, because a shape such as (2**60, 0) may also be forged.
             count = prod(max(1, length) for length in shape) * max(1, dtype.itemsize)
             self._bytes_left -= count
             if self._bytes_left < 0:
@@ -80,7 +80,7 @@ class Members:
 
 
 def read_array_header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype, bool, int]:
-    """Return shape, type, column order and header size in bytes (NumPy's versions 1 to 3)."""
+    """Return shape, type, column order and header size in bytes (NumPy versions 1 to 3)."""
     magic = stream.read(8)
     version = magic[6] if len(magic) == 8 and magic[:6] == b"\x93NUMPY" else 0
     width = _LENGTH_BYTES.get(version, 0)
@@ -106,7 +106,7 @@ def read_array_header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], np
 
 
 def _fill(stream: IO[bytes], values: np.ndarray, name: str) -> None:
-    """Read the bytes of an array up to the end of the member, where the archive verifies its checksum."""
+    """Read an array's bytes up to the end of the member, where the archive verifies its checksum."""
     room = values.view(np.uint8) if values.nbytes else np.empty(0, np.uint8)
     at = 0
     while chunk := stream.read(_CHUNK):
@@ -119,27 +119,27 @@ def _fill(stream: IO[bytes], values: np.ndarray, name: str) -> None:
 
 
 def _require_characters(values: np.ndarray, name: str) -> None:
-    """Raise ValueError for invalid code points, which NumPy cannot convert to text."""
+    """Raise ValueError if there are invalid code points, which NumPy cannot convert to text."""
     if values.dtype.kind == "U" and values.nbytes:
         codes = values.view(np.dtype(np.uint32).newbyteorder(values.dtype.byteorder))
         if codes.max() > sys.maxunicode:
             raise ValueError(f"'{name}' contains text of characters that do not exist")
 
 
-# Errors of Python's zip reader for bytes that are not a valid archive.
+# Errors that Python's zip reader raises for bytes that are not a valid archive.
 _DAMAGE = (OSError, ValueError, EOFError, LookupError, RuntimeError, OverflowError, MemoryError)
 _DAMAGE += (struct.error, zipfile.BadZipFile, zlib.error)
 _START_OF_A_BARE_ARRAY = b"\x93NUMPY"
 
 
 def array_names(path: Path | str) -> frozenset[str]:
-    """Return the array names of an ``.npz`` without reading the arrays."""
+    """Return the array names in an ``.npz`` without reading the arrays."""
     with _opened(path) as members:
         return frozenset(members.names)
 
 
 def read_npz(path: Path | str, wanted: Callable[[str], bool] = lambda name: True) -> dict[str, np.ndarray]:
-    """Read the wanted arrays of an ``.npz``, except arrays that need pickle."""
+    """Read the wanted arrays in an ``.npz``, except those that need pickle."""
     arrays: dict[str, np.ndarray] = {}
     with _opened(path) as members:
         for name in filter(wanted, members.names):
@@ -149,7 +149,7 @@ def read_npz(path: Path | str, wanted: Callable[[str], bool] = lambda name: True
 
 
 def read_arrays(path: Path | str, *, required: Iterable[str], optional: Iterable[str] = ()) -> dict[str, np.ndarray]:
-    """Read named arrays of an ``.npz``. Absent optional arrays are omitted."""
+    """Read named arrays in an ``.npz``. Missing optional arrays are omitted."""
     required = tuple(required)
     with _opened(path) as members:
         found = set(members.names)
@@ -161,12 +161,12 @@ def read_arrays(path: Path | str, *, required: Iterable[str], optional: Iterable
 
 
 def write_npz(path: Path | str, arrays: Mapping[str, np.ndarray], *, overwrite: bool = False) -> Path:
-    """Write arrays to a compressed ``.npz`` without pickles, completely or not at all."""
+    """Write arrays to a compressed ``.npz`` without pickle, completely or not at all."""
     plain = {key: np.asarray(value) for key, value in arrays.items()}
     for key, value in plain.items():
         if value.dtype.hasobject:
             raise ValueError(f"'{key}' is an object array, which would need pickle.")
-    # Members are written one by one, because np.savez uses names as keywords and forbids 'file'.
+    # Write members one by one, because np.savez uses names as keywords and forbids 'file'.
     with (
         atomic_output(path, overwrite=overwrite) as temporary,
         zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
@@ -179,7 +179,7 @@ def write_npz(path: Path | str, arrays: Mapping[str, np.ndarray], *, overwrite: 
 
 @contextmanager
 def _opened(path: Path | str) -> Iterator[Members]:
-    """Yield the archive's arrays. Damage found here or in the block becomes a named error."""
+    """Yield the archive's arrays. Damage detected here or in the block raises a named error."""
     path = require_file(path)
     try:
         with open_regular(path) as stream:

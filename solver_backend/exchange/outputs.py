@@ -23,19 +23,19 @@ _PART, _PROBE = ".part", ".probe"
 _PROBE_BYTES = bytes(4096)
 _LOCK = re.compile(r"\.part-[0-9a-f]{16}")
 _LEFTOVER = re.compile(r"\.part-[0-9a-f]{16}(_.*)?|\.probe-[0-9a-f]{16}", re.DOTALL)
-_LIKE = 0.8  # Smallest similarity (0 to 1) of a suggested name, chosen by hand.
-_MOST_NEAR = 1000  # Maximum number of names in a folder to compare with a misspelt one, chosen by hand.
+_LIKE = 0.8  # Smallest similarity (0 to 1) of a suggested name. Chosen by hand.
+_MOST_NEAR = 1000  # Largest number of names in a folder that are compared with a misspelt name. Chosen by hand.
 _YOUNG_S, _OLD_S = 60.0, 86400.0
-"""Age in seconds from which a leftover is removed: if its lock is free, and on systems without locks."""
+"""Age in seconds at which a leftover is removed: if its lock is free, and on systems without locks."""
 
 
 def is_leftover(name: str) -> bool:
-    """Return whether a file or folder has the name of an unfinished output of ours."""
+    """Return whether a file or folder is named like one of our unfinished outputs."""
     return _LEFTOVER.fullmatch(name) is not None
 
 
 def probe(folder: Path) -> None:
-    """Write and remove a small file, to detect a read-only folder or a full disk."""
+    """Write and remove a small file to detect a read-only folder or a full disk."""
     path = folder / f"{_PROBE}-{os.urandom(8).hex()}"
     path.touch(exist_ok=False)
     try:
@@ -46,10 +46,10 @@ def probe(folder: Path) -> None:
 
 @contextmanager
 def unfinished_names(folder: Path) -> Iterator[str]:
-    """Yield an unguessable name prefix, and remove files and folders with it at the end.
+    """Yield an unguessable name prefix, and finally remove all files and folders that start with it.
 
-    Meanwhile a file of that name is locked. The system releases the lock when this process ends. Leftovers of processes
-    that ended without cleaning up are removed first.
+    Meanwhile, a file with that name is locked. The system releases the lock when this process ends. Leftovers of
+    processes that ended without cleaning up are removed first.
     """
     held = folder / f"{_PART}-{os.urandom(8).hex()}"
     handle = os.open(held, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
@@ -64,8 +64,8 @@ def unfinished_names(folder: Path) -> Iterator[str]:
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """Yield a new folder in the system's temporary folder, and remove it at the end."""
-    from tempfile import gettempdir  # registering the add-on imports this module, and should be fast
+    """Yield a new folder in the system's temporary folder, and finally remove it."""
+    from tempfile import gettempdir  # this module is imported when the add-on is registered, which should be fast
 
     place = Path(gettempdir())
     with unfinished_names(place) as beginning:
@@ -79,7 +79,7 @@ def publish(unfinished: Path, whole: Path, mark: str) -> None:
 
     Args:
         unfinished: folder next to ``whole``, named by ``unfinished_names``.
-        mark: file in a complete published folder, relative to its parent.
+        mark: file that a completely published folder contains, relative to its parent.
     """
     try:
         unfinished.rename(whole)
@@ -98,10 +98,10 @@ def remove_folder(path: Path) -> None:
 
 
 def sweep(folder: Path, now: float | None = None) -> None:
-    """Remove the leftovers of processes that have ended.
+    """Remove leftovers of processes that have ended.
 
     Args:
-        now: time on the folder's clock, which may be on another machine. None uses this machine's.
+        now: current time on the folder's machine, which may be another one. None uses this machine's clock.
     """
     now = time.time() if now is None else now
     with suppress(OSError):
@@ -116,14 +116,14 @@ def _sweep_one(path: Path, now: float) -> None:
         return
     if _LOCK.fullmatch(path.name) is None:
         held = _LOCK.match(path.name)
-        alone = held is None or not path.with_name(held[0]).exists()  # otherwise it is removed with its lock
+        alone = held is None or not path.with_name(held[0]).exists()  # otherwise it is removed together with its lock
         if alone and (age > _OLD_S or path.name.startswith(_PROBE)):
             path.unlink()
         return
     handle = os.open(path, os.O_RDWR)
     try:
         free = lock(handle)
-        if free or (free is None and age > _OLD_S):  # with locks, a clock step does not make an active file old
+        if free or (free is None and age > _OLD_S):  # with locks, a clock change cannot make an active file old
             _remove(path)
     finally:
         os.close(handle)
@@ -139,7 +139,7 @@ def _remove(held: Path) -> None:
 
 
 def is_held(path: Path) -> bool:
-    """Return whether a live process has locked a file. False on systems without such locks."""
+    """Return whether a running process has locked a file. False on systems without such locks."""
     if fcntl is None:
         return False
     handle = os.open(path, os.O_RDWR)
@@ -153,7 +153,7 @@ _HELD = {errno.EAGAIN, errno.EACCES}  # Network shares return EACCES for a file 
 
 
 def lock(handle: int) -> bool | None:
-    """Lock an open file. Return False if it is locked, None without locks in the system."""
+    """Lock an open file. Return False if it is already locked, or None if the system has no locks."""
     if fcntl is None:
         return None
     try:
@@ -163,7 +163,7 @@ def lock(handle: int) -> bool | None:
     return True
 
 
-_LONGEST_NAME = 255  # Largest length of a file name in bytes on common file systems.
+_LONGEST_NAME = 255  # Longest file name in bytes on common file systems.
 _NO_ROOM = {getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EROFS") if hasattr(errno, name)}
 """No space, a quota, a file size limit, or a read-only disk."""
 
@@ -189,14 +189,14 @@ def check_output(path: Path | str, *, overwrite: bool = False) -> Path:
 
 @contextmanager
 def atomic_output(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]:
-    """Yield a temporary path that becomes ``path`` on success, and is removed otherwise."""
+    """Yield a temporary path that is renamed to ``path`` on success and removed otherwise."""
     with atomic_files([path], overwrite=overwrite) as [temporary]:
         yield temporary
 
 
 @contextmanager
 def atomic_files(paths: Sequence[Path | str], *, overwrite: bool = False) -> Iterator[list[Path]]:
-    """Yield a temporary path next to each path, and rename all files after success.
+    """Yield a temporary path next to each path, and rename all files on success.
 
     New folders are removed if nothing was written.
     """
@@ -209,13 +209,13 @@ def atomic_files(paths: Sequence[Path | str], *, overwrite: bool = False) -> Ite
             yield temporary
     finally:
         for folder in new_folders:
-            with suppress(OSError):  # it contains files now, or was never created
+            with suppress(OSError):  # it now contains files, or was never created
                 folder.rmdir()
 
 
 @contextmanager
 def atomic_outputs(folder: Path, names: tuple[str, ...], *, overwrite: bool = False) -> Iterator[dict[str, Path]]:
-    """Yield temporary paths for the names in a folder. See ``atomic_files``."""
+    """Yield a temporary path for each name in a folder. See ``atomic_files``."""
     existing = [name for name in names if os.path.lexists(folder / name)]
     if existing and not overwrite:
         what = f"{', '.join(existing)} {'is' if len(existing) == 1 else 'are'} already there and not overwritten."
@@ -232,7 +232,7 @@ def write_text(path: Path | str, text: str, *, overwrite: bool = False) -> Path:
 
 
 def is_free(folder: Path) -> bool:
-    """Return whether a folder does not exist or contains only leftovers of an interrupted run."""
+    """Return whether a folder does not exist or contains only leftovers from an interrupted run."""
     return not folder.exists() or (folder.is_dir() and all(is_leftover(path.name) for path in folder.iterdir()))
 
 
@@ -252,7 +252,7 @@ def _named_at_the_end(paths: Sequence[Path], overwrite: bool) -> Iterator[list[P
                     os.fsync(stream.fileno())
             _publish(written, overwrite)
             for folder in folders:
-                with suppress(OSError):  # if the system can flush folders
+                with suppress(OSError):  # not all systems can flush folders
                     handle = os.open(folder, os.O_RDONLY)
                     try:
                         os.fsync(handle)
@@ -263,13 +263,13 @@ def _named_at_the_end(paths: Sequence[Path], overwrite: bool) -> Iterator[list[P
 
 
 def _unfinished(beginning: str, path: Path, number: int) -> str:
-    """Return the temporary name of a file with its suffix. A number replaces a name that is too long."""
+    """Return a temporary name for a file, with its suffix. If the name is too long, a number replaces it."""
     name = beginning + path.name
     return name if len(os.fsencode(name)) <= _LONGEST_NAME else f"{beginning}{number}{path.suffix}"
 
 
 def _publish(written: Sequence[tuple[Path, Path]], overwrite: bool) -> None:
-    """Rename all files or none. Without ``overwrite`` an existing file is never replaced."""
+    """Rename all files or none. Unless ``overwrite`` is set, existing files are never replaced."""
     if overwrite:
         for part, path in written:
             _require_plain(path)
@@ -287,12 +287,12 @@ def _publish(written: Sequence[tuple[Path, Path]], overwrite: bool) -> None:
 
 
 def _take_name(part: Path, path: Path) -> None:
-    """Rename a file by a hard link. Unlike a plain rename, this fails if the name exists."""
+    """Rename a file by means of a hard link. Unlike a plain rename, this fails if the name exists."""
     try:
         os.link(part, path)
     except FileExistsError:
         raise
-    except OSError:  # a file system without links: reserve the name with an empty file
+    except OSError:  # for file systems without links, reserve the name with an empty file
         os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
         os.replace(part, path)
 
@@ -327,7 +327,7 @@ def _not_writable(where: Path | str, error: OSError) -> OutputNotWritable:
 
 
 def require_file(path: Path | str) -> Path:
-    """Return the path of an existing file. Raise FileMissing for others."""
+    """Return the path of an existing file. Raise FileMissing if it is not one."""
     path = Path(path)
     if path.exists() and not path.is_file():
         what = "The path is a folder, a pipe or a device, not a file."
@@ -346,7 +346,7 @@ def require_path(path: Path | str, what: str = "file") -> Path:
     path = Path(path)
     if path.exists():
         return path
-    from difflib import get_close_matches  # only for mistakes
+    from difflib import get_close_matches  # needed only for mistakes
 
     folder = path.absolute().parent
     hint = "Check the path." if folder.is_dir() else f"Check the path: there is no folder {folder}."
@@ -359,16 +359,16 @@ def require_path(path: Path | str, what: str = "file") -> Path:
 def open_regular(path: Path | str) -> BinaryIO:
     """Open a regular file for reading bytes.
 
-    Some system files (``/proc/kmsg``) seem regular, have no size, and block. They are tried without blocking.
+    Some system files (``/proc/kmsg``) look regular but have no size and block. They are opened without blocking.
 
     Raises:
-        OSError: it cannot be opened, is a device, a pipe or a folder, or has no data yet.
+        OSError: it cannot be opened, is a device, pipe or folder, or has no data yet.
     """
     return os.fdopen(_opened(path)[0], "rb")
 
 
 def read_regular(path: Path | str, largest: int) -> tuple[bytes, int]:
-    """Return a file's bytes and size, without bytes if it is larger than ``largest``."""
+    """Return a file's bytes and size. The bytes are empty if it is larger than ``largest``."""
     handle, size = _opened(path)
     try:
         if size > largest:
@@ -385,7 +385,7 @@ def read_regular(path: Path | str, largest: int) -> tuple[bytes, int]:
         os.close(handle)
 
 
-_CHUNK = 1 << 20  # Bytes per read of a file that states no size.
+_CHUNK = 1 << 20  # Bytes per read for a file that states no size.
 
 
 def _opened(path: Path | str) -> tuple[int, int]:

@@ -6,15 +6,15 @@ import re
 import unicodedata
 from collections.abc import Iterable
 
-_JOINERS = frozenset("\u200c\u200d")  # Invisible, but required in Persian, Indic scripts and emoji.
+_JOINERS = frozenset("\u200c\u200d")  # Invisible characters that Persian, Indic scripts and emoji require.
 _STEERING = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
-"""Unicode categories to replace: control and format characters, surrogates, line and paragraph separators."""
+"""Unicode categories to replace: control and format characters, surrogates, and line and paragraph separators."""
 _SHOWN = "\ufffd"
 _PLAIN = re.compile(r"[ -~]*")
 
 
 def plain(text: str, *, keep: str = "") -> str:
-    """Return the text on one line, with visible signs for control characters."""
+    """Return text on one line, with visible signs in place of control characters."""
     if _PLAIN.fullmatch(text):
         return text
     return "".join(c if c in keep or not _steers(c) else _SHOWN for c in text)
@@ -25,12 +25,12 @@ def _steers(character: str) -> bool:
 
 
 def pairs(text: str) -> dict[str, str]:
-    """Split a text into pairs of words, and map each first word to the second."""
+    """Split text into pairs of words, and map the first word of each pair to the second."""
     words = text.split()
     return dict(zip(words[::2], words[1::2], strict=True))
 
 
 def either(names: Iterable[str]) -> str:
-    """Return names as a list of alternatives, such as "a, b or c"."""
+    """Join names as alternatives, such as "a, b or c"."""
     *first, last = names
     return f"{', '.join(first)} or {last}" if first else last

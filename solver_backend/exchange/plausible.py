@@ -1,4 +1,4 @@
-"""Define bounds of possible numbers in motions and recordings."""
+"""Define the limits of possible numbers in motions and recordings."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import numpy as np
 
 from .errors import MocapError
 
-FRAME_RATES = (0.01, 30_000.0)  # Hz, from an image every 100 seconds to the fastest cameras that film people.
-FARTHEST_M = 1e5  # Metres from the origin (100 km). A recording of a whole town in millimetres is within it.
-FARTHEST_IN_UNITS = 1e9  # The same in 0.1 mm, the smallest length unit of files.
-HIGHEST_STEP_M = 1.0  # Largest height of boxes, stairs and stages above the floor, metres.
-FARTHEST_PX = 1e7  # Pixels from the image corner. The largest images have 1 % of that.
+FRAME_RATES = (0.01, 30_000.0)  # Hz, from an image every 100 seconds to the fastest cameras used to film people.
+FARTHEST_M = 1e5  # Metres from the origin (100 km). Even a whole town recorded in millimetres is within this distance.
+FARTHEST_IN_UNITS = 1e9  # The same distance in 0.1 mm, the smallest length unit used in files.
+HIGHEST_STEP_M = 1.0  # Largest height of boxes, stairs and stages above the floor, in metres.
+FARTHEST_PX = 1e7  # Pixels from the image corner. The largest images have 1 % of this.
 LONGEST_S = 1e5
-"""Longest recording in seconds, more than a day. Milliseconds mistaken for seconds would use all memory."""
-LATEST_S = 1e10  # Largest time stamp in seconds. Seconds since 1970 are fewer.
+"""Longest recording in seconds, more than a day. Milliseconds mistaken for seconds would exhaust the memory."""
+LATEST_S = 1e10  # Largest time stamp in seconds. The number of seconds since 1970 is smaller.
 LARGEST_BETA = 100.0  # Largest shape coefficient in standard deviations. No person exceeds 5.
-LARGEST_TURN = 1000.0  # Longest rotation vector in radians. Tracks that count turns are far below.
+LARGEST_TURN = 1000.0  # Longest rotation vector in radians. Even tracks that count full turns stay far below it.
 
 
 def require_rate(fps: float, error: type[MocapError], where: str) -> None:
@@ -28,12 +28,12 @@ def require_rate(fps: float, error: type[MocapError], where: str) -> None:
 
 
 def largest_finite(values: np.ndarray) -> float:
-    """Return the largest magnitude of the finite numbers, or 0 without any."""
+    """Return the largest magnitude of the finite numbers, or 0 if there are none."""
     return float(np.abs(values).max(initial=0.0, where=np.isfinite(values)))
 
 
 def require_within(name: str, values: np.ndarray, most: float, error: type[MocapError], where: str) -> None:
-    """Raise the given error unless all numbers are finite and at most ``most``."""
+    """Raise the given error unless all numbers are finite and do not exceed ``most``."""
     values = np.asarray(values)
     largest = float(max(values.max(initial=0.0), -values.min(initial=0.0)))
     if not np.isfinite(largest):
@@ -43,7 +43,7 @@ def require_within(name: str, values: np.ndarray, most: float, error: type[Mocap
 
 
 def require_motion(motion: Any, turns: np.ndarray, error: type[MocapError], where: str) -> None:
-    """Raise the given error unless a motion's numbers are possible.
+    """Raise the given error unless all numbers in a motion are possible.
 
     Args:
         motion: object with ``fps``, ``transl``, ``betas`` and ``joints`` ((F, J, 3) metres or None).

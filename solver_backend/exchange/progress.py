@@ -14,10 +14,10 @@ from .plain_text import plain
 
 @runtime_checkable
 class Progress(Protocol):
-    """Receiver of progress. A stage may call it any number of times."""
+    """Receives progress. A stage may call it any number of times."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Report finished steps of a stage."""
+        """Report the finished steps of a stage."""
 
 
 def silent(stage: str, done: int, total: int) -> None:
@@ -25,7 +25,7 @@ def silent(stage: str, done: int, total: int) -> None:
 
 
 def prefixed(progress: Progress, prefix: str) -> Progress:
-    """Return a progress receiver that adds a prefix to the stage."""
+    """Wrap a progress receiver so that it adds a prefix to the stage."""
 
     def receive(stage: str, done: int, total: int) -> None:
         progress(prefix + stage, done, total)
@@ -33,7 +33,7 @@ def prefixed(progress: Progress, prefix: str) -> Progress:
     return receive
 
 
-_STAGES = 16  # Maximum number of stored stage starts. A batch's stage continues between its takes' stages.
+_STAGES = 16  # Largest number of stored stage starts. A batch's stage continues between the stages of its takes.
 
 
 class _Clock:
@@ -45,7 +45,7 @@ class _Clock:
         return stage != self._stage
 
     def eta_s(self, stage: str, done: int, total: int) -> float | None:
-        """Return the remaining seconds of the stage, None at its start."""
+        """Return the remaining seconds of the stage, or None at its start."""
         now = time.monotonic()
         self._stage = stage
         start = self._starts.setdefault(stage, now)
@@ -86,7 +86,7 @@ class ConsoleProgress(_Paced):
 
 
 class JsonProgress(_Paced):
-    """Writes JSON lines: the first and last of a stage, and at most one per interval in between."""
+    """Writes JSON lines: a stage's first and last, and between them at most one per interval."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Write the stage's line if it is due."""

@@ -1,4 +1,4 @@
-"""Represent the props of a take: rigid bodies that do not belong to the person."""
+"""Represent the props in a take: rigid bodies that are not part of the person."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from .schema import Fields
 from .so3 import matrix_from_rotvec, rotvec_from_matrix
 
 PROPS = tuple(f"prop_{name}" for name in ("names", "labels", "of", "points", "rotvec", "transl", "sigma", "seen"))
-"""Arrays of props in a motion file: names (P,), labels (Q,), the prop of each of the Q points, and the fields of
-``Prop`` for one prop after another."""
+"""Arrays for props in a motion file: names (P,), labels (Q,), the prop that each of the Q points belongs to, and the
+fields of ``Prop``, one prop after another."""
 POSE_POINTS = ("origin", "x", "y", "z")
-"""Label suffixes, after the prop's name and a colon, of the points that represent a recorded pose: origin and axes."""
+"""Suffixes, after the prop's name and a colon, of point labels that represent a recorded pose: origin and axes."""
 
 
 @dataclass(frozen=True)
 class Prop:
-    """A rigid body in F frames, ``x_world = R(rotvec) x + transl``, in metres and radians."""
+    """A rigid body in F frames: ``x_world = R(rotvec) x + transl``, in metres and radians."""
 
     name: str
-    labels: tuple[str, ...]  # M labels of the prop's markers.
-    points: np.ndarray  # (M, 3) marker positions in the prop's frame, metres.
-    rotvec: np.ndarray  # (F, 3) rotation vectors from the prop's frame to the world.
+    labels: tuple[str, ...]  # (M,) labels of the prop's markers.
+    points: np.ndarray  # (M, 3) marker positions relative to the prop, metres.
+    rotvec: np.ndarray  # (F, 3) rotation vectors from prop to world.
     transl: np.ndarray  # (F, 3) positions of the origin in the world.
     sigma: np.ndarray
-    """(F, 2) standard deviations: RMS over the axes of the origin (metres), and rotation about the least certain axis
-    (radians)."""
+    """(F, 2) standard deviations: of the origin (RMS over the axes, metres), and of the rotation about the least
+    certain axis (radians)."""
     seen: np.ndarray
-    """(F,) number of visible markers. With 0 the pose is interpolated."""
+    """(F,) number of visible markers. If it is 0, the pose is interpolated."""
 
     def __post_init__(self) -> None:
         frames, count = len(self.rotvec), len(self.labels)
@@ -55,11 +55,11 @@ class Prop:
 
     @property
     def is_of_poses(self) -> bool:
-        """True if the markers represent poses in a file."""
+        """True if the markers represent poses stored in a file."""
         return tuple(label.rpartition(":")[2] for label in self.labels) == POSE_POINTS
 
     def in_axes(self, origin: np.ndarray, axes: np.ndarray) -> Prop:
-        """Transform the prop to other axes: an origin (3,) and columns of a matrix (3, 3)."""
+        """Transform the prop to other axes, given an origin (3,) and the axes as matrix columns (3, 3)."""
         R = matrix_from_rotvec(self.rotvec)
         points, transl = (self.points - origin) @ axes, self.transl + R @ origin
         return replace(self, points=points, rotvec=rotvec_from_matrix(R @ axes), transl=transl)
@@ -73,7 +73,7 @@ class Prop:
 
 
 def require_length(props: Sequence[Prop], frames: int) -> None:
-    """Raise ``MotionInvalid`` unless all props have the take's number of frames."""
+    """Raise ``MotionInvalid`` unless all props have as many frames as the take."""
     for prop in props:
         if len(prop.rotvec) != frames:
             what = f"The prop '{prop.name}' has {len(prop.rotvec)} frames, but {frames} are expected."
@@ -81,7 +81,7 @@ def require_length(props: Sequence[Prop], frames: int) -> None:
 
 
 def prop_arrays(props: Sequence[Prop]) -> dict[str, np.ndarray]:
-    """Return the file arrays of props, none without props."""
+    """Return the file arrays for props, or none if there are no props."""
     if not props:
         return {}
     stacks = {key: np.stack([getattr(prop, key) for prop in props]) for key in ("rotvec", "transl", "sigma")}
@@ -99,7 +99,7 @@ def read_props(fields: Fields, frames: int) -> tuple[Prop, ...]:
     """Return the props in a file with F frames.
 
     Raises:
-        MotionInvalid: the arrays do not match each other or the frames.
+        MotionInvalid: the arrays do not match each other or the number of frames.
     """
     names, labels = fields.texts("prop_names"), fields.texts("prop_labels")
     if not names:

@@ -1,4 +1,4 @@
-"""Declare the reading options of recordings once for the command line, jobs and panels."""
+"""Declare the reading options for recordings once, for the command line, jobs and panels."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _reading, _time, _world = (partial(setting, group=group) for group in (READING, 
 
 @dataclass(frozen=True, kw_only=True)
 class TimeSettings:
-    """Settings that assign cameras and frames.
+    """Settings that assign cameras and select frames.
 
     Raises:
         JobInvalid: a camera is not RECORDED=CALIBRATED, an offset is not CAMERA=FRAMES, or frames are not a range.
@@ -52,7 +52,7 @@ class TimeSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class WorldSettings:
-    """Changes to the calibration's world before the solve."""
+    """Changes to the calibrated world before the solve."""
 
     # fmt: off
     stature: float = _world(
@@ -61,7 +61,7 @@ class WorldSettings:
     scale: float = _world(
         "number", 1.0, "Scale", "Factor for all lengths of the calibration, if its unit is unknown", low=1e-6, high=1e6,
         soft_high=10, rare=True)
-    """Length factor, for example the size of a board square in metres if the calibration counts squares."""
+    """Length factor, for example the side of a board square in metres if the calibration's unit is a square."""
     level: str = _world(
         "choice", AUTO, "Level", "Rotation and shift that make Z point up and put the floor at z = 0",
         choices=LEVELS, metavar="NAME", rare=True)
@@ -81,7 +81,7 @@ class WorldSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingSettings:
-    """Information that recorded files may lack."""
+    """Information that recorded files may not contain."""
 
     # fmt: off
     fps: float | None = _reading(
@@ -117,11 +117,11 @@ ROWS: dict[str, Setting] = {
     name: row for one in (ReadingSettings, TimeSettings, WorldSettings) for name, row in settings_of_class(one).items()
 }
 """Every reading option."""
-DEFAULTS: dict[str, Any] = {name: row.default for name, row in ROWS.items()}  # Their defaults.
+DEFAULTS: dict[str, Any] = {name: row.default for name, row in ROWS.items()}  # Their default values.
 
 
 def offsets_by_camera(texts: Sequence[str]) -> dict[str, int]:
-    """Return the delay of each camera in frames, from texts such as ``cam02=60``."""
+    """Return each camera's delay in frames from texts such as ``cam02=60``."""
     found: dict[str, int] = {}
     for text in texts:
         name, _, frames = (part.strip() for part in text.rpartition("="))
@@ -137,7 +137,7 @@ def offsets_by_camera(texts: Sequence[str]) -> dict[str, int]:
 
 
 def calibrated_names(texts: Sequence[str]) -> dict[str, str]:
-    """Return the calibrated names of recorded cameras, from texts such as ``hall_left=cam02``."""
+    """Return the calibrated name of each recorded camera from texts such as ``hall_left=cam02``."""
     found: dict[str, str] = {}
     for text in texts:
         recorded, _, calibrated = (part.strip() for part in text.partition("="))
@@ -148,6 +148,6 @@ def calibrated_names(texts: Sequence[str]) -> dict[str, str]:
 
 
 def options_of(values: Mapping[str, Any]) -> list[str]:
-    """Convert values by setting name to options of the solver, without defaults."""
+    """Convert values by setting name to solver options. Defaults are omitted."""
     given = {name: value for name, row in ROWS.items() if (value := values.get(name)) != row.default}
     return [word for name, value in given.items() for word in ROWS[name].words(value)]

@@ -1,4 +1,4 @@
-"""Read the arrays of an npz file by name, kind and shape."""
+"""Read the arrays in an npz file by name, type and shape."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Shape = tuple[int | str | None, ...]  # Lengths of an array's axes. A name or No
 
 @dataclass(frozen=True)
 class Fields:
-    """The arrays of one npz file."""
+    """The arrays in an npz file."""
 
     path: Path
     arrays: dict[str, np.ndarray]
@@ -48,7 +48,7 @@ class Fields:
         return value.astype(np.float64)
 
     def floats(self, key: str, invalid: type[MocapError]) -> np.ndarray:
-        """Return a required array as float64. Raise the given error if it has no numbers."""
+        """Return a required array as float64. Raise the given error if it is not numeric."""
         value = self.array(key)
         if value.dtype.kind not in "fiub":
             raise invalid(f"{key} is {value.dtype}, but numbers are expected.", where=str(self.path))
@@ -56,7 +56,7 @@ class Fields:
             return np.asarray(value, np.float64)
 
     def first_number(self, key: str, invalid: type[MocapError]) -> float:
-        """Return the first number of an array or scalar. Raise the given error if there is none."""
+        """Return the first number in an array or scalar. Raise the given error if there is none."""
         values = self.floats(key, invalid).ravel()
         if not values.size:
             raise invalid(f"{key} is empty, but a number is expected.", where=str(self.path))
@@ -75,7 +75,7 @@ class Fields:
         return float(self.numbers(key, ()))
 
     def text(self, key: str, default: str | None = None) -> str:
-        """Return a string, or the default for an absent field. Bytes are UTF-8."""
+        """Return a string, or the default if the field is missing. Bytes are decoded as UTF-8."""
         if key not in self.arrays and default is not None:
             return default
         value = self.array(key)
@@ -85,11 +85,11 @@ class Fields:
         return item.decode("utf-8", "replace") if isinstance(item, bytes) else str(item)
 
     def texts(self, key: str) -> tuple[str, ...]:
-        """Return a list of strings. An absent field gives an empty list."""
+        """Return a list of strings. A missing field gives an empty list."""
         return tuple(str(item) for item in np.ravel(self.arrays.get(key, ())))
 
     def joint_set(self) -> JointSet:
-        """Return the joint set that the file names."""
+        """Return the joint set named in the file."""
         from .joint_sets import JointSet  # avoids a circular import through the body layout
 
         name = self.text("joint_set")
@@ -100,7 +100,7 @@ class Fields:
             raise FileDamaged(f"Unknown joint set '{name}'. Known sets: {known}.", where=str(self.path)) from error
 
     def require_format(self, name: str, version: int) -> None:
-        """Raise ``FileDamaged`` for another format or a later version."""
+        """Raise ``FileDamaged`` if the format is another one or the version is later."""
         found = self.text("format", "")
         if found != name:
             raise other_kind(found, name, str(self.path))
@@ -121,7 +121,7 @@ class Fields:
 
 
 def read_fields(path: Path | str, names: Iterable[str], *, prefix: str | None = None) -> Fields:
-    """Read the named arrays of an npz file, and all arrays with a name prefix."""
+    """Read the named arrays in an npz file, and all arrays whose names start with a prefix."""
     known = frozenset(names)
     return Fields(
         Path(path), read_npz(path, lambda name: name in known or (prefix is not None and name.startswith(prefix)))

@@ -1,9 +1,9 @@
-"""Find and close the best cycle of a motion, and join motions at the standing foot.
+"""Find and close the best cycle in a motion, and join motions at the standing foot.
 
-Each side of a seam gets half of the difference in pose and velocity, which fades with distance: ``x(u) ± (δ + u δ')
-h(|u| / T) / 2`` with ``h(x) = 1 - 3x² + 2x³``, u seconds from the seam and blend time T. So pose and velocity are
-continuous (after "inertialization", Bollo 2018, here on both sides). Planted feet align the clips on the ground. There
-the δ of pelvis and leg cancel, so planted feet do not slide. Around a join, the legs bend so that they stay in place.
+Each side of a seam takes half the difference in pose and velocity, which fades with distance: ``x(u) ± (δ + u δ') h(|u|
+/ T) / 2`` with ``h(x) = 1 - 3x² + 2x³``, u seconds from the seam and blend time T. Pose and velocity are therefore
+continuous (after "inertialization", Bollo 2018, but on both sides). Planted feet align the clips on the ground. There,
+the δ of pelvis and leg cancel out, so planted feet do not slide. Around a join, the legs bend to keep feet in place.
 """
 
 from __future__ import annotations
@@ -41,29 +41,29 @@ from .so3 import (
 )
 
 SEAM_DEGREES, SEAM_MM = 2.0, 5.0
-"""Largest rotation and distance of a joint at the seam of a loop."""
+"""Largest joint rotation and joint distance at the seam of a loop."""
 GAP_DEGREES, GAP_MM = 15.0, 80.0
 """Largest differences in rotation (degrees) and position (mm) that a loop can hide. Two strides differ by half as much,
-other movements by more.
+and other movements by more.
 """
 BLEND_S = 0.25  # Seconds on each side of a seam during which the difference fades, chosen by hand.
-SHORTEST_S = 0.4  # Shortest cycle in seconds, shorter than two running steps.
-_LEAST_MOTION = 0.5  # Smallest mean joint speed of a cycle relative to the take, so that no rest is looped.
+SHORTEST_S = 0.4  # Shortest cycle in seconds, less than two running steps.
+_LEAST_MOTION = 0.5  # Smallest mean joint speed of a cycle relative to the take, to avoid looping a rest.
 _VELOCITY_S = 0.1  # Seconds that convert velocity differences to distances, chosen by hand.
-_CONTACT_M = 0.05  # Distance equivalent to a foot that stands in only one of two frames, metres, chosen by hand.
-_SAMPLES = 900  # Maximum number of frames to compare with each other. Longer takes are subsampled for the first search.
+_CONTACT_M = 0.05  # Distance in metres that a foot standing in only one of two frames is equivalent to, chosen by hand.
+_SAMPLES = 900  # Largest number of frames compared with each other. Longer takes are subsampled for the first search.
 _FINE_HZ = 50.0
-"""Smallest frame rate at which running cycles close: 11 of 12 runs of CMU subject 09 at 60 Hz, and none at 30 Hz."""
+"""Smallest frame rate at which running cycles close: 11 of 12 runs by CMU subject 09 at 60 Hz, and none at 30 Hz."""
 _CANDIDATES, _REFINED, _CLOSED = 60, 3, 12
-"""Numbers of nearest pairs that are compared joint by joint, of the best pairs that are refined in a subsampled take,
-and of the best cycles that are closed and measured."""
-_FALSE_IF_NONE = ("resting", "flags", "keyframes")  # Arrays per frame for which missing means all zeros.
+"""Numbers of nearest pairs that are compared joint by joint, of best pairs that are refined in a subsampled take, and
+of best cycles that are closed and measured."""
+_FALSE_IF_NONE = ("resting", "flags", "keyframes")  # Per-frame arrays for which None means all zeros.
 _ONLY_IN_BOTH = (
     ("contacts", "foot contacts"),
     ("joint_sigma", "standard deviations"),
     ("joint_covariance", "standard deviations"),
 )
-_SAME_LEGS = 0.002  # Relative leg length difference (2 mm per metre) up to which a join does not report scaling.
+_SAME_LEGS = 0.002  # Relative difference in leg length (2 mm per metre) up to which a join does not report scaling.
 _LEGS = ((1, 4, 7), (2, 5, 8))  # SMPL's hip, knee and ankle joints of each leg.
 _FEET = ((7, 10), (8, 11))  # SMPL's ankle and ball joints of each foot.
 _MOVED_M = 1e-9  # Smallest offset of a foot in metres for which its leg bends.
@@ -72,7 +72,7 @@ _FACING = (SMPL.both("hip"), SMPL.both("shoulder"))
 
 @dataclass(frozen=True)
 class Placement:
-    """Rigid motion on the ground: a rotation about Z, then a translation."""
+    """A rigid motion on the ground: a rotation about Z, then a translation."""
 
     angle: float  # Rotation angle in radians.
     shift: np.ndarray  # (3,) horizontal translation in metres.
@@ -100,24 +100,24 @@ class Placement:
 
 @dataclass(frozen=True)
 class Seam:
-    """Difference in pose and velocity between the frames of two motions."""
+    """Difference in pose and velocity between frames of two motions."""
 
-    placement: Placement  # Rigid motion from the second motion's ground to the first's.
-    turns: np.ndarray  # (J, 3) rotation vectors in radians, in each joint's frame.
-    turn_rates: np.ndarray  # (J, 3) radians per second.
+    placement: Placement  # Rigid motion from the second motion's ground to the first motion's.
+    turns: np.ndarray  # (J, 3) rotation vectors in radians, relative to each joint.
+    turn_rates: np.ndarray  # (J, 3) rotation rates in radians per second.
     shift: np.ndarray  # (3,) pelvis translation in metres.
-    velocity: np.ndarray  # (3,) velocity in metres per second.
+    velocity: np.ndarray  # (3,) pelvis velocity in metres per second.
     degrees: float  # Largest joint rotation.
     mm: float  # Largest joint distance.
-    corner_degrees: float  # Largest change of a joint's rotation in one frame, from the difference of rates.
-    corner_mm: float  # Largest change of a joint's position in one frame.
+    corner_degrees: float  # Largest rotation change of a joint in one frame due to the difference in rates.
+    corner_mm: float  # Largest position change of a joint in one frame.
 
     def __str__(self) -> str:
         return f"joints are {self.degrees:.1f} degrees and {self.mm:.0f} mm apart"
 
     @property
     def without_rates(self) -> Seam:
-        """The seam without its velocity difference, which is half a frame off at the ends of a take."""
+        """The seam without its velocity difference, which is wrong by half a frame at the ends of a take."""
         rates: dict[str, Any] = {"turn_rates": 0.0 * self.turn_rates, "velocity": 0.0 * self.velocity}
         return replace(self, corner_degrees=0.0, corner_mm=0.0, **rates)
 
@@ -151,13 +151,13 @@ def _largest(vectors: np.ndarray) -> float:
 @dataclass(frozen=True)
 class _State:
     quat: np.ndarray  # (J, 4) rotations.
-    rates: np.ndarray  # (J, 3) radians per second in the joints' frames.
+    rates: np.ndarray  # (J, 3) rates in radians per second, relative to each joint.
     joints: np.ndarray  # (K, 3) positions of SMPL's joints, metres.
     velocities: np.ndarray  # (K, 3) metres per second.
 
 
 def _state(motion: MotionFile, at: int) -> _State:
-    """Return pose and velocity in a frame, from the steps on both sides or from two steps on one side."""
+    """Return the pose and velocity in a frame, from the steps on both sides or from two steps on one side."""
     last = motion.num_frames - 1
     steps, weights = (at - 1, at), (0.5, 0.5)
     if at in (0, last):
@@ -183,7 +183,7 @@ def _heading(angle: float) -> np.ndarray:
 def _aligned(before: MotionFile, at: int, after: MotionFile, start: int) -> Placement:
     """Return the rigid motion on the ground that best aligns two poses (Kovar et al. 2002, eq. 2).
 
-    The translation aligns the feet that are planted in both poses, or all joints if there are none.
+    The translation aligns the feet that are planted in both poses, or all joints if no feet are.
     """
     a, b = _joints(before)[at], _joints(after)[start]
     p, q = (a - a.mean(axis=0))[:, :2], (b - b.mean(axis=0))[:, :2]
@@ -224,12 +224,12 @@ def _offset(motion: MotionFile, seam: Seam, u: np.ndarray, share: float, blend_s
 class Loop:
     """A closed cycle of a motion."""
 
-    motion: MotionFile  # Frames of the cycle. The first follows the last.
+    motion: MotionFile  # Frames of the cycle. The last frame is followed by the first.
     first: int  # First frame in the take, counted from 0.
-    last: int  # Frame in the take that the first one replaces.
-    gap: Seam  # Original difference of these two frames.
-    seam_degrees: float  # Largest rotation between a joint in the first frame and its continuation from the last.
-    seam_mm: float  # Largest distance between the same joints.
+    last: int  # Frame in the take that is replaced by the first one.
+    gap: Seam  # Original difference between these two frames.
+    seam_degrees: float  # Largest rotation between a joint in the first frame and its continuation from the last frame.
+    seam_mm: float  # Largest distance between these joints.
 
     @property
     def is_near(self) -> bool:
@@ -245,10 +245,10 @@ class Loop:
 def find_loop(
     motion: MotionFile, shortest_s: float = SHORTEST_S, blend_s: float = BLEND_S, *, stay: bool = False
 ) -> Loop:
-    """Return the best closed cycle of a motion (see ``find_cycles`` and ``close_cycle``).
+    """Find the best closed cycle in a motion (see ``find_cycles`` and ``close_cycle``).
 
     Raises:
-        MotionInvalid: the motion is too short, or its best cycle does not close.
+        MotionInvalid: the motion is too short, or its best cycle cannot be closed.
     """
     found = find_cycles(motion, shortest_s)
     if not found:
@@ -270,9 +270,9 @@ def find_loop(
 
 
 def find_cycles(motion: MotionFile, shortest_s: float = SHORTEST_S) -> list[tuple[int, int]]:
-    """Return (first frame, replaced frame) of each cycle, the best and short ones first.
+    """Return (first frame, replaced frame) of each cycle, preferring good and short ones.
 
-    Frame pairs are compared by positions and velocities of the joints relative to the body's position and direction
+    Frame pairs are compared by the positions and velocities of the joints relative to the body's position and direction
     (Kovar et al. 2002, "Motion Graphs"), and by foot contacts. The nearest pairs are compared joint by joint.
     """
     frames, least = motion.num_frames, max(shortest_s * motion.fps, 4)
@@ -305,13 +305,13 @@ def find_cycles(motion: MotionFile, shortest_s: float = SHORTEST_S) -> list[tupl
 
 
 def _gap(motion: MotionFile, first: int, last: int) -> Seam:
-    """Return the seam between two frames of a motion, without rates at the ends of the take."""
+    """Return the seam between two frames of a motion. Rates are omitted at the ends of the take."""
     seam = measure_seam(motion, last, motion, first)
     return seam if first > 0 and last < motion.num_frames - 1 else seam.without_rates
 
 
 def _size(seam: Seam) -> float:
-    """Return the largest ratio of a seam's figures to their limits."""
+    """Return the largest ratio between a seam's figures and their limits."""
     apart = seam.degrees / GAP_DEGREES, seam.mm / GAP_MM
     return max(*apart, seam.corner_degrees / 2.0 / SEAM_DEGREES, seam.corner_mm / 2.0 / SEAM_MM)
 
@@ -321,7 +321,7 @@ def _joints(motion: MotionFile) -> np.ndarray:
 
 
 def _distances(motion: MotionFile, at: np.ndarray) -> np.ndarray:
-    """Return the (N, N) mean square distances between frames, square metres."""
+    """Return the (N, N) mean square distances between frames in square metres."""
     joints = _joints(motion)
     across = np.sum([joints[:, left] - joints[:, right] for left, right in _FACING], axis=0)
     back = matrix_from_rotvec(-np.arctan2(across[:, 1], across[:, 0])[:, None] * [0.0, 0.0, 1.0])
@@ -333,7 +333,7 @@ def _distances(motion: MotionFile, at: np.ndarray) -> np.ndarray:
 
 
 def _lowest(near: np.ndarray) -> np.ndarray:
-    """Return the (K, 2) indices of the lowest local minima of a table, the lowest first."""
+    """Return the (K, 2) indices of the lowest local minima in a table, lowest first."""
     padded = np.pad(near, 1, constant_values=np.inf)
     rows, columns = near.shape
     around = [padded[1 + i : 1 + i + rows, 1 + j : 1 + j + columns] for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
@@ -342,11 +342,11 @@ def _lowest(near: np.ndarray) -> np.ndarray:
 
 
 def close_cycle(motion: MotionFile, first: int, last: int, blend_s: float = BLEND_S, *, stay: bool = False) -> Loop:
-    """Close frames of a motion to a cycle. The first frame replaces the last one.
+    """Close a range of frames to a cycle. The first frame replaces the last one.
 
     Args:
         blend_s: seconds on each side during which the difference fades, at most half the cycle.
-        stay: remove travel and rotation of the cycle at a constant rate.
+        stay: remove the cycle's travel and rotation at a constant rate.
     """
     gap = _gap(motion, first, last)
     blend_s = min(blend_s, (last - first) / motion.fps / 2.0)
@@ -371,7 +371,7 @@ def _jump(closed: MotionFile, motion: MotionFile, last: int) -> tuple[float, flo
 
 
 def _with_closed_root(cycle: MotionFile, placement: Placement) -> MotionFile:
-    """Close a cycle's root path by spreading the difference of its ends over the cycle."""
+    """Close a cycle's root path by distributing the difference between its ends over the cycle."""
     if cycle.root is None:
         return cycle
     gap = placement.path(cycle.root[:1])[0] - cycle.root[-1]
@@ -380,7 +380,7 @@ def _with_closed_root(cycle: MotionFile, placement: Placement) -> MotionFile:
 
 
 def _stay(cycle: MotionFile, placement: Placement) -> MotionFile:
-    """Remove the travel of a cycle: move frame i of N back by i / N of the screw motion."""
+    """Remove a cycle's travel: move frame i of N back by i / N of the screw motion."""
     share = np.arange(cycle.num_frames) / cycle.num_frames
     way = share[:, None] * (_arc(share * placement.angle) @ np.linalg.solve(_arc(placement.angle), placement.shift))
     back = matrix_from_rotvec(-(share * placement.angle)[:, None] * [0.0, 0.0, 1.0])
@@ -402,7 +402,7 @@ def _stay(cycle: MotionFile, placement: Placement) -> MotionFile:
 
 
 def _arc(angle: float | np.ndarray) -> np.ndarray:
-    """Return the (..., 3, 3) mean rotation from 0 to an angle about Z, the left Jacobian of SE(2)."""
+    """Return the (..., 3, 3) mean rotation from 0 to an angle about Z, which is the left Jacobian of SE(2)."""
     half = np.asarray(angle) / 2.0
     return np.sinc(half / np.pi)[..., None, None] * matrix_from_rotvec(half[..., None] * [0.0, 0.0, 1.0])
 
@@ -411,11 +411,11 @@ def _arc(angle: float | np.ndarray) -> np.ndarray:
 
 
 def join(first: MotionFile, second: MotionFile, blend_s: float = BLEND_S) -> tuple[MotionFile, Seam]:
-    """Join two motions of one body end to end, and return the blended difference.
+    """Join two motions of the same body end to end, and return the blended difference.
 
-    The second motion starts where the first one ends, in its direction and at its rate, on the feet that are planted in
-    both poses. Its first frame replaces the last frame of the first. If its shape differs, it takes the first one's
-    shape, and its pelvis is scaled by leg length. ``join_notes`` lists the parts that are lost.
+    The second motion starts where the first one ends, in its direction and at its frame rate, on the feet that are
+    planted in both poses. Its first frame replaces the last frame of the first motion. If its shape differs, it takes
+    the first one's shape, and its pelvis positions are scaled by leg length. ``join_notes`` lists what is lost.
 
     Raises:
         MotionInvalid: the motions have different bodies or joints.
@@ -454,11 +454,11 @@ def join(first: MotionFile, second: MotionFile, blend_s: float = BLEND_S) -> tup
 
 
 def _hold_feet(joined: MotionFile, apart: np.ndarray, at: int, blend_s: float) -> MotionFile:
-    """Return a join with its planted feet at their positions before the blend.
+    """Keep the planted feet of a join where they were before the blend.
 
     A foot that stands on both sides of the seam keeps its position in the first motion. Its offset from the blended
-    motion fades within ``blend_s`` around each contact. The leg bends to the ankle, and the pelvis follows a leg that
-    is too short. Feet keep their directions.
+    motion fades within ``blend_s`` around each contact. The leg bends to reach the ankle, and the pelvis follows a leg
+    that is too short. Feet keep their directions.
 
     Args:
         apart: (F, 24, 3) joints of both motions before the blend.
@@ -476,7 +476,7 @@ def _hold_feet(joined: MotionFile, apart: np.ndarray, at: int, blend_s: float) -
             end = at + int(np.append(~stands[at:], True).argmax())
             away, frames = places[at - 1] - places[at], np.arange(len(p) - at)
             places[at:end, :2] += away[:2]
-            # Both stands may differ in height.
+            # The stands on both sides may differ in height.
             places[at:, 2] += away[2] * smoothstep(frames, max(end - at, fade), 0.0)
         shifts.append(eased(places - p[:, ball], stood, fade if gap == 1 else min(fade, 0.5 * gap - 1.0)))
     bones = [(p[:, knee] - p[:, hip], p[:, ankle] - p[:, knee]) for hip, knee, ankle in _LEGS]
@@ -494,10 +494,10 @@ def _hold_feet(joined: MotionFile, apart: np.ndarray, at: int, blend_s: float) -
 
 
 def splice(motion: MotionFile, part: MotionFile, first: int, fades: tuple[int, int] = (0, 0)) -> MotionFile:
-    """Replace the poses of a motion from frame ``first`` on with ``part``.
+    """Replace a motion's poses with ``part``, starting at frame ``first``.
 
     Args:
-        fades: number of frames at the start and end of the part that fade in and out.
+        fades: numbers of frames over which the part fades in and out at its start and end.
 
     Raises:
         MotionInvalid: the part has other joints, or more frames than the motion has from ``first`` on.
@@ -523,7 +523,7 @@ def splice(motion: MotionFile, part: MotionFile, first: int, fades: tuple[int, i
 
 
 def join_notes(first: MotionFile, second: MotionFile) -> list[str]:
-    """Return a sentence for each change or omission when ``join`` combines two motions."""
+    """Return a sentence for each thing that ``join`` changes or omits when it combines two motions."""
     ratio, notes = _legs(first) / _legs(second), list[str]()
     if abs(ratio - 1.0) > _SAME_LEGS:
         notes.append(f"The second motion was scaled to the legs of the first one, {ratio:.3f} times as long")
@@ -533,7 +533,7 @@ def join_notes(first: MotionFile, second: MotionFile) -> list[str]:
 
 
 def _in_shape_of(motion: MotionFile, other: MotionFile) -> MotionFile:
-    """Transfer a motion to another one's bones, with a pelvis height that keeps feet down."""
+    """Transfer a motion to the bones of another one, and scale the pelvis height to keep the feet on the ground."""
     rest, ratio = rest_joints(other), _legs(other) / _legs(motion)
     if np.allclose(rest - rest[0], rest_joints(motion) - rest_joints(motion)[0], atol=1e-5):
         return motion
@@ -543,7 +543,7 @@ def _in_shape_of(motion: MotionFile, other: MotionFile) -> MotionFile:
 
 
 def _legs(motion: MotionFile) -> float:
-    """Return the hip-to-ankle length of both legs in metres. Raise MotionInvalid without legs."""
+    """Return the hip-to-ankle length of both legs in metres. Raise MotionInvalid if there are no legs."""
     rest = rest_joints(motion)
     length = sum(float(np.linalg.norm(rest[a] - rest[b])) for leg in _LEGS for a, b in pairwise(leg))
     if length == 0.0:

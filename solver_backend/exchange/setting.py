@@ -1,4 +1,4 @@
-"""Define settings as rows. Command line, panel, job and documentation derive from them."""
+"""Define settings as rows from which the command line, panels, jobs and documentation are derived."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ Kind = (
     Literal["switch", "flag", "whole", "number", "choice", "text"]
     | Literal["path", "folder", "file", "name_or_file", "texts", "numbers", "range"]
 )
-"""A "switch" can be turned off on the command line. A "flag" is off unless given. A "path" is a ``Path``, a "folder"
-the ``Path`` of a folder, a "file" a path as text. "texts" and "numbers" are lists. A "range" is the first and last
-whole number."""
+"""A "switch" can be turned off on the command line. A "flag" is off unless given. A "path" is a ``Path``, a "folder" is
+the ``Path`` of a folder, and a "file" is a path as text. "texts" and "numbers" are lists. A "range" is the first and
+last whole number."""
 POSITIVE = 1e-12  # Lower bound for numbers that must be greater than 0.
 REQUIRED = MISSING  # Default of a setting that must be given.
 _FILE = "the path of a file"
@@ -30,16 +30,16 @@ _EXPECTED: dict[str, str] = {
     "name_or_file": f"a name or {_FILE}",
     "range": "the first and the last whole number, from 0",
 }
-"""Description of valid values by kind."""
+"""Description of the valid values of each kind."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """One value of a setting of the kind "choice"."""
+    """One value of a setting of kind "choice"."""
 
     value: str  # Value in a job file and on the command line.
-    label: str  # Label in a panel.
-    description: str  # Sentence without a full stop.
+    label: str  # Label in the panel.
+    description: str  # Sentence without full stop.
 
 
 @dataclass(frozen=True)
@@ -48,18 +48,18 @@ class Setting:
 
     kind: Kind
     label: str  # Noun phrase in the panel.
-    description: str  # Tooltip and help text, a sentence without a full stop.
+    description: str  # Tooltip and help text: a sentence without full stop.
     group: str = ""  # Heading in help and panels. Empty if the options belong to one verb.
-    low: float | None = None  # Smallest number, or smallest count of "numbers".
-    high: float | None = None  # Largest number, or largest count of "numbers".
+    low: float | None = None  # Smallest number, or smallest count for "numbers".
+    high: float | None = None  # Largest number, or largest count for "numbers".
     soft_high: float | None = None  # End of the panel's slider if smaller than ``high``.
-    unit: str = ""  # Unit of numbers, "" for a plain factor.
-    count: int = 0  # Number of values. 0 for one, or for any number of "numbers".
+    unit: str = ""  # Unit of numbers, or "" for a plain factor.
+    count: int = 0  # Number of values. 0 means one, or any number for "numbers".
     choices: tuple[Choice, ...] = ()
-    metavar: str = ""  # Placeholder of the value in help texts.
+    metavar: str = ""  # Placeholder for the value in help texts.
     control: str = ""  # Special control in the panel, for the reference page. Empty for a property.
-    methods: tuple[str, ...] = ()  # Solve methods in which the setting has an effect. Empty if it affects all.
-    name: str = ""  # Key in job files, name of the parsed argument and of the panel's property.
+    methods: tuple[str, ...] = ()  # Solve methods that use the setting. Empty if all do.
+    name: str = ""  # Key in job files, and name of the parsed argument and the panel property.
     default: Any = None
     of_class: bool = False
     """True if declared in a dataclass, which has the default. The command line then passes None if not given."""
@@ -67,12 +67,12 @@ class Setting:
     positional: bool = False  # True if identified by its position on the command line.
     required: bool = False
     many: bool = False  # Accepts one or more values.
-    repeated: bool = False  # Can be given several times. The value is a list.
-    excludes: str = ""  # Settings of a verb with the same text here exclude each other.
-    endings: tuple[str, ...] = ()  # Allowed file suffixes with dots. Empty allows any.
-    is_output: bool = False  # True for a file that the verb writes. It is checked before the work begins.
-    hidden: bool = False  # Omitted in help and reference pages.
-    rare: bool = False  # Omitted in ``--help``, but listed by ``--help-all``.
+    repeated: bool = False  # Can be given several times, which gives a list.
+    excludes: str = ""  # Settings of a verb that have the same text here exclude each other.
+    endings: tuple[str, ...] = ()  # Allowed file suffixes, including dots. Empty allows any.
+    is_output: bool = False  # True for a file that the verb writes. It is checked before work begins.
+    hidden: bool = False  # Omitted from help and reference pages.
+    rare: bool = False  # Omitted from ``--help``, but listed by ``--help-all``.
 
     @property
     def in_panel(self) -> bool:
@@ -81,7 +81,7 @@ class Setting:
 
     @property
     def options(self) -> tuple[str, ...]:
-        """Command line options, none for a positional argument."""
+        """Command line options, or none for a positional argument."""
         if self.positional:
             return ()
         return tuple(self.option.split()) or (f"--{self.name.replace('_', '-')}",)
@@ -107,7 +107,7 @@ class Setting:
         return f"{start}{'' if self.high is None else f' to {self.high:g}'}{self.unit and ' '}{self.unit}"
 
     def acts_in(self, method: str) -> bool:
-        """Return whether the setting has an effect in a solve method."""
+        """Return whether a solve method uses the setting."""
         return not self.methods or method in self.methods
 
     def accepts(self, value: Any) -> bool:
@@ -134,7 +134,7 @@ class Setting:
         return isinstance(value, str) and (self.kind in ("file", "text") or bool(value.strip()))
 
     def words(self, value: Any) -> list[str]:
-        """Return the command-line arguments for a value, none for an empty value."""
+        """Return the command line arguments for a value, or none for an empty value."""
         if value is None or (is_list(value) and not value):
             return []
         if self.positional:
@@ -154,7 +154,7 @@ class Setting:
 
 
 def text_of_value(value: Any) -> str:
-    """Return a value as command line text that parses back to the same value."""
+    """Convert a value to command line text that is parsed back to the same value."""
     if not isinstance(value, float):
         return str(value)
     short = f"{value:g}"
@@ -162,13 +162,13 @@ def text_of_value(value: Any) -> str:
 
 
 def setting(kind: Kind, default: Any, label: str, description: str, *, group: str, **more: Any) -> Any:
-    """Return a dataclass field that declares a setting, required for ``REQUIRED``."""
+    """Return a dataclass field that declares a setting. Pass ``REQUIRED`` as default if there is none."""
     row = Setting(kind, label, description, group, default=default, required=default is REQUIRED, **more)
     return field(default=default, metadata={"setting": row})
 
 
 def settings_of_class(cls: Any) -> dict[str, Setting]:
-    """Return the settings that a dataclass or its instance declares, in order and keyed by name."""
+    """Return the settings declared by a dataclass or its instance, keyed by name, in order."""
     return _settings_of(cls if isinstance(cls, type) else type(cls))
 
 
@@ -179,19 +179,19 @@ def _settings_of(cls: Any) -> dict[str, Setting]:
 
 
 def defaults_of_class(cls: Any) -> dict[str, Any]:
-    """Return the default of each setting that a dataclass declares."""
+    """Return the default of each setting declared by a dataclass."""
     return {name: row.default for name, row in settings_of_class(cls).items()}
 
 
 def values_that_differ(values: Any, rows: Mapping[str, Setting]) -> dict[str, Any]:
-    """Return an object's settings that differ from defaults, as plain JSON values."""
+    """Return the settings of an object that differ from their defaults, as plain JSON values."""
     given = {name: value for name, row in rows.items() if (value := getattr(values, name)) != row.default}
     given = {name: value for name, value in given.items() if value or rows[name].default}
     return {name: list(v) if is_list(v) else str(v) if isinstance(v, str) else v for name, v in given.items()}
 
 
 def check_settings(values: Any) -> None:
-    """Raise ``JobInvalid`` unless each value of a settings dataclass is valid."""
+    """Raise ``JobInvalid`` unless every value in a settings dataclass is valid."""
     for name, row in settings_of_class(values).items():
         value = getattr(values, name)
         if not (value is None and row.default is None) and not row.accepts(value):
@@ -200,14 +200,14 @@ def check_settings(values: Any) -> None:
 
 
 def _in_metres(row: Setting, value: Any) -> str:
-    """Return a hint for a length that would be valid in cm or mm, else ""."""
+    """Return a hint if a length would be valid in cm or mm, otherwise ""."""
     sizes = (value / 100, value / 1000) if row.unit == "m" and _is_number(value, Real) and value > 0 else ()
     valid = [size for size in sizes if row.accepts(size)]
     return f"Lengths are in metres: {valid[0]:g}." if valid else ""
 
 
 def known_values(cls: Any, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Prepare plain values for a settings dataclass, and reject unknown names."""
+    """Prepare plain values for a settings dataclass. Reject unknown names."""
     known = settings_of_class(cls)
     unknown = sorted(set(values) - set(known))
     if unknown:
@@ -217,7 +217,7 @@ def known_values(cls: Any, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def is_list(value: Any) -> bool:
-    """Return whether a value is a list of values and not text."""
+    """Return whether a value is a list of values rather than text."""
     return isinstance(value, Sequence) and not isinstance(value, str)
 
 

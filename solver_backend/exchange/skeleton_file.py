@@ -17,31 +17,31 @@ FORMAT, VERSION = "manifold_mocap_skeleton", 1
 _ARRAYS = ("format", "version", "name", "names", "parents", "rest", "joints", "turns", "fps", "roles")
 
 _OFF = 1e-3
-"""Largest deviation of R R^T from the identity, as for cameras. Files store six digits."""
+"""Largest deviation of R R^T from the identity, the same as for cameras. Files store six digits."""
 
 
 @dataclass(frozen=True)
 class SkeletonMotion:
-    """J joints in F frames, world Z up. Rest positions are in the skeleton's axes."""
+    """J joints in F frames, in a world with Z up. Rest positions are in the skeleton's axes."""
 
     name: str
     names: tuple[str, ...]
-    """J joint names, parents before children. Chain ends count as joints, with their parent's name."""
-    parents: tuple[int, ...]  # Index of each joint's parent, -1 at the root.
-    rest: np.ndarray  # (J, 3) positions at zero rotation, in metres (in files in any unit).
+    """(J,) joint names, parents before children. Chain ends count as joints and take their parent's name."""
+    parents: tuple[int, ...]  # Index of each joint's parent, -1 for the root.
+    rest: np.ndarray  # (J, 3) positions at zero rotation, in metres (in files, in any unit).
     joints: np.ndarray  # (F, J, 3) positions in the same unit.
-    turns: np.ndarray  # (F, J, 3, 3) rotations from the rest axes to the world.
+    turns: np.ndarray  # (F, J, 3, 3) rotations from rest axes to the world.
     fps: float
 
     def __post_init__(self) -> None:
-        """Raise ``MotionInvalid`` for no frames, equal names, or impossible numbers."""
+        """Raise ``MotionInvalid`` if there are no frames, equal names or impossible numbers."""
         if not len(self.joints):
             raise MotionInvalid("The motion has no frames.", where=self.name)
         require_distinct(self.names, self.name)
         require_rate(self.fps, MotionInvalid, self.name)
         for name in ("rest", "joints"):
             require_within(name, getattr(self, name), FARTHEST_IN_UNITS, MotionInvalid, self.name)
-        with np.errstate(over="ignore", invalid="ignore"):  # an overflow is not a rotation
+        with np.errstate(over="ignore", invalid="ignore"):  # numbers that overflow are not a rotation
             off = np.abs(self.turns @ np.swapaxes(self.turns, -1, -2) - np.eye(3)).max((0, 2, 3))
         wrong = ~(off <= _OFF)
         if not wrong.any():
@@ -66,9 +66,9 @@ def require_distinct(names: tuple[str, ...], where: str) -> None:
 
 @dataclass(frozen=True)
 class SkeletonFile(SkeletonMotion):
-    """A motion as stored in a file."""
+    """A motion as it is stored in a file."""
 
-    roles: dict[str, str]  # Joint by role, empty if the writer did not know roles.
+    roles: dict[str, str]  # Joint for each role, empty if the writer did not know the roles.
 
 
 def write_skeleton(path: Path, skeleton: SkeletonFile, *, overwrite: bool = False) -> None:

@@ -1,4 +1,4 @@
-"""Convert rotations for bakes and files with NumPy. Quaternions are wxyz."""
+"""Convert rotations with NumPy, for bakes and files. Quaternions are wxyz."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def quat_from_rotvec(rotvec: np.ndarray) -> np.ndarray:
 
 
 def rotvec_from_quat(quat: np.ndarray) -> np.ndarray:
-    """Convert quaternions to rotation vectors of length 0 to pi.
+    """Convert quaternions to rotation vectors whose length is between 0 and pi.
 
     Args:
         quat: (..., 4) unit quaternions wxyz of either sign.
@@ -54,7 +54,7 @@ def matrix_from_quat(quat: np.ndarray) -> np.ndarray:
 def quat_from_matrix(R: np.ndarray) -> np.ndarray:
     """Convert rotation matrices (..., 3, 3) to unit quaternions (..., 4) wxyz with w >= 0.
 
-    Each quaternion is the longest column of ``4 q q^T``, which is stable at every angle (Shepperd 1978).
+    Each quaternion is the longest column of ``4 q q^T``, which is numerically stable at every angle (Shepperd 1978).
     """
     m00, m11, m22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
     outer = np.empty((*R.shape[:-2], 4, 4))
@@ -70,12 +70,12 @@ def quat_from_matrix(R: np.ndarray) -> np.ndarray:
 
 
 def rotvec_from_matrix(R: np.ndarray) -> np.ndarray:
-    """Convert rotation matrices (..., 3, 3) to rotation vectors (..., 3) of length at most pi."""
+    """Convert rotation matrices (..., 3, 3) to rotation vectors (..., 3) whose length is at most pi."""
     return rotvec_from_quat(quat_from_matrix(R))
 
 
 def sign_continuous(quat: np.ndarray) -> np.ndarray:
-    """Choose signs of (F, ..., 4) quaternions so that neighbours have ``q · q' >= 0``.
+    """Choose the signs of (F, ..., 4) quaternions so that neighbours have ``q · q' >= 0``.
 
     q and -q are the same rotation, but curves between them pass through zero.
     """

@@ -1,4 +1,4 @@
-"""Declare the settings of a solve for solver, jobs, command line, panels and pages."""
+"""Declare the solve settings for the solver, jobs, command line, panels and pages."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from .setting import Choice, check_settings, known_values, setting, settings_of_class
 
 METHOD, CLEAN_UP, RECORDING, RESOURCES = "Method", "Clean-up", "Recording and result", "Body, files and arrays"
-"""Groups of settings. A panel preset sets those in the first group."""
+"""Groups of settings. A panel preset changes the settings in the first group."""
 GLOBAL, SLIDING, BUNDLEMOCAP, NOISE_AWARE = "global", "sliding", "bundlemocap++", "noise-aware"
 METHODS = (
     Choice(GLOBAL, "Whole Take", "Solve all keyframes of the take at once (recommended)"),
@@ -64,7 +64,7 @@ BACKENDS = (
     Choice("torch", "PyTorch", "Not faster than NumPy in our tests, with a Python that has torch"),
     Choice("cuda", "CUDA", "For NVIDIA graphics processors, with a Python that has torch for CUDA"),
 )
-"""The results of both agree within 0.1 mm."""
+"""The results of the two backends agree within 0.1 mm."""
 SYNC_AUTO, SYNC_ON, SYNC_OFF = "auto", "on", "off"
 SYNCS = (
     Choice(SYNC_AUTO, "If Certain", "Shift cameras in time if the views then agree clearly better (recommended)"),
@@ -94,16 +94,16 @@ class SolveSettings:
     window: int = _method(
         "whole", 20, "Window", "Length of the windows of keyframes, in frames at 60 Hz", low=4, high=240,
         unit="frames", methods=(SLIDING, BUNDLEMOCAP), rare=True)
-    """Frames per window in both sliding methods, with a key at each end and ``interpolation`` - 1 keys in between."""
+    """Frames per window in both sliding methods, with a key at each end and ``interpolation`` - 1 keys between them."""
     refine_window: int = _method(
         "whole", 10, "Refined Window", "Length of a window in the last passes, short for fast limbs",
         low=2, high=240, unit="frames", methods=(GLOBAL,), rare=True)
-    """The same for 'global' as a duration, in frames at 60 Hz. Fast takes use shorter windows: at least 0.6 times as
-    long with views, and 0.4 times with markers."""
+    """The same for 'global', given as a duration in frames at 60 Hz. Fast takes use shorter windows, which are at least
+    0.6 times as long with views and 0.4 times with markers."""
     interpolation: int = _method(
         "whole", 2, "Keys per Window", "Free keyframes per window: 1 gives SLERP, 2 the curve of Albanis 2026",
         low=1, high=6, methods=(SLIDING,), rare=True)
-    """Used only by 'sliding' (thesis 6.4). Above 6, a polynomial of translations oscillates between its keys."""
+    """Used only by 'sliding' (thesis 6.4). Above 6, a polynomial for translations oscillates between its keys."""
     root_curve: str = _method(
         "choice", APART, "Root Curve", "Interpolation of the body's path and heading between keyframes",
         choices=ROOT_CURVES, metavar="NAME", methods=(SLIDING,), rare=True)
@@ -111,33 +111,33 @@ class SolveSettings:
     residual_rotations: bool = _method(
         "switch", True, "Free Joints", "Let each joint leave the poses of the pose prior by a small rotation",
         methods=(GLOBAL,), rare=True)
-    """Each joint may leave the prior's manifold by a small rotation during the refinement."""
+    """Each joint may leave the prior's manifold by a small rotation during refinement."""
     contacts: bool = _method(
         "switch", True, "Foot Contact", "Keep feet and other parts still while they touch the floor", methods=(GLOBAL,)
     )
     learn_noise: bool = _method(
         "switch", True, "Camera Weighting", "Estimate the reliability of each keypoint in each view",
         methods=(GLOBAL,), rare=True)
-    """Otherwise all views of a keypoint have the same weight."""
+    """If it is off, all views of a keypoint have the same weight."""
     temporal: bool = _method(
         "switch", False, "Temporal Term", "Limit the accelerations of landmarks, which Albanis 2026 does not",
         methods=(NOISE_AWARE,), rare=True)
-    """Solves the frames of a block together (thesis 5.4 names the lack of this term as a limit)."""
+    """Solves the frames of a block together (thesis 5.4 names the absence of this term as a limitation)."""
     iterations: int = _method(
         "whole", 30, "Iterations", "Largest number of solver steps at each robust scale", low=1, high=200, rare=True)
-    """Most steps end earlier, when the cost no longer decreases."""
+    """Most steps end earlier, when the cost stops decreasing."""
     robust_scale: float = _method(
         "number", 4.0, "Outlier Scale", "Error above which a detection loses weight", low=0.1, high=100,
         unit="standard deviations", rare=True)
-    """Geman-McClure scale in standard deviations of the detector noise."""
+    """Geman-McClure scale, in standard deviations of the detector noise."""
     smoothing: float = _clean_up(
         "number", 1.0, "Smoothing", "Strength: 1 follows the detections, 3 gives smooth motion, and 10 loses detail",
         low=0.1, high=100, soft_high=10, methods=(GLOBAL,))
-    """Factor on the acceleration bound, which was measured in recorded motion."""
+    """Factor for the acceleration bound, which was measured in recorded motion."""
     foot_lock: float = _clean_up(
         "number", 1.0, "Foot Lock", "Higher values reduce foot sliding", low=0.1, high=5,
         methods=(GLOBAL,))
-    """Above 5 the equations are too stiff, and feet slip again."""
+    """Above 5, the equations become too stiff, and feet slip again."""
     sync: str = _recording(
         "choice", SYNC_AUTO, "Synchronise", "Correction of camera delays", choices=SYNCS, metavar="NAME")
     estimate_sync: bool = _recording(
@@ -166,11 +166,11 @@ class SolveSettings:
     landmarks: str = _recording(
         "choice", LANDMARKS_LABELLED, "Landmarks", "Marker points that the method noise-aware fits",
         choices=LANDMARKS, metavar="NAME", rare=True)
-    """Solves a network's landmarks per frame directly, instead of labelling markers first."""
+    """Solves a network's landmarks per frame directly, without labelling markers first."""
     network: str = _resource(
         "file", "", "Label Network", "Labelling network made by train model or train export, by default "
         "the included one", metavar="NETWORK.npz|.onnx", rare=True)
-    """Labels points, and supplies the landmarks for ``landmarks``."""
+    """Labels points, and provides the landmarks for ``landmarks``."""
     layout: str = _resource(
         "file", "", "Marker Layout", "File of `markers layout` with the position of each label, by default the "
         "known layouts", metavar="LAYOUT.json", control="*Markers*", rare=True)
@@ -190,19 +190,19 @@ class SolveSettings:
 
     @property
     def other_curves(self) -> tuple[str, ...]:
-        """Names of curve settings between keyframes that differ from the publication."""
+        """Names of the settings for curves between keyframes that differ from the publication."""
         published = (("interpolation", 2), ("root_curve", APART))
         return tuple(name for name, value in published if getattr(self, name) != value)
 
     @property
     def without_effect(self) -> tuple[str, ...]:
-        """Names of settings that differ from their default but have no effect in the method."""
+        """Names of non-default settings that have no effect in the chosen method."""
         rows = {name: row for name, row in settings_of_class(SolveSettings).items() if not row.acts_in(self.method)}
         return tuple(name for name, row in rows.items() if getattr(self, name) != row.default)
 
     @property
     def is_direct(self) -> bool:
-        """True if the solve uses a network's landmarks instead of labelled markers."""
+        """True if the solve uses a network's landmarks rather than labelled markers."""
         return self.landmarks != LANDMARKS_LABELLED
 
     @classmethod
@@ -215,4 +215,4 @@ PRESETS: dict[str, dict[str, Any]] = {
     "fast": {"refine_window": 20, "iterations": 2, "learn_noise": False},
     "balanced": {},
 }
-"""Changes to the defaults by purpose. ``dev.py bench presets`` measures time and error of each."""
+"""Changes to the defaults for each purpose. ``dev.py bench presets`` measures the time and error of each."""

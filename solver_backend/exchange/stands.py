@@ -1,19 +1,19 @@
-"""Find frame ranges with standing feet, from slow and low points."""
+"""Find frame ranges in which feet stand, given by slow and low points."""
 
 from __future__ import annotations
 
 import numpy as np
 
 SPEED_M_S = 0.25
-"""Largest speed of a planted point of a solution in m/s. The error of a standing foot varies that fast."""
-HEIGHT_M = 0.04  # Largest height in metres of a planted point above its lowest stand.
+"""Largest speed in m/s of a planted point in a solution. The error of a standing foot changes that fast."""
+HEIGHT_M = 0.04  # Largest height in metres of a planted point above the lowest height at which it stands.
 SHORTEST_S = 0.12  # Shortest stand in seconds.
-BREAK_S = 0.1  # Breaks shorter than this (seconds) are ignored, because no step is so short.
-_HALF_S = 0.03  # Seconds before and after a frame for measuring speed.
+BREAK_S = 0.1  # Breaks shorter than this (in seconds) are ignored, because no step is that short.
+_HALF_S = 0.03  # Seconds before and after a frame used to measure speed.
 
 
 def steps(points: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return displacements around each frame, (F, K, 3) metres, and duration, (F, 1) seconds."""
+    """Return the displacement around each frame, (F, K, 3) metres, and its duration, (F, 1) seconds."""
     half, index = max(1, round(_HALF_S * fps)), np.arange(len(points))
     before, after = np.maximum(index - half, 0), np.minimum(index + half, len(points) - 1)
     # A single frame has no displacement, so any duration is valid.
@@ -21,7 +21,7 @@ def steps(points: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def stands(heights: np.ndarray, speeds: np.ndarray, fps: float) -> list[list[tuple[int, int]]]:
-    """Return the ranges of planted frames of each point as (first, end).
+    """For each point, return the ranges of frames in which it is planted, as (first, end).
 
     Args:
         heights: (F, K) heights in metres.
@@ -47,7 +47,7 @@ def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _joined(runs: list[tuple[int, int]], frames: int) -> list[tuple[int, int]]:
-    """Join runs that are separated by less than this number of frames."""
+    """Join runs that are less than this number of frames apart."""
     joined: list[tuple[int, int]] = []
     for first, stop in runs:
         if joined and first - joined[-1][1] < frames:

@@ -1,4 +1,4 @@
-"""Define verbs as rows. Parsers, help, panels and reference pages derive from them."""
+"""Define the command verbs as table rows, from which parsers, help, panels and pages are derived."""
 
 from __future__ import annotations
 
@@ -22,35 +22,35 @@ _PROPER_NAMES = ("Blender", "Dask", "Python")  # Words that stay capitalised wit
 
 @dataclass(frozen=True)
 class Verb:
-    """One verb of the command line."""
+    """A verb of the command line."""
 
-    name: str  # Command line words after the program: the group, if any, and the verb.
-    help: str  # Task of the verb in lower case without a full stop.
-    example: str  # Example of a command line without the program.
-    run: str  # ``module:function`` in the program's package. Imported when the verb runs.
+    name: str  # Words after the program name: the group, if any, and the verb.
+    help: str  # What the verb does, in lower case without full stop.
+    example: str  # Example command line without the program name.
+    run: str  # ``module:function`` in the program's package, imported when the verb runs.
     declared: Callable[[], tuple[Setting, ...]] = tuple  # Returns the settings when they are first needed.
-    passes_on: bool = False  # True if it accepts all options of the solver's verb of the same name.
-    needs_blender: bool = False  # True if Blender is loaded before it runs.
-    hidden: bool = False  # True for child processes of the program. Omitted in help and reference pages.
-    writes: str = ""  # Result key for the file of ``--out``, which the runner states.
+    passes_on: bool = False  # True if it accepts all options of the solver verb with the same name.
+    needs_blender: bool = False  # True if Blender is loaded before the verb runs.
+    hidden: bool = False  # True for child processes of the program. Omitted from help and reference pages.
+    writes: str = ""  # Result key of the file that ``--out`` writes, which the runner reports.
 
     @cached_property
     def settings(self) -> tuple[Setting, ...]:
-        """Settings of the verb, created only when it runs."""
+        """The verb's settings, created only when it runs."""
         return self.declared()
 
     @property
     def group(self) -> str:
-        """Group of the verb, "" for none."""
+        """The verb's group, or "" if none."""
         return self.name.rpartition(" ")[0]
 
     @property
     def rows(self) -> dict[str, Setting]:
-        """Settings of the verb by name."""
+        """The verb's settings by name."""
         return {row.name: row for row in self.settings}
 
     def load(self, package: str) -> Callable[..., Any]:
-        """Return the function that runs the verb."""
+        """Import and return the function that runs the verb."""
         module, _, function = self.run.partition(":")
         return getattr(import_module(f"{package}.{module}"), function)
 
@@ -75,24 +75,24 @@ class Verb:
 
 
 def option(kind: Kind, name: str, metavar: str, description: str, default: Any = None, **more: Any) -> Setting:
-    """Return one option of a verb. A default of ``REQUIRED`` requires a value."""
+    """Declare an option of a verb. If the default is ``REQUIRED``, it must be given."""
     given: dict[str, Any] = {"label": name.replace("_", " ").title(), "required": default is REQUIRED, **more}
     own = None if default is REQUIRED else default
     return Setting(kind, description=description, name=name, default=own, metavar=metavar, **given)
 
 
 def place(kind: Kind, name: str, metavar: str, description: str, default: Any = REQUIRED, **more: Any) -> Setting:
-    """Return a positional argument of a verb. See ``option``."""
+    """Declare a positional argument of a verb. See ``option``."""
     return option(kind, name, metavar, description, default, positional=True, **more)
 
 
 def flag(name: str, description: str, **more: Any) -> Setting:
-    """Return an option that is off unless given. See ``option``."""
+    """Declare an option that is off unless given. See ``option``."""
     return option("flag", name, "", description, False, **more)
 
 
 def output(metavar: str, description: str, default: Any = REQUIRED, kind: Kind = "path", **more: Any) -> Setting:
-    """Return the option ``-o``, ``--out``, which is checked before the work begins."""
+    """Declare the option ``-o``, ``--out``, which is checked before work begins."""
     return option(kind, "out", metavar, description, default, **{"option": "-o --out", "is_output": True, **more})
 
 
@@ -110,12 +110,12 @@ def by_name(verbs: Iterable[Verb]) -> dict[str, Verb]:
 
 
 class Parser(argparse.ArgumentParser):
-    """Argument parser that raises our own error instead of ending the process."""
+    """Argument parser that raises our own error rather than ending the process."""
 
     rows: Collection[Setting] = ()
 
     def error(self, message: str) -> NoReturn:
-        """Raise ``CommandLineInvalid`` with our message, and with help, a word or usage as hint."""
+        """Raise ``CommandLineInvalid`` with our message. The hint is help, a suggested word or the usage."""
         hint = " ".join(["Usage:", *self.format_usage().split()[1:]])
         if named := re.fullmatch(r"argument (\S+): (.*)", message, re.DOTALL):
             name, text = named[1].split("/")[-1], named[2]
@@ -130,7 +130,7 @@ class Parser(argparse.ArgumentParser):
         raise CommandLineInvalid(f"{message[:1].upper()}{message[1:]}.", where=self.prog, hint=hint)
 
     def add_settings(self, rows: Collection[Setting], *, everything: bool = True) -> None:
-        """Add settings in their groups. ``everything`` shows rare ones in the help."""
+        """Add settings in their groups. ``everything`` also shows rare ones in the help."""
         sections: dict[str, Any] = {"": self}
         exclusive: dict[str, Any] = {}
         for row in rows:
@@ -143,7 +143,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def parse_script(description: str | None, *settings: Setting, argv: Sequence[str] | None = None) -> argparse.Namespace:
-    """Parse the command line of a program without verbs, or end with exit code 2."""
+    """Parse the command line of a program without verbs. Exit with code 2 if it is invalid."""
     parser = Parser(description=description)
     parser.add_settings(settings)
     try:
@@ -154,7 +154,7 @@ def parse_script(description: str | None, *settings: Setting, argv: Sequence[str
 
 @dataclass(frozen=True)
 class Program:
-    """A command line with several verbs."""
+    """A command line program with several verbs."""
 
     name: str  # Program name in front of the verb.
     description: str
@@ -162,18 +162,18 @@ class Program:
     common: Callable[[], tuple[Setting, ...]]  # Settings that every verb has.
     epilog: str
     version: str = ""
-    groups: Mapping[str, str] = field(default_factory=dict)  # Task of each group, by name.
+    groups: Mapping[str, str] = field(default_factory=dict)  # What each group does, by name.
 
     @property
     def shown(self) -> list[Verb]:
-        """The verbs that are shown to people."""
+        """The verbs that are shown to users."""
         return [verb for verb in self.verbs.values() if not verb.hidden]
 
     def parse(self, argv: list[str]) -> argparse.Namespace:
         """Parse the command line into ``verb``, its settings, and ``rest`` to pass on.
 
         Raises:
-            CommandLineInvalid: it is invalid. The hint is the usage or the nearest known word.
+            CommandLineInvalid: the command line is invalid. The hint is the usage or the most similar known word.
         """
         words = [*argv[0].split(" "), *argv[1:]] if argv else []  # Programs pass a verb as one word.
         group = words.pop(0) if words and words[0] in self.groups else ""
@@ -203,7 +203,7 @@ class Program:
         return args
 
     def parser(self, group: str = "") -> Parser:
-        """Return the parser of the verb name. Its help lists the verbs."""
+        """Return the parser for the verb name. Its help lists the verbs."""
         name, of_group = f"{self.name} {group}".strip(), self.groups.get(group, "")
         about = f"{of_group[:1].upper()}{of_group[1:]}." if group else self.description
         usage = f"{name} [-h]{' [--version]' * bool(self.version and not group)} VERB ..."
@@ -215,7 +215,7 @@ class Program:
         return whole
 
     def parser_of(self, verb: Verb, *, everything: bool = False) -> Parser:
-        """Return the parser of one verb. ``everything`` includes rare settings in its help."""
+        """Return the parser for one verb. ``everything`` includes rare settings in its help."""
         name, description = f"{self.name} {verb.name}", f"{verb.help[:1].upper()}{verb.help[1:]}."
         rows = (*verb.settings, *self.common())
         left_out = 0 if everything else sum(row.rare and not row.hidden for row in rows)
@@ -248,7 +248,7 @@ def _in_usage(row: Setting) -> str:
 
 
 def check_outputs(verb: Verb, args: argparse.Namespace) -> None:
-    """Check that a verb can write all its files."""
+    """Check that a verb can write all its output files."""
     for row in verb.settings:
         path = getattr(args, row.name) if row.is_output else None
         if path is not None:
@@ -256,15 +256,15 @@ def check_outputs(verb: Verb, args: argparse.Namespace) -> None:
 
 
 def suggest(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
-    """Return a question that suggests the nearest known word, or ""."""
-    from difflib import get_close_matches  # only for mistakes, and slow to import
+    """Return a question that suggests the most similar known word, or ""."""
+    from difflib import get_close_matches  # needed only for mistakes, and slow to import
 
     near = get_close_matches(word, list(known), 1, likeness)
     return f"Did you mean {near[0]}?" if near else ""
 
 
 def describe_range(row: Setting) -> str:
-    """Return the valid values of a setting in a few words, or "" if its metavar states them."""
+    """Return a setting's valid values in a few words, or "" if its metavar states them."""
     if row.kind == "choice":
         return ", ".join(choice.value for choice in row.choices)
     if row.low is None or row.kind == "numbers":
@@ -275,7 +275,7 @@ def describe_range(row: Setting) -> str:
 
 
 def describe_default(row: Setting) -> str:
-    """Return the default of a setting as text, or "" for none."""
+    """Return a setting's default as text, or "" if there is none."""
     value = row.default
     if isinstance(value, bool):
         return "" if row.kind == "flag" else "on" if value else "off"
@@ -285,7 +285,7 @@ def describe_default(row: Setting) -> str:
 
 
 def help_of(row: Setting) -> str:
-    """Return the help text of a setting, with its description, range and default."""
+    """Return a setting's help text, with description, range and default."""
     bounds, default = _range_in_help(row), describe_default(row)
     several = row.repeated or row.kind == "texts"
     more = [bounds] * bool(bounds) + [f"default {default}"] * bool(default) + ["may be repeated"] * several
@@ -300,7 +300,7 @@ def _range_in_help(row: Setting) -> str:
 
 
 def in_sentence(text: str) -> str:
-    """Return a description for use within a sentence. Names stay capitalised."""
+    """Return a description in a form for use within a sentence. Proper names stay capitalised."""
     word = text.split(maxsplit=1)[0].rstrip(",;:'s")
     is_name = word in _PROPER_NAMES or (not word[1:].islower() and len(word) > 1)
     return text if is_name else f"{text[0].lower()}{text[1:]}"
@@ -343,7 +343,7 @@ class _Reader:
         self.__name__ = {"whole": "int", "number": "float"}.get(row.kind, row.kind)
 
     def __call__(self, text: str) -> Any:
-        """Return the value of a text. Raise an error that argparse reports."""
+        """Convert text to a value. Raise an error that argparse reports."""
         row = self._row
         if row.kind in ("path", "folder"):
             if row.endings and Path(text).suffix.lower() not in row.endings:

@@ -1,4 +1,4 @@
-"""Define the result events of verbs on which another program depends."""
+"""Define the result events of those verbs on which another program depends."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ class PersonSummary(TypedDict):
     first: int | None
     last: int | None
     views: float
-    seen_percent: list[float]  # Percentage of all frames, by view.
+    seen_percent: list[float]  # For each view, the percentage of frames in which the person is visible.
 
 
 class Remarks(TypedDict):
-    """Diagnostics as data and as sentences."""
+    """Diagnostics both as data and as sentences."""
 
     notes: list[str]
     problems: list[str]
@@ -49,7 +49,7 @@ class CaptureResult(CaptureSummary):
     """Result of ``convert``, which writes a capture file."""
 
     capture: str
-    source: NotRequired[str]  # Trial of a session.
+    source: NotRequired[str]  # Trial in a session.
 
 
 class RefineResult(CaptureResult):
@@ -70,7 +70,7 @@ class CheckResult(TypedDict):
 
 
 class MotionSummary(TypedDict):
-    """Length of a solved motion, its residuals and the number of frames to check."""
+    """Length of a solved motion, its residuals, and the number of frames to check."""
 
     frames: int
     fps: float
@@ -93,7 +93,7 @@ class SolveResult(MotionSummary):
 
 
 class TakeResult(SolveResult):
-    """One motion of several."""
+    """One of several motions."""
 
     capture: str
     name: str
@@ -128,12 +128,12 @@ class MarkersResult(TypedDict):
 
 
 class ClipResult(Remarks):
-    """Result of ``motion convert``: a converted clip of another program."""
+    """Result of ``motion convert``: a converted clip from another program."""
 
     motion: str
     frames: int
     fps: float
-    distance_mm: NotRequired[float]  # RMS distance of the limbs from the clip's.
+    distance_mm: NotRequired[float]  # RMS distance between the limbs and those of the clip.
 
 
 class GlovesResult(Remarks):
@@ -146,7 +146,7 @@ class GlovesResult(Remarks):
 
 
 class TakeOfVideos(TypedDict):
-    """A take made from videos, with a line of text per step."""
+    """A take made from videos, with one line of text per step."""
 
     folder: str
     source: str
@@ -154,7 +154,7 @@ class TakeOfVideos(TypedDict):
 
 
 class VideosResult(TypedDict):
-    """Result of ``from-videos``: takes by name, and failed takes."""
+    """Result of ``from-videos``: takes by name, and takes that failed."""
 
     plan: list[str]
     takes: dict[str, TakeOfVideos]
@@ -204,7 +204,7 @@ class ShotRecord(TypedDict):
     markers: int
     film: list[str]
     visible: float
-    inside: float  # Fractions of visible keypoints, and of the person inside the images.
+    inside: float  # Fractions of keypoints that are visible, and of the person that is inside the images.
     views: list[int]
     poses: dict[str, list[int]]
     rgb: dict[str, Any]  # Settings of the colour images.
@@ -212,7 +212,7 @@ class ShotRecord(TypedDict):
 
 
 def is_shot_record(value: object) -> TypeGuard[ShotRecord]:
-    """Return whether the value of a file can be a record."""
+    """Return whether a value read from a file can be a shot record."""
     return isinstance(value, dict)
 
 

@@ -1,4 +1,4 @@
-"""Load the verbs of the solver from ``verbs.json``."""
+"""Load the solver's verbs from ``verbs.json``."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from .marker_formats import FORMAT_NAMES, MARKER_FORMATS, file_names
 from .setting import POSITIVE, REQUIRED, Choice, Setting, settings_of_class
 from .verb import Verb, flag, option, output, place, values
 
-Named = Mapping[str, Sequence[Setting]]  # Settings by the name that a table uses.
-Tables = Mapping[str, Iterable[str]]  # Values of choices by the name that a table uses.
+Named = Mapping[str, Sequence[Setting]]  # Settings by the names that a table uses for them.
+Tables = Mapping[str, Iterable[str]]  # Values of choices by the names that a table uses for them.
 
 
 def read_rows(items: Sequence[Any], named: Named, tables: Tables) -> Iterator[Setting]:
-    """Yield the settings of a list in a table. Unknown names raise ``KeyError``.
+    """Yield the settings described by a list in a table. Unknown names raise ``KeyError``.
 
     Args:
         items: each is a name in ``named``, or the fields of a ``Setting``. The name is under the key ``place`` for an
@@ -74,7 +74,7 @@ def _value(key: str, value: Any, tables: Tables) -> Any:
 
 @cache
 def _texts() -> dict[str, str]:
-    """Return the texts of other tables that descriptions insert for names in braces."""
+    """Return texts from other tables that are inserted into descriptions for names in braces."""
     from .video_settings import DETECTORS
 
     return {"formats": FORMAT_NAMES, "detectors": ", ".join(DETECTORS)}
@@ -85,13 +85,13 @@ def read_verbs(
 ) -> tuple[Callable[[], Named], dict[str, str], dict[str, Verb]]:
     """Read a table of verbs. Return a function for the named settings, the groups and the verbs.
 
-    Settings are created when a verb needs them, so that starting the program does not create all of them.
+    Settings are created when a verb needs them, so that the program does not create all of them at start-up.
 
     Args:
-        path: JSON file with ``shared`` (lists of settings by name), ``groups`` (task of each group) and ``verbs``
+        path: JSON file with ``shared`` (lists of settings by name), ``groups`` (what each group does) and ``verbs``
             (fields of ``Verb`` by group and name). The group "" contains the verbs without a group.
-        named: returns settings by the name that the table uses.
-        tables: values of choices by the name that the table uses.
+        named: returns settings by the names that the table uses.
+        tables: values of choices by the names that the table uses.
     """
     table, verbs = json.loads(path.read_text(encoding="utf-8")), dict[str, Verb]()
 
@@ -115,7 +115,7 @@ def read_verbs(
 
 
 def _of_classes() -> Named:
-    """Return the settings that dataclasses declare, by the names in ``verbs.json``."""
+    """Return the settings declared by dataclasses, by their names in ``verbs.json``."""
     from .reading_settings import ROWS, WorldSettings  # not needed for help
     from .solve_settings import SolveSettings
     from .video_settings import ROWS as VIDEO_ROWS
@@ -131,4 +131,4 @@ def _of_classes() -> Named:
 
 
 shared, GROUPS, VERBS = read_verbs(Path(__file__).with_suffix(".json"), _of_classes)
-"""Function that returns the settings of several verbs by name, the groups, and the verbs by name in help order."""
+"""Function that returns shared settings by name, the groups, and the verbs by name in help order."""

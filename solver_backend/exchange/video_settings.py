@@ -1,4 +1,4 @@
-"""Declare named detectors, and the settings from videos to a capture."""
+"""Declare the named detectors, and the settings for making a capture from videos."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _video = partial(setting, group=VIDEOS)
 
 @dataclass(frozen=True, kw_only=True)
 class VideoSettings:
-    """Facts that the footage of a take may lack."""
+    """Information that a take's footage may not contain."""
 
     # fmt: off
     cameras: str = _video(
@@ -56,7 +56,7 @@ class VideoSettings:
         check_settings(self)
 
 
-ROWS = settings_of_class(VideoSettings)  # Every setting of videos.
+ROWS = settings_of_class(VideoSettings)  # Every setting for videos.
 
 
 @dataclass(frozen=True)
@@ -64,12 +64,12 @@ class NamedDetector:
     """A detector that the user chooses by name."""
 
     label: str  # Label in a panel.
-    description: str  # Sentence without a full stop.
+    description: str  # Sentence without full stop.
     worker: str  # Module in ``pose_workers``.
-    own_environment: bool = False  # True if it runs in the Python of Set Up Detector, otherwise in the solver's.
+    own_environment: bool = False  # True if it runs in Set Up Detector's Python, otherwise in the solver's.
 
 
-LARGEST_DESCRIPTION = 16_000  # Largest model description in bytes. It is an argument of the detector's process.
+LARGEST_DESCRIPTION = 16_000  # Size limit of a model description in bytes. It is a command line argument.
 MEDIAPIPE = "mediapipe"  # Default detector.
 DETECTORS = {
     MEDIAPIPE: NamedDetector(
@@ -79,4 +79,4 @@ DETECTORS = {
         True,
     )
 }
-"""Detectors by the name that users type, in lower case."""
+"""Detectors by the names that users type, in lower case."""

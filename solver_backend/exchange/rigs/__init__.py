@@ -1,1 +1,1 @@
-"""Recognise the roles of bones in rigs of any program."""
+"""Recognise the roles of bones in rigs from any program."""

@@ -1,4 +1,4 @@
-"""Report and interpolate frames in which a whole figure jumps away and returns."""
+"""Report and interpolate frames in which the whole figure jumps away and returns."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from ..diagnostics import Diagnostic, diagnostic
 from ..so3 import matrix_from_rotvec, rotvec_from_matrix
 
 _FASTEST_M_S, _LEAST_M = 20.0, 0.3
-"""Impossible speed of a pelvis in m/s (the fastest runners reach 12.5), and smallest jump per frame in metres."""
-_LONGEST_S = 0.5  # Longest jump in seconds that is interpolated. A longer one may be a cut, and is only reported.
+"""Impossible pelvis speed in m/s (the fastest runners reach 12.5), and smallest jump per frame in metres."""
+_LONGEST_S = 0.5  # Longest jump in seconds that is interpolated. A longer one may be a cut, so it is only reported.
 
 
 def bridge_jumps(
     joints: np.ndarray, turns: np.ndarray, pelvis: int, fps: float
 ) -> tuple[np.ndarray, np.ndarray, list[Diagnostic]]:
-    """Interpolate short runs of frames far from their neighbours, and report jumps.
+    """Interpolate short runs of frames that are far from their neighbours, and report jumps.
 
     Args:
         joints: (F, J, 3) joint positions in metres.
@@ -26,7 +26,7 @@ def bridge_jumps(
         fps: frames per second.
 
     Returns:
-        Joints and rotations, unchanged without jumps, and a diagnostic for each kind of jump.
+        Joints and rotations (unchanged if there are no jumps), and a diagnostic for each kind of jump.
     """
     place = joints[:, pelvis]
     steps = np.linalg.norm(np.diff(place, axis=0), axis=1)
@@ -47,15 +47,15 @@ def bridge_jumps(
 
 
 def _fastest(steps: np.ndarray, runs: list[tuple[int, int]]) -> float:
-    """Return the largest step within the runs of frames, including the steps into and out of them."""
+    """Return the largest step within the given runs of frames, including the steps into and out of them."""
     return float(max(steps[max(first - 1, 0) : last + 1].max() for first, last in runs))
 
 
 def _kept(place: np.ndarray, pieces: list[tuple[int, int]], fps: float) -> list[bool]:
-    """Return a mask of the pieces that continue the longest piece, directly or after a jump and return.
+    """Return a mask of the pieces that continue the longest piece, either directly or after a jump and return.
 
-    The first and last piece never return. A run of pieces longer than a jump does not return either, because the figure
-    may be fast.
+    The first and last piece never return. Nor does a run of pieces that is longer than a jump, because the figure may
+    be moving fast.
     """
     lengths = [stop - first for first, stop in pieces]
     anchor = int(np.argmax(lengths))

@@ -1,4 +1,4 @@
-"""Recognise bone roles by name: sides by affix, parts by words."""
+"""Recognise bone roles from names: sides by affix, parts by words."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _WORDS = {
     "foot": ("foot", "ankle"),
     "toe": ("toe", "toes", "ball", "toebase", "toe base"),
 }
-"""Words for each part, the most reliable first. Words that fit several parts are last."""
+"""Words for each part, most reliable first. Words that fit several parts come last."""
 _CHAIN_WORDS = {"spine": ("spine", "chest", "torso", "abdomen", "upperchest", "back", "waist"), "neck": ("neck",)}
 _NOT_BODY = _set(
     "ik pole target mch org vis ctrl twist roll helper end nub tip finger thumb index middle ring pinky little "
@@ -48,19 +48,19 @@ _NOT_BODY = _set(
 """Words in the names of bones that are none of these parts."""
 _LEFT = _set("l left lft lt li links gauche izq izquierda izquierdo sx sinistra sinistro esquerda esquerdo")
 _RIGHT = _set("r right rgt rt re rechts droite droit der derecha derecho dx destra destro direita direito")
-"""Sides in English, German, French, Spanish, Italian and Portuguese."""
-_MIDDLE = _set("c m")  # Letters of centre and middle.
+"""Words for sides in English, German, French, Spanish, Italian and Portuguese."""
+_MIDDLE = _set("c m")  # Letters for centre and middle.
 _GLUED = ("left", "right", "l", "r")
-"""Side names that may precede a part without a space, the longest first: ``lhumerus``, ``righthand``."""
+"""Side names that may precede a part without a separator, longest first: ``lhumerus``, ``righthand``."""
 _OF_A_SIDE = frozenset(
     word.replace(" ", "") for part, words in _WORDS.items() if part not in ("pelvis", "head") for word in words
 ) | {"finger", "fingers", "thumb", "index", "middle", "ring", "pinky", "little"}
-"""Words from which a side name is split."""
+"""Words from which a side name is split off."""
 _PREFIXES = _set("def bip bip001 bip01 mixamorig character j jnt joint bone bn c m fk")
 
 
 def guess_roles(bones: Iterable[str], parents: dict[str, str]) -> dict[str, str]:
-    """Return the most likely bone of each role, along connected bones of a limb.
+    """Return the most likely bone for each role, following connected bones along each limb.
 
     Args:
         parents: parent name of each bone. Roots have none.
@@ -75,7 +75,7 @@ def guess_roles(bones: Iterable[str], parents: dict[str, str]) -> dict[str, str]
                 if best is not None:
                     found[f"{side}_{part}" if side else part] = best[-1]
     _untie(found)
-    for side in SIDES:  # "shldr" is DAZ's upper arm, but a clavicle if another bone names the arm
+    for side in SIDES:  # "shldr" is DAZ's upper arm, but a clavicle if another bone is named as the arm
         above = parents.get(found.get(f"{side}_upper_arm", ""), "")
         if words.get(above) == (side, ("shldr",)) and above not in found.values():
             found.setdefault(f"{side}_clavicle", above)
@@ -89,7 +89,7 @@ def guess_roles(bones: Iterable[str], parents: dict[str, str]) -> dict[str, str]
 
 
 def names_part(bone: str, part: str) -> bool:
-    """Return whether a name denotes exactly this part of the body."""
+    """Return whether a name denotes exactly this body part."""
     words = words_of(bone)
     if _NOT_BODY & set(words):
         return False
@@ -98,21 +98,21 @@ def names_part(bone: str, part: str) -> bool:
 
 
 def side_of_name(bone: str) -> str:
-    """Return ``left``, ``right`` or "" from a bone name."""
+    """Return the side in a bone name: ``left``, ``right`` or ""."""
     return _words(bone)[0]
 
 
 def words_of(bone: str) -> tuple[str, ...]:
-    """Return the lower-case words of a name without its side and prefixes."""
+    """Return the lower-case words in a name without its side and prefixes."""
     return _words(bone)[1]
 
 
 @lru_cache(maxsize=4096)
 def _words(bone: str) -> tuple[str, tuple[str, ...]]:
-    """Return the side and lower-case words of a name: ``mixamorig:LeftForeArm`` is left, fore, arm."""
+    """Split a name into its side and lower-case words: ``mixamorig:LeftForeArm`` is left, fore, arm."""
     space, _, rest = bone.partition(":")
     if rest and set(words_of(rest)) - _MIDDLE and not side_of_name(space) and not _NOT_BODY & set(words_of(space)):
-        return _words(rest)  # without the namespace of the file
+        return _words(rest)  # without the file's namespace
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", bone)
     parts = [part for word in re.split(r"[^A-Za-z]+|\d+", spaced.lower()) if word for part in _split_off_side(word)]
     left, right = (any(word in parts for word in side) for side in (_LEFT, _RIGHT))
@@ -124,7 +124,7 @@ def _words(bone: str) -> tuple[str, tuple[str, ...]]:
 
 
 def _split_off_side(word: str) -> list[str]:
-    """Split the side from the part if both form one word."""
+    """Split the side from the part if they form one word."""
     for side in _GLUED:
         if word.startswith(side) and word[len(side) :] in _OF_A_SIDE:
             return [side, word[len(side) :]]
@@ -134,7 +134,7 @@ def _split_off_side(word: str) -> list[str]:
 def _scored(
     words: dict[str, tuple[str, tuple[str, ...]]], side: str, synonyms: tuple[str, ...], parents: dict[str, str]
 ) -> Iterator[tuple[int, int, int, str]]:
-    """Yield the bones of a side with one of these words. Lower scores are more likely."""
+    """Yield the bones on one side whose names contain one of these words. Lower scores are more likely."""
     for bone, (of_side, kept) in words.items():
         if of_side != side or not kept or _NOT_BODY & set(kept):
             continue
@@ -149,7 +149,7 @@ def _scored(
 
 
 def _untie(found: dict[str, str]) -> None:
-    """Assign ambiguous bones such as Shoulder or Arm to the more likely part."""
+    """Assign bones with ambiguous names such as Shoulder or Arm to the more likely part."""
     for side in SIDES:
         clavicle, upper = f"{side}_clavicle", f"{side}_upper_arm"
         if upper not in found and clavicle in found:
@@ -190,15 +190,15 @@ def _depth(bone: str, parents: dict[str, str]) -> int:
 
 _FINGER_WORDS = {finger: finger for finger in ("thumb", "index", "middle", "ring", "pinky")}
 _FINGER_WORDS |= {"mid": "middle", "little": "pinky", "pointer": "index"}
-_KNUCKLE = 0.2  # Smallest distance from wrist to knuckle, in forearm lengths. Closer bones belong to the palm.
+_KNUCKLE = 0.2  # Smallest distance from wrist to knuckle in forearm lengths. Closer bones belong to the palm.
 _THUMB_DEG = 15.0  # Smallest angle between a thumb and the other fingers.
 _CLEAR_GAP = 0.4
-"""Smallest distance between neighbouring fingers, relative to the mean distance, at which their order is certain."""
-_BONES = 3  # Number of bones per finger with roles, as in SMPL-H.
+"""Smallest distance between neighbouring fingers, relative to the mean distance, for their order to be certain."""
+_BONES = 3  # Number of bones per finger that have roles, as in SMPL-H.
 
 
 def finger_roles(skeleton: Skeleton, hand: int, forearm: float) -> dict[str, int]:
-    """Return the certain finger bones by role without side (``index_1``)."""
+    """Return the finger bones that are certain, by role without side (``index_1``)."""
     chains = [skeleton.main_path(child) for child in skeleton.children[hand]]
     chains = [chain for chain in chains if skeleton.distance(hand, chain[-1]) > _KNUCKLE * forearm]
     named = _by_names(skeleton, chains)

@@ -1,6 +1,6 @@
-"""Define rest frames of limbs. Bones are compared by body part, never by their axes.
+"""Define rest frames for limbs. Bones are compared by body part, never by their axes.
 
-A stage has Z up. The figure on it faces -Y with its left side at +X.
+The stage has Z up. A figure on it faces -Y with its left side towards +X.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from .skeleton import LIMBS, SIDES
 
 LEFT, FORWARD, UP = np.eye(3)[0], -np.eye(3)[1], np.eye(3)[2]
 _BENT = np.sin(np.radians(8.0))
-"""Sine of the smallest rest angle at which the bones of a hinge define its axis."""
+"""Sine of the smallest rest angle at which the bones on both sides of a hinge define its axis."""
 _LIKELY = 0.5  # Smallest cosine between that axis and the anatomical axis.
-_BENT_REST_DEG = 50.0  # Bend of a knee or elbow from which a rest pose is not standing.
-_STANDS_DEG = 30.0  # Largest lean of trunk, thighs and shins of an upright figure, degrees.
-_ACROSS = 1e-3  # Smallest sideways fraction of the vector from right to left. Otherwise the sides are above each other.
+_BENT_REST_DEG = 50.0  # Knee or elbow bend above which a rest pose is not a standing pose.
+_STANDS_DEG = 30.0  # Largest lean of the trunk, thighs and shins of an upright figure, in degrees.
+_ACROSS = 1e-3  # Smallest sideways fraction of the vector from right to left. Below it, one side is above the other.
 _SNAP = np.cos(np.radians(12.0))  # Cosine of the angle below which a facing direction snaps to a skeleton axis.
 
 
 def stage_axes(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Return the rotation from a skeleton's axes to the stage, None if its sides are unknown.
+    """Return the rotation from a skeleton's axes to the stage, or None if its sides are unknown.
 
     Args:
         places: maps roles to (3,) head positions at rest, including the pelvis or the feet.
@@ -47,7 +47,7 @@ def stage_axes(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
 
 
 def bent_at_rest(places: Mapping[str, np.ndarray]) -> Diagnostic | None:
-    """Return a diagnostic if a rest pose is not standing, such as the first frame of a clip.
+    """Return a diagnostic if a rest pose is not a standing pose, such as the first frame of a clip.
 
     Args:
         places: maps roles to (3,) head positions at rest.
@@ -63,9 +63,9 @@ def bent_at_rest(places: Mapping[str, np.ndarray]) -> Diagnostic | None:
 
 
 def off_stance_deg(places: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the degrees between trunk and legs, or 0 if unknown.
+    """Return the angle between trunk and legs in degrees, or 0 if it is unknown.
 
-    Upright figures have about 0.
+    It is close to 0 for upright figures.
 
     Args:
         places: maps roles to (..., 3) head positions, at rest or in any pose.
@@ -75,11 +75,11 @@ def off_stance_deg(places: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def standing_frame(places: Mapping[str, np.ndarray], up: np.ndarray) -> int | None:
-    """Return the frame with the straightest legs under an upright trunk, or None.
+    """Return the frame with the straightest legs below an upright trunk, or None.
 
     Args:
         places: maps roles to (F, 3) head positions.
-        up: (F, 3) upward directions.
+        up: (F, 3) up directions.
     """
     line = _trunk_and_legs(places)
     if line is None:
@@ -108,13 +108,13 @@ def _angles_deg(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def limb_turns(points: np.ndarray, own: np.ndarray, is_arm: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (3, 3) rotations from a limb's bones at rest to another figure's.
+    """Return the (3, 3) rotations from the bones of a limb at rest to those of another figure.
 
-    The frames M consist of direction, hinge and the normal of both: ``A = M_own M_points^T``.
+    Each frame M consists of the bone's direction, the hinge, and the normal of both: ``A = M_own M_points^T``.
 
     Args:
         points: (3, 3) positions of hip, knee, ankle or shoulder, elbow, wrist on the stage.
-        own: (3, 3) the same for the other figure. Its limbs bend about their anatomical axes.
+        own: (3, 3) the same positions for the other figure. Its limbs bend about their anatomical axes.
     """
     turns = []
     for a, b in ((0, 1), (1, 2)):
@@ -125,16 +125,16 @@ def limb_turns(points: np.ndarray, own: np.ndarray, is_arm: bool) -> tuple[np.nd
 
 
 def anatomical_axis(direction: np.ndarray, is_arm: bool) -> np.ndarray:
-    """Return the bending axis of a straight limb (elbows forwards, knees to the left)."""
+    """Return the axis about which a straight limb bends (elbows forwards, knees to the left)."""
     return np.cross(direction, FORWARD) if is_arm else LEFT
 
 
 def limb_frame(direction: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the (..., 3, 3) right-handed frame of a direction and an orthogonal axis.
+    """Return the (..., 3, 3) right-handed frame of a direction and an axis orthogonal to it.
 
     Args:
-        direction: (..., 3) vectors, not zero.
-        axis: (..., 3) vectors, made orthogonal. If one is parallel to the direction, any other is used.
+        direction: (..., 3) non-zero vectors.
+        axis: (..., 3) vectors, which are made orthogonal. If one is parallel to the direction, any other axis is used.
     """
     x = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
     y = axis - (axis * x).sum(-1, keepdims=True) * x
@@ -147,19 +147,19 @@ def limb_frame(direction: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 def level(direction: np.ndarray) -> np.ndarray:
-    """Return the horizontal part of a direction, forward if it has none."""
+    """Return the horizontal part of a direction, or the forward direction if there is none."""
     flat = direction * [1.0, 1.0, 0.0]
     return flat if np.linalg.norm(flat) > 1e-4 else FORWARD
 
 
 def swing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the smallest rotations (..., 3, 3) from directions ``a`` to ``b``."""
+    """Return the smallest rotations (..., 3, 3) that map directions ``a`` to ``b``."""
     axis = np.cross(a, b)
     return limb_frame(b, axis) @ limb_frame(a, axis).swapaxes(-1, -2)
 
 
 def _hinge(points: np.ndarray, direction: np.ndarray, is_arm: bool) -> np.ndarray:
-    """Return the hinge axis of a limb at rest, from its bend, or from anatomy if it is straight."""
+    """Return a limb's hinge axis at rest, given by its bend, or by anatomy if it is straight."""
     u, v = points[1] - points[0], points[2] - points[1]
     bend, expected = np.cross(u, v), anatomical_axis(direction, is_arm)
     size = np.linalg.norm(bend)

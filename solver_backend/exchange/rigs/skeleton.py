@@ -1,4 +1,4 @@
-"""Represent a skeleton for recognition: a tree of bone positions with any names."""
+"""Represent a skeleton for recognition: a tree of bone positions with arbitrary names."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..plain_text import pairs
 
 
 class Skeleton:
-    """Bones with head positions at rest, in any unit and axes.
+    """Bones with their head positions at rest, in any unit and axes.
 
     Args:
         heads: (3,) position of each bone's head.
@@ -31,27 +31,27 @@ class Skeleton:
                 self.children[parent].append(bone)
         self.size = float(np.ptp(self.heads, axis=0).max()) if len(self.names) else 0.0
         self.reach = np.zeros(len(self.names))
-        """(N,) length of the longest path down from each bone."""
+        """(N,) length of the longest downward path from each bone."""
         self.counts = np.ones(len(self.names), dtype=int)
-        """(N,) number of bones in each bone's subtree, including the bone."""
+        """(N,) number of bones in each bone's subtree, including the bone itself."""
         for bone in reversed(self._from_roots()):
             below = self.children[bone]
             self.counts[bone] += sum(self.counts[child] for child in below)
             self.reach[bone] = max((self.reach[child] + self.distance(bone, child) for child in below), default=0.0)
 
     def distance(self, a: int, b: int) -> float:
-        """Return the distance between the heads of two bones."""
+        """Return the distance between two bone heads."""
         return math.dist(self.heads[a], self.heads[b])
 
     def main_path(self, bone: int) -> list[int]:
-        """Return the longest path down from a bone."""
+        """Return the longest downward path from a bone."""
         path = [bone]
         while self.children[path[-1]]:
             path.append(max(self.children[path[-1]], key=lambda c: self.reach[c] + self.distance(path[-1], c)))
         return path
 
     def above(self, bone: int) -> list[int]:
-        """Return a bone and its ancestors, the root last."""
+        """Return a bone and its ancestors, root last."""
         line = [bone]
         while self.parents[line[-1]] >= 0:
             line.append(self.parents[line[-1]])
@@ -65,7 +65,7 @@ class Skeleton:
         return found
 
     def pairs(self) -> list[tuple[int, int]]:
-        """Return pairs of similar branches of one parent at different positions."""
+        """Return pairs of similar branches that share a parent but start at different positions."""
         found = []
         for children in self.children:
             for i, a in enumerate(children):
@@ -87,23 +87,23 @@ class Skeleton:
         return order
 
 
-_ALIKE = 0.06  # Largest relative difference between the two sides. Captured skeletons differ by 2 to 3 %.
-_ALIKE_COUNT = 0.25  # The same for the number of bones. One hand may hold a prop.
+_ALIKE = 0.06  # Largest relative difference between the two sides. Captured skeletons reach 2 to 3 %.
+_ALIKE_COUNT = 0.25  # The same limit for the number of bones. One hand may hold a prop.
 
 
 SIDES = ("left", "right")
 CHAINS = ("spine", "neck")
-"""Parts with several bones. ``spine_1`` is the lowest."""
+"""Parts that consist of several bones. ``spine_1`` is the lowest."""
 _PARTS = pairs("clavicle collar upper_arm shoulder forearm elbow hand wrist thigh hip shin knee foot ankle toe foot")
 _OF_A_SIDE = {part: SMPL.both(joint) for part, joint in _PARTS.items()}
-"""Left and right joint that rotate the bone of each paired part."""
+"""Left and right joint that rotate the bones of each paired part."""
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 """Fingers of a hand. ``left_index_1`` is the bone next to the knuckle. Palm bones have no role."""
 JOINT_OF = {
     **dict(zip(("pelvis", "head"), SMPL.numbers("pelvis", "head"), strict=True)),
     **{f"{side}_{part}": pair[s] for part, pair in _OF_A_SIDE.items() for s, side in enumerate(SIDES)},
 }
-"""SMPL joint that rotates the bone of each role. Spine and neck are between joints."""
+"""SMPL joint that rotates each role's bone. Spine and neck bones are between joints."""
 HELPER_OF = {f"{part}_ik": (part, part) for part in ("hand", "foot", "toe")}
 HELPER_OF |= {"elbow_pole": ("upper_arm", "forearm"), "knee_pole": ("thigh", "shin")}
 """Controls of a side that pose an IK limb: the part they turn with, and the part at their place."""
@@ -113,7 +113,7 @@ LIMBS = {
     for name, (upper, lower, end) in {"arm": ("upper_arm", "forearm", "hand"), "leg": ("thigh", "shin", "foot")}.items()
     for side in SIDES
 }
-"""Upper bone, lower bone and end of each limb with one hinge."""
+"""Upper bone, lower bone and end of each limb that has one hinge."""
 _KNOWN = re.compile(
     rf"root|carrier|pelvis|head|({'|'.join(CHAINS)})_[1-9]\d?"
     rf"|({'|'.join(SIDES)})_({'|'.join((*_OF_A_SIDE, *HELPER_OF))}|({'|'.join(FINGERS)})_[1-4])"
@@ -126,7 +126,7 @@ def is_role(name: str) -> bool:
 
 
 def is_of_a_side(part: str) -> bool:
-    """Return whether a body part exists on the left and right."""
+    """Return whether a body part exists on both sides."""
     return part in _OF_A_SIDE or part in HELPER_OF
 
 
@@ -136,24 +136,24 @@ def is_of_a_finger(role: str) -> bool:
 
 
 def chain_roles(bones: dict[str, str], chain: str) -> list[str]:
-    """Return the roles of a chain that have a bone, from the pelvis upwards."""
+    """Return the roles in a chain that have a bone, from the pelvis upwards."""
     found = (role for role in bones if role.startswith(f"{chain}_"))
     return sorted(found, key=lambda role: int(role.rpartition("_")[2]))
 
 
 def order_of(role: str) -> tuple[int, str]:
-    """Return the sort key of a role in lists for users: trunk, arms, legs, helpers."""
+    """Return the sort key of a role for lists shown to users: trunk, arms, legs, helpers."""
     part = re.sub(r"^(left|right)_|_\d+$", "", role)
     parts = ("root", "carrier", "pelvis", "spine", "neck", "head", *_OF_A_SIDE, *FINGERS, *HELPER_OF)
     return parts.index(part), role
 
 
-_RATIO = 2.5  # Largest ratio of the two bones of a limb, which no person exceeds.
-_LENGTHS_ALIKE = 0.3  # Largest relative difference between left and right limbs.
+_RATIO = 2.5  # Largest length ratio between a limb's two bones. No person exceeds it.
+_LENGTHS_ALIKE = 0.3  # Largest relative length difference between left and right limbs.
 
 
 def is_plausible(bones: dict[str, str], skeleton: Skeleton) -> bool:
-    """Return whether a role map's lengths, symmetry and directions fit a person."""
+    """Return whether the bones assigned to roles have the lengths, symmetry and directions of a person."""
     index = {name: i for i, name in enumerate(skeleton.names)}
     places = {role: skeleton.heads[index[bone]] for role, bone in bones.items() if bone in index}
     lengths: dict[str, float] = {}

@@ -1,4 +1,4 @@
-"""Recognise bone roles by the structure of a skeleton: tree, symmetry, lengths, and names."""
+"""Recognise bone roles from the structure of a skeleton: tree, symmetry, lengths, and names."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from .names import finger_roles, guess_roles, names_part, side_of_name
 from .skeleton import FINGERS, LIMBS, SIDES, Skeleton, is_plausible
 
 _SKIPPED, _OFF_LINE = 0.4, 0.04
-"""Cost of an extra bone in a segment, such as a twist bone, and tolerance of its relative distance from the segment."""
+"""Cost of an extra bone within a segment, such as a twist bone, and tolerated distance from the segment (relative)."""
 _HOPELESS = 60.0  # Cost above which a branch cannot be a limb, so that measuring stops.
 _PALM = 0.4
-"""Largest distance from the wrist to the middle of the hand, in forearm lengths. Depth cameras have 0.25 to 0.3. CMU's
-files have 0.5 between the bones that they call wrist and hand."""
-_LONGEST = 14  # Maximum number of bones of a branch to examine, from its start. Longer branches are hair or ropes.
+"""Largest distance from the wrist to the middle of the hand, in forearm lengths. Depth cameras have 0.25 to 0.3. In
+CMU's files, the bones called wrist and hand are 0.5 apart."""
+_LONGEST = 14  # Largest number of bones examined along a branch. Longer branches are hair or ropes.
 
 
 @dataclass(frozen=True)
 class LimbFit:
-    """Three joints of a branch interpreted as a limb."""
+    """Three joints of a branch, interpreted as a limb."""
 
     cost: float
     path: tuple[int, ...]
@@ -52,10 +52,10 @@ def _limb_fits(skeleton: Skeleton, branch: int, limb: str, named: float) -> list
 
 
 def _joint_of_names(skeleton: Skeleton, path: list[int], middle: int, bears: list[bool]) -> int:
-    """Return the end of a limb among the bones after its middle joint with the end's name.
+    """Choose the end of a limb among the bones after its middle joint that are named like the end.
 
-    It is the first one, unless the next one is further away than a palm. Depth cameras track the middle of the palm as
-    the hand. In Acclaim's skeletons the wrist rotates the lower forearm, and the hand's bone begins at the joint.
+    The first one is chosen, unless the next one is further away than a palm. Depth cameras track the middle of the palm
+    as the hand. In Acclaim skeletons, the wrist rotates the lower forearm, and the hand begins at the joint.
     """
     joint, *others = (k for k in range(middle + 1, len(path)) if bears[k])
     for k in others:
@@ -76,7 +76,7 @@ def _leg_cost(skeleton: Skeleton, path: list[int], places: tuple[int, int, int])
     thigh, shin = _apart(points, i, j), _apart(points, j, k)
     if min(thigh, shin) < 1e-3 * skeleton.size:
         return np.inf
-    # A bone before the thigh leads sideways from the middle to the hip.
+    # A bone above the thigh leads sideways from the middle to the hip.
     along = float((points[i] - points[0]) @ (points[j] - points[i])) / thigh**2
     cost = _log_cost(shin / thigh, 0.95, 0.15) + (along / 0.1) ** 2 + (_apart(points, 0, i) / (0.5 * thigh)) ** 2
     if cost > _HOPELESS:
@@ -112,7 +112,7 @@ def _arm_cost(skeleton: Skeleton, path: list[int], places: tuple[int, int, int])
 
 
 def _line_cost(points: np.ndarray, a: int, b: int) -> float:
-    """Return the cost of bones inside a segment, which should be in order on its line."""
+    """Return the cost of the bones within a segment, which should lie on its line in order."""
     if b == a + 1:
         return 0.0
     between, way = points[a + 1 : b] - points[a], points[b] - points[a]
@@ -139,10 +139,10 @@ _LEAST_REACH = 0.15  # Smallest size of a limb relative to the skeleton.
 _MOST, _MARGIN = 16.0, 2.0
 """Largest cost of a limb, and smallest cost difference to the next interpretation for a certain result."""
 _NAMED, _NAMED_CLEARLY = 1.0, 10.0
-"""Cost reduction for a fitting name, among mixed names and if names alone identify all limbs."""
-_SAME_PLACE = 0.06  # Distance relative to a limb within which two bones are the same joint.
-_CANDIDATES = 8  # Maximum number of interpretations of a branch to compare.
-_PAIRS = 40  # Maximum number of pairs of legs or arms to combine. Rigs with hundreds of bones have many other pairs.
+"""Cost reduction for a matching name: among mixed names, and if names alone identify all limbs."""
+_SAME_PLACE = 0.06  # Distance relative to the limb below which two bones are the same joint.
+_CANDIDATES = 8  # Largest number of interpretations of a branch that are compared.
+_PAIRS = 40  # Largest number of leg or arm pairs that are combined. Rigs with hundreds of bones have many other pairs.
 _LEG, _ARM = ("thigh", "shin", "foot", "toe"), ("clavicle", "upper_arm", "forearm", "hand")
 _PARALLEL = 0.9  # Smallest cosine between hip and shoulder axes at which positions determine the sides of the arms.
 _MIDDLE = 0.04
@@ -151,9 +151,9 @@ _MIDDLE = 0.04
 
 @dataclass(frozen=True)
 class StructureGuess:
-    """Roles that the structure of a skeleton indicates."""
+    """Roles indicated by the structure of a skeleton."""
 
-    roles: dict[str, str]  # Bone by role. Empty if there is no humanoid.
+    roles: dict[str, str]  # Bone for each role. Empty if there is no humanoid.
     doubts: tuple[str, ...]  # One sentence per uncertainty. Uncertain roles are omitted.
 
 
@@ -168,7 +168,7 @@ def recognise(skeleton: Skeleton) -> StructureGuess:
     """Return the certain roles of a skeleton's bones.
 
     Legs and arms are the two cheapest pairs of similar branches. The cost depends on segment ratios, the angle between
-    foot and shin, the fingers of a hand, and the direction of legs relative to the trunk.
+    foot and shin, the fingers of a hand, and the direction of the legs relative to the trunk.
     """
     ranked = _ranked_limbs(skeleton)
     if not ranked or ranked[0].cost > 2 * _MOST:
@@ -217,7 +217,7 @@ def _is_named(skeleton: Skeleton) -> bool:
 def _on_the_same_sides(
     skeleton: Skeleton, legs: tuple[LimbFit, LimbFit], arms: tuple[LimbFit, LimbFit]
 ) -> tuple[LimbFit, LimbFit]:
-    """Order the arms like the legs' sides, judged by positions or otherwise by clear names."""
+    """Assign the arms to the same sides as the legs, judged by positions or otherwise by clear names."""
     ways = [skeleton.heads[a.joints[0]] - skeleton.heads[b.joints[0]] for a, b in (legs, arms)]
     cosine = float(ways[0] @ ways[1]) / max(float(np.prod(np.linalg.norm(ways, axis=1))), 1e-12)
     votes = [_side_votes(skeleton, pair[0].path[0], pair[1].path[0]) for pair in (legs, arms)]
@@ -235,7 +235,7 @@ def _paired(left: list[LimbFit], right: list[LimbFit]) -> list[tuple[LimbFit, Li
 
 
 def _together(skeleton: Skeleton, legs: tuple[LimbFit, LimbFit], arms: tuple[LimbFit, LimbFit]) -> float:
-    """Return the cost of legs and arms as one person, infinite if that is impossible."""
+    """Return the cost of legs and arms belonging to one person. It is infinite if that is impossible."""
     hang_legs, hang_arms = (skeleton.above(pair[0].path[0])[1:] for pair in (legs, arms))
     if set(legs[0].path) & set(hang_arms) or set(arms[0].path) & set(hang_legs):
         return np.inf
@@ -246,7 +246,7 @@ def _together(skeleton: Skeleton, legs: tuple[LimbFit, LimbFit], arms: tuple[Lim
     if size < 1e-6 * skeleton.size:
         return np.inf
     cost = (np.log(size / leg / 0.62) / 0.35) ** 2 + (np.log(arm / leg / 0.64) / 0.3) ** 2
-    # The further down the tree the arms are attached to the legs, the more likely a trunk is between them.
+    # The further the arms are from the legs along the tree, the more likely there is a trunk between them.
     between = len(set(hang_arms) - set(hang_legs))
     cost += 4.0 if between == 0 else 0.0
     return float(cost + (legs[0].cost + legs[1].cost + arms[0].cost + arms[1].cost) / 2)
@@ -264,7 +264,7 @@ def _is_quadruped(skeleton: Skeleton, limbs: _Limbs) -> bool:
 
 
 def _left_first(skeleton: Skeleton, limbs: _Limbs, up: np.ndarray) -> tuple[bool, list[str]]:
-    """Return whether the first of each pair is left, by toe directions or names, and warnings."""
+    """Return whether the first of each pair is the left one, judged by toe directions or names, and warnings."""
     apart = skeleton.heads[limbs.legs[0].joints[0]] - skeleton.heads[limbs.legs[1].joints[0]]
     ahead = np.zeros(3)
     for fit in limbs.legs:
@@ -294,7 +294,7 @@ def _side_votes(skeleton: Skeleton, a: int, b: int) -> tuple[int, int]:
 
 
 def _toe(skeleton: Skeleton, fit: LimbFit) -> int | None:
-    """Return the toe bone, about a third of the shin's length from the ankle."""
+    """Return the toe bone, which is about a third of the shin's length from the ankle."""
     _, knee, ankle = fit.joints
     shin = skeleton.distance(knee, ankle)
     after = [bone for bone in skeleton.below(ankle)[1:] if 0.15 < skeleton.distance(bone, ankle) / shin < 0.9]
@@ -361,7 +361,7 @@ def _add_trunk(roles: dict[str, int], skeleton: Skeleton, limbs: _Limbs, up: np.
 
 
 def _add_named_head(roles: dict[str, int], skeleton: Skeleton, trunk: list[int]) -> list[str]:
-    """Add the only bone named as a head, because a trunk on one axis does not reveal the head."""
+    """Add the only bone named as a head, because a trunk along one axis does not reveal the head."""
     heads = [bone for bone in skeleton.below(trunk[0]) if names_part(skeleton.names[bone], "head")]
     if len(heads) != 1:
         return ["No head was found."]

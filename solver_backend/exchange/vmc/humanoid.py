@@ -1,4 +1,4 @@
-"""Convert poses of our bodies to Unity's humanoid bones, and back."""
+"""Convert poses of our bodies to Unity's humanoid bones and back."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BONE_OF = {
     **pairs("pelvis Hips spine1 Spine spine2 Chest spine3 UpperChest neck Neck head Head jaw Jaw"),
     **{f"{s}_{joint}": f"{s.capitalize()}{bone}" for joint, bone in _OF_A_SIDE.items() for s in ("left", "right")},
 }
-"""Unity bone of each joint in the SMPL family. SMPL's hand joints, the knuckles of flat hands, have none."""
+"""Unity bone for each joint in the SMPL family. SMPL's hand joints, the knuckles of flat hands, have none."""
 JOINT_OF = {bone: joint for joint, bone in BONE_OF.items()}
 
 
@@ -34,12 +34,12 @@ _HANDS = ("left_hand", "right_hand")
 
 
 def t_pose(layout: BodyLayout, rest_joints: np.ndarray) -> np.ndarray:
-    """Return rotations from rest pose to T-pose in the body's axes, (J, 4) wxyz.
+    """Return the rotations from rest pose to T-pose in the body's axes, (J, 4) wxyz.
 
-    Arms and fingers point along ±X and legs along -Y, by the smallest rotation of each bone. Thumbs point halfway
-    between ±X and +Z (VRM 1.0, T-pose). Fingers and their last bones continue the rotation of their parents. Feet
-    rotate only about Y until they point along +Z, so that soles stay flat. Hips, spine, neck, head and shoulders do not
-    rotate, because their bend at rest belongs to the character.
+    Arms and fingers point along ±X and legs along -Y, each bone by the smallest rotation. Thumbs point halfway between
+    ±X and +Z (VRM 1.0, T-pose). Fingers and their last bones continue their parents' rotation. Feet rotate only about Y
+    until they point along +Z, so that soles stay flat. Hips, spine, neck, head and shoulders do not rotate, because
+    their bend at rest belongs to the character.
 
     Args:
         rest_joints: (J, 3) joint positions in metres, Y up, facing +Z, left = +X.
@@ -63,7 +63,7 @@ def t_pose(layout: BodyLayout, rest_joints: np.ndarray) -> np.ndarray:
 
 
 def _bone(layout: BodyLayout, rest_joints: np.ndarray, j: int) -> np.ndarray | None:
-    """Return a bone's direction to the next joint, or from the wrist to the knuckles."""
+    """Return a bone's direction towards the next joint, or from the wrist to the knuckles."""
     children = layout.children[j]
     knuckles = [c for c in children if "middle" in layout.joints[c] or layout.joints[c].endswith("_hand")]
     end = layout.main_child.get(j, (knuckles or [None])[0])
@@ -78,12 +78,12 @@ def _shortest(source: np.ndarray, target: np.ndarray) -> np.ndarray:
     source, target = source / np.linalg.norm(source), target / np.linalg.norm(target)
     turn = np.concatenate([[1.0 + source @ target], np.cross(source, target)])
     length = np.linalg.norm(turn)
-    # Opposite directions have no smallest rotation. No body rests with an arm through its chest.
+    # Opposite directions have no smallest rotation, but no body rests with an arm through its chest.
     return turn / length if length > 1e-6 else np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def unturned(quat: np.ndarray) -> np.ndarray:
-    """Return the inverse of unit quaternions wxyz."""
+    """Invert unit quaternions wxyz."""
     return quat * (1.0, -1.0, -1.0, -1.0)
 
 
@@ -93,18 +93,18 @@ def turned(quat: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     return quat_multiply(quat_multiply(quat, pure), unturned(quat))[..., 1:]
 
 
-_Y_UP = np.array([0.5**0.5, -(0.5**0.5), 0.0, 0.0])  # Rotates our world, Z up, to Y up: -90° about X.
+_Y_UP = np.array([0.5**0.5, -(0.5**0.5), 0.0, 0.0])  # Rotates our world (Z up) to Y up: -90° about X.
 _MIRROR_QUAT = np.array([1.0, 1.0, -1.0, -1.0])  # Signs of rotations wxyz under x -> -x. The axis is a pseudovector.
 _MIRROR = np.array([-1.0, 1.0, 1.0])
-"""From right-handed axes with left = +X to Unity's left-handed ones with right = +X. Both have Y up and face +Z."""
+"""From right-handed axes with left = +X to Unity's left-handed axes with right = +X. Both have Y up and face +Z."""
 
 
 @dataclass(frozen=True)
 class Humanoid:
-    """A body shape as Unity's humanoid, whose bones do not rotate in the T-pose.
+    """A body shape as a Unity humanoid, whose bones have no rotation in the T-pose.
 
-    With L_j the rotation of joint j relative to its parent p, and T the rotations from rest to the T-pose, the protocol
-    has ``N_j = T_p L_j T_j⁻¹``.
+    If L_j is the rotation of joint j relative to its parent p, and T are the rotations from rest to T-pose, the
+    protocol uses ``N_j = T_p L_j T_j⁻¹``.
     """
 
     layout: BodyLayout
@@ -121,12 +121,12 @@ class Humanoid:
 
     @cached_property
     def joints(self) -> np.ndarray:
-        """(B,) joints that have a bone, the root first."""
+        """(B,) joints that have a bone, root first."""
         return np.array([j for j, name in enumerate(self.layout.joints) if name in BONE_OF])
 
     @cached_property
     def bones(self) -> tuple[str, ...]:
-        """Unity's names of the B bones."""
+        """Unity's names for the B bones."""
         return tuple(BONE_OF[self.layout.joints[j]] for j in self.joints)
 
     @cached_property
@@ -139,18 +139,18 @@ class Humanoid:
 
     @cached_property
     def offsets(self) -> np.ndarray:
-        """(B, 3) offset of each bone from its parent in the T-pose, metres, Unity's axes."""
+        """(B, 3) offset of each bone from its parent in the T-pose, in metres and Unity's axes."""
         offsets = np.zeros((len(self.joints), 3))
         apart = self.rest_joints[self.joints[1:]] - self.rest_joints[self._parents]
         offsets[1:] = turned(self._turns[self._parents], apart) * _MIRROR
         return offsets
 
     def to_unity(self, rotvec: np.ndarray, transl: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Convert a pose to bones in Unity's world, which has our origin and floor.
+        """Convert a pose to bones in Unity's world, which shares our origin and floor.
 
         Args:
-            rotvec: (n, 3) rotation vectors of the first n joints. The root's vector rotates the body to the world.
-                Other joints are at rest.
+            rotvec: (n, 3) rotation vectors of the first n joints. The root's vector rotates the body to the world. The
+                remaining joints are at rest.
             transl: (3,) translation in metres, Z up. The pelvis is at ``J_0 + transl``.
 
         Returns:
@@ -164,7 +164,7 @@ class Humanoid:
         return normal * _MIRROR_QUAT, np.array([x, z, -y]) * _MIRROR
 
     def from_unity(self, quat: np.ndarray, hips: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Convert bones as in ``to_unity`` to (J, 3) rotation vectors and a translation."""
+        """Convert bones given as in ``to_unity`` to (J, 3) rotation vectors and a translation."""
         after = unturned(np.concatenate([_Y_UP[None], self._turns[self._parents]]))
         local = quat_multiply(quat_multiply(after, quat * _MIRROR_QUAT), self._turns[self.joints])
         rotvec = np.zeros((self.layout.num_joints, 3))

@@ -1,8 +1,8 @@
 """Write poses as JSON for Unreal's Live Link and the free plugin JSONLiveLink.
 
 A packet is an object with one subject, which is a list of bones, parents first. A bone has ``Name``, ``Parent`` (index
-of a bone, -1 at the root), ``Location`` in centimetres, ``Rotation`` as a quaternion xyzw and ``Scale``, all relative
-to its parent. Axes are Unreal's: left-handed, Z up, and a body at rest faces +Y. Bones do not rotate at rest.
+of a bone, -1 for the root), ``Location`` in centimetres, ``Rotation`` as a quaternion xyzw and ``Scale``, all relative
+to its parent. Axes are Unreal's: left-handed, Z up. A body at rest faces +Y, without bone rotations.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _XYZW = np.array([-1.0, 1.0, -1.0, 1.0])  # Signs of a rotation under y -> -y. T
 
 @dataclass(frozen=True)
 class JsonFrames:
-    """Builds the packets of a body."""
+    """Builds packets for a body."""
 
     layout: BodyLayout
     rest_joints: np.ndarray  # (J, 3) joint positions in metres, Y up, facing +Z, left = +X.
@@ -37,7 +37,7 @@ class JsonFrames:
         return apart @ _STAND.T * _CM
 
     def encode(self, time_s: float, rotvec: np.ndarray, transl: np.ndarray) -> bytes:
-        """Encode the packet of a pose, with (n, 3) rotation vectors of the first n joints."""
+        """Encode a pose as a packet, with (n, 3) rotation vectors of the first n joints."""
         local = np.tile(np.eye(3), (self.layout.num_joints, 1, 1))
         local[: len(rotvec)] = matrix_from_rotvec(rotvec)
         before = np.concatenate([np.eye(3)[None], np.broadcast_to(_STAND, (self.layout.num_joints - 1, 3, 3))])

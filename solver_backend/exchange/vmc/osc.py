@@ -13,10 +13,10 @@ from .humanoid import Humanoid
 
 Value = int | float | str | bytes | bool | None
 
-IMMEDIATELY = 1  # Time tag of a bundle for immediate use.
+IMMEDIATELY = 1  # Time tag of a bundle that takes effect immediately.
 LONGEST = 65507  # Largest payload of a UDP datagram over IPv4 in bytes.
 _BUNDLE = b"#bundle\0"
-_DEEPEST = 8  # Maximum number of nested bundles to read. Programs send at most two.
+_DEEPEST = 8  # Largest depth of nested bundles that is read. Programs send at most two levels.
 
 
 class PacketInvalid(ValueError):
@@ -35,7 +35,7 @@ def encode_message(address: str, values: Sequence[Value] = ()) -> bytes:
     """Encode a message as address, type tags and arguments, each padded to 4 bytes, big-endian.
 
     Raises:
-        ValueError: a text contains a null character, or an int does not fit into 32 bits.
+        ValueError: a text contains a null character, or an int does not fit in 32 bits.
     """
     tags, content = ",", b""
     for value in values:
@@ -53,13 +53,13 @@ def encode_message(address: str, values: Sequence[Value] = ()) -> bytes:
 
 
 def encode_bundle(elements: Sequence[bytes]) -> bytes:
-    """Encode a bundle of encoded messages or bundles."""
+    """Encode a bundle that contains encoded messages or bundles."""
     parts = [struct.pack(">i", len(element)) + element for element in elements]
     return b"".join([_BUNDLE, struct.pack(">Q", IMMEDIATELY), *parts])
 
 
 def decode_packet(packet: bytes) -> list[OscMessage]:
-    """Return the messages of a packet in order, without time tags.
+    """Return the messages in a packet in order, without time tags.
 
     Raises:
         PacketInvalid: it is truncated, or not Open Sound Control.
@@ -168,10 +168,10 @@ _XYZW = [1, 2, 3, 0]
 
 
 class FrameBundle:
-    """Builds the bundles of a humanoid. Only the numbers change between bundles.
+    """Builds bundles for a humanoid. Only the numbers change between bundles.
 
-    The root stays at the world's origin without rotation. The hips follow the path. Bones have their T-pose positions
-    relative to their parents.
+    The root stays at the world's origin without rotation, and the hips follow the path. Bones have their T-pose
+    positions relative to their parents.
     """
 
     def __init__(self, humanoid: Humanoid) -> None:
@@ -184,14 +184,14 @@ class FrameBundle:
         root = encode_message(ROOT, ["root", 0.0, 0.0, 0.0, *_UNTURNED])
         elements = [encode_message(OK, [1]), encode_message(TIME, [0.0]), root, *bones]
         self._bytes = np.frombuffer(encode_bundle(elements), np.uint8).copy()
-        # Each element's numbers are its last bytes. Each element has its size before it.
+        # The numbers of an element are its last bytes. Each element is preceded by its size.
         ends = 16 + np.cumsum([4 + len(element) for element in elements])
         self._time = slice(ends[1] - 4, ends[1])
         self._hips = slice(ends[3] - 28, ends[3] - 16)
         self._turns = (ends[3:, None] - 16 + np.arange(16)).ravel()
 
     def encode(self, time_s: float, rotvec: np.ndarray, transl: np.ndarray) -> bytes:
-        """Encode the bundle of a pose, with (n, 3) rotation vectors of the first n joints."""
+        """Encode a pose as a bundle, with (n, 3) rotation vectors of the first n joints."""
         quat, hips = self.humanoid.to_unity(rotvec, transl)
         self._bytes[self._time] = _big_endian(np.array([time_s]))
         self._bytes[self._hips] = _big_endian(hips)

@@ -12,18 +12,18 @@ from ..errors import CommandLineInvalid
 
 VMC, JSON, LIVE_LINK, IFACIALMOCAP = "vmc", "json", "livelink", "ifacialmocap"
 PORTS = {VMC: 39539, JSON: 54321, LIVE_LINK: 11111, IFACIALMOCAP: 49983}
-"""Default port of each protocol."""
+"""Default port for each protocol."""
 SENT = (VMC, JSON)  # Protocols that can send poses.
 FACES = (LIVE_LINK, IFACIALMOCAP)  # Protocols that only receive faces.
 SCHEME = f"{VMC}://"
 LOOPBACK, PORT = "127.0.0.1", PORTS[VMC]
-"""Address of this machine, and port of the VMC protocol."""
+"""This machine's address, and the VMC protocol's port."""
 _FORM = re.compile(r"(?P<scheme>[a-z]+)://(?P<host>\[[0-9A-Fa-f:.%]+\]|[^:/\[\]\s]*)(?::(?P<port>\d{1,5}))?/?")
 
 
 @dataclass(frozen=True)
 class VmcAddress:
-    """A host, a UDP port and its protocol."""
+    """A host, a UDP port and a protocol."""
 
     host: str = LOOPBACK
     port: int = PORT
@@ -39,12 +39,12 @@ class VmcAddress:
 
 
 def is_address(text: str) -> bool:
-    """Return whether a text begins like the address of one of the protocols."""
+    """Return whether text begins like an address in one of the protocols."""
     return text.strip().startswith(tuple(f"{scheme}://" for scheme in PORTS))
 
 
 def read_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
-    """Parse ``vmc://HOST:PORT``, with this machine and the protocol's port as defaults."""
+    """Parse ``vmc://HOST:PORT``. The defaults are this machine and the protocol's port."""
     found = _FORM.fullmatch(text.strip())
     scheme = found["scheme"] if found else ""
     port = int(found["port"] or PORTS.get(scheme, 0)) if found else 0
