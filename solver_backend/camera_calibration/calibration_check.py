@@ -81,7 +81,7 @@ def check_calibration(cameras: Cameras, keypoints: Keypoints2D, progress: Progre
     best_by_camera = median_by_camera(after, refined.adjusted.seen, len(cameras))
     scale, _ = scale_from_stature(points, keypoints.joint_set, None)
     stature = MEAN_STATURE_M / scale
-    upright = upright_from_person(points, keypoints.joint_set)
+    upright = upright_from_person(points, keypoints.joint_set, keypoints.fps * len(frames) / keypoints.num_frames)
     tilt, tilt_sigma = (float(np.degrees(a)) for a in (np.arccos(np.clip(upright.R[2, 2], -1, 1)), upright.tilt_sigma))
     by_camera = np.array([np.nanmedian(e) for e in error])
     everything = float(np.nanmedian(error))

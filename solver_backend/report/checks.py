@@ -333,7 +333,7 @@ def _tilt(motion: Motion) -> Iterator[Diagnostic]:
     points[:, [_STANCE.keypoints.index(name) for name in names]] = joints
     step = max(1, motion.num_frames // 240)
     try:
-        upright = upright_from_person(points[::step], _STANCE)
+        upright = upright_from_person(points[::step], _STANCE, motion.fps / step)
     except NoDetections:
         return
     tilt, sigma = np.degrees(np.arccos(np.clip(upright.R[2, 2], -1.0, 1.0))), np.degrees(upright.tilt_sigma)

@@ -70,6 +70,6 @@ def _pieces(points: np.ndarray, seconds: float) -> list[tuple[float, float]]:
     for start in starts:
         piece = points[start : start + length]
         bias = BIAS_M * rng.normal(size=piece.shape[1:])
-        told = upright_from_person(piece + bias + NOISE_M * rng.normal(size=piece.shape), JOINT_SET)
+        told = upright_from_person(piece + bias + NOISE_M * rng.normal(size=piece.shape), JOINT_SET, FPS)
         found.append((np.degrees(np.arccos(np.clip(told.R[2, 2], -1.0, 1.0))), np.degrees(told.tilt_sigma)))
     return found

@@ -270,7 +270,8 @@ def calibrate_by_person(
         else:
             note = diagnostic("cameras_scale", source="mean", percent=100 * share)
             words.append(diagnostic("cameras_stature_unknown", percent=200 * share))
-    upright = upright_from_person(scale * solved.points, joints)
+    fps = keypoints.fps * len(solved.frames) / keypoints.num_frames
+    upright = upright_from_person(scale * solved.points, joints, fps)
     found = _result("person", solved)
     calibration = two_views.moved_world(found, upright.R, upright.t, scale)
     if upright.tilt_sigma > SURE_TILT:

@@ -270,8 +270,8 @@ class _Files:
         cameras = self.calibration.cameras
         return replace(cameras, R=cameras.R @ rotation_to_z_up(options.up_axis or "z"))
 
-    def explained(self, options: ReadOptions, rows: Detections) -> Explanation:
-        return explain(self.in_file(options), rows, names_stated=bool(options.camera or options.offset))
+    def explained(self, options: ReadOptions) -> Explanation:
+        return explain(self.in_file(options), self.detections, names_stated=bool(options.camera or options.offset))
 
     def at_rates(self, ratios: np.ndarray, fps: float, *, is_open: bool = False) -> _Files:
         """Resample the detections to the take's frame rate by ``ratios`` (C,).
@@ -341,7 +341,8 @@ def bring_to_agreement(
         relative = rates_by_length(calibration.cameras, detections, as_numbered(detections, options))
         ratios, is_open = of_the_take(relative)
         files = files.at_rates(ratios, fps, is_open=is_open and options.fps is None)
-    found = None if options.as_calibrated else files.explained(options, as_numbered(files.detections, options))
+    numbered = replace(files, detections=as_numbered(files.detections, options))
+    found = None if options.as_calibrated else numbered.explained(options)
     settled = found is not None and (found.agrees or found.changed) and not found.reading.is_of_one_camera
     if found is not None and settled:
         files = files.apply(found, options)
@@ -357,7 +358,7 @@ def bring_to_agreement(
     if found is not None and files.calibration is calibration and not settled:
         rows = replace(files, detections=in_time.detections)
         if in_time.first_rows or (ratios != 1).any():
-            found = rows.explained(options, rows.detections)
+            found = rows.explained(options)
         files = rows.apply(found, options)
         in_time = replace(in_time, detections=files.detections)
     return Agreeing(files.calibration, in_time, tuple((ratios != 1).tolist()), files.problems)

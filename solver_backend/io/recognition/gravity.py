@@ -6,14 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.agreement.evidence import BLOCKS, MOST_ROUNDS
+from solver_backend.agreement.evidence import BLOCKS, MOST_ROUNDS, SIGMAS
 from solver_backend.agreement.person_tracks import BRIDGE_S
+from solver_backend.agreement.reading import MIN_POINTS
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.geometry.rotations import skew
+from solver_backend.io.recognition.marker_up_axis import FLOOR_M
 from solver_backend.io.recognition.person_scale import rest_keypoints
-from solver_backend.types import Cameras, JointSet
+from solver_backend.types import JointSet
 from solver_backend.types.shapes import Float
 
 SEGMENTS = (
@@ -22,8 +24,6 @@ SEGMENTS = (
 )  # fmt: skip
 """Mass fraction per side, end points, and relative position of the centre of mass between them. The head's centre of
 mass is beyond the end. Hands count with forearms, feet with shanks (de Leva 1996, mean of both sexes)."""
-CARRIES_AT = 0.45
-"""Relative position between heel and toe that supports a standing person. With 0.5, recorded people seem to lean."""
 CARRIES_M = 0.04
 """Height in metres above the other foot at which a foot supports with weight ``exp(-1/2)`` if up is well known, and
 distance from the ankle forward to the support if neither heels nor toes are known."""
@@ -67,15 +67,15 @@ def _sole(at: dict[str, np.ndarray], side: str, up: np.ndarray) -> np.ndarray:
     guess = ankle + CARRIES_M * ahead
     if heel is None or toe is None:
         return guess
-    carrying = (1.0 - CARRIES_AT) * heel + CARRIES_AT * toe
-    return np.where(np.isfinite(carrying), carrying, guess)
+    middle = 0.5 * (heel + toe)
+    return np.where(np.isfinite(middle), middle, guess)
 
 
-def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"], tilt_sigma: float) -> Float[np.ndarray, "frames 3"]:
+def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "frames 3"]:
     """Return horizontal offsets of the centre of mass from its support, as slopes.
 
     The support is the lower foot. If the other foot is nearly as low, it is the point between both that is nearest to
-    the projected centre of mass. The tolerance grows with the uncertainty of up, which affects the heights of the feet.
+    the projected centre of mass. The deviation of up affects the heights of the feet.
     """
     level = np.eye(3) - np.outer(up, up)
     left_lower = ((body.feet[0] - body.feet[1]) @ up < 0)[:, None]
@@ -84,7 +84,7 @@ def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"], tilt_sigma: float)
     gap = other - low
     flat = gap @ level
     square = (flat**2).sum(-1)
-    carries = np.exp(-0.5 * (gap @ up) ** 2 / (CARRIES_M**2 + np.tan(tilt_sigma) ** 2 * square))
+    carries = np.exp(-0.5 * (gap @ up) ** 2 / (CARRIES_M**2 + np.tan(TILT_SIGMA) ** 2 * square))
     along = np.clip((((body.centre - low) @ level) * flat).sum(-1) / np.maximum(square, 1e-6), 0.0, 1.0)
     above = body.centre - low - np.minimum(along, carries)[:, None] * gap
     height = above @ up
@@ -104,14 +104,28 @@ shoulders. If the angle varies more, the person runs, leaps or tumbles, and the 
 TILT_SIGMA = np.radians(4.0)
 """Standard deviation per axis (radians) in a long take of the angle between gravity and the mean direction from support
 to centre of mass, and of the roll of cameras set up by eye. A smaller tilt is usual, and is not corrected."""
-APART_SIGMAS = 1.4
-"""Multiple of ``BODY_SIGMA`` beyond which trunk and balance contradict each other, so that up is uncertain."""
+FLOOR_SIGMA = np.radians(1.5)  # Standard deviation of a floor from level, in addition to foot keypoint noise.
 FOOT_SIGMA_M = 0.02  # Standard deviation of a standing foot's keypoint height, metres.
-FPS = 30.0  # Frame rate if unknown.
 LOWEST = 0.15  # Fraction of a foot's heights below the floor because of noise.
-_PASSES = 5
 _Z = np.array([0.0, 0.0, 1.0])
-_LARGEST_STEP = 0.15  # Largest change of the floor's slope per iteration, radians, chosen by hand.
+
+
+@dataclass(frozen=True)
+class Witness:
+    """A source's estimate of up as a normal distribution of ``u``, where ``(u, 1)`` is up in a person's world."""
+
+    precision: Float[np.ndarray, "2 2"]  # (2, 2) inverse covariance.
+    weighted: Float[np.ndarray, " 2"]  # (2,) precision times mean.
+
+    def less_precise(self, sigma: float) -> Witness:
+        """Add a standard deviation per axis."""
+        share = np.linalg.inv(np.eye(2) + sigma**2 * self.precision)
+        return Witness(share @ self.precision, share @ self.weighted)
+
+    def gain(self, direction: np.ndarray, old: np.ndarray) -> float:
+        """Return by how many squared deviations a unit vector (3,) is nearer to the mean than an old one."""
+        new, old = direction[:2], old[:2]
+        return float(old @ self.precision @ old - new @ self.precision @ new - 2.0 * (old - new) @ self.weighted)
 
 
 @dataclass(frozen=True)
@@ -122,11 +136,11 @@ class Upright:
     t: Float[np.ndarray, " 3"]  # (3,) translation in metres.
     tilt_sigma: float  # RMS angle between the world's up and gravity, radians.
     walked_m: float  # RMS distance of the feet from their median position on the floor, metres.
+    balance: Witness  # Evidence of the centre of mass, in the world after ``R``.
+    floor: Witness  # The same of the floor under the feet.
 
 
-def upright_from_person(
-    points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet, fps: float = FPS
-) -> Upright:
+def upright_from_person(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet, fps: float) -> Upright:
     """Return the transform that places a person upright on the floor.
 
     Gravity is estimated from three sources, each with its covariance:
@@ -153,11 +167,68 @@ def upright_from_person(
     if not np.isfinite(length).any():
         raise NoDetections("Shoulders and ankles are never visible at the same time, so the up direction is unknown.")
     standing = length > 0.9 * np.nanquantile(length, 0.9)
-    trunk = _median_direction(tall[standing] / length[standing, None])
-    kinds = foot_keypoints(joint_set)
-    R, sigma, walked = _gravity(points[:, kinds], trunk, body_points(points, joint_set), fps)
+    up = trunk = _median_direction(tall[standing] / length[standing, None])
+    body, feet = body_points(points, joint_set), points[:, foot_keypoints(joint_set)]
+    alike = max(1.0, BRIDGE_S * fps) * feet.shape[1]
+    known = np.isfinite(feet).all(-1)
+    feet, kind = feet[known], np.nonzero(known)[1]
+
+    def improve(up: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return a better up, the weights of the feet, the rotation from the old up to Z, and the precision."""
+        R = turn_to_z(up)
+        seen: np.ndarray = R @ trunk
+        floor, weight = _floor(feet @ R.T, kind, weight, alike)
+        balance = _balance(body, R)[0]
+        precision = np.eye(2) / BODY_SIGMA**2 + balance.precision + floor.precision
+        slope = np.linalg.solve(precision, seen[:2] / seen[2] / BODY_SIGMA**2 + balance.weighted + floor.weighted)
+        new = R.T @ np.array([*slope * min(1.0, BODY_SIGMA / max(float(np.linalg.norm(slope)), 1e-9)), 1.0])
+        return new / np.linalg.norm(new), weight, R, precision
+
+    weight = np.ones(len(kind))
+    for _ in range(MOST_ROUNDS):
+        up, weight, *_ = improve(up, weight)
+    up, weight, R, precision = improve(up, weight)
+    (balance, spread), (floor, _) = _balance(body, R), _floor(feet @ R.T, kind, weight, alike)
+    # Trunk and balance contradict each other if they differ by more than the RMS angle over both axes.
+    apart = float(np.arccos(np.clip(up @ trunk, -1.0, 1.0)))
+    doubt = max(0.0, apart - np.sqrt(2.0) * BODY_SIGMA), max(0.0, spread - BODY_SIGMA)
+    sigma = float(np.sqrt(np.trace(np.linalg.inv(precision)) + sum(2.0 * d**2 for d in doubt)))
+    walked = float(np.sqrt((((feet - np.median(feet, axis=0)) @ R[:2].T) ** 2).sum(1).mean()))
     centre = np.nanmedian((middle["ankle"] @ R.T)[:, :2], axis=0)
-    return Upright(R, -np.array([*centre, floor_height(points @ R.T, joint_set)]), sigma, walked)
+    t = -np.array([*centre, floor_height(points @ R.T, joint_set)])
+    return Upright(R, t, sigma, walked, balance, floor.less_precise(FLOOR_SIGMA))
+
+
+def _balance(body: BalancePoints, R: np.ndarray) -> tuple[Witness, float]:
+    """Return the evidence of the mean lean in the world after ``R``, and the deviation of the lean per axis.
+
+    A person who is rarely on the feet shows no balance.
+    """
+    lean = (leaning(body, R[2]) @ R.T)[:, :2] if len(body.centre) > MIN_POINTS else np.empty((0, 2))
+    if len(lean) <= max(MIN_POINTS, len(body.centre) // 2):
+        return Witness(np.zeros((2, 2)), np.zeros(2)), 0.0
+    far = np.linalg.norm(lean - np.median(lean, axis=0), axis=1)
+    weight = 1.0 / np.maximum(far / max(0.05, 1.26 * float(np.median(far))), 1.0)
+    mean = (lean * weight[:, None]).sum(0) / weight.sum()
+    variance = TILT_SIGMA**2 + mean_variance(lean)
+    return Witness(np.eye(2) / variance, mean / variance), float(np.sqrt((far**2).mean() / 2))
+
+
+def _floor(feet: np.ndarray, kind: np.ndarray, weight: np.ndarray, alike: float) -> tuple[Witness, np.ndarray]:
+    """Return the evidence of a plane under the (N, 3) foot points, and their new weights in the quantile regression.
+
+    Each of the (N,) kinds of keypoints has its own height above the plane.
+    """
+
+    def centred(weight: np.ndarray) -> np.ndarray:
+        total = np.maximum(np.bincount(kind, weight), 1e-9)
+        return feet - np.stack([np.bincount(kind, weight * x) / total for x in feet.T], axis=-1)[kind]
+
+    above = centred(weight)[:, 2]
+    weight = np.where(above > 0, LOWEST, 1.0 - LOWEST) * FOOT_SIGMA_M / np.maximum(np.abs(above), 0.25 * FOOT_SIGMA_M)
+    x = centred(weight)
+    information = (x[:, :2] * weight[:, None]).T @ x / (alike * FOOT_SIGMA_M**2)
+    return Witness(information[:, :2], -information[:, 2]), weight
 
 
 def foot_keypoints(joint_set: JointSet) -> list[int]:
@@ -202,75 +273,10 @@ def turn_to_z(up: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
     return np.eye(3) + V + V @ V / (1.0 + up[2])
 
 
-def _gravity(feet: np.ndarray, trunk: np.ndarray, body: BalancePoints, fps: float) -> tuple[np.ndarray, float, float]:
-    """Return the rotation from up to Z, its deviation (radians), and the walked distance.
-
-    With slopes a and b of the plane across gravity, up is ``(-a, -b, 1)``.
-    """
-    up, sigma, walked = trunk, BODY_SIGMA, 0.0
-    spread = 0.0
-    for number in range(_PASSES + 1):
-        R = turn_to_z(up)
-        seen: np.ndarray = R @ trunk
-        information = np.eye(2) / BODY_SIGMA**2
-        wanted = information @ (-seen[:2] / seen[2])
-        if number > 0 and len(body.centre) > 4:
-            lean = (leaning(body, up, max(TILT_SIGMA, 1.5 * sigma)) @ R.T)[:, :2]
-            if len(lean) > 4:
-                mean, spread = robust_mean(lean)
-                variance = TILT_SIGMA**2 + mean_variance(lean)
-                information, wanted = information + np.eye(2) / variance, wanted - mean / variance
-        slope, covariance, walked = fit_floor(feet @ R.T, np.linalg.solve(information, wanted), information, fps)
-        step = float(np.linalg.norm(slope))
-        slope = slope * min(1.0, _LARGEST_STEP / max(step, 1e-9))
-        new = R.T @ np.array([-slope[0], -slope[1], 1.0])
-        up, sigma = new / np.linalg.norm(new), float(np.sqrt(np.trace(covariance) / 2))
-    apart = float(np.arccos(np.clip(up @ trunk, -1.0, 1.0)))
-    doubt = max(0.0, apart - APART_SIGMAS * BODY_SIGMA), max(0.0, spread - BODY_SIGMA)
-    return turn_to_z(up), float(np.sqrt(2.0 * sigma**2 + sum(2.0 * d**2 for d in doubt))), walked
-
-
-def robust_mean(lean: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the robust mean of (N, 2) slopes, and their standard deviation per axis."""
-    far = np.linalg.norm(lean - np.median(lean, axis=0), axis=1)
-    scale = max(0.05, 1.26 * float(np.median(far)))
-    weight = 1.0 / np.maximum(far / scale, 1.0)
-    return (lean * weight[:, None]).sum(0) / weight.sum(), float(np.sqrt((far**2).mean() / 2))
-
-
-def fit_floor(
-    feet: np.ndarray, wanted: np.ndarray, information: np.ndarray, fps: float = FPS
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return the floor's slope (2,), its covariance, and the distance that feet walked."""
-    K = feet.shape[1]
-    frame, kind = np.nonzero(np.isfinite(feet).all(-1))
-    x = feet[frame, kind]
-    where = x[:, :2] - np.median(x[:, :2], axis=0)
-    A = np.concatenate([where, np.eye(K)[kind]], axis=1)
-    alike = max(1.0, BRIDGE_S * fps) * K * FOOT_SIGMA_M**2
-    H = 1e-9 * np.eye(2 + K)
-    H[:2, :2] = alike * information
-    g = np.concatenate([alike * information @ wanted, np.zeros(K)])
-    weight = np.ones(len(x))
-    solution, N = np.zeros(2 + K), H
-    for _ in range(MOST_ROUNDS):
-        N = (A * weight[:, None]).T @ A + H
-        solution = np.linalg.solve(N, (A * weight[:, None]).T @ x[:, 2] + g)
-        residual = x[:, 2] - A @ solution
-        share = np.where(residual > 0, LOWEST, 1.0 - LOWEST)
-        weight = share * FOOT_SIGMA_M / np.maximum(np.abs(residual), 0.25 * FOOT_SIGMA_M)
-    return solution[:2], np.linalg.inv(N)[:2, :2] * alike, float(np.sqrt((where**2).sum(1).mean()))
-
-
-FLOOR_SIGMA = np.radians(1.5)  # Standard deviation of a floor from level, in addition to foot keypoint noise.
-WITNESS_MOST = 25.0  # Largest contribution of one source, in squared standard deviations.
 SURE = 5.0
 """Smallest sum of the sources without the strongest one, and of the cameras' roll against a lying person. Level takes
 reach 1.2, slopes and stairs 3.8. Chosen on five takes, and confirmed on two others (docs/research-log/agreement.md).
 """
-OFF_FLOOR_M, BELOW_M = 0.15, 0.25
-"""Smallest distance in metres from the feet to a floor that they do not touch, and smallest depth of the feet below a
-wrong floor. Slopes and stairs are less deep near the origin."""
 
 
 @dataclass(frozen=True)
@@ -289,9 +295,8 @@ class Level:
     @property
     def is_tilted(self) -> bool:
         """True if the calibration's world is certainly tilted."""
-        witnesses = self.balance, self.floor, self.cameras
-        agreed = sum(witnesses) - max(witnesses) >= SURE and min(witnesses) > -SURE
-        return self.could_be_tilted and agreed
+        least, second, _ = sorted((self.balance, self.floor, self.cameras))
+        return self.could_be_tilted and least + second >= SURE and least > -SURE
 
     @property
     def could_be_tilted(self) -> bool:
@@ -301,89 +306,53 @@ class Level:
     @property
     def is_above_feet(self) -> bool:
         """True if a level floor at z = 0 would be above the feet."""
-        return not self.could_be_tilted and self.floor_m < -BELOW_M
+        return not self.could_be_tilted and self.floor_m < -FLOOR_M
 
 
 def measure_level(
-    points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet, cameras: Cameras, fps: float = FPS
+    points: Float[np.ndarray, "frames keypoints 3"],
+    joint_set: JointSet,
+    R: Float[np.ndarray, "cameras 3 3"],
+    fps: float,
 ) -> Level:
-    """Measure the tilt and floor of a world from keypoints (F, K, 3) in metres and cameras.
+    """Measure the tilt and floor of a world from keypoints (F, K, 3) in metres and rotations R of cameras.
 
     Raises:
         NoDetections: shoulders and ankles are never visible together.
     """
     upright = upright_from_person(points, joint_set, fps)
-    up, sigma = _add_cameras(upright, cameras.R)
-    turn = turn_to_z(up)
-    z, turned = turn[:, 2], points @ turn.T
-    balance = _balance(turned, joint_set, z, upright.tilt_sigma)
-    floor = _floor(turned[:, foot_keypoints(joint_set)], z, fps)
-    floors = floor_height(points, joint_set), floor_height(turned, joint_set)
-    return Level(turn, _angle(up, _Z), sigma, balance, floor, roll_gain(cameras.R, up), *floors)
+    up, sigma = _add_cameras(upright, R)
+    turn, tilt = turn_to_z(up), float(np.arccos(np.clip(up[2], -1.0, 1.0)))
+    old, new = upright.R[:, 2], upright.R @ up
+    floor = upright.floor.gain(new, old) if old[2] > 0.1 else 0.0  # otherwise the calibration's floor is a wall
+    floors = floor_height(points, joint_set), floor_height(points @ turn.T, joint_set)
+    return Level(turn, tilt, sigma, upright.balance.gain(new, old), floor, roll_gain(R, up), *floors)
 
 
 def _add_cameras(upright: Upright, R: np.ndarray) -> tuple[np.ndarray, float]:
     """Combine the up direction of person and cameras. Return it with its standard deviation (radians).
 
-    In the person's world, up is ``(-a, -b, 1)``, and each slope has the variance ``σ²/2``. For a level image, the
-    horizontal image axis ``(h, v)`` satisfies ``h · (a, b) = v``. The roll variance is estimated with a prior of
-    ``TILT_SIGMA``. Cameras that roll far beyond it get a low weight.
+    For a level image, the horizontal image axis ``(h, v)`` satisfies ``h · u + v = 0``, with up ``(u, 1)`` in the
+    person's world. Cameras that roll far beyond ``TILT_SIGMA`` get a low weight.
     """
     across = R[:, 0] @ upright.R.T
     h, v = across[:, :2], across[:, 2]
-    prior = np.eye(2) / (0.5 * upright.tilt_sigma**2)
-    slope, weight, variance = np.zeros(2), np.full(len(v), TILT_SIGMA**-2), TILT_SIGMA**2
+    slope, precision = np.zeros(2), np.eye(2)
     for _ in range(MOST_ROUNDS):
-        precision = prior + (h * weight[:, None]).T @ h
-        slope = np.linalg.solve(precision, (h * weight[:, None]).T @ v)
-        rolls = v - h @ slope
-        variance = float((TILT_SIGMA**2 + np.minimum(rolls**2, TILT_SIGMA**2).mean()) / 2)
-        weight = 1.0 / (variance * (1.0 + (rolls / (2.0 * TILT_SIGMA)) ** 2) ** 2)
-    up = upright.R.T @ np.array([-slope[0], -slope[1], 1.0])
-    covariance = np.linalg.inv(prior + (h * weight[:, None]).T @ h)
-    return up / np.linalg.norm(up), float(np.sqrt(np.trace(covariance)))
-
-
-def _balance(points: np.ndarray, joint_set: JointSet, z: np.ndarray, tilt_sigma: float) -> float:
-    """Return the gain of the new up over ``z`` in explaining the mean lean."""
-    body = body_points(points, joint_set)
-    if len(body.centre) <= 4:
-        return 0.0
-    lean = leaning(body, _Z, max(TILT_SIGMA, 1.5 * tilt_sigma))[:, :2]
-    if len(lean) <= max(4, len(body.centre) // 2):  # a person who is rarely on the feet shows no balance
-        return 0.0
-    mean, _ = robust_mean(lean)
-    up = np.array([*mean, 1.0]) / np.sqrt(1.0 + mean @ mean)
-    sigma = np.sqrt(TILT_SIGMA**2 + mean_variance(lean))
-    return _gain(_angle(up, z) / sigma, _angle(up, _Z) / sigma)
-
-
-def _floor(feet: np.ndarray, z: np.ndarray, fps: float) -> float:
-    """Return how much better the new up than ``z`` explains the floor slope under the feet."""
-    if z[2] < 0.1:  # the calibration's floor would be vertical
-        return 0.0
-    slope, covariance, _ = fit_floor(feet, np.zeros(2), 1e-6 * np.eye(2), fps)
-    precision = np.linalg.inv(covariance + FLOOR_SIGMA**2 * np.eye(2))
-    wrong = slope + z[:2] / z[2]  # the plane perpendicular to z has the slope -(zx, zy) / zz
-    return _gain(float(np.sqrt(wrong @ precision @ wrong)), float(np.sqrt(slope @ precision @ slope)))
+        weight = 1.0 / (TILT_SIGMA + ((v + h @ slope) / 2.0) ** 2 / TILT_SIGMA) ** 2
+        precision = np.eye(2) / (0.5 * upright.tilt_sigma**2) + (h * weight[:, None]).T @ h
+        slope = -np.linalg.solve(precision, (h * weight[:, None]).T @ v)
+    up = upright.R.T @ np.array([*slope, 1.0])
+    return up / np.linalg.norm(up), float(np.sqrt(np.trace(np.linalg.inv(precision))))
 
 
 def roll_gain(R: Float[np.ndarray, "cameras 3 3"], up: Float[np.ndarray, " 3"]) -> float:
     """Return the gain of ``up`` over the world's Z in explaining the cameras' roll.
 
-    In upright images x is horizontal. A roll counts up to 3 deviations, so that one rolled camera does not decide.
+    In upright images x is horizontal. A roll counts up to ``SIGMAS``, so that one rolled camera does not decide.
     """
 
     def rolls(direction: np.ndarray) -> np.ndarray:
-        return np.minimum(np.arcsin(np.clip(np.abs(R[:, 0] @ direction), 0.0, 1.0)) / TILT_SIGMA, 3.0)
+        return np.minimum(np.arcsin(np.clip(np.abs(R[:, 0] @ direction), 0.0, 1.0)) / TILT_SIGMA, SIGMAS)
 
-    gain = rolls(_Z) ** 2 - rolls(up) ** 2
-    return float(np.clip(gain.sum(), -WITNESS_MOST, WITNESS_MOST))
-
-
-def _gain(old: float, new: float) -> float:
-    return float(np.clip(old**2 - new**2, -WITNESS_MOST, WITNESS_MOST))
-
-
-def _angle(a: np.ndarray, b: np.ndarray) -> float:
-    return float(np.arccos(np.clip(a @ b, -1.0, 1.0)))
+    return float((rolls(_Z) ** 2 - rolls(up) ** 2).sum())

@@ -43,7 +43,7 @@ def with_up_axis(cameras: Cameras, up_axis: str) -> Cameras:
 METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048}  # Metres per unit.
 UPRIGHT = 2.0  # Smallest ratio of a standing body's extent along its axis to the extent along any other axis.
 LEANING = 1.2  # The same in the axes of a camera that looks down by up to 40 degrees, without a floor at 0.
-FLOOR_M = 0.3  # Largest height of a standing person's feet, metres.
+FLOOR_M = 0.3  # Largest distance of a standing person's feet from a floor, metres. Slopes and stairs are within it.
 LYING_M = 0.4  # Largest height of a person on the floor, metres.
 PERSON_FACTOR = 2.0
 """Tolerance factor on the distance between two body parts, for a crouching person, two people, or a tall person in a

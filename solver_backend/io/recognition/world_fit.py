@@ -23,8 +23,8 @@ from solver_backend.exchange.plausible import HIGHEST_STEP_M
 from solver_backend.exchange.reading_settings import AUTO, OFF, ON, WorldSettings
 from solver_backend.geometry.arrays import quantile
 from solver_backend.io.camera_paths import FilmedPath, read_camera_path
-from solver_backend.io.recognition.gravity import BELOW_M, OFF_FLOOR_M, SURE, Level, measure_level, middle_of, roll_gain
-from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
+from solver_backend.io.recognition.gravity import SURE, Level, measure_level, middle_of, roll_gain
+from solver_backend.io.recognition.marker_up_axis import FLOOR_M, rotation_to_z_up
 from solver_backend.io.recognition.path_fit import fit_path
 from solver_backend.io.recognition.person_scale import LEG_SHARE, scale_from_stature
 from solver_backend.priors.lifted_take import lift_take, lowest_feet, up_by_floor
@@ -36,8 +36,6 @@ _LEG = ("hip", "knee"), ("knee", "ankle")
 LEAST_UPRIGHT = 0.9  # Smallest cosine between a standing person and an axis.
 LARGEST_RESIDUAL_PX, LARGEST_BIAS_PX = 40.0, 15.0  # Limits of agreeing views, and of a camera relative to the others.
 IN_LINE = np.radians(15.0)  # Two cameras with a smaller angle between their views of the person show no depth.
-SURELY_UPRIGHT = np.cos(np.radians(6.0))
-"""Cosine of the angle between a person and Z above which no further check is needed if the floor is under the feet."""
 OTHER_STATURE = 0.06
 """Log-scale difference, in addition to ``SIGMAS`` deviations, beyond which a given stature contradicts a calibration
 with a possible person. A badly measured calibration board is within it."""
@@ -133,7 +131,7 @@ class WorldCheck:
     @property
     def _is_off_floor(self) -> bool:
         stands = self._is_possible and self.upright[2] > LEAST_UPRIGHT
-        return bool(stands and abs(self.lowest_m) > BELOW_M)
+        return bool(stands and abs(self.lowest_m) > FLOOR_M)
 
     @property
     def _is_possible(self) -> bool:
@@ -275,7 +273,7 @@ def fit_world(
     world = check_world(cameras, keypoints)
     axis, problems = world.up_axis(), ()
     up = rotation_to_z_up(axis)[2]  # A person along it is lying if the cameras are level in the present world.
-    lies = roll_gain(_upright(cameras, rolls, up).R, up) <= -SURE
+    lies = roll_gain(_least_rolled(cameras.R, rolls, up), up) <= -SURE
     if up_axis is None and axis != "z" and settings.level != OFF and not lies:
         cameras, world = _moved(cameras, world, rotation_to_z_up(axis))
         problems = (diagnostic("up_by_person", basis="axis", axis=axis.upper()),)
@@ -289,11 +287,10 @@ def _level(
     cameras: Cameras, world: WorldCheck, how: str, rolls: Sequence[int]
 ) -> tuple[Cameras, WorldCheck, tuple[Diagnostic, ...]]:
     """Level the world. Return the cameras and the person in it, and the changes."""
-    fits = world.upright[2] > SURELY_UPRIGHT and abs(world.lowest_m) < OFF_FLOOR_M
-    if how == OFF or (how == AUTO and fits):
+    if how == OFF:
         return cameras, world, ()
     try:
-        level = measure_level(world.points, world.joint_set, _upright(cameras, rolls, world.upright), world.fps)
+        level = measure_level(world.points, world.joint_set, _least_rolled(cameras.R, rolls, world.upright), world.fps)
     except NoDetections:
         if how == AUTO:
             return cameras, world, ()
@@ -305,12 +302,11 @@ def _level(
     return cameras, world, ()
 
 
-def _upright(cameras: Cameras, rolls: Sequence[int], up: Sequence[float] | np.ndarray) -> Cameras:
-    """Use the recorded or the calibrated image roll of the cameras, whichever fits ``up`` better."""
+def _least_rolled(R: np.ndarray, rolls: Sequence[int], up: np.ndarray) -> np.ndarray:
+    """Return the rotations with the recorded or the calibrated image roll, whichever fits ``up`` better."""
     if not any(rolls) or not np.isfinite(up).all():
-        return cameras
-    calibrated = replace(cameras, R=unrolled(cameras.R, rolls))
-    return max((cameras, calibrated), key=lambda found: roll_gain(found.R, np.asarray(up)))
+        return R
+    return max((R, unrolled(R, rolls)), key=lambda rotations: roll_gain(rotations, up))
 
 
 def _moved(cameras: Cameras, world: WorldCheck, turn: np.ndarray, floor_m: float = 0.0) -> tuple[Cameras, WorldCheck]:

@@ -19,7 +19,7 @@ SETS = (JointSet.BODY_25, JointSet.COCO_17, JointSet.MEDIAPIPE_33)
 
 def told(points: np.ndarray, joint_set: JointSet) -> tuple[float, float]:
     """Return how far up is off, and by how much it says that it may be; degrees."""
-    found = upright_from_person(points, joint_set)
+    found = upright_from_person(points, joint_set, 30.0)
     return float(np.degrees(np.arccos(np.clip(found.R[2, 2], -1, 1)))), float(np.degrees(found.tilt_sigma))
 
 
@@ -31,7 +31,7 @@ def test_a_walk_tells_up_in_any_world_as_well_as_it_says(joint_set: JointSet) ->
     off, sigma = told(noisy, joint_set)
     assert off < min(1.7 * sigma, 5.0) and sigma < 6.0
     turn = exp_so3(np.array([0.9, -0.4, 0.2]))
-    found = upright_from_person(noisy @ turn.T, joint_set)
+    found = upright_from_person(noisy @ turn.T, joint_set, 30.0)
     assert np.degrees(np.arccos((found.R @ turn)[2, 2])) == pytest.approx(off, abs=0.3)
 
 
@@ -49,7 +49,7 @@ def test_who_leans_from_her_hips_is_told_upright_by_her_balance() -> None:
     bent[:, upper] = (still[:, upper] - hips) @ lean.T + hips
     for _ in range(30):  # back as far as balance asks
         body = body_points(bent, JointSet.BODY_25)
-        bent[:, upper, :2] -= leaning(body, np.array([0.0, 0.0, 1.0]), 0.07).mean(0)[:2]
+        bent[:, upper, :2] -= leaning(body, np.array([0.0, 0.0, 1.0])).mean(0)[:2]
     noisy = bent + rng.normal(0, 0.01, bent.shape)
     middle = [0.5 * (noisy[:, names.index(f"left_{p}")] + noisy[:, names.index(f"right_{p}")]) for p in
               ("shoulder", "ankle")]  # fmt: skip
