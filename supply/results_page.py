@@ -30,7 +30,7 @@ class ChartOfBars:
 
 CHARTS = (
     ChartOfBars(
-        "views", "Mean joint error by number of cameras, simulated, two takes", "bundle", "mm",
+        "views", "Mean joint error by number of cameras (two simulated takes)", "bundle", "mm",
         ("this program", "BundleMoCap++", "frame by frame"),
         tuple(
             (f"{n} cameras", tuple(f"views_{n}_{method}_mpjpe_mm" for method in ("ours", "published", "muvs")))
@@ -38,12 +38,12 @@ CHARTS = (
         ),
     ),
     ChartOfBars(
-        "noise_aware", "Error of simulated markers under three kinds of noise, twelve takes (RMSE)", "noise_aware",
+        "noise_aware", "Error with simulated markers under three kinds of noise (RMSE, twelve takes)", "noise_aware",
         "mm", METHODS,
         tuple((f"{n} noise", tuple(f"{n}_m_{m}_rmse_mm" for m in METHODS)) for n in ("data", "inference", "both")),
     ),
     ChartOfBars(
-        "completion", "Error of joints filled in by a pose prior, recorded motion, 60 frames", "pose_ndf", "cm",
+        "completion", "Error of joints completed by a pose prior (60 frames of recorded motion)", "pose_ndf", "cm",
         ("Pose-NDF", "VPoser", "RVPoser", "rest pose"),
         tuple(
             (limb.replace("_", " "), tuple(f"complete_60_{limb}_{prior}_cm" for prior in PRIORS))
@@ -51,12 +51,12 @@ CHARTS = (
         ),
     ),
     ChartOfBars(
-        "cameras", "Distance to the detections of an excluded camera, real recording", "calibration", "px",
+        "cameras", "Distance to the detections of a held-out camera (real recording)", "calibration", "px",
         ("median distance",),
         (
             ("original calibration", ("real_own_held_out_px",)),
             ("refined from the person", ("real_refined_held_out_px",)),
-            ("made from the person alone", ("real_person_held_out_px",)),
+            ("calibrated from the person only", ("real_person_held_out_px",)),
         ),
     ),
 )  # fmt: skip
@@ -71,19 +71,24 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ("Keypoint error with exact detections, bodies outside our shape space", "floor", "exact_points_mm", "mm"),
         ("Keypoint error with detector noise, bodies outside our shape space", "floor", "noisy_points_mm", "mm"),
         ("Frames with a lost limb in twenty fast takes", "floor", "frames_with_a_lost_limb", "frames"),
-        ("Error of people solved in pairs relative to people alone, worst of ten pairs", "people", "against_alone", ""),
-        ("Median error of the estimated clocks of four cameras started by hand", "sync", "median_error", "frames"),
-        ("Corrected cases with a wrong calibration, picture or name", "agreement", "static_good_percent", "%"),
-        ("Corrected cases with two such faults", "agreement", "two_good_percent", "%"),
         (
-            "Corrected or harmless cases with a rotated or moved camera, or a camera of another take",
+            "Error of people solved in pairs, relative to people solved alone, worst of ten pairs",
+            "people",
+            "against_alone",
+            "",
+        ),
+        ("Median error of the estimated start times of four cameras started by hand", "sync", "median_error", "frames"),
+        ("Wrong calibrations, pictures or names that were corrected", "agreement", "static_good_percent", "%"),
+        ("Pairs of such faults that were corrected", "agreement", "two_good_percent", "%"),
+        (
+            "Rotated or moved cameras, or cameras from another take, that were corrected or harmless",
             "agreement",
             "unknown_good_percent",
             "%",
         ),
-        ("Corrected or harmless cases with a late camera (4 or 10 frames)", "agreement", "delay_good_percent", "%"),
+        ("Cameras late by 4 or 10 frames that were corrected or harmless", "agreement", "delay_good_percent", "%"),
         (
-            "Corrected or harmless cases with these camera faults and two people close together",
+            "These camera faults, with two people close together, that were corrected or harmless",
             "agreement",
             "company_good_percent",
             "%",
@@ -99,16 +104,16 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ("True joints inside the 95 % confidence ellipsoids, unseen people", "one_camera_people", "inside_95", "%"),
     ),
     "From optical markers": (
-        ("Error of hidden markers relative to rigid-body filling, CMU", "markers", "cmu_41_mean_share", ""),
-        ("Error of hidden markers relative to rigid-body filling, running", "markers", "running_53_mean_share", ""),
+        ("Hidden-marker error relative to rigid-body filling, CMU", "markers", "cmu_41_mean_share", ""),
+        ("Hidden-marker error relative to rigid-body filling, running", "markers", "running_53_mean_share", ""),
         (
-            "Error of hidden markers relative to rigid-body filling, Plug-in Gait",
+            "Hidden-marker error relative to rigid-body filling, Plug-in Gait",
             "markers",
             "plug-in_gait_39_mean_share",
             "",
         ),
         (
-            "Error of hidden markers relative to rigid-body filling, simulated markers",
+            "Hidden-marker error relative to rigid-body filling, simulated markers",
             "markers",
             "synthetic_42_mean_share",
             "",
@@ -121,18 +126,23 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
             "known_person_a_core",
             "frames per second",
         ),
-        ("Failed takes among the 474 takes of UI-PRMD", "markers_ui_prmd", "failed_takes", "takes"),
+        ("Failed takes among the 474 takes in UI-PRMD", "markers_ui_prmd", "failed_takes", "takes"),
     ),
     "Hands": (
-        ("Fingertip error, palms of 40 px in four views (RMS)", "hands", "fingertips_rms_mm", "mm"),
-        ("Bend error of knuckles and middle joints in these takes (RMS)", "hands", "flexion_rms_deg", "°"),
+        ("Fingertip error with palms of about 40 px in four views (RMS)", "hands", "fingertips_rms_mm", "mm"),
+        ("Bending error of knuckles and middle joints in these takes (RMS)", "hands", "flexion_rms_deg", "°"),
         ("True finger joints inside the 95 % confidence ellipsoids", "hands", "in_ellipsoids_percent", "%"),
-        ("Bend error with 26 markers per hand (RMS)", "hands", "hand26_flexion_rms_deg", "°"),
-        ("Bend error with 10 markers per hand, hands of the training (RMS)", "hands", "hand10_flexion_rms_deg", "°"),
-        ("Solve time of body and hands relative to the body alone", "hands", "times_the_body_alone", ""),
+        ("Bending error with 26 markers per hand (RMS)", "hands", "hand26_flexion_rms_deg", "°"),
+        (
+            "Bending error with 10 markers per hand, for hands in the training data (RMS)",
+            "hands",
+            "hand10_flexion_rms_deg",
+            "°",
+        ),
+        ("Solve time for body and hands, relative to the body alone", "hands", "times_the_body_alone", ""),
         ("CPU time to find both hands in a picture", "hand_detection", "two_hands_ms", "ms"),
         (
-            "Frames of the balancing videos with the right hand in at least two views",
+            "Frames of the balancing videos where the right hand was found in at least two views",
             "hand_detection",
             "right_found_percent",
             "%",
@@ -140,18 +150,18 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
     ),
     "Detections in videos": (
         (
-            "Median distance of the included detector from OpenPose's keypoints, 448 pictures",
+            "Median distance between keypoints of the included detector and OpenPose, 448 pictures",
             "detector",
             "detected_px",
             "px",
         ),
-        ("The same distance relative to the person's height", "detector", "detected_percent", "%"),
+        ("The same distance, relative to the person's height", "detector", "detected_percent", "%"),
         ("Keypoints missed by the included detector", "detector", "missing_percent", "%"),
         ("Limbs with swapped sides in the detections", "detector", "detected_swaps_percent", "%"),
         ("Limbs with swapped sides after the solve", "detector", "solved_swaps_percent", "%"),
         ("CPU time to decode a picture and detect keypoints, original videos", "detector", "cpu_ms", "ms"),
         ("Residual with four cameras calibrated without a board", "video_cameras", "four_px", "px"),
-        ("Residual with the calibration of the trial", "video_cameras", "four_calibrated_px", "px"),
+        ("Residual with the trial's own calibration", "video_cameras", "four_calibrated_px", "px"),
         ("Size error with four cameras calibrated without a board", "video_cameras", "four_size_percent", "%"),
         (
             "The same with a given stature",
@@ -159,21 +169,21 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
             "four_with_stature_size_percent",
             "%",
         ),
-        ("Residual with the worst three of these cameras", "video_cameras", "three_px", "px"),
-        ("Size error with the worst three of these cameras", "video_cameras", "three_size_percent", "%"),
+        ("Residual with the three cameras that give the worst result", "video_cameras", "three_px", "px"),
+        ("Size error with the three cameras that give the worst result", "video_cameras", "three_size_percent", "%"),
         (
-            "Detection speed with four cameras on two cores, real time, re-encoded videos",
+            "Detection speed with four cameras on two cores (wall-clock time, re-encoded videos)",
             "video_speed",
             "pictures_per_s_per_camera",
-            "pictures per second and camera",
+            "pictures per second per camera",
         ),
-        ("Time from videos to motion, four cameras, 10 s at 30 pictures per second", "video_speed", "take_s", "s"),
+        ("Time from videos to motion, four cameras, 10 s at 30 frames per second", "video_speed", "take_s", "s"),
     ),
     "In Blender": (
         ("CPU time to bake 10,000 frames of 24 bones", "bake", "bake_cpu_s_10000_frames", "s"),
-        ("Largest distance between the joints in Blender and in the solver", "body", "joints_deviation_mm", "mm"),
+        ("Largest distance between joint positions in Blender and in the solver", "body", "joints_deviation_mm", "mm"),
         ("CPU time to retarget 1,000 frames", "retarget", "cpu_s_1000_frames", "s"),
-        ("Additional CPU time of a solve inside Blender", "solve_in_blender", "added_cpu_s", "s"),
+        ("Additional CPU time when solving inside Blender", "solve_in_blender", "added_cpu_s", "s"),
     ),
 }
 """Sections and their rows: description, benchmark, figure, unit."""
@@ -192,40 +202,40 @@ _HEAD = """<!-- Made by python3 dev.py docs from tests/benchmarks/baseline.json 
 
 # Results
 
-Run `python3 dev.py bench NAME` to measure the figures of a benchmark again. The machine has {machine}.
-Only `bake`, `body`, `solve_in_blender` and `marker_speed` need no recordings. The others need recordings
-in the folder that the variable `MOCAP_SHARED_DATA` names, or in `shared/data` next to the repository, and print
-`skipped` without them. Most are copies of public ones (CMU, UI-PRMD, Pose2Sim, BTKData, nimblephysics and others) in
-our own file layout, for which there is no converter. The [model cards](explanation/body-and-patents.md#weights) name
+To repeat a benchmark, run `python3 dev.py bench NAME`. The machine has {machine}. Only `bake`, `body`,
+`solve_in_blender` and `marker_speed` run without recordings. The other benchmarks look for recordings in the folder
+given by the variable `MOCAP_SHARED_DATA`, or in `shared/data` next to the repository, and print `skipped` if there are
+none. Most recordings are copies of public data (CMU, UI-PRMD, Pose2Sim, BTKData, nimblephysics and others) in our own
+file layout, for which there is no converter. The [model cards](explanation/body-and-patents.md#weights) list their
 sources.
 
-**Most figures are simulated.** *Simulated* means that simulated cameras or sensors recorded generated bodies with
-recorded motion. The detector's noise was measured on 100 frames of a real recording with OpenPose. *Real* means
-recorded markers or videos. Other methods are our own implementations. The cases in *From several views* are held-out
-captures with one or two faults. A fault is harmless if the error grows by at most 15 %. The search for wrong
-calibrations has changed since some rows were measured. The [research log](research-log/README.md) has later figures.
-[Accuracy](explanation/accuracy.md) explains the measures."""
+**Most figures are simulated.** *Simulated* means that recorded motion was applied to generated bodies, which
+simulated cameras or sensors then recorded. The detector noise was measured on 100 frames of a real OpenPose
+recording. *Real* means recorded markers or videos. The other methods in the comparisons are our own implementations.
+The fault cases in *From several views* are held-out captures with one or two faults. A fault counts as harmless if the
+error grows by at most 15 %. [Accuracy](explanation/accuracy.md) explains the measures.
+
+The figures were measured between {first} and {last}. The search for wrong calibrations has changed since some of them
+were measured. The [research log](research-log/README.md) has later figures."""
 
 
 def results_page() -> str:
     """Return docs/results.md."""
-    parts = [_HEAD.format(machine=_baseline()["bundle"]["machine"])]
+    dates = sorted(_recorded(bench, key) for rows in TABLES.values() for _, bench, key, _ in rows)
+    parts = [_HEAD.format(machine=_baseline()["bundle"]["machine"], first=dates[0], last=dates[-1])]
     for title, rows in TABLES.items():
         parts += [
             "",
             f"## {title}",
             "",
-            "| measurement | data | result | benchmark | measured on |",
-            "|---|---|---|---|---|",
+            "| measurement | data | result | benchmark |",
+            "|---|---|---|---|",
         ]
         for what, bench, key, unit in rows:
             data = "real" if key in REAL else "–" if bench in SPEED else "simulated"
-            # A figure that was not measured again with its benchmark has a date of its own.
-            found = _baseline()[bench]
-            made = f"`{bench}` | {found['figures'].get(key, {}).get('recorded', found['recorded'])}"
             shown, gap = _show(bench, key), "" if unit in ("", "°") else " "
             one = unit.removesuffix("s") if shown == "1" and unit == "cases" else unit
-            parts.append(f"| {what} | {data} | {shown}{gap}{one} | {made} |")
+            parts.append(f"| {what} | {data} | {shown}{gap}{one} | `{bench}` |")
     parts += ["", "## Charts"]
     for chart in CHARTS:
         parts += ["", f"### {chart.title}", "", f"![Chart](images/results_{chart.name}.svg)", ""]
@@ -242,6 +252,12 @@ def draw_chart(chart: ChartOfBars) -> str:
 @cache
 def _baseline() -> dict:
     return json.loads(BASELINE.read_text(encoding="utf-8"))
+
+
+def _recorded(bench: str, key: str) -> str:
+    """Return the date of a figure, which has its own if it was not measured again with its benchmark."""
+    found = _baseline()[bench]
+    return found["figures"].get(key, {}).get("recorded", found["recorded"])
 
 
 def _figure(bench: str, key: str) -> float:
