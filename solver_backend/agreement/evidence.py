@@ -156,7 +156,7 @@ class TakeEvidence:
         self._mirror = [self.names.index(names[detections.joint_set.mirrored()[k]]) for k in columns]
         self._xy = main_person(detections, every_keypoint=True)[..., columns, :]
         self.views, self.num_frames = self._xy.shape[:2]
-        self.person_px = _person_size(self._xy)
+        self.person_px = person_size(self._xy)
         self.frames, self.pose = independent_poses(self._xy, self.person_px)
         self.pairs = compared_pairs(self.views, EACH, NEIGHBOURS)
         self.suspects = tuple(range(self.views))  # Views that may have a fault.
@@ -407,7 +407,7 @@ def agreement_share(cameras: Cameras, detections: Detections) -> float:
     return float(1.0 - noise.outliers[0]) if sigma < UNRELATED_NOISE else 0.0
 
 
-def _person_size(xy: np.ndarray) -> np.ndarray:
+def person_size(xy: np.ndarray) -> np.ndarray:
     """Return the (C,) median size of the person in each view in px, 1 for an empty view."""
     sizes = np.ones(len(xy))
     for view, points in enumerate(xy):

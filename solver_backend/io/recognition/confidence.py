@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from solver_backend.agreement.evidence import SAMPLED_FRAMES
 from solver_backend.agreement.reading import LEAST_VALUES, Detections
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
-from solver_backend.io.recognition.joint_sets import SAMPLED_PEOPLE
 
-_TYPICAL_PER_CENT = 10.0  # Percentages typically exceed this. Other scores above 1 reach only a few units.
-_SURE = 0.95
-"""Quantile of confidences on another scale that counts as certain. A scale of 0 to 1 has it between 0.5 and 1.5."""
+_MOST = 0.95
+"""Fraction of numbers that decides how all are meant. The rest is outliers. This quantile of confidences on another
+scale counts as certain. A scale of 0 to 1 has it between 0.5 and 1.5, and percentages have it 100 times as high."""
 
 
 def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
@@ -22,12 +22,12 @@ def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic,
     if not len(seen):
         return confidence, (), ()
     few = len(seen) < LEAST_VALUES
-    sure = float(np.quantile(seen, 0.5 if few else _SURE))
+    sure = float(np.quantile(seen, 0.5 if few else _MOST))
     if largest <= 1 and (few or 2 * sure >= 1):
         return confidence, (), ()
     if largest == 2 and np.isin(seen, (1, 2)).all():  # COCO's flags
         how, certain = "flags", 2.0
-    elif float(np.median(seen)) > _TYPICAL_PER_CENT and sure <= 100:  # a few scores may be larger
+    elif 100 <= 2 * sure <= 300:  # a few scores may be larger
         how, certain = "percent", 100.0
     elif largest > 1 and 2 * sure <= 3:
         how, certain = "above", 1.0
@@ -45,12 +45,9 @@ def from_logarithms(confidence: np.ndarray, written: np.ndarray) -> np.ndarray:
     A single repeated negative value only marks undetected points. Logarithms are never above 0.
     """
     below, known = confidence[(confidence < 0) & written], written & np.isfinite(confidence)
-    is_logarithm = len(below) >= max(LEAST_VALUES, _SURE * known.sum())
+    is_logarithm = len(below) >= max(LEAST_VALUES, _MOST * known.sum())
     is_logarithm = is_logarithm and bool((below != below[0]).any()) and not (confidence[known] > 0).any()
     return np.where(known, np.exp(np.minimum(confidence, 0.0)), 0.0) if is_logarithm else confidence
-
-
-_LEAST_SHARE = 0.01  # Smallest fraction of all points at one position.
 
 
 def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
@@ -59,32 +56,30 @@ def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
     points, seen = xy.reshape(-1, count, 2), confidence.reshape(-1, count) > 0
     seen &= np.isfinite(points).all(-1)
     rows = np.flatnonzero(seen.any(1))
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, SAMPLED_PEOPLE).astype(int))] if len(rows) else rows
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, SAMPLED_FRAMES).astype(int))] if len(rows) else rows
     few, chosen = points[rows], seen[rows]
     if not chosen.any():
         return None
     places, times = np.unique(few[chosen], axis=0, return_counts=True)
     place = places[times.argmax()]
     kinds = ((few == place).all(-1) & chosen).any(0).mean()
-    if times.max() < _LEAST_SHARE * chosen.sum() or 2 * kinds < 1:  # a body has only one keypoint at a position
+    if times.max() < (1 - _MOST) * chosen.sum() or 2 * kinds < 1:  # a body has only one keypoint at a position
         return None
     return place
 
 
-_WITHIN = 0.99  # Quantile of the coordinates that decides, because a few detections are outside the image.
 _LARGEST = 2.0  # Largest fraction of an image size. No person is two pixels large.
-_CENTRED = 0.1  # Fraction of negative coordinates that shows an origin at the image centre.
 
 
 def in_pixels(detections: Detections, image_size: np.ndarray) -> Detections:
     """Convert fractions of the (C, 2) image sizes, measured from a corner or the centre, to pixels."""
     seen = detections.xy[(detections.confidence > 0) & np.isfinite(detections.xy).all(-1)]
-    if not len(seen) or np.quantile(np.abs(seen), _WITHIN) > _LARGEST:
+    if not len(seen) or np.quantile(np.abs(seen), _MOST) > _LARGEST:
         return detections
     size = np.asarray(image_size, detections.xy.dtype)[:, None, None, None]  # (C, 1, 1, 1, 2)
     span = "unit"
     hands, xy = detections.hands, detections.xy
-    if (seen < 0).mean() > _CENTRED:
+    if np.quantile(seen, 1 - _MOST) < 0:
         span = "centred"
         xy = (xy + 1) / 2
         hands = None if hands is None else np.concatenate([(hands[..., :2] + 1) / 2, hands[..., 2:]], -1)

@@ -12,7 +12,7 @@ from solver_backend.exchange.errors import FileDamaged, FrameCountMismatch, JobI
 from solver_backend.types import Capture, MarkerCloud
 
 _DIGITS = re.compile(r"\d+")
-_MOST_DIGITS = 18  # Maximum digits of a frame number. Longer hashes or serial numbers overflow an integer.
+_MOST_DIGITS = len(str(np.iinfo(np.int64).max)) - 1  # Longer hashes or serial numbers overflow an integer.
 _STEP_OF_TIMES = 10  # Smallest typical step between numbers that do not count frames.
 _SPARSEST, _FREE = 100, 1000  # Largest range of frame numbers: this factor per file, plus a constant.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.agreement.evidence import SAMPLED_FRAMES
 from solver_backend.agreement.reading import ENOUGH
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import KeypointCountMismatch
@@ -19,7 +20,6 @@ _BONES: tuple[tuple[str, str], ...] = (
 )  # fmt: skip
 """Pairs of keypoints that are close in every pose. In a wrong joint set, they are distant."""
 
-SAMPLED_PEOPLE = 2000  # Largest number of detections to use.
 CLEAR_RATIO = 1.15  # The best set is clear if the bones of the next set are this many times as long.
 UNLIKE = 0.3
 """Bone length relative to the person's height beyond which the keypoint order is wrong. On the demo, each set scores
@@ -61,7 +61,7 @@ def choose_joint_set(
         require_known_count(count, given, where=where)
         return given, (diagnostic("joint_set_chosen", source="given", joint_set=given.value),), ()
     flat = np.flatnonzero((confidence > 0).any(-1))
-    sample = flat[:: max(1, len(flat) // SAMPLED_PEOPLE)]
+    sample = flat[:: max(1, len(flat) // SAMPLED_FRAMES)]
     best, found, certain = recognise_joint_set(
         xy.reshape(-1, count, 2)[sample], confidence.reshape(-1, count)[sample], where=where
     )

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.agreement.evidence import UNRELATED_OUTLIERS
 from solver_backend.cameras.projection import distort, largest_radius
 from solver_backend.exchange import plausible
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, word
@@ -17,14 +18,11 @@ from solver_backend.io.recognition.confidence import on_unit_scale
 from solver_backend.io.recognition.world_fit import check_world
 from solver_backend.types import Cameras, Capture
 
-_ROUNDING, _WIDEST = 1e-6, 1e3
+_ROUNDING = np.finfo(np.float32).resolution
 FOCAL_LENGTHS = (0.25, 20.0)  # Range in longer image sides. 0.25 has a field of view of 127°, 20 has 3°.
-POSSIBLE_FOCAL_LENGTHS = (0.01, 1000.0)
-FARTHEST_M, COINCIDENT_M = 100.0, 0.01
-FRAME_RATES = (1.0, 1000.0)
-_FAR_OUTSIDE, _MANY = 50.0, 0.2
-"""Impossible distance beyond the image edge in image sizes, and the fraction of detections beyond a whole image size
-that causes a warning."""
+IMPOSSIBLE = 50.0  # Factor beyond usual focal lengths or image sizes that no lens and no detector reaches.
+FARTHEST_M, COINCIDENT_M = 100.0, 0.01  # Largest and smallest distance of a camera from others, metres.
+FRAME_RATES = (1.0, 1000.0)  # Range of usual frame rates, Hz.
 
 
 def checked(capture: Capture) -> Capture:
@@ -66,8 +64,9 @@ def _last_row(cameras: Cameras) -> Iterator[Diagnostic]:
 def _focal_lengths(cameras: Cameras) -> Iterator[Diagnostic]:
     """Yield a problem for each implausible ratio of focal length to longer image side."""
     shares = cameras.K[:, [0, 1], [0, 1]] / cameras.image_size.max(axis=1, keepdims=True)
-    for severity, (least, most) in ((Severity.ERROR, POSSIBLE_FOCAL_LENGTHS), (Severity.WARNING, FOCAL_LENGTHS)):
-        for c in np.flatnonzero(((shares < least) | (shares > most)).any(axis=1)):
+    least, most = FOCAL_LENGTHS
+    for severity, factor in ((Severity.ERROR, IMPOSSIBLE), (Severity.WARNING, 1.0)):
+        for c in np.flatnonzero(((shares < least / factor) | (shares > factor * most)).any(axis=1)):
             K, (width, height) = cameras.K[c], cameras.image_size[c].tolist()
             figures: dict[str, Any] = {"fx": K[0, 0], "fy": K[1, 1], "width": width, "height": height}
             yield diagnostic("focal_length_odd", severity=severity, cameras=[cameras.names[c]], **figures)
@@ -83,13 +82,13 @@ def _odd_centres(cameras: Cameras) -> Iterator[Diagnostic]:
 def _folds(cameras: Cameras) -> Iterator[Diagnostic]:
     """Yield a problem for each lens with a decreasing distorted radius."""
     limits = np.asarray(largest_radius(cameras.distortion, cameras.models)).reshape(-1)
-    for c, limit in enumerate(limits):
+    for c in np.flatnonzero(np.isfinite(limits)):
         K, size = cameras.K[c], cameras.image_size[c]
         middles = np.array([(0, K[1, 2]), (size[0] - 1, K[1, 2]), (K[0, 2], 0), (K[0, 2], size[1] - 1)])
         reach = (np.abs(middles - K[:2, 2]) / (K[0, 0], K[1, 1])).max()
-        edge = np.array([[[min(limit, _WIDEST), 0.0]]])
+        edge = np.array([[[limits[c], 0.0]]])
         fold = float(np.asarray(distort(edge, cameras.distortion[[c]], cameras.models[c : c + 1]))[0, 0, 0])
-        if np.isfinite(limit) and fold < reach:
+        if fold < reach:
             yield diagnostic("distortion_folds", cameras=[cameras.names[c]], size=fold * K[0, 0])
 
 
@@ -121,9 +120,9 @@ def _beyond_pictures(capture: Capture) -> Iterator[Diagnostic]:
     seen, xy = capture.keypoints.confidence > 0, capture.keypoints.xy
     sizes = np.broadcast_to(capture.cameras.image_size[:, None, None], xy.shape)[seen]
     beyond = (np.maximum(-xy[seen], xy[seen] - sizes) / sizes).max(axis=-1)
-    if (share := float((beyond > _FAR_OUTSIDE).mean())) > 0.5:
-        yield diagnostic("detections_outside", percent=100 * share, most=_FAR_OUTSIDE)
-    if (share := float((beyond > 1).mean())) > _MANY:
+    if (share := float((beyond > IMPOSSIBLE).mean())) > 0.5:
+        yield diagnostic("detections_outside", percent=100 * share)
+    if (share := float((beyond > 1).mean())) > UNRELATED_OUTLIERS:
         yield diagnostic("detections_outside", severity=Severity.WARNING, percent=100 * share)
 
 

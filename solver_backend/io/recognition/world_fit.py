@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.agreement.body_evidence import POSSIBLE_M, STATURES_M
-from solver_backend.agreement.evidence import FRAMES, POSES, SIGMAS
+from solver_backend.agreement.body_evidence import MEAN_STATURE_M, POSSIBLE_M, STATURE_SPREAD_M, STATURES_M
+from solver_backend.agreement.evidence import FRAMES, POSES, SIGMAS, UNRELATED_NOISE, person_size
 from solver_backend.agreement.person_selection import SelectedPerson
+from solver_backend.agreement.single_view import LEAST_UPRIGHT
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.camera_corrections import COMPARED, unrolled
@@ -33,12 +34,7 @@ from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 
 _LEG = ("hip", "knee"), ("knee", "ankle")
-LEAST_UPRIGHT = 0.9  # Smallest cosine between a standing person and an axis.
-LARGEST_RESIDUAL_PX, LARGEST_BIAS_PX = 40.0, 15.0  # Limits of agreeing views, and of a camera relative to the others.
 IN_LINE = np.radians(15.0)  # Two cameras with a smaller angle between their views of the person show no depth.
-OTHER_STATURE = 0.06
-"""Log-scale difference, in addition to ``SIGMAS`` deviations, beyond which a given stature contradicts a calibration
-with a possible person. A badly measured calibration board is within it."""
 TILT_DEG = 30.0  # Angle between the up of one camera's calibration and of its person. The lifter errs by 3 to 10.
 
 
@@ -63,6 +59,7 @@ class WorldCheck:
     residual_px: float = float("nan")  # Median reprojection error in pixels.
     off_px: dict[str, float] = field(default_factory=dict)
     """Median offset in pixels of each camera's keypoints from the points of the other cameras."""
+    person_px: tuple[float, ...] = ()  # Size of the person in each view in pixels.
     views: tuple[str, ...] = ()  # Names of the cameras.
     apart: float = np.pi / 2  # Angle between the two viewing directions of the person, radians.
 
@@ -122,9 +119,10 @@ class WorldCheck:
             found.append(diagnostic("floor_off", lowest=self.lowest_m))
         if np.sin(self.apart) < np.sin(IN_LINE):
             found.append(diagnostic("views_in_line", cameras=list(self.views), angle=np.degrees(self.apart)))
-        if self.residual_px > LARGEST_RESIDUAL_PX:  # no single camera is then the cause
+        if self.residual_px > UNRELATED_NOISE * np.mean(self.person_px or 1.0):  # no single camera is then the cause
             return (*found, diagnostic("views_disagree", size=self.residual_px))
-        wrong = {name: round(off) for name, off in self.off_px.items() if off > LARGEST_BIAS_PX}
+        most = {name: 0.5 * UNRELATED_NOISE * size for name, size in zip(self.views, self.person_px, strict=True)}
+        wrong = {name: round(off) for name, off in self.off_px.items() if off > most[name]}
         found += [diagnostic("cameras_shifted", cameras=list(wrong), shifts=wrong)] if wrong else []
         return tuple(found)
 
@@ -162,6 +160,7 @@ def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
         keypoints.fps * len(frames) / keypoints.num_frames,
         residual_px=float(quantile(np.asarray(found.residual_px).ravel(), 0.5, axis=0)),
         off_px=dict(_biases(cameras, xy[:, few], confidence[:, few], np.asarray(found.sigma_px))),
+        person_px=tuple(person_size(np.where((confidence > 0)[..., None], xy, np.nan)).tolist()),
         views=cameras.names,
         apart=_angle(cameras, points) if len(cameras) == 2 else np.pi / 2,
     )
@@ -222,7 +221,7 @@ def scale_world(
     scale, share = scale_from_stature(check_world(cameras, keypoints).points, keypoints.joint_set, settings.stature)
     found = [diagnostic("world_scaled", reason="stature", scale=scale, percent=100 * share, stature=settings.stature)]
     calibrated = settings.stature / scale
-    contradicts = abs(np.log(scale)) > max(OTHER_STATURE, SIGMAS * share)
+    contradicts = abs(np.log(scale)) > max(STATURE_SPREAD_M / MEAN_STATURE_M, SIGMAS * share)
     if contradicts and STATURES_M[0] < calibrated < STATURES_M[1]:
         found.append(diagnostic("stature_contradicts", size=calibrated, stature=settings.stature, scale=scale))
     return cameras.scaled(scale), tuple(found)

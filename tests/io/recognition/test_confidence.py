@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.diagnostics import diagnostic, word
-from solver_backend.io.recognition.confidence import from_logarithms, on_unit_scale
+from solver_backend.io.recognition.confidence import from_logarithms, on_unit_scale, placeholder
 
 
 @pytest.fixture
@@ -49,10 +49,9 @@ def test_ones_are_no_finding_and_few_points_are_no_evidence(rng) -> None:
 
 def test_per_cent_and_larger_scores(rng) -> None:
     given = doubts(rng)
-    for poor in (given, 0.4 * given):
-        found, notes, problems = on_unit_scale(100 * poor)
-        assert found == pytest.approx(poor) and notes == ()
-        assert problems == (diagnostic("confidence_rescaled", how="percent", largest=100 * poor.max()),)
+    found, notes, problems = on_unit_scale(100 * given)
+    assert found == pytest.approx(given) and notes == ()
+    assert problems == (diagnostic("confidence_rescaled", how="percent", largest=100 * given.max()),)
     found, *reported = on_unit_scale(np.where(given > 0, 500.0, 0.0))
     unknown = diagnostic("confidence_rescaled", how="relative", largest=500.0)
     assert found.max() == 1.0 and reported == [(), (unknown,)] and unknown.severity == "warning"
@@ -63,7 +62,7 @@ def test_few_scores_on_an_unknown_scale_are_said_to_be_few() -> None:
     assert (found == 1.0).sum() == 5 and "the upper half is treated as certain" in word(problem).what
 
 
-@pytest.mark.parametrize("scale", [7.0, 255.0])
+@pytest.mark.parametrize("scale", [7.0, 40.0, 255.0])
 def test_scores_of_a_network_keep_their_order(rng, scale: float) -> None:
     given = doubts(rng)
     found, _, (problem,) = on_unit_scale(scale * given)
@@ -98,3 +97,14 @@ def test_one_larger_score_or_nan_leaves_per_cent(rng) -> None:
     found, _, (problem,) = on_unit_scale(given)
     assert problem.values["how"] == "percent" and found[0, 0, :2].tolist() == [1.0, 0.0]
     assert found[1:] == pytest.approx(given[1:] / 100)
+
+
+def test_a_position_of_most_keypoints_is_a_placeholder(rng) -> None:
+    xy, confidence = rng.uniform(10, 900, (2, 60, 1, 25, 2)).round(), np.ones((2, 60, 1, 25))
+    assert placeholder(xy, confidence) is None
+    xy[rng.uniform(size=confidence.shape) < 0.1] = -7.0
+    found = placeholder(xy, confidence)
+    assert found is not None and found.tolist() == [-7.0, -7.0]
+    xy[:] = rng.uniform(10, 900, xy.shape)
+    xy[..., 3, :] = 5.0  # a keypoint that never moves
+    assert placeholder(xy, confidence) is None
