@@ -97,7 +97,7 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ("Cases with a wrong result and no warning", "agreement", "all_silent", "of 198 cases"),
     ),
     "From one calibrated camera": (
-        ("Joint error in the world, unseen people of 1.45 to 2.05 m", "one_camera_people", "world", "mm"),
+        ("Joint error in the world, unseen people 1.45 to 2.05 m tall", "one_camera_people", "world", "mm"),
         ("The same after similarity alignment of each frame", "one_camera_people", "pa", "mm"),
         ("Joint error in the world, dances unlike the training motion", "one_camera_people", "class_world", "mm"),
         ("The same after similarity alignment of each frame", "one_camera_people", "class_pa", "mm"),
