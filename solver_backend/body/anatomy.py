@@ -1,4 +1,4 @@
-"""Define landmarks on any body from its joints and by rays cast at its skin."""
+"""Define landmarks on any body from its joints and from rays cast at its skin."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.geometry.small_matrices import dot
 
 _KNOWN: WeakKeyDictionary[Body, dict[tuple[bytes, bytes, bool], SurfacePoint]] = WeakKeyDictionary()
-"""Cached results of cast rays."""
-SAME_M = 1e-9  # Triangles that a ray leaves within this distance share the same edge or corner.
+"""Cached results of ray casts."""
+SAME_M = 1e-9  # If a ray leaves several triangles within this distance, they share the edge or corner that it hits.
 
 
 @dataclass(frozen=True)
 class SurfacePoint:
-    """Point of the mesh, given by barycentric coordinates in one triangle."""
+    """A point on the mesh, given by barycentric coordinates in a triangle."""
 
     vertices: np.ndarray  # (3,) vertex indices.
-    barycentric: np.ndarray  # (3,) sums to 1.
+    barycentric: np.ndarray  # (3,) coordinates that sum to 1.
     normal: np.ndarray  # (3,) outward unit normal.
 
 
 def cast_ray(body: Body, origin: np.ndarray, direction: np.ndarray, *, outermost: bool = False) -> SurfacePoint:
-    """Return the first exit of a ray from the rest mesh, or the outermost one.
+    """Find where a ray first leaves the rest mesh, or where it last leaves it (``outermost``).
 
-    The ray starts at ``origin`` (3,) inside the mesh, in rest frame metres. A miss raises ``BodyInvalid``.
+    The ray starts at ``origin`` (3,) inside the mesh, in metres in the rest pose. A miss raises ``BodyInvalid``.
 
     Reference: Möller and Trumbore 1997, "Fast, minimum storage ray-triangle intersection".
     """
@@ -62,7 +62,7 @@ def _cast(body: Body, origin: np.ndarray, direction: np.ndarray, outermost: bool
     normals = np.cross(edge1, edge2)
     leaving = hit & (normals @ direction > 0)
     reach = np.where(leaving if leaving.any() else hit, t, np.nan)
-    # A ray in the median plane hits an edge. Choose the first triangle there, independent of rounding.
+    # A ray in the median plane hits an edge. Choose the first triangle there, regardless of rounding.
     there = np.abs(reach - (np.nanmax(reach) if outermost else np.nanmin(reach))) <= SAME_M
     face = int(np.argmax(there))
     barycentric = np.array([1 - u[face] - v[face], u[face], v[face]]).clip(0)
@@ -72,7 +72,7 @@ def _cast(body: Body, origin: np.ndarray, direction: np.ndarray, outermost: bool
 
 @dataclass(frozen=True)
 class AtJoints:
-    """Weighted mean of joints, shifted in the rest frame (metres at a stature of 1.70 m)."""
+    """Weighted mean of joints, shifted in the rest pose (in metres at a stature of 1.70 m)."""
 
     joints: dict[str, float]
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -81,7 +81,7 @@ class AtJoints:
 
 @dataclass(frozen=True)
 class OnSurface:
-    """First exit of a ray from the skin (for the head the outermost one, as mouths are hollow).
+    """The point where a ray first leaves the skin (last for the head, because mouths are hollow).
 
     The ray starts at a joint, or at the fraction ``along`` of the way to the next joint, shifted by ``start``. The
     point is then moved ``depth`` metres inwards. The depth of a marker is negative.
@@ -106,14 +106,14 @@ Rule = AtJoints | OnSurface | Between
 
 
 class LandmarkBuilder:
-    """Builder of landmarks from skinned points of one body."""
+    """Builds landmarks from skinned points on one body."""
 
     def __init__(self, body: Body, rules: Mapping[str, tuple[str, Rule]], *, correctives: bool = False) -> None:
         """Prepare a builder for a closed T-posed body in SMPL's frame.
 
         Args:
-            rules: side ('left', 'right' or '') and rule of the left side, by landmark name.
-            correctives: also extract the pose correctives. Skin markers need them, keypoints inside the body do not.
+            rules: side ('left', 'right' or '') and the rule for the left side, by landmark name.
+            correctives: also extract pose correctives, which skin markers need and keypoints inside the body do not.
         """
         self._body, self._rules, self._scale = body, rules, body.stature_m / 1.70
         self._correctives = correctives
@@ -134,7 +134,7 @@ class LandmarkBuilder:
         return Landmarks.of_points(names, rest, shapedirs, weights, mix)
 
     def _landmark(self, name: str) -> dict[int, float]:
-        side, rule = self._rules.get(name) or ("", AtJoints({name: 1.0}))  # else a joint that the body has itself
+        side, rule = self._rules.get(name) or ("", AtJoints({name: 1.0}))  # otherwise a joint that the body itself has
         if isinstance(rule, Between):
             shares: dict[int, float] = {}
             for other, share in rule.landmarks.items():

@@ -1,4 +1,4 @@
-"""Body model: template, shape and pose blend shapes, skinning weights, kinematic tree."""
+"""Define the body model: template, shape and pose blend shapes, skinning weights, and kinematic tree."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from solver_backend.types.shapes import Float, Int
 
 DEFAULT_BODY = Path(__file__).parents[1] / "assets" / "body_neutral.npz"
 REQUIRED_KEYS = ("v_template", "shapedirs", "J_regressor", "weights", "kintree_table", "f")
-_LAYOUT_KEYS = ("joint_names", "joint_groups")  # Of bodies outside the SMPL family: name and group of each joint.
+_LAYOUT_KEYS = ("joint_names", "joint_groups")  # For bodies outside the SMPL family: name and group of each joint.
 _READ_KEYS = frozenset({*REQUIRED_KEYS, *_LAYOUT_KEYS, "posedirs", "body_id"})
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Skinned body with shape and pose correctives, in metres, with Y up and facing +Z.
+    """A skinned body with shape and pose correctives, in metres, Y up and facing +Z.
 
     ``v(betas) = v_template + shapedirs @ betas`` and ``J(betas) = J_regressor @ v(betas)`` (Loper et al. 2015).
     """
@@ -33,29 +33,29 @@ class Body:
     v_template: Float[np.ndarray, "vertices 3"]
     """(V, 3) vertices of the mean shape in metres."""
     shapedirs: Float[np.ndarray, "vertices 3 10"]
-    """(V, 3, 10) derivatives of the vertices by the shape, metres per unit."""
+    """(V, 3, 10) derivatives of the vertices by the shape, in metres per unit."""
     posedirs: Float[np.ndarray, "vertices 3 features"]
     """(V, 3, 9 (J - 1)) pose correctives in metres per unit of the feature flatten(R_j - I), j = 1..J-1."""
     J_regressor: Float[np.ndarray, "joints vertices"]
-    """(J, V) weights of vertices that give the joints. Rows sum to 1."""
+    """(J, V) vertex weights whose sums give the joints. Rows sum to 1."""
     weights: Float[np.ndarray, "vertices joints"]
     """(V, J) skinning weights. Rows sum to 1."""
     layout: BodyLayout
     faces: Int[np.ndarray, "triangles 3"]
-    """(T, 3) vertex indices of the triangles."""
+    """(T, 3) vertex indices of each triangle."""
     hands_mean: Float[np.ndarray, "hand_joints 3"] | None = None
-    """(r, 3) axis-angles that SMPL-H and SMPL-X add to the r joints at rest in a solve. None for flat hands."""
+    """(r, 3) axis-angles that SMPL-H and SMPL-X add to the r joints left at rest by a solve. None for flat hands."""
     joints_template: Float[np.ndarray, "joints 3"] = field(init=False)
-    """(J, 3) rest joints of the mean shape in metres."""
+    """(J, 3) rest joints of the mean shape, in metres."""
     joints_shapedirs: Float[np.ndarray, "joints 3 10"] = field(init=False)
-    """(J, 3, 10) derivatives of the rest joints by the shape, metres per unit."""
+    """(J, 3, 10) derivatives of the rest joints by the shape, in metres per unit."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints_template", self.J_regressor @ self.v_template)
         object.__setattr__(self, "joints_shapedirs", np.tensordot(self.J_regressor, self.shapedirs, axes=(1, 0)))
 
     def rest_joints(self, betas: Float[np.ndarray, " 10"]) -> Float[np.ndarray, "joints 3"]:
-        """Return the (J, 3) rest joints of a shape in metres."""
+        """Return the (J, 3) rest joints for a shape, in metres."""
         return self.joints_template + self.joints_shapedirs @ np.asarray(betas, dtype=np.float64)
 
     @property
@@ -65,7 +65,7 @@ class Body:
 
     @cached_property
     def recorded_joints(self) -> tuple[int, ...]:
-        """Joints in motions of this body, in their order. For the SMPL family these are SMPL's."""
+        """Joints stored in motions of this body, in their order. For the SMPL family, these are SMPL's."""
         return self.layout.standing_for(self.layout.recorded)
 
     @property
@@ -74,12 +74,12 @@ class Body:
         return float(np.ptp(self.v_template[:, 1]))
 
     def stature_of(self, betas: np.ndarray) -> float:
-        """Return the height of a (10,) shape in metres."""
+        """Return the height in metres for a (10,) shape."""
         return float(np.ptp(self.v_template[:, 1] + self.shapedirs[:, 1] @ betas))
 
 
 def load_body(path: Path | None = None) -> Body:
-    """Read a body from ``.npz`` (``docs/reference/body-file.md``). Raise ``BodyInvalid``."""
+    """Read a body from an ``.npz`` (``docs/reference/body-file.md``). Raise ``BodyInvalid``."""
     return _load_body(Path(path) if path is not None else DEFAULT_BODY)
 
 
@@ -93,11 +93,11 @@ def _load_body(path: Path) -> Body:
 
 
 def body_from_arrays(arrays: Mapping[str, Any], *, where: str, default_id: str) -> Body:
-    """Check arrays with SMPL's names and create a body.
+    """Check arrays that are named as in SMPL, and create a body.
 
     Raises:
-        BodyInvalid: an array is missing, not finite or misshaped, a face has an unknown vertex, or joints are no tree
-            with parents first.
+        BodyInvalid: an array is missing, not finite or misshapen, a face refers to an unknown vertex, or the joints do
+            not form a tree with parents first.
     """
     if missing := [key for key in REQUIRED_KEYS if key not in arrays]:
         what = f"The body file lacks {', '.join(missing)}. It contains {', '.join(sorted(arrays))}."
@@ -138,7 +138,7 @@ def body_from_arrays(arrays: Mapping[str, Any], *, where: str, default_id: str) 
 
 
 def _whole(values: np.ndarray) -> np.ndarray:
-    """Return indices. Numbers beyond 32 bits, which a cast would change, become an invalid index."""
+    """Convert to indices. Numbers beyond 32 bits, which a cast would change, become an invalid index."""
     return np.clip(np.asarray(values, np.float64), -1, 2**32).astype(np.int64)
 
 

@@ -1,4 +1,4 @@
-"""Markers on the back of a hand, by label."""
+"""Identify markers on the back of a hand by label."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from solver_backend.body.hand_skeleton import HandSites, HandSkeleton
 from solver_backend.exchange.joint_sets import FINGERS
 
 THICKNESS_M = 0.010  # Distance in metres from the centre of a finger joint to the centre of a marker on its back.
-PALM_THICKNESS_M = 0.016  # The same for the palm.
-_ROOT = 0.3  # Position of the metacarpal bases, relative to the distance from wrist to knuckle.
+PALM_THICKNESS_M = 0.016  # The same distance for the palm.
+_ROOT = 0.3  # Position of the metacarpal bases, as a fraction of the distance from wrist to knuckle.
 
 
 @dataclass(frozen=True)
 class HandMarkers:
-    """Markers of one hand."""
+    """The markers on one hand."""
 
     labels: tuple[str, ...]
-    sites: HandSites  # Where they sit on a hand of common shape.
+    sites: HandSites  # Their positions on a hand of average shape.
 
 
 def _places() -> dict[str, tuple[int, int, float]]:
-    """Return (finger, segment, relative position along it from its joint) for every label."""
+    """Return the finger, the segment and the relative position along it (from its joint) for every label."""
     found = {"FT1": (0, 3, 0.9), "IP": (0, 2, 1.0), "MP1": (0, 1, 1.0), "CMC1": (0, 0, 1.0)}
     for number in range(1, len(FINGERS)):
         own = {"FT": (number, 3, 0.8), "DP": (number, 2, 1.0), "PP": (number, 1, 1.0), "MP": (number, 0, 1.0)}
@@ -38,16 +38,16 @@ _LABEL = re.compile(rf"(left|right|l|r)[ _\-.:]?({'|'.join(PLACES)})", re.IGNORE
 
 
 def hand_place(label: str) -> tuple[int, str] | None:
-    """Return side (0 left, 1 right) and location of a hand marker label, such as ``L_FT2``."""
+    """Return the side (0 left, 1 right) and location that a hand marker label such as ``L_FT2`` names."""
     match = _LABEL.fullmatch(label.rsplit(":", 1)[-1].strip())
     return None if match is None else (("l", "r").index(match[1][0].lower()), match[2].upper())
 
 
-LEAST = 3  # Fewest markers of a hand. A single label such as LMP1 may belong to a foot.
+LEAST = 3  # Smallest number of markers on a hand. A single label such as LMP1 may belong to a foot.
 
 
 def hand_columns(labels: Sequence[str]) -> dict[int, dict[str, int]]:
-    """Return hand marker columns by side and location, for sides with ``LEAST`` markers."""
+    """Return the hand marker columns by side and location, for sides with at least ``LEAST`` markers."""
     found: dict[int, dict[str, int]] = {0: {}, 1: {}}
     for column, label in enumerate(labels):
         if (place := hand_place(label)) is not None:
@@ -56,13 +56,13 @@ def hand_columns(labels: Sequence[str]) -> dict[int, dict[str, int]]:
 
 
 def hand_labels(labels: Sequence[str]) -> dict[str, str]:
-    """Return the location, such as ``L_FT2``, of each hand label. See ``hand_columns``."""
+    """Return the location, such as ``L_FT2``, for each hand label. See ``hand_columns``."""
     found = hand_columns(labels)
     return {labels[c]: f"{'LR'[side]}_{place}" for side, columns in found.items() for place, c in columns.items()}
 
 
 def hand_markers(skeleton: HandSkeleton, labels: tuple[str, ...]) -> HandMarkers:
-    """Return the hand markers among the labels, in the same order."""
+    """Return the hand markers among the labels, in the order of the labels."""
     known = tuple(label for label in labels if label in PLACES)
     finger, segment, along = (np.array([PLACES[label][i] for label in known]) for i in range(3))
     finger, segment = finger.astype(int), segment.astype(int)

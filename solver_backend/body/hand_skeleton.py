@@ -1,4 +1,4 @@
-"""Pose a hand's skeleton with joint angles, and compute points on its segments."""
+"""Pose a hand skeleton with joint angles, and compute points on its segments."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from solver_backend.exchange.joint_sets import FINGERS, HAND_POINTS, NUM_HAND_PO
 from solver_backend.geometry.rotations import cross
 from solver_backend.types.shapes import Bool, Float, Int
 
-FLEXION, SPREAD, TWIST = 0, 1, 2  # Into the palm, towards the thumb (for the thumb: off the palm), about the bone.
+FLEXION, SPREAD, TWIST = 0, 1, 2  # Into the palm, towards the thumb (thumb: off the palm), about the bone.
 _KINDS = ("flexion", "spread", "twist")
 _THUMB = (("cmc", 0, (FLEXION, SPREAD, TWIST)), ("mcp", 1, (FLEXION,)), ("ip", 2, (FLEXION,)))
 _OTHERS = (("mcp", 0, (FLEXION, SPREAD)), ("pip", 1, (FLEXION,)), ("dip", 2, (FLEXION,)))
@@ -20,29 +20,29 @@ _TABLE = [
     for place, joint, kinds in (_OTHERS if n else _THUMB)
     for kind in kinds
 ]
-ANGLES: tuple[str, ...] = tuple(row[0] for row in _TABLE)  # Names of a hand's angles, the thumb's first.
-NUM_ANGLES = len(ANGLES)  # Angles of a hand.
+ANGLES: tuple[str, ...] = tuple(row[0] for row in _TABLE)  # Names of a hand's angles, thumb first.
+NUM_ANGLES = len(ANGLES)  # Number of angles in a hand.
 FINGER_OF, JOINT_OF, KIND_OF = (np.array([row[i] for row in _TABLE]) for i in (1, 2, 3))
-"""(A,) index in ``FINGERS`` of each angle's finger, its joint (0 at the palm), and its kind."""
+"""(A,) arrays with each angle's finger (index in ``FINGERS``), joint (0 at the palm) and kind."""
 FLEXION_OF = np.array([[r[1:3] for r in _TABLE].index(row[1:3]) for row in _TABLE])
-"""(A,) index of the flexion angle of each angle's joint."""
-THUMB_TILT = float(np.deg2rad(45.0))  # A thumb bends across the palm, so that its nail partly faces sideways.
+"""(A,) index of the flexion angle at the same joint as each angle."""
+THUMB_TILT = float(np.deg2rad(45.0))  # A thumb bends across the palm, so its nail partly faces sideways.
 KNUCKLES = tuple(HAND_POINTS.index(f"{finger}_mcp") for finger in ("middle", *FINGERS[1:]))
-"""Points that define each finger's x axis from the wrist. The thumb uses the middle finger's."""
+"""Points that define each finger's x axis from the wrist. The thumb uses the middle finger's point."""
 
 
 def side_sign(side: int) -> float:
-    """Return σ: 1 for a right hand, -1 for a left one."""
+    """Return σ: 1 for a right hand, -1 for a left hand."""
     return 1.0 if SIDES[side] == "right" else -1.0
 
 
 def palm_frames(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndarray, "n 5 3 3"]:
-    """Return (n, 5, 3, 3) frames in which the first joint of each finger has zero angles.
+    """Return the (n, 5, 3, 3) frames relative to which each finger's first joint has zero angles.
 
-    ``points`` (n, 21, 3) are ``HAND_POINTS``. Side 0 is left, 1 right.
+    ``points`` (n, 21, 3) are ``HAND_POINTS``. Side 0 is left, and 1 is right.
     """
     wrist, index, pinky = (points[:, i] for i in (0, KNUCKLES[1], KNUCKLES[-1]))
-    # For a right hand seen from its back, fingers up, the index is on the left, so the product points at the viewer.
+    # Seen from its back, fingers up, a right hand has its index on the left, so the product points at the viewer.
     dorsal = side_sign(side) * np.cross(pinky - wrist, index - wrist)
     x = _unit(points[:, KNUCKLES] - wrist[:, None])
     y = np.broadcast_to(dorsal[:, None], x.shape)
@@ -53,7 +53,7 @@ def palm_frames(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndar
 
 
 def joint_rotations(angles: Float[np.ndarray, "n a"], side: int) -> Float[np.ndarray, "n 5 3 3 3"]:
-    """Return (n, 5, 3, 3, 3) rotations relative to the previous segment, for (n, A) angles."""
+    """Convert (n, A) angles to (n, 5, 3, 3, 3) rotations relative to the previous segment."""
     turns = np.zeros((len(angles), 5, 3, 3))
     turns[:, FINGER_OF, JOINT_OF, KIND_OF] = angles
     sign = side_sign(side)
@@ -62,9 +62,9 @@ def joint_rotations(angles: Float[np.ndarray, "n a"], side: int) -> Float[np.nda
 
 
 def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndarray, "n a"]:
-    """Return (n, A) angles of (n, 21, 3) ``HAND_POINTS``, with NaN for missing and 0 for twist.
+    """Compute (n, A) angles from (n, 21, 3) ``HAND_POINTS``, NaN where points are missing and 0 for twist.
 
-    For a bone along v in the previous segment's frame, ``flexion = atan2(-v_y, v_x)`` and ``spread = asin(-σ v_z)``.
+    For a bone along v relative to the previous segment, ``flexion = atan2(-v_y, v_x)`` and ``spread = asin(-σ v_z)``.
     """
     frames = palm_frames(points, side)
     bones = _unit(np.diff(points[:, 1:].reshape(len(points), 5, 4, 3), axis=2))
@@ -79,7 +79,7 @@ def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.n
 
 
 def informed_joints(known: Bool[np.ndarray, "n a"]) -> Bool[np.ndarray, "n 5 3"]:
-    """Return an (n, 5, 3) mask of joints with a known angle, by finger of ``FINGERS``."""
+    """Return an (n, 5, 3) mask of joints with a known angle, in the finger order of ``FINGERS``."""
     informed = np.zeros((len(known), 5, 3), bool)
     for finger, joint, angle in zip(FINGER_OF, JOINT_OF, known.T, strict=True):
         informed[:, finger, joint] |= angle
@@ -87,7 +87,7 @@ def informed_joints(known: Bool[np.ndarray, "n a"]) -> Bool[np.ndarray, "n 5 3"]
 
 
 def rotation_angles(turns: Float[np.ndarray, "n 5 3 3 3"], side: int) -> Float[np.ndarray, "n a"]:
-    """Return (n, A) angles of joint rotations, the inverse of ``joint_rotations``."""
+    """Convert joint rotations to (n, A) angles. This is the inverse of ``joint_rotations``."""
     x, sign = turns[..., 0], side_sign(side)
     spread = np.arcsin(np.clip(-x[..., 2], -1.0, 1.0)) * sign
     twist = np.arctan2(turns[..., 2, 1], turns[..., 2, 2]) * sign
@@ -114,32 +114,32 @@ class HandSites:
     """L points fixed to segments of a hand."""
 
     finger: Int[np.ndarray, " sites"]  # (L,) index in ``FINGERS``, unused for the palm.
-    segment: Int[np.ndarray, " sites"]  # (L,) 0 for the palm, 1 to 3 for the finger's bones.
-    offset: Float[np.ndarray, "sites 3"]  # (L, 3) metres from its joint in the segment's frame, or from the wrist.
+    segment: Int[np.ndarray, " sites"]  # (L,) 0 for the palm, 1 to 3 for the bones of the finger.
+    offset: Float[np.ndarray, "sites 3"]  # (L, 3) metres from its joint relative to the segment, or from the wrist.
 
 
 @dataclass(frozen=True)
 class PosedHand:
-    """F poses of a hand in the hand's frame, with the wrist as origin."""
+    """F poses of a hand relative to the hand itself, with the wrist as origin."""
 
-    frames: Float[np.ndarray, "n 5 4 3 3"]  # (F, 5, 4, 3, 3) frames of the segments, first the palm's at zero angles.
-    joints: Float[np.ndarray, "n 5 4 3"]  # (F, 5, 4, 3) metres: joints of each finger and its tip.
+    frames: Float[np.ndarray, "n 5 4 3 3"]  # (F, 5, 4, 3, 3) segment frames, starting with the palm's at zero angles.
+    joints: Float[np.ndarray, "n 5 4 3"]  # (F, 5, 4, 3) metres: the joints of each finger, and its tip.
     axes: Float[np.ndarray, "n a 3"]  # (F, A, 3) rotation axis of each angle.
 
 
 @dataclass(frozen=True)
 class HandSkeleton:
-    """Bones of one hand at rest."""
+    """The bones of one hand at rest."""
 
     side: int  # 0 left, 1 right.
-    palm: Float[np.ndarray, "5 3 3"]  # (5, 3, 3) frames of ``palm_frames`` at the fingers' roots.
-    roots: Float[np.ndarray, "5 3"]  # (5, 3) metres: first joint of each finger, from the wrist.
-    bones: Float[np.ndarray, "5 3 3"]  # (5, 3, 3) metres: each joint to the next or the tip, in its frame.
-    rest: Float[np.ndarray, "5 3 3 3"]  # (5, 3, 3, 3) frames of the segments at rest.
+    palm: Float[np.ndarray, "5 3 3"]  # (5, 3, 3) frames from ``palm_frames`` at the fingers' roots.
+    roots: Float[np.ndarray, "5 3"]  # (5, 3) metres: first joint of each finger relative to the wrist.
+    bones: Float[np.ndarray, "5 3 3"]  # (5, 3, 3) metres: from each joint to the next or the tip, in its frame.
+    rest: Float[np.ndarray, "5 3 3 3"]  # (5, 3, 3, 3) segment frames at rest.
 
     @classmethod
     def of_points(cls, points: Float[np.ndarray, "21 3"], side: int) -> HandSkeleton:
-        """Return the skeleton with the given (21, 3) ``HAND_POINTS`` at rest in metres."""
+        """Build the skeleton from (21, 3) ``HAND_POINTS`` at rest in metres."""
         own = (points - points[0])[None]
         palm, angles = palm_frames(own, side), measure_angles(own, side)
         chain = own[0, 1:].reshape(5, 4, 3)
@@ -164,7 +164,7 @@ class HandSkeleton:
         return np.concatenate([np.zeros((1, 3)), chain.reshape(-1, 3)])
 
     def keypoints(self) -> HandSites:
-        """Return the sites of ``HAND_POINTS``."""
+        """Return the sites at which the ``HAND_POINTS`` are."""
         finger = np.concatenate([[0], np.repeat(np.arange(5), 4)])
         segment = np.concatenate([[0], np.tile(np.arange(4), 5)])
         offset = np.zeros((NUM_HAND_POINTS, 3))
@@ -172,7 +172,7 @@ class HandSkeleton:
         return HandSites(finger, segment, offset)
 
     def pose(self, angles: Float[np.ndarray, "n a"]) -> PosedHand:
-        """Return the hand in F poses with the given angles in radians."""
+        """Pose the hand with F sets of angles in radians."""
         turns = joint_rotations(angles, self.side)
         frames = _segments(np.broadcast_to(self.palm, (len(angles), 5, 3, 3)), turns)
         steps = (frames[:, :, 1:] @ self.bones[..., None])[..., 0]
@@ -190,7 +190,7 @@ class HandSkeleton:
         return np.where(kind == FLEXION, -before[..., 2], turned)
 
     def sites(self, posed: PosedHand, sites: HandSites) -> Float[np.ndarray, "n sites 3"]:
-        """Return (F, L, 3) points on posed segments in metres from the wrist, in the hand's frame."""
+        """Return (F, L, 3) points on posed segments, in metres relative to the wrist and in the hand's axes."""
         origins = posed.joints[:, sites.finger, np.maximum(sites.segment - 1, 0)]
         origins = np.where((sites.segment == 0)[:, None], 0.0, origins)
         return origins + (site_frames(posed, sites) @ sites.offset[..., None])[..., 0]
@@ -200,7 +200,7 @@ class HandSkeleton:
     ) -> Float[np.ndarray, "n sites 3 a"]:
         """Return the (F, L, 3, A) derivatives ``R (axis × (point - joint))`` by the angles.
 
-        ``points`` (F, L, 3) are in metres in the hand's frame. ``turn`` (F, 3, 3) is R from it to the output.
+        ``points`` (F, L, 3) are in metres in the hand's axes. ``turn`` (F, 3, 3) is R, from these axes to the output.
         """
         site, angle = np.nonzero((sites.finger[:, None] == FINGER_OF) & (sites.segment[:, None] > JOINT_OF))
         turn_T = np.swapaxes(turn, 1, 2)
@@ -213,7 +213,7 @@ class HandSkeleton:
     def local_rotations(self, angles: Float[np.ndarray, "n a"]) -> Float[np.ndarray, "n 5 3 3 3"]:
         """Return (F, 5, 3, 3, 3) finger rotations from rest, in the parents' rest frames.
 
-        ``G_j = A_j A_j⁰ᵀ`` with the segment's frame A posed and A⁰ at rest, and ``R_j = G_pᵀ G_j``.
+        ``G_j = A_j A_j⁰ᵀ``, where A is the posed frame of the segment and A⁰ its frame at rest, and ``R_j = G_pᵀ G_j``.
         """
         posed = self.pose(angles)
         G = posed.frames[:, :, 1:] @ np.swapaxes(self.rest, -1, -2)
@@ -222,7 +222,7 @@ class HandSkeleton:
         return local
 
     def angles_of(self, local: Float[np.ndarray, "n 5 3 3 3"]) -> Float[np.ndarray, "n a"]:
-        """Return the (F, A) angles nearest to rotations from rest."""
+        """Return the (F, A) angles that are closest to given rotations from rest."""
         G = [local[:, :, 0]]
         for joint in (1, 2):
             G.append(G[-1] @ local[:, :, joint])
@@ -233,13 +233,13 @@ class HandSkeleton:
 
 
 def site_frames(posed: PosedHand, sites: HandSites) -> Float[np.ndarray, "n sites 3 3"]:
-    """Return the (F, L, 3, 3) segment frames of points, their derivatives by the offsets."""
+    """Return the (F, L, 3, 3) segment frames of points, which are the points' derivatives by their offsets."""
     frames = posed.frames[:, sites.finger, sites.segment]
     return np.where((sites.segment == 0)[:, None, None], np.eye(3), frames)
 
 
 def _segments(palm: np.ndarray, turns: np.ndarray) -> np.ndarray:
-    """Return the (F, 5, 4, 3, 3) frames of palm and segments. Each joint rotates all later segments."""
+    """Return the (F, 5, 4, 3, 3) frames of palm and segments. Each joint rotates all following segments."""
     frames = [palm]
     for joint in range(turns.shape[2]):
         frames.append(frames[-1] @ turns[:, :, joint])
@@ -247,26 +247,26 @@ def _segments(palm: np.ndarray, turns: np.ndarray) -> np.ndarray:
 
 
 RADIUS_M = (0.009, 0.0085, 0.0085, 0.008, 0.007)
-"""Half the breadth of each finger at its last joint in metres, thumb first, for a hand of ``PALM_M`` (Garrett 1971)."""
-PALM_M = 0.09  # Distance from the wrist to the middle knuckle, for a hand with these breadths.
+"""Half the width of each finger at its last joint in metres, thumb first, for a hand of ``PALM_M`` (Garrett 1971)."""
+PALM_M = 0.09  # Distance from wrist to middle knuckle in a hand with these widths.
 BONES = np.array([[4 * finger + k, 4 * finger + k + 1] for finger in range(5) for k in range(1, 4)])
-"""Ends of the three bones of each finger beyond its knuckle, as indices of ``HAND_POINTS``."""
+"""Ends of each finger's three bones beyond its knuckle, as indices into ``HAND_POINTS``."""
 _ONE, _OTHER = (pair for pair in np.triu_indices(len(BONES)))
-_APART = _ONE // 3 != _OTHER // 3  # Of different fingers.
-PAIRS = np.stack([_ONE[_APART], _OTHER[_APART]])  # (2, 90) bones of different fingers.
+_APART = _ONE // 3 != _OTHER // 3  # True for bones of different fingers.
+PAIRS = np.stack([_ONE[_APART], _OTHER[_APART]])  # (2, 90) pairs of bones from different fingers.
 
 
 @dataclass(frozen=True)
 class FingerGaps:
-    """Distances between P pairs of bones of different fingers over F frames."""
+    """Distances between P pairs of bones from different fingers over F frames."""
 
     depth: Float[np.ndarray, "frames pairs"]  # (F, P) metres by which two bones overlap, negative if they do not.
-    along: Float[np.ndarray, "frames pairs 2"]  # (F, P, 2) nearest points as fractions along each bone.
+    along: Float[np.ndarray, "frames pairs 2"]  # (F, P, 2) nearest points, as fractions along each bone.
     apart: Float[np.ndarray, "frames pairs 3"]  # (F, P, 3) metres from the second bone's nearest point to the first's.
 
 
 def finger_gaps(points: Float[np.ndarray, "frames 21 3"]) -> FingerGaps:
-    """Return the overlap ``r_a + r_b - d`` of capsules around bones of different fingers."""
+    """Return the overlaps ``r_a + r_b - d`` of capsules around bones of different fingers."""
     radius = np.repeat(RADIUS_M, 3)
     palm = np.linalg.norm(points[:, 9] - points[:, 0], axis=-1)[:, None]
     (a, b), (c, d) = (np.moveaxis(points[:, BONES[bones]], 2, 0) for bones in PAIRS)
@@ -276,7 +276,7 @@ def finger_gaps(points: Float[np.ndarray, "frames 21 3"]) -> FingerGaps:
 
 
 def finger_overlap(points: Float[np.ndarray, "frames 21 3"]) -> Float[np.ndarray, " frames"]:
-    """Return the (F,) largest overlap of two fingers in metres, 0 without overlap."""
+    """Return the (F,) largest overlap between two fingers in metres, or 0 if none overlap."""
     return np.maximum(finger_gaps(points).depth.max(axis=1), 0.0)
 
 
@@ -286,7 +286,7 @@ def nearest_points(
     c: Float[np.ndarray, "*batch 3"],
     d: Float[np.ndarray, "*batch 3"],
 ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 3"]]:
-    """Return the nearest points of two segments as fractions, and the vector between them.
+    """Return the nearest points of two segments as fractions, and the vector between these points.
 
     Reference: Ericson 2004, "Real-Time Collision Detection", section 5.1.9.
     """

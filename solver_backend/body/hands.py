@@ -1,4 +1,4 @@
-"""Bodies with finger joints: the built-in body with its hands file, SMPL-H and SMPL-X."""
+"""Load bodies with finger joints: the built-in body with its hands file, SMPL-H and SMPL-X."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ __all__ = [
     "with_hand_size",
 ]
 
-_NUM_FINGERS = SMPL_HANDS.num_joints - FIRST_FINGER  # Finger joints of both hands.
+_NUM_FINGERS = SMPL_HANDS.num_joints - FIRST_FINGER  # Number of finger joints in both hands.
 
 
 def load_body_with_hands() -> Body:
-    """Read the built-in body with finger joints, in the layout ``SMPL_HANDS``."""
+    """Read the built-in body with finger joints in the layout ``SMPL_HANDS``."""
     return with_fingers(load_body())
 
 
 @lru_cache(maxsize=4)
 def with_fingers(body: Body) -> Body:
-    """Return the body with finger joints, and unchanged skin, shapes and body joints.
+    """Add finger joints to a body. Its skin, shapes and body joints do not change.
 
     Raises:
         BodyInvalid: the body has no fingers and is not the built-in one.
@@ -55,13 +55,13 @@ def with_fingers(body: Body) -> Body:
 
 
 def flat_hands(body: Body) -> Float[np.ndarray, "30 3 3"]:
-    """Return (30, 3, 3) finger rotations from rest to AMASS's zero pose, a flat hand."""
+    """Return the (30, 3, 3) finger rotations from rest to AMASS's zero pose, which is a flat hand."""
     own = body.id == str(_hands_file()["body_id"])
     return _hands_file()["flat"].astype(np.float64) if own else np.tile(np.eye(3), (_NUM_FINGERS, 1, 1))
 
 
 def with_hand_size(body: Body, size: float) -> Body:
-    """Return the body with hands scaled relative to its shape: ``v + (size - 1) d``."""
+    """Scale a body's hands relative to its shape: ``v + (size - 1) d``."""
     if not size > 0.0:
         raise BodyInvalid(f"The relative hand size is {size}, but a positive number is expected.", where=body.id)
     if size == 1.0:
@@ -75,12 +75,12 @@ def hand_size_directions(
     weights: Float[np.ndarray, "vertices 52"],
     joints: Float[np.ndarray, "52 3"],
 ) -> Float[np.ndarray, "vertices 3"]:
-    """Return (V, 3) displacements in metres per unit of relative hand size."""
+    """Return the (V, 3) displacements in metres per unit of relative hand size."""
     directions = np.zeros_like(vertices)
     for side in ("left", "right"):
         wrist = SMPL_HANDS.joints.index(f"{side}_wrist")
         share = weights[:, [wrist, *SMPL_HANDS.group(f"{side}_hand")]].sum(axis=1)
-        # Smooth at both ends, so that the forearm joins a larger hand without a step.
+        # Smooth at both ends, so that there is no step between the forearm and a larger hand.
         directions += (share * share * (3.0 - 2.0 * share))[:, None] * (vertices - joints[wrist])
     return directions
 
@@ -90,40 +90,40 @@ def _hands_file() -> dict[str, np.ndarray]:
     return read_npz(DEFAULT_BODY.with_name(HANDS_FILE), HANDS_KEYS.__contains__)
 
 
-JOINTS_OF_A_HAND = len(SMPL_HANDS.group("left_hand"))  # Finger joints of one side.
-COLUMNS: tuple[tuple[int, ...], ...] = tuple(  # Finger joints of a hand in SMPL-H's order, by finger of ``FINGERS``.
+JOINTS_OF_A_HAND = len(SMPL_HANDS.group("left_hand"))  # Number of finger joints on one side.
+COLUMNS: tuple[tuple[int, ...], ...] = tuple(  # A hand's finger joints in SMPL-H's order, by finger of ``FINGERS``.
     tuple(3 * SMPL_FINGERS.index(finger) + joint for joint in range(3)) for finger in FINGERS
 )
 
 
 @lru_cache(maxsize=8)
 def hand_skeletons(body: Body) -> tuple[HandSkeleton, HandSkeleton]:
-    """Return both hands of a ``SMPL_HANDS`` body's mean shape, in its rest frame."""
+    """Return both hands of a ``SMPL_HANDS`` body with mean shape, in its rest pose."""
     left, right = (HandSkeleton.of_points(hand_points(body, side), side) for side in range(len(SIDES)))
     return left, right
 
 
 def hand_of_shape(body: Body, betas: Float[np.ndarray, " 10"], side: int) -> HandSkeleton:
-    """Return one hand of a ``SMPL_HANDS`` body with (10,) betas."""
+    """Return one hand of a ``SMPL_HANDS`` body with the given (10,) betas."""
     return HandSkeleton.of_points(hand_points(body, side, betas), side)
 
 
 def by_joint(values: np.ndarray) -> np.ndarray:
-    """Convert (F, 5, 3, ...) values by finger of ``FINGERS`` to SMPL-H's order (F, 15, ...)."""
+    """Convert (F, 5, 3, ...) values in the finger order of ``FINGERS`` to SMPL-H's order (F, 15, ...)."""
     ordered = np.empty((len(values), JOINTS_OF_A_HAND, *values.shape[3:]), values.dtype)
     ordered[:, np.array(COLUMNS)] = values
     return ordered
 
 
 def by_finger(values: np.ndarray) -> np.ndarray:
-    """Convert (F, 15, ...) values in SMPL-H's order to (F, 5, 3, ...) by finger of ``FINGERS``."""
+    """Convert (F, 15, ...) values in SMPL-H's order to (F, 5, 3, ...) in the finger order of ``FINGERS``."""
     return values[:, np.array(COLUMNS)]
 
 
 def finger_rotations(body: Body, angles: Float[np.ndarray, "frames 2 a"]) -> Float[np.ndarray, "frames 30 3 3"]:
     """Return the (F, 30, 3, 3) local rotations of the finger joints in SMPL-H's order.
 
-    ``angles`` (F, 2, A) are in radians, with the left hand first.
+    ``angles`` (F, 2, A) are in radians, left hand first.
     """
     found = np.zeros((len(angles), 2, JOINTS_OF_A_HAND, 3, 3))
     for side, skeleton in enumerate(hand_skeletons(body)):
@@ -137,7 +137,7 @@ def rest_angles(body: Body) -> Float[np.ndarray, "2 a"]:
 
 
 def hand_points(body: Body, side: int, betas: Float[np.ndarray, " 10"] | None = None) -> Float[np.ndarray, "21 3"]:
-    """Return the (21, 3) ``HAND_POINTS`` at rest in metres, by default of the mean shape."""
+    """Return the (21, 3) ``HAND_POINTS`` at rest in metres, for the mean shape by default."""
     rows, tips = _joints(side), tip_vertices(body)[side]
     joints, ends = body.joints_template[rows], body.v_template[tips]
     if betas is not None:
@@ -148,7 +148,7 @@ def hand_points(body: Body, side: int, betas: Float[np.ndarray, " 10"] | None = 
 
 @lru_cache(maxsize=8)
 def tip_vertices(body: Body) -> Int[np.ndarray, "2 5"]:
-    """Return the (2, 5) vertices at the fingertips, the farthest ones along the last bones."""
+    """Return the (2, 5) fingertip vertices, which are the farthest ones along the last bones."""
     tips = np.zeros((len(SIDES), len(FINGERS)), dtype=int)
     for side in range(len(SIDES)):
         for finger, last in enumerate(_joints(side)[3::3]):

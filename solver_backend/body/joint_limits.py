@@ -1,7 +1,7 @@
-"""Measure how far the body joints of the SMPL family exceed the limits of their layout.
+"""Measure how far the SMPL family's body joints exceed the limits in their layout.
 
 A rotation is split into a twist about the bone and a swing (Grassia 1998). This gives three angles about the axes of
-the T-pose (x to the left, y up, z forward). One is the twist, and the others form the swing's rotation vector.
+the T-pose (x to the left, y up, z forward). One is the twist, and the other two form the swing's rotation vector.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 from solver_backend.geometry.arrays import Array, array_namespace, constant
 from solver_backend.geometry.rotations import exp_so3, quat_conjugate, quat_from_matrix, quat_multiply, rotvec_from_quat
 
-_POSES = 2000  # Poses to process at a time.
-MARGIN_DEG = 15.0  # Tolerance at both ends, for differences of people (10 to 15 degrees) and of conventions.
+_POSES = 2000  # Number of poses processed at a time.
+MARGIN_DEG = 15.0  # Tolerance at both ends, for differences between people (10 to 15 degrees) and between conventions.
 
 
 def excess_deg(local: Array) -> Array:
-    """Return (N, 21) degrees by which joints 1..21 exceed their range and margin, 0 inside it."""
+    """Return (N, 21) degrees by which joints 1..21 exceed their range and margin, 0 if within."""
     return _beyond(swing_and_twist(local) * (180.0 / np.pi), _LOW, _HIGH)
 
 
 def posture_excess_deg(local: Array) -> Array:
-    """Return (N, 21) excess degrees with a measure that suits deep knee bends.
+    """Return (N, 21) excess degrees, using a measure that suits deep knee bends.
 
     People who sit cross-legged or kneel bend their knees to 157 +- 6 degrees (Hemmerich et al. 2006, heels up), and the
     swing axis tilts. Near 180 degrees a tilted axis barely moves the shin sideways. Knees use the shin's direction d:
@@ -34,7 +34,7 @@ def posture_excess_deg(local: Array) -> Array:
         parts = [local[start : start + _POSES] for start in range(0, local.shape[0], _POSES)]
         return xp.concat([posture_excess_deg(part) for part in parts])
     angles = swing_and_twist(local) * (180.0 / np.pi)
-    shin = -local[..., :, 1]  # only the swing moves it, as twists are about the bone
+    shin = -local[..., :, 1]  # only the swing moves it, because twists are about the bone
     flexion = xp.atan2(-shin[..., 2], -shin[..., 1]) * (180.0 / np.pi)
     flexion = xp.where(flexion < -135.0, flexion + 360.0, flexion)
     sideways = xp.asin(xp.clip(shin[..., 0], -1.0, 1.0)) * (180.0 / np.pi)
@@ -44,7 +44,7 @@ def posture_excess_deg(local: Array) -> Array:
 
 
 def swing_and_twist(local: Array) -> Array:
-    """Return the (N, 21, 3) angles about x, y and z of ``R = swing · twist`` in radians."""
+    """Return the (N, 21, 3) angles in radians about x, y and z for ``R = swing · twist``."""
     xp = array_namespace(local)
     q = quat_from_matrix(local)
     along = constant(_TWIST, local)
@@ -58,7 +58,7 @@ def swing_and_twist(local: Array) -> Array:
 
 
 def from_swing_and_twist(angles: Array) -> Array:
-    """Return (N, 21, 3, 3) rotations for angles, the inverse of ``swing_and_twist``."""
+    """Convert angles to (N, 21, 3, 3) rotations. This is the inverse of ``swing_and_twist``."""
     twist = constant(_TWIST, angles) * angles
     return array_namespace(angles).matmul(exp_so3(angles - twist), exp_so3(twist))
 
@@ -81,6 +81,6 @@ def _beyond(angles: Array, low_deg: np.ndarray, high_deg: np.ndarray) -> Array:
 
 _LOW, _HIGH, _TWIST = _table()
 _IS_KNEE = np.array([[float(joint.endswith("knee"))] for joint in SMPL_JOINTS[1 : 1 + NUM_BODY_JOINTS]])
-_DEEPEST_KNEE_DEG = 163.0  # Mean and standard deviation of the greatest flexion of 30 adults (Hemmerich et al. 2006).
+_DEEPEST_KNEE_DEG = 163.0  # Mean and standard deviation of maximum flexion in 30 adults (Hemmerich et al. 2006).
 JOINT_LIMITS: np.ndarray = np.radians(np.stack((_LOW - MARGIN_DEG, _HIGH + MARGIN_DEG), axis=-1))
 """(21, 3, 2) smallest and largest angle of each joint in radians, including the margin."""

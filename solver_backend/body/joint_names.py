@@ -1,4 +1,4 @@
-"""List the labels of joint centres in skeletons of inertial suits, 3D keypoints and exports."""
+"""List the labels that inertial suits, 3D keypoints and skeleton exports use for joint centres."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from itertools import product
 from solver_backend.body.label_words import Affixes, bare_label, prefixes, suffixes
 from solver_backend.body.marker_layouts import label_key
 
-JOINT, KEYPOINT = "=", "~"  # Prefixes for locations of body joints and of detectors' keypoints.
-LEAST_SHARE = 0.85  # Smallest share of labels in one vocabulary, because marker sets share some words with skeletons.
-_FINGER = re.compile(  # Bones of fingers, by the ways they are numbered: LeftHandIndex1, LeftInHandRing, L Finger01.
+JOINT, KEYPOINT = "=", "~"  # Prefixes for body joints and for detector keypoints.
+LEAST_SHARE = 0.85  # Smallest share of labels in one vocabulary, because marker sets and skeletons share some words.
+_FINGER = re.compile(  # Finger bones in their different numbering styles: LeftHandIndex1, LeftInHandRing, L Finger01.
     r"(in)?(hand)?(thumb|index|middle|ring|pinky|little|forefinger|finger)(finger|proximal|distal)?\w{0,4}"
 )
 _WORDS: dict[str, dict[str, str]] = {  # Midline locations by words. Empty if conventions differ too much.
@@ -29,7 +29,7 @@ _WORDS: dict[str, dict[str, str]] = {  # Midline locations by words. Empty if co
         "thorax spine spine1 spine2 spine3 chest mouth belly uppernecks upperneck jaw body": "",
     },
 }  # fmt: skip
-_SIDED: dict[str, dict[str, str]] = {  # The same for sided words. A bone is named by its first joint.
+_SIDED: dict[str, dict[str, str]] = {  # Sided locations by words. A bone is named after its first joint.
     "bones": {
         "upleg upperleg thigh femur hip": "=hip", "leg lowerleg lowleg shin shank calf tibia": "=knee",
         "foot ankle": "=ankle", "toe toe0 toes toebase ball": "=foot", "toeend toesend toetip toenub": "~big_toe",
@@ -46,19 +46,19 @@ _SIDED: dict[str, dict[str, str]] = {  # The same for sided words. A bone is nam
         "foot": "=foot", "eyeinner eyeouter mouth collar clavicle hand handtip": "",
     },
 }  # fmt: skip
-_NEEDED = {  # One chain must exist on both sides. Joints also need hips or a nose.
+_NEEDED = {  # One of these chains must exist on both sides. Joints also need hips or a nose.
     "bones": (("=hip", "=knee", "=ankle"), ("=shoulder", "=elbow", "=wrist")),
     "joints": (("~hip", "~knee", "~ankle"), ("~shoulder", "~elbow", "~wrist")),
 }
-_FACE = {"~nose", "~eye", "~ear", "~small_toe"}  # Keypoints of detectors that no skeleton has.
-_OTHERWISE = {"mid_hip": "pelvis", "head_top": "head", "big_toe": "foot"}  # Joints for keypoints with the same words.
+_FACE = {"~nose", "~eye", "~ear", "~small_toe"}  # Detector keypoints that no skeleton has.
+_OTHERWISE = {"mid_hip": "pelvis", "head_top": "head", "big_toe": "foot"}  # Joints for keypoints with equal words.
 
 
 def joint_centre_places(labels: Sequence[str]) -> dict[str, str]:
-    """Map the labels of joint centres to locations, or to "" if they are unused.
+    """Map joint centre labels to locations, or to "" if they are unused.
 
-    A location is ``=`` and a body joint, or ``~`` and a detector's keypoint. The result is empty if less than
-    ``LEAST_SHARE`` of the labels are words of one vocabulary, or if no limb exists on both sides.
+    A location is ``=`` and a body joint, or ``~`` and a detector keypoint. The result is empty if less than
+    ``LEAST_SHARE`` of the labels are words from one vocabulary, or if no limb exists on both sides.
     """
     bare = tuple(map(bare_label, labels))
     for vocabulary, affixes in product(_WORDS, (Affixes(), *prefixes(bare), *suffixes(bare))):
@@ -70,7 +70,7 @@ def joint_centre_places(labels: Sequence[str]) -> dict[str, str]:
 
 
 def is_joint_centre(place: str) -> bool:
-    """Return whether a location is inside the body, as a joint or a detector's keypoint."""
+    """Return whether a location is inside the body, like a joint or a detector keypoint."""
     return place[:1] in (JOINT, KEYPOINT)
 
 
@@ -107,9 +107,9 @@ def _is_skeleton(places: set[str], vocabulary: str) -> bool:
 
 
 def _as_joints(places: dict[str, str]) -> dict[str, str]:
-    """Convert locations to joints. Keep a detector's keypoints if they include the face.
+    """Convert locations to joints. Detector keypoints are kept if they include the face.
 
-    If there is no ankle, the foot at the end of a leg is the ankle (Human3.6M).
+    If there is no ankle, the foot at the end of a leg is used as the ankle (Human3.6M).
     """
     if {re.sub("left_|right_", "", place) for place in places.values()} & _FACE:
         return places
@@ -127,6 +127,6 @@ def _as_joints(places: dict[str, str]) -> dict[str, str]:
 
 
 def _without_repeats(places: dict[str, str]) -> dict[str, str]:
-    """Return the locations, with empty text for labels that repeat an earlier location."""
+    """Return the locations. Labels that repeat an earlier location get empty text."""
     first = {place: label for label, place in reversed(places.items())}
     return {label: place if first[place] == label else "" for label, place in places.items()}

@@ -1,6 +1,6 @@
-"""Define the keypoints of each detector on any body by anatomical rules.
+"""Define each detector's keypoints on any body by anatomical rules.
 
-Detectors reproduce the points that annotators clicked, which are not joint centres. Sources of the offsets:
+Detectors reproduce the points that annotators clicked, which are not joint centres. The offsets come from:
 
 - COCO's hips are outside and above the joint centres, its ankles above them. BODY_25B's upper neck is near the centre
   of neck rotation, and its big toe is short of the tip. Measured by triangulating BODY_25B in Pose2Sim's recording with
@@ -13,7 +13,7 @@ Detectors reproduce the points that annotators clicked, which are not joint cent
   tenth longer than the body's, so its person is taller. Hip breadth, spine, nose and head are defined here.
 - MediaPipe's hand points are the first knuckles of little and index finger and the thumb's second (BlazePose GHUM).
 
-The solver learns the remaining difference between detector and person per take, as an offset of each landmark.
+The solver estimates the remaining difference between detector and person in each take, as an offset per landmark.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _LEFT: dict[str, Rule] = {
     "hip": AtJoints({"hip": 1.0}, (0.022, 0.02, 0.0)),
     "knee": AtJoints({"knee": 1.0}),
     "ankle": AtJoints({"ankle": 1.0}, (0.0, 0.015, 0.0)),
-    "big_toe": OnSurface("foot", (-0.2, 0, 1), (0, -0.004, 0), depth=0.02),  # beside the nail, whose faces tilt
+    "big_toe": OnSurface("foot", (-0.2, 0, 1), (0, -0.004, 0), depth=0.02),  # next to the nail, where triangles tilt
     "small_toe": OnSurface("foot", (1, 0, 0.75), (0, -0.006, 0), depth=0.008),
     "heel": OnSurface("ankle", (0, 0, -1), (0, -0.05, 0), depth=0.008),
     "thumb": AtJoints({"hand": 1.0}, (-0.02, 0, 0.045), finger="thumb2"),
@@ -63,23 +63,23 @@ _OWN: dict[JointSet, tuple[dict[str, Rule], dict[str, Rule]]] = {
         {"hip": AtJoints({"hip": 1.0}, (0.045, 0.0, 0.0)), "ankle": AtJoints({"ankle": 1.0})},
     ),
 }
-"""Midline and left rules of sets with different locations for the same names."""
+"""Midline and left rules for joint sets that use the same names for other locations."""
 
 
 def keypoint_landmarks(body: Body, joint_set: JointSet) -> Landmarks:
-    """Return a detector's keypoints as landmarks. Raise ``BodyInvalid`` for a missed ray."""
+    """Return a detector's keypoints as landmarks. Raise ``BodyInvalid`` if a ray misses the skin."""
     if joint_set is JointSet.SMPL_24:
         return joint_landmarks(body, SMPL)
     return LandmarkBuilder(body, _RULES.get(joint_set, _COMMON)).build(joint_set.keypoints)
 
 
 def keypoint_rules() -> dict[str, tuple[str, Rule]]:
-    """Return side and rule of the keypoints common to all detectors, by name."""
+    """Return side and rule for the keypoints common to all detectors, by name."""
     return _COMMON
 
 
 def joint_landmarks(body: Body, layout: BodyLayout) -> Landmarks:
-    """Return landmarks for the joints of another layout. Raise ``BodyInvalid`` without one."""
+    """Return landmarks for the joints of another layout. Raise ``BodyInvalid`` if one has no counterpart."""
     chosen = list(body.layout.standing_for(layout))
     one_hot = np.eye(body.layout.num_joints)[chosen]
     joints, directions = body.joints_template[chosen], body.joints_shapedirs[chosen]

@@ -1,4 +1,4 @@
-"""Forward kinematics: global rotations and joint positions of the kinematic tree."""
+"""Compute forward kinematics: global rotations and joint positions of the kinematic tree."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from solver_backend.types.shapes import Float
 
 @dataclass(frozen=True)
 class PosedSkeleton:
-    """Posed kinematic tree of F frames and J joints, in world metres."""
+    """A posed kinematic tree with F frames and J joints, in world metres."""
 
     G: Float[Array, "frames joints 3 3"]  # (F, J, 3, 3) global rotation of each joint.
     joints: Float[Array, "frames joints 3"]  # (F, J, 3) positions.
@@ -29,8 +29,8 @@ def forward_kinematics(
 ) -> PosedSkeleton:
     """Pose the tree: ``G_j = G_p R_j``, ``p_j = p_p + G_p (J_j - J_p)``.
 
-    ``global_orient`` (F, 3, 3) rotates the body about the pelvis joint, ``local`` (F, n, 3, 3) rotates joints 1..n. The
-    landmarks ``keypoint_landmarks(body, JointSet.SMPL_24)`` provide derivatives of the joints.
+    ``global_orient`` (F, 3, 3) rotates the body about the pelvis joint, and ``local`` (F, n, 3, 3) rotates joints 1..n.
+    The landmarks ``keypoint_landmarks(body, JointSet.SMPL_24)`` provide derivatives of the joints.
     """
     xp = array_namespace(global_orient)
     rest = constant(body.joints_template, global_orient)
@@ -45,7 +45,7 @@ def forward_kinematics(
 
 
 def with_resting_hands(body: Body, local: Float[Array, "frames n 3 3"]) -> Float[Array, "frames m 3 3"]:
-    """Return local rotations, with the body's relaxed fingers appended if they are missing."""
+    """Append the body's relaxed fingers to local rotations if these do not include fingers."""
     if body.hands_mean is None or local.shape[1] > body.layout.num_solved:
         return local
     xp = array_namespace(local)
@@ -54,7 +54,7 @@ def with_resting_hands(body: Body, local: Float[Array, "frames n 3 3"]) -> Float
 
 
 def recorded_vectors(body: Body, vectors: np.ndarray) -> np.ndarray:
-    """Return (F, R - 1, 3) axis-angles of a motion's joints, 0 where missing."""
+    """Return (F, R - 1, 3) axis-angles for the joints stored in motions, 0 where missing."""
     own = np.array(body.recorded_joints[1:]) - 1
     pose = np.zeros((len(vectors), len(own), 3))
     turned = own < vectors.shape[1]
@@ -69,7 +69,7 @@ def pose_feature(local: Float[Array, "frames n 3 3"]) -> Float[Array, "frames fe
 
 
 def subtree_matrix(parents: tuple[int, ...]) -> Float[np.ndarray, "joints joints"]:
-    """Return the (J, J) matrix S with S[k, b] = 1 if joint b is k or below k."""
+    """Return the (J, J) matrix S with S[k, b] = 1 if joint b is k or a descendant of k."""
     below = np.eye(len(parents))
     for j in range(len(parents) - 1, 0, -1):
         below[parents[j]] += below[j]

@@ -16,11 +16,11 @@ from solver_backend.exchange.outputs import write_text
 from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS
 
 FORMAT, VERSION = "manifold_mocap_labels", 1
-_LARGEST_BYTES = 1_000_000  # Largest size of the file in bytes, chosen by hand.
+_LARGEST_BYTES = 1_000_000  # Size limit of the file in bytes, chosen by hand.
 
 
 def write_label_places(path: Path, labels: Sequence[str], *, overwrite: bool = False) -> Path:
-    """Write the location of each label, or null if the solve finds the bone."""
+    """Write the location of each label. It is null if the solve should find the bone."""
     named, hands = [label for label in labels if not is_unnamed(label)], hand_labels(labels)
     names = name_markers([label for label in named if label not in hands])
     left_out, known = {*names.virtual, *names.doubled}, {**names.known, **hands}
@@ -30,7 +30,7 @@ def write_label_places(path: Path, labels: Sequence[str], *, overwrite: bool = F
 
 
 def read_label_places(path: Path | str) -> dict[str, str]:
-    """Read the location of each label: empty text for markers to exclude, no entry for null.
+    """Read the location of each label. Empty text excludes a marker, and null gives no entry.
 
     A location is a name in the layouts, ``@`` and the joint of the marker's bone, or a hand location such as ``L_FT2``.
 
@@ -49,7 +49,7 @@ def read_label_places(path: Path | str) -> dict[str, str]:
 
 
 def places_given(layout: str) -> dict[str, str]:
-    """Return the user's locations by label (see ``read_label_places``), none for an empty path."""
+    """Return the user's locations by label (see ``read_label_places``). Return {} for an empty path."""
     return read_label_places(layout) if layout else {}
 
 

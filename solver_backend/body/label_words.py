@@ -1,4 +1,4 @@
-"""Split labels into words of several languages: a side and a body part."""
+"""Split labels in several languages into a side and the words for a body part."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from functools import cached_property
 from itertools import product
 from typing import Any
 
-Letters = tuple[tuple[str, str], tuple[str, str]]  # Left and right with their sides: ``(("G", "L"), ("D", "R"))``.
+Letters = tuple[tuple[str, str], tuple[str, str]]  # Left and right letter, with sides: ``(("G", "L"), ("D", "R"))``.
 ENGLISH: Letters = (("L", "L"), ("R", "R"))
-LEAST_GLUED = 3  # Pairs of labels that prove an ending means a side, even for a label without its counterpart.
+LEAST_GLUED = 3  # Label pairs that prove that an ending means a side, even for a label without its counterpart.
 _APART = tuple(
     re.compile(pattern)
     for pattern in (
@@ -29,17 +29,17 @@ _APART = tuple(
 class Sides:
     """Words for sides, from the layouts file."""
 
-    words: dict[str, str]  # L or R by each word for a side, in capitals, at any position.
+    words: dict[str, str]  # L or R for each word that means a side at any position, in capitals.
     short: tuple[tuple[str, str], ...]  # Pairs of short words that mean sides only if separate or last: li and re.
     letters: tuple[Letters, ...]  # Pairs of letters, one pair per language, English first.
 
     def by_token(self, letters: Letters = ENGLISH) -> dict[str, str]:
-        """Return the side for each word that means a side if it is separate."""
+        """Return the side for each word that means one when it is separate."""
         short = {word: side for pair in self.short for word, side in zip(pair, "LR", strict=True)}
         return short | self.words | dict(letters)
 
     def apart(self, label: str, letters: Letters) -> tuple[str, str] | None:
-        """Return a separate side and the remaining name (``M5_G``, ``liM5``), or None."""
+        """Split off a separate side. Return the side and the remaining name (``M5_G``, ``liM5``), or None."""
         by_token = self.by_token(letters)
         for pattern in _APART:
             found = pattern.fullmatch(label)
@@ -49,10 +49,10 @@ class Sides:
         return None
 
     def glued(self, names: Sequence[str], letters: Letters) -> dict[str, tuple[str, str]]:
-        """Return side and name of the labels that end in a side: ``ASISr``, ``KNIEli``.
+        """Return the side and name of each label that ends in a side: ``ASISr``, ``KNIEli``.
 
-        One ending is not enough (``HEEL``, or ``ARMl`` for the lateral marker next to ARMm). Either the other side's
-        label exists and no label ends in m, or ``LEAST_GLUED`` pairs prove the ending's meaning.
+        A single ending is not enough (``HEEL``, or ``ARMl`` for the lateral marker next to ARMm). Either the other
+        side's label must exist while no label ends in m, or ``LEAST_GLUED`` pairs must prove the ending's meaning.
         """
         there, found = set(names), dict[str, tuple[str, str]]()
         shown: Counter[str] = Counter()
@@ -72,7 +72,7 @@ class Sides:
         return found
 
     def _endings(self, letters: Letters) -> Iterator[tuple[str, str, str]]:
-        """Yield (ending, ending of the other side, side), short words before letters."""
+        """Yield (ending, ending for the other side, side), short words before letters."""
         for left, right in (*self.short, (letters[0][0], letters[1][0])):
             for one, other, side in ((left, right, "L"), (right, left, "R")):
                 for spell in (str.upper, str.lower):
@@ -80,7 +80,7 @@ class Sides:
 
 
 def sides_of_file(values: dict[str, Any]) -> Sides:
-    """Return the sides from the sections of a layouts file."""
+    """Return the sides defined in the sections of a layouts file."""
     return Sides(
         {word: side for side, words in values["sides"].items() for word in words},
         tuple((left, right) for left, right in values["short_sides"]),
@@ -88,7 +88,7 @@ def sides_of_file(values: dict[str, Any]) -> Sides:
     )
 
 
-# C7, TH10, HWK7. 1ST and 5th are no vertebrae although an L may precede them.
+# C7, TH10, HWK7. 1ST and 5th are not vertebrae although an L may precede them.
 _VERTEBRA = r"(?:(?:[CTL]|TH)1?\d|[BHL]W[KS]1?\d)(?!\d|st|nd|rd|th|ST|ND|RD|TH)"
 # A vertebra, the capitals before a capitalised word, a word, capitals, a number; and with capitals before small letters
 # apart: ``KneeMed`` is of two words in the first way, ``KNEin`` in the second.
@@ -112,8 +112,8 @@ _IN_WORDS = tuple(
         rf"(?P<number>1?\d|{'|'.join(_ORDINALS)})(?:ST|ND|RD|TH|\.)?[ ._-]*(?:{word})",
     )
 )
-LONGEST_LABEL = 256  # Longest label that is read. Formats allow 127 and 255 letters.
-ARTICLE = 2  # Words without meaning of up to this many letters count only if separate.
+LONGEST_LABEL = 256  # Longest label that is read. Formats allow 127 or 255 letters.
+ARTICLE = 2  # Words without meaning and with up to this many letters count only if separate.
 _SPELT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "AE", "Ö": "OE", "Ü": "UE", "ß": "ss"})
 
 
@@ -121,13 +121,13 @@ _SPELT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "AE", "Ö": "O
 class LabelWords:
     """Words from the layouts file."""
 
-    vocabulary: dict[str, str]  # Word by each spelling, in capitals. Empty for words without meaning.
-    alone: dict[str, str]  # Words with another meaning if they are alone: a single "front" is a forehead.
+    vocabulary: dict[str, str]  # Word for each spelling, in capitals. Empty for words without meaning.
+    alone: dict[str, str]  # Words that mean something else when alone: a single "front" is a forehead.
     sides: Sides
     phrases: dict[tuple[str, ...], tuple[str, ...]]  # Locations by the sorted words that name them, without side.
 
     def of(self, label: str, letters: Letters = ENGLISH) -> tuple[str, list[str]]:
-        """Return the side of a label (or "") and its words, or no words if some are unknown."""
+        """Return a label's side (or "") and its words, or no words if some are unknown."""
         for pattern in _TOKENS:
             side, words = self._of_tokens([token.upper() for token in pattern.findall(spelt(label))], letters)
             if words:
@@ -151,7 +151,7 @@ class LabelWords:
         return found[0] if found else "", [word for form in words if (word := self.vocabulary.get(form, ""))]
 
     def known_in(self, text: str) -> tuple[str, frozenset[str]]:
-        """Return the side in any text (empty if none or both) and the known words.
+        """Return the side in any text (empty if there is none or both) and the known words.
 
         A single letter that is not a side hides all words, because it may change their meaning.
         """
@@ -181,7 +181,7 @@ class LabelWords:
         return joined
 
     def of_glued(self, label: str) -> tuple[str, list[str]]:
-        """Return side and words of a label that ends in a side letter: ``ForearmL``."""
+        """Return the side and words of a label that ends in a side letter: ``ForearmL``."""
         return self.of(f"{label[-1:]} {label[:-1]}") if label[-1:] in ("L", "R") else ("", [])
 
     def places_of(self, label: str, letters: Letters = ENGLISH) -> tuple[str, ...]:
@@ -191,17 +191,17 @@ class LabelWords:
         return tuple(part[1:] if part[0] == "-" else side + part for part in parts if (part[0] == "-") == (not side))
 
     def lacks_side(self, label: str) -> bool:
-        """Return whether a label's words name a location that exists on both sides, without a side."""
+        """Return whether a label names a location that exists on both sides, but no side."""
         return bool(self.without_side(label))
 
     def without_side(self, label: str) -> tuple[str, ...]:
-        """Return the sided locations that a label's words name without a side."""
+        """Return the sided locations that a label's words name without giving a side."""
         side, words = self.of(label)
         parts = self.phrases.get(tuple(sorted(set(words))), ()) if words and not side else ()
         return () if any(part[0] == "-" for part in parts) else parts
 
     def _split(self, token: str) -> list[str] | None:
-        """Return the known words that form a token, or None."""
+        """Split a token into known words, or return None."""
         if token in self.vocabulary or token in self.sides.words:
             return [token]
         whole = len(token)
@@ -225,7 +225,7 @@ class LabelWords:
 
 
 def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords:
-    """Return the words of a layouts file. Raise ``KeyError`` for unknown words."""
+    """Return the words in a layouts file. Raise ``KeyError`` for unknown words."""
     vocabulary = {form: word for word, forms in values["words"].items() for form in (word, *forms)}
     phrases: dict[tuple[str, ...], tuple[str, ...]] = {}
     for place, texts in values["phrases"].items():
@@ -237,7 +237,7 @@ def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords
 
 
 def spelt(label: str) -> str:
-    """Return a label without accents, with vertebrae written like ``C7``, or "" if it is too long."""
+    """Remove accents from a label and write vertebrae like ``C7``. Return "" if it is too long."""
     if len(label) > LONGEST_LABEL:
         return ""
     decomposed = unicodedata.normalize("NFKD", label.translate(_SPELT))
@@ -250,34 +250,34 @@ def spelt(label: str) -> str:
     return plain
 
 
-SHARED = 0.8  # Smallest share of labels with a common prefix, as some points may belong to a stick.
-LONGEST = 30  # Most characters of such a prefix or suffix.
+SHARED = 0.8  # Smallest share of labels with a common prefix. The other points may belong to a stick.
+LONGEST = 30  # Largest number of characters in such a prefix or suffix.
 
 
 @dataclass(frozen=True)
 class Affixes:
-    """Prefix and suffix of all names: ``p`` in ``pRightASI``, ``_study`` in ``r.ASIS_study``."""
+    """Prefix and suffix shared by all names: ``p`` in ``pRightASI``, ``_study`` in ``r.ASIS_study``."""
 
     prefix: str = ""
     suffix: str = ""
 
     def bare(self, label: str) -> str:
-        """Return a label without its subject, prefix and suffix."""
+        """Remove the subject, prefix and suffix from a label."""
         return bare_label(label).removeprefix(self.prefix).removesuffix(self.suffix)
 
 
 def bare_label(label: str) -> str:
-    """Return a label without its subject."""
+    """Remove the subject from a label."""
     return label.rpartition(":")[2].strip()
 
 
 def prefixes(bare: Sequence[str]) -> Iterator[Affixes]:
-    """Yield possible prefixes that nearly all labels share, the shortest first."""
+    """Yield possible prefixes that nearly all labels share, shortest first."""
     yield from map(Affixes, _shared(bare))
 
 
 def suffixes(bare: Sequence[str]) -> Iterator[Affixes]:
-    """Yield possible suffixes that nearly all labels share, the shortest first."""
+    """Yield possible suffixes that nearly all labels share, shortest first."""
     for reverse in _shared([label[::-1] for label in bare]):
         yield Affixes(suffix=reverse[::-1])
 

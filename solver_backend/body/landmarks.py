@@ -1,7 +1,7 @@
 """Compute landmarks on the body and their Jacobians without the full mesh.
 
-Positions are linear in the joints' global rotations, ``y_l = p_0 + sum_c G_c h_lc``. The levers ``h_lc`` depend only on
-the shape, so that a take needs only a few matrix products.
+Positions are linear in the joints' global rotations: ``y_l = p_0 + sum_c G_c h_lc``. The levers ``h_lc`` depend only on
+the shape, so a take needs only a few matrix products.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Landmarks:
     """L named points ``y_l = sum_b w_lb p_b + G_b (a_lb - w_lb J_b)`` on bones b."""
 
     names: tuple[str, ...]
-    weights: Float[np.ndarray, "landmarks joints"]  # (L, J) weight of each bone, rows sum to 1.
+    weights: Float[np.ndarray, "landmarks joints"]  # (L, J) weight of each bone. Rows sum to 1.
     anchors: Float[np.ndarray, "landmarks joints 3"]  # (L, J, 3) mean rest position times the bone's share, m.
     shapedirs: Float[np.ndarray, "landmarks joints 3 10"]  # (L, J, 3, 10) derivative of the anchors by the shape.
     posedirs: Float[np.ndarray, "landmarks 3 features"] | None = None  # (L, 3, 9 (J - 1)) correctives, None if rigid.
@@ -49,13 +49,13 @@ class Landmarks:
         mix: np.ndarray | None = None,
         posedirs: np.ndarray | None = None,
     ) -> Landmarks:
-        """Return landmarks from P skinned points.
+        """Build landmarks from P skinned points.
 
         Args:
-            rest: (P, 3) rest positions of the mean shape in metres.
+            rest: (P, 3) rest positions for the mean shape in metres.
             shapedirs: (P, 3, 10) displacements in metres per unit of shape.
-            weights: (P, J) skinning weights, rows sum to 1.
-            mix: (L, P) weight of each point, rows sum to 1. None makes each point a landmark.
+            weights: (P, J) skinning weights. Rows sum to 1.
+            mix: (L, P) weight of each point. Rows sum to 1. None makes each point a landmark.
             posedirs: (P, 3, 9 (J - 1)) pose correctives of unmixed points.
         """
         if mix is None:
@@ -73,7 +73,7 @@ class Landmarks:
 
     @classmethod
     def joined(cls, parts: Sequence[Landmarks]) -> Landmarks:
-        """Concatenate landmarks. Rigid ones get correctives of zero."""
+        """Concatenate landmarks. Rigid ones get zero correctives."""
         names = tuple(name for part in parts for name in part.names)
         shared = (np.concatenate([getattr(p, key) for p in parts]) for key in ("weights", "anchors", "shapedirs"))
         skinned = next((part.posedirs for part in parts if part.posedirs is not None), None)
@@ -84,30 +84,30 @@ class Landmarks:
         return cls(names, *shared, posedirs=np.concatenate(posedirs))
 
 
-_CHUNK = 128  # Frames at a time, so that intermediate arrays fit into a core's cache.
+_CHUNK = 128  # Frames at a time, so that intermediate arrays fit in a core's cache.
 _CROSS = np.zeros((3, 3, 3))  # The Levi-Civita symbol: (a x b)_i = _CROSS[i, j, k] a_j b_k.
 for _a, (_i, _j) in enumerate(((2, 1), (0, 2), (1, 0))):
     _CROSS[_a, _i, _j], _CROSS[_a, _j, _i] = 1.0, -1.0
 _ARM_BY_POINT = np.concatenate([-_CROSS, np.zeros((3, 3, 3))], axis=2).reshape(3, 18)
 """Jacobian (3, 6) of a point by a rotation, for each coordinate of the point."""
-_ARM_AT_ORIGIN = np.concatenate([np.zeros((3, 3)), np.eye(3)], axis=1).reshape(18)  # The same by a translation.
+_ARM_AT_ORIGIN = np.concatenate([np.zeros((3, 3)), np.eye(3)], axis=1).reshape(18)  # The same for a translation.
 
 
 @dataclass(frozen=True)
 class _LandmarkPairs:
-    """Pairs of a landmark and a joint: whole pairs, and N pairs with a part of a landmark.
+    """Pairs of a landmark and a joint: whole pairs, and N pairs in which only part of the landmark moves.
 
-    In the other pairs the joint rotates a part of the landmark's bones, or moves it by a pose corrective.
+    In those N pairs, the joint rotates some of the landmark's bones, or moves it by a pose corrective.
     """
 
     whole: np.ndarray  # (3 L, 3 K) 1 for whole pairs.
-    slots: np.ndarray  # (9 N,) positions of the others in the flat Jacobian, by axis, tangent and pair.
-    landmark: np.ndarray  # (N,) landmark of each other pair. The Q pairs with pose correctives come first, by joint.
-    below: np.ndarray  # (N, J) 1 for the bones that the pair's joint rotates.
+    slots: np.ndarray  # (9 N,) positions of the N pairs in the flat Jacobian, by axis, tangent and pair.
+    landmark: np.ndarray  # (N,) landmark of these pairs. The Q pairs with pose correctives come first, by joint.
+    below: np.ndarray  # (N, J) 1 for bones that the pair's joint rotates.
     shares: np.ndarray  # (J, 2 N + Q) weights of rotations: the parent's, those below the joint, all if corrected.
     corrected: tuple[int, ...]  # Joints with pose correctives.
     corrective: np.ndarray  # (joints, 9, 9 M) correctives by ``vec(R_k)``, by skin axis, tangent and M.
-    unpadded: np.ndarray  # (Q,) indices of real columns among the (joints · M).
+    unpadded: np.ndarray  # (Q,) indices of the real columns among the (joints · M).
 
 
 def rotation_jacobian(
@@ -122,12 +122,12 @@ def rotation_jacobian(
 ) -> Float[Array, "frames landmarks 3 tangents"]:
     """Return the (F, L, 3, 3·count) derivatives by left tangents of root and joints.
 
-    A left tangent d of joint k rotates everything below k about p_k, so ``dy_l/dd_k = -[r_lk]x G_parent(k)`` with
+    A left tangent d at joint k rotates everything below k about p_k, so ``dy_l/dd_k = -[r_lk]x G_parent(k)`` with
     ``r_lk = sum_{c below k} G_c h_lc``. This is ``y_l - p_k`` if the whole landmark is below k. A pose corrective D
     moves the rest point by ``D_k vec([d]x R_k)``.
 
-    ``points`` are the posed landmarks. ``levers`` depend on the shape. ``correction`` has correctives in the rest
-    frame.
+    ``points`` are the posed landmarks. ``levers`` depend on the shape. ``correction`` contains correctives in the rest
+    pose.
     """
     xp = array_namespace(points)
     pairs = _pairs(body.parents, landmarks, count)
@@ -155,7 +155,7 @@ def _arms(xp: Any, points: Array) -> Array:
 
 
 def _screws(xp: Any, body: Body, G: Array, joints: Array) -> Array:
-    """Return the (F, 6, 3 K) tangent axes a (world or parent frame) and moments ``p x a``."""
+    """Return the (F, 6, 3 K) tangent axes a (in the world or parent frame) and moments ``p x a``."""
     frames, count = joints.shape[:2]
     eye = xp.broadcast_to(constant(np.eye(3), G), (frames, 1, 3, 3))
     parents = [body.parents[k] for k in range(1, count)]
@@ -168,7 +168,7 @@ def _screws(xp: Any, body: Body, G: Array, joints: Array) -> Array:
 def _others(
     xp: Any, pairs: _LandmarkPairs, G: Array, local: Array, lever_map: Array, correction: Array | None
 ) -> Array:
-    """Return the (F, 3, 3, N) columns (axis, tangent) of the pairs that are not whole."""
+    """Return the (F, 3, 3, N) columns (axis, tangent) for the pairs that are not whole."""
     frames, num_pairs = G.shape[0], len(pairs.landmark)
     lever = xp.matmul(xp.reshape(xp.permute_dims(G, (0, 2, 1, 3)), (3 * frames, -1)), lever_map)
     lever = xp.reshape(lever, (frames, 3, num_pairs))
@@ -185,13 +185,13 @@ def _others(
 
 
 def _cross(xp: Any, a: Array, b: Array) -> Array:
-    """Return cross products of vectors with their components along dimension 1."""
+    """Return the cross products of vectors whose components are along dimension 1."""
     (ax, ay, az), (bx, by, bz) = ([v[:, i] for i in range(3)] for v in (a, b))
     return xp.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
 
 
 def _applied(matrices: Array, vectors: Array) -> Array:
-    """Return the products of (F, 3, 3, ..., N) matrices and (F, 3, ..., N) vectors."""
+    """Multiply (F, 3, 3, ..., N) matrices by (F, 3, ..., N) vectors."""
     x, y, z = (matrices[:, :, j] * vectors[:, None, j] for j in range(3))
     x += y
     x += z
@@ -230,10 +230,10 @@ def _pairs(parents: tuple[int, ...], landmarks: Landmarks, count: int) -> _Landm
 
 
 def _padded(blocks: np.ndarray, corrected: np.ndarray) -> tuple[tuple[int, ...], np.ndarray, np.ndarray]:
-    """Return the corrected joints, their padded correctives, and the real columns."""
+    """Return the corrected joints, their padded correctives, and the indices of the real columns."""
     joints = tuple(int(k) for k in np.flatnonzero(corrected.any(0)))
     width = int(corrected.sum(0).max(initial=0))
-    # D_k vec([e_a]x R) = D' vec(R): fold the cross product into the constant.
+    # D_k vec([e_a]x R) = D' vec(R): the cross product is folded into the constant.
     folded = np.tensordot(blocks.reshape(*blocks.shape[:3], 3, 3), _CROSS, axes=(3, 1))  # (L, j, k, s, a, m)
     folded = folded.transpose(2, 5, 3, 1, 4, 0).reshape(blocks.shape[2], 9, 9, -1)
     corrective, unpadded = np.zeros((len(joints), 9, 9, width)), [np.zeros(0, int)]
@@ -246,12 +246,12 @@ def _padded(blocks: np.ndarray, corrected: np.ndarray) -> tuple[tuple[int, ...],
 
 @dataclass(frozen=True)
 class PosedLandmarks:
-    """L posed landmarks over F frames and their derivatives, in world metres."""
+    """L posed landmarks and their derivatives over F frames, in world metres."""
 
     points: Float[Array, "frames landmarks 3"]  # (F, L, 3).
     by_rotations: Float[Array, "frames landmarks 3 tangents"] | None  # (F, L, 3, 3 + 3 n) by left tangents.
     by_betas: Float[Array, "frames landmarks 3 10"] | None  # (F, L, 3, 10).
-    by_offsets: Float[Array, "frames landmarks 3 3"] | None  # (F, L, 3, 3) by offsets in the rest frame.
+    by_offsets: Float[Array, "frames landmarks 3 3"] | None  # (F, L, 3, 3) by offsets in the rest pose.
     skeleton: PosedSkeleton
 
 
@@ -268,20 +268,20 @@ def pose_landmarks(
     by_shape: bool = True,
     num_rotations: int | None = None,
 ) -> PosedLandmarks:
-    """Pose landmarks and differentiate them. The derivative by ``transl`` is the identity.
+    """Pose landmarks and compute their derivatives. The derivative by ``transl`` is the identity.
 
     Args:
         local: (F, n, 3, 3) rotations of joints 1..n, which include all solved joints.
-        offsets: (L, 3) offsets in metres in the rest frame, added to each landmark (detector bias, marker placement).
-        by_shape: also differentiate by the shape.
-        num_rotations: number of rotations to differentiate by (root and first joints). None for the solved ones.
+        offsets: (L, 3) offsets in metres in the rest pose, added to each landmark (detector bias, marker placement).
+        by_shape: also compute derivatives by the shape.
+        num_rotations: number of rotations to differentiate by (root and first joints). None for all solved ones.
     """
     xp = array_namespace(global_orient)
     local = with_resting_hands(body, local)
     skeleton = forward_kinematics(body, betas, global_orient, local, transl)
     levers = _levers(xp, body, landmarks, betas, offsets)
     frames, count = global_orient.shape[0], len(landmarks)
-    # (3 F, 3 J): one row of all global rotations, for few large products instead of many small ones.
+    # (3 F, 3 J): all global rotations in one matrix, for a few large products instead of many small ones.
     G = xp.reshape(xp.permute_dims(skeleton.G, (0, 2, 1, 3)), (3 * frames, -1))
     points = xp.reshape(xp.matmul(G, xp.reshape(levers, (count, -1)).T), (frames, 3, count))
     blend = correction = None
@@ -313,10 +313,10 @@ def _levers(xp: Any, body: Body, landmarks: Landmarks, betas: Array, offsets: Ar
 
 
 def _constant_levers(body: Body, weights: np.ndarray, anchors: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Return the constant part h of the levers, which give landmarks from joint rotations.
+    """Return the constant part h of the levers, which map joint rotations to landmarks.
 
     ``h_lc = a_lc - w_lc J_c + sum_{j child of c} s_lj (J_j - J_c)``, where s is the weight at or below a joint.
-    ``joints`` (J, ...) are rest joints or derivatives by the shape. ``anchors`` (L, J, ...) correspond to them.
+    ``joints`` (J, ...) are rest joints or derivatives by the shape, and ``anchors`` (L, J, ...) correspond to them.
     """
     extra = (1,) * (joints.ndim - 1)
     levers = anchors - weights.reshape(*weights.shape, *extra) * joints

@@ -1,4 +1,4 @@
-"""Read the data file of marker layouts: locations, names, and names of computed points."""
+"""Read the data file on marker layouts: locations, names, and names of computed points."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _SIDE_LAST = re.compile(r"(.+?)(?:[ ._-]([LR])|[ ._-]?(LEFT|RIGHT))")
 _SIDE_FIRST = re.compile(r"(LEFT|RIGHT)(.+)")
 # pyCGM2 and Visual3D append the model's name and version to a point: LHJC_CGM_2.4, _PELVIS_CGM_2.4O.
 _MODEL = re.compile(r"[ _.]?(PY)?CGM[ _.]?\d*([._]\d+)*")
-_PELVIS = "@pelvis"  # The bone without a side, so that its labels in a family have none.
-_LEAST_SIGNS = 2  # Number of specific labels that identify a naming system. One may occur in any file.
+_PELVIS = "@pelvis"  # The bone without a side. Labels for it in a family have no side either.
+_LEAST_SIGNS = 2  # Number of specific labels that identify a naming system. One of them may occur in any file.
 
 
 @dataclass(frozen=True)
 class Family:
-    """Names that are valid only together with other names of the same system."""
+    """Names that are valid only together with other names from the same system."""
 
     signs: frozenset[str]  # Names, as keys. Two of them identify the system.
     names: dict[str, str]  # Location by name: a marker location, or ``@`` and a joint.
@@ -38,18 +38,18 @@ class Family:
 
 @dataclass(frozen=True)
 class LayoutFile:
-    """Contents of a file of marker layouts (see ``docs/how-to/extend.md``)."""
+    """Contents of a marker layouts file (see ``docs/how-to/extend.md``)."""
 
-    kinds: dict[str, tuple[float, float]]  # Spread of each kind of location off the skin and along it, metres.
-    midline: dict[str, dict[str, Any]]  # Rule of each midline location.
-    sided: dict[str, dict[str, Any]]  # Rule of each location on the left side, by its name without L.
-    aliases: dict[str, str]  # Location by each alternative name, in the form of ``label_key``.
-    names: dict[str, str]  # Location by every name, including its own.
-    virtual: re.Pattern[str]  # Names of points that a program computed: joint centres, axes of segments.
+    kinds: dict[str, tuple[float, float]]  # Spread in metres for each kind of location, off the skin and along it.
+    midline: dict[str, dict[str, Any]]  # Rule for each midline location.
+    sided: dict[str, dict[str, Any]]  # Rule for each location on the left side, by its name without L.
+    aliases: dict[str, str]  # Location for each alternative name, in the form of ``label_key``.
+    names: dict[str, str]  # Location for every name, including its own.
+    virtual: re.Pattern[str]  # Names of points that a program computed: joint centres and segment axes.
     layouts: dict[str, tuple[str, ...]]  # Marker names of each layout.
-    label_sets: dict[str, tuple[str, ...]]  # Labels of other systems' layouts, as their files write them.
-    words: LabelWords  # Words of several languages with their locations.
-    families: dict[str, Family]  # Names of systems by the system.
+    label_sets: dict[str, tuple[str, ...]]  # Labels in other systems' layouts, as their files write them.
+    words: LabelWords  # Words in several languages, with their locations.
+    families: dict[str, Family]  # Names in each system, by system.
 
     @cached_property
     def places_read(self) -> dict[tuple[str, Letters], tuple[str, ...]]:
@@ -75,13 +75,13 @@ class LayoutFile:
 
 
 def label_key(label: str) -> str:
-    """Return a label without its prefix, in capitals, with letters and digits only."""
+    """Reduce a label to its letters and digits, in capitals and without its prefix."""
     return _key(_bare(label))
 
 
 @cache
 def load_layouts(path: Path = DEFAULT) -> LayoutFile:
-    """Read a file of layouts.
+    """Read a layouts file.
 
     Raises:
         FileMissing: the file does not exist.
@@ -158,7 +158,7 @@ def _key(bare: str) -> str:
 
 
 def keys_of(label: str) -> Iterator[str]:
-    """Yield the possible keys of a label, each with its side first."""
+    """Yield the possible keys for a label, each with its side first."""
     yield label_key(label)
     if found := _SIDE_LAST.fullmatch(_bare(label)):
         yield (found[2] or found[3])[0] + re.sub(r"[^A-Z0-9]", "", found[1])

@@ -1,4 +1,4 @@
-"""Match the labels of a recording to the markers of a layout."""
+"""Match the labels in a recording to the markers in a layout."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from solver_backend.types import MarkerCloud
 
 _ARM, _LEG = ("elbow", "wrist", "hand"), ("knee", "ankle", "foot")
 _LIMBS = dict.fromkeys(_ARM, "arm") | dict.fromkeys(_LEG, "leg")
-_WAIST = ("FWT", "MWT")  # Pelvis locations with skin that moves with the hips.
+_WAIST = ("FWT", "MWT")  # Pelvis locations where the skin moves with the hips.
 
 
 def chosen_places(ambiguous: Mapping[str, tuple[str, ...]], known: Collection[str], file: LayoutFile) -> dict[str, str]:
-    """Resolve ambiguous labels with one remaining choice on a labelled limb.
+    """Resolve ambiguous labels that have only one possible meaning on a labelled limb.
 
     ``LateralEpicondyleL`` belongs to the elbow if only arms have markers, or if the knee has another label.
     """
@@ -38,7 +38,7 @@ def chosen_places(ambiguous: Mapping[str, tuple[str, ...]], known: Collection[st
 
 
 def of_one_limb(places: Collection[str], file: LayoutFile) -> bool:
-    """Return whether all locations are on one arm with its shoulder, or on one leg."""
+    """Return whether all locations are on one arm including its shoulder, or on one leg."""
     rules = [file.sided.get(place[1:]) for place in places]
     joints = {
         "" if rule is None or place[1:] in _WAIST else str(rule["joint"])
@@ -56,25 +56,25 @@ def limb_of(place: str, file: LayoutFile) -> str:
 
 _AXES = ("OALP", "OXYZ", "OAPL")
 _NUMBERED = re.compile(r"(?P<stem>[A-Za-z]*[ ._-]?)(?P<number>\d{1,3})")
-MOST_READ = 10_000  # Number of cached names, about a megabyte, because recordings of a session have the same names.
-COUNTED, LAST_VERTEBRA = 8, 12  # Fewest numbered names with one stem, and a number beyond any vertebra.
+MOST_READ = 10_000  # Number of cached names, about a megabyte. Recordings from the same session share names.
+COUNTED, LAST_VERTEBRA = 8, 12  # Smallest number of numbered names with one stem, and a number beyond any vertebra.
 
 
 @dataclass(frozen=True)
 class LabelContext:
-    """Rules to interpret the labels of one recording."""
+    """Rules for interpreting the labels in one recording."""
 
     file: LayoutFile
-    affixes: Affixes  # Common prefix and suffix of nearly all labels.
+    affixes: Affixes  # Prefix and suffix shared by nearly all labels.
     letters: Letters  # Letters that mean sides.
-    glued: dict[str, tuple[str, str]]  # Side and name of each label with a side as its last letter.
+    glued: dict[str, tuple[str, str]]  # Side and name of each label whose last letter is a side.
     families: tuple[Family, ...]
     computed: frozenset[str]  # Names of axes with their origin: ``PELVISA`` with ``PELVISO``.
 
     numbered: frozenset[str]  # Names that a program numbered consecutively, ``T1`` to ``T41``. None is a vertebra.
 
     def places_of(self, label: str) -> tuple[str, ...]:
-        """Return the locations that a label names, several if it is ambiguous."""
+        """Return the locations that a label names. There are several if it is ambiguous."""
         bare = self.affixes.bare(label)
         if bare in self.numbered:
             return ()
@@ -101,7 +101,7 @@ class LabelContext:
 
 
 def context_of(labels: Sequence[str], file: LayoutFile, least: int) -> LabelContext:
-    """Return the rules for a recording's labels. An affix must make ``least`` more known."""
+    """Return the rules for a recording's labels. An affix is used if it makes at least ``least`` more names known."""
     bare = tuple(dict.fromkeys(map(bare_label, labels)))
     best = _context(bare, file, Affixes())
     known = _count(best, bare)
@@ -116,20 +116,20 @@ def context_of(labels: Sequence[str], file: LayoutFile, least: int) -> LabelCont
 def _context(bare: Sequence[str], file: LayoutFile, affixes: Affixes) -> LabelContext:
     names = [affixes.bare(label) for label in bare]
     keys = frozenset(key for name in names for key in keys_of(name))
-    letters = max(file.words.sides.letters, key=lambda pair: _sided(file, names, pair))  # the first of equals
+    letters = max(file.words.sides.letters, key=lambda pair: _sided(file, names, pair))  # of equals, the first wins
     families = tuple(family for family in file.families.values() if family.fits(keys))
     glued, numbered = file.words.sides.glued(names, letters), _counted_through(names)
     return LabelContext(file, affixes, letters, glued, families, _axes_of(keys), numbered)
 
 
 def _sided(file: LayoutFile, names: Iterable[str], letters: Letters) -> int:
-    """Return the number of names known with the given side letters, 0 unless both sides occur."""
+    """Return how many names are known with the given side letters. It is 0 unless both sides occur."""
     sides = Counter(place[0] for name in names for place in _by_side(file, name, letters)[:1])
     return min(sides["L"], sides["R"]) and sides["L"] + sides["R"]
 
 
 def _by_side(file: LayoutFile, name: str, letters: Letters) -> tuple[str, ...]:
-    """Return the locations of a name by its words, or by a listed name with a separate side."""
+    """Return a name's locations, given by its words or by a listed name with a separate side."""
     known = file.places_read
     if (name, letters) not in known:
         if len(known) >= MOST_READ:
@@ -152,7 +152,7 @@ def _count(context: LabelContext, labels: Iterable[str]) -> int:
 
 
 def _counted_through(names: Iterable[str]) -> frozenset[str]:
-    """Return names that differ only in a number, with numbers beyond any vertebra."""
+    """Return names that differ only in a number, if the numbers go beyond any vertebra."""
     numbers: dict[str, dict[str, int]] = {}
     for name in names:
         if found := _NUMBERED.fullmatch(name):
@@ -162,54 +162,54 @@ def _counted_through(names: Iterable[str]) -> frozenset[str]:
 
 
 def _axes_of(keys: frozenset[str]) -> frozenset[str]:
-    """Return the names of origins and their axes: four names that differ in their last letter."""
+    """Return the names of origins and their axes: groups of four names that differ in their last letter."""
     stems = {key[:-1] for key in keys if key.endswith("O")}
     found = [(stem, axes) for stem in stems for axes in _AXES if keys.issuperset(stem + axis for axis in axes)]
     return frozenset(stem + axis for stem, axes in found for axis in axes)
 
 
 # Vicon writes *0, *1, ...; Motive 'Unlabeled 1189', 'Unlabeled:2012' or 'Unlabeled_7'; Cortex U_1; Qualisys unnames;
-# others number their points.
+# other programs number their points.
 _WORDS = r"(unlabell?ed|unnamed|unidentified|unlabel|uname|unbenannt|sans ?nom)"
 _UNNAMED = re.compile(
     rf"(\*\d*|#\d*|u_?\d+|new ?\d{{4}}|[*#]?{_WORDS}[\s:_*#.-]*((marker|point|trajectory)[\s:_*#.-]*)?\d*)( \(\d+\))?",
     re.IGNORECASE,
 )
 LEAST_MARKERS = 8  # Fewer do not determine a person: a body needs six, and some may be hidden.
-LEAST_LIMB_MARKERS = 6  # The same for one arm or leg. A leg of Plug-in Gait has six markers.
-LEAST_NETWORK_PLACES = 20  # Fewest markers that the labelling network must name. Fewer points are not labelled.
+LEAST_LIMB_MARKERS = 6  # The same for a single arm or leg. A leg in Plug-in Gait has six markers.
+LEAST_NETWORK_PLACES = 20  # Fewest markers that the labelling network must name. Otherwise it labels none.
 
 
 @dataclass(frozen=True)
 class MarkerNames:
-    """Meaning of a recording's labels."""
+    """What a recording's labels mean."""
 
     known: dict[str, str]  # Location on the body by label.
     unknown: tuple[str, ...]
-    virtual: tuple[str, ...]  # Labels of computed points (joint centres, segment axes), and those excluded by the user.
-    doubled: tuple[str, ...]  # Labels of locations that another label has already.
+    virtual: tuple[str, ...]  # Labels of computed points (joint centres, segment axes), or excluded by the user.
+    doubled: tuple[str, ...]  # Labels whose location another label already has.
     ambiguous: dict[str, tuple[str, ...]] = field(default_factory=dict)  # Possible locations of ambiguous labels.
-    affixes: Affixes = field(default_factory=Affixes)  # Prefix and suffix of nearly all labels.
+    affixes: Affixes = field(default_factory=Affixes)  # Prefix and suffix shared by nearly all labels.
 
 
 def least_markers(places: Collection[str]) -> int:
-    """Return the number of markers needed, fewer if all are on one arm or leg."""
+    """Return the number of markers needed, which is smaller if all are on one arm or leg."""
     return LEAST_LIMB_MARKERS if of_one_limb(places, load_layouts()) else LEAST_MARKERS
 
 
 def is_unnamed(label: str) -> bool:
-    """Return whether a label is a program's number for an unnamed point."""
+    """Return whether a label is a number that a program gave to an unnamed point."""
     name = label.rpartition(":")[2].strip()
     return not name or any(_UNNAMED.fullmatch(text) is not None for text in (name, label.strip()))
 
 
 def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyType({})) -> MarkerNames:
-    """Return the meaning of labels. A listed name wins over others at the same location.
+    """Return what labels mean. A listed name wins over other names for the same location.
 
     Labels of a skeleton's joint centres are recognised together, see ``joint_centre_places``.
 
     Args:
-        own: maps labels to the user's locations, which always win: a name in the layouts, ``@`` and a bone's joint
+        own: maps labels to user-defined locations, which always win: a name in the layouts, ``@`` and a bone's joint
             (several labels may share it), or empty text to exclude the label.
     """
     found = _named(tuple(labels), tuple(own.items()))
@@ -218,7 +218,7 @@ def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyTyp
 
 @lru_cache(maxsize=64)
 def _named(labels: tuple[str, ...], given: tuple[tuple[str, str], ...]) -> MarkerNames:
-    """Return the cached meaning of labels, which callers must not modify."""
+    """Return the meaning of labels from a cache. Callers must not modify it."""
     own = {**joint_centre_places(labels), **dict(given)}
     file = load_layouts()
     context = context_of(labels, file, LEAST_MARKERS)
@@ -234,7 +234,7 @@ def _named(labels: tuple[str, ...], given: tuple[tuple[str, str], ...]) -> Marke
         label: own[label] or None if label in own else found[0] if len(found) == 1 and not virtual[label] else None
         for label, found in meant.items()
     }
-    # In order of reliability: given by the user, names of the layouts, words.
+    # In order of reliability: user-defined, names in the layouts, words.
     order = sorted(places, key=lambda label: 0 if label in own else 2 - context.is_exact(label))
     first = {place: label for label in reversed(order) if (place := places[label]) is not None and place[0] != "@"}
     known = {label: place for label, place in places.items() if place is not None and first.get(place, label) == label}
@@ -253,7 +253,7 @@ _SEGMENT_LIMBS = dict.fromkeys(("ARM", "UPPERARM", "HUMERUS"), "shoulder") | {"F
 _SEGMENT_LIMBS |= {"THIGH": "hip", "FEMUR": "hip", "SHANK": "knee", "TIBIA": "knee", "FOOT": "ankle"}
 _MIDLINE = {"HEAD": "head", "PELVIS": "pelvis", "SACRUM": "pelvis"}
 _PLACES = frozenset({"KNEE", "ANKLE", "MALLEOLUS", "ELBOW", "WRIST", "EPICONDYLE", "STYLOID", "ACROMION", "SHOULDER"})
-"""Words for joints. With one of them, a bone's word does not identify the bone."""
+"""Words for joints. With one of them, a word for a bone does not identify the bone."""
 
 
 def named_bone(label: str) -> str | None:
@@ -274,19 +274,19 @@ def _bone(text: str, words: LabelWords) -> str | None:
     return f"{'left' if side == 'L' else 'right'}_{limbs.pop()}" if limbs else middle.pop()
 
 
-LEAST_LABELS = 2  # Fewest labels without a side that name a limb.
-BESIDE_M = 0.05  # Distance of the limb's markers from the median plane. An acromion has 0.17.
-_TWINS = {("l", "m"): ("lat", "med"), ("r", "u"): ("radius", "ulna")}  # Endings ``EPICl`` and ``EPICm``.
+LEAST_LABELS = 2  # Smallest number of labels without a side that name a limb.
+BESIDE_M = 0.05  # Distance in metres between the limb's markers and the median plane. An acromion is at 0.17.
+_TWINS = {("l", "m"): ("lat", "med"), ("r", "u"): ("radius", "ulna")}  # Endings as in ``EPICl`` and ``EPICm``.
 
 
 def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
-    """Return the locations of limb labels without a side, by their place next to the trunk.
+    """Locate limb labels that have no side, by where they are relative to the trunk.
 
     Pairs of labels with sides, such as both ASIS, define the sides of the trunk. The result is empty without such a
-    pair, if labels state a side, or if markers are on both sides of the median plane.
+    pair, if labels state a side, or if there are markers on both sides of the median plane.
 
     Args:
-        own: maps labels to the user's locations, which always win.
+        own: maps labels to user-defined locations, which always win.
     """
     labels = [label for label in cloud.labels or () if not is_unnamed(label)]
     names = name_markers(labels, own)
@@ -308,7 +308,7 @@ def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType
 
 
 def _parts(bare: Mapping[str, str]) -> dict[str, str]:
-    """Return the location of each label without its side, by the limb that others name."""
+    """Return each label's location without its side, on the limb that other labels name."""
     words, there = load_layouts().words, set(bare.values())
     several: dict[str, tuple[str, ...]] = {}
     for label, name in bare.items():
@@ -328,7 +328,7 @@ def _parts(bare: Mapping[str, str]) -> dict[str, str]:
 
 
 def _to_the_left(cloud: MarkerCloud, pairs: Sequence[tuple[str, str]], labels: Sequence[str]) -> np.ndarray:
-    """Return the median distances in metres of markers to the left of the midpoint of pairs."""
+    """Return the median distances in metres of markers to the left of the midpoint between label pairs."""
     column = {label: i for i, label in enumerate(cloud.labels or ())}
     left, right = (cloud.positions[:, [column[pair[side]] for pair in pairs]].mean(axis=1) for side in (0, 1))
     across = (left - right) / np.maximum(np.linalg.norm(left - right, axis=-1, keepdims=True), 1e-9)

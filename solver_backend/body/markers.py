@@ -15,14 +15,14 @@ from solver_backend.body.keypoints import keypoint_rules
 from solver_backend.body.landmarks import Landmarks
 from solver_backend.body.marker_layouts import load_layouts
 
-ON_BONE = "@"  # Prefix for a location that is only a bone, given by its joint.
-ON_BONE_SPREAD_M = 0.2  # Standard deviation of the distance of such a marker from the joint.
+ON_BONE = "@"  # Prefix for a location known only by its bone, which is given by its joint.
+ON_BONE_SPREAD_M = 0.2  # Standard deviation in metres of such a marker's distance from the joint.
 LIMB_JOINT_SPREAD_M, INNER_SPREAD_M = 0.004, 0.015
-"""Standard deviations per axis between joint centres of other skeletons and of the body. From hip to ankle and from
-shoulder to wrist, definitions agree except for hips of detectors. Necks, heads, hands and feet differ by up to a
-decimetre. With more than 4 mm, errors of an inertial suit's elbows reach 16 mm."""
+"""Standard deviations per axis between other skeletons' joint centres and the body's. From hip to ankle and from
+shoulder to wrist, definitions agree except for detectors' hips. Necks, heads, hands and feet differ by up to a
+decimetre. With more than 4 mm, elbow errors of an inertial suit reach 16 mm."""
 _LIMB_JOINTS = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
-MARKER_OFFSET_M = 0.0095  # Distance from a marker's centre to the skin: the radius of a 14 mm marker, and its base.
+MARKER_OFFSET_M = 0.0095  # Distance from a marker's centre to the skin: the radius of a 14 mm marker, plus its base.
 
 
 def marker_layout(name: str) -> tuple[str, ...]:
@@ -32,7 +32,7 @@ def marker_layout(name: str) -> tuple[str, ...]:
 
 @lru_cache(maxsize=16)
 def marker_landmarks(body: Body, names: tuple[str, ...]) -> Landmarks:
-    """Return markers by name, 9.5 mm off the skin, with pose correctives.
+    """Return markers by name, 9.5 mm above the skin, with pose correctives.
 
     ``@left_knee`` is the joint itself and moves with the bone below it. Joint centres (``=left_knee``) and keypoints
     (``~left_knee``) are inside the body and move only with the bones. An unknown name raises ``KeyError``. A ray that
@@ -45,8 +45,8 @@ def marker_landmarks(body: Body, names: tuple[str, ...]) -> Landmarks:
 def placement_precision(body: Body, names: tuple[str, ...]) -> np.ndarray:
     """Return the (L, 3, 3) precision of locations in 1/m²: ``n nᵀ / s² + (I - n nᵀ) / t²``.
 
-    n is the skin's normal. The deviations s off the skin and t along it depend on the kind of location. Bone under thin
-    skin is palpated within a centimetre, but a thigh's middle is not well defined. Raises the errors of
+    n is the skin's normal. The deviations s (off the skin) and t (along it) depend on the kind of location. Bone under
+    thin skin can be palpated within a centimetre, but the middle of a thigh is not well defined. Raises the errors of
     ``marker_landmarks``.
     """
     normal = skin_normals(body, names)
@@ -56,7 +56,7 @@ def placement_precision(body: Body, names: tuple[str, ...]) -> np.ndarray:
 
 
 def skin_normals(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return the (L, 3) outward unit normals of the skin at rest, 0 for bones."""
+    """Return the (L, 3) outward unit normals of the skin at rest, or 0 for bones."""
     on, off = (
         LandmarkBuilder(body, _rules_of(names, distance)).build(names).anchors.sum(axis=1) for distance in (0.0, 1.0)
     )
@@ -76,7 +76,7 @@ def _rules_of(names: tuple[str, ...], distance_m: float) -> dict[str, tuple[str,
     bones = {name: ("", AtJoints({name[len(ON_BONE) :]: 1.0})) for name in names if name.startswith(ON_BONE)}
     inside = {name: keypoint_rules()[name[1:]] for name in names if name.startswith(KEYPOINT)}
     joints = {name: ("", AtJoints({name[1:]: 1.0})) for name in names if name.startswith(JOINT)}
-    # A rule may refer to other landmarks, such as the mid-hip to both hips.
+    # A rule may refer to other landmarks, as the mid-hip refers to both hips.
     return {**keypoint_rules(), **_rules(distance_m), **bones, **inside, **joints}
 
 

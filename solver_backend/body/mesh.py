@@ -11,7 +11,7 @@ from solver_backend.body.kinematics import forward_kinematics, pose_feature, wit
 from solver_backend.geometry.arrays import Array, array_namespace, constant
 from solver_backend.types.shapes import Float, Int
 
-_CHUNK = 16  # Frames at a time, because a blended transform per vertex and frame needs much memory.
+_CHUNK = 16  # Number of frames at a time, because a blended transform per vertex and frame needs much memory.
 
 
 def pose_mesh(
@@ -28,7 +28,7 @@ def pose_mesh(
     ``x = v_template + S betas + P flatten(R_j - I)`` (Loper et al. 2015, eqs. 2, 6, 8, 9).
 
     Args:
-        root: (F, 3, 3) rotation body to world about the pelvis joint.
+        root: (F, 3, 3) rotation from body to world about the pelvis joint.
         local: (F, n, 3, 3) rotations of joints 1..n, which include all solved joints.
         correctives: False omits the pose correctives (plain linear blend skinning).
     """
@@ -54,13 +54,13 @@ def pose_mesh(
 
 
 def face_normals(vertices: Float[np.ndarray, "*batch v 3"], faces: Int[np.ndarray, "t 3"]) -> np.ndarray:
-    """Return the (..., T, 3) normals of triangles, with lengths of twice their areas."""
+    """Return the (..., T, 3) triangle normals, each as long as twice the triangle's area."""
     a, b, c = (vertices[..., faces[:, k], :] for k in range(3))
     return np.cross(b - a, c - a)
 
 
 def vertex_normals(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "t 3"]) -> np.ndarray:
-    """Return the (V, 3) area-weighted sums of normals at each vertex."""
+    """Return the (V, 3) area-weighted sums of the normals around each vertex."""
     across, normals = face_normals(vertices, faces), np.zeros_like(vertices)
     for corners in faces.T:
         np.add.at(normals, corners, across)
@@ -68,7 +68,7 @@ def vertex_normals(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "t
 
 
 def _skinned(xp: Any, weights: Array, transforms: Array, rest: Array) -> Array:
-    """Return (f, V, 3) skinned points from (f, J, 3, 4) transforms and (f or 1, V, 3) rest points."""
+    """Return (f, V, 3) skinned points, given (f, J, 3, 4) transforms and (f or 1, V, 3) rest points."""
     blend = xp.matmul(weights, xp.reshape(transforms, (*transforms.shape[:2], 12)))
     blend = xp.reshape(blend, (*blend.shape[:2], 3, 4))
     return xp.sum(blend[..., :3] * rest[..., None, :], axis=-1) + blend[..., 3]

@@ -1,4 +1,4 @@
-"""Define the skeleton for evaluations of priors: an adult of 1.70 m in the T-pose."""
+"""Define the skeleton used to evaluate priors: an adult of 1.70 m in T-pose."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MIDDLE = {
     "pelvis": (0.0, 0.0, 0.0), "spine1": (0.0, 0.115, -0.020), "spine2": (0.0, 0.245, -0.015),
     "spine3": (0.0, 0.300, 0.005), "neck": (0.0, 0.505, -0.035), "head": (0.0, 0.595, 0.015),
 }  # fmt: skip
-_PELVIS_HEIGHT = 0.945  # Height of the neutral body's pelvis above the floor, metres.
+_PELVIS_HEIGHT = 0.945  # Height of the neutral body's pelvis above the floor in metres.
 
 
 def _rest_joints() -> np.ndarray:
@@ -29,5 +29,5 @@ def _rest_joints() -> np.ndarray:
 
 REST_JOINTS: np.ndarray = _rest_joints()  # (24, 3) metres. Segment lengths: Drillis and Contini 1966.
 
-MIRROR: tuple[int, ...] = SMPL.mirror  # Joint of the other side of the body.
+MIRROR: tuple[int, ...] = SMPL.mirror  # Corresponding joint on the other side of the body.
 BODY_MIRROR: tuple[int, ...] = tuple(joint - 1 for joint in MIRROR[1 : 1 + SMPL.num_solved])

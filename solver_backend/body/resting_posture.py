@@ -1,4 +1,4 @@
-"""Pose body parts without measurements: relaxed, following the trunk and gravity."""
+"""Pose body parts that have no measurements: relaxed, following the trunk and gravity."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ PARTS: dict[str, tuple[str, ...]] = {  # Joints that pose each part.
     **{f"{s}_{limb}": tuple(f"{s}_{j}" for j in joints) for limb, joints in _LIMBS.items() for s in ("left", "right")},
 }
 FLEXION_DEG = {"spine1": 3.0, "spine2": 3.0, "spine3": 4.0, "neck": -4.0, "head": -4.0, "elbow": 25.0, "knee": 6.0}
-"""Forward flexion of resting joints (knees backward) in degrees, near the medians of CMU's recordings."""
+"""Forward flexion (backward for knees) of resting joints in degrees, close to the medians in CMU recordings."""
 ASIDE = {"shoulder": 0.2, "hip": 0.03}  # Outward to downward ratio of a hanging limb, so that an arm clears the hip.
-ALONG_TRUNK = {"shoulder": 0.2, "hip": 0.05}  # The same along the trunk, for a limb that cannot hang.
+ALONG_TRUNK = {"shoulder": 0.2, "hip": 0.05}  # The same ratio along the trunk, for a limb that cannot hang.
 
 
 def rest_rotations(body: Body, root: np.ndarray, local: np.ndarray, parts: tuple[str, ...]) -> np.ndarray:
-    """Return the local rotations with the given parts at rest.
+    """Replace the local rotations of the given parts by those at rest.
 
     The trunk is upright on the pelvis, the head on the trunk. An upper arm hangs in the direction ``(o, -(max(-g_y, 0)
-    + k), max(g_z, 0))`` of the chest's frame (left, up, front), with gravity g in this frame and o outwards. It points
-    down while the trunk leans forward, and never through or behind it. Thighs hang in the same way in the pelvis frame.
+    + k), max(g_z, 0))`` in the chest's axes (left, up, front), where g is gravity in these axes and o points outwards.
+    It points down while the trunk leans forward, never through or behind it. So do thighs from the pelvis.
 
     Args:
         root: (F, 3, 3) body to world, Z up.
         local: (F, n, 3, 3) rotations of the joints after the root.
-        parts: keys of ``PARTS``. Joints that the body lacks are skipped.
+        parts: keys of ``PARTS``. Joints that the body does not have are skipped.
     """
     joints, rest, local = body.layout.joints, body.joints_template, local.copy()
     turned = {joints.index(name) for part in parts for name in PARTS[part] if name in joints}
@@ -54,7 +54,7 @@ def rest_rotations(body: Body, root: np.ndarray, local: np.ndarray, parts: tuple
 
 
 def _bend(name: str, joint: str) -> np.ndarray:
-    """Return a joint's rotation vector at rest, about the left or (for elbows) vertical axis."""
+    """Return a joint's rotation vector at rest, about the left axis or (for elbows) the vertical axis."""
     angle = np.radians(FLEXION_DEG.get(name, 0.0))
     if name == "elbow":
         return np.array([0.0, -angle if joint.startswith("left") else angle, 0.0])
@@ -62,7 +62,7 @@ def _bend(name: str, joint: str) -> np.ndarray:
 
 
 def _hanging(frame: np.ndarray, name: str, side: float) -> np.ndarray:
-    """Return the (F, 3) unit directions of a hanging limb in the (F, 3, 3) frame."""
+    """Return the (F, 3) unit directions of a hanging limb relative to (F, 3, 3) frames."""
     gravity = -frame[:, 2]
     down = np.maximum(-gravity[:, 1], 0.0) + ALONG_TRUNK[name]
     outwards = side * (ASIDE[name] * down + np.maximum(side * gravity[:, 0], 0.0))
@@ -71,7 +71,7 @@ def _hanging(frame: np.ndarray, name: str, side: float) -> np.ndarray:
 
 
 def _turn_to(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return the (F, 3, 3) smallest rotations from a direction (3,) to unit directions (F, 3)."""
+    """Return the smallest (F, 3, 3) rotations from a direction (3,) to unit directions (F, 3)."""
     start = start / np.linalg.norm(start)
     axis = np.cross(start, end)
     sine = np.linalg.norm(axis, axis=-1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Find the fingers of another program's skeleton, the points of its hands, and their angles."""
+"""Find the fingers in another program's skeleton, the hand points, and the finger angles."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from solver_backend.exchange.skeleton_file import SkeletonMotion
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.types.shapes import Float
 
-_BONES = 3  # Bones of a finger.
+_BONES = 3  # Bones per finger.
 _TIP = 0.8  # Length ratio of the last bone to the one before, if a skeleton ends there (Buryanov and Kotiuk 2010).
-_GOES_ON = 0.5  # Ratio of such a bone's bend to that of the bone before: 0.35 to 0.62 in the relaxed hand.
+_GOES_ON = 0.5  # Ratio of such a bone's bend to that of the previous bone: 0.35 to 0.62 in a relaxed hand.
 _FOREARM = 1.35  # Length ratio of forearm to hand (ANSUR II: 0.26 and 0.19 m).
 _NEEDED = ("thumb", "index", "middle", "pinky")  # Fingers needed to recognise a hand and the axes of its palm.
-MOVES = 0.005  # Smallest rotation of a finger from rest in radians. Fingers that move less are not part of the motion.
+MOVES = 0.005  # Smallest finger rotation from rest in radians. Fingers that move less are not part of the motion.
 
 
 def hands_of_skeleton(motion: SkeletonMotion, side: str = "") -> dict[str, str]:
-    """Return the joint for each role in a skeleton that has only hands.
+    """Return the joint for each role in a skeleton that consists only of hands.
 
-    ``side`` is ``left`` or ``right`` for a single hand without a side in its names.
+    ``side`` is ``left`` or ``right`` for a single hand whose names do not state a side.
     """
     parents = {n: motion.names[p] for n, p in zip(motion.names, motion.parents, strict=True) if p >= 0}
     skeleton = Skeleton(dict(zip(motion.names, motion.rest, strict=True)), parents)
@@ -42,7 +42,7 @@ def hands_of_skeleton(motion: SkeletonMotion, side: str = "") -> dict[str, str]:
 
 
 def finger_points(motion: SkeletonMotion, roles: Mapping[str, str], side: int) -> Float[np.ndarray, "n 21 3"] | None:
-    """Return (F, 21, 3) ``HAND_POINTS`` of a hand (0 left, 1 right), or None without one."""
+    """Return a hand's (F, 21, 3) ``HAND_POINTS`` (0 left, 1 right), or None if there is no hand."""
     name = SIDES[side]
     index = {role: motion.names.index(joint) for role, joint in roles.items() if role.startswith(f"{name}_")}
     if not all(f"{name}_{finger}_{_BONES}" in index for finger in _NEEDED) or f"{name}_hand" not in index:
@@ -59,13 +59,13 @@ def finger_points(motion: SkeletonMotion, roles: Mapping[str, str], side: int) -
 
 
 def finger_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return (F, A) angles (see ``measure_angles``) and (F, 3, 3) rotations of the palm."""
+    """Return (F, A) angles (see ``measure_angles``) and (F, 3, 3) palm rotations."""
     with np.errstate(invalid="ignore"):
         return measure_angles(points, side), palm_frames(points, side)[:, 2]
 
 
 def fingers_move(motion: SkeletonMotion, roles: Mapping[str, str], side: int) -> bool:
-    """Return whether any finger of a hand ever rotates from rest."""
+    """Return whether any finger of a hand ever rotates away from rest."""
     name = SIDES[side]
     fingers = [f"{name}_{finger}_{k + 1}" for finger in FINGERS for k in range(_BONES)]
     columns = [motion.names.index(roles[role]) for role in fingers if role in roles]
@@ -77,7 +77,7 @@ def fingers_move(motion: SkeletonMotion, roles: Mapping[str, str], side: int) ->
 
 
 def _tip(motion: SkeletonMotion, bones: list[int]) -> np.ndarray:
-    """Return the (F, 3) tip of a finger: the skeleton's joint, or an extrapolation from the rest pose."""
+    """Return a finger's (F, 3) tip: the skeleton's joint, or an extrapolation from the rest pose."""
     last = bones[-1]
     ends = [j for j, parent in enumerate(motion.parents) if parent == last]
     ends = [j for j in ends if np.linalg.norm(motion.rest[j] - motion.rest[last]) > 0]
@@ -88,7 +88,7 @@ def _tip(motion: SkeletonMotion, bones: list[int]) -> np.ndarray:
     sine = float(np.linalg.norm(axis))
     bend = _GOES_ON * np.arctan2(sine, before @ along)
     along = exp_so3(bend * axis / max(sine, 1e-12)) @ along
-    # Joints may be in another unit than the rest pose, so the bone before gives the scale.
+    # Joints may be in another unit than the rest pose, so the previous bone gives the scale.
     long = np.linalg.norm(motion.joints[:, last] - motion.joints[:, bones[-2]], axis=-1, keepdims=True)
     return motion.joints[:, last] + _TIP * long * (motion.turns[:, last] @ along)
 

@@ -1,4 +1,4 @@
-"""Define the order of tangent vectors of a pose and of its state."""
+"""Define the order of the tangent vectors of a pose and of a pose's state."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class PoseLayout:
         return slice(self.joints.stop, self.joints.stop + 3)
 
     def joint(self, column: int) -> slice:
-        """Return the slice of a pose column. Column 0 is the first joint after the root."""
+        """Return the slice for a pose column. Column 0 is the first joint after the root."""
         first = self.joints.start + 3 * column
         return slice(first, first + 3)
 
@@ -59,12 +59,12 @@ class Block:
 
     name: str
     size: int
-    joints: tuple[int, ...] = ()  # Columns of the pose that the block's rotation vectors rotate, three numbers each.
+    joints: tuple[int, ...] = ()  # Pose columns that the block's rotation vectors rotate, three numbers each.
 
 
 @dataclass(frozen=True)
 class StateLayout:
-    """Layout of the tangent of a key or a frame: named blocks, rotation vectors last."""
+    """Layout of the tangent of a key or frame: named blocks, with rotation vectors last."""
 
     blocks: tuple[Block, ...]
 
@@ -74,7 +74,7 @@ class StateLayout:
         """Return the layout of a state with a prior's code.
 
         Args:
-            code_dof: dimension of the codes' manifold.
+            code_dof: dimension of the code manifold.
             num_joints: number of joints after the root that rotate.
             uncovered: columns of the pose that the prior does not model.
         """
@@ -86,7 +86,7 @@ class StateLayout:
         return name in self._slices
 
     def __getitem__(self, name: str) -> slice:
-        """Return the slice of a block. Raise ``KeyError`` if there is no such block."""
+        """Return the slice for a block. Raise ``KeyError`` if there is no such block."""
         return self._slices[name]
 
     def only(self, names: Collection[str]) -> StateLayout:
@@ -108,12 +108,12 @@ class StateLayout:
 
     @cached_property
     def turned(self) -> tuple[int, ...]:
-        """Columns of the pose that rotation vectors rotate, in the order of the blocks."""
+        """Pose columns that rotation vectors rotate, in the order of the blocks."""
         return tuple(joint for block in self.blocks for joint in block.joints)
 
     @property
     def turns(self) -> slice:
-        """Slice of the tangent that contains the rotation vectors of the joints in ``turned``."""
+        """Slice of the tangent with the rotation vectors of the joints in ``turned``."""
         return slice(self.dof - 3 * len(self.turned), self.dof)
 
     @cached_property

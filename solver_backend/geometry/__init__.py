@@ -1,1 +1,1 @@
-"""Rotations, alignment and interpolation on spheres, for NumPy and torch."""
+"""Compute rotations, alignments and interpolation on spheres, with NumPy and torch."""

@@ -1,4 +1,4 @@
-"""Align point sets rigidly or by similarity, and find the rotation nearest to a matrix."""
+"""Align point sets rigidly or by similarity, and find the rotation closest to a matrix."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def umeyama(
     """Return s, R and t that minimise ``Σ w |s R source + t - target|²``.
 
     Shapes are (...), (..., 3, 3) and (..., 3). Without ``with_scale``, s is 1. ``weights`` (..., N) are non-negative,
-    or None for equal weights. Points of weight 0 may be NaN. If all weights are zero, the result is NaN. With fewer
-    than three points in general position, one of the best rotations is returned.
+    or None for equal weights. Points of weight 0 may be NaN. If all weights are zero, the result is NaN. If fewer than
+    three points are in general position, one of the best rotations is returned.
 
     Reference: Umeyama 1991, "Least-squares estimation of transformation parameters", eq. 39-42.
     """
@@ -52,9 +52,9 @@ def umeyama(
 
 
 def look_at(centres: Float[np.ndarray, "n 3"], target: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "n 3 3"]:
-    """Return (n, 3, 3) rotations from world (Z up) to upright cameras that face a target.
+    """Return (n, 3, 3) rotations from the world (Z up) to upright cameras that face a target.
 
-    Rows are right, down and forward. The image top of a camera that looks straight up or down points to -y or y.
+    Rows are right, down and forward. If a camera looks straight up or down, the top of its image points to -y or y.
     """
     forward = target - centres
     forward = forward / np.linalg.norm(forward, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Create arrays of the caller's kind (NumPy or torch) and device."""
+"""Create arrays of the same kind (NumPy or torch) and on the same device as the caller's."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def is_torch(value: Any) -> bool:
 
 
 def array_namespace(*values: Any) -> Any:
-    """Return the namespace of arrays: torch's for a tensor, otherwise NumPy's.
+    """Return the namespace for arrays: torch's if one is a tensor, otherwise NumPy's.
 
     Raises:
         BackendMissing: a value is a tensor, and array-api-compat is not installed.
@@ -31,7 +31,7 @@ def array_namespace(*values: Any) -> Any:
 
 
 def torch_namespace() -> Any:
-    """Return torch with the names of the array API standard.
+    """Return torch under the function names of the array API standard.
 
     Raises:
         BackendMissing: array-api-compat is not installed.
@@ -47,23 +47,23 @@ def torch_namespace() -> Any:
 
 
 def device_of(like: Array) -> Any:
-    """Return the device of new arrays like ``like``, None for the CPU."""
+    """Return the device for new arrays like ``like``, or None for the CPU."""
     device = getattr(like, "device", None)
     return None if str(device) == "cpu" else device
 
 
 def constant(value: Any, like: Array) -> Array:
-    """Return ``value`` as an array of the kind, type and device of ``like``."""
+    """Convert ``value`` to an array of the same kind, type and device as ``like``."""
     return array_namespace(like).asarray(value, dtype=like.dtype, device=device_of(like))
 
 
 def astype(values: Array, precision: Any) -> Array:
-    """Return the values in the given precision, unchanged if they already have it."""
+    """Convert values to the given precision. Return them unchanged if they already have it."""
     return array_namespace(values).astype(values, precision, copy=False)
 
 
 def solved(A: Array, B: Array) -> Array:
-    """Return ``A⁻¹ B`` of (..., n, n) and (..., n, m) arrays.
+    """Return ``A⁻¹ B`` for (..., n, n) and (..., n, m) arrays.
 
     Raises:
         LinAlgError: a matrix is singular.
@@ -72,27 +72,27 @@ def solved(A: Array, B: Array) -> Array:
 
 
 def index(values: np.ndarray, like: Array) -> Array:
-    """Return integer indices for arrays on the device of ``like``."""
+    """Return integer indices for arrays on the same device as ``like``."""
     return array_namespace(like).asarray(values, device=device_of(like))
 
 
 def zeros(shape: int | tuple[int, ...], like: Array, dtype: Any = None) -> Array:
-    """Return zeros of the kind, type (unless given) and device of ``like``."""
+    """Return zeros of the same kind, type (unless given) and device as ``like``."""
     return array_namespace(like).zeros(shape, dtype=dtype or like.dtype, device=device_of(like))
 
 
 def empty(shape: int | tuple[int, ...], like: Array, dtype: Any = None) -> Array:
-    """Return an uninitialised array of the kind, type (unless given) and device of ``like``."""
+    """Return an uninitialised array of the same kind, type (unless given) and device as ``like``."""
     return array_namespace(like).empty(shape, dtype=dtype or like.dtype, device=device_of(like))
 
 
 def identity(size: int, like: Array, dtype: Any = None) -> Array:
-    """Return the (n, n) identity, of the kind, type (unless given) and device of ``like``."""
+    """Return the (n, n) identity, of the same kind, type (unless given) and device as ``like``."""
     return array_namespace(like).eye(size, dtype=dtype or like.dtype, device=device_of(like))
 
 
 def unset(shape: tuple[int, ...], like: Array) -> Array:
-    """Return a large uninitialised array of the kind, type and device of ``like``.
+    """Return a large uninitialised array of the same kind, type and device as ``like``.
 
     On the CPU, NumPy allocates it in huge pages. The first write to torch's small pages takes five times as long.
     """
@@ -102,19 +102,19 @@ def unset(shape: tuple[int, ...], like: Array) -> Array:
 
 
 def replaced(values: Array, where: Array, by: float) -> Array:
-    """Return a copy of the values, with the number ``by`` where the mask is true."""
+    """Return a copy of the values in which ``by`` replaces those where the mask is true."""
     copy = array_namespace(values).asarray(values, copy=True)
     copy[where] = by
     return copy
 
 
 def to_numpy(value: Any) -> np.ndarray:
-    """Return a float64 NumPy copy of an array of either kind, on any device."""
+    """Return a float64 NumPy copy of an array of either kind on any device."""
     return np.array(value.detach().cpu().numpy() if hasattr(value, "cpu") else value, dtype=np.float64)
 
 
 def true_runs(mask: np.ndarray) -> list[tuple[int, int]]:
-    """Return the first and the last index of each run of true values in a mask (F,), in order."""
+    """Return the first and last index of each run of true values in a mask (F,), in order."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], np.asarray(mask, dtype=bool), [False]]).astype(np.int8)))
     return [(int(first), int(stop) - 1) for first, stop in edges.reshape(-1, 2)]
 
@@ -128,9 +128,9 @@ def quantile(
     axis: int | tuple[int, ...],
     method: Literal["linear", "lower", "nearest"] = "linear",
 ) -> np.ndarray:
-    """Return the quantile of the finite values along axes, NaN without any.
+    """Return the quantile of the finite values along axes, or NaN if there are none.
 
-    The result is ``numpy.nanquantile`` of the finite values: the value at position ``(n - 1) share`` among n sorted
+    The result is ``numpy.nanquantile`` of the finite values, the value at position ``(n - 1) share`` of n sorted
     values. Between two values it is interpolated (Hyndman and Fan 1996, definition 7), or ``method`` selects one.
     """
     axes = (axis,) if isinstance(axis, int) else axis
@@ -149,14 +149,14 @@ def quantile(
     return (below + (place - low) * (above - below))[..., 0]
 
 
-_FAST = ("openblas", "mkl", "accelerate", "blis", "armpl")  # BLAS libraries that block by cache.
+_FAST = ("openblas", "mkl", "accelerate", "blis", "armpl")  # BLAS libraries that use cache blocking.
 
 
 def times_transposed(x: Array, weight: Array) -> Array:
     """Return the (N, m) product ``x Wᵀ`` of (N, k) and (m, k) arrays.
 
-    Blender in Linux distributions has the reference BLAS, and official builds have none. Both reach 2.5 GFLOP/s in
-    single precision. NumPy's ``einsum``, with its inner product along contiguous k, reaches 11.
+    Blender from Linux distributions uses the reference BLAS, and official builds have none. Both reach 2.5 GFLOP/s in
+    single precision. NumPy's ``einsum``, whose inner product runs along contiguous k, reaches 11.
     """
     if isinstance(x, np.ndarray) and not has_fast_blas():
         return np.einsum("nk,mk->nm", x, weight)
@@ -181,7 +181,7 @@ class Rows:
 
     @property
     def arrays(self) -> tuple[Array | None, ...]:
-        """Fields in their order."""
+        """The fields, in order."""
         return tuple(getattr(self, field.name) for field in fields(self))
 
     def _replaced_by(self: R, values: Iterable[Array | None]) -> R:
@@ -192,11 +192,11 @@ class Rows:
         return self._replaced_by(None if part is None else part[frames] for part in self.arrays)
 
     def astype(self: R, precision: Any) -> R:
-        """Return the rows in the given precision."""
+        """Convert the rows to the given precision."""
         return self._replaced_by(None if part is None else astype(part, precision) for part in self.arrays)
 
     def where(self: R, mask: Array, other: R) -> R:
-        """Return these rows where the mask is true, otherwise the other's."""
+        """Return these rows where the mask is true, and the other rows elsewhere."""
         xp = array_namespace(mask)
 
         def pick(own: Array | None, others: Array | None) -> Array | None:

@@ -1,8 +1,8 @@
 """Interpolate unit vectors along geodesics: SLERP, SIDER2 and SIDER-n.
 
-Every point on these curves is a combination of its keys. Its weights depend only on the inner products of the keys, so
-the derivative by key j is ``w_j I + Σ_ik p_i M_j[i, k] p_kᵀ``, which needs few numbers (``KeyWeights``). Jacobians are
-(..., d, d) in the ambient space, for changes of a key tangent to the sphere.
+Every point on these curves is a linear combination of its keys. The weights depend only on the keys' inner products, so
+the derivative by key j is ``w_j I + Σ_ik p_i M_j[i, k] p_kᵀ``, which needs only a few numbers (``KeyWeights``).
+Jacobians are (..., d, d) in the ambient space, for changes of a key that are tangent to the sphere.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from solver_backend.geometry.small_matrices import sum_of_rows
 from solver_backend.types.shapes import Float
 
 Vectors = Float[Array, "*#batch d"]
-"""Vectors of R^d with batch dimensions that broadcast."""
+"""Vectors in R^d whose batch dimensions broadcast."""
 
-_SERIES_BELOW = 0.01  # Bound on ``(1 + t²) sin²(ψ/2)`` below which the geodesic's weights come from their series.
+_SERIES_BELOW = 0.01  # If ``(1 + t²) sin²(ψ/2)`` is smaller, the geodesic's weights are computed from their series.
 _SERIES_TERMS = 9
-_NO_ANGLE = 1e-24  # Bound on ``sin²(ψ/2)`` below which there is no division by the angle.
+_NO_ANGLE = 1e-24  # If ``sin²(ψ/2)`` is smaller, nothing is divided by the angle.
 
 
 def spherical_normalisation(v: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
-    """Return the nearest unit vector of zero mean to v. Entries must not all be equal.
+    """Return the unit vector of zero mean that is nearest to v. Entries must not all be equal.
 
     References: thesis 6.2.2 (eq. 6.2), Zhao et al. 2019, "Latent Variables on Spheres".
     """
@@ -38,9 +38,9 @@ def spherical_normalisation(v: Float[Array, "*batch d"]) -> Float[Array, "*batch
 def geodesic_weights(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
     """Return the weights of a point on a geodesic and their derivatives by ``cosψ``.
 
-    The weight is ``sin(tψ)/sinψ``, for ``y = sin²(ψ/2)`` and ``z = cos²(ψ/2)``.
-    Near ``ψ = 0`` the hypergeometric series ``t ₂F₁(1-t, 1+t; 3/2; y)`` avoids a small denominator. All arrays are
-    (...), and t is any real number. Antipodal points with ``z = 0`` have large but finite weights.
+    The weight is ``sin(tψ)/sinψ``, given ``y = sin²(ψ/2)`` and ``z = cos²(ψ/2)``. Near ``ψ = 0``, the hypergeometric
+    series ``t ₂F₁(1-t, 1+t; 3/2; y)`` avoids a small denominator. All arrays are (...), and t is any real number.
+    Antipodal points with ``z = 0`` get large but finite weights.
 
     References: Shoemake 1985. The series is Chebyshev's U of real order (Abramowitz and Stegun 15.1.16).
     """
@@ -77,12 +77,12 @@ def _weights_by_angle(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
 
 
 def is_antipodal(z: Array) -> Array:
-    """Return a (...) mask of point pairs without a unique geodesic."""
+    """Return a (...) mask of point pairs that have no unique geodesic."""
     return z < 100.0 * array_namespace(z).finfo(z.dtype).eps
 
 
 def orthogonal_axis(a: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
-    """Return the (..., d) unit vector orthogonal to ``a``, nearest to its smallest axis."""
+    """Return the (..., d) unit vector orthogonal to ``a`` that is nearest to the axis of its smallest entry."""
     xp = array_namespace(a)
     smallest = xp.argmin(xp.abs(a), axis=-1)
     axis = xp.stack([xp.astype(smallest == i, a.dtype) for i in range(a.shape[-1])], axis=-1)
@@ -92,21 +92,21 @@ def orthogonal_axis(a: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
 
 @dataclass(frozen=True)
 class ZeroMeanSphere:
-    """Unit vectors (..., d) with entries that sum to zero (thesis eq. 6.2)."""
+    """Unit vectors (..., d) whose entries sum to zero (thesis eq. 6.2)."""
 
     def dimension(self, width: int) -> int:
         """Return the dimension of the sphere in R^width."""
         return width - 2
 
     def tangent_basis(self, x: Array) -> Array:
-        """Return the (..., d, d - 2) basis of tangents with zero mean."""
+        """Return the (..., d, d - 2) basis of zero-mean tangents."""
         xp = array_namespace(x)
         plane = constant(_helmert(x.shape[-1]), x)
         return xp.matmul(plane, householder_basis(xp.matmul(x, plane)))
 
 
 def householder_basis(x: Array) -> Array:
-    """Return columns 2 to d of the Householder reflection of the first axis to ±x."""
+    """Return columns 2 to d of the Householder reflection that maps the first axis to ±x."""
     xp = array_namespace(x)
     first = x[..., :1]
     w = xp.concat((first + xp.where(first < 0, -xp.ones_like(first), xp.ones_like(first)), x[..., 1:]), axis=-1)
@@ -115,7 +115,7 @@ def householder_basis(x: Array) -> Array:
 
 
 def identities(x: Array, size: int) -> Array:
-    """Return one identity matrix for every point of ``x`` (..., a)."""
+    """Return an identity matrix for every point in ``x`` (..., a)."""
     identity = constant([[float(i == k) for k in range(size)] for i in range(size)], x)
     return identity + array_namespace(x).zeros_like(x[..., :1])[..., None]
 
@@ -130,12 +130,12 @@ def _helmert(size: int) -> list[list[float]]:
 Keys = Float[Array, "*#batch n d"]
 """Several vectors per batch entry."""
 Times = Float[Array, "*#batch"] | float
-"""Position on a curve."""
+"""Positions on a curve."""
 
 
 @dataclass(frozen=True)
 class KeyWeights:
-    """Point that depends on n unit keys ``p_i``, to first order."""
+    """A point that depends on n unit keys ``p_i``, to first order."""
 
     keys: Float[Array, "*#batch n d"]
     """(..., n, d) keys ``p_i``."""
@@ -147,7 +147,7 @@ class KeyWeights:
     """(..., n, n, n) coefficients: ``d value / d p_j = w_j I + Σ_ik p_i mixing[j, i, k] p_kᵀ``."""
 
     def vjp(self, cotangent: Float[Array, "*#batch d"]) -> Float[Array, "... n d"]:
-        """Return the (..., n, d) derivatives by each key, from the (..., d) derivative by the value."""
+        """Return the (..., n, d) derivatives by each key, given the (..., d) derivative by the value."""
         xp = array_namespace(cotangent)
         along = xp.matmul(self.keys, cotangent[..., None])[..., 0]
         mixed = sum_of_rows(self.mixing * along[..., None, :, None])
@@ -163,8 +163,8 @@ class KeyWeights:
 def slerp(a: Vectors, b: Vectors, t: Times) -> Vectors:
     """Return the point at ``t`` on the geodesic from ``a`` (0) to ``b`` (1).
 
-    The point is ``sin((1-t)ψ)/sinψ a + sin(tψ)/sinψ b``, with a series near ``ψ = 0``. A geodesic to ``-a`` has a fixed
-    direction.
+    The point is ``sin((1-t)ψ)/sinψ a + sin(tψ)/sinψ b``, with a series near ``ψ = 0``. For a geodesic to ``-a``, a
+    fixed direction is used.
 
     References: Shoemake 1985, thesis eq. 4.9 and 6.2.3.
     """
@@ -186,8 +186,8 @@ def sider2(a: Vectors, b: Vectors, c: Vectors, t: Times) -> Vectors:
 def sider_n(keys: Keys, t: Times) -> Vectors:
     """Return the point (..., d) at ``t`` on the curve through (..., n + 1, d) keys.
 
-    Two keys give SLERP, three SIDER2, more the Aitken-Neville recursion on geodesics. In the flat limit the curve is
-    the polynomial of degree n through its keys.
+    Two keys give SLERP, three give SIDER2, and more use the Aitken-Neville recursion on geodesics. In the flat limit,
+    the curve is the polynomial of degree n through its keys.
 
     References: thesis 6.2.3 for n = 2, Neville 1934 for the recursion.
     """
@@ -199,7 +199,7 @@ def sider_weights(keys: Keys, t: Times) -> KeyWeights:
     """Return ``sider_n(keys, t)`` with its derivative in factored form."""
     xp = array_namespace(keys)
     t, count = constant(t, keys), keys.shape[-2]
-    # Broadcast as late as possible, so that quantities independent of time are computed once.
+    # Broadcast as late as possible, so that quantities independent of time are computed only once.
     gram = xp.matmul(keys, xp.matrix_transpose(keys))
     own = identity(count, keys) + xp.zeros_like(gram)
     zero = xp.zeros_like(gram)[..., None, :, :] * xp.ones_like(gram)[..., :, :, None]
@@ -214,8 +214,8 @@ def sider_weights(keys: Keys, t: Times) -> KeyWeights:
 def aitken_neville(points: list[Any], t: Array, join: Callable[..., Any], reflect: Callable[..., Any]) -> Any:
     """Return the point at ``t`` on the curve through points at 0, 1/n, ..., 1.
 
-    ``join(point, point, share)`` returns a point on their geodesic, also beyond its ends. ``reflect(point, centre)``
-    returns the point at the same distance on the other side of the centre.
+    ``join(point, point, share)`` returns a point on their geodesic, including beyond its ends. ``reflect(point,
+    centre)`` returns the point at the same distance on the other side of the centre.
     """
     degree = len(points) - 1
     if degree == 1:
@@ -230,7 +230,7 @@ def aitken_neville(points: list[Any], t: Array, join: Callable[..., Any], reflec
 
 
 def _geodesic(a: Array, b: Array, t: Array) -> tuple[Array, tuple[Array, Array], tuple[Array, Array]]:
-    """Return the SLERP point, the weights of ``a`` and ``b``, and derivatives by ``a·b``."""
+    """Return the SLERP point, the weights of ``a`` and ``b``, and their derivatives by ``a·b``."""
     xp = array_namespace(a, b)
     y = 0.25 * xp.sum((a - b) ** 2, axis=-1)
     z = 0.25 * xp.sum((a + b) ** 2, axis=-1)
@@ -248,7 +248,7 @@ def _geodesic(a: Array, b: Array, t: Array) -> tuple[Array, tuple[Array, Array],
 
 
 def _join(q: KeyWeights, r: KeyWeights, t: Array, gram: Array) -> KeyWeights:
-    """Return SLERP of two points, applying the product rule to the coefficients of the keys."""
+    """Return the SLERP of two points, applying the product rule to the coefficients of the keys."""
     value, (of_q, of_r), (slope_q, slope_r) = _geodesic(q.value, r.value, t)
     weights = of_q[..., None] * q.weights + of_r[..., None] * r.weights
     towards = slope_q[..., None] * q.weights + slope_r[..., None] * r.weights
@@ -259,7 +259,7 @@ def _join(q: KeyWeights, r: KeyWeights, t: Array, gram: Array) -> KeyWeights:
 
 
 def _product_by_keys(q: KeyWeights, r: KeyWeights, gram: Array) -> Array:
-    """Return (..., n, n) coefficients of the keys. Row j belongs to ``rᵀ dq/dp_j``."""
+    """Return the keys' (..., n, n) coefficients. Row j belongs to ``rᵀ dq/dp_j``."""
     xp = array_namespace(gram)
     against = xp.matmul(gram, r.weights[..., None])[..., None, :, :]
     return q.weights[..., :, None] * r.weights[..., None, :] + sum_of_rows(against * q.mixing)
@@ -284,7 +284,7 @@ _REACH = 3.0  # Cut-off of a Gaussian, in standard deviations.
 
 
 def smooth(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Return (F, ...) values after a Gaussian of ``sigma`` frames, mirrored at the ends."""
+    """Filter (F, ...) values with a Gaussian of ``sigma`` frames, mirrored at the ends."""
     reach = min(int(np.ceil(_REACH * sigma)), len(values) - 1)
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / max(sigma, 1e-6)) ** 2)
     padded = np.pad(values, [(reach, reach), *[(0, 0)] * (values.ndim - 1)], mode="reflect", reflect_type="odd")

@@ -1,6 +1,6 @@
-"""NumPy with the names of the array API standard.
+"""Provide NumPy under the function names of the array API standard.
 
-NumPy has these names from version 2.0. Blender 4 includes 1.26. No other package is needed.
+NumPy has these names since version 2.0, but Blender 4 includes 1.26. No other package is needed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def astype(values: Any, dtype: Any, *, copy: bool = True) -> Any:
 
 
 def _on_cpu(create: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a NumPy function with the standard's argument ``device``, which is always the CPU."""
+    """Wrap a NumPy function to accept the standard's argument ``device``, which is always the CPU."""
 
     def call(*arguments: Any, device: Any = None, **given: Any) -> Any:
         return create(*arguments, **given)
@@ -37,7 +37,7 @@ def clip(values: Any, min: Any = None, max: Any = None) -> Any:
 
 
 def matrix_transpose(values: Any) -> Any:
-    """Return the values with the last two axes exchanged."""
+    """Swap the last two axes of the values."""
     return np.swapaxes(values, -1, -2)
 
 
@@ -52,7 +52,7 @@ def sort(values: Any, *, axis: int = -1, stable: bool = True) -> Any:
 
 
 def isdtype(dtype: Any, kind: str) -> bool:
-    """Return whether a type is of a kind: "bool", "integral" or "real floating"."""
+    """Return whether a type is of the kind "bool", "integral" or "real floating"."""
     return np.dtype(dtype).kind in {"bool": "b", "integral": "iu", "real floating": "f"}[kind]
 
 
@@ -100,7 +100,7 @@ _OWN |= {name: _on_cpu(getattr(np, name)) for name in ("arange", "empty", "eye",
 
 
 class NumpyNamespace:
-    """NumPy's functions. Functions of the array standard have priority."""
+    """NumPy's functions. Functions from the array API standard take precedence."""
 
     def __init__(self) -> None:
         self.__dict__.update(_OWN)
@@ -111,4 +111,4 @@ class NumpyNamespace:
         return value
 
 
-NUMPY = NumpyNamespace()  # The namespace of NumPy's arrays.
+NUMPY = NumpyNamespace()  # The namespace for NumPy arrays.

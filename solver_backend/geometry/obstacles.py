@@ -1,4 +1,4 @@
-"""Read objects that a body cannot enter, and compute distances to them."""
+"""Read objects that a body cannot penetrate, and compute distances to them."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from solver_backend.exchange.json_file import read_json_file
 from solver_backend.exchange.outputs import require_file
 from solver_backend.geometry.rotations import exp_so3
 
-MOST_TRIANGLES = 20_000  # Total of all meshes in a file. Simpler models of furniture have hundreds.
-_PAIRS = 400_000  # Pairs of points and triangles at a time, which bounds memory.
+MOST_TRIANGLES = 20_000  # Total over all meshes in a file. Simplified models of furniture have hundreds.
+_PAIRS = 400_000  # Number of point and triangle pairs at a time, which limits memory use.
 _KINDS = ("planes", "boxes", "meshes")
 _CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 _SIDES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
-"""Corners of each side of a box, anticlockwise from outside."""
+"""Corners of each side of a box, anticlockwise as seen from outside."""
 
 
 @dataclass(frozen=True)
 class Obstacles:
-    """Planes with free space above them, and closed surfaces of triangles."""
+    """Planes with free space above them, and closed triangle surfaces."""
 
-    planes: np.ndarray  # (P, 4) unit normal n and offset d of ``n·x = d``, metres. The floor z = 0 is the first one.
+    planes: np.ndarray  # (P, 4) unit normal n and offset d in ``n·x = d``, metres. The floor z = 0 comes first.
     surfaces: tuple[np.ndarray, ...] = ()  # (T, 3, 3) corners of each surface's triangles, anticlockwise from outside.
 
     @classmethod
@@ -40,15 +40,15 @@ class Obstacles:
 
     @property
     def without_floor(self) -> Obstacles:
-        """Objects without the floor."""
+        """The objects without the floor."""
         return replace(self, planes=self.planes[1:])
 
     def nearest(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the signed distance of points (..., 3) from the nearest obstacle, and its normal.
 
-        Distances are negative inside. Beyond ``reach`` from a mesh they are infinite if there is no plane. A point is
-        inside a mesh if the nearest triangle faces away from it. Of equally near triangles, the most perpendicular one
-        counts.
+        Distances are negative inside. At more than ``reach`` from a mesh, they are infinite if there is no plane. A
+        point is inside a mesh if the nearest triangle faces away from it. If several triangles are equally near, the
+        most perpendicular one counts.
         """
         flat = points.reshape(-1, 3)
         heights = flat @ self.planes[:, :3].T - self.planes[:, 3]
@@ -86,7 +86,7 @@ def _from_surface(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray
 
 
 def _closest(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Return (N, T, 3) closest points of triangles."""
+    """Return the (N, T, 3) closest points on triangles."""
     a, b, c = triangles.transpose(1, 0, 2)
     u, v, w = b - a, c - a, points[:, None] - a
     uu, uv, vv = (u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)
@@ -105,11 +105,11 @@ def _closest(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def read_obstacles(path: Path | str) -> Obstacles:
-    """Read a file of planes, boxes and meshes, and add the floor z = 0.
+    """Read a file with planes, boxes and meshes, and add the floor z = 0.
 
-    A plane has a ``point`` and a ``normal`` towards free space. A box has a ``centre``, a ``size`` and optionally
-    ``turn_deg`` about the vertical. A mesh is the relative path of a Wavefront OBJ file. All are in metres, Z up. An
-    OBJ file counts as a file with this mesh alone.
+    A plane has a ``point`` and a ``normal`` towards free space. A box has a ``centre``, a ``size`` and optionally a
+    rotation ``turn_deg`` about the vertical. A mesh is the relative path of a Wavefront OBJ file. All are in metres, Z
+    up. An OBJ file counts as a file that contains only this mesh.
 
     Raises:
         FileDamaged: the file or a mesh is damaged, or a value is invalid.
@@ -139,7 +139,7 @@ def read_obstacles(path: Path | str) -> Obstacles:
 
 
 def _read_mesh(path: Path) -> np.ndarray:
-    """Return the (T, 3, 3) triangles of an OBJ file. Convex polygons are split into fans."""
+    """Return the (T, 3, 3) triangles in an OBJ file. Convex polygons are split into fans."""
     vertices, faces, polygon = list[list[float]](), list[list[int]](), list[int]()
     try:
         for line in require_file(path).read_text(encoding="utf-8", errors="replace").splitlines():
@@ -149,7 +149,7 @@ def _read_mesh(path: Path) -> np.ndarray:
             elif word == "f":
                 ring = [int(value.split("/")[0]) for value in rest]
                 ring = [k - 1 if k > 0 else len(vertices) + k for k in ring]
-                polygon += [len(faces)] * (len(ring) - 2)  # Number of its first triangle.
+                polygon += [len(faces)] * (len(ring) - 2)  # Number of the polygon's first triangle.
                 faces += [[ring[0], ring[k], ring[k + 1]] for k in range(1, len(ring) - 1)]
         found = np.array(vertices, dtype=float)[np.array(faces, dtype=int)]
     except (ValueError, IndexError) as error:
@@ -168,7 +168,7 @@ def _read_mesh(path: Path) -> np.ndarray:
 
 
 def _is_closed(triangles: np.ndarray) -> bool:
-    """Return whether each edge belongs to two triangles, one per direction."""
+    """Return whether each edge belongs to exactly two triangles, once in each direction."""
     places, corner = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
     corner = corner.reshape(-1, 3)
     edges = np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]])

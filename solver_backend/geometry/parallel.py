@@ -1,4 +1,4 @@
-"""Run blocks of frames on all cores."""
+"""Process blocks of frames on all cores."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from solver_backend.geometry.arrays import array_namespace, is_torch
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-MAX_THREADS = 8  # More threads share one memory bus and gain nothing.
-TORCH_BLOCK = 2  # Factor on block sizes for torch, which divides each operation among threads.
+MAX_THREADS = 8  # More threads share a memory bus and gain nothing.
+TORCH_BLOCK = 2  # Factor for block sizes with torch, which splits each operation between threads.
 
 
 def map_blocks(
@@ -25,7 +25,7 @@ def map_blocks(
 
     Args:
         function: called once per block. It must not write to data that another block reads.
-        like: an array of the function's kind.
+        like: an array of the kind that the function uses.
         done: called with the number of finished blocks. It may raise an error to stop.
     """
     threads = min(MAX_THREADS, usable_cores())
@@ -64,7 +64,7 @@ def usable_cores() -> int:
 
 
 def block_size(size: int, like: Any) -> int:
-    """Return the block size for arrays like ``like``, at least ``size``."""
+    """Return the block size for arrays like ``like``, which is at least ``size``."""
     return size * TORCH_BLOCK if is_torch(like) else size
 
 

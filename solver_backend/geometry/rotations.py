@@ -39,7 +39,7 @@ def upper_hemisphere(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
 
 
 def matrix_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
-    """Return the (..., 3, 3) rotations of (..., 4) quaternions of any length.
+    """Convert (..., 4) quaternions of any length to (..., 3, 3) rotations.
 
     ``R = I + 2 (w [u]x + [u]x²) / |q|²`` with ``q = (w, u)``.
 
@@ -57,7 +57,7 @@ def matrix_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
 
 
 def quat_from_matrix(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
-    """Return the (..., 4) unit quaternions with ``w >= 0`` of (..., 3, 3) rotations.
+    """Convert (..., 3, 3) rotations to (..., 4) unit quaternions with ``w >= 0``.
 
     The row of ``4 q qᵀ`` with the largest diagonal is normalised, which avoids a division by small numbers.
 
@@ -80,7 +80,7 @@ def quat_from_matrix(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
 
 
 def quat_from_rotvec(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
-    """Return the quaternions wxyz of (..., 3) rotation vectors (Grassia 1998)."""
+    """Convert (..., 3) rotation vectors to quaternions wxyz (Grassia 1998)."""
     xp = array_namespace(v)
     square = squared_length(v)
     small = square < _SMALL_SQUARE
@@ -91,7 +91,7 @@ def quat_from_rotvec(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
 
 
 def rotvec_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
-    """Convert (..., 4) non-zero quaternions to (..., 3) rotation vectors of length 0 to π rad.
+    """Convert (..., 4) non-zero quaternions to (..., 3) rotation vectors between 0 and π rad long.
 
     ``v = 2 atan2(|u|, w) u/|u|`` with ``q = (w, u)`` and ``w >= 0``, exact at 0 and at π (Grassia 1998).
     """
@@ -107,7 +107,7 @@ def rotvec_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
 
 
 def quat_left_tangent(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4 3"]:
-    """Return the (..., 4, 3) ``G`` of left rotations: ``quat(exp(ω)) q ≈ q + G ω``.
+    """Return the (..., 4, 3) matrices ``G`` for left rotations: ``quat(exp(ω)) q ≈ q + G ω``.
 
     ``G ω = ½ (0, ω) q``. For unit ``q`` it satisfies ``Gᵀ G = I/4``. A change dq of the quaternion is therefore the
     left rotation ``ω = 4 Gᵀ dq``: ``R(q + dq) ≈ exp([4 Gᵀ dq]x) R(q)``.
@@ -131,7 +131,7 @@ _TINY = 1e-12  # Shortest column of a 6D representation that is normalised.
 
 
 def skew(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
-    """Return the (..., 3, 3) matrices ``[v]x`` with ``[v]x w = v × w`` of (..., 3) vectors."""
+    """Return the (..., 3, 3) matrices ``[v]x`` for (..., 3) vectors, with ``[v]x w = v × w``."""
     xp = array_namespace(v)
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
     zero = xp.zeros_like(x)
@@ -139,7 +139,7 @@ def skew(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
 
 
 def cross(a: Float[Array, "*#batch 3"], b: Float[Array, "*#batch 3"]) -> Float[Array, "... 3"]:
-    """Return the cross products ``a × b`` of (..., 3) vectors that broadcast."""
+    """Return the cross products ``a × b`` of (..., 3) vectors, which broadcast."""
     xp = array_namespace(a, b)
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
@@ -155,12 +155,12 @@ def exp_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
 
 
 def log_so3(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3"]:
-    """Return the (..., 3) rotation vectors with ``exp_so3(v) = R`` and length 0 to π."""
+    """Return the (..., 3) rotation vectors v between 0 and π long with ``exp_so3(v) = R``."""
     return rotvec_from_quat(quat_from_matrix(R))
 
 
 def left_jacobian_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
-    """Return the left Jacobian ``J``, with ``exp(v + dv) ≈ exp(J dv) exp(v)``.
+    """Return the left Jacobian ``J``, for which ``exp(v + dv) ≈ exp(J dv) exp(v)``.
 
     ``J = I + (1 - cosθ)/θ² [v]x + (θ - sinθ)/θ³ [v]x²``.
     Reference: Chirikjian 2012, "Stochastic Models, Information Theory, and Lie Groups 2", eq. 10.86.
@@ -178,7 +178,7 @@ def left_jacobian_inverse_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*bat
 
 
 def matrix_from_6d(x: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 3"]:
-    """Return the rotations of the continuous 6D representation, by Gram-Schmidt.
+    """Convert the continuous 6D representation to rotations by Gram-Schmidt.
 
     ``b1 = a1/|a1|``, ``b2 = (a2 - (b1·a2) b1)/|…|``, ``b3 = b1 × b2``. Columns shorter than 1e-12 are not normalised,
     so a zero or collinear input gives neither a rotation nor NaN.
@@ -190,14 +190,14 @@ def matrix_from_6d(x: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 3"]:
 
 
 def matrix_to_6d(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 6"]:
-    """Return the first two columns of (..., 3, 3) rotations as (..., 6), one after the other."""
+    """Return the first two columns of (..., 3, 3) rotations, joined to (..., 6)."""
     return array_namespace(R).concat((R[..., :, 0], R[..., :, 1]), axis=-1)
 
 
 def matrix_from_6d_with_jacobian(
     x: Float[Array, "*batch 6"],
 ) -> tuple[Float[Array, "*batch 3 3"], Float[Array, "*batch 3 6"]]:
-    """Return the rotations of ``matrix_from_6d`` and their Jacobians.
+    """Return the rotations from ``matrix_from_6d`` and their Jacobians.
 
     The Jacobian J in ``R(x + dx) ≈ exp([J dx]x) R(x)`` follows from
     ``ω = b1 (b3·db2) - b2 (b3·db1) + b3 (b2·db1)``, the rotation of the frame b1 b2 b3.
@@ -212,7 +212,7 @@ def matrix_from_6d_with_jacobian(
 
 
 def _gram_schmidt(x: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Return b1, b2, b3 (..., 3), the two lengths that were divided by, and ``b1·a2`` (...)."""
+    """Return b1, b2, b3 (..., 3), the two lengths used as divisors, and ``b1·a2`` (...)."""
     a1, a2 = x[..., :3], x[..., 3:]
     length1 = _length(a1)
     b1 = a1 / length1[..., None]
@@ -231,7 +231,7 @@ def _length(v: Array) -> Array:
 
 
 def _coefficients(v: Array, *wanted: int) -> list[Array]:
-    """Return the wanted series of ``sinθ/θ``, ``(1 - cosθ)/θ²`` and so on."""
+    """Return the requested series: ``sinθ/θ``, ``(1 - cosθ)/θ²`` and so on."""
     xp = array_namespace(v)
     square = squared_length(v)
     small = square < _SERIES_BELOW
@@ -249,7 +249,7 @@ def _coefficients(v: Array, *wanted: int) -> list[Array]:
 
 
 def _horner(x: Array, coefficients: tuple[float, ...]) -> Array:
-    """Return the polynomial ``Σ c_k x^k``."""
+    """Evaluate the polynomial ``Σ c_k x^k``."""
     total = coefficients[-1] * array_namespace(x).ones_like(x)
     for c in reversed(coefficients[:-1]):
         total = total * x + c
@@ -257,7 +257,7 @@ def _horner(x: Array, coefficients: tuple[float, ...]) -> Array:
 
 
 def _polynomial(v: Array, first: Array, second: Array) -> Array:
-    """Return the polynomial ``I + first [v]x + second [v]x²`` of the cross-product matrix of v."""
+    """Evaluate the polynomial ``I + first [v]x + second [v]x²`` in the cross-product matrix of v."""
     identity = constant(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), v)
     outer = v[..., :, None] * v[..., None, :]
     square = squared_length(v)[..., None, None]

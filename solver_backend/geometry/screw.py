@@ -1,7 +1,7 @@
 """Interpolate rigid motions through keys by screws, the geodesics of SE(3) (thesis 6.4).
 
-A geodesic from A to B is ``A exp(s log(A⁻¹ B))``. The curve composes them as SIDER-n composes geodesics on a sphere.
-Rotation and translation are coupled: a rotating body moves on an arc.
+A geodesic from A to B is ``A exp(s log(A⁻¹ B))``. The curve combines geodesics as SIDER-n does on a sphere. Rotation
+and translation are coupled: a rotating body moves along an arc.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from solver_backend.geometry.rotations import (
     skew,
 )
 
-_TERMS = 40  # Number of terms of the Jacobian's series. The last is below 1e-14 for rotations up to two full turns.
+_TERMS = 40  # Number of terms in the Jacobian's series. The last is below 1e-14 for rotations up to two full turns.
 
 
 @dataclass(frozen=True)
 class _Moved:
-    """Rigid motions of F frames and their derivatives by the keys, both as body twists."""
+    """Rigid motions in F frames and their derivatives by the keys, both as body twists."""
 
     rotation: Array  # (F, 3, 3).
     transl: Array  # (F, 3).
@@ -33,7 +33,7 @@ class _Moved:
 
 @dataclass(frozen=True)
 class ScrewPath:
-    """Rotations and translations of W·n frames through the k keys of W windows."""
+    """Rotations and translations in W·n frames, through the k keys of each of W windows."""
 
     rotation: Array  # (W·n, 3, 3).
     transl: Array  # (W·n, 3) metres.
@@ -41,20 +41,20 @@ class ScrewPath:
 
     @classmethod
     def through(cls, rotation: Array, transl: Array, time: Array) -> ScrewPath:
-        """Return the curve through (W, k) rotations and translations at (W, n) times."""
+        """Return the curve through (W, k) rotations and translations, evaluated at (W, n) times."""
         xp, (windows, count) = array_namespace(transl), time.shape
         flat, keys = xp.reshape(time, (-1,)), rotation.shape[1]
         of_frames = [xp.repeat(part, count, axis=0) for part in (rotation, transl)]
         points = [_key(of_frames[0], of_frames[1], k) for k in range(keys)]
         twice = 2.0 + 0.0 * flat
         found = aitken_neville(points, flat, _geodesic, lambda point, centre: _geodesic(point, centre, twice))
-        # A left rotation is R times a right one, for frames and for keys.
+        # A left rotation is R times a right one, both for frames and for keys.
         to_frame, to_key = _both(found.rotation)[:, None], xp.matrix_transpose(_both(of_frames[0]))
         by_keys = xp.matmul(to_frame, xp.matmul(found.by_keys, to_key))
         return cls(found.rotation, found.transl, xp.reshape(by_keys, (windows, count, keys, 6, 6)))
 
     def vjp(self, by_turn: Array, by_transl: Array) -> tuple[Array, Array]:
-        """Return (W, k, 3) derivatives by the keys, from (W·n, 3) derivatives by the frames."""
+        """Return (W, k, 3) derivatives by the keys, given (W·n, 3) derivatives by the frames."""
         xp = array_namespace(by_turn)
         windows, count, keys = self.by_keys.shape[:3]
         by_frames = xp.reshape(xp.concat([by_turn, by_transl], axis=1), (windows, 1, count * 6))
@@ -70,7 +70,7 @@ def _key(rotation: Array, transl: Array, key: int) -> _Moved:
 
 
 def _geodesic(a: _Moved, b: _Moved, s: Array) -> _Moved:
-    """Return the motions at fractions (F,) of the geodesic from a to b, also beyond its ends."""
+    """Return the motions at fractions (F,) of the geodesic from a to b, including beyond its ends."""
     xp = array_namespace(s)
     back = xp.matrix_transpose(a.rotation)
     between = xp.matmul(back, b.rotation), _apply(back, b.transl - a.transl)

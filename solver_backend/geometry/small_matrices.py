@@ -36,14 +36,14 @@ def packed(A: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 6"]:
 
 
 def unpacked(entries: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 3"]:
-    """Return the (..., 3, 3) symmetric matrices of (..., 6) entries xx, xy, xz, yy, yz, zz."""
+    """Return the (..., 3, 3) symmetric matrices with the given (..., 6) entries xx, xy, xz, yy, yz, zz."""
     xp = array_namespace(entries)
     order = [_PACKED.index((min(i, j), max(i, j))) for i in range(3) for j in range(3)]
     return xp.reshape(xp.stack([entries[..., k] for k in order], axis=-1), (*entries.shape[:-1], 3, 3))
 
 
 def mean_sigma(entries: Float[Array, "*batch 6"]) -> Float[Array, " *batch"]:
-    """Return (...) deviations of (..., 6) covariances, as RMS over the axes."""
+    """Return the (...) standard deviations of (..., 6) covariances, as RMS over the axes."""
     xp = array_namespace(entries)
     return xp.sqrt((entries[..., 0] + entries[..., 3] + entries[..., 5]) / 3.0)
 
@@ -74,7 +74,7 @@ def sum_of_rows(values: Float[Array, "*batch rows columns"]) -> Float[Array, "*b
 
 
 def any_coordinate(mask: Array) -> Array:
-    """Return a (...) mask of entries with any of few coordinates true, from (..., d)."""
+    """Return a (...) mask that is true where any of a few coordinates in (..., d) is true."""
     some = mask[..., 0]
     for i in range(1, mask.shape[-1]):
         some = some | mask[..., i]
@@ -82,7 +82,7 @@ def any_coordinate(mask: Array) -> Array:
 
 
 def all_coordinates(mask: Array) -> Array:
-    """Return a (...) mask of entries with all of few coordinates true, from (..., d)."""
+    """Return a (...) mask that is true where all of a few coordinates in (..., d) are true."""
     every = mask[..., 0]
     for i in range(1, mask.shape[-1]):
         every = every & mask[..., i]
@@ -90,7 +90,7 @@ def all_coordinates(mask: Array) -> Array:
 
 
 def solved_3x3(A: Float[np.ndarray, "*batch 3 3"], b: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-    """Return (..., 3) solutions ``A⁻¹ b`` by Cramer's rule, for A near rotations."""
+    """Return the (..., 3) solutions ``A⁻¹ b`` by Cramer's rule, for matrices A close to rotations."""
     rows = [[A[..., i, j] for j in range(3)] for i in range(3)]
     (a, d, g), (e, h, k), (f, i, m) = ([row[j] for row in rows] for j in range(3))
     minors = h * m - k * i, k * f - e * m, e * i - h * f
@@ -103,5 +103,5 @@ def solved_3x3(A: Float[np.ndarray, "*batch 3 3"], b: Float[np.ndarray, "*batch 
 
 
 def unit(v: np.ndarray) -> np.ndarray:
-    """Return (..., 3) vectors scaled to unit length. Vectors shorter than 1e-9 remain short."""
+    """Scale (..., 3) vectors to unit length. Vectors shorter than 1e-9 remain short."""
     return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9)

@@ -1,1 +1,1 @@
-"""Model the plausible poses of the 21 body joints: latent codes, energies and samples."""
+"""Model plausible poses of the 21 body joints: latent codes, energies and samples."""

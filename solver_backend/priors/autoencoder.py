@@ -1,4 +1,4 @@
-"""Encode poses and decode codes by dense layers, in NumPy or torch."""
+"""Encode poses and decode codes with dense layers, in NumPy or torch."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from solver_backend.priors.base import (
 from solver_backend.types.shapes import Float
 
 ACTIVATIONS = ("silu", "elu", "leaky_relu")  # ``x sigmoid(x)``, ``exp(x) - 1`` and ``0.01 x`` below 0.
-LEAK = 0.01  # Slope of LeakyReLU below zero: torch's default, as in training.
+LEAK = 0.01  # Slope of LeakyReLU below zero: torch's default, also used in training.
 
 
 @dataclass(frozen=True)
 class DenseStack:
-    """Dense layers ``W_n a(... a(W_1 x + b_1) ...) + b_n``, optionally with a last activation."""
+    """Dense layers ``W_n a(... a(W_1 x + b_1) ...) + b_n``, optionally with an activation after the last layer."""
 
     weights: tuple[Array, ...]  # (out, in) each.
     biases: tuple[Array, ...]  # (out,) each.
@@ -47,7 +47,7 @@ class DenseStack:
         return (int(self.weights[0].shape[1]), *(int(w.shape[0]) for w in self.weights))
 
     def like(self, x: Array) -> DenseStack:
-        """Return the stack with the array type, precision and device of ``x``."""
+        """Convert the stack to the array type, precision and device of ``x``."""
         weights = tuple(constant(np.asarray(w), x) for w in self.weights)
         biases = tuple(constant(np.asarray(b), x) for b in self.biases)
         return DenseStack(weights, biases, self.activation, self.activate_last)
@@ -66,8 +66,8 @@ class DenseStack:
     def with_jacobian(self, x: Array) -> tuple[Array, Array]:
         """Return the output (N, out) and its transposed derivative (N, in, out).
 
-        Forward mode: ``J_1 = a'(h_1) W_1`` and ``J_k = a'(h_k) (W_k J_{k-1})``. Each step is one product of an (N in,
-        width) matrix and the weights of a layer.
+        Forward mode: ``J_1 = a'(h_1) W_1`` and ``J_k = a'(h_k) (W_k J_{k-1})``. Each step multiplies an (N in, width)
+        matrix by a layer's weights.
         """
         xp = array_namespace(x)
         count, width = x.shape
@@ -83,7 +83,7 @@ class DenseStack:
         return x, jacobian
 
     def with_vjp(self, x: Array) -> tuple[Array, Callable[[Array], Array]]:
-        """Return the output (N, out), and the map from its cotangents to the input's.
+        """Return the output (N, out), and a function that maps its cotangents to the input's.
 
         Reverse mode, ``v -> W_1ᵀ a'(h_1) ... W_nᵀ a'(h_n) v``: one pass costs as much as the forward pass.
         """
@@ -120,12 +120,12 @@ _BLOCK = 64  # Poses whose Jacobians are computed at a time, so that the layers'
 
 
 def decoded_rotations(decoder: DenseStack, z: Codes) -> Poses:
-    """Return (N, 21, 3, 3) rotations from (N, d) codes."""
+    """Decode (N, d) codes to (N, 21, 3, 3) rotations."""
     return matrix_from_6d(array_namespace(z).reshape(decoder(z), (z.shape[0], NUM_BODY_JOINTS, 6)))
 
 
 def decoded_rotations_with_vjp(decoder: DenseStack, z: Codes) -> tuple[Poses, Callable[[Array], Array]]:
-    """Return (N, 21, 3, 3) rotations, and the map from their cotangents to (N, d)."""
+    """Return (N, 21, 3, 3) rotations, and a function that maps their cotangents to (N, d)."""
     xp = array_namespace(z)
     flat, flat_vjp = decoder.with_vjp(z)
     R, by_6d = matrix_from_6d_with_jacobian(xp.reshape(flat, (z.shape[0], NUM_BODY_JOINTS, 6)))
@@ -146,7 +146,7 @@ def decoded_rotations_with_jacobian(decoder: DenseStack, z: Codes) -> tuple[Pose
 
 
 def reconstruction_energy(rotations: Poses, decoded: Poses, sigma: Float[Array, "joints 3"]) -> Energies:
-    """Return (N,) mean squared rotations between decoded and given poses."""
+    """Return the (N,) mean squared rotations between decoded and given poses."""
     xp = array_namespace(rotations)
     residual = log_so3(xp.matmul(rotations, xp.permute_dims(decoded, (0, 1, 3, 2))))
     scaled = residual / constant(sigma, rotations)
@@ -163,7 +163,7 @@ def _block(decoder: DenseStack, z: Array) -> tuple[Array, Array]:
 
 
 class PoseAutoencoder(AutoencodingPrior):
-    """Prior with a decoder of dense layers from codes to the joints' 6D representation."""
+    """Prior whose decoder maps codes to the joints' 6D representation by dense layers."""
 
     def __init__(
         self, encoder: DenseStack, decoder: DenseStack, residual_sigma: np.ndarray, metadata: dict[str, Any]
@@ -184,14 +184,14 @@ class PoseAutoencoder(AutoencodingPrior):
         return self._encoder.widths, self._decoder.widths
 
     def decode(self, z: Codes) -> Poses:
-        """Return (N, 21, 3, 3) local rotations from (N, d) codes. Errors: ``check_codes``."""
+        """Decode (N, d) codes to (N, 21, 3, 3) local rotations. Errors: ``check_codes``."""
         return decoded_rotations(self._decoder_for(z), z)
 
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
         """Return R (N, 21, 3, 3) and J (N, 21, 3, d) with ``R_j(z + dz) ~ exp([J_j dz]x) R_j(z)``.
 
-        ``J_j = (dω/d6D)(x_j) dx_j/dz`` in forward mode: the derivatives of network and 6D form by the d ambient
-        coordinates of the code. There is no projection to its tangent space.
+        ``J_j = (dω/d6D)(x_j) dx_j/dz`` in forward mode: the derivatives of the network and the 6D form by the d ambient
+        coordinates of the code. They are not projected to its tangent space.
         """
         return decoded_rotations_with_jacobian(self._decoder_for(z), z)
 
@@ -203,17 +203,17 @@ class PoseAutoencoder(AutoencodingPrior):
         return self._stacks(features)[0](features)
 
     def _encoded_rotvecs(self, rotations: Array) -> Array:
-        """Return the encoder's output for the rotation vectors of (N, 21, 3, 3) poses."""
+        """Return the encoder's output for (N, 21, 3, 3) poses, which it receives as rotation vectors."""
         check_rotations(rotations)
         features = array_namespace(rotations).reshape(log_so3(rotations), (rotations.shape[0], 3 * NUM_BODY_JOINTS))
         return self._encoded(features)
 
     def _distance_to_reconstruction(self, rotations: Array) -> Array:
-        """Return (N,) mean squared rotations from reconstructions to poses, in units of ``residual_sigma``."""
+        """Return the (N,) mean squared rotations from reconstructions to poses, in units of ``residual_sigma``."""
         return reconstruction_energy(rotations, self.reconstruct(rotations), self.residual_sigma)
 
     def decoder_like(self, like: Array) -> DenseStack:
-        """Return the decoder with the array type, precision and device of ``like``, unchecked."""
+        """Convert the decoder to the array type, precision and device of ``like``, without checks."""
         return self._stacks(like)[1]
 
     def _decoder_for(self, z: Array) -> DenseStack:
@@ -221,7 +221,7 @@ class PoseAutoencoder(AutoencodingPrior):
         return self.decoder_like(z)
 
     def _stacks(self, like: Array) -> tuple[DenseStack, DenseStack]:
-        """Return encoder and decoder with the array type, precision and device of ``like``, converted once."""
+        """Convert encoder and decoder, once, to the array type, precision and device of ``like``."""
         key = (type(like), str(like.dtype), str(device_of(like)))
         if key not in self._moved:
             self._moved[key] = (self._encoder.like(like), self._decoder.like(like))

@@ -19,16 +19,16 @@ Energies = Float[Array, " poses"]
 CodeJacobian = Float[Array, "poses joints 3 d"]
 """Derivatives of the rotations' left tangents by the code."""
 
-ORTHONORMAL_WITHIN = 1e-3  # Largest entry of ``R^T R - I`` of a rotation (float32 files round to 1e-7).
+ORTHONORMAL_WITHIN = 1e-3  # Largest entry of ``R^T R - I`` allowed for a rotation (float32 files round to 1e-7).
 
 
 class PosePrior(ABC):
-    """Model of plausible poses of the joints 1..21, in NumPy or torch."""
+    """A model of plausible poses of joints 1..21, in NumPy or torch."""
 
-    name: str  # Short name, as in file names.
+    name: str  # Short name, as used in file names.
     joints: tuple[str, ...] = SMPL_JOINTS[1 : 1 + NUM_BODY_JOINTS]
-    """Joint of each column of its poses. By default, all body joints of the SMPL family except root and hands."""
-    uncovered: tuple[int, ...] = ()  # Columns of its poses that the prior does not model. They are at rest.
+    """Joint for each column of its poses. By default, all body joints of the SMPL family except root and hands."""
+    uncovered: tuple[int, ...] = ()  # Columns of its poses that the prior does not model. They stay at rest.
 
     @property
     @abstractmethod
@@ -37,18 +37,18 @@ class PosePrior(ABC):
 
     @abstractmethod
     def encode(self, rotations: Poses) -> Codes:
-        """Return the (N, d) codes of (N, 21, 3, 3) local rotations."""
+        """Encode (N, 21, 3, 3) local rotations as (N, d) codes."""
 
     @abstractmethod
     def decode(self, z: Codes) -> Poses:
-        """Return (N, 21, 3, 3) local rotations from (N, d) codes."""
+        """Decode (N, d) codes to (N, 21, 3, 3) local rotations."""
 
     @abstractmethod
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
         """Return decoded poses and J (N, 21, 3, d), with ``R_j(z + dz) ~ exp([J_j dz]x) R_j(z)``."""
 
     def decode_with_vjp(self, z: Codes) -> tuple[Poses, Callable[[Array], Array]]:
-        """Return ``decode(z)`` and ``v -> J_zᵀ v``, from (N, 21, 3) cotangents of the left tangents to (N, d)."""
+        """Return ``decode(z)`` and ``v -> J_zᵀ v``, which maps (N, 21, 3) cotangents of the left tangents to (N, d)."""
         rotations, jacobian = self.decode_with_jacobian(z)
         xp = array_namespace(z)
 
@@ -59,20 +59,20 @@ class PosePrior(ABC):
 
     @abstractmethod
     def energy(self, rotations: Poses) -> Energies:
-        """Return the (N,) implausibility of (N, 21, 3, 3) poses, zero or more."""
+        """Return the (N,) implausibility of (N, 21, 3, 3) poses, which is at least zero."""
 
     @abstractmethod
     def sample(self, count: int, seed: int) -> Poses:
-        """Return ``count`` poses drawn from the prior, (count, 21, 3, 3), reproducible by the seed."""
+        """Return ``count`` poses drawn from the prior, (count, 21, 3, 3). The seed makes them reproducible."""
 
 
 class AutoencodingPrior(PosePrior):
     """Pose prior that also estimates the error of its reconstructions."""
 
     residual_sigma: np.ndarray
-    """(21, 3) root mean square in radians of the left rotation from decoded to true poses, on unseen subjects."""
+    """(21, 3) root mean square in radians of the left rotation from decoded to true poses, for unseen subjects."""
     metadata: dict[str, Any]
-    """Metadata of the weights: command, data, evaluation and ``sha256``, empty without weights."""
+    """Metadata of the weights: command, data, evaluation and ``sha256``. Empty if there are no weights."""
 
     def reconstruct(self, rotations: Array) -> Array:
         """Encode and decode (N, 21, 3, 3) poses, and return the result ``G(E(θ))`` (thesis eq. 4.1)."""
@@ -108,7 +108,7 @@ def check_codes(z: Array, latent_dim: int) -> None:
 
 
 def in_own_columns(blocks: Array) -> Array:
-    """Return the Jacobian (N, 21, 3, 21 k) of joints with k own parameters each."""
+    """Return the Jacobian (N, 21, 3, 21 k) of joints that each have k parameters of their own."""
     xp = array_namespace(blocks)
     own = constant(np.eye(NUM_BODY_JOINTS)[None, :, None, :, None], blocks)
     return xp.reshape(own * blocks[:, :, :, None, :], (*blocks.shape[:3], NUM_BODY_JOINTS * blocks.shape[3]))

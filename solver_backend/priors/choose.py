@@ -1,4 +1,4 @@
-"""Choose a pose prior by name or by a file of trained weights, and map Gaussian codes to a sphere."""
+"""Choose a pose prior by name or weight file, and map Gaussian codes to a sphere."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from solver_backend.priors.weights import read_weights
 SPHERICAL, ROBUST = "sposer", "rvposer"
 NAMES = tuple(prior.value for prior in PRIORS[1:])
 LEAST_HEIGHT = 0.05
-"""Smallest last coordinate of a code: Gaussian codes of 20 times the typical length. Smaller ones are clipped."""
+"""Smallest last coordinate of a code: Gaussian codes 20 times as long as is typical. Smaller ones are clipped."""
 
 
 class GaussianOnSphere(AutoencodingPrior):
-    """Gaussian prior with unit codes of zero mean: ``u = B (z, s) / |(z, s)|`` with ``s = √d``.
+    """Gaussian prior whose codes are unit vectors of zero mean: ``u = B (z, s) / |(z, s)|`` with ``s = √d``.
 
     B (d + 2, d + 1) spans the vectors of zero mean. The inverse is the central projection ``z = s a / b`` of ``(a, b) =
     Bᵀ u``. It maps great circles to straight lines, so that SLERP follows the segment between Gaussian codes.
@@ -39,7 +39,7 @@ class GaussianOnSphere(AutoencodingPrior):
 
     @property
     def latent_dim(self) -> int:
-        """Two more than the Gaussian prior's."""
+        """Length of a code, two more than the Gaussian prior's."""
         return self._prior.latent_dim + 2
 
     def encode(self, rotations: Poses) -> Codes:
@@ -51,11 +51,11 @@ class GaussianOnSphere(AutoencodingPrior):
         return xp.matmul(unit, constant(self._basis.T, z))
 
     def decode(self, z: Codes) -> Poses:
-        """Return the poses of the Gaussian codes."""
+        """Return the poses for the Gaussian codes."""
         return self._prior.decode(self._flat(z)[0])
 
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
-        """Return poses and ``J dz/du`` with ``dz/du = s/b (I, -a/b) Bᵀ``."""
+        """Return the poses and ``J dz/du`` with ``dz/du = s/b (I, -a/b) Bᵀ``."""
         xp, (flat, height) = array_namespace(z), self._flat(z)
         rotations, jacobian = self._prior.decode_with_jacobian(flat)
         eye = identity(flat.shape[-1], flat) * xp.ones_like(flat)[:, :, None]
@@ -68,7 +68,7 @@ class GaussianOnSphere(AutoencodingPrior):
         return self._prior.energy(rotations)
 
     def sample(self, count: int, seed: int) -> Poses:
-        """Return the Gaussian prior's samples."""
+        """Return samples of the Gaussian prior."""
         return self._prior.sample(count, seed)
 
     def _flat(self, u: Array) -> tuple[Array, Array]:
@@ -79,7 +79,7 @@ class GaussianOnSphere(AutoencodingPrior):
 
 
 def load_prior(choice: str = AUTO_PRIOR) -> AutoencodingPrior:
-    """Load a prior with unit codes of zero mean from ``NAMES`` or a file, default SPoser.
+    """Load a prior whose codes are unit vectors of zero mean, from ``NAMES`` or a file (default SPoser).
 
     Raises:
         FileMissing, WeightsInvalid: see ``read_weights``.

@@ -1,4 +1,4 @@
-"""VPoser and RVPoser: variational autoencoders of poses with Gaussian codes."""
+"""Define VPoser and RVPoser: variational autoencoders of poses with Gaussian codes."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 
 LATENT_DIM = 32
 VaeName = Literal["vposer", "vposer_worded", "rvposer", "rvposer_second_norm"]
-"""``vposer`` follows its public code (Pavlakos et al. 2019), ``vposer_worded`` its description in the thesis.
-``rvposer`` is robust (thesis 4.2.4), and ``rvposer_second_norm`` has the public code's second normalisation."""
+"""``vposer`` follows its public code (Pavlakos et al. 2019), and ``vposer_worded`` its description in the thesis.
+``rvposer`` is robust (thesis 4.2.4), and ``rvposer_second_norm`` adds the public code's second normalisation."""
 
 
 class GaussianVAE(PoseAutoencoder):
-    """Autoencoder with codes in R^32 that are standard normal over the training poses."""
+    """Autoencoder whose codes in R^32 are standard normal over the training poses."""
 
     def __init__(self, *parts: Any) -> None:
         super().__init__(*parts)
         self.name = self.metadata["prior"]
 
     def posterior(self, rotations: Poses) -> tuple[Codes, Codes]:
-        """Return the (N, 32) means and standard deviations of the codes of (N, 21, 3, 3) poses."""
+        """Return the (N, 32) means and standard deviations of the codes for (N, 21, 3, 3) poses."""
         out = self._encoded_rotvecs(rotations)
         return out[:, :LATENT_DIM], array_namespace(out).exp(0.5 * out[:, LATENT_DIM:])
 
@@ -37,12 +37,12 @@ class GaussianVAE(PoseAutoencoder):
         return self.posterior(rotations)[0]
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return half the squared length of the codes, (N,): their negative log density up to a constant."""
+        """Return half the squared length of the codes, (N,), which is their negative log density up to a constant."""
         z = self.encode(rotations)
         return 0.5 * array_namespace(z).sum(z * z, axis=-1)
 
     def sample(self, count: int, seed: int) -> Poses:
-        """Return ``count`` poses of standard normal codes."""
+        """Return ``count`` poses decoded from standard normal codes."""
         return self.decode(np.random.default_rng(seed).standard_normal((count, LATENT_DIM)))
 
 

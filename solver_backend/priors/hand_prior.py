@@ -1,4 +1,4 @@
-"""Model plausible hands by a Gaussian of finger angles and the range of each angle."""
+"""Model plausible hands by a Gaussian over finger angles and a range for each angle."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from solver_backend.types.shapes import Float
 PRIOR = "hands"  # Name in its weight file.
 LIMIT_SIGMA = float(np.deg2rad(1.0))
 """Standard deviation beyond a range, in radians. Ranges include differences between people. With 3 degrees,
-contradictory detections bend a joint up to 17 degrees beyond its range (docs/research-log/hands.md)."""
+contradictory detections would bend a joint up to 17 degrees beyond its range (docs/research-log/hands.md)."""
 
 
 @dataclass(frozen=True)
 class HandPrior:
-    """Prior of A angles: a normal distribution and soft limits."""
+    """Prior for A angles: a normal distribution and soft limits."""
 
-    mean: Float[np.ndarray, " a"]  # (A,) μ: a relaxed hand.
+    mean: Float[np.ndarray, " a"]  # (A,) μ, a relaxed hand.
     covariance: Float[np.ndarray, "a a"]  # (A, A) Σ.
     low: Float[np.ndarray, " a"]  # (A,) lower ends of the ranges.
     high: Float[np.ndarray, " a"]  # (A,) upper ends of the ranges.
@@ -31,11 +31,11 @@ class HandPrior:
 
     @classmethod
     def of(cls, mean: np.ndarray, covariance: np.ndarray, low: np.ndarray, high: np.ndarray) -> HandPrior:
-        """Return the prior of these moments and ranges."""
+        """Build the prior from these moments and ranges."""
         return cls(mean, covariance, low, high, np.linalg.inv(covariance))
 
     def equations(self, angles: Float[np.ndarray, "n a"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (n,) costs, (n, A) gradients and (n, A, A) Gauss-Newton matrices of (n, A) angles."""
+        """Return (n,) costs, (n, A) gradients and (n, A, A) Gauss-Newton matrices for (n, A) angles."""
         off = angles - self.mean
         pulled = off @ self.precision
         cost, gradient, stiffness = self.limits(angles)
@@ -43,13 +43,13 @@ class HandPrior:
         return cost + 0.5 * (off * pulled).sum(1), gradient + pulled, matrix
 
     def limits(self, angles: Float[np.ndarray, "n a"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (n,) costs, (n, A) gradients and second derivatives of the ranges alone."""
+        """Return (n,) costs, (n, A) gradients and second derivatives for the ranges alone."""
         beyond = np.maximum(angles - self.high, 0.0) + np.minimum(angles - self.low, 0.0)
         stiffness = (beyond != 0) / LIMIT_SIGMA**2
         return 0.5 * (beyond**2 * stiffness).sum(1), beyond * stiffness, stiffness
 
     def completed(self, angles: Float[np.ndarray, "n a"]) -> Float[np.ndarray, "n a"]:
-        """Return (n, A) angles with unknown ones (NaN) replaced by the likeliest values within their ranges.
+        """Replace unknown angles (NaN) of (n, A) by their likeliest values within the ranges.
 
         ``a_u = μ_u + Σ_uk Σ_kk⁻¹ (a_k - μ_k)``, in radians.
         """
@@ -65,10 +65,10 @@ class HandPrior:
 
 
 def load_hand_prior(path: Path | None = None) -> HandPrior:
-    """Read a prior of hands, the built-in one without ``path``.
+    """Read a hand prior. Without ``path``, read the built-in one.
 
     Raises:
-        FileMissing, WeightsInvalid: the file is missing, damaged, or of another prior or other angles.
+        FileMissing, WeightsInvalid: the file is missing or damaged, or is for another prior or other angles.
     """
     return _load(path or ASSETS / f"{PRIOR}.npz")
 

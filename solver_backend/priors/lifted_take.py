@@ -1,4 +1,4 @@
-"""Lift the take of one camera to poses in camera axes and positions of a given body."""
+"""Lift a single-camera take to poses in camera axes and to positions of a given body."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from solver_backend.priors.view_lifter import LiftedView, load_view_lifter
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 
 _ROUNDS = 6  # Number of reweighted solves.
-_SCALE_M = 0.12  # Distance in metres from a ray at which a point loses weight: the error of lifted limbs.
-_SMOOTH_S = 0.15  # Standard deviation in seconds of the average of positions, as single distances vary by some percent.
-_NEAREST_M = 0.3  # Smallest depth of a person in front of a camera, metres. Chosen by hand.
+_SCALE_M = 0.12  # Distance in metres from its ray at which a point loses weight: the error of lifted limbs.
+_SMOOTH_S = 0.15  # Standard deviation in seconds for averaging positions, as single distances vary by a few percent.
+_NEAREST_M = 0.3  # Smallest depth of a person in front of a camera in metres. Chosen by hand.
 
 
 def place_before_camera(points: np.ndarray, image: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return (F, 3) shifts t in camera axes that bring points closest to their rays, NaN without points.
+    """Return (F, 3) shifts t in camera axes that bring points closest to their rays, NaN if there are no points.
 
     The residuals of ``Σ_i w_i |(p_i + t)_xy - x_i (p_i + t)_z|²`` are linear in t. Points far from rays lose weight.
 
     Args:
         points: (F, L, 3) points in camera axes, in metres.
         image: (F, L, 2) image points x in focal lengths.
-        weight: (F, L) weights, 0 for an unseen point.
+        weight: (F, L) weights, 0 for unseen points.
     """
     weight = np.where(np.isfinite(image).all(-1), weight, 0.0)
     x = np.where(weight[..., None] > 0, image, 0.0)
@@ -55,7 +55,7 @@ def place_before_camera(points: np.ndarray, image: np.ndarray, weight: np.ndarra
 
 
 def smoothed_places(places: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, 3) positions averaged over time by a Gaussian, NaN where missing."""
+    """Average (F, 3) positions over time with a Gaussian. The result is NaN where positions are missing."""
     half = max(1, round(3 * _SMOOTH_S * fps))
     kernel = np.exp(-0.5 * (np.arange(-half, half + 1) / (_SMOOTH_S * fps)) ** 2)
     known = np.isfinite(places).all(axis=1)
@@ -68,7 +68,7 @@ def smoothed_places(places: np.ndarray, fps: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class LiftedTake:
-    """Lifted poses and keypoints of F frames of one camera."""
+    """Lifted poses and keypoints in F frames of one camera."""
 
     view: LiftedView
     z: np.ndarray  # (F, d) codes of the prior.
@@ -79,20 +79,20 @@ class LiftedTake:
 
     @property
     def up(self) -> np.ndarray:
-        """(3,) direction against gravity in camera axes, over all frames that show the person."""
+        """(3,) direction against gravity in camera axes, estimated from all frames that show the person."""
         seen = (self.confidence > 0).sum(axis=1) >= LEAST_POINTS
         up = self.view.up[seen if seen.any() else slice(None)].sum(axis=0)
         return up / max(float(np.linalg.norm(up)), 1e-9)
 
     def placed(self, body: Body, landmarks: Landmarks, betas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (F, L, 3) points of a person of this shape in camera axes, and positions."""
+        """Return the (F, L, 3) points and the positions of a person of this shape, in camera axes."""
         still = np.zeros((len(self.local), 3))
         points = np.asarray(pose_landmarks(body, landmarks, betas, self.view.root, self.local, still).points)
         places = smoothed_places(place_before_camera(points, self.image, self.confidence), self.fps)
         return points + places[:, None], places
 
     def off_rays(self, body: Body, landmarks: Landmarks) -> np.ndarray:
-        """Return the (F,) mean distances of an average person's points from their rays."""
+        """Return the (F,) mean distances between an average person's points and their rays."""
         points, _ = self.placed(body, landmarks, np.zeros(body.shapedirs.shape[-1]))
         seen = self.confidence > 0
         off = np.linalg.norm(points[..., :2] - np.where(seen[..., None], self.image, 0.0) * points[..., 2:], axis=-1)
@@ -100,13 +100,13 @@ class LiftedTake:
         return np.where(count > 0, np.where(seen, off, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)
 
 
-LEAST_POINTS = 6  # Fewest keypoints of a frame that shows a person.
+LEAST_POINTS = 6  # Smallest number of keypoints in a frame that shows a person.
 
 
 def lift_take(
     camera: Cameras, keypoints: Keypoints2D, body: Body, prior: AutoencodingPrior, up: np.ndarray | None
 ) -> LiftedTake:
-    """Lift the keypoints of one camera and of their mirror image, and return the mean.
+    """Lift one camera's keypoints and their mirror image, and return the mean.
 
     Args:
         camera: a single camera. Only its lens is used.
@@ -126,11 +126,11 @@ def lift_take(
 
 
 BRIDGED_S, BRIDGED_CONFIDENCE = 1.0, 0.3
-"""Longest gap of a keypoint in seconds that is interpolated, and the points' confidence, like a detector's guesses."""
+"""Longest gap in a keypoint, in seconds, that is interpolated, and the confidence given to the interpolated points."""
 
 
 def bridge_gaps(image: np.ndarray, confidence: np.ndarray, longest: int) -> tuple[np.ndarray, np.ndarray]:
-    """Interpolate each point over gaps of at most ``longest`` frames.
+    """Interpolate each point across gaps of at most ``longest`` frames.
 
     Args:
         image: (F, L, 2) points, arbitrary where the confidence (F, L) is 0.
@@ -151,9 +151,9 @@ _SIDEWAYS = np.diag([-1.0, 1.0, 1.0])  # Mirrors points in the body's sagittal p
 def _lifted_twice(
     image: np.ndarray, confidence: np.ndarray, joint_set: JointSet, fps: float, up: np.ndarray | None
 ) -> LiftedView:
-    """Return the mean of the lifted view and its mirror image, with partly independent errors.
+    """Return the mean of the lifted view and its lifted mirror image, whose errors are partly independent.
 
-    A frame keeps the view if both face in opposite directions, because their mean faces sideways.
+    If the two face in opposite directions in a frame, the view alone is used, because their mean would face sideways.
     """
     lifter, sposer, columns = load_view_lifter(), load_sposer(), list(joint_set.mirrored(image.shape[1]))
     image, confidence = bridge_gaps(image, confidence, round(BRIDGED_S * fps))
@@ -175,11 +175,11 @@ def _lifted_twice(
     )
 
 
-UP_RAD = 0.17  # Error of the lifter's up over a take, per axis: 10 degrees, common to most frames.
+UP_RAD = 0.17  # Error of the lifter's up direction over a take, per axis: 10 degrees, common to most frames.
 FLOOR_M, FEET_ALIKE_S = 0.1, 0.5  # Error of the lower sole's height in metres, and its correlation time in seconds.
 STANDING_PERCENT = 20.0
 """Percentile of the lower sole's heights at which a foot stands. In four takes of subjects 08 and 60 and four training
-takes, feet skate by 0.003 cm per frame, with the median by 0.005."""
+takes, feet then skate by 0.003 cm per frame, or by 0.005 if the median is used."""
 SOLE_M, ANKLE_M = 0.02, 0.08  # Heights in metres of a standing foot's heel or toe, and of its ankle.
 _FEET = {
     f"{side}_{part}": height
@@ -190,16 +190,16 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 def lowest_feet(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray) -> float | None:
-    """Return the height in metres of the lower standing sole, None without a foot.
+    """Return the height in metres of the lower standing sole, or None if no foot is visible.
 
-    A low percentile is used, ``STANDING_PERCENT``, because dancers and jumpers rarely stand.
+    It is the percentile ``STANDING_PERCENT``, which is low because dancers and jumpers rarely stand.
     """
     soles = lower_soles(points, names, seen, _UP)
     return float(np.percentile(soles[:, 2], STANDING_PERCENT)) if len(soles) else None
 
 
 def lower_soles(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Return the (n, 3) lower sole in metres of each frame, along ``up`` (3,)."""
+    """Return the (n, 3) lower sole of each frame in metres, as measured along ``up`` (3,)."""
     frames, column = _lower(points, names, seen, up)
     drop = np.array([_FEET.get(name, 0.0) for name in names])
     return points[frames, column] - drop[column, None] * up
@@ -208,7 +208,7 @@ def lower_soles(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up
 def _lower(
     points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (n,) frames with a visible foot, and the (n,) points with the lowest sole in each."""
+    """Return the (n,) frames with a visible foot, and the (n,) points with the lowest sole in these frames."""
     columns = np.array([k for k, name in enumerate(names) if name in _FEET], dtype=int)
     if not len(columns):
         return columns, columns
@@ -221,10 +221,10 @@ def _lower(
 def up_by_floor(
     take: LiftedTake, points: np.ndarray, names: tuple[str, ...], expected: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return the lifter's (3,) up direction in camera axes, tilted towards feet at one height.
+    """Return the lifter's (3,) up direction in camera axes, tilted so that feet come closer to one height.
 
-    The tilt is the minimum ``min_δ n Σ (h_i - h̄)² / σ_h² / N + |δ|² / σ_u²`` over tilts δ, with the heights h of N
-    lower soles, of which n are independent. ``points`` (F, L, 3) are in camera axes, or in other axes if ``expected``
+    The tilt is the minimum ``min_δ n Σ (h_i - h̄)² / σ_h² / N + |δ|² / σ_u²`` over tilts δ, where h are the heights of
+    N lower soles, of which n are independent. ``points`` (F, L, 3) are in camera axes, or in other axes if ``expected``
     gives their up direction.
     """
     expected = take.up if expected is None else expected

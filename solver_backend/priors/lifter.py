@@ -1,4 +1,4 @@
-"""Estimate the start of a fit from the 3D points of a frame with a small network, the lifter."""
+"""Estimate the start of a fit from a frame's 3D points with a small network, the lifter."""
 
 from __future__ import annotations
 
@@ -23,33 +23,33 @@ POINTS: tuple[str, ...] = (
     *TRUNK,
     *(f"{side}_{part}" for part in ("elbow", "wrist", "knee", "ankle", "ear", "big_toe", "heel") for side in SIDES),
     "nose",
-)  # Inputs of the network. Points that a detector lacks are missing.
+)  # Inputs of the network. Points that a detector does not provide are missing.
 OUTPUTS = LATENT_DIM + 6 + 3 + NUM_BETAS  # Code, root rotation (6 numbers), translation and shape.
-_SMALLEST_M = 1e-3  # Smallest width of the trunk with a known front, metres. Chosen by hand.
+_SMALLEST_M = 1e-3  # Smallest trunk width in metres for which the front is known. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class Lifted:
-    """Network results for F frames, valid only if ``usable``."""
+    """Network results for F frames, valid only where ``usable``."""
 
     z: Array  # (F, 32) unit zero-mean codes of SPoser.
     root: Array  # (F, 3, 3) body to world.
     pelvis: Array  # (F, 3) metres.
-    betas: Array  # (F, 10) shape from each frame alone.
+    betas: Array  # (F, 10) shape estimated from each frame alone.
     usable: Array  # (F,) bool: shoulders and hips are known.
 
 
 @dataclass(frozen=True)
 class TrunkFrame:
-    """Trunk frames of F people: ``x_world = R x + origin``."""
+    """Trunk frames of a person in F frames: ``x_world = R x + origin``."""
 
     R: Array  # (F, 3, 3): x to the person's left, y up the spine, z to the front.
-    origin: Array  # (F, 3) centre of shoulders and hips, metres.
+    origin: Array  # (F, 3) centre of shoulders and hips in metres.
     valid: Array  # (F,) bool.
 
 
 def trunk_frame(points: Array, seen: Array) -> TrunkFrame:
-    """Return the trunk frames of finite (F, 19, 3) ``POINTS`` in metres."""
+    """Return the trunk frames for finite (F, 19, 3) ``POINTS`` in metres."""
     xp = array_namespace(points)
     left_shoulder, right_shoulder, left_hip, right_hip = (points[:, i] for i in range(4))
     up = 0.5 * (left_shoulder + right_shoulder - left_hip - right_hip)
@@ -61,7 +61,7 @@ def trunk_frame(points: Array, seen: Array) -> TrunkFrame:
 
 
 def features(points: Array, seen: Array, trunk: TrunkFrame) -> Array:
-    """Return (F, 76): points relative to the trunk, and a mask of the known ones."""
+    """Return (F, 76) features: points relative to the trunk, and a mask of known points."""
     xp = array_namespace(points)
     local = xp.matmul(points - trunk.origin[:, None], trunk.R)
     mask = xp.astype(seen, points.dtype)[..., None]
@@ -70,7 +70,7 @@ def features(points: Array, seen: Array, trunk: TrunkFrame) -> Array:
 
 
 def interpreted(output: Array, trunk: TrunkFrame) -> Lifted:
-    """Return code, rotation, position and shape from the (F, 51) output."""
+    """Convert the (F, 51) output to code, rotation, position and shape."""
     xp = array_namespace(output)
     upright = constant((1.0, 0.0, 0.0, 0.0, 1.0, 0.0), output)
     turn, end = output[:, LATENT_DIM : LATENT_DIM + 6] + upright, LATENT_DIM + 6
@@ -81,13 +81,13 @@ def interpreted(output: Array, trunk: TrunkFrame) -> Lifted:
 
 @dataclass(frozen=True)
 class Lifter:
-    """Network and its metadata."""
+    """The network and its metadata."""
 
     stack: DenseStack
     metadata: dict[str, Any]  # Training command, data and evaluation.
 
     def __call__(self, points: Array, seen: Array, names: tuple[str, ...]) -> Lifted:
-        """Return the start of a fit to named (F, L, 3) world points in metres."""
+        """Estimate the start of a fit from named (F, L, 3) world points in metres."""
         xp = array_namespace(points)
         device = device_of(points)
         known = xp.asarray([name in names for name in POINTS], device=device)
@@ -105,11 +105,11 @@ def load_lifter(path: Path = DEFAULT_WEIGHTS) -> Lifter:
 
 
 def read_lifter_weights(path: Path, kind: str) -> PriorWeights:
-    """Return the weights of a network from ``POINTS`` to SPoser's codes.
+    """Read the weights of a network that maps ``POINTS`` to SPoser's codes.
 
     Raises:
         FileMissing: the file does not exist.
-        WeightsInvalid: it is for another body, version or SPoser, or damaged.
+        WeightsInvalid: it is damaged, or is for another body, version or SPoser.
     """
     weights = read_weights(path, kind)
     trained_for, ours = weights.metadata.get("sposer_sha256"), load_sposer().metadata["sha256"]

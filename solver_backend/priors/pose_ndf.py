@@ -34,9 +34,9 @@ from solver_backend.priors.base import (
 )
 from solver_backend.priors.weights import ASSETS, PriorWeights, read_weights
 
-WIDENED = 1.75  # Factor on the recorded spread, because the projection brings joints together again.
-_INSIDE = 0.08  # Share of a joint's range that is kept clear at both ends, so that the projection can move.
-_LEAST_RAD = 0.01  # Standard deviation added to every axis, in radians. Chosen by hand.
+WIDENED = 1.75  # Factor for the recorded spread, because the projection moves joints closer together again.
+_INSIDE = 0.08  # Fraction of a joint's range that is kept clear at both ends, so that the projection can move.
+_LEAST_RAD = 0.01  # Standard deviation in radians that is added to every axis. Chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class JointSpread:
         return cls(mean, np.linalg.cholesky(covariance + _LEAST_RAD**2 * np.eye(3)))
 
     def draw(self, count: int, seed: int) -> np.ndarray:
-        """Return (count, 21, 3, 3) poses with joints spread wider than recorded, and clipped to their ranges."""
+        """Return (count, 21, 3, 3) poses whose joints are spread wider than recorded and clipped to their ranges."""
         noise = np.random.default_rng(seed).standard_normal((count, *self.mean.shape, 1))
         angles = swing_and_twist(exp_so3(self.mean + WIDENED * (self.factor @ noise)[..., 0]))
         low, high = JOINT_LIMITS[..., 0] + np.radians(MARGIN_DEG), JOINT_LIMITS[..., 1] - np.radians(MARGIN_DEG)
@@ -64,24 +64,24 @@ class JointSpread:
         return from_swing_and_twist(np.clip(angles, low + clear, high - clear))
 
 
-SHARPNESS = 20.0  # Factor β of ``softplus(x) = log(1 + exp(β x)) / β``.
+SHARPNESS = 20.0  # Factor β in ``softplus(x) = log(1 + exp(β x)) / β``.
 
 
 @dataclass(frozen=True)
 class SoftplusStack:
-    """Layers ``x -> W_n s(... s(W_1 x + b_1) ...) + b_n``, with an optional softplus."""
+    """Layers ``x -> W_n s(... s(W_1 x + b_1) ...) + b_n``, with a softplus s that is optional after the last layer."""
 
     weights: tuple[Array, ...]  # (out, in) each.
     biases: tuple[Array, ...]  # (out,) each.
     last_is_positive: bool = False
 
     def like(self, x: Array) -> SoftplusStack:
-        """Return the stack with the array type, precision and device of ``x``."""
+        """Convert the stack to the array type, precision and device of ``x``."""
         weights = tuple(constant(w, x) for w in self.weights)
         return SoftplusStack(weights, tuple(constant(b, x) for b in self.biases), self.last_is_positive)
 
     def forward(self, x: Array) -> tuple[Array, list[Array]]:
-        """Return the output (N, out) and, for ``backward``, the derivatives of the softplus layers."""
+        """Return the output (N, out), and the derivatives of the softplus layers for ``backward``."""
         slopes: list[Array] = []
         for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             x = array_namespace(x).matmul(x, weight.T) + bias
@@ -91,7 +91,7 @@ class SoftplusStack:
         return x, slopes
 
     def backward(self, slopes: list[Array], by_output: Array) -> Array:
-        """Return the derivative by the input (N, in) from the derivative by the output (N, out)."""
+        """Return the derivative by the input (N, in), given the derivative by the output (N, out)."""
         xp = array_namespace(by_output)
         for number in range(len(self.weights) - 1, -1, -1):
             if number < len(slopes):
@@ -115,9 +115,9 @@ def _joint_weights() -> np.ndarray:
 
 
 JOINT_WEIGHTS: np.ndarray = _joint_weights()
-"""(21,) weights ``w`` of the joints 1..21 with mean 1: the square root of the number of joints that a joint moves,
-including itself. The paper states only that joints early in the chain weigh more."""
-TURN_METRIC: np.ndarray = JOINT_WEIGHTS / 8.0  # (21,) metric of small rotations ω: ``d² = Σ_k w_k/8 |ω_k|²``.
+"""(21,) weights ``w`` of joints 1..21 with mean 1: the square root of the number of joints that a joint moves,
+including itself. The paper states only that joints early in the chain have more weight."""
+TURN_METRIC: np.ndarray = JOINT_WEIGHTS / 8.0  # (21,) metric for small rotations ω: ``d² = Σ_k w_k/8 |ω_k|²``.
 
 
 def pose_distance(a: Array, b: Array) -> Array:
@@ -136,10 +136,10 @@ def half_angles(a: Array, b: Array) -> Array:
 
 @dataclass(frozen=True)
 class _FieldLevel:
-    """Joints of one depth in the tree, encoded together."""
+    """Joints at the same depth in the tree, which are encoded together."""
 
-    joints: tuple[int, ...]  # Columns 0..20 of the joints 1..21.
-    parents: np.ndarray  # (n, m) one if a joint's parent is the m-th joint of the level above the pelvis.
+    joints: tuple[int, ...]  # Columns 0..20 of joints 1..21.
+    parents: np.ndarray  # (n, m) one if a joint's parent is the m-th joint in the level above (excluding the pelvis).
 
 
 def _levels() -> tuple[_FieldLevel, ...]:
@@ -164,7 +164,7 @@ class PoseField:
 
     The features are ``v_k = W1_k s(W0_k [θ_k, v_parent] + b0_k) + b1_k``.
 
-    ``s`` is the softplus. The pelvis has no feature, so its children use zeros instead.
+    ``s`` is the softplus. The pelvis has no feature, so its children receive zeros.
     """
 
     w0: Array  # (21, H, 4 + l).
@@ -174,12 +174,12 @@ class PoseField:
     distance: SoftplusStack  # 21 l -> 1, positive. Its inputs are the features in the order of the tree's levels.
 
     def like(self, x: Array) -> PoseField:
-        """Return the network with the array type, precision and device of ``x``."""
+        """Convert the network to the array type, precision and device of ``x``."""
         w0, b0, w1, b1 = (constant(value, x) for value in (self.w0, self.b0, self.w1, self.b1))
         return PoseField(w0, b0, w1, b1, self.distance.like(x))
 
     def __call__(self, quats: Array) -> Array:
-        """Return the (N,) ``f`` of (N, 21, 4) quaternions."""
+        """Return the (N,) ``f`` for (N, 21, 4) quaternions."""
         xp = array_namespace(quats)
         features, _ = self._encode(xp.permute_dims(quats, (1, 0, 2)))
         return self.distance.forward(_side_by_side(features))[0][:, 0]
@@ -213,7 +213,7 @@ class PoseField:
         return features, slopes
 
     def _by_quats(self, slopes: list[Array], by_feature: Array) -> Array:
-        """Return (21, N, 4) derivatives by quaternions, from those by features."""
+        """Return (21, N, 4) derivatives by quaternions, given those by features."""
         xp = array_namespace(by_feature)
         parts: list[Array] = []
         last, from_below = NUM_BODY_JOINTS, None
@@ -231,13 +231,13 @@ class PoseField:
 
 
 def _side_by_side(features: list[Array]) -> Array:
-    """Return the features as (N, 21 l) from the levels' (n, N, l)."""
+    """Combine the levels' (n, N, l) features into (N, 21 l)."""
     xp = array_namespace(features[0])
     return xp.reshape(xp.permute_dims(xp.concat(features, axis=0), (1, 0, 2)), (features[0].shape[1], -1))
 
 
 def _mixed(shares: Array, values: Array) -> Array:
-    """Return ``Σ_m shares[n, m] values[m]``, from (n, m) and (m, N, l) to (n, N, l)."""
+    """Return ``Σ_m shares[n, m] values[m]``, which maps (n, m) and (m, N, l) to (n, N, l)."""
     xp = array_namespace(values)
     flat = xp.matmul(shares, xp.reshape(values, (values.shape[0], -1)))
     return xp.reshape(flat, (shares.shape[0], *values.shape[1:]))
@@ -245,25 +245,25 @@ def _mixed(shares: Array, values: Array) -> Array:
 
 _DIM = 4 * NUM_BODY_JOINTS
 _UNIT_WITHIN = 1e-3
-"""Largest deviation from 1 of the length of a unit quaternion."""
+"""Largest deviation from 1 allowed for the length of a unit quaternion."""
 
 
-RECORDED_RAD = 0.4  # Median distance of one person's recorded poses from all others' poses, in radians.
+RECORDED_RAD = 0.4  # Median distance in radians between one person's recorded poses and everyone else's poses.
 _ARRIVED = 1e-3  # Distance in radians that counts as zero.
 
 
 @dataclass(frozen=True)
 class ProjectionSettings:
-    """Gradient descent to the manifold (Tiwari et al. 2022, eqs. 5 and 6)."""
+    """Gradient descent towards the manifold (Tiwari et al. 2022, eqs. 5 and 6)."""
 
     steps: int = 60
     step_size: float = 0.3  # Initial factor α. 1 would reach zero in one step if the field is a distance.
-    reach: float = 0.9  # Largest movement relative to the first distance. The mean pose is farther.
-    level: float = 0.0  # Distance on the manifold, rad. At ``RECORDED_RAD`` recorded poses are unchanged.
+    reach: float = 0.9  # Largest movement relative to the initial distance. The mean pose is farther away.
+    level: float = 0.0  # Distance on the manifold, rad. At ``RECORDED_RAD``, recorded poses stay unchanged.
 
 
 class PoseNDF(PosePrior):
-    """Distance of a pose to the manifold of plausible poses in radians.
+    """Distance in radians between a pose and the manifold of plausible poses.
 
     It is zero on the manifold (Tiwari et al. 2022, eq. 1). Quaternions have ``w >= 0``, so q and -q are the same pose.
     """
@@ -275,7 +275,7 @@ class PoseNDF(PosePrior):
 
     @property
     def latent_dim(self) -> int:
-        """84, the length of 21 unit quaternions."""
+        """Length of a code: 84, for 21 unit quaternions."""
         return _DIM
 
     def encode(self, rotations: Poses) -> Codes:
@@ -285,7 +285,7 @@ class PoseNDF(PosePrior):
         return xp.reshape(upper_hemisphere(quat_from_matrix(rotations)), (rotations.shape[0], _DIM))
 
     def decode(self, z: Codes) -> Poses:
-        """Return (N, 21, 3, 3) rotations from (N, 84) quaternions of any length but zero."""
+        """Convert (N, 84) quaternions of any non-zero length to (N, 21, 3, 3) rotations."""
         check_codes(z, _DIM)
         return matrix_from_quat(_unit(array_namespace(z).reshape(z, (z.shape[0], NUM_BODY_JOINTS, 4))))
 
@@ -299,14 +299,14 @@ class PoseNDF(PosePrior):
         return rotations, in_own_columns(blocks)
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return the (N,) predicted distances of (N, 21, 3, 3) poses to the manifold, in radians."""
+        """Return the (N,) predicted distances in radians between (N, 21, 3, 3) poses and the manifold."""
         return self.distance_with_gradient(self.encode(rotations))[0]
 
     def distance_with_gradient(self, z: Array) -> tuple[Array, Array]:
-        """Return the (N,) ``f`` and the (N, 84) ``df/dz`` of (N, 84) unit quaternions.
+        """Return the (N,) ``f`` and the (N, 84) ``df/dz`` for (N, 84) unit quaternions.
 
         Raises:
-            PoseInvalid: NaN, another length, or quaternions that are not unit.
+            PoseInvalid: there are NaN values, another width, or quaternions that are not unit.
         """
         check_codes(z, _DIM)
         xp = array_namespace(z)
@@ -317,7 +317,7 @@ class PoseNDF(PosePrior):
         return distance, xp.reshape(gradient, (z.shape[0], _DIM))
 
     def distance_with_tangents(self, rotations: Array) -> tuple[Array, Array]:
-        """Return (N,) ``f`` of (N, 21, 3, 3) poses, and its derivatives by left tangents.
+        """Return (N,) ``f`` for (N, 21, 3, 3) poses, and its derivatives by left tangents.
 
         ``f(exp([ω_k]x) R_k) ≈ f + Σ_k g_k · ω_k``. Errors: ``check_rotations``.
         """
@@ -335,11 +335,11 @@ class PoseNDF(PosePrior):
         return distance, sign * gradient
 
     def project(self, rotations: Array, settings: ProjectionSettings = ProjectionSettings()) -> Array:
-        """Return (N, 21, 3, 3) poses moved down the field by ``θ - α f ∇f``, with quaternions normalised.
+        """Move (N, 21, 3, 3) poses down the field by ``θ - α f ∇f``, and normalise the quaternions.
 
-        The gradient is taken in the metric: ``2/w_k`` times the part tangent to each joint's sphere. With α = 1 one
-        step reaches zero if the field is a distance. A step that would raise a pose's distance is halved, then α grows
-        again. No pose moves farther than ``reach`` times its first distance (Tiwari et al. 2022, eqs. 5 and 6).
+        The gradient is taken in the metric: ``2/w_k`` times the part tangent to each joint's sphere. With α = 1, one
+        step reaches zero if the field is a distance. A step that would increase a pose's distance is halved, then α
+        grows again. No pose moves farther than ``reach`` times its first distance (Tiwari et al. 2022, eqs. 5 and 6).
         """
         xp = array_namespace(rotations)
         check_rotations(rotations)
@@ -364,7 +364,7 @@ class PoseNDF(PosePrior):
         return matrix_from_quat(quats)
 
     def sample(self, count: int, seed: int) -> Poses:
-        """Return ``count`` projected poses, with joints drawn independently and wider than recorded."""
+        """Return ``count`` projected poses whose joints were drawn independently and wider than recorded."""
         return self.project(self._spread.draw(count, seed))
 
 
@@ -392,7 +392,7 @@ def load_pose_ndf(path: Path | str = ASSETS / "pose_ndf.npz") -> PoseNDF:
 
 
 def in_metric(quats: Array, gradient: Array) -> Array:
-    """Return the gradient (N, 21, 4) in the metric of ``pose_distance``: the tangent part times ``2/w_k``.
+    """Convert the gradient (N, 21, 4) to the metric of ``pose_distance``: the tangent part times ``2/w_k``.
 
     Its length in that metric is 1 where the field is a distance.
     """

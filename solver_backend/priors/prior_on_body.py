@@ -1,4 +1,4 @@
-"""Apply a prior to a body with other joints than the prior's."""
+"""Apply a prior to a body whose joints differ from the prior's."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from solver_backend.exchange.errors import PoseInvalid, PriorInvalid
 from solver_backend.geometry.arrays import Array, array_namespace, constant, index, zeros
 from solver_backend.priors.base import AutoencodingPrior, CodeJacobian, Codes, Energies, Poses
 
-UNCOVERED_SIGMA_RAD = 0.5  # Standard deviation from rest of joints without prior. Not tuned.
+UNCOVERED_SIGMA_RAD = 0.5  # Standard deviation from rest of joints without a prior. Not tuned.
 
 
 def prior_on_body(prior: AutoencodingPrior, layout: BodyLayout) -> AutoencodingPrior:
-    """Return the prior for all joints that a solve rotates, or the same prior if these are its joints.
+    """Extend a prior to all joints that a solve rotates. Return it unchanged if it already covers them.
 
     Raises:
-        PriorInvalid: its numbers do not match its own joints or codes, or the body has none of its joints.
+        PriorInvalid: its arrays do not match its own joints or codes, or the body has none of its joints.
     """
     _check(prior, layout)
     return prior if prior.joints == layout.solved else PriorOnBody(prior, layout.solved)
 
 
 class PriorOnBody(AutoencodingPrior):
-    """Prior whose poses are applied to the joints of a body. All other joints are at rest."""
+    """Applies a prior's poses to the joints of a body. All other joints stay at rest."""
 
     def __init__(self, prior: AutoencodingPrior, joints: tuple[str, ...]) -> None:
         self._prior, self.name, self.metadata, self.joints = prior, prior.name, prior.metadata, joints
@@ -34,7 +34,7 @@ class PriorOnBody(AutoencodingPrior):
         self._own = np.array([joints.index(name) for name in shared])
         """Columns of the body's poses that the prior models."""
         self._theirs = np.array([prior.joints.index(name) for name in shared])
-        """The same columns of the prior's poses."""
+        """The same columns in the prior's poses."""
         self.uncovered = tuple(column for column in range(len(joints)) if column not in self._own)
         self.residual_sigma = np.full((len(joints), 3), UNCOVERED_SIGMA_RAD)
         self.residual_sigma[self._own] = prior.residual_sigma[self._theirs]
@@ -45,15 +45,15 @@ class PriorOnBody(AutoencodingPrior):
         return self._prior.latent_dim
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the prior's codes of poses, with joints that the body lacks at rest."""
+        """Return the prior's codes for poses. Joints that the body does not have stay at rest."""
         return self._prior.encode(self._as_prior(rotations))
 
     def decode(self, z: Codes) -> Poses:
-        """Return the prior's poses for the body."""
+        """Return the prior's poses, converted to the body."""
         return self._on_body(self._prior.decode(z))
 
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
-        """Return ``decode(z)`` and its Jacobian, zero at joints that the prior does not model."""
+        """Return ``decode(z)`` and its Jacobian, which is zero at joints that the prior does not model."""
         rotations, by_code = self._prior.decode_with_jacobian(z)
         jacobian = zeros((z.shape[0], len(self.joints), *by_code.shape[2:]), by_code)
         jacobian[:, index(self._own, z)] = by_code[:, index(self._theirs, z)]
@@ -71,11 +71,11 @@ class PriorOnBody(AutoencodingPrior):
         return self._on_body(rotations), vjp
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return the prior's energy of the joints that it models."""
+        """Return the prior's energy for the joints that it models."""
         return self._prior.energy(self._as_prior(rotations))
 
     def sample(self, count: int, seed: int) -> Poses:
-        """Return samples of the prior for the body."""
+        """Return samples of the prior, converted to the body."""
         return self._on_body(self._prior.sample(count, seed))
 
     def _on_body(self, rotations: Array) -> Array:
@@ -86,7 +86,7 @@ class PriorOnBody(AutoencodingPrior):
 
 
 def _placed(rotations: Array, taken: np.ndarray, count: int, put: np.ndarray) -> Array:
-    """Return (N, count, 3, 3) rotations with ``taken`` at the columns ``put``, else identity."""
+    """Return (N, count, 3, 3) rotations with columns ``taken`` placed at columns ``put``, and identity elsewhere."""
     xp = array_namespace(rotations)
     rest = constant(np.eye(3), rotations) + zeros((rotations.shape[0], count, 3, 3), rotations)
     rest[:, index(put, rotations)] = xp.asarray(rotations)[:, index(taken, rotations)]

@@ -1,4 +1,4 @@
-"""SPoser: an autoencoder of poses with codes on a sphere (thesis 6.2.2)."""
+"""Define SPoser, an autoencoder of poses whose codes lie on a sphere (thesis 6.2.2)."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from solver_backend.priors.autoencoder import PoseAutoencoder
 from solver_backend.priors.base import CodeJacobian, Codes, Energies, Poses, check_rotations
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 
-TURN_M = 0.07  # Arm length in metres that converts rotations to distances, as between bone and skin.
+TURN_M = 0.07  # Arm length in metres that converts rotations to distances, roughly from bone to skin.
 DAMPING = 0.1  # Relative to the mean curvature over the code's directions. Flat directions keep the encoder's value.
-_BLOCK = 256  # Poses whose equations are formed at a time.
+_BLOCK = 256  # Number of poses whose equations are formed at a time.
 
 
 def nearer_codes(decode: Callable[[Codes], tuple[Poses, CodeJacobian]], rotations: Poses, z: Codes) -> Codes:
-    """Return codes after one damped Gauss-Newton step towards poses: ``z + (JᵀJ + λ tr(JᵀJ)/d I)⁻¹ Jᵀ r``.
+    """Move codes towards poses by one damped Gauss-Newton step: ``z + (JᵀJ + λ tr(JᵀJ)/d I)⁻¹ Jᵀ r``.
 
     With the pelvis at rest, ``r`` consists of the joints' offsets from the pose, ``p*_j - p_j``, and 7 cm times the
     missing rotation of each joint's global rotation, ``ℓ log(G*_j G_jᵀ)`` (Levenberg 1944, Marquardt 1963).
 
     Args:
-        decode: maps codes to rotations (N, 21, 3, 3) and their left tangents by the code, (N, 21, 3, d).
+        decode: maps codes to rotations (N, 21, 3, 3), and their left tangents by the code, (N, 21, 3, d).
         rotations: (N, 21, 3, 3) local rotations.
         z: (N, d) initial codes.
     """
@@ -47,7 +47,7 @@ def _step(truth: Poses, decoded: Poses, by_code: CodeJacobian) -> Codes:
 
 
 def misfit(truth: Poses, decoded: Poses, by_code: CodeJacobian) -> tuple[Array, Array]:
-    """Return decoded pose errors r (N, 132) in metres, and J (N, 132, d), ``-dr/dz``.
+    """Return the errors r (N, 132) of decoded poses in metres, and J (N, 132, d), which is ``-dr/dz``.
 
     Joints 1..23 come first, then rotations of joints 1..21. Velocities propagate down the tree: ``ω_j = ω_p + G_p J_j``
     and ``v_j = v_p + ω_p x (p_j - p_p)``. ``truth`` and ``decoded`` are (N, 21, 3, 3), ``by_code`` is (N, 21, 3, d).
@@ -72,19 +72,19 @@ def misfit(truth: Poses, decoded: Poses, by_code: CodeJacobian) -> tuple[Array, 
     return xp.reshape(r, (count, 3 * rows)), xp.reshape(J, (count, 3 * rows, width))
 
 
-LATENT_DIM = 32  # Length of a code, as VPoser's (Pavlakos et al. 2019).
+LATENT_DIM = 32  # Length of a code, as in VPoser (Pavlakos et al. 2019).
 DEFAULT_WEIGHTS: Path = ASSETS / "sposer.npz"
 
 
 class SPoser(PoseAutoencoder):
-    """Autoencoder with unit zero-mean codes in R^32, a sphere of 30 dimensions."""
+    """Autoencoder whose codes are unit zero-mean vectors in R^32, a sphere of 30 dimensions."""
 
     name = "sposer"
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the (N, 32) codes, unit and zero-mean, of (N, 21, 3, 3) local rotations.
+        """Encode (N, 21, 3, 3) local rotations as (N, 32) codes, which are unit vectors of zero mean.
 
-        The encoder's estimate is improved by one step with the decoder's derivative (``nearer_codes``).
+        The encoder's estimate is improved by one step that uses the decoder's derivative (``nearer_codes``).
         """
         guess = self.guess(rotations)
         return spherical_normalisation(nearer_codes(self.decode_with_jacobian, rotations, guess))
@@ -101,7 +101,7 @@ class SPoser(PoseAutoencoder):
         return self._distance_to_reconstruction(rotations)
 
     def sample(self, count: int, seed: int) -> Poses:
-        """Return ``count`` poses of codes drawn uniformly from the sphere."""
+        """Return ``count`` poses decoded from codes drawn uniformly from the sphere."""
         return self.decode(spherical_normalisation(np.random.default_rng(seed).standard_normal((count, LATENT_DIM))))
 
 

@@ -1,6 +1,6 @@
 """Estimate pose code, root, up direction and errors from 27 frames of one camera's keypoints.
 
-Distance and size cannot be seen in one image and are not estimated. Windows are rotated towards the person and divided
+Distance and size are not visible in one image and are not estimated. Windows are rotated towards the person and divided
 by the angular size, so that the position in the image does not matter.
 """
 
@@ -29,14 +29,14 @@ _EPSILON = np.float32(1e-5)  # Keeps a root mean square from being zero, as in t
 
 
 def layer(arrays: Arrays, x: np.ndarray, name: str, heads: int, bias: np.ndarray | None = None) -> np.ndarray:
-    """Return (B, N, d) features after normalised attention and two dense layers.
+    """Apply normalised attention and two dense layers to (B, N, d) features.
 
     ``x + W_o softmax(Q Kᵀ / √d_h + B) V``, then ``x + W_2 relu(W_1 x)`` (Vaswani et al. 2017, with the norm first).
 
     Args:
         name: prefix of the layer's parameters.
         heads: number of heads, d_h = d / heads.
-        bias: (B, heads, N, N) added to the scores.
+        bias: (B, heads, N, N) bias added to the scores.
     """
     qkv = dense(arrays, layer_norm(arrays, x, name + "first"), name + "qkv")
     q, k, v = (split_heads(part, heads) for part in np.split(qkv, 3, axis=-1))
@@ -47,7 +47,7 @@ def layer(arrays: Arrays, x: np.ndarray, name: str, heads: int, bias: np.ndarray
 
 
 def dense(arrays: Arrays, x: np.ndarray, name: str) -> np.ndarray:
-    """Apply ``W x + b`` to the last axis, without b if there is none."""
+    """Apply ``W x + b`` to the last axis. Omit b if there is none."""
     product = times_transposed(x.reshape(-1, x.shape[-1]), arrays[name + ".weight"])
     bias = arrays.get(name + ".bias")
     if bias is not None:
@@ -56,7 +56,7 @@ def dense(arrays: Arrays, x: np.ndarray, name: str) -> np.ndarray:
 
 
 def layer_norm(arrays: Arrays, x: np.ndarray, name: str) -> np.ndarray:
-    """Return the last axis, centred, divided by its standard deviation, scaled and shifted."""
+    """Centre the last axis, divide it by its standard deviation, then scale and shift it."""
     x = x - x.mean(-1, keepdims=True)
     scale = np.sqrt(np.einsum("...d,...d->...", x, x)[..., None] / x.shape[-1] + _EPSILON)
     x /= scale
@@ -76,12 +76,12 @@ def attention(q: np.ndarray, k: np.ndarray, v: np.ndarray, bias: np.ndarray | No
 
 
 def split_heads(x: np.ndarray, heads: int) -> np.ndarray:
-    """Return (B, heads, N, d_h) from (B, N, d)."""
+    """Reshape (B, N, d) to (B, heads, N, d_h)."""
     return np.swapaxes(x.reshape(*x.shape[:2], heads, -1), 1, 2)
 
 
 def softmax(x: np.ndarray) -> np.ndarray:
-    """Return the softmax of the last axis. Overwrites the input."""
+    """Return the softmax over the last axis. The input is overwritten."""
     x -= x.max(-1, keepdims=True)
     np.exp(x, out=x)
     x /= x.sum(-1, keepdims=True)
@@ -90,32 +90,32 @@ def softmax(x: np.ndarray) -> np.ndarray:
 
 DEFAULT_WEIGHTS: Path = ASSETS / "view_lifter.npz"
 WINDOW, MIDDLE = 27, 13
-"""Frames of a window at ``WINDOW_FPS``, and the frame that is lifted."""
+"""Frames in a window at ``WINDOW_FPS``, and index of the frame that is lifted."""
 WINDOW_FPS = 30.0
 TOKEN = 3 * len(POINTS) + 5
-"""Inputs of the network per frame."""
+"""Number of network inputs per frame."""
 OUTPUTS = LATENT_DIM + 6 + 3 + 2 * NUM_JOINTS
 FACE = ("left_ear", "right_ear", "nose")
-"""Points of the head among the network's inputs."""
+"""Head points among the network's inputs."""
 NECKS = ("neck", "upper_neck", "thorax")
 HEAD_SHARE = {"head_top": 0.55, "head": 1.0}
 """Position of the head's centre, as a fraction of the way from the neck to the first of these points that a detector
-has. On four takes of subjects 01, 08 and 60 with MPII's points it reduces limb errors from 44.2 to 34.8 mm. Fractions
-of 0.5 and 0.62 give the same result."""
+provides. On four takes of subjects 01, 08 and 60 with MPII's points, it reduces limb errors from 44.2 to 34.8 mm.
+Fractions of 0.5 and 0.62 give the same result."""
 _CENTRE_FRAMES = 2.0  # Standard deviation, in frames, of the weights that locate the person around the middle frame.
-_FAINT = 1e-6  # Weight added to all frames, relevant if the person is lost in the middle.
+_FAINT = 1e-6  # Weight added to all frames, which matters if the person is lost in the middle.
 _SMALLEST = 1e-6
 _LOG_SIGMA = (-4.6, 0.7)
-"""Logarithms of the smallest and largest standard deviation in metres, 1 cm and 2 m."""
-_BLOCK = 256  # Windows per batch, which bounds memory to 0.1 GB. Chosen by hand.
-_START_LOG_SIGMA = -2.5  # Log standard deviation where the network's output is zero: 8 cm.
+"""Logarithms of the smallest and largest standard deviation in metres: 1 cm and 2 m."""
+_BLOCK = 256  # Windows per batch, which limits memory to 0.1 GB. Chosen by hand.
+_START_LOG_SIGMA = -2.5  # Log standard deviation for zero network output: 8 cm.
 
 
 @dataclass(frozen=True)
 class LookAt:
     """Rotation and scale of N windows."""
 
-    R: Array  # (N, 3, 3) camera to a camera that looks at the person.
+    R: Array  # (N, 3, 3) from the camera to a camera that looks at the person.
     size: Array  # (N,) root mean square angle of the points around the person's centre, in focal lengths.
 
 
@@ -125,16 +125,16 @@ class LiftedView:
 
     z: Array  # (N, 32) unit zero-mean codes of SPoser.
     root: Array  # (N, 3, 3) body to camera.
-    up: Array  # (N, 3) unit, against gravity.
+    up: Array  # (N, 3) unit vectors against gravity.
     sigma_m: Array
-    """(N, 24, 2) standard deviations of each joint relative to the body's centre on a skeleton of 1.70 m: per axis
+    """(N, 24, 2) standard deviations of each joint relative to the body's centre, on a skeleton of 1.70 m: per axis
     across the image, and along the line of sight."""
     sight: Array  # (N, 3, 3) rows: right, down and forward of a camera that looks at the person.
     hidden: np.ndarray | None = None  # (N, d) features before the last layer, None during training.
 
 
 def look_at(points: Array, confidence: Array) -> LookAt:
-    """Return the camera that looks at the person at the middle of each window.
+    """Return the camera that looks at the person in the middle of each window.
 
     ``points`` (N, 27, 19, 2) are in focal lengths from the principal point. ``confidence`` (N, 27, 19) is 0 if missing.
     """
@@ -153,7 +153,7 @@ def features(points: Array, confidence: Array, up: Array, view: LookAt) -> Array
     """Return (N, 27, 62) inputs: normalised points (0 if missing), confidences, size and up.
 
     The last five are the same in all frames of a window. ``up`` (N, 3) is a unit vector against gravity in camera axes,
-    zero if unknown. The others are as in ``look_at``.
+    or zero if unknown. For the other arguments, see ``look_at``.
     """
     xp = array_namespace(points)
     count = points.shape[0]
@@ -168,7 +168,7 @@ def features(points: Array, confidence: Array, up: Array, view: LookAt) -> Array
 
 
 def interpreted(output: Array, view: LookAt) -> LiftedView:
-    """Return the view that the (N, 89) output of the network encodes."""
+    """Convert the network's (N, 89) output to a lifted view."""
     xp = array_namespace(output)
     back = xp.matrix_transpose(view.R)
     turn, end = output[:, LATENT_DIM : LATENT_DIM + 6], LATENT_DIM + 9
@@ -180,9 +180,9 @@ def interpreted(output: Array, view: LookAt) -> LiftedView:
 
 @dataclass(frozen=True)
 class ViewLifter:
-    """Network with attention among the frames of a window, evaluated at its middle."""
+    """Network with attention between the frames of a window, evaluated at the window's middle."""
 
-    arrays: Arrays  # Weights, float32, by the names of the trained module's parameters.
+    arrays: Arrays  # Float32 weights, by the names of the trained module's parameters.
     heads: int
     metadata: dict[str, Any]  # Training command, data and evaluation.
 
@@ -193,15 +193,15 @@ class ViewLifter:
 
     @property
     def width(self) -> int:
-        """Number of features of a frame."""
+        """Number of features per frame."""
         return int(self.arrays["place"].shape[-1])
 
     def output(self, hidden: np.ndarray) -> np.ndarray:
-        """Return the (N, 89) output for (N, d) features of windows."""
+        """Return the (N, 89) output for the (N, d) features of windows."""
         return np.asarray(dense(self.arrays, hidden, "out"), dtype=float)
 
     def hidden(self, tokens: np.ndarray) -> np.ndarray:
-        """Return the (N, d) features of (N, 27, 62) tokens before the last layer, float32."""
+        """Return the (N, d) float32 features before the last layer for (N, 27, 62) tokens."""
         blocks = [self._hidden(tokens[first : first + _BLOCK]) for first in range(0, len(tokens), _BLOCK)]
         return np.concatenate(blocks) if blocks else np.zeros((0, self.width), np.float32)
 
@@ -224,8 +224,8 @@ class ViewLifter:
         Args:
             points: (F, L, 2) in focal lengths from the principal point, undistorted, NaN where missing.
             confidence: (F, L) in 0..1, 0 where missing.
-            names: L names of the points. Unknown ones are ignored.
-            up: (3,) or (F, 3) unit vector against gravity in camera axes, None if unknown.
+            names: names of the L points. Unknown ones are ignored.
+            up: (3,) or (F, 3) unit vector against gravity in camera axes, or None if unknown.
         """
         points, confidence = known_points(points, confidence, names)
         frames = window_frames(len(points), fps)
@@ -239,7 +239,7 @@ class ViewLifter:
 
 
 def known_points(points: np.ndarray, confidence: np.ndarray, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the network's finite (F, 19, 2) points, and their confidences, 0 where missing.
+    """Return the network's finite (F, 19, 2) points, and their confidences, which are 0 where missing.
 
     The middle of the head replaces missing ears and nose (``HEAD_SHARE``).
     """
@@ -254,7 +254,7 @@ def known_points(points: np.ndarray, confidence: np.ndarray, names: tuple[str, .
 def _with_head(
     points: np.ndarray, confidence: np.ndarray, names: tuple[str, ...]
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return points, confidences and names with the head's middle for ears and nose."""
+    """Return points, confidences and names, with the head's middle used for ears and nose."""
     absent = tuple(name for name in FACE if name not in names)
     top, share = next(((name, share) for name, share in HEAD_SHARE.items() if name in names), ("", 0.0))
     neck = next((name for name in NECKS if name in names), "")
@@ -269,7 +269,7 @@ def _with_head(
 
 
 def window_frames(count: int, fps: float) -> np.ndarray:
-    """Return (F, 27) numbers of the frames closest to each window's times, including ones beyond the take."""
+    """Return the (F, 27) frames closest to each window's times, including frames beyond the take."""
     offsets = np.round((np.arange(WINDOW) - MIDDLE) * fps / WINDOW_FPS).astype(int)
     return np.arange(count)[:, None] + offsets
 
@@ -292,7 +292,7 @@ def load_view_lifter(path: Path = DEFAULT_WEIGHTS) -> ViewLifter:
 
 
 def _weights(confidence: Array) -> Array:
-    """Return (N, 27, 19) weights with sum 1 that locate the person around the middle frame."""
+    """Return (N, 27, 19) weights that sum to 1 and locate the person around the middle frame."""
     xp = array_namespace(confidence)
     frame = np.arange(WINDOW) - MIDDLE
     share = constant(np.exp(-0.5 * (frame / _CENTRE_FRAMES) ** 2) + _FAINT, confidence)
@@ -325,19 +325,19 @@ BONES: tuple[tuple[int, int], ...] = tuple(
     for first, last in zip(_CHAINS[part.split()[1]][:-1], _CHAINS[part.split()[1]][1:], strict=True)
 )
 """Joints at the ends of the eight bones, upper before lower."""
-SLANT = float(np.sin(np.radians(20.0)))  # Sine of the smallest angle of a slanted bone to the image plane.
+SLANT = float(np.sin(np.radians(20.0)))  # Sine of the smallest angle between a slanted bone and the image plane.
 CLASSES = 3  # Towards the camera, across, away from it.
 
 
 @dataclass(frozen=True)
 class LimbSlants:
-    """Network and its metadata."""
+    """The network and its metadata."""
 
-    stack: DenseStack  # The lifter's features to 8 x 3 logits.
+    stack: DenseStack  # From the lifter's features to 8 x 3 logits.
     metadata: dict[str, Any]  # Training command, data and evaluation.
 
     def __call__(self, hidden: np.ndarray) -> np.ndarray:
-        """Return (N, 8, 3) probabilities of bones towards the camera, across or away."""
+        """Return (N, 8, 3) probabilities that bones point towards the camera, across or away."""
         logits = np.asarray(self.stack(np.asarray(hidden, dtype=float)))
         return softmax(logits.reshape(len(hidden), len(BONES), CLASSES).copy())
 
@@ -351,15 +351,15 @@ def bone_slants(joints: np.ndarray, sight: np.ndarray) -> np.ndarray:
 
 
 def slant_classes(slants: np.ndarray) -> np.ndarray:
-    """Return 0 for a bone that points towards the camera, 1 across, 2 away."""
+    """Return 0 for a bone that points towards the camera, 1 for across, and 2 for away."""
     return np.where(slants < -SLANT, 0, np.where(slants > SLANT, 2, 1))
 
 
 def flip_chances(chances: np.ndarray, slants: np.ndarray) -> np.ndarray:
-    """Return (F, 4) probabilities that a bone of a limb points in the opposite direction to the solve.
+    """Return the (F, 4) probabilities that a bone of each limb points in the opposite direction to the solve.
 
-    The probability is ``1 - Π_b (1 - p_b)`` over the limb's two bones, with p the probability of the opposite class, 0
-    for a bone across. ``chances`` are (F, 8, 3) (``LimbSlants``), and ``slants`` (F, 8).
+    The probability is ``1 - Π_b (1 - p_b)`` over the limb's two bones, where p is the probability of the opposite
+    class, or 0 for a bone that points across. ``chances`` are (F, 8, 3) (``LimbSlants``), and ``slants`` (F, 8).
     """
     opposite = np.where(slants > SLANT, chances[..., 0], np.where(slants < -SLANT, chances[..., 2], 0.0))
     return 1.0 - (1.0 - opposite[:, 0::2]) * (1.0 - opposite[:, 1::2])

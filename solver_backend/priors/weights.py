@@ -1,4 +1,4 @@
-"""Read and write weight files of priors: ``.npz`` without pickle, with checked metadata."""
+"""Read and write priors' weight files: ``.npz`` without pickle, with checked metadata."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ FORMAT = "manifold_mocap_prior"
 VERSION = 1
 BODY_JOINTS: tuple[str, ...] = SMPL_JOINTS[1 : 1 + NUM_BODY_JOINTS]
 ASSETS = Path(__file__).resolve().parents[1] / "assets"
-"""Folder of the built-in weights."""
+"""Folder with the built-in weights."""
 
 
 @dataclass(frozen=True)
 class PriorWeights:
-    """Arrays of a prior and their metadata."""
+    """A prior's arrays and their metadata."""
 
     prior: str
     arrays: dict[str, np.ndarray]
@@ -37,7 +37,7 @@ class PriorWeights:
         """Return an array as float64 with the given shape (None = any length).
 
         Raises:
-            WeightsInvalid: it is missing, of another shape or not finite.
+            WeightsInvalid: it is missing, not finite, or has another shape.
         """
         if name not in self.arrays:
             raise WeightsInvalid(f"The weights of {self.prior} lack the array {name!r}.")
@@ -54,7 +54,7 @@ class PriorWeights:
 
 
 def write_weights(path: Path, weights: PriorWeights) -> str:
-    """Write a weight file completely or not at all, and return the hash of its arrays."""
+    """Write a weight file completely or not at all, and return its arrays' hash."""
     digest = arrays_hash(weights.arrays)
     header = {"format": FORMAT, "version": VERSION, "prior": weights.prior, "body_joints": BODY_JOINTS}
     header |= {"sha256": digest, **weights.metadata}
@@ -64,7 +64,7 @@ def write_weights(path: Path, weights: PriorWeights) -> str:
 
 
 def read_weights(path: Path, prior: str | None) -> PriorWeights:
-    """Read and check the ``.npz`` of a prior, or of any prior for None.
+    """Read and check the ``.npz`` of the given prior, or of any prior if None.
 
     Raises:
         FileMissing: the file does not exist.
@@ -90,10 +90,10 @@ def read_weights(path: Path, prior: str | None) -> PriorWeights:
 def read_stack(
     weights: PriorWeights, part: str, inputs: int, outputs: int, *, activate_last: bool = False
 ) -> DenseStack:
-    """Return dense layers from the arrays ``<part>_w0, <part>_b0, ...`` and the metadata.
+    """Return the dense layers in the arrays ``<part>_w0, <part>_b0, ...`` and the metadata.
 
     Raises:
-        WeightsInvalid: an array is missing or of another shape, or the activation is unknown.
+        WeightsInvalid: an array is missing or has another shape, or the activation is unknown.
     """
     hidden = weights.metadata.get(f"{part}_hidden", ())
     if not isinstance(hidden, list | tuple) or not all(type(n) is int and n > 0 for n in hidden):
@@ -107,7 +107,7 @@ def read_stack(
 
 
 def arrays_hash(arrays: dict[str, np.ndarray]) -> str:
-    """Return the SHA-256 of arrays with their names, types and shapes."""
+    """Return the SHA-256 hash of arrays with their names, types and shapes."""
     digest = hashlib.sha256()
     for name in sorted(arrays):
         value = np.ascontiguousarray(arrays[name])

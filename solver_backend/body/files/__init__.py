@@ -1,1 +1,1 @@
-"""Choose and safely read body files of the SMPL family."""
+"""Choose body files of the SMPL family, and read them safely."""

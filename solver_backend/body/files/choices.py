@@ -1,4 +1,4 @@
-"""Find bodies by name or path, in the program or in the user's folder."""
+"""Find bodies by name or path, among those in the program and in the user's folder."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ _HANDS = ("hands_meanl", "hands_meanr")
 
 
 def load_smpl_file(path: Path | str, *, family: str | None = None, flat_hands: bool = True) -> Body:
-    """Read a licensed body model from a user's file. No part of it is copied or stored.
+    """Read a licensed body model from the user's file. No part of it is copied or stored.
 
     Args:
-        path: ``.npz``, or the older ``.pkl`` (read without running its code).
-        family: 'SMPL', 'SMPL-H' or 'SMPL-X' to accept only this family.
+        path: ``.npz``, or the older ``.pkl`` (whose code is not run).
+        family: 'SMPL', 'SMPL-H' or 'SMPL-X' to accept only that family.
         flat_hands: False adds the file's relaxed hands (``hands_meanl``, ``hands_meanr``) to every finger pose.
 
     Raises:
         UnsafePickle: the pickle requests code.
-        BodyInvalid: the file is not a body, or is of another family.
+        BodyInvalid: the file is not a body, or belongs to another family.
     """
     path = Path(path)
     arrays = _read_npz(path) if path.suffix == ".npz" else read_pickle(path)
@@ -41,7 +41,7 @@ def load_smpl_file(path: Path | str, *, family: str | None = None, flat_hands: b
 
 
 def _hands_mean(arrays: dict[str, Any], body: Body, where: str) -> np.ndarray | None:
-    """Return the (r, 3) mean axis-angles of the joints at rest in a solve. Jaw and eyes have none."""
+    """Return the (r, 3) mean axis-angles of the joints that a solve leaves at rest. Jaw and eyes have none."""
     if body.layout.name == "SMPL":
         return None
     if not set(_HANDS) <= set(arrays):
@@ -68,14 +68,14 @@ def _read_npz(path: Path) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class BodyChoice:
-    """Body that can be chosen by name."""
+    """A body that can be chosen by name."""
 
     name: str
     path: Path
 
 
 def list_bodies() -> tuple[BodyChoice, ...]:
-    """Return the named bodies: the built-in one, then the user's in alphabetical order."""
+    """Return the named bodies: the built-in one first, then the user's in alphabetical order."""
     folder = bodies_folder()
     files = sorted(path for path in folder.glob("*") if path.suffix.lower() in SUFFIXES) if folder.is_dir() else []
     own = {path.stem: path for path in files if path.stem != SHIPPED}
@@ -83,7 +83,7 @@ def list_bodies() -> tuple[BodyChoice, ...]:
 
 
 def resolve_body(choice: str) -> Path:
-    """Return the file of a body's name or path. Raise ``BodyUnknown`` if there is none."""
+    """Return the file for a body's name or path. Raise ``BodyUnknown`` if there is none."""
     if is_path(choice):
         path = Path(os.path.expanduser(choice))
         if not os.path.isfile(path):
@@ -98,7 +98,7 @@ def resolve_body(choice: str) -> Path:
 
 
 def load_chosen_body(choice: str) -> Body:
-    """Read the built-in body, or an SMPL, SMPL-H or SMPL-X file, by name or path.
+    """Read the built-in body or an SMPL, SMPL-H or SMPL-X file, given a name or path.
 
     It raises the errors of ``resolve_body``, ``load_body`` and ``load_smpl_file``.
     """

@@ -1,4 +1,4 @@
-"""Read pickles without running their code: old SMPL files, and results of networks."""
+"""Read pickles without running their code: old SMPL files and network results."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _SIMPLE_DTYPE = re.compile(r"[<>|=]?(b1|[iu][1248]|f[248]|[SU]\d{1,4})")
 
 
 class Damage(ValueError):
-    """Raised for an inconsistent pickle."""
+    """Raised if a pickle is inconsistent."""
 
 
 @dataclass(frozen=True)
 class PickledName:
-    """Class or function that the pickle names."""
+    """A class or function named in the pickle."""
 
     module: str
     name: str
@@ -33,13 +33,13 @@ class PickledName:
 
 @dataclass
 class NamedDtype:
-    """Array type, given by name and byte order."""
+    """An array type, given by name and byte order."""
 
     spec: str
     order: Literal["<", ">", "=", "|"] = "="
 
     def dtype(self) -> np.dtype:
-        """Return the dtype of plain numbers or text."""
+        """Return the dtype for plain numbers or text."""
         if not _SIMPLE_DTYPE.fullmatch(self.spec):
             raise Damage(f"an array has the type {self.spec!r}, but plain numbers are expected")
         dtype = np.dtype(self.spec)
@@ -47,13 +47,13 @@ class NamedDtype:
 
 
 class UnbuiltArray:
-    """Array before its state is known. BUILD sets ``values``."""
+    """An array whose state is not known yet. BUILD sets ``values``."""
 
     values: Any = None
 
 
 def finished(value: Any) -> Any:
-    """Return a finished value as an array, or each value of a dictionary."""
+    """Return a finished value as an array. For a dictionary, convert each of its values."""
     if isinstance(value, UnbuiltArray):
         if value.values is None:
             raise Damage("an array has no values")
@@ -64,7 +64,7 @@ def finished(value: Any) -> Any:
 
 
 def array_of(shape: Any, dtype: Any, by_columns: Any, data: Any) -> np.ndarray:
-    """Create an array of plain numbers from its pickled state after consistency checks."""
+    """Create an array of plain numbers from its pickled state after checking consistency."""
     if not isinstance(dtype, NamedDtype) or not isinstance(shape, tuple) or len(shape) > MAX_DIMENSIONS:
         raise Damage("an array's state is not valid")
     if not all(isinstance(size, int) and 0 <= size < 2**40 for size in shape):
@@ -123,13 +123,13 @@ _TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}  # Number of stack items that 
 
 @dataclass
 class StandIn:
-    """Pickled state of an object of a known class. Its code is never run."""
+    """The pickled state of an object whose class is known. Its code is never run."""
 
     kind: str
     state: dict[str, Any] = field(default_factory=dict)
 
 
-MAX_OPERATIONS = 2_000_000  # A body model has thousands. Each costs a microsecond and at most some hundred bytes.
+MAX_OPERATIONS = 2_000_000  # A body model needs thousands. Each takes a microsecond and at most a few hundred bytes.
 
 
 @dataclass(frozen=True)
@@ -137,18 +137,18 @@ class Dialect:
     """Classes that a program's pickles contain in addition to arrays and plain values."""
 
     calls: dict[str, Callable[..., Any] | None] = field(default_factory=dict)  # Additional functions, see ``CALLS``.
-    persistent: Callable[[Any], Any] | None = None  # Resolves a persistent id, None if there are no ids.
+    persistent: Callable[[Any], Any] | None = None  # Resolves a persistent id. None if there are no ids.
     inline: Callable[[StandIn, BinaryIO | BytesIO], Any] | None = None
-    """Reads data that follows a known object in the stream, and replaces the object."""
+    """Reads data that follows a known object in the stream, and returns its replacement."""
     objects: bool = False  # Whether arrays of objects become lists.
-    most: int = 0  # Largest number of operations, 0 for ``MAX_OPERATIONS``.
-    kind: str = "body model"  # Kind of file, for messages.
+    most: int = 0  # Largest number of operations, or 0 for ``MAX_OPERATIONS``.
+    kind: str = "body model"  # Type of file, for messages.
     remedy: str = "Get the body model again from its own site"  # Advice if a file is rejected.
-    least: int = MIN_ALLOWANCE  # Bytes allowed for the arrays of a small file.
+    least: int = MIN_ALLOWANCE  # Bytes allowed for the arrays in a small file.
 
 
 class Machine:
-    """Interpreter of one pickle, with placeholders for objects of the dotted ``classes``."""
+    """Interpreter for one pickle. Objects of the dotted ``classes`` are replaced by placeholders."""
 
     def __init__(
         self, stream: BinaryIO | BytesIO, where: str, classes: frozenset[str], dialect: Dialect | None = None
@@ -240,7 +240,7 @@ class Machine:
         return self._stack[-1]
 
     def _fill(self, values: list[Any]) -> None:
-        """Fill the dictionary on top of the stack. Other keys than text and numbers may be costly to hash."""
+        """Fill the dictionary on top of the stack. Keys other than text and numbers may be costly to hash."""
         target = self._top(dict)
         for key, value in zip(values[::2], values[1::2], strict=True):
             if not isinstance(key, str | bytes | int | np.integer):
@@ -273,7 +273,7 @@ class Machine:
             self._stack.append(result)
 
     def _spend(self, content: Any) -> None:
-        """Count the bytes created, because one text can be converted to arrays repeatedly."""
+        """Count the bytes created, because the same text can be converted to arrays repeatedly."""
         self._bytes_left -= len(content) if isinstance(content, str | bytes | bytearray) else 0
         if self._bytes_left < 0:
             raise Damage("its arrays would need far more memory than the size of the file")
@@ -298,14 +298,14 @@ class Machine:
         return UnsafePickle(message, where=self._where, hint=hint)
 
 
-MAX_ELEMENTS = 50_000_000  # Of a sparse matrix. The largest joint regressor of the family has 0.6 million.
+MAX_ELEMENTS = 50_000_000  # In a sparse matrix. The family's largest joint regressor has 0.6 million.
 _CHUMPY = frozenset({"chumpy.ch.Ch", "chumpy.reordering.Select"})
 _SPARSE = frozenset({"scipy.sparse.csc.csc_matrix", "scipy.sparse._csc.csc_matrix"})
 _DAMAGE = (OSError, EOFError, ValueError, TypeError, KeyError, IndexError, OverflowError, RecursionError, MemoryError)
 
 
 def read_pickle(path: Path) -> dict[str, Any]:
-    """Return the arrays, texts and numbers of a pickled body model.
+    """Return the arrays, texts and numbers in a pickled body model.
 
     Raises:
         UnsafePickle: the file requests a class or function other than array constructors.
@@ -332,7 +332,7 @@ def _plain(value: Any) -> Any:
 
 
 def _chumpy(state: dict[str, Any]) -> np.ndarray:
-    """Return the array of a chumpy object: ``x``, or the elements ``idxs`` of ``a``."""
+    """Return the array in a chumpy object: ``x``, or the elements ``idxs`` of ``a``."""
     if "x" in state:
         return _member(state, "x")
     if "a" in state and "idxs" in state:
@@ -345,7 +345,7 @@ def _chumpy(state: dict[str, Any]) -> np.ndarray:
 
 
 def _sparse_columns(state: dict[str, Any]) -> np.ndarray:
-    """Convert SciPy's compressed sparse column matrix to a dense one."""
+    """Convert a SciPy compressed sparse column matrix to a dense one."""
     rows, columns = (int(size) for size in state.get("_shape") or state["shape"])
     data, indices, pointers = (_member(state, name) for name in ("data", "indices", "indptr"))
     sound = (
@@ -367,7 +367,7 @@ def _sparse_columns(state: dict[str, Any]) -> np.ndarray:
 
 
 def _member(state: dict[str, Any], name: str) -> np.ndarray:
-    """Return a placeholder's array. Lists are rejected, because nested ones can grow without limit."""
+    """Return a placeholder's array. Lists are rejected, because nested lists can grow without limit."""
     value = _plain(state[name])
     if not isinstance(value, np.ndarray):
         raise ValueError(f"{name} is a {type(value).__name__}, but an array is expected")
