@@ -1,1 +1,1 @@
-"""Describe motions by the conventions of biomechanics: segments, angles and gait."""
+"""Describe motions in the conventions of biomechanics: segments, angles and gait."""

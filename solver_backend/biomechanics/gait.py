@@ -1,4 +1,4 @@
-"""Find foot strikes, foot offs and strides, and average curves over gait cycles."""
+"""Find foot strikes, toe-offs and strides, and average curves over gait cycles."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from solver_backend.types import FLAG_UNSEEN, MarkerCloud
 from solver_backend.types.shapes import Float
 
 SIDES = ("left", "right")
-# Chosen on the takes TUNED of tests/biomechanics/agreement.py (four laboratories, 60 and 100 Hz) against the 20 N
-# threshold of their force plates, and measured on the others.
-SWING_M = 0.25  # Shortest distance that a foot travels forward in a swing, in metres.
-REACH_M = 0.15  # Smallest change of a foot's position in front of the pelvis between both ends of a step, in metres.
+# Chosen on the TUNED takes in tests/biomechanics/agreement.py (four laboratories, 60 and 100 Hz) against the 20 N
+# threshold of their force plates, and evaluated on the other takes.
+SWING_M = 0.25  # Shortest distance that a foot travels forward during a swing, in metres.
+REACH_M = 0.15  # Smallest change of a foot's position in front of the pelvis between the two ends of a step, in metres.
 LANDING_M_S = 0.1  # Vertical speed below which a falling heel has landed, in m/s.
-LOW_M = 0.05  # Largest height in metres of a heel that glides over the floor, above its lowest place.
-LANDING_S = 0.25  # Longest time from the foremost heel position to the landing, in seconds.
-PAUSE = 1.5  # Shortest stride with a pause, relative to the median stride of the take. Chosen by hand.
+LOW_M = 0.05  # Largest height in metres of a heel gliding over the floor, above its lowest position.
+LANDING_S = 0.25  # Longest time in seconds from the foremost heel position to the landing.
+PAUSE = 1.5  # Shortest stride that must contain a pause, relative to the take's median stride. Chosen by hand.
 CYCLE_POINTS = 101  # Points of a mean curve, one per percent of the cycle.
 
 
@@ -28,7 +28,7 @@ MEASURES = {
     "time_s": "stride time", "length_m": "stride length", "speed_m_s": "speed", "cadence_per_min": "cadence",
     "stance_percent": "stance",
 }  # fmt: skip
-"""Values of a stride with their names."""
+"""Values that describe a stride, with their names."""
 UNITS = {
     "stride time": "s", "stride length": "m", "speed": "m/s", "cadence": "steps/min", "stance": "%",
 }  # fmt: skip
@@ -37,7 +37,7 @@ UNITS = {
 
 @dataclass(frozen=True)
 class Stride:
-    """One gait cycle of a foot, from a strike to its next strike."""
+    """A gait cycle of one foot, from a strike to its next strike."""
 
     side: str
     strike_s: float
@@ -52,7 +52,7 @@ class Stride:
 
     @property
     def stance_percent(self) -> float:
-        """Share of the cycle that the foot spends on the floor, in percent."""
+        """Percentage of the cycle during which the foot is on the floor."""
         return 100.0 * (self.off_s - self.strike_s) / self.time_s
 
     @property
@@ -68,26 +68,26 @@ class Stride:
 
 @dataclass(frozen=True)
 class Gait:
-    """Steps of a take, with times in seconds from its first frame."""
+    """The steps in a take, with times in seconds from its first frame."""
 
     strikes: dict[str, np.ndarray]  # By side.
     offs: dict[str, np.ndarray]  # By side.
     strides: tuple[Stride, ...]
 
     def events(self) -> list[tuple[float, str, str]]:
-        """Return the time, side and name of every event in order of time, named as in C3D files."""
+        """Return the time, side and name of every event in chronological order, named as in C3D files."""
         named = (("Foot Strike", self.strikes), ("Foot Off", self.offs))
         found = [(float(t), side.title(), name) for name, times in named for side in SIDES for t in times[side]]
         return sorted(found)
 
 
 def find_gait(posed: PosedSegments, cloud: MarkerCloud, flags: np.ndarray | None = None) -> Gait:
-    """Find the steps from the heels and toes of ``open_sim.virtual_markers``.
+    """Find the steps from the heels and toes in ``open_sim.virtual_markers``.
 
     A foot leaves the floor when its toes are farthest behind the pelvis (Zeni et al. 2008). It strikes when the heel
-    stops falling after its foremost position, or there if it glides over the floor. Steps without a swing forward, as
-    in a squat, and strides with a pause are excluded. So are events and strides with interpolated frames
-    (``FLAG_UNSEEN`` in the (F,) flags of the motion).
+    stops falling after its foremost position, or at that position if it glides over the floor. Steps without a forward
+    swing, as in a squat, and strides with a pause are excluded. So are events and strides with interpolated frames
+    (``FLAG_UNSEEN`` in the motion's (F,) flags).
     """
     labels, fps = list(cloud.labels or ()), cloud.fps
     forward = posed.rotations["pelvis"][:, :, 0] * (1.0, 0.0, 1.0)
@@ -121,14 +121,14 @@ def _is_seen_whole(stride: Stride, fps: float, flags: np.ndarray | None) -> bool
 
 
 def in_ground(points: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) points of a cloud with Z up as points with Y up."""
+    """Convert the (F, 3) points of a cloud from Z up to Y up."""
     return points[:, [0, 2, 1]] * (1.0, 1.0, -1.0)
 
 
 def _events_of_foot(
     heel: np.ndarray, toes: np.ndarray, pelvis: np.ndarray, forward: np.ndarray, fps: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the times of strikes and offs in seconds, from (F, 3) points with Y up."""
+    """Return the times of foot strikes and toe-offs in seconds, given (F, 3) points with Y up."""
     strikes, offs, last = [], [], len(heel) - 1
     if last < 2:
         return np.zeros(0), np.zeros(0)
@@ -140,7 +140,7 @@ def _events_of_foot(
         strikes += _landings(fall, 0, fps)
     for before, start, end in zip([0, *turns], turns, turns[1:], strict=False):
         if front[end] < front[start] or (heel[end] - heel[start]) @ forward[end] < SWING_M:
-            continue  # The foot moves backwards, or moves forward with the pelvis alone.
+            continue  # The foot moves backwards, or moves forward only with the pelvis.
         left = before + int(behind[before : end + 1].argmin())
         if 0 < left < last:
             offs.append(left + _vertex(-behind, left))
@@ -160,7 +160,7 @@ def _landings(fall: np.ndarray, first: int, fps: float) -> list[float]:
 
 
 def _turns(curve: np.ndarray, reach: float) -> list[int]:
-    """Return frame 0, and the extremes between which a curve changes by ``reach`` or more."""
+    """Return frame 0 and the extremes between which a curve changes by at least ``reach``."""
     slope = np.diff(curve)
     extremes = np.flatnonzero(slope[1:] * slope[:-1] <= 0.0) + 1
     found, at, rises = [0], 0, None
@@ -177,7 +177,7 @@ def _turns(curve: np.ndarray, reach: float) -> list[int]:
 
 
 def _vertex(curve: np.ndarray, at: int) -> float:
-    """Return the maximum of the parabola through three values, as an offset from the middle."""
+    """Return the maximum of the parabola through three values, as an offset from the middle one."""
     before, here, after = curve[at - 1 : at + 2]
     return float(0.5 * (before - after) / min(before - 2.0 * here + after, -1e-12))
 
@@ -185,7 +185,7 @@ def _vertex(curve: np.ndarray, at: int) -> float:
 def _strides(
     side: str, strikes: np.ndarray, offs: np.ndarray, heel: np.ndarray, pelvis: np.ndarray, fps: float
 ) -> list[Stride]:
-    """Return the cycles with one foot off, by the swing of the foot relative to the pelvis."""
+    """Return the cycles with exactly one toe-off, given by the foot's swing relative to the pelvis."""
     found, frames = [], np.arange(len(heel)) / fps
 
     def way(points: np.ndarray, start: float, end: float) -> float:
@@ -202,7 +202,7 @@ def _strides(
 
 
 def mean_cycles(angles: Angles, gait: Gait, fps: float) -> dict[str, Float[np.ndarray, "points 2"]]:
-    """Return each angle's mean and standard deviation over the cycles, (101, 2) in degrees.
+    """Return each angle's mean and standard deviation over all cycles, (101, 2) in degrees.
 
     Angles of a side are averaged over the cycles of that side, all others over the right foot's cycles. Angles without
     cycles are omitted.

@@ -1,4 +1,4 @@
-"""Compute joint angles about axes of two segments, with standard deviations."""
+"""Compute joint angles about axes of the two segments, with standard deviations."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from solver_backend.types.shapes import Float
 
 X, Y, Z = np.eye(3)
 FLEXION = (Z, X, Y)
-"""Rotations about the hinge, the floating axis and the long axis (Grood and Suntay 1983). ISB and OpenSim use it."""
+"""Rotations about the hinge, the floating axis and the long axis (Grood and Suntay 1983), as in ISB and OpenSim."""
 ELEVATION = (Y, X, Y)
 """Plane of elevation, elevation and axial rotation of the upper arm (Wu et al. 2005, section 2.4.7)."""
 HEADING = (Y, X, Z)
-"""Rotation, list and tilt of the pelvis. With Y first, list and tilt are independent of the heading (Baker 2001)."""
-_STEPS = 6  # Newton steps. Angles of oblique axes converge to 1e-12 in four.
+"""Rotation, list and tilt of the pelvis. With Y first, list and tilt do not depend on the heading (Baker 2001)."""
+_STEPS = 6  # Newton steps. Angles about oblique axes converge to 1e-12 in four.
 
 
 def successive_turns(R: Float[np.ndarray, "frames 3 3"], axes: Sequence[np.ndarray]) -> Float[np.ndarray, "frames 3"]:
     """Return (F, 3) angles with ``R = exp(a1 θ1) exp(a2 θ2) exp(a3 θ3)``.
 
-    The orders z-x-y, y-x-y and y-x-z have closed forms. Oblique axes near z-x-y, such as the ankle's, start from that
-    form and use Newton's method ``θ += J⁻¹ log(R R(θ)ᵀ)``, with ``J`` from ``axes_in_parent``. The second angle is
-    between -90 and 90 degrees, or between -180 and 0 for y-x-y. The first and third are unwrapped, with means within
-    ±180 degrees. In gimbal lock both jump by 180 degrees, and they grow with every circle around it.
+    The orders z-x-y, y-x-y and y-x-z have closed forms. Oblique axes close to z-x-y, such as the ankle's, start from
+    that form and use Newton's method ``θ += J⁻¹ log(R R(θ)ᵀ)``, with ``J`` from ``axes_in_parent``. The second angle is
+    between -90 and 90 degrees, or between -180 and 0 for y-x-y. The first and third are unwrapped, and their means are
+    within ±180 degrees. In gimbal lock, both jump by 180 degrees, and they grow with every circle around it.
     """
     if axes is ELEVATION:
         second = -np.arccos(np.clip(R[:, 1, 1], -1.0, 1.0))
@@ -46,7 +46,7 @@ def successive_turns(R: Float[np.ndarray, "frames 3 3"], axes: Sequence[np.ndarr
 
 
 def axes_in_parent(turns: np.ndarray, axes: Sequence[np.ndarray]) -> Float[np.ndarray, "frames 3 3"]:
-    """Return (F, 3, 3) axes as columns in the parent segment, after the preceding rotations.
+    """Return (F, 3, 3) axes as columns relative to the parent segment, after the preceding rotations.
 
     They are the Jacobian of a left-applied rotation vector d by the angles: ``d = J dθ``.
     """
@@ -63,7 +63,7 @@ def _rotation(turns: np.ndarray, axes: Sequence[np.ndarray]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class JointRule:
-    """Rule that makes named angles from the rotation of a segment."""
+    """Rule that derives named angles from a segment's rotation."""
 
     names: tuple[str, ...]  # Names of up to three angles, "" for one that is not reported.
     axes: Sequence[np.ndarray] = FLEXION
@@ -81,8 +81,8 @@ ISB: dict[str, JointRule] = {
     "forearm": JointRule(("flexion", "adduction", "pronation")),
     "hand": JointRule(("flexion", "ulnar_deviation", "")),
 }
-"""Angles by segment name without side. They are positive in the named direction on both sides, the pelvic tilt
-backwards.
+"""Angles by segment name without side. On both sides they are positive in the direction of their name. Pelvic tilt is
+positive backwards.
 """
 JOINT_WORDS = {
     "pelvis": "pelvis", "thorax": "spine", "head": "neck", "thigh": "hip", "shank": "knee", "foot": "ankle",
@@ -99,7 +99,7 @@ class Angles:
     deviations: Float[np.ndarray, "frames angles"] | None  # Standard deviations in degrees, NaN where unknown.
 
     def column(self, name: str) -> np.ndarray:
-        """Return the (F,) degrees of the angle ``name``."""
+        """Return the angle ``name`` as (F,) degrees."""
         return self.degrees[:, self.names.index(name)]
 
 
@@ -134,8 +134,8 @@ def turn_deviations(
 ) -> Float[np.ndarray, "frames 3"]:
     """Return (F, 3) standard deviations of the angles in radians: ``sqrt(diag(J⁻¹ C J⁻ᵀ))``.
 
-    J is ``axes_in_parent``, and C the covariance of the left-applied rotation in the parent segment's axes. Near gimbal
-    lock J is almost singular and two deviations grow without limit, because only the sum of their angles is known.
+    J is ``axes_in_parent``, C the covariance of the left-applied rotation in the parent segment's axes. Near gimbal
+    lock, J is almost singular, and two deviations grow without limit: only their angles' sum is known.
     """
     frame = posed.above[segment]
     C = np.swapaxes(frame, -1, -2) @ covariances[segment] @ frame

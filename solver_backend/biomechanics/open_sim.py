@@ -16,17 +16,17 @@ from solver_backend.body.markers import marker_landmarks
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import MarkerCloud, Motion
 
-# The coordinates are those of Rajagopal et al. 2016 and of its descendant by Lai, Arnold and Wakeling 2017 and Uhlrich
-# et al. 2022. Both models give a joint's turns in the order of their coordinates, about body-fixed axes, and name them
-# alike. Ground: x forward, y up, z to the right.
+# The coordinates are those of Rajagopal et al. 2016 and of its successor by Lai, Arnold and Wakeling 2017 and Uhlrich
+# et al. 2022. Both models apply a joint's rotations in the order of their coordinates, about body-fixed axes, and use
+# the same names. Ground: x forward, y up, z to the right.
 ANKLE_AXIS, SUBTALAR_AXIS = np.array([-0.105, -0.174, 0.979]), np.array([0.787, 0.605, -0.121])
-"""Hinges of the right ankle, in the axes of the shank, and below its talus (Inman 1976, from Delp et al. 1990)."""
+"""Hinges of the right ankle, in the shank's axes, and below its talus (Inman 1976, from Delp et al. 1990)."""
 ELBOW_AXIS, PRONATION_AXIS = np.array([0.226, 0.022, 0.974]), np.array([0.056, 0.998, 0.002])
 """Hinge of the right elbow in the upper arm's axes, and pronation axis in the forearm's axes, as in the models."""
 
 
 def _hinges(first: np.ndarray, other: np.ndarray, *, middle: bool) -> tuple[np.ndarray, ...]:
-    """Return three rotation axes: both hinges, and one perpendicular to them, as the second or the third."""
+    """Return three rotation axes: both hinges, and one perpendicular to them in second or third place."""
     a, b = first / np.linalg.norm(first), other / np.linalg.norm(other)
     c = np.cross(b, a) if middle else np.cross(a, b)
     c = c / np.linalg.norm(c)
@@ -34,7 +34,7 @@ def _hinges(first: np.ndarray, other: np.ndarray, *, middle: bool) -> tuple[np.n
 
 
 _FOOT, _FOREARM = _hinges(ANKLE_AXIS, SUBTALAR_AXIS, middle=False), _hinges(ELBOW_AXIS, PRONATION_AXIS, middle=True)
-"""The perpendicular axis takes the rotation that the hinges cannot follow. OpenSim has no coordinate for it."""
+"""The perpendicular axis takes up the rotation that the hinges cannot follow. OpenSim has no coordinate for it."""
 RULES: dict[str, JointRule] = {
     "pelvis": JointRule(("pelvis_tilt", "pelvis_list", "pelvis_rotation")),
     "thigh": JointRule(("hip_flexion", "hip_adduction", "hip_rotation")),
@@ -48,15 +48,15 @@ LINES = {
     "thigh": (-0.0018, 0.4068, 0.0098), "shank": (0.0118, 0.3976, -0.0085), "upper_arm": (-0.0131, 0.2863, 0.0096),
     "forearm": (0.0155, 0.2488, -0.0397),
 }  # fmt: skip
-"""Vector from the lower to the upper joint centre of the models' right segments at zero angles, in the segment's axes,
-in metres. It is the y axis of the ISB, so the models' hinges are offset by 2 degrees (knee) and 6 (elbow)."""
-HINGE_DEG = 13.0  # Rotation of the elbow's hinge from the models' z axis of the upper arm towards x, in degrees.
+"""Vector in metres from the lower to the upper joint centre of each right segment in the models at zero angles, in its
+axes. It is the ISB's y axis, so the models' hinges are offset by 2 degrees (knee) and 6 (elbow)."""
+HINGE_DEG = 13.0  # Rotation of the elbow's hinge from the z axis of the models' upper arm towards x, in degrees.
 PELVIS_PITCH_DEG, TORSO_PITCH_DEG = 6.0, -6.0
 """Rotation about z from the ISB axes of pelvis and thorax to the models', in degrees. In the models, the posterior
 iliac spines are 17 mm above the anterior ones over 165 mm. In the ISB axes they are level. The line from C7 to the
-jugular notch falls by 24 degrees in the models, and by 30 in the ISB axes of the average body."""
+jugular notch slopes down by 24 degrees in the models, and by 30 in the average body's ISB axes."""
 HIPS_TO_ORIGIN = (0.364, 0.508, 0.0)
-"""Vector from the midpoint of the hips to the models' pelvis origin, as a fraction of the distance of the hips."""
+"""Vector from the hips' midpoint to the models' pelvis origin, as a fraction of the distance between the hips."""
 
 
 @dataclass(frozen=True)
@@ -64,11 +64,11 @@ class Coordinates:
     """N coordinates in F frames."""
 
     names: tuple[str, ...]
-    values: np.ndarray  # (F, N) degrees, metres for the pelvis's position, radians for the kneecaps.
+    values: np.ndarray  # (F, N) degrees, metres for the pelvis position, radians for the kneecaps.
 
 
 def coordinates(posed: PosedSegments) -> Coordinates:
-    """Return the coordinates of a motion, the pelvis first, then the right side."""
+    """Return a motion's coordinates: first the pelvis, then the right side."""
     posed = replace(posed, rotations=_model_axes(posed))
     hips = [posed.joints[f"{side}_hip"] @ posed.ground.T for side in ("left", "right")]
     apart = np.linalg.norm(hips[1] - hips[0], axis=-1, keepdims=True)
@@ -91,7 +91,7 @@ def coordinates(posed: PosedSegments) -> Coordinates:
 
 
 def _model_axes(posed: PosedSegments) -> dict[str, np.ndarray]:
-    """Return (F, 3, 3) rotations of the models' axes, by segment."""
+    """Return the (F, 3, 3) rotations of the models' axes, by segment."""
     turned = {"pelvis": _turn(2, PELVIS_PITCH_DEG), "thorax": _turn(2, TORSO_PITCH_DEG)}
     for name, line in LINES.items():
         y = np.array(line) / np.linalg.norm(line)
@@ -111,7 +111,7 @@ def _order(segment: str) -> tuple[int, int]:
 
 
 def mot_text(title: str, found: Coordinates, fps: float) -> str:
-    """Return the text of a motion file: header, names, and a row per frame (.mot)."""
+    """Return the text of a motion file (.mot): header, names, and one row per frame."""
     frames = len(found.values)
     head = [title, "version=1", f"nRows={frames}", f"nColumns={len(found.names) + 1}", "inDegrees=yes", "endheader"]
     times = np.arange(frames) / fps
@@ -124,12 +124,12 @@ _SKIN = {
     "LFC": "KNE", "MFC": "KNM", "LMAL": "ANK", "MMAL": "ANM", "CAL": "HEE", "TOE": "MT1", "MT5": "MT5",
 }  # fmt: skip
 _CENTRES = {"SJC": "shoulder", "EJC": "elbow", "HJC": "hip", "KJC": "knee", "AJC": "ankle"}
-"""Markers of both models and their locations on the skin or joint centres, without side."""
+"""Markers of both models and their locations: on the skin or a joint centre, without side."""
 PLACES = {"C7": "C7", "CLAV": "CLAV", **{side + name: side + place for side in "RL" for name, place in _SKIN.items()}}
 
 
 def virtual_markers(motion: Motion, body: Body, posed: PosedSegments) -> MarkerCloud:
-    """Return the models' markers on the solved body in metres, with Z up."""
+    """Return the models' markers on the solved body, in metres with Z up."""
     places = marker_landmarks(body, tuple(PLACES.values()))
     worn = worn_offsets(motion)
     offsets = np.array([worn.get(place, np.zeros(3)) for place in PLACES.values()])
@@ -170,11 +170,11 @@ MEASUREMENTS: dict[str, tuple[Sequence[str], Sequence[str], str]] = {
         )
     },
 }
-"""Pairs of markers for each measurement. Their distances scale the models' bodies along the axes."""
+"""Marker pairs for each measurement. The distances between them scale the models' bodies along the axes."""
 
 
 def scale_setup(name: str, model: str, markers: str, frames: int, fps: float, height_m: float) -> str:
-    """Return the setup of OpenSim's Scale Tool for the take's markers and a generic model."""
+    """Return the setup for OpenSim's Scale Tool, given the take's markers and a generic model."""
     measurements = "".join(
         f'<Measurement name="{key}"><apply>true</apply><MarkerPairSet><objects>'
         + "".join(f"<MarkerPair><markers>{pair}</markers></MarkerPair>" for pair in pairs)
@@ -196,7 +196,7 @@ def scale_setup(name: str, model: str, markers: str, frames: int, fps: float, he
 
 
 def kinematics_setup(name: str, markers: str, labels: Sequence[str], frames: int, fps: float) -> str:
-    """Return the setup of OpenSim's Inverse Kinematics Tool for the scaled model."""
+    """Return the setup for OpenSim's Inverse Kinematics Tool with the scaled model."""
     tasks = "".join(
         f'<IKMarkerTask name="{label}"><apply>true</apply><weight>1</weight></IKMarkerTask>\n' for label in labels
     )

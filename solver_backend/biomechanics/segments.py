@@ -1,4 +1,4 @@
-"""Define the segments' anatomical axes and their rotations relative to the parents."""
+"""Define the segments' anatomical axes and their rotations relative to their parents."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from solver_backend.types import Motion
 from solver_backend.types.shapes import Float
 
 WORLD_TO_GROUND: np.ndarray = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-"""Rotation from our world, with Z up, to the ground axes of ISB, OpenSim and TRC files, with Y up."""
-MIRROR: np.ndarray = np.diag([1.0, 1.0, -1.0])  # Reflects left segments, so that angles of both sides have one sign.
+"""Rotation from our world (Z up) to the ground axes of ISB, OpenSim and TRC files (Y up)."""
+MIRROR: np.ndarray = np.diag([1.0, 1.0, -1.0])  # Reflects left segments, so that both sides' angles agree in sign.
 TRUNK = {"pelvis": ("ground", "pelvis"), "thorax": ("pelvis", "spine3"), "head": ("thorax", "head")}
 LIMBS = {
     "thigh": ("pelvis", "hip"), "shank": ("thigh", "knee"), "foot": ("shank", "ankle"), "toes": ("foot", "foot"),
     "upper_arm": ("thorax", "shoulder"), "forearm": ("upper_arm", "elbow"), "hand": ("forearm", "wrist"),
 }  # fmt: skip
-"""Parent segment and body joint that moves the segment, of segments with sides."""
+"""For each segment with a side, the parent segment and the body joint that moves it."""
 SEGMENTS: dict[str, tuple[str, str]] = TRUNK | {
     f"{side}_{name}": (above if above in TRUNK else f"{side}_{above}", f"{side}_{joint}")
     for side in ("left", "right")
@@ -37,22 +37,23 @@ SEGMENTS: dict[str, tuple[str, str]] = TRUNK | {
 
 
 def has_segments(body: Body) -> bool:
-    """Return whether a body has the joints of all segments, like the bodies of the SMPL family."""
+    """Return whether a body has the joints of all segments, as bodies of the SMPL family do."""
     return {joint for _, joint in SEGMENTS.values()} <= set(body.layout.joints)
 
 
 def turn_covariance(
     body: Body, local: Float[Array, "frames n 3 3"], pose: Float[Array, "frames p p"], constant_m: np.ndarray
 ) -> Float[Array, "frames segments 3 3"]:
-    """Return (F, S, 3, 3) covariances in rad² of each segment's rotation to its parent.
+    """Return (F, S, 3, 3) covariances in rad² of each segment's rotation relative to its parent.
 
-    ``C = A P Aᵀ + c² I`` with the covariance P of the pose. A combines the rotations d of the joints between the two
-    segments, ``d = Σ_k R_1 … R_{k-1} d_k``. c is the rotation from constant errors of both ends of the segment's bone.
-    The axes belong to the parent segment's joint, or to the world for the pelvis. Joints outside the pose add nothing.
+    ``C = A P Aᵀ + c² I``, where P is the covariance of the pose. A combines the rotations d of the joints between the
+    two segments, ``d = Σ_k R_1 … R_{k-1} d_k``. c is the rotation due to constant errors at both ends of the segment's
+    bone. The axes are those of the parent segment's joint, or of the world for the pelvis. Joints outside the pose add
+    nothing.
 
     Args:
-        local: rotations of the joints 1..n.
-        pose: covariance of the pose's tangent, the root's rotation first, then three columns per joint.
+        local: rotations of joints 1..n.
+        pose: covariance of the pose's tangent: first the root's rotation, then three columns per joint.
         constant_m: (J,) standard deviation per axis of the recorded joints' constant errors, in metres.
     """
     xp, names, parents = array_namespace(pose), body.layout.joints, body.parents
@@ -79,14 +80,14 @@ def turn_covariance(
 
 
 def _bone(body: Body, joint: int) -> tuple[float, int]:
-    """Return the length in metres and the other end of the longest bone that starts at a joint."""
+    """Return the length in metres and the far end of the longest bone that starts at a joint."""
     rest = body.joints_template
     lengths = ((float(np.linalg.norm(rest[k] - rest[joint])), k) for k, p in enumerate(body.parents) if p == joint)
     return max(lengths, default=(0.0, joint))
 
 
 def turn_spread(body: Body, sigma_m: np.ndarray) -> Float[np.ndarray, "frames segments"]:
-    """Convert (F, J) deviations in metres to (F, S) rotations of segments in radians."""
+    """Convert (F, J) standard deviations in metres to (F, S) segment rotations in radians."""
     recorded, found = list(body.recorded_joints), []
     for _, joint in SEGMENTS.values():
         j = body.layout.joints.index(joint)
@@ -97,7 +98,7 @@ def turn_spread(body: Body, sigma_m: np.ndarray) -> Float[np.ndarray, "frames se
 
 
 def segment_turns(body: Body, root: np.ndarray, local: np.ndarray) -> Float[np.ndarray, "frames segments 3 3"]:
-    """Return (F, S, 3, 3) rotations of each segment relative to its parent."""
+    """Return the (F, S, 3, 3) rotation of each segment relative to its parent."""
     names, found = body.layout.joints, []
     for parent, joint in SEGMENTS.values():
         if parent == "ground":
@@ -112,7 +113,7 @@ def segment_turns(body: Body, root: np.ndarray, local: np.ndarray) -> Float[np.n
     return np.stack(found, axis=1)
 
 
-MIN_BONE_M = 0.05  # Shortest bone for constant errors, in metres. The last joints of a chain have none.
+MIN_BONE_M = 0.05  # Shortest bone in metres for constant errors. The last joints in a chain have no such bone.
 
 
 PALPATED = {"knee": ("KNE", "KNM"), "ankle": ("ANK", "ANM"), "elbow": ("ELB", "ELM")}
@@ -142,7 +143,7 @@ def anatomical_frames(
         worn: (3,) offset in the rest frame from the body's landmark to the person's, in metres, by location.
     """
     right, up, forward = -np.eye(3)[0], np.eye(3)[1], np.eye(3)[2]
-    if not worn.keys() >= set(_PELVIS_PLACES):  # A plane that moves at one edge alone would tilt.
+    if not worn.keys() >= set(_PELVIS_PLACES):  # A plane that moves at only one edge would tilt.
         worn = {place: offset for place, offset in worn.items() if place not in _PELVIS_PLACES}
     at, skin = _centres(body, betas, worn), _skin(body, betas, _TRUNK_PLACES, worn)
     front, back = (0.5 * (skin[f"L{name}"] + skin[f"R{name}"]) for name in ("FWT", "BWT"))
@@ -161,7 +162,7 @@ def anatomical_frames(
             "shank": _axes(knee - ankle, right),
             "foot": _axes(up, right),
             "toes": _axes(up, right),
-            "upper_arm": _axes(shoulder - elbow, sign * up),  # The rest pose's arms are level, with palms down.
+            "upper_arm": _axes(shoulder - elbow, sign * up),  # In the rest pose, the arms are level with palms down.
             "forearm": _axes(elbow - wrist, sign * forward),
             "hand": _axes(wrist - hand, sign * forward),
         }
@@ -170,20 +171,20 @@ def anatomical_frames(
 
 
 def worn_offsets(motion: Motion) -> dict[str, np.ndarray]:
-    """Return the (3,) offset of each marker from its location on the body in metres.
+    """Return the (3,) offset of each marker from its location on the body, in metres.
 
     A marker on the sacrum also counts as both posterior iliac spines.
     """
     if motion.layout is None or motion.offsets is None:
         return {}
     worn = dict(zip(motion.layout, motion.offsets, strict=True))
-    if "SACR" in worn:  # It is between the posterior spines.
+    if "SACR" in worn:  # The sacrum marker is between the posterior spines.
         worn = {"LBWT": worn["SACR"], "RBWT": worn["SACR"], **worn}
     return worn
 
 
 def _centres(body: Body, betas: np.ndarray, worn: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the rest joints by name. Hinge joints lie midway between their landmarks."""
+    """Return the rest joints by name. Hinge joints are midway between their landmarks."""
     at = dict(zip(body.layout.joints, body.rest_joints(betas), strict=True))
     names = tuple(side + place for places in PALPATED.values() for place in places for side in "LR")
     skin = _skin(body, betas, names, {})
@@ -206,7 +207,7 @@ def _skin(
 
 
 def _axes(y: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Return (3, 3) right-handed axes as columns, with y kept and z perpendicular to it."""
+    """Return (3, 3) right-handed axes as columns. y is kept, and z is made perpendicular to it."""
     y = unit(y)
     x = unit(np.cross(y, z))
     return np.stack([x, y, np.cross(x, y)], axis=-1)
@@ -214,16 +215,16 @@ def _axes(y: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PosedSegments:
-    """Segments of a motion of F frames."""
+    """The segments of a motion with F frames."""
 
-    rotations: dict[str, np.ndarray]  # (F, 3, 3) of each segment's axes in the ground, Y up.
+    rotations: dict[str, np.ndarray]  # (F, 3, 3) each segment's axes relative to the ground, Y up.
     joints: dict[str, np.ndarray]  # (F, 3) metres, joint centres in the world, Z up.
-    ground: np.ndarray  # (3, 3) from the world to the ground, which the person faces along x within 45 degrees.
-    above: dict[str, np.ndarray]  # (3, 3) axes of the parent segment in its joint's frame, for deviations.
+    ground: np.ndarray  # (3, 3) from the world to the ground. The person faces along x within 45 degrees.
+    above: dict[str, np.ndarray]  # (3, 3) axes of the parent segment relative to its joint, for deviations.
 
     @property
     def turned_deg(self) -> int:
-        """Degrees about the vertical from the world to the ground, a multiple of 90."""
+        """Rotation about the vertical from the world to the ground in degrees, a multiple of 90."""
         R = WORLD_TO_GROUND.T @ self.ground
         return round(float(np.degrees(np.arctan2(R[1, 0], R[0, 0]))))
 
@@ -236,14 +237,15 @@ class PosedSegments:
 
 
 BENT_DEG, HINGE_DEG = 15.0, 25.0
-"""Smallest mean bend of an elbow that shows its hinge, and otherwise the hinge's rotation from the vertical of the
-level rest pose: 20 to 34 degrees in four arms (``PiG_Motion-FlatFoot-*``, Biomechanical Toolkit's test data)."""
+"""Smallest mean bend of an elbow that reveals its hinge. Below it, the hinge's rotation from the vertical in the level
+rest pose: 20 to 34 degrees in four arms (``PiG_Motion-FlatFoot-*``, Biomechanical Toolkit's test data)."""
 
 
 def _hinge_turn(upper: np.ndarray, forearm: np.ndarray, sign: float) -> np.ndarray:
-    """Return the rotation about the upper arm's y that aligns z with the elbow's hinge.
+    """Return the rotation about the upper arm's y axis that aligns z with the elbow's hinge.
 
-    The hinge is perpendicular to both long axes (Wu et al. 2005, 2.3.5), averaged with the sine of the bend as weight.
+    The hinge is perpendicular to both long axes (Wu et al. 2005, 2.3.5). It is averaged, weighted by the sine of the
+    bend.
     """
     normal = np.cross(upper[..., 1], forearm[..., 1])
     bend = np.linalg.norm(normal, axis=-1).mean()
@@ -256,11 +258,11 @@ def _hinge_turn(upper: np.ndarray, forearm: np.ndarray, sign: float) -> np.ndarr
 def posed_segments(motion: Motion, body: Body) -> PosedSegments:
     """Return the segments of a motion.
 
-    With markers on all iliac spines, the pelvis is the rigid body that best fits the spines of the posed skin. The
-    bone does not bend with the hips, as the skin does. In squats, the pelvis joint is 10 degrees off (``squats1``).
+    If all iliac spines have markers, the pelvis is the rigid body that best fits the spines on the posed skin. The bone
+    does not bend with the hips as the skin does. In squats, the pelvis joint is 10 degrees off (``squats1``).
 
     Raises:
-        MotionInvalid: the body is not the motion's, or has other joints than the SMPL family.
+        MotionInvalid: the motion is for another body, or its joints are not those of the SMPL family.
     """
     motion.require_body(body.id, body.layout.recorded, "motion")
     names = body.layout.joints
@@ -292,7 +294,7 @@ def posed_segments(motion: Motion, body: Body) -> PosedSegments:
 
 
 def without_fingers(motion: Motion, body: Body) -> Motion:
-    """Return a motion reduced to the recorded joints of a body, or unchanged."""
+    """Reduce a motion to the recorded joints of a body. Return it unchanged if it has only these."""
     layout = body.layout.recorded
     own, theirs = motion.body_layout.shared_with(layout)
     if motion.body_layout.joints == layout.joints or len(own) < FIRST_FINGER:
@@ -309,7 +311,7 @@ def without_fingers(motion: Motion, body: Body) -> Motion:
 
 
 def turn_covariances(motion: Motion) -> dict[str, np.ndarray] | None:
-    """Return (F, 3, 3) covariances in rad² by segment, NaN at rest, or None without any."""
+    """Return (F, 3, 3) covariances in rad² by segment (NaN at rest), or None if there are none."""
     if motion.turn_covariance is None:
         return None
     found, layout = unpacked(motion.turn_covariance.astype(np.float64)), motion.body_layout
@@ -322,7 +324,7 @@ def turn_covariances(motion: Motion) -> dict[str, np.ndarray] | None:
 
 
 def _quarter_turn(forward: np.ndarray) -> np.ndarray:
-    """Return the 90-degree rotation about the vertical that best aligns a (2,) direction to x.
+    """Return the 90-degree rotation about the vertical that best aligns a (2,) direction with x.
 
     OpenSim's inverse kinematics starts facing x, and finds wrong minima for people who face another way.
     """

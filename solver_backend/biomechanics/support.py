@@ -1,4 +1,4 @@
-"""Find the body's contacts with the floor, its depth below the floor, and its balance."""
+"""Find the body's contacts with the floor, how far it penetrates the floor, and its balance."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from solver_backend.types import Motion
 from solver_backend.types.shapes import Float
 
 SIGMA_M, SIGMA_M_S = 0.02, 0.2
-"""Standard deviations of the height (m) and of the speed (m/s) of a point that touches the floor. Both are chosen by
-hand, because skin and shoes deform, and a solve smooths the stop of a foot."""
-MOST_SAMPLES = 120  # Largest number of frames to examine. Longer takes are sampled evenly.
-AIR_M = 0.1  # Smallest height in metres of the lowest skin above the floor of a body in the air.
+"""Standard deviations of the height (m) and speed (m/s) of a point that touches the floor. Both are chosen by hand,
+because skin and shoes deform, and a solve smooths the moment when a foot stops."""
+MOST_SAMPLES = 120  # Largest number of frames examined. Longer takes are sampled evenly.
+AIR_M = 0.1  # A body is in the air if its lowest skin is at least this high above the floor, in metres.
 JUMP_S = 1.0  # Longest time in the air, in seconds. A jump of 1 s raises the body by g T² / 8 = 1.2 m, out of reach.
-FLOOR_M = 0.05  # Largest height of the soles above the world's floor, in metres. Otherwise the floor is not at z = 0.
+FLOOR_M = 0.05  # Largest height in metres of the soles above the world's floor. Otherwise the floor is not at z = 0.
 LEVEL = 0.25
-"""Fraction of frames with the lowest skin below the floor level. The level therefore includes the soles of shoes.
-With the world's floor instead, a person who squats in shoes (nimble, squats1) was in the air for 47 % of the take."""
-DIRECTIONS = 72  # Directions of the support polygon's edges. Its distance is up to 0.1 % too large.
+"""Fraction of frames whose lowest skin is below the floor level. The level therefore includes the soles of shoes. With
+the world's floor instead, a person squatting in shoes (nimble, squats1) was in the air for 47 % of the take."""
+DIRECTIONS = 72  # Number of directions of the support polygon's edges. The distance is at most 0.1 % too large.
 
 
 @dataclass(frozen=True)
 class Support:
     """Contacts and balance in S frames of a motion."""
 
-    centre: Float[np.ndarray, "samples 3"]  # Centre of mass of a body of even density, metres.
-    probability: dict[str, Float[np.ndarray, " samples"]]  # That a part touches the floor, by height and speed.
-    depth_m: Float[np.ndarray, " samples"]  # Depth of the deepest skin below z = 0, 0 above it.
+    centre: Float[np.ndarray, "samples 3"]  # Centre of mass of a body of uniform density, metres.
+    probability: dict[str, Float[np.ndarray, " samples"]]  # Probability of floor contact, by height and speed.
+    depth_m: Float[np.ndarray, " samples"]  # Depth of the lowest skin below z = 0, or 0 if it is above.
     margin_m: Float[np.ndarray, " samples"]
-    """Signed distance in metres, seen from above, from the centre of mass to the edge of the hull of the touching skin.
-    Negative outside, NaN without contact."""
-    longest_flight_s: float  # Longest time with all skin above ``AIR_M``, of all frames.
+    """Signed distance in metres, seen from above, from the centre of mass to the edge of the touching skin's convex
+    hull. Negative outside, NaN without contact."""
+    longest_flight_s: float  # Longest time over all frames with all skin above ``AIR_M``.
 
     @property
     def is_floating(self) -> bool:
@@ -45,14 +45,14 @@ class Support:
 
 
 def find_support(motion: Motion, body: Body) -> Support | None:
-    """Return the contacts and balance of a motion, None if its floor is not at z = 0.
+    """Return a motion's contacts and balance, or None if its floor is not at z = 0.
 
     The contact probability of a part is ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)`` for its most likely point, with
     height z and speed v.
     """
     frames = motion.num_frames
     own = np.arange(0, frames, -(-frames // MOST_SAMPLES))
-    around = np.clip([own - 1, own, own + 1], 0, frames - 1)  # A foot's speed needs neighbours, however long the take.
+    around = np.clip([own - 1, own, own + 1], 0, frames - 1)  # Speed needs neighbouring frames, however long the take.
     sample, places = np.unique(around, return_inverse=True)
     before, here, after = places.reshape(3, -1)
     turns = motion.body_pose.reshape(motion.num_frames, -1, 3)[sample, : body.layout.num_solved].astype(np.float64)
@@ -60,7 +60,7 @@ def find_support(motion: Motion, body: Body) -> Support | None:
     skin = pose_mesh(body, motion.betas.astype(np.float64), exp_so3(root), exp_so3(turns), transl, correctives=False)
     seconds = np.maximum(around[2] - around[0], 1)[:, None] / motion.fps
     speed = np.linalg.norm(skin[after] - skin[before], axis=-1) / seconds
-    below = motion.joints[..., 2].min(axis=1)  # Of all frames. The skin is lower by a depth that changes little.
+    below = motion.joints[..., 2].min(axis=1)  # Over all frames. The skin is lower by a nearly constant depth.
     skin = skin[here]
     lowest = skin[..., 2].min(axis=1)
     level = float(np.quantile(lowest, LEVEL))
@@ -82,7 +82,7 @@ def find_support(motion: Motion, body: Body) -> Support | None:
 
 
 def _centres_of_mass(skin: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return the (S, 3) centroids of the volumes in closed surfaces (S, V, 3)."""
+    """Return the (S, 3) centroids of the volumes enclosed by surfaces (S, V, 3)."""
     found = np.empty((len(skin), 3))
     for k, points in enumerate(skin):
         middle = points.mean(axis=0)
@@ -93,7 +93,7 @@ def _centres_of_mass(skin: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _margin(touching: np.ndarray, centre: np.ndarray) -> float:
-    """Return ``min_u (max_i u·p_i - u·c)``, the signed distance from c to the points' hull."""
+    """Return ``min_u (max_i u·p_i - u·c)``, the signed distance from c to the convex hull of the points."""
     if not len(touching):
         return np.nan
     angles = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)

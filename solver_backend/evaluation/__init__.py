@@ -1,1 +1,1 @@
-"""Compare a motion with the ground truth of its capture, and with a plain filter."""
+"""Compare a motion with its capture's ground truth, and with a plain filter."""

@@ -1,4 +1,4 @@
-"""Compare a motion with the ground truth, and with filtered triangulation."""
+"""Compare a motion with ground truth, and with filtered triangulation."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from solver_backend.types import Cameras, Capture, JointSet, Keypoints2D, Marker
 
 
 def triangulate_and_filter(cameras: Cameras, keypoints: Keypoints2D, cutoff_hz: float = 6.0) -> np.ndarray:
-    """Return (F, K, 3) triangulated and filtered points in metres, NaN if never seen.
+    """Return (F, K, 3) triangulated and filtered points in metres, or NaN for points never seen.
 
     The fourth-order filter with this cut-off runs forwards and backwards.
     """
@@ -43,7 +43,7 @@ def triangulate_and_filter(cameras: Cameras, keypoints: Keypoints2D, cutoff_hz: 
 
 
 def bridged(points: np.ndarray) -> np.ndarray:
-    """Return (F, K, 3) points with gaps interpolated linearly and constant ends."""
+    """Interpolate gaps in (F, K, 3) points linearly, and extend the ends with constant values."""
     frames = np.arange(len(points))
     filled = points.copy()
     for k in range(points.shape[1]):
@@ -55,7 +55,7 @@ def bridged(points: np.ndarray) -> np.ndarray:
 
 
 def butterworth(signal: np.ndarray, fps: float, cutoff_hz: float) -> np.ndarray:
-    """Return a signal (F, ...) after a zero-phase fourth-order Butterworth filter.
+    """Filter a signal (F, ...) with a zero-phase fourth-order Butterworth filter.
 
     A second-order section runs forwards and backwards over the signal, extended by point reflection. With the corrected
     cut-off, both passes are 3 dB down at ``cutoff_hz`` (Winter 2009, "Biomechanics and Motor Control", 3.4).
@@ -72,13 +72,13 @@ def butterworth(signal: np.ndarray, fps: float, cutoff_hz: float) -> np.ndarray:
 
 
 def _second_order_section(w: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return (b, a) of the bilinear second-order Butterworth section, cut-off pre-warped."""
+    """Return (b, a) of the bilinear second-order Butterworth section with pre-warped cut-off."""
     norm = 1 + np.sqrt(2.0) * w + w * w
     return np.array([w * w, 2 * w * w, w * w]) / norm, np.array([2 * (w * w - 1), 1 - np.sqrt(2.0) * w + w * w]) / norm
 
 
 def _run(section: tuple[np.ndarray, np.ndarray], signal: np.ndarray) -> np.ndarray:
-    """Run one section along the first axis, starting from the steady state of the first sample."""
+    """Run one section along the first axis, starting from the steady state for the first sample."""
     b, a = section
     out = np.empty_like(signal)
     x1 = x2 = y1 = y2 = signal[0]
@@ -89,39 +89,39 @@ def _run(section: tuple[np.ndarray, np.ndarray], signal: np.ndarray) -> np.ndarr
     return out
 
 
-_LIMBS = JointSet.COCO_17.keypoints[5:]  # Joints that marker systems, detectors and SMPL define alike.
+_LIMBS = JointSet.COCO_17.keypoints[5:]  # Joints that marker systems, detectors and SMPL define in the same way.
 _LEAST_POINTS = 3  # A similarity needs three points.
 CODED_FRAMES = 2 * LATENT_DIM + 2  # Fewest frames for FID and DIV: two halves with more poses than code numbers.
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Errors of a motion and of the baseline on the same capture, None without data."""
+    """Errors of a motion, and of the baseline on the same capture. None where there are no data."""
 
-    joints_mpjpe_mm: float  # Mean error of the joints that motion and truth share, usually SMPL's 24.
-    joints_rmse_mm: float  # Mean over frames of the root of the mean squared error of the joints (thesis eq. 4.28).
-    joints_pck1_percent: float  # Share of joints within 1 cm (eq. 4.29).
+    joints_mpjpe_mm: float  # Mean error of the joints that motion and truth have in common, usually SMPL's 24.
+    joints_rmse_mm: float  # Mean over frames of the RMS joint error (thesis eq. 4.28).
+    joints_pck1_percent: float  # Percentage of joints within 1 cm (eq. 4.29).
     joints_pck3_percent: float
     joints_pck7_percent: float
     joints_accel_m_s2: float  # Mean acceleration error of the joints.
-    joints_pa_mpjpe_mm: float  # Mean error after each frame is aligned by a similarity.
-    joints_wa_mpjpe_100_mm: float  # The same with one similarity per 100 frames.
-    joints_w_mpjpe_100_mm: float  # The same with the similarity of the first two of 100 frames.
+    joints_pa_mpjpe_mm: float  # Mean error after aligning each frame by a similarity.
+    joints_wa_mpjpe_100_mm: float  # Mean error with one similarity per 100 frames.
+    joints_w_mpjpe_100_mm: float  # Mean error with the similarity of the first two of each 100 frames.
     skating_cm_per_frame: float | None = None  # Sliding of standing toes (thesis 6.3.4).
-    skating_true_cm_per_frame: float | None = None  # The same of the truth.
+    skating_true_cm_per_frame: float | None = None  # The same for the ground truth.
     angles_mae_deg: float | None = None  # Mean angle between rotations of joints 1..21.
     keypoints_mpjpe_mm: float | None = None  # Mean error of the observed keypoints.
     keypoints_accel_m_s2: float | None = None  # Mean acceleration error of the observed keypoints.
     markers_mpjpe_mm: float | None = None  # Mean error of the markers on the solved body.
-    codes_fid: float | None = None  # FID of the motion's poses against the true ones, by VPoser's codes (eq. 4.30).
+    codes_fid: float | None = None  # FID between the motion's poses and the true ones, by VPoser's codes (eq. 4.30).
     codes_div: float | None = None  # DIV of the motion's poses, by VPoser's codes (eq. 4.31).
     codes_div_true: float | None = None
-    self_intersection_percent: float | None = None  # Frames with parts more than 3 cm inside others.
-    self_intersection_true_percent: float | None = None  # The same share of the true joints.
+    self_intersection_percent: float | None = None  # Frames in which parts penetrate others by more than 3 cm.
+    self_intersection_true_percent: float | None = None  # The same percentage for the true joints.
     baseline_mpjpe_mm: float | None = None  # Triangulation + 6 Hz Butterworth: mean error of the observed keypoints.
     baseline_accel_m_s2: float | None = None  # The same: mean acceleration error of the observed keypoints.
     joints_moved_mpjpe_mm: float | None = None  # With a reference: after one rigid motion between the two worlds.
-    compared: tuple[str, ...] = ()  # Names of the points of a reference.
+    compared: tuple[str, ...] = ()  # Names of the reference's points.
 
     @property
     def mpjpe_ratio(self) -> float | None:
@@ -185,8 +185,8 @@ class Evaluation:
 def evaluate(capture: Capture, motion: Motion) -> Evaluation:
     """Compare a motion with ground truth, or with another system's joint centres.
 
-    Joint centres are markers with names of joints, such as ``left_knee`` or ``RKnee``, interpolated linearly at the
-    motion's frames.
+    Joint centres are markers with names of joints, such as ``left_knee`` or ``RKnee``. They are interpolated linearly
+    at the times of the motion's frames.
 
     Raises:
         MotionInvalid: the capture has neither, or the motion has other frames or joints.
@@ -232,7 +232,7 @@ def _of_truth(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndarray,
 
 
 def _of_reference(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return the (F, N, 3) points of motion and reference that have the same names, and these names."""
+    """Return the (F, N, 3) points that motion and reference have in common by name, and these names."""
     markers = capture.markers
     seen = np.isfinite(markers.positions).all(-1).any(0) if markers else ()
     labels = (markers and markers.labels) or ()
@@ -253,7 +253,7 @@ def _of_reference(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndar
 
 
 def _moved_mpjpe_mm(found: np.ndarray, true: np.ndarray) -> float:
-    """Return the error after one rigid motion of all frames, because another system has its own world."""
+    """Return the error after one rigid motion of all frames, because each system has its own world."""
     both = np.isfinite(true).all(-1) & np.isfinite(found).all(-1)
     if both.sum() < _LEAST_POINTS:
         return float("nan")
@@ -266,7 +266,7 @@ def _named(names: Sequence[str], points: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _at_frames(markers: MarkerCloud, columns: list[int], motion: Motion) -> np.ndarray:
-    """Return (F, N, 3) markers at the times of the motion's frames, NaN beside missing ones."""
+    """Return (F, N, 3) markers at the times of the motion's frames, NaN next to missing ones."""
     last = len(markers.positions) - 1
     times = np.minimum(np.arange(motion.num_frames) * (markers.fps / motion.fps), last)
     before = np.floor(times + 1e-9).astype(int)
@@ -276,7 +276,7 @@ def _at_frames(markers: MarkerCloud, columns: list[int], motion: Motion) -> np.n
 
 
 def _of_feet(found: np.ndarray, true: np.ndarray, names: tuple[str, ...]) -> dict[str, float]:
-    """Return the skating of SMPL's feet, with the floor at the truth's lowest toe."""
+    """Return the skating of SMPL's feet, with the floor at the true toes' lowest height."""
     if names != SMPL.joints:
         return {}
     toes = [names.index(name) for name in ("left_foot", "right_foot")]
@@ -288,7 +288,7 @@ def _of_feet(found: np.ndarray, true: np.ndarray, names: tuple[str, ...]) -> dic
 
 
 def _of_intersections(found: np.ndarray, true: np.ndarray, names: tuple[str, ...]) -> dict[str, float]:
-    """Return the share of self-intersecting frames if motion and truth have SMPL's 24 joints."""
+    """Return the percentage of self-intersecting frames if motion and truth have SMPL's 24 joints."""
     if names != SMPL.joints:
         return {}
     body, shares = load_body(), ("self_intersection_percent", "self_intersection_true_percent")
@@ -305,7 +305,7 @@ def _of_angles(capture: Capture, motion: Motion) -> dict[str, float]:
 
 
 def _of_codes(found: np.ndarray, true: np.ndarray) -> dict[str, float]:
-    """Return FID and DIV, or nothing for few frames or without VPoser."""
+    """Return FID and DIV, or nothing if there are too few frames or no VPoser weights."""
     if len(found) < CODED_FRAMES:
         return {}
     try:
@@ -332,7 +332,7 @@ def _of_keypoints(capture: Capture, motion: Motion) -> dict[str, float]:
 
 
 def _of_markers(capture: Capture, motion: Motion) -> dict[str, float]:
-    """Return the error of the markers if the motion has the capture's markers under the same labels."""
+    """Return the marker error if the motion has the capture's markers under the same labels."""
     truth, recorded = capture.truth.get("markers"), capture.markers
     same = recorded is not None and motion.marker_labels == recorded.labels and motion.markers is not None
     if truth is None or not same or motion.markers is None or motion.markers.shape != np.shape(truth):

@@ -1,5 +1,5 @@
-"""Label the points of an unlabelled cloud, and locate hidden markers.
+"""Label the points in an unlabelled cloud, and locate hidden markers.
 
-``positions`` are (F, N, 3) metres, Z up, NaN where missing. ``labels`` and ``trusted`` have one value per chain of
+``positions`` are (F, N, 3) in metres, Z up, NaN where missing. ``labels`` and ``trusted`` have one value per chain of
 tracklets, (C,).
 """

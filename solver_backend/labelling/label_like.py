@@ -1,4 +1,4 @@
-"""Label takes like other takes of the same person, and find exchanged labels between takes."""
+"""Label takes like other takes of the same person, and find labels that were swapped between takes."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from solver_backend.labelling.tracklets import Tracklets, tracklets_of
 from solver_backend.types import MarkerCloud
 
 FRAMES, LEAST_COMMON = 240, 5
-"""Maximum number of frames of a take to use, and minimum number of frames with both markers of a known pair."""
+"""Largest number of frames used from a take, and smallest number of frames that must show both markers of a pair."""
 FLOOR_M, NEAR_M, BEND = 0.008, 0.12, 0.15
-"""Standard deviation (m) of a rigid pair's distance caused by soft tissue, and its relative increase per distance
-beyond ``NEAR_M``, because another take bends joints that do not move in this take."""
-RIGID_M = 0.02  # Standard deviation of a pair with half weight, metres.
-VOLUME = 0.12  # Additional standard deviation of a triple product of unit vectors between takes.
+"""Standard deviation (m) of the distance between a rigid pair due to soft tissue, and its relative increase with the
+distance beyond ``NEAR_M``, because another take may bend joints that do not move in this one."""
+RIGID_M = 0.02  # Standard deviation in metres at which a pair has half weight.
+VOLUME = 0.12  # Additional standard deviation between takes for a triple product of unit vectors.
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class ReferenceTake:
     points: np.ndarray  # (F, L, 3) positions in metres.
 
     def volume(self, label: int, others: np.ndarray) -> tuple[float, float]:
-        """Return mean and variance of the triple product of unit vectors from a marker to three others."""
+        """Return mean and variance of the triple product of the unit vectors from a marker to three others."""
         found = triple_products(self.points[:, label], self.points[:, others])
         found = found[np.isfinite(found)]
         return (float(found.mean()), float(found.var()) + VOLUME**2) if found.size else (0.0, np.inf)
@@ -55,7 +55,7 @@ def reference_of(cloud: MarkerCloud) -> ReferenceTake:
 
 
 def distance_statistics(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, N) means and variances of point distances, NaN if seen together too rarely."""
+    """Return (N, N) means and variances of the distances between points, NaN if rarely seen together."""
     count = points.shape[1]
     total, square, seen = (np.zeros((count, count)) for _ in range(3))
     for frame in points:
@@ -69,19 +69,19 @@ def distance_statistics(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def triple_products(points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return the triple products of unit vectors from (..., 3) points to three others."""
+    """Return the triple products of the unit vectors from (..., 3) points to three others."""
     along = unit(others - points[..., None, :])
     return np.einsum("...i,...i->...", along[..., 0, :], np.cross(along[..., 1, :], along[..., 2, :]))
 
 
 BEAM, FIRST_BEAM, SEED = 150, 3000, 5  # Number of hypotheses, also while fewer than ``SEED`` labels are assigned.
 CAP, SKIP = 6.0, 2.0
-"""Largest cost of one pair in half squared deviations, which applies to a bent joint or a wrong pair, and cost of a
-pair without a point for its label. A correct pair costs 0.5."""
+"""Largest cost of a pair in half squared deviations, which applies to a bent joint or a wrong pair, and cost of a pair
+without a point for its label. A correct pair costs 0.5."""
 VOLUMES, VOLUME_WEIGHT = 3, 3.0  # Triple products per new label, and the weight of each relative to a rigid pair.
 FITS, CLEAR = 4.0, 0.2
-"""Largest mean cost of a tracklet that fits a label, and smallest cost difference to the next label."""
-SAMPLES, ROUNDS = 24, 6  # Frames of a tracklet to use, and rounds in which labels propagate.
+"""Largest mean cost at which a label fits a tracklet, and smallest cost difference to the next label."""
+SAMPLES, ROUNDS = 24, 6  # Frames used from a tracklet, and rounds in which labels propagate.
 
 
 @dataclass(frozen=True)
@@ -89,17 +89,17 @@ class LikeTake:
     """A take that was labelled like another one."""
 
     tracklets: Tracklets
-    chain_label: np.ndarray  # (C,) label of each chain of tracklets, -1 if none is certain.
-    labels: tuple[str, ...]  # Labels of the reference.
+    chain_label: np.ndarray  # (C,) label of each chain of tracklets, -1 if no label is certain.
+    labels: tuple[str, ...]  # Labels in the reference.
 
     @property
     def point_labels(self) -> np.ndarray:
-        """(F, N) label of each point, -1 for none."""
+        """(F, N) label of each point, -1 if it has none."""
         number = self.tracklets.number
         return np.where(number >= 0, self.chain_label[self.tracklets.chain][number], -1)
 
     def cloud(self, source: MarkerCloud) -> MarkerCloud:
-        """Return the points by label, followed by the unlabelled points."""
+        """Return the labelled points by label, followed by the unlabelled points."""
         found, frames = self.point_labels, len(source.positions)
         named = np.full((frames, len(self.labels), 3), np.nan)
         f, n = np.nonzero(found >= 0)
@@ -115,12 +115,12 @@ def label_like(
 ) -> LikeTake:
     """Label a take's points like a labelled take of the same person.
 
-    In the frame with most points, a beam search assigns the labels. It starts with the most rigid ones, because markers
-    on one bone keep their distance. Triple products exclude mirror images. Labels then propagate in time: a tracklet
-    gets the only label that fits its distances to the labelled points.
+    In the frame with most points, a beam search assigns the labels. It starts with the most rigid ones, because the
+    distances between markers on one bone are constant. Triple products exclude mirror images. Labels then propagate in
+    time: a tracklet gets a label if it is the only one that fits its distances to the labelled points.
 
-    The names of the cloud are ignored. ``persistent``: each column is one marker throughout. ``proposed`` (F, N) are
-    the network's labels, -1 for none, as a second initial labelling. The better fit wins.
+    The names in the cloud are ignored. ``persistent``: each column is one marker throughout. ``proposed`` (F, N)
+    contains the network's labels (-1 for none), which are tried as a second initial labelling. The better fit wins.
 
     Raises:
         NoDetections: no frame shows enough of the points.
@@ -150,7 +150,7 @@ def label_like(
 
 
 def _lay(points: np.ndarray, now: np.ndarray, reference: ReferenceTake) -> np.ndarray:
-    """Return the label of each of (N, 3) points, -1 for none, from neighbouring frames."""
+    """Return the label of each of (N, 3) points (-1 for none), given neighbouring frames."""
     some = np.unique(np.linspace(0, len(points) - 1, 60).astype(int))
     mean, variance = distance_statistics(points[some])
     at_once = np.linalg.norm(now[:, None] - now[None], axis=-1)
@@ -197,7 +197,7 @@ def _order(reference: ReferenceTake) -> np.ndarray:
 
 
 def _volumes(now: np.ndarray, laid: np.ndarray, before: np.ndarray, label: int, reference: ReferenceTake) -> np.ndarray:
-    """Return (B, N) costs of triple products with the labels assigned before."""
+    """Return the (B, N) costs of triple products with the labels assigned so far."""
     added = np.zeros((len(laid), len(now)))
     if len(before) < 3:
         return added
@@ -218,7 +218,7 @@ def _volumes(now: np.ndarray, laid: np.ndarray, before: np.ndarray, label: int, 
 def _spread(
     tracks: np.ndarray, alive: np.ndarray, found: np.ndarray, reference: ReferenceTake
 ) -> tuple[np.ndarray, float]:
-    """Propagate known labels to all chains. Return the label of each chain, and the score of the fit."""
+    """Propagate known labels to all chains. Return each chain's label and the score of the fit."""
     seen = [np.flatnonzero(column) for column in alive.T]
     samples = [frames[np.unique(np.linspace(0, len(frames) - 1, SAMPLES).astype(int))] for frames in seen]
     for _ in range(ROUNDS):
@@ -242,9 +242,9 @@ def _named(tracks: np.ndarray, found: np.ndarray, count: int) -> np.ndarray:
 
 
 def _cost(points: np.ndarray, named: np.ndarray, own: int, reference: ReferenceTake) -> np.ndarray:
-    """Return (L,) mean costs of each label for a tracklet, from its distances.
+    """Return each label's (L,) mean cost for a tracklet, given its distances.
 
-    The tracklet has points (S, 3), the labelled points are (S, L, 3) without the tracklet's own label (-1 if none).
+    The tracklet has points (S, 3). The labelled points are (S, L, 3), without the tracklet's own label (-1 if none).
     """
     distance = np.linalg.norm(named - points[:, None], axis=-1)
     if own >= 0:
@@ -274,17 +274,17 @@ def _chosen(cost: np.ndarray, alive: np.ndarray) -> np.ndarray:
     return found
 
 
-TAKE_FRAMES, LEAST_FRAMES = 120, 8  # Frames of a take to use, and minimum for a marker.
-SKIN_M = 0.01  # Standard deviation (m) of a rigid pair's distance between takes, by placement and soft tissue.
+TAKE_FRAMES, LEAST_FRAMES = 120, 8  # Frames used from a take, and smallest number for a marker.
+SKIN_M = 0.01  # Standard deviation (m) of a rigid pair's distance between takes, due to placement and soft tissue.
 CONFUSED_M = 0.35
-"""Largest distance of confused markers in metres. The furthest observed were on a forearm and an upper arm."""
-OTHERS = 3  # Number of other markers that determine a pair's side: the most rigid with both.
-OPEN = -4.0  # Gain by distances below which sides are not compared.
+"""Largest distance between confused markers in metres. The farthest observed pair was on a forearm and an upper arm."""
+OTHERS = 3  # Number of other markers that determine a pair's side: those that are most rigid with both.
+OPEN = -4.0  # Gain from distances below which sides are not compared.
 
 
 @dataclass(frozen=True)
 class TakeShape:
-    """Positions and distances of M markers in a take."""
+    """Positions of M markers in a take, and distances between them."""
 
     points: np.ndarray  # (F, M, 3) positions in metres, NaN where missing.
     distance: np.ndarray  # (M, M) mean distances in metres, NaN if too few frames show both.
@@ -292,7 +292,7 @@ class TakeShape:
 
 
 def shape_of(points: np.ndarray, skin_m: float = SKIN_M) -> TakeShape:
-    """Return the shape of (F, M, 3) points, without rarely visible markers."""
+    """Return the shape of (F, M, 3) points. Rarely visible markers are omitted."""
     some = points[np.unique(np.linspace(0, len(points) - 1, TAKE_FRAMES).astype(int))].copy()
     some[:, np.isfinite(some).all(-1).sum(0) < min(LEAST_FRAMES, len(some))] = np.nan
     mean, variance = distance_statistics(some)
@@ -300,10 +300,10 @@ def shape_of(points: np.ndarray, skin_m: float = SKIN_M) -> TakeShape:
 
 
 def exchange_gains(one: TakeShape, other: TakeShape, pairs: np.ndarray) -> np.ndarray:
-    """Return (P,) gains of exchanging marker pairs (P, 2) in one take, in half squared deviations.
+    """Return the (P,) gains from swapping marker pairs (P, 2) in one take, in half squared deviations.
 
     The gain is ``Σ_c w_c [q(a, a) + q(b, b) - q(a, b) - q(b, a)]`` with ``q(x, y) = min(½ (d_xc - d'_yc)² / v_c, cap)``
-    over the other markers c. The same sum of triple products, whose sign an exchange changes, is added. Both takes show
+    over the other markers c. The same sum is added for triple products, whose sign changes with a swap. Both takes show
     the same M markers.
     """
     a, b = pairs.T
@@ -326,9 +326,9 @@ def exchange_gains(one: TakeShape, other: TakeShape, pairs: np.ndarray) -> np.nd
 
 
 def replacement_gains(one: TakeShape, other: TakeShape, marker: int, candidates: np.ndarray) -> np.ndarray:
-    """Return (K,) gains if another point in ``candidates`` is a marker of the other take.
+    """Return the (K,) gains if another point in ``candidates`` is a marker of the other take.
 
-    The first take has M markers and further points, the other one the same markers and NaN for the further points.
+    The first take has M markers and additional points. The other one has the same markers, and NaN for these points.
     """
     shared = other.variance[marker] + one.variance[marker]
     weight = 1.0 / (1.0 + 0.5 * shared / RIGID_M**2)
@@ -343,7 +343,7 @@ def _misfit(one: TakeShape, other: TakeShape, x: np.ndarray, y: np.ndarray | int
 
 
 def _by_side(one: TakeShape, other: TakeShape, pair: np.ndarray, rigid: np.ndarray) -> float:
-    """Return the gain of an exchange from the side of the most rigid other markers."""
+    """Return the gain from a swap, judged by the side on which the most rigid other markers are."""
     gain = 0.0
     around = [int(c) for c in np.argsort(-rigid, kind="stable")[:OTHERS] if rigid[c] > 0.1]
     for c, d in combinations(around, 2):
@@ -355,7 +355,7 @@ def _by_side(one: TakeShape, other: TakeShape, pair: np.ndarray, rigid: np.ndarr
 
 
 def _handedness(points: np.ndarray, pair: np.ndarray, c: int, d: int) -> tuple[float, float]:
-    """Return mean and variance of ``u · (v × w)`` of two markers and their surroundings."""
+    """Return mean and variance of ``u · (v × w)`` for two markers and their surroundings."""
     first, second = points[:, pair[0]], points[:, pair[1]]
     middle = 0.5 * (first + second)
     u, v, w = (unit(part) for part in (second - first, points[:, c] - middle, points[:, d] - middle))
@@ -365,14 +365,14 @@ def _handedness(points: np.ndarray, pair: np.ndarray, c: int, d: int) -> tuple[f
 
 
 CLEAR_GAIN, CLEAR_OF_TWO = 3.0, 6.0
-"""Smallest gain of a certain exchange against every other take (see ``exchange_gains``), and smallest gain if the
-layout decides. In five correctly labelled takes each of UI-PRMD's eight people, none gains more than 1.3 against all
-others, and 2 to 22 against a single one. Exchanged C7 and T10 gain at least 23, LUPA and LFRM 5, knee and shank 2,
+"""Smallest gain of a certain swap relative to every other take (see ``exchange_gains``), and smallest gain if the
+layout decides. In five correctly labelled takes for each of UI-PRMD's eight people, no swap gains more than 1.3 against
+all others, though 2 to 22 against a single one. Swapped C7 and T10 gain at least 23, LUPA and LFRM 5, knee and shank 2,
 wrists -8 to 8."""
-CLEAR_BY_LAYOUT = 3.0  # Smallest gain against the layout if equally many takes support and oppose an exchange.
-EXCHANGE_ROUNDS = 12  # Maximum number of exchanges in one take. Takes are compared again after each.
+CLEAR_BY_LAYOUT = 3.0  # Smallest gain relative to the layout if equally many takes support and oppose a swap.
+EXCHANGE_ROUNDS = 12  # Largest number of swaps in one take. Takes are compared again after each.
 MOST_TOGETHER, BESIDE = 12, 3
-"""Maximum number of takes to compare in pairs, and number of these with which each further take is compared."""
+"""Largest number of takes compared in pairs, and number of these with which each further take is compared."""
 _PLACED_M = 0.03  # Standard deviation in metres of the distance between two markers at known landmarks.
 
 
@@ -383,7 +383,7 @@ class NameChange:
     take: int  # Index of the take, from 0.
     first: str
     second: str  # Labels, or the former label of an unnamed point that takes the first one.
-    mended: bool  # False if the takes do not decide which name is right. The names are then kept.
+    mended: bool  # False if the takes do not show which name is correct. The names are then kept.
 
 
 @dataclass(frozen=True)
@@ -395,13 +395,13 @@ class NamesOverTakes:
 
 
 def names_over_takes(clouds: Sequence[MarkerCloud], kept: Collection[str] = ()) -> NamesOverTakes:
-    """Make the marker names consistent over takes of one person.
+    """Make marker names consistent across the takes of one person.
 
-    Two takes contradict each other about a pair of labels if exchanging it makes their distances and sides agree. A
-    take that all others contradict, while they agree with each other, is corrected. If equally many takes support both,
-    the layout's landmarks decide. If these do not either, the names are kept and reported.
+    Two takes contradict each other about a pair of labels if swapping it makes their distances and sides agree. A take
+    is corrected if all others contradict it and agree with each other. If equally many takes support both versions, the
+    layout's landmarks decide. If they cannot decide either, the names are kept and reported.
 
-    The user's labels (``kept``) are not changed. Each column of the takes is one marker throughout.
+    The user's labels (``kept``) are not changed. Each column in the takes is one marker throughout.
     """
     takes, mended = list(clouds), list[NameChange]()
     if len(takes) < 2 or any(cloud.labels is None for cloud in takes):
@@ -410,7 +410,7 @@ def names_over_takes(clouds: Sequence[MarkerCloud], kept: Collection[str] = ()) 
         return _of_many(takes, kept)
     for _ in range(EXCHANGE_ROUNDS):
         found = _changes(takes, kept)
-        # Exchange one pair at a time in each take, because an exchanged pair makes its neighbours seem exchanged.
+        # Swap one pair at a time in each take, because a swapped pair makes its neighbours look swapped.
         first = {change.take: change for change in reversed(found) if change.mended and change not in mended}
         for change in first.values():
             takes[change.take] = with_exchanged(takes[change.take], change.first, change.second)
@@ -421,7 +421,7 @@ def names_over_takes(clouds: Sequence[MarkerCloud], kept: Collection[str] = ()) 
 
 
 def _of_many(takes: list[MarkerCloud], kept: Collection[str]) -> NamesOverTakes:
-    """Compare some of the takes with each other, and the remaining takes with a few of them."""
+    """Compare some of the takes with each other, and each remaining take with a few of these."""
     chosen = np.unique(np.linspace(0, len(takes) - 1, MOST_TOGETHER).astype(int)).tolist()
     found = names_over_takes([takes[i] for i in chosen], kept)
     changes = [replace(change, take=chosen[change.take]) for change in found.changes]
@@ -436,7 +436,7 @@ def _of_many(takes: list[MarkerCloud], kept: Collection[str]) -> NamesOverTakes:
 
 
 def _changes(takes: Sequence[MarkerCloud], kept: Collection[str]) -> list[NameChange]:
-    """Return changes that share no label in a take, the most certain first."""
+    """Return changes that do not share a label in any take, most certain first."""
     count = Counter(name for cloud in takes for name in {*cloud.names})
     labels = sorted(label for label in count if count[label] > 1 and not is_unnamed(label))
     shapes = [shape_of(_points_of(cloud, labels)) for cloud in takes]
@@ -464,9 +464,9 @@ def _changes(takes: Sequence[MarkerCloud], kept: Collection[str]) -> list[NameCh
 
 
 def _odd_takes(gain: np.ndarray, by_layout: np.ndarray) -> list[tuple[int, float, bool]]:
-    """Return the takes with two swapped names, their margin, and whether that is certain.
+    """Return the takes with two swapped names, the margin, and whether this is certain.
 
-    Gains of an exchange are (T, T) between two takes, NaN if one of them does not show both markers, and (T,) against
+    Gains from a swap are (T, T) between two takes, NaN if one of them does not show both markers, and (T,) relative to
     the layout's landmarks.
     """
     there = np.flatnonzero(np.isfinite(gain).any(1))
@@ -497,7 +497,7 @@ def _replacements(
     places: TakeShape,
     kept: Collection[str],
 ) -> list[tuple[float, NameChange]]:
-    """Return names that another, separately labelled point of a take should have."""
+    """Return the names that should belong to another, separately labelled point of a take."""
     count, found = len(takes), list[tuple[float, NameChange]]()
     points = [[label for label in cloud.names if label not in labels] for cloud in takes]
     whole = [shape_of(_points_of(cloud, [*labels, *more])) for cloud, more in zip(takes, points, strict=True)]
@@ -553,6 +553,6 @@ def _places(labels: Sequence[str]) -> TakeShape:
 
 
 def with_exchanged(cloud: MarkerCloud, first: str, second: str) -> MarkerCloud:
-    """Return a take with two labels exchanged."""
+    """Return a take with two labels swapped."""
     swapped = {first: second, second: first}
     return replace(cloud, labels=tuple(swapped.get(label, label) for label in cloud.names))

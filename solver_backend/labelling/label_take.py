@@ -34,23 +34,23 @@ from solver_backend.types import MarkerCloud
 UNKNOWN = -1  # Label of a point that remains unnamed.
 MEMORY_S = 0.15  # Seconds within which readings share their error and count as one.
 NETWORK_MOST = 4.0
-"""Maximum weight of the network, in independent readings, because its errors persist throughout a take."""
-DISTANCE_SHARE = 1.5  # Weight of the distance evidence.
+"""Largest weight of the network in independent readings, because its errors persist throughout a take."""
+DISTANCE_SHARE = 1.5  # Weight of the evidence from distances.
 BODY_SHARE, BODY_MOST = 0.3, 2.5
-"""Weight of the body's evidence relative to one reading, and its maximum weight in readings."""
+"""Weight of the evidence from the body relative to one reading, and its largest weight in readings."""
 PASSING, PASSING_S = 5.0, 0.4
 """Additional log likelihood that a briefly visible point is not a marker, and its decay time in seconds."""
 SELDOM = np.array([i for i, name in enumerate(MARKERS) if name not in marker_layout("CMU_41")])
-SELDOM_COST = 1.5  # Log likelihood penalty of markers that common layouts lack.
-SURE, TRUSTED = 0.8, 0.6  # Smallest probability of a final label, and of one whose chain helps to label others.
+SELDOM_COST = 1.5  # Log likelihood penalty for markers that common layouts do not include.
+SURE, TRUSTED = 0.8, 0.6  # Smallest probability of a final label, and of a label whose chain helps to label others.
 FIRST_AGREED, AGREED = 0.5, 0.4
-"""Smallest mean network probability of a label: in the first round, and always for the fit of a body."""
-_ROWS = 512  # Number of tracklets to compare with all others at once.
+"""Smallest mean network probability of a label: in the first round, and in all rounds for fitting a body."""
+_ROWS = 512  # Number of tracklets compared with all others at once.
 
 
 @dataclass(frozen=True)
 class Votes:
-    """The network's reading of K frames, and its votes on C chains."""
+    """The network's reading of K frames, and its votes for C chains."""
 
     frames: np.ndarray  # (K,) frames that were read.
     landmarks: np.ndarray  # (K, 77, 3) markers and joints in metres.
@@ -63,7 +63,7 @@ class Votes:
 def voted(
     votes: Votes, together: np.ndarray, fps: float, bound: dict[int, int], by_distance: np.ndarray, by_body: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the label and confidence of every chain: ``UNKNOWN`` if no label is probable enough.
+    """Return the label and confidence of every chain. The label is ``UNKNOWN`` if none is probable enough.
 
     Log likelihoods are added: the network's mean times its number of independent readings, ``distance_evidence``,
     ``body_evidence`` (each (C, 54), or 0), and the prior. ``together`` (C, C) marks chains that are visible together.
@@ -75,12 +75,12 @@ def voted(
     evidence += np.minimum(BODY_SHARE * seconds / MEMORY_S, BODY_MOST)[:, None] * by_body
     evidence[:, SELDOM] -= SELDOM_COST
     evidence[:, GHOST] += PASSING * np.exp(-seconds / PASSING_S)
-    # If two chains claim one marker, the one that is visible longer gets it, because most points are then right.
+    # If two chains claim one marker, the one that is visible longer gets it, because most points are then correct.
     labels = labels_of_stretches((seconds + PASSING_S)[:, None] * evidence, together, bound)
     rows = np.arange(len(labels))
     held = np.zeros(evidence.shape, dtype=np.int64)
     held[rows, labels] = 1
-    # A chain cannot have a label that another chain, visible at the same time, already has.
+    # A chain cannot have a label that another chain already has while both are visible.
     free = (together.astype(np.int64) @ held) == 0
     free[:, GHOST] = free[rows, labels] = True
     open_ = np.where(free, evidence, -np.inf)
@@ -92,7 +92,7 @@ def voted(
 
 
 def seen_together(tracklets: Tracklets) -> np.ndarray:
-    """Return a (C, C) mask of chains with tracklets that are visible at the same time."""
+    """Return a (C, C) mask of chains whose tracklets are visible at the same time."""
     first, last, chain = tracklets.first, tracklets.last, tracklets.chain
     together = np.zeros((tracklets.num_chains,) * 2, dtype=bool)
     for start in range(0, len(first), _ROWS):
@@ -106,17 +106,17 @@ def seen_together(tracklets: Tracklets) -> np.ndarray:
 AROUND = tuple(MARKERS.index(name) for name in ("LFHD", "RFHD", "RBHD", "LBHD"))  # The head's markers in cyclic order.
 _PAIRS = tuple((MARKERS.index("L" + name), MARKERS.index("R" + name)) for name in ("SHO", "FWT", "BWT"))
 SIDEWAYS = np.radians(70.0)
-"""Smallest mean rotation of a head relative to shoulders and waist that reveals wrong names. In 158 takes of UI-PRMD
-the largest is 43 degrees, in 28 other files 56. Names that are a quarter turn off add 90."""
-LEAST_FRAMES = 10  # Minimum number of frames that show all four markers.
+"""Smallest mean head rotation relative to shoulders and waist that reveals wrong names. In 158 takes from UI-PRMD the
+largest is 43 degrees, and in 28 other files 56. Names that are off by a quarter turn add 90."""
+LEAST_FRAMES = 10  # Smallest number of frames that show all four markers.
 
 
 def with_head_forward(
     positions: np.ndarray, tracklets: Tracklets, labels: np.ndarray, bound: dict[int, int]
 ) -> np.ndarray:
-    """Return the label of each chain, with the head's labels rotated if it faces sideways.
+    """Return each chain's label. The head's labels are rotated if it faces sideways.
 
-    The distances of a head that is wider than long also fit after a quarter turn. A head with a user's label
+    If a head is wider than long, its distances also fit after a quarter turn. A head with a user-assigned label
     (``bound``, by chain) does not change.
     """
     if any(label in AROUND for label in bound.values()):
@@ -146,7 +146,7 @@ def _track(positions: np.ndarray, tracklets: Tracklets, labels: np.ndarray, mark
 
 
 def _turn(head: np.ndarray, left: list[np.ndarray]) -> float:
-    """Return the mean angle from the head's left to the body's in radians, 0 if unknown.
+    """Return the mean angle from the head's left to the body's left in radians, or 0 if unknown.
 
     The (F, 4, 3) markers are in the order of ``AROUND``. ``left`` are (F, 3) vectors from the body's right to its left.
     """
@@ -160,20 +160,20 @@ def _turn(head: np.ndarray, left: list[np.ndarray]) -> float:
     return float(np.arctan2(across[there].mean(), along[there].mean()))
 
 
-CHECK_FPS = 8.0  # Frames per second for fitting a body.
+CHECK_FPS = 8.0  # Frames per second at which a body is fitted.
 SIGMA_M, FREEDOM = 0.03, 3.0
 """Standard deviation per axis (m) of a marker on an uncalibrated body, and degrees of freedom of Student's
-t-distribution for these distances. All are wrong if a limb is posed wrongly."""
+t-distribution for these distances. If a limb is posed wrongly, all its distances are wrong."""
 GHOST_M, _FARTHEST_M = 0.12, 0.2
-"""Distance (m) from all markers at which a point is equally likely not a marker, and largest distance that counts."""
-GUESS_WIDER, STEPS = 3.0, 5  # Factor on the network's standard deviation of uncertain markers, and steps per frame.
+"""Distance (m) from all markers at which a point is as likely not a marker, and largest distance that counts."""
+GUESS_WIDER, STEPS = 3.0, 5  # Factor for the network's standard deviation of uncertain markers, and steps per frame.
 BAD_FIT_M = 0.06
-"""Largest median distance in metres of a body from all markers, or from a limb's markers. A worse fit is not used."""
-_FEWEST = 12  # Minimum number of certain markers in a frame.
+"""Largest median distance in metres from a body to all markers, or to a limb's markers. Worse fits are not used."""
+_FEWEST = 12  # Smallest number of certain markers in a frame.
 
 
 class FittedBody(Protocol):
-    """A body fitted to a frame's markers."""
+    """A body fitted to the markers in one frame."""
 
     @property
     def landmarks(self) -> np.ndarray:
@@ -182,12 +182,12 @@ class FittedBody(Protocol):
 
     @property
     def off_m(self) -> float:
-        """Median distance to the visible markers in metres, NaN if there are none."""
+        """Median distance to the visible markers in metres, or NaN if there are none."""
         ...
 
 
 class BodyFit(Protocol):
-    """A fit of a body frame by frame. Implementations may import this module."""
+    """Fits a body frame by frame. Implementations may import this module."""
 
     def restart(self) -> None:
         """Forget the pose."""
@@ -196,7 +196,7 @@ class BodyFit(Protocol):
     def step(
         self, points: np.ndarray, guess: np.ndarray, guess_sigma: np.ndarray, dt: float, steps: int | None = None
     ) -> FittedBody:
-        """Fit a frame's (53, 3) points, with guesses of (53,) deviations for missing ones."""
+        """Fit (53, 3) points in a frame. For missing ones, use guesses with (53,) standard deviations."""
         ...
 
 
@@ -209,7 +209,7 @@ def body_evidence(
     fps: float,
     fit: BodyFit,
 ) -> np.ndarray:
-    """Return (C, 54) mean log likelihoods of each chain's labels from the body, 0 where it is not used.
+    """Return (C, 54) mean log likelihoods of each chain's labels given the body, or 0 where it is not used.
 
     The body is fitted to the chains in ``trusted`` (C,). ``fit`` is in its initial state.
     """
@@ -247,7 +247,7 @@ def body_evidence(
 
 
 def _moved_with(weights: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
-    """Return a (53, 53) mask of pairs on one joint, or further out on the same limb."""
+    """Return a (53, 53) mask of pairs on the same joint, or farther out on the same limb."""
     within = np.eye(len(parents), dtype=bool)
     for joint, parent in enumerate(parents):
         if parent >= 0:
@@ -259,7 +259,7 @@ def _moved_with(weights: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
 def _limbs_fit(markers: np.ndarray, places: np.ndarray, moved: np.ndarray) -> np.ndarray:
     """Return a (53,) mask of markers on limbs that fit the body from their joint outwards.
 
-    On a wrist with a marker bar, a body that is fitted to both ends mistakes a hand for one of them.
+    If a wrist has a marker bar, a body fitted to both of its ends mistakes a hand for one of them.
     """
     squared = ((markers - places) ** 2).sum(axis=-1)
     laid = moved & np.isfinite(squared)
@@ -269,11 +269,11 @@ def _limbs_fit(markers: np.ndarray, places: np.ndarray, moved: np.ndarray) -> np
 
 READ_FPS = 30.0  # Frames per second that the network reads. Closer readings repeat each other.
 CROWD = 200
-"""Largest number of points per frame for which the network reads ``READ_FPS`` frames per second. With more points it
-reads equally many pairs per second: 1.3 s of CPU per second of a take. Chosen by hand, above one person's number."""
+"""Largest number of points per frame for which the network reads ``READ_FPS`` frames per second. With more points, it
+reads the same number of pairs per second: 1.3 s of CPU per second of a take. Chosen by hand, above one person."""
 ROUNDS, BODY_FROM = 5, 2  # Voting rounds that use the previous round's names, and the first round with a body.
 _FLOOR = -8.0  # Smallest log probability of one reading, so that no single frame excludes a label.
-MOST_CHAINS = 5000  # Maximum number of chains of tracklets. Comparing every pair of them needs 2 GB at this number.
+MOST_CHAINS = 5000  # Largest number of tracklet chains. With this number, comparing every pair needs 2 GB.
 
 
 @dataclass(frozen=True)
@@ -281,17 +281,17 @@ class LabelledTake:
     """F frames of N labelled points."""
 
     labels: np.ndarray  # (F, N) marker of each point, ``GHOST`` for no marker, -1 if unknown or missing.
-    confidence: np.ndarray  # (F, N) probability of the label, NaN without a point.
+    confidence: np.ndarray  # (F, N) probability of the label, NaN if there is no point.
     tracklets: Tracklets
     stretch_label: np.ndarray  # (T,) label of each tracklet.
     stretch_confidence: np.ndarray  # (T,) probability of that label.
-    votes: Votes  # The network's reading from which the labels follow.
+    votes: Votes  # The network's readings that the labels are based on.
 
     def cloud(self, source: MarkerCloud) -> MarkerCloud:
-        """Return the take with one column per marker in the superset's order, then the unnamed points.
+        """Return the take with one column per marker in the superset's order, followed by the unnamed points.
 
-        The user's names are kept, others are numbered. Of two tracklets of one marker in a frame, the more certain one
-        counts.
+        Names set by the user are kept, and other points are numbered. If two tracklets in a frame have the same marker,
+        the more certain one counts.
         """
         frames, given = len(self.labels), source.values
         named = sorted(set(self.labels[(self.labels >= 0) & (self.labels < GHOST)].tolist()))
@@ -318,13 +318,13 @@ def label_take(
     *,
     persistent: bool = False,
 ) -> LabelledTake:
-    """Label the points of a take.
+    """Label the points in a take.
 
-    Columns of the cloud (metres, Z up) are tracks, which may break, jump, and continue in another column.
+    Columns in the cloud (metres, Z up) are tracks, which may break, jump, and continue in another column.
 
     Args:
-        start_fit: creates the fit of a body to the labelled points.
-        user_labels: marker name by (column, frame), valid for the whole tracklet. An empty text means no marker.
+        start_fit: creates a fit of a body to the labelled points.
+        user_labels: marker name by (column, frame), valid for the whole tracklet. Empty text means no marker.
         persistent: each column is one marker throughout the take.
 
     Raises:
@@ -342,7 +342,7 @@ def label_take(
         for (column, frame), name in (user_labels or {}).items()
         if (stretch := tracklets.number[frame, column]) >= 0
     }
-    # The network votes alone first, then with distances to the labelled chains and a fitted body.
+    # First, only the network votes. Then distances to the labelled chains and a fitted body are used as well.
     together, table, by_body = seen_together(tracklets), load_distances(), np.zeros(votes.evidence.shape)
     distances = distances_of(positions, votes.frames, tracklets, fps)
     labels, sure = voted(votes, together, fps, bound, by_body, by_body)
@@ -367,9 +367,9 @@ def label_take(
 
 
 def _frames_to_read(seen: np.ndarray, tracklets: Tracklets, fps: float) -> np.ndarray:
-    """Return frames at the reading rate and one per shorter tracklet, with enough visible points.
+    """Return frames at the reading rate, and one per shorter tracklet, that have enough visible points.
 
-    Frames with many points are read less often, see ``CROWD``, and as few as short tracklets allow.
+    Frames with many points are read less often (see ``CROWD``), down to the smallest number that short tracklets allow.
     """
     pairs = float(np.square(seen.sum(1), dtype=np.float64).mean()) / CROWD**2
     step = max(1, round(fps / READ_FPS * max(1.0, pairs)))
@@ -383,7 +383,7 @@ def _frames_to_read(seen: np.ndarray, tracklets: Tracklets, fps: float) -> np.nd
 
 
 def _fewest_inside(first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Return a smallest set of frames that meets every tracklet."""
+    """Return a smallest set of frames that includes a frame from every tracklet."""
     chosen, latest = list[int](), -1
     for t in np.argsort(last, kind="stable"):
         if first[t] > latest:

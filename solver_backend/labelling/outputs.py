@@ -1,4 +1,4 @@
-"""Define the outputs of the landmark network: the markers of the superset, and the joints."""
+"""Define the landmark network's outputs: the markers in the superset, and the joints."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LANDMARKS: tuple[str, ...] = (*MARKERS, *JOINTS)  # Markers, then joints, in the
 OTHER_PLACES: tuple[str, ...] = tuple(
     place for place in dict.fromkeys(load_layouts().names.values()) if place not in MARKERS
 )
-"""Landmarks of other layouts. A point there is not one of the markers."""
+"""Landmarks in other layouts. A point there is not one of the markers."""
 
 
 def other_side(name: str) -> str:

@@ -1,4 +1,4 @@
-"""Run the landmark network in NumPy: point labels, and marker and joint positions."""
+"""Run the landmark network in NumPy. It estimates point labels, and marker and joint positions."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from solver_backend.priors.weights import ASSETS, read_weights
 from solver_backend.types.shapes import Float
 
 FREQUENCIES: tuple[float, ...] = tuple(math.pi * 2.0**k for k in range(5))
-"""Angular frequencies of the coordinates' sines and cosines in 1/m: wavelengths from 2 m to 0.125 m."""
+"""Angular frequencies in 1/m of the coordinates' sines and cosines, for wavelengths from 2 m to 0.125 m."""
 NEARNESS: tuple[float, ...] = tuple(0.2 + 0.13 * k for k in range(8))
-"""Square roots of the distances of the bumps in an attention bias: 4 cm to 1.2 m, denser where markers are close."""
+"""Square roots of the distances at the bumps of an attention bias: 4 cm to 1.2 m, denser where markers are close."""
 NEARNESS_WIDTH = 0.13  # Width of a bump in square roots of metres.
 FREEDOM = 4.0  # Degrees of freedom of Student's t-distribution for position errors, as in training.
-_DM = 0.1  # Metres per decimetre, the unit of the network's positions and spreads.
+_DM = 0.1  # Metres per decimetre, which is the unit of the network's positions and spreads.
 
 
 @dataclass(frozen=True)
 class CloudReading:
-    """Reading of B clouds with N points: 53 markers, a ghost and 77 landmarks."""
+    """The network's reading of B clouds with N points: 53 markers, a ghost and 77 landmarks."""
 
     scores: Float[np.ndarray, "clouds points labels"]  # (B, N, 54) score of each label, ghost last.
     missing: Float[np.ndarray, " markers"]  # (53,) score of a marker without a point.
@@ -55,7 +55,7 @@ class CloudReading:
 
 
 class LandmarkNetwork(Protocol):
-    """A network that reads clouds of points."""
+    """A network that reads point clouds."""
 
     @property
     def sha256(self) -> str:
@@ -63,19 +63,19 @@ class LandmarkNetwork(Protocol):
         ...
 
     def __call__(self, points: np.ndarray, seen: np.ndarray | None = None) -> CloudReading:
-        """Read (B, N, 3) point clouds, Z up, in metres."""
+        """Read (B, N, 3) point clouds in metres, Z up."""
         ...
 
 
 NAME = "landmarks"
 _HIDDEN = np.float32(-30000.0)
-"""Value added to the attention of missing points. Its exponential is 0 in single precision."""
+"""Value added to the attention scores of missing points. Its exponential is 0 in single precision."""
 _FREQUENCIES, _NEARNESS = np.array(FREQUENCIES, np.float32), np.array(NEARNESS, np.float32)
 
 
 @dataclass(frozen=True)
 class PointNetwork:
-    """Float32 weights of the network by parameter name of the trained module."""
+    """The network's float32 weights, by parameter name in the trained module."""
 
     arrays: Arrays
     layers: int
@@ -83,7 +83,7 @@ class PointNetwork:
     sha256: str = ""
 
     def __call__(self, points: np.ndarray, seen: np.ndarray | None = None) -> CloudReading:
-        """Read (B, N, 3) point clouds, Z up, in metres, with a mask ``seen`` (B, N)."""
+        """Read (B, N, 3) point clouds in metres, Z up, with a mask ``seen`` (B, N)."""
         points = np.asarray(points)
         seen = np.ones(points.shape[:2], bool) if seen is None else seen
         centre = lower_median(points, seen)
@@ -129,7 +129,7 @@ class PointNetwork:
 
 
 def lower_median(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the (B, 1, 3) lower medians of existing points, with 0 if there are none."""
+    """Return the (B, 1, 3) lower medians of the existing points, or 0 if there are none."""
     ordered = np.sort(np.where(seen[..., None], points, np.inf), axis=1)
     middle = np.maximum((seen.sum(1) - 1) // 2, 0)
     found = ordered[np.arange(len(points)), middle]
@@ -137,7 +137,7 @@ def lower_median(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 def network_of(arrays: Arrays, sha256: str = "") -> PointNetwork:
-    """Return the network for a trained module's arrays. Raise ``WeightsInvalid``."""
+    """Build the network from a trained module's arrays. Raise ``WeightsInvalid``."""
     arrays = {name.removeprefix("net."): np.asarray(a, dtype=np.float32) for name, a in arrays.items()}
     try:
         layers = 1 + max(int(name.split(".")[1]) for name in arrays if name.startswith("layers."))
@@ -154,19 +154,19 @@ def network_of(arrays: Arrays, sha256: str = "") -> PointNetwork:
 
 @lru_cache(maxsize=2)
 def load_network(path: Path | None = None) -> PointNetwork:
-    """Return the included network, or the one in a file. Raise FileMissing or WeightsInvalid."""
+    """Load the network in a file, or the one that is included. Raise FileMissing or WeightsInvalid."""
     weights = read_weights(path or ASSETS / f"{NAME}.npz", NAME)
     return network_of(weights.arrays, weights.sha256)
 
 
 FEWEST_POINTS, MOST_POINTS = 6, 2000
-"""Smallest number of points of a person, and largest per frame. To compare all their pairs needs 0.6 GB."""
-_PART, _PAIRS = 64, 64 * 100**2  # Maximum number of frames and pairs of points that the network reads at a time.
+"""Smallest number of points that form a person, and largest per frame. Comparing all their pairs needs 0.6 GB."""
+_PART, _PAIRS = 64, 64 * 100**2  # Largest numbers of frames and point pairs read at a time.
 
 
 @dataclass(frozen=True)
 class FramesRead:
-    """The network's reading of frames (B,), with (B, N) columns and a mask of points."""
+    """The network's reading of frames (B,), with (B, N) columns and a mask of existing points."""
 
     frames: np.ndarray
     columns: np.ndarray
@@ -188,7 +188,7 @@ def read_frames(
 
 
 def require_points(seen: np.ndarray) -> None:
-    """Check the number of points.
+    """Check that there are enough points, but not too many.
 
     Raises:
         NoDetections: no frame has enough points.
@@ -209,7 +209,7 @@ def require_at_most(most: int, found: int, what: str) -> None:
 
 
 def frame_landmarks(positions: np.ndarray, network: LandmarkNetwork, progress: Progress = silent) -> np.ndarray:
-    """Estimate (F, 77, 3) markers and joints in metres from (F, N, 3) points, NaN if too few.
+    """Estimate (F, 77, 3) markers and joints in metres from (F, N, 3) points. They are NaN if there are too few points.
 
     Raises:
         NoDetections, CaptureInvalid: see ``require_points``.

@@ -1,4 +1,4 @@
-"""Run user-trained landmark networks: attention weights, or any position network as ONNX."""
+"""Run landmark networks trained by users: attention weights, or any position network as ONNX."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from solver_backend.labelling.outputs import LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import CloudReading, LandmarkNetwork, load_network, lower_median
 
 SIGMA_M, GHOST_M = 0.03, 0.09
-"""Standard deviation (m) of a point from its marker. A point 3 deviations from all markers is no marker. Chosen by
+"""Standard deviation (m) of a point around its marker. A point 3 deviations from all markers is not a marker. Chosen by
 hand.
 """
 
 
 @dataclass(frozen=True)
 class PositionNetwork:
-    """A network that only estimates positions, such as the UNet of thesis 4.3.
+    """A network that only estimates positions, such as the UNet in thesis 4.3.
 
     ``log p(k) = -|x - m_k|² / 2σ²`` for marker k at ``m_k``, and ``-d² / 2σ²`` for no marker, up to a constant.
     """
@@ -33,7 +33,7 @@ class PositionNetwork:
     sha256: str
 
     def __call__(self, points: np.ndarray, seen: np.ndarray | None = None) -> CloudReading:
-        """Read point clouds. Joint positions are NaN if the network does not have all 24."""
+        """Read point clouds. Joint positions are NaN unless the network has all 24."""
         points = np.asarray(points)
         seen = np.ones(points.shape[:2], bool) if seen is None else seen
         centre = lower_median(points, seen)
@@ -51,10 +51,10 @@ class PositionNetwork:
 
 @lru_cache(maxsize=2)
 def chosen_network(file: str = "") -> LandmarkNetwork:
-    """Return the network in a file, or the included one.
+    """Load the network in a file, or the one that is included.
 
     Raises:
-        FileMissing, WeightsInvalid: there is no such file, or it is not a landmark network.
+        FileMissing, WeightsInvalid: the file does not exist, or is not a landmark network.
         BackendMissing: onnxruntime is not installed.
     """
     path = Path(os.path.expanduser(file))
@@ -70,7 +70,7 @@ def chosen_network(file: str = "") -> LandmarkNetwork:
     hint = "Export the network with `train export`."
     try:
         quiet = onnxruntime.SessionOptions()
-        quiet.log_severity_level = 3  # only errors, because it warns about its own exporter's symbolic sizes
+        quiet.log_severity_level = 3  # errors only, because it warns about symbolic sizes from its own exporter
         session = onnxruntime.InferenceSession(str(path), quiet, providers=["CPUExecutionProvider"])
         tried = {"points": np.zeros((1, 8, 3), np.float32), "seen": np.ones((1, 8), bool)}
         found = np.asarray(session.run(["positions"], tried)[0])

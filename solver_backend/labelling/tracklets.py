@@ -1,4 +1,4 @@
-"""Form tracklets of points, assign exclusive labels, and compare distances."""
+"""Form tracklets from points, assign each label only once, and compare distances."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from solver_backend.geometry.arrays import true_runs
 from solver_backend.labelling.outputs import GHOST, MARKERS, OTHER_PLACES, other_side
 from solver_backend.priors.weights import ASSETS, read_weights
 
-SPLIT_GAP_S = 0.1  # A point that is missing for longer (seconds) may return as another marker.
+SPLIT_GAP_S = 0.1  # A point that is missing for longer (seconds) may come back as another marker.
 JUMP_M, JUMP_M_S2 = 0.03, 300.0
-"""Largest change between steps in metres, and largest acceleration, which no marker on a person exceeds."""
+"""Largest change between steps in metres, and largest acceleration. No marker on a person exceeds them."""
 JOIN_S, JOIN_M = 0.1, 0.02
 """Longest gap (s) between a tracklet and its continuation, and largest distance (m) from the extrapolated position."""
-CLEAR = 0.5  # Largest ratio of the distances of the chosen and the next continuation.
+CLEAR = 0.5  # Largest ratio between the distances of the chosen and the next best continuation.
 
 
 @dataclass(frozen=True)
 class Tracklets:
     """T tracklets of points: column, first and last frame, and chain (T,)."""
 
-    number: np.ndarray  # (F, N) index of each point's tracklet, -1 without a point.
+    number: np.ndarray  # (F, N) index of each point's tracklet, -1 where there is no point.
     column: np.ndarray
     first: np.ndarray
     last: np.ndarray
@@ -42,7 +42,7 @@ class Tracklets:
 
 
 def tracklets_of(positions: np.ndarray, fps: float, *, persistent: bool = False) -> Tracklets:
-    """Return the tracklets of (F, N, 3) points in metres, NaN where missing.
+    """Form tracklets from (F, N, 3) points in metres, NaN where missing.
 
     ``persistent``: each column is one marker throughout, with a given name, and its tracklets form one chain.
     """
@@ -70,7 +70,7 @@ def _stretches(points: np.ndarray, seen: np.ndarray, fps: float) -> list[tuple[i
         found += [(a, b - 1) for a, b in pairwise(edges) if b > a]
     joined: list[tuple[int, int]] = []
     for first, last in found:
-        # A point that soon returns at its expected position is the same one.
+        # A point that soon returns at its expected position is the same point.
         if joined and 1 < first - joined[-1][1] <= SPLIT_GAP_S * fps and _off(points, joined[-1], first) < JUMP_M:
             joined[-1] = (joined[-1][0], last)
         else:
@@ -85,7 +85,7 @@ def _off(points: np.ndarray, run: tuple[int, int], frame: int) -> float:
 
 
 def _chains(positions: np.ndarray, column: np.ndarray, first: np.ndarray, last: np.ndarray, fps: float) -> np.ndarray:
-    """Return each tracklet's chain, which continues where only one starts near its end."""
+    """Return each tracklet's chain. A chain continues if exactly one tracklet starts near its end."""
     count = len(column)
     chain = np.arange(count)
     if count < 2:
@@ -119,13 +119,13 @@ def _chains(positions: np.ndarray, column: np.ndarray, first: np.ndarray, last: 
     return chain
 
 
-_TAKEN = -1e9  # Evidence of a label that is already used, below any log probability.
+_TAKEN = -1e9  # Evidence for a label that is already used, below any log probability.
 _ROUNDS, _EXCHANGES, _GAIN = 4, 200, 1e-6
-"""Maximum numbers of rounds and of exchanges per round, and smallest gain of an exchange, chosen by hand."""
+"""Largest numbers of rounds and of swaps per round, and smallest gain of a swap, chosen by hand."""
 
 
 def labels_of_frame(log_probability: np.ndarray) -> np.ndarray:
-    """Return unique labels (N,) from (N, 54) log probabilities (ghost last)."""
+    """Return (N,) labels, each used once, from (N, 54) log probabilities (ghost last)."""
     scores = np.array(log_probability)
     labels = np.full(len(scores), GHOST)
     rows = np.arange(len(scores))
@@ -134,7 +134,7 @@ def labels_of_frame(log_probability: np.ndarray) -> np.ndarray:
             break
         best = scores[rows].argmax(1)
         value = scores[rows, best]
-        # Of several points for a marker, the most certain one gets it, compared with having no marker.
+        # If several points claim a marker, the most certain one (compared with being no marker) gets it.
         surplus = value - scores[rows, GHOST]
         order = np.lexsort((-surplus, best))
         winners = order[np.unique(best[order], return_index=True)[1]]
@@ -147,11 +147,11 @@ def labels_of_frame(log_probability: np.ndarray) -> np.ndarray:
 
 
 def labels_of_stretches(evidence: np.ndarray, together: np.ndarray, bound: dict[int, int] | None = None) -> np.ndarray:
-    """Return (T,) labels of most evidence, each used once among simultaneous tracklets.
+    """Return the (T,) labels with most evidence. Each is used once among simultaneous tracklets.
 
-    The most certain tracklet chooses first, by the margin between its best and its next free label. Then pairs exchange
-    their labels while the sum grows. Evidence is (T, 54) log likelihoods, the ghost last. ``together`` (T, T) marks
-    pairs that are visible together, ``bound`` contains the user's labels by tracklet.
+    The most certain tracklet chooses first, by the margin between its best and its next free label. Pairs then swap
+    their labels as long as the sum grows. Evidence is (T, 54) log likelihoods, ghost last. ``together`` (T, T) marks
+    pairs that are visible together, and ``bound`` contains the user's labels by tracklet.
     """
     count = len(evidence)
     labels = np.full(count, -1)
@@ -184,7 +184,7 @@ def _margins(free: np.ndarray, evidence: np.ndarray) -> np.ndarray:
 
 
 def _exchanged(labels: np.ndarray, evidence: np.ndarray, together: np.ndarray, fixed: np.ndarray) -> bool:
-    """Exchange the labels of pairs if that improves their sum. Return whether any were exchanged."""
+    """Swap the labels of pairs if that improves their sum. Return whether any were swapped."""
     own = evidence[np.arange(len(labels)), labels]
     other = evidence[:, labels]
     gain = other + other.T - own[:, None] - own[None]
@@ -212,36 +212,36 @@ def _may(labels: np.ndarray, together: np.ndarray, t: np.intp, label: int, but: 
 
 NAME = "marker_distances"
 FLOOR_M, PLACED_M = 0.004, 0.006
-"""Noise floor of a distance change before its logarithm, and standard deviation by skin and glue, in metres."""
-FREEDOM = 4.0  # Degrees of freedom of Student's t-distribution, so that one wrongly labelled partner does not decide.
-LONG_S = 3.0  # Seconds of common visibility from which the change of a distance is fully informative.
+"""Noise floor of a distance change before its logarithm, and standard deviation due to skin and glue, in metres."""
+FREEDOM = 4.0  # Degrees of freedom of Student's t-distribution, so that one wrongly labelled partner cannot decide.
+LONG_S = 3.0  # Seconds of common visibility after which the change of a distance is fully informative.
 ALIKE, ALIKE_M, ALIKE_CHANGE = 0.5, 0.012, 0.5
-"""Fraction of the pairs with similar positions on both sides of a person, and the difference between their distances in
+"""Fraction of pairs with similar positions on both sides of a person, and the difference between their distances in
 metres and relative to their change."""
 READINGS, _SHARE, FEWEST_PARTNERS = 8.0, 0.35, 6
-"""Maximum number of independent partners (one marker's position affects all of its distances), largest weight of one
-partner, and minimum number of partners of a labelled tracklet. Chosen by hand."""
+"""Largest number of independent partners (one marker's position affects all of its distances), largest weight of one
+partner, and smallest number of partners of a labelled tracklet. Chosen by hand."""
 _BLOCK, _PAIRS, _CELLS = 256, 256 * 60**2, 2**22
-"""Frames, pairs of points, and chains times landmarks times partners per step. They limit memory to 32 MB per
-intermediate array and were chosen by hand. A thousand points are compared frame by frame."""
-_SCALE_FROM_M = 0.3  # Smallest distance in metres of pairs that determine the body size, chosen by hand.
+"""Frames, point pairs, and chains times landmarks times partners per step. They limit memory to 32 MB per intermediate
+array and were chosen by hand. With a thousand points, frames are compared one by one."""
+_SCALE_FROM_M = 0.3  # Smallest distance in metres between pairs that determine the body size, chosen by hand.
 _COUNTERPART = np.array([MARKERS.index(other_side(name)) for name in MARKERS])
 _SIDE = np.array([{"L": 1, "R": -1}.get(name[0], 0) * (other_side(name) != name) for name in MARKERS])
 
 
 @dataclass(frozen=True)
 class DistanceTable:
-    """Normal distributions of distances between P landmarks in time windows."""
+    """Normal distributions of the distances between P landmarks in time windows."""
 
     mean: np.ndarray  # (P, P) mean distances in metres for a person of average size.
-    spread: np.ndarray  # (P, P) standard deviations in metres between people, placements and windows.
-    change: np.ndarray  # (P, P) mean logarithm of standard deviation over a window plus ``FLOOR_M``.
+    spread: np.ndarray  # (P, P) standard deviations in metres across people, placements and windows.
+    change: np.ndarray  # (P, P) mean logarithm of the standard deviation over a window plus ``FLOOR_M``.
     change_spread: np.ndarray  # (P, P) standard deviation of that logarithm.
 
 
 @dataclass(frozen=True)
 class ChainDistances:
-    """Distances (C, C) between C chains: means and deviations in metres."""
+    """Distances (C, C) between C chains: means and standard deviations in metres."""
 
     mean: np.ndarray
     change: np.ndarray
@@ -250,7 +250,7 @@ class ChainDistances:
 
 @lru_cache(maxsize=1)
 def load_distances(path: Path | None = None) -> DistanceTable:
-    """Return the included table, or the one in a file. Raise FileMissing or WeightsInvalid."""
+    """Load the table in a file, or the one that is included. Raise FileMissing or WeightsInvalid."""
     arrays = read_weights(path or ASSETS / f"{NAME}.npz", NAME).arrays
     places = len(MARKERS) + len(OTHER_PLACES)
     pairs = places * (places - 1) // 2
@@ -267,7 +267,7 @@ def _square(pairs: np.ndarray, size: int, own: float) -> np.ndarray:
 
 
 def distances_of(positions: np.ndarray, frames: np.ndarray, tracklets: Tracklets, fps: float) -> ChainDistances:
-    """Return the distances between chains over frames of (F, N, 3) positions."""
+    """Measure the distances between chains over frames of (F, N, 3) positions."""
     chains = tracklets.num_chains
     between = float(np.median(np.diff(frames))) / fps if len(frames) > 1 else 1.0
     sums = np.zeros((3, chains * chains))
@@ -275,7 +275,7 @@ def distances_of(positions: np.ndarray, frames: np.ndarray, tracklets: Tracklets
     for start in range(0, len(frames), size):
         part = frames[start : start + size]
         number = tracklets.number[part]
-        # Put the columns of each part of the frames first, because few of many short tracks exist at a time.
+        # Put the columns for each part of the frames first, because only a few of many short tracks exist at any time.
         shown = np.argsort(number < 0, axis=1, kind="stable")[:, : int((number >= 0).sum(1).max(initial=0))]
         points, number = positions[part[:, None], shown], np.take_along_axis(number, shown, axis=1)
         chain = np.where(number >= 0, tracklets.chain[number], -1)
@@ -299,12 +299,12 @@ def distances_of(positions: np.ndarray, frames: np.ndarray, tracklets: Tracklets
 def distance_evidence(
     found: ChainDistances, labels: np.ndarray, trusted: np.ndarray, table: DistanceTable
 ) -> np.ndarray:
-    """Return (C, 54) log likelihoods of each chain's labels from its distances to the trusted chains.
+    """Return (C, 54) log likelihoods of each chain's labels, given its distances to the trusted chains.
 
-    The log likelihood is ``sum_j log t(m_ij / s | mu_ab, sigma_ab) + log t(c_ij | ...)`` with the person's relative
-    size s, tempered to ``READINGS`` partners. If both counterparts on the body's other side are labelled, half of the
-    first density is centred on *their* distance in this take. A ghost is at a landmark of other layouts, or anywhere on
-    the body.
+    The log likelihood is ``sum_j log t(m_ij / s | mu_ab, sigma_ab) + log t(c_ij | ...)``, where s is the person's
+    relative size, tempered to ``READINGS`` partners. If both counterparts on the other side of the body are labelled,
+    half of the first density is centred on *their* distance in this take. A ghost is at a landmark from another layout,
+    or anywhere on the body.
     """
     chains = len(labels)
     partners = np.flatnonzero(trusted & (labels >= 0) & (labels < GHOST))
@@ -317,7 +317,7 @@ def distance_evidence(
     if rows >= chains:
         return _evidence_of(np.arange(chains), found, labels, partners, mirrored, size, table)
     evidence, beside = np.empty((chains, GHOST + 1)), np.isfinite(found.mean[:, partners])
-    # Neighbours in time have the same first partner. Most short tracklets are never visible with a part's partners.
+    # Consecutive tracklets have the same first partner. Most short tracklets are never visible with a part's partners.
     order = np.argsort(beside.argmax(axis=1), kind="stable")
     for start in range(0, chains, rows):
         which = order[start : start + rows]
@@ -338,7 +338,7 @@ def _evidence_of(
 ) -> np.ndarray:
     """Return the rows of ``distance_evidence`` for (R,) chains and trusted ``partners``.
 
-    ``mirrored`` is from ``_of_the_other_side`` for an average person, ``size`` is relative to the table's person.
+    ``mirrored`` comes from ``_of_the_other_side`` for an average person. ``size`` is relative to the table's person.
     """
     theirs, pairs = labels[partners], np.ix_(which, partners)
     mean, change = found.mean[pairs] / size, found.change[pairs] / size
@@ -355,7 +355,7 @@ def _evidence_of(
     log[:, :GHOST] = np.where(np.isfinite(mirrored)[None], mixed, log[:, :GHOST])
     off = np.log(change + FLOOR_M)[:, None] - table.change[:, theirs][None]
     log += (long * (long >= 0.3))[:, None] * _student(np.nan_to_num(off), table.change_spread[:, theirs][None] ** 2)
-    # A chain that takes a partner's label gives it its own, so their distance is that of the same two markers.
+    # A chain that takes a partner's label gives its own in return, so their distance is between the same two markers.
     rows, them = np.arange(len(which))[:, None], np.arange(len(partners))[None]
     named = ((labels[which] >= 0) & (labels[which] < GHOST))[:, None]
     own = np.where(named[:, 0], labels[which], 0)[:, None]
@@ -369,9 +369,9 @@ def _evidence_of(
 
 
 def _of_the_other_side(found: ChainDistances, partners: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """Return (53, 53) distances between each pair's counterparts on the other side.
+    """Return the (53, 53) distances between each pair's counterparts on the other side.
 
-    Both markers must be on one side. Otherwise a chain on the wrong side would be its own counterpart.
+    Both markers must be on the same side. Otherwise, a chain on the wrong side would be its own counterpart.
     """
     pairs = np.ix_(partners, partners)
     mean, seconds = found.mean[pairs], found.seconds[pairs]

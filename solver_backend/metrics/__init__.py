@@ -1,4 +1,4 @@
-"""Error measures of a solve, without missing points (NaN)."""
+"""Measure the errors of a solve. Missing points (NaN) are ignored."""
 
 from solver_backend.metrics.positions import (
     accel_error_m_s2,

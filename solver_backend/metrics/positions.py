@@ -12,11 +12,11 @@ from solver_backend.geometry.alignment import umeyama
 from solver_backend.types import Cameras, Keypoints2D
 from solver_backend.types.shapes import Float
 
-Expected = tuple["int | str | EllipsisType", ...]  # Sizes, names for any size, and first perhaps '...'.
+Expected = tuple["int | str | EllipsisType", ...]  # Sizes, or names for any size. The first may be '...'.
 
 
 def same_shape(found: np.ndarray, truth: np.ndarray, expected: Expected) -> tuple[np.ndarray, np.ndarray]:
-    """Return both arrays as float64. Raise ``ShapeMismatch`` for other shapes."""
+    """Return both arrays as float64. Raise ``ShapeMismatch`` if the shapes differ from the expected one."""
     found, truth = np.asarray(found, dtype=np.float64), np.asarray(truth, dtype=np.float64)
     if found.shape != truth.shape:
         message = f"Arrays of shapes {found.shape} and {truth.shape} cannot be compared."
@@ -42,7 +42,7 @@ def describe(expected: Expected) -> str:
 
 
 def mean_or_nan(values: np.ndarray) -> float:
-    """Return the mean of the finite values, NaN without any, and without NumPy's warning."""
+    """Return the mean of the finite values, or NaN if there are none, without NumPy's warning."""
     finite = values[np.isfinite(values)]
     return float(finite.mean()) if finite.size else float("nan")
 
@@ -53,15 +53,15 @@ Track = Float[np.ndarray, "frames points 3"]
 
 
 def distances_m(found: Points, truth: Points) -> Float[np.ndarray, "*batch points"]:
-    """Return the (..., N) distances in metres from points to the truth, NaN if missing."""
+    """Return the (..., N) distances in metres between points and the truth, NaN if missing."""
     found, truth = same_shape(found, truth, POINTS)
     return np.linalg.norm(found - truth, axis=-1)
 
 
 def mpjpe_mm(found: Points, truth: Points) -> float:
-    """Return the mean distance in mm of (..., N, 3) points in metres from the truth.
+    """Return the mean distance in mm between (..., N, 3) points in metres and the truth.
 
-    Without alignment. Reference: Ionescu et al. 2014, "Human3.6M", sec. 3.
+    There is no alignment. Reference: Ionescu et al. 2014, "Human3.6M", sec. 3.
     """
     return 1000.0 * mean_or_nan(distances_m(found, truth))
 
@@ -70,7 +70,7 @@ def rmse_mm(found: Points, truth: Points) -> float:
     """Return the mean over frames of the RMS distance in millimetres, without alignment.
 
     The error is ``1/N Σ_i √(1/J Σ_j |found_ij - truth_ij|²)`` for N frames of J points (..., J, 3) in metres. Frames
-    without a common point are excluded. Thesis eq. 4.28 prints the norm without its square, and no unit.
+    without a common point are excluded. Thesis eq. 4.28 omits the square of the norm and the unit.
     """
     squared = distances_m(found, truth) ** 2
     known = np.isfinite(squared)
@@ -83,7 +83,7 @@ def rmse_mm(found: Points, truth: Points) -> float:
 def pa_mpjpe_mm(found: Points, truth: Points) -> float:
     """Return the MPJPE after aligning each frame by the best similarity (Umeyama 1991).
 
-    Excluded are points (..., N, 3) that either side lacks, and frames with fewer than three common points.
+    Points (..., N, 3) missing on either side are excluded, and so are frames with fewer than three common points.
     """
     found, truth = same_shape(found, truth, POINTS)
     found, truth = found.reshape(-1, *found.shape[-2:]), truth.reshape(-1, *truth.shape[-2:])
@@ -97,13 +97,13 @@ def pa_mpjpe_mm(found: Points, truth: Points) -> float:
     return 1000.0 * mean_or_nan(np.where(both, np.linalg.norm(aligned - truth, axis=-1), np.nan))
 
 
-WORLD_FRAMES = 100  # Frames of a segment that is aligned as a whole (WHAM, SLAHMR).
+WORLD_FRAMES = 100  # Number of frames in a segment that is aligned as a whole (WHAM, SLAHMR).
 
 
 def world_mpjpe_mm(found: Track, truth: Track, fitted: int = WORLD_FRAMES) -> float:
     """Return WA-MPJPE-100, the MPJPE in mm after aligning each 100 frames.
 
-    With ``fitted`` 2 it is W-MPJPE-100, with the similarity of the first two frames of each segment. A shorter last
+    With ``fitted`` = 2 it is W-MPJPE-100, which uses the similarity of each segment's first two frames. A shorter last
     segment counts if it has two frames. References: Ye et al. 2023, "Decoupling human and camera motion from videos in
     the wild", sec. 4 (the metrics); Shin et al. 2024, "WHAM", sec. 4.
     """
@@ -123,7 +123,7 @@ def world_mpjpe_mm(found: Track, truth: Track, fitted: int = WORLD_FRAMES) -> fl
 def pck_percent(found: Points, truth: Points, threshold_m: float) -> float:
     """Return the percentage of points (..., N, 3) within ``threshold_m``, without alignment.
 
-    Missing points with known truth count as wrong. Points without truth are excluded. The thesis (6.3.4, eq. 4.29)
+    Missing points whose truth is known count as wrong. Points without truth are excluded. The thesis (6.3.4, eq. 4.29)
     reports 3 and 7 cm. Reference: Yang and Ramanan 2013, "Articulated human detection with flexible mixtures of parts".
     """
     distance = distances_m(found, truth)
@@ -134,9 +134,9 @@ def pck_percent(found: Points, truth: Points, threshold_m: float) -> float:
 def geodesic_deg(
     found: Float[np.ndarray, "*batch 3 3"], truth: Float[np.ndarray, "*batch 3 3"]
 ) -> Float[np.ndarray, " *batch"]:
-    """Return angles between (..., 3, 3) rotations in degrees, from 0 to 180, NaN where missing.
+    """Return the angles between (..., 3, 3) rotations in degrees, from 0 to 180, NaN where missing.
 
-    ``2 asin(|A - B|_F / (2 √2))`` keeps its precision for small angles, unlike the arc cosine of the trace (Hartley et
+    ``2 asin(|A - B|_F / (2 √2))`` keeps its precision at small angles, unlike the arc cosine of the trace (Hartley et
     al. 2013, "Rotation averaging", sec. 4).
     """
     found, truth = same_shape(found, truth, (..., 3, 3))
@@ -165,7 +165,7 @@ def accelerations_m_s2(points: Track, fps: float) -> Float[np.ndarray, "accelera
 
 
 def accel_error_m_s2(found: Track, truth: Track, fps: float) -> float:
-    """Return the mean length of the acceleration differences in m/s², NaN for fewer than three frames.
+    """Return the mean length of the acceleration differences in m/s², or NaN for fewer than three frames.
 
     Reference: Kanazawa et al. 2019, "Learning 3D human dynamics from video", sec. 4.
     """
@@ -175,10 +175,10 @@ def accel_error_m_s2(found: Track, truth: Track, fps: float) -> float:
 
 
 def foot_skating_cm_per_frame(toes: Float[np.ndarray, "frames toes 3"], floor_m: float = 0.0) -> float:
-    """Return the sliding of (F, N, 3) standing toes along the floor, Z up, in centimetres per frame.
+    """Return how far (F, N, 3) standing toes slide along the floor, Z up, in centimetres per frame.
 
     ``FS = 1/N Σ v (2 - 2^(h/H))`` over frames with ``h ≤ H``: ``v`` is the horizontal distance to the next frame, ``h``
-    the height above the floor, at least 0, and ``H`` ``SKATING_HEIGHT_M`` (thesis 6.3.4). The sum is divided by the
+    the height above the floor (at least 0), and ``H`` is ``SKATING_HEIGHT_M`` (thesis 6.3.4). The sum is divided by the
     number of frames, as its unit implies. NaN for fewer than two frames. Reference: Mir et al. 2023, "Generating
     continual human motion in diverse 3D scenes" (thesis, reference 204).
     """
@@ -189,18 +189,18 @@ def foot_skating_cm_per_frame(toes: Float[np.ndarray, "frames toes 3"], floor_m:
     return mean_or_nan(np.where(np.isfinite(height), way_cm * weight, np.nan))
 
 
-_FRAMES = 2000  # Frames to project at a time.
+_FRAMES = 2000  # Number of frames projected at a time.
 
 
 def reprojection_px(
     cameras: Cameras, points: Track, keypoints: Keypoints2D
 ) -> Float[np.ndarray, "views frames points"]:
-    """Return (C, F, K) distances in pixels between the detections and the projections of points (F, K, 3).
+    """Return the (C, F, K) distances in pixels between detections and projected points (F, K, 3).
 
-    NaN without a detection or a visible point. Cameras are in the order of the views.
+    They are NaN without a detection or a visible point. Cameras are in the order of the views.
 
     Raises:
-        ShapeMismatch: the points do not match the detections, or the cameras the views.
+        ShapeMismatch: the points do not match the detections, or the cameras do not match the views.
     """
     views, frames, count = keypoints.confidence.shape
     points = has_shape(points, (frames, count, 3), "The array of points")
@@ -219,11 +219,11 @@ Features = Float[np.ndarray, "samples features"]
 def frechet_distance(generated: Features, real: Float[np.ndarray, "others features"]) -> float:
     """Return FID, ``|μ_a - μ_b|² + Tr(Σ_a + Σ_b - 2 (Σ_a Σ_b)^½)``, in the squared unit of the features.
 
-    Both are (N, D) features. The trace of the root is computed from the symmetric ``(Σ_a^½ Σ_b Σ_a^½)^½``. Reference:
-    Heusel et al. 2017, "GANs trained by a two time-scale update rule", eq. 6 (thesis eqs. 4.30, 6.11).
+    Both arguments are (N, D) features. The trace of the root is computed from the symmetric ``(Σ_a^½ Σ_b Σ_a^½)^½``.
+    Reference: Heusel et al. 2017, "GANs trained by a two time-scale update rule", eq. 6 (thesis eqs. 4.30, 6.11).
 
     Raises:
-        ShapeMismatch: the features are not (N, D) arrays of one D, or contain NaN.
+        ShapeMismatch: the features are not (N, D) arrays with the same D, or contain NaN.
     """
     generated, real = _features(generated), _features(real)
     if generated.shape[1] != real.shape[1]:
@@ -238,7 +238,7 @@ def frechet_distance(generated: Features, real: Float[np.ndarray, "others featur
 
 
 def diversity(features: Features, seed: int) -> float:
-    """Return DIV, the mean distance between pairs of two halves of (N, D) features.
+    """Return DIV, the mean distance between pairs from two halves of (N, D) features.
 
     The thesis (eqs. 4.31, 6.12) pairs 526 of 1,052 generated poses with the other 526. An odd last sample is excluded.
 
@@ -259,6 +259,6 @@ def _features(values: np.ndarray) -> np.ndarray:
 
 
 def spearman(a: np.ndarray, b: np.ndarray) -> float:
-    """Return Spearman's ρ, the correlation of the ranks of two (N,) lists without ties (Spearman 1904)."""
+    """Return Spearman's ρ, the rank correlation of two (N,) lists without ties (Spearman 1904)."""
     ranks = [np.argsort(np.argsort(values)) for values in (a, b)]
     return float(np.corrcoef(ranks[0], ranks[1])[0, 1])

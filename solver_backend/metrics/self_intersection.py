@@ -1,4 +1,4 @@
-"""Measure how deeply limbs, head and trunk of a pose intersect, by capsules inside the skin."""
+"""Measure how deeply limbs, head and trunk of a pose intersect, using capsules inside the skin."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from solver_backend.body.body import Body
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.types.shapes import Float
 
-TOLERANCE_M = 0.03  # Depth to which soft tissue lets capsules touch, in metres (1.2 % of recorded frames exceed it).
+TOLERANCE_M = 0.03  # Depth in metres to which soft tissue lets capsules overlap (1.2 % of recorded frames exceed it).
 BONES: tuple[tuple[str, str], ...] = (
     ("pelvis", "spine1"), ("spine1", "spine2"), ("spine2", "spine3"), ("spine3", "neck"), ("neck", "head"),
     *(
@@ -24,24 +24,24 @@ BONES: tuple[tuple[str, str], ...] = (
         )
     ),
 )  # fmt: skip
-"""Joints at both ends of each capsule's axis."""
-_INNER = 0.1  # Share of a bone's skin inside its capsule, so that capsules stay within the body.
-_APART = 3  # Fewest joints between two compared bones: an upper arm touches the chest it grows from.
-_AT_A_TIME = 2000  # Poses to process at a time, which bounds memory.
+"""Joints at the two ends of each capsule's axis."""
+_INNER = 0.1  # Fraction of a bone's skin that is inside its capsule, so that capsules stay within the body.
+_APART = 3  # Fewest joints between two compared bones: an upper arm touches the chest that it is attached to.
+_AT_A_TIME = 2000  # Number of poses processed at a time, which limits memory.
 
 
 @dataclass(frozen=True)
 class Capsules:
     """Capsules of a body in its rest shape, and pairs of capsules that a pose could bring together."""
 
-    ends: tuple[tuple[int, int], ...]  # SMPL's joints at the ends of each axis.
+    ends: tuple[tuple[int, int], ...]  # SMPL joints at the ends of each axis.
     radii: Float[np.ndarray, " bones"]  # Metres.
-    pairs: tuple[tuple[int, int], ...]  # Capsules that are three bones apart or more and do not meet in the T-pose.
+    pairs: tuple[tuple[int, int], ...]  # Capsules that are at least three bones apart and do not touch in the T-pose.
 
 
 @lru_cache(maxsize=4)
 def capsules_of(body: Body) -> Capsules:
-    """Return the capsules of SMPL's mean shape. A tenth of a bone's skin is inside its capsule."""
+    """Return the capsules for SMPL's mean shape. A tenth of a bone's skin is inside its capsule."""
     ends = tuple((SMPL.joints.index(a), SMPL.joints.index(b)) for a, b in BONES)
     own = list(body.layout.standing_for(SMPL))
     rest, owner = body.joints_template[own], np.argmax(body.weights[:, own], axis=1)
@@ -54,10 +54,10 @@ def capsules_of(body: Body) -> Capsules:
 
 
 def self_intersection_m(body: Body, joints: Float[np.ndarray, "poses 24 3"]) -> Float[np.ndarray, " poses"]:
-    """Return (N,) depths in metres of the deepest intersection of two capsules.
+    """Return the (N,) depths in metres of the deepest intersection between two capsules.
 
-    The depth is ``max(0, r_a + r_b - d(a, b))`` over the pairs, with the distance d of two line segments (Ericson 2005,
-    5.1.9), for the (N, 24, 3) joints in metres of an SMPL body of mean shape.
+    The depth is ``max(0, r_a + r_b - d(a, b))`` over the pairs, where d is the distance between two line segments
+    (Ericson 2005, 5.1.9), for the (N, 24, 3) joints in metres of an SMPL body of mean shape.
     """
     capsules = capsules_of(body)
     parts = [joints[first : first + _AT_A_TIME] for first in range(0, len(joints), _AT_A_TIME)]
@@ -90,7 +90,7 @@ def _climbed(i: int, j: int, parents: tuple[int, ...]) -> int:
 
 
 def _depths(joints: np.ndarray, capsules: Capsules) -> np.ndarray:
-    """Return (N, pairs) depths in metres, negative where two capsules are apart."""
+    """Return (N, pairs) depths in metres, negative where two capsules do not touch."""
     ends = np.array(capsules.ends)
     first, second = (np.array([pair[side] for pair in capsules.pairs], dtype=int) for side in (0, 1))
     p, u = joints[:, ends[first, 0]], joints[:, ends[first, 1]] - joints[:, ends[first, 0]]
@@ -99,7 +99,7 @@ def _depths(joints: np.ndarray, capsules: Capsules) -> np.ndarray:
 
 
 def segment_distance(p: np.ndarray, u: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Return the distance of segments ``p + s u`` and ``q + t v`` (Ericson 2005, 5.1.9).
+    """Return the distance between the segments ``p + s u`` and ``q + t v`` (Ericson 2005, 5.1.9).
 
     All are (..., 3). A vector u or v is 0 if its segment is a point.
     """

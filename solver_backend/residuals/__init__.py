@@ -1,1 +1,1 @@
-"""Terms of the objective, on landmark positions and on poses."""
+"""Define the terms of the objective, on landmark positions and on poses."""

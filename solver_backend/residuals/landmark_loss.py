@@ -9,14 +9,14 @@ import numpy as np
 
 from solver_backend.residuals.terms import PointEvidence
 
-LARGEST_EXPONENT = 300.0  # Log-variances are clipped here, so that no trial step of a line search overflows.
-UNCERTAINTY_WEIGHT = 0.3  # λ_σ of the log-variances' prior (thesis 5.5). Tuned on training motions.
-BEST_STEPS = 4  # Newton steps to the best log-variances, within 1e-13 up to 1e6 standard deviations.
+LARGEST_EXPONENT = 300.0  # Log-variances are clipped at this value, so that no trial step in a line search overflows.
+UNCERTAINTY_WEIGHT = 0.3  # λ_σ in the prior for log-variances (thesis 5.5). Tuned on training motions.
+BEST_STEPS = 4  # Newton steps to the best log-variances. The error is below 1e-13 up to 1e6 standard deviations.
 
 
 @dataclass(frozen=True)
 class LandmarkCost:
-    """Loss of L landmarks in F frames, and its derivatives."""
+    """Loss for L landmarks in F frames, and its derivatives."""
 
     cost: np.ndarray  # (F,).
     by_squared: np.ndarray  # (F, L) by the squared distances.
@@ -24,20 +24,20 @@ class LandmarkCost:
 
 
 class LandmarkLoss(Protocol):
-    """Loss of squared distances, optionally with its own unknowns in every frame."""
+    """Loss for squared distances, optionally with unknowns of its own in every frame."""
 
     def unknowns(self, num_landmarks: int) -> int:
-        """Return n, the number of the loss's own unknowns in a frame."""
+        """Return n, the number of the loss's own unknowns per frame."""
         ...
 
     def __call__(self, squared: np.ndarray, seen: np.ndarray, own: np.ndarray) -> LandmarkCost:
-        """Return the cost of (F, L) squared distances, in initial variances, at the ``own`` unknowns."""
+        """Return the cost of (F, L) squared distances, in units of the initial variances, for unknowns ``own``."""
         ...
 
 
 @dataclass(frozen=True)
 class FixedVariances:
-    """Loss ``½ Σ r²`` of equally reliable landmarks."""
+    """Loss ``½ Σ r²`` for equally reliable landmarks."""
 
     def unknowns(self, num_landmarks: int) -> int:
         """Return 0."""
@@ -53,13 +53,13 @@ class FixedVariances:
 class LearnedVariances:
     """Loss ``½ Σ (exp(-s) r² + s) + λ |s|²`` with log-variances s (thesis 5.2, 5.3, 5.5)."""
 
-    weight: float = UNCERTAINTY_WEIGHT  # λ of the prior that draws s to 0, the initial variance (thesis 5.5).
+    weight: float = UNCERTAINTY_WEIGHT  # λ in the prior that draws s to 0, the initial variance (thesis 5.5).
 
     def best(self, squared: np.ndarray) -> np.ndarray:
         """Return the log-variances that minimise the cost of squared distances r².
 
-        They solve ``exp(-s) r² = 1 + 4 λ s``. The left side minus the right one decreases and is convex, so Newton's
-        method converges from the left.
+        They solve ``exp(-s) r² = 1 + 4 λ s``. The difference between the two sides is decreasing and convex, so
+        Newton's method converges from the left.
         """
         s = np.log1p(squared)
         s = s - np.log1p(4.0 * self.weight * s)
@@ -89,9 +89,9 @@ class LearnedVariances:
 
 @dataclass(frozen=True)
 class LearnedPositionTerm:
-    """Term ``min_s Σ_i ½ (exp(-s_i) w_i |y_i - m_i|² + s_i) + λ s_i²``, s in closed form.
+    """Term ``min_s Σ_i ½ (exp(-s_i) w_i |y_i - m_i|² + s_i) + λ s_i²``, with s in closed form.
 
-    By Danskin's theorem, the minimum has the same derivative by the position as at fixed s. The information of each
+    By Danskin's theorem, the minimum has the same derivative by the position as for fixed s. The information of each
     position is therefore ``exp(-s_i) w_i``.
     """
 
@@ -108,7 +108,7 @@ class LearnedPositionTerm:
         return LearnedPositionTerm(self.positions.astype(precision), self.weight.astype(precision), self.loss)
 
     def precisions(self, points: np.ndarray) -> np.ndarray:
-        """Return (F, L) learned inverse variances in 1/m² at (F, L, 3) positions."""
+        """Return the (F, L) learned inverse variances in 1/m² at (F, L, 3) positions."""
         error = points - self.positions
         return self.weight * np.exp(-self.loss.best(self.weight * (error * error).sum(-1)))
 

@@ -1,4 +1,4 @@
-"""Prefer real poses where keypoints are ambiguous, such as lumbar bends and forearm twists."""
+"""Prefer real poses where keypoints are ambiguous, as for lumbar bends and forearm twists."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3
 from solver_backend.priors.weights import ASSETS, BODY_JOINTS, read_weights
 from solver_backend.residuals.terms import PoseEvidence
 
-WIDENING_RAD = 0.12  # Standard deviation added in every direction, as people differ more than the recorded ones.
+WIDENING_RAD = 0.12  # Standard deviation added in every direction, as people differ more than those recorded.
 WEIGHT = 0.3  # Weight of the mixture relative to one frame's data. Tuned on simulated captures of training motions.
 _SPREAD_RAD = {
     "spine1": 0.26, "spine2": 0.26, "spine3": 0.26, "neck": 0.39, "head": 0.52, "collar": 0.32, "shoulder": 1.55,
@@ -24,25 +24,25 @@ _SPREAD_RAD = {
 """Standard deviation of each joint's rotation from rest, in radians. The mixture contains few upright people."""
 
 
-_UNKNOWN_SPREAD_RAD = 0.5  # For joints outside the table, without prior: a weak pull to rest. Not tuned.
+_UNKNOWN_SPREAD_RAD = 0.5  # For joints that are not in the table and have no prior: a weak pull to rest. Not tuned.
 
 
 @dataclass(frozen=True)
 class PoseMixture:
-    """Mixture of K Gaussians over the rotation vectors of n joints of a pose (Bogo et al. 2016, eq. 4)."""
+    """Mixture of K Gaussians over the rotation vectors of n joints in a pose (Bogo et al. 2016, eq. 4)."""
 
     means: np.ndarray  # (K, 3 n) rad.
     precisions: np.ndarray  # (K, 3 n, 3 n) 1/rad².
     log_peaks: np.ndarray  # (K,) logarithm of each component's density at its mean. The largest is 0.
-    columns: np.ndarray  # (3 n,) of the pose's rotation vectors.
+    columns: np.ndarray  # (3 n,) columns among the pose's rotation vectors.
 
 
 def read_mixture(path: Path = ASSETS / "gmm.npz") -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-    """Return shares (K,), means (K, 63), Cholesky factors (K, 63, 63), and metadata.
+    """Return the shares (K,), means (K, 63), Cholesky factors (K, 63, 63), and metadata.
 
     Raises:
         FileMissing: the file does not exist.
-        WeightsInvalid: the shares are no distribution, a covariance is singular, or the file is wrong or damaged.
+        WeightsInvalid: the shares are not a distribution, a covariance is singular, or the file is wrong or damaged.
     """
     stored, size = read_weights(path, "gmm"), 3 * len(BODY_JOINTS)
     shares = stored.array("weights", (None,))
@@ -57,7 +57,7 @@ def read_mixture(path: Path = ASSETS / "gmm.npz") -> tuple[np.ndarray, np.ndarra
 
 @lru_cache(maxsize=8)
 def load_pose_mixture(joints: tuple[str, ...] = BODY_JOINTS) -> PoseMixture:
-    """Return the stored mixture's widened marginal over the joints that the pose also has."""
+    """Load the stored mixture's widened marginal over the joints that the pose also has."""
     weights, means, factors, _ = read_mixture()
     shared = [name for name in joints if name in BODY_JOINTS]
     theirs, own = (
@@ -73,16 +73,16 @@ def load_pose_mixture(joints: tuple[str, ...] = BODY_JOINTS) -> PoseMixture:
 
 
 def rest_precision(joints: tuple[str, ...] = BODY_JOINTS) -> np.ndarray:
-    """Return the (3 J,) precisions of the rotation vectors about rest in 1/rad²."""
+    """Return the (3 J,) precisions of the rotation vectors around rest in 1/rad²."""
     parts = [joint.removeprefix("left_").removeprefix("right_") for joint in joints]
     return np.repeat([1.0 / _SPREAD_RAD.get(part, _UNKNOWN_SPREAD_RAD) ** 2 for part in parts], 3)
 
 
 @dataclass(frozen=True)
 class PoseMixtureTerm:
-    """Term that prefers the poses of a Gaussian mixture.
+    """Term that prefers the poses in a Gaussian mixture.
 
-    ``E = -s log Σ_k a_k exp(-½ |x_c - μ_k|²_P) + ½ |x|²_Q`` with the rotation vectors x of J joints, x_c of n.
+    ``E = -s log Σ_k a_k exp(-½ |x_c - μ_k|²_P) + ½ |x|²_Q``, where x are the rotation vectors of J joints, x_c of n.
     """
 
     mixture: PoseMixture = field(default_factory=load_pose_mixture)  # Peaks a, means μ, precisions P and columns c.
@@ -91,7 +91,7 @@ class PoseMixtureTerm:
 
     @classmethod
     def of(cls, joints: tuple[str, ...]) -> PoseMixtureTerm:
-        """Return the term for poses of these joints. Others are only drawn to rest."""
+        """Build the term for poses of these joints. Joints that are not in the mixture are only drawn to rest."""
         return cls(load_pose_mixture(joints), rest_precision=rest_precision(joints))
 
     def select(self, frames: Any) -> PoseMixtureTerm:
@@ -99,13 +99,13 @@ class PoseMixtureTerm:
         return self
 
     def astype(self, precision: Any) -> PoseMixtureTerm:
-        """Return the term, which takes the precision of the poses."""
+        """Return the term, which uses the precision of the poses."""
         return self
 
     def __call__(self, local: Array) -> PoseEvidence:
         """Return the evidence at (F, J, 3, 3) rotations, with (F, K) shares for the Hessian.
 
-        With the shares r_k of the sum, ``dE/dx_c = s Σ_k r_k P_k (x_c - μ_k)``, plus Q x, and ``dx = J_l(x)⁻¹ δ``.
+        If r_k are the shares of the sum, ``dE/dx_c = s Σ_k r_k P_k (x_c - μ_k)``, plus Q x, and ``dx = J_l(x)⁻¹ δ``.
         """
         xp = array_namespace(local)
         mixture, count = self.mixture, local.shape[0]
@@ -132,14 +132,14 @@ class PoseMixtureTerm:
 
     @cached_property
     def _precisions(self) -> np.ndarray:
-        """(K, 9 J²) P in the rows and columns of the pose's joints."""
+        """(K, 9 J²) P in the rows and columns for the pose's joints."""
         size, columns = len(self.rest_precision), self.mixture.columns
         of_pose = np.zeros((len(self.mixture.means), size, size))
         of_pose[:, columns[:, None], columns] = self.mixture.precisions
         return of_pose.reshape(len(of_pose), -1)
 
     def hessian(self, factors: Array) -> Array:
-        """Return the (F, 3 J, 3 J) ``s Σ_k r_k P_k`` of the n joints plus Q, with J_l taken as the identity."""
+        """Return the (F, 3 J, 3 J) ``s Σ_k r_k P_k`` for the n joints plus Q, with J_l taken as the identity."""
         xp, size = array_namespace(factors), len(self.rest_precision)
         flat = constant(self._precisions, factors)
         resting = constant(np.diag(self.rest_precision).reshape(-1), factors)

@@ -1,4 +1,4 @@
-"""Measure distances of landmarks from measured 3D positions and from the floor."""
+"""Measure the distances of landmarks from measured 3D positions and from the floor."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from solver_backend.residuals.terms import PointEvidence, Residuals, geman_mcclu
 
 @dataclass(frozen=True)
 class PositionTerm(Rows):
-    """Term ``E = 1/2 sum_i rho(sqrt(w_i e_i' M_i e_i))`` of ``e_i = y_i - m_i``, with Geman-McClure's rho.
+    """Term ``E = 1/2 sum_i rho(sqrt(w_i e_i' M_i e_i))`` with ``e_i = y_i - m_i`` and Geman-McClure's rho.
 
     ``w M`` is the inverse covariance of the noise. Isotropic noise has M = 1 and ``w = 1/sigma²``.
     """
 
     positions: Array  # (F, L, 3) metres, finite, arbitrary where the weight is 0.
-    weight: Array  # (F, L) inverse variance in 1/m², the mean over the axes, 0 = not observed.
-    metric: Array | None = None  # (F, L, 3, 3) M, symmetric, without unit, None = the identity.
+    weight: Array  # (F, L) inverse variance in 1/m², the mean over the axes. 0 means not observed.
+    metric: Array | None = None  # (F, L, 3, 3) M, symmetric and unitless. None means the identity.
 
     @classmethod
     def of(cls, positions: np.ndarray, covariance: np.ndarray, like: Array) -> PositionTerm:
-        """Build the term from (F, L, 3) positions, NaN where missing, and (F, L, 3, 3) covariances in m²."""
+        """Build the term from (F, L, 3) positions (NaN where missing) and (F, L, 3, 3) covariances in m²."""
         seen = np.isfinite(positions).all(-1)
         covariance = np.where(seen[..., None, None], covariance, np.eye(3))
         variance = np.trace(covariance, axis1=-2, axis2=-1) / 3.0
@@ -53,7 +53,7 @@ class PositionTerm(Rows):
         return Residuals(error[None], squared[None], measured[None])
 
     def leverage(self, points: Array, used: Array) -> Array:
-        """Return the (1, F, L) leverage, 1 if used, because a single measurement determines its point."""
+        """Return the (1, F, L) leverage, which is 1 if used, because a single measurement determines its point."""
         return array_namespace(points).astype(used, points.dtype)
 
     def rescaled(self, variance: Array) -> PositionTerm:
@@ -68,18 +68,18 @@ class PositionTerm(Rows):
 
 @dataclass(frozen=True)
 class RelativePositionTerm:
-    """Term ``1/2 sum_i c rho(sqrt(e_i' W_i e_i))`` of ``e_i = y_i - m_i - t``.
+    """Term ``1/2 sum_i c rho(sqrt(e_i' W_i e_i))`` with ``e_i = y_i - m_i - t``.
 
-    ``t = S⁻¹ Σ_i W_i (y_i - m_i)`` with ``S = Σ_i W_i`` is the best common shift of all points, which costs nothing.
+    ``t = S⁻¹ Σ_i W_i (y_i - m_i)`` with ``S = Σ_i W_i`` is the best common shift of all points. It is not penalised.
     """
 
     positions: Array  # (F, L, 3) metres, finite everywhere.
     precision: Array  # (F, L, 3, 3) W, 1/m²: inverse covariances, 0 where a point is unknown.
-    share: float  # c, the weight of one frame where errors of frames are correlated.
+    share: float  # c, the weight of one frame if errors are correlated between frames.
 
     @classmethod
     def of(cls, positions: np.ndarray, precision: np.ndarray, share: float, like: Array) -> RelativePositionTerm:
-        """Build the term in arrays like ``like``."""
+        """Build the term with arrays like ``like``."""
         return cls(constant(positions, like), constant(precision, like), share)
 
     def select(self, frames: Any) -> RelativePositionTerm:
@@ -121,20 +121,20 @@ def without_shift(across: Array, total: Array) -> Array:
     return xp.matmul(xp.matrix_transpose(across), xp.matmul(inverse, across))
 
 
-SIGMA_M = 0.006  # Standard deviation of a planted point on its skin and shoe, in metres. Chosen by hand.
+SIGMA_M = 0.006  # Standard deviation in metres of a planted point, due to skin and shoe. Chosen by hand.
 
 
 def foot_contact_term(planted: np.ndarray, anchors: np.ndarray, like: Array, sigma_m: float = SIGMA_M) -> PositionTerm:
-    """Return the term of (F, L) planted points at their (F, L, 3) anchors in metres, finite."""
+    """Return the term that holds (F, L) planted points at their finite (F, L, 3) anchors in metres."""
     return PositionTerm(constant(anchors, like), constant(np.where(planted, 1.0 / sigma_m**2, 0.0), like))
 
 
-FLOOR_SIGMA_M = 0.01  # Standard deviation below the floor, in metres, as skin, shoes and mats give way. Chosen by hand.
+FLOOR_SIGMA_M = 0.01  # Standard deviation below the floor in metres, as skin, shoes and mats give way. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class FloorTerm:
-    """Term ``E = 1/2 sum_i (min(z_i, 0) / sigma)²`` of landmarks at heights z above the floor."""
+    """Term ``E = 1/2 sum_i (min(z_i, 0) / sigma)²`` for landmarks at heights z above the floor."""
 
     sigma_m: float = FLOOR_SIGMA_M
 
@@ -143,11 +143,11 @@ class FloorTerm:
         return self
 
     def astype(self, precision: Any) -> FloorTerm:
-        """Return the term, which takes the precision of the points."""
+        """Return the term, which uses the precision of the points."""
         return self
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the evidence at (F, L, 3) positions, without the robust scale."""
+        """Return the evidence at (F, L, 3) positions. The robust scale is ignored."""
         xp = array_namespace(points)
         height = points[..., 2]
         below = xp.where(height < 0, height, xp.zeros_like(height))
@@ -163,7 +163,7 @@ UNBOUNDED = 1e6  # Robust scale in standard deviations that no distance reaches.
 
 @dataclass(frozen=True)
 class BindingTerm(PositionTerm):
-    """``PositionTerm`` for given positions, with a quadratic penalty at any distance."""
+    """``PositionTerm`` for prescribed positions, with a quadratic penalty at any distance."""
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
         """Return the evidence at (F, L, 3) world positions."""
@@ -175,17 +175,17 @@ DEEPEST = 25.0  # Robust scale of a depth in standard deviations. A point that d
 
 @dataclass(frozen=True)
 class SurfaceTerm(Rows):
-    """Term ``1/2 sum_i rho(min(n_i' y_i - d_i, 0) / sigma)`` of points behind planes.
+    """Term ``1/2 sum_i rho(min(n_i' y_i - d_i, 0) / sigma)`` for points behind planes.
 
     rho is Geman-McClure's with the scale ``DEEPEST``.
     """
 
-    normals: Array  # (F, S, 3) unit vectors out of the obstacle.
+    normals: Array  # (F, S, 3) unit vectors that point out of the obstacle.
     offsets: Array  # (F, S) d, metres.
     precision: Array  # (F, S) 1 / sigma², 1/m².
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the evidence at (F, S, 3) positions, without the robust scale."""
+        """Return the evidence at (F, S, 3) positions. The robust scale is ignored."""
         xp = array_namespace(points)
         height = dot(points, self.normals) - self.offsets
         weight = self.precision * xp.astype(height < 0, height.dtype)

@@ -21,13 +21,13 @@ class ReprojectionTerm:
 
     cameras: CameraArrays
     xy: Array  # (C, F, L, 2) px, finite, arbitrary where the weight is 0.
-    weight: Array  # (C, F, L) confidence divided by the noise's variance, 1/px², 0 = not observed.
+    weight: Array  # (C, F, L) confidence divided by the noise variance, 1/px². 0 means not observed.
     confidence: Array  # (C, F, L) in 0..1.
-    penalty: Callable[[Array, float], tuple[Array, Array]] = geman_mcclure  # Cost and weight at a robust scale.
+    penalty: Callable[[Array, float], tuple[Array, Array]] = geman_mcclure  # Cost and weight at a given robust scale.
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D, sigma_px: np.ndarray, like: Array) -> ReprojectionTerm:
-        """Build the term of C cameras' detections. ``sigma_px`` broadcasts with (C, F, L)."""
+        """Build the term from C cameras' detections. ``sigma_px`` broadcasts with (C, F, L)."""
         seen = keypoints.confidence > 0
         xy = np.where(seen[..., None], keypoints.xy, 0.0)
         weight = keypoints.confidence / np.asarray(sigma_px) ** 2
@@ -47,7 +47,7 @@ class ReprojectionTerm:
         return replace(self, cameras=self.cameras.at(frames), xy=xy, weight=weight, confidence=confidence)
 
     def astype(self, precision: Any) -> ReprojectionTerm:
-        """Return the term in a floating-point precision, at least single (0.0001 px)."""
+        """Return the term in the given floating-point precision, at least single (0.0001 px)."""
         xy, weight, confidence = (astype(a, precision) for a in (self.xy, self.weight, self.confidence))
         return ReprojectionTerm(self.cameras.astype(precision), xy, weight, confidence, self.penalty)
 
@@ -91,7 +91,7 @@ class ReprojectionTerm:
         return 0.5 * xp.sum(xp.sum(own * inverse, axis=-1), axis=-1)
 
     def residuals(self, points: Array) -> Residuals:
-        """Return the residuals at (F, L, 3) positions in pixels."""
+        """Return the residuals in pixels at (F, L, 3) positions."""
         xp = array_namespace(points)
         px = project(self.cameras, points)
         error = px - self.xy

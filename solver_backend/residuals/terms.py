@@ -1,4 +1,4 @@
-"""Terms on landmark positions and poses as quadratic models, summed over views."""
+"""Define terms on landmark positions and poses as quadratic models, summed over views."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from solver_backend.geometry.arrays import Array, array_namespace
 
 
 class FrameTerm(Protocol):
-    """Term of F frames."""
+    """A term for F frames."""
 
     def select(self, frames: Any) -> Self:
         """Return the term for the given frame indices or slice."""
@@ -27,7 +27,7 @@ class PointEvidence:
     cost: Array  # (F,) half the robust sum of squares.
     gradient: Array  # (F, L, 3) derivative of the cost by each position, 1/m.
     information: Array  # (F, L, 3, 3) Gauss-Newton Hessian, 1/m².
-    shared: Array | None = None  # (F, R, L, 3) rows with squares that the Hessian lacks, of a shared error.
+    shared: Array | None = None  # (F, R, L, 3) rows of an error shared by points. The Hessian excludes their squares.
 
     def __add__(self, other: PointEvidence) -> PointEvidence:
         rows = [evidence.shared for evidence in (self, other) if evidence.shared is not None]
@@ -39,7 +39,7 @@ class PointEvidence:
         )
 
     def beside(self, other: PointEvidence) -> PointEvidence:
-        """Return this evidence followed by evidence at other positions, without shared rows."""
+        """Append evidence at other positions, which has no shared rows."""
         xp = array_namespace(self.cost)
         gradient = xp.concat([self.gradient, other.gradient], axis=1)
         information = xp.concat([self.information, other.information], axis=1)
@@ -47,7 +47,7 @@ class PointEvidence:
 
 
 class PointTerm(FrameTerm, Protocol):
-    """Term on landmark positions."""
+    """A term on landmark positions."""
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
         """Return the evidence at (F, L, 3) positions. ``scale`` is the robust scale in standard deviations."""
@@ -56,14 +56,14 @@ class PointTerm(FrameTerm, Protocol):
 
 @dataclass(frozen=True)
 class Residuals:
-    """Errors of the measurements of V views in d dimensions. Markers are one view."""
+    """Errors of measurements by V views in d dimensions. Markers count as one view."""
 
     error: Array  # (V, F, L, d) in the measurement's unit, 0 where nothing was measured.
-    squared: Array  # (V, F, L) squared length of the error in variances of the noise.
+    squared: Array  # (V, F, L) squared length of the error, in noise variances.
     measured: Array  # (V, F, L) bool.
 
     def inliers(self, scale: float) -> Array:
-        """Return a (V, F, L) mask of measurements with errors below ``scale`` standard deviations."""
+        """Return a (V, F, L) mask of measurements whose errors are below ``scale`` standard deviations."""
         return self.measured & (self.squared < scale * scale)
 
     @property
@@ -74,14 +74,14 @@ class Residuals:
 
 
 class DataTerm(PointTerm, Protocol):
-    """Point term of measurements with learnable noise."""
+    """A point term for measurements whose noise can be learned."""
 
     def residuals(self, points: Array) -> Residuals:
         """Return the residuals at (F, L, 3) positions."""
         ...
 
     def leverage(self, points: Array, used: Array) -> Array:
-        """Return the (V, F, L) share of each view's error that enters a point fitted to all used views.
+        """Return each view's (V, F, L) share of error that enters a point fitted to all used views.
 
         It is the mean diagonal of the hat matrix: ``h_v = tr(w_v J_v S⁻¹ J_vᵀ) / d`` with ``S = Σ_v w_v J_vᵀ J_v``.
         """
@@ -98,23 +98,23 @@ class PoseEvidence:
 
     cost: Array  # (F,).
     gradient: Array  # (F, 3 J) by the joints' left tangents, 1/rad.
-    factors: Array  # (F, n) input of the term's ``hessian``.
+    factors: Array  # (F, n) input for the term's ``hessian``.
 
 
 class PoseTerm(FrameTerm, Protocol):
-    """Term on poses."""
+    """A term on poses."""
 
     def __call__(self, local: Array) -> PoseEvidence:
         """Return the evidence at (F, J, 3, 3) rotations."""
         ...
 
     def hessian(self, factors: Array) -> Array:
-        """Return (F, 3 J, 3 J) positive semidefinite matrices from the factors, in 1/rad²."""
+        """Return (F, 3 J, 3 J) positive semidefinite matrices in 1/rad², computed from the factors."""
         ...
 
 
 def geman_mcclure(squared: Array, scale: float) -> tuple[Array, Array]:
-    """Return penalty ``s² r² / (r² + s²)`` and IRLS weight ``(s² / (r² + s²))²`` of squared residuals.
+    """Return the penalty ``s² r² / (r² + s²)`` and IRLS weight ``(s² / (r² + s²))²`` for squared residuals.
 
     Residuals far beyond the scale s have no effect. A large scale gives a plain square, the start of graduated
     non-convexity (Geman and McClure 1987; Yang et al. 2020, "Graduated non-convexity for robust spatial perception").
@@ -124,7 +124,7 @@ def geman_mcclure(squared: Array, scale: float) -> tuple[Array, Array]:
 
 
 def graduated_scales(final: float, start: float, steps: int) -> tuple[float, ...]:
-    """Return ``steps`` scales in geometric progression from ``start`` to ``final``."""
+    """Return ``steps`` scales from ``start`` to ``final`` in geometric progression."""
     if steps <= 1:
         return (final,)
     ratio = (final / start) ** (1.0 / (steps - 1))

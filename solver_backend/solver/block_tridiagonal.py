@@ -1,4 +1,4 @@
-"""Solve block-tridiagonal systems, eliminating blocks from both ends at once."""
+"""Solve block-tridiagonal systems by eliminating blocks from both ends at once."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ import numpy as np
 from solver_backend.geometry.arrays import Array, array_namespace, empty, identity, index, solved
 from solver_backend.geometry.parallel import map_blocks
 
-BATCH = 16  # Blocks whose inner unknowns are eliminated together. Affects time and memory only.
+BATCH = 16  # Number of blocks whose inner unknowns are eliminated together. Affects only time and memory.
 
 
 @dataclass(frozen=True)
 class BlockTridiagonal:
-    """System of N blocks of size n, ``H = [[D_0, U_0], [U_0ᵀ, D_1, U_1], ...]``, with a solve in O(N n³).
+    """System of N blocks of size n, ``H = [[D_0, U_0], [U_0ᵀ, D_1, U_1], ...]``, solved in O(N n³).
 
-    Only the first m unknowns of a block, the outer ones, are coupled with the block before. The inner ones, coupled
-    with their own and the next block, are eliminated first, in parallel. The outer ones are then eliminated from both
-    ends towards the middle (Golub and Van Loan 2013, section 4.5. From both ends: Babuška 1972, "Numerical stability in
-    problems of linear algebra"). Steps have the precision of the blocks.
+    Only the first m unknowns of a block, the outer ones, are coupled with the previous block. The inner unknowns, which
+    are coupled with their own and the next block, are eliminated first, in parallel. The outer ones are then eliminated
+    from both ends towards the middle (Golub and Van Loan 2013, section 4.5. From both ends: Babuška 1972, "Numerical
+    stability in problems of linear algebra"). Steps have the precision of the blocks.
     """
 
     diagonal: Array  # (N, n, n).
@@ -31,7 +31,7 @@ class BlockTridiagonal:
     def solve(self, damping: Array) -> Array:
         """Return the (1, N·n) step that solves ``(H + damping diag(H)) step = -g``.
 
-        ``damping`` is (1,) for all blocks, (1, N) or (1, N - 1) by block. The last of N - 1 values is repeated.
+        ``damping`` is (1,) for all blocks, or (1, N) or (1, N - 1) by block. The last of N - 1 values is repeated.
         """
         xp = array_namespace(self.g)
         damping = _by_block(damping if damping.ndim == 1 else damping[0], self.g)
@@ -54,15 +54,15 @@ class BlockTridiagonal:
         return -0.5 * xp.sum(xp.reshape(self.g, (1, -1)) * step, axis=1)
 
     def merged(self, mask: Array, newer: BlockTridiagonal) -> BlockTridiagonal:
-        """Return ``newer`` if the one problem is masked, and otherwise these equations."""
+        """Return ``newer`` if the mask is true for the single problem, otherwise these equations."""
         return newer if bool(mask[0]) else self
 
     def marginals(self) -> tuple[Array, Array]:
         """Return the blocks of ``H⁻¹`` on and above the diagonal, (N, n, n) and (N - 1, n, m).
 
-        From the middle outwards: ``H⁻¹_ij = -X_i H⁻¹_jj`` and ``H⁻¹_ii = S_i⁻¹ - H⁻¹_ij X_iᵀ`` with the neighbour j
+        From the middle outwards: ``H⁻¹_ij = -X_i H⁻¹_jj`` and ``H⁻¹_ii = S_i⁻¹ - H⁻¹_ij X_iᵀ``, where neighbour j is
         eliminated later and ``X_i = S_i⁻¹ H_ij`` (Takahashi, Fagan and Chin 1973). A diagonal load of ``n ε diag(H)``
-        keeps the rounded matrix positive definite (Higham 2002, theorem 10.7), so no variance is negative.
+        keeps the rounded matrix positive definite (Higham 2002, theorem 10.7): no variance is negative.
         """
         xp = array_namespace(self.g)
         rounding = self.g.shape[1] * float(xp.finfo(self.diagonal.dtype).eps)
@@ -115,27 +115,27 @@ class BlockTridiagonal:
 
 @dataclass(frozen=True)
 class _Inner:
-    """Elimination of the inner unknowns of each block."""
+    """Elimination of each block's inner unknowns."""
 
     inverse: Array  # (N, k, k) ``A⁻¹``.
     own: Array  # (N, k, m) ``A⁻¹ B``.
     further: Array  # (N - 1, k, m) ``A⁻¹ C``.
 
     def carried(self, g: Array, g_inner: Array) -> Array:
-        """Return the (N, m) gradient of the outer unknowns after the inner ones' elimination."""
+        """Return the (N, m) gradient of the outer unknowns after the inner ones are eliminated."""
         xp = array_namespace(g)
         g = g - _times(xp.matrix_transpose(self.own), g_inner)
         g[1:] -= _times(xp.matrix_transpose(self.further), g_inner[:-1])
         return g
 
     def steps(self, outer: Array, g_inner: Array) -> Array:
-        """Return the (N, k) steps of the inner unknowns for (N, m) steps of the outer ones."""
+        """Return the (N, k) steps of the inner unknowns, given (N, m) steps of the outer ones."""
         steps = -_times(self.inverse, g_inner) - _times(self.own, outer)
         steps[:-1] -= _times(self.further, outer[1:])
         return steps
 
     def marginals(self, diagonal: Array, upper: Array, some: slice) -> tuple[Array, Array]:
-        """Return covariances within some blocks, and with the next block's outer unknowns.
+        """Return the covariances within some blocks, and with the next block's outer unknowns.
 
         ``diagonal`` and ``upper`` are the covariances of the outer unknowns within a block and with the next one.
         """
@@ -157,7 +157,7 @@ def _batches(count: int) -> list[slice]:
 
 
 def _times(matrices: Array, vectors: Array) -> Array:
-    """Return (N, a) products of (N, a, b) matrices and (N, b) vectors, in the precision of the vectors."""
+    """Return (N, a) products of (N, a, b) matrices and (N, b) vectors, in the vectors' precision."""
     xp = array_namespace(vectors)
     return xp.matmul(xp.astype(matrices, vectors.dtype), vectors[..., None])[..., 0]
 
@@ -170,7 +170,7 @@ class _Outer:
     upper: Array  # (N - 1, m, m).
 
     def swept(self, right: Sequence[Array], *, carry: bool = True) -> _Sweeps:
-        """Eliminate the blocks from both ends. ``carry`` passes the right-hand sides on."""
+        """Eliminate the blocks from both ends. ``carry`` passes on the right-hand sides."""
         xp = array_namespace(self.diagonal)
         count, middle = self.diagonal.shape[0], self.diagonal.shape[0] // 2
         orders = range(middle), range(count - 1, middle, -1)
@@ -189,7 +189,7 @@ class _Outer:
     def _eliminated(
         self, order: range, right: Sequence[Array], *, carry: bool
     ) -> tuple[dict[int, Array], dict[int, Array]]:
-        """Return ``S_i⁻¹ H_ij`` and ``S_i⁻¹ r_i`` of the blocks in this order, where j follows i."""
+        """Return ``S_i⁻¹ H_ij`` and ``S_i⁻¹ r_i`` for the blocks in this order, where j follows i."""
         xp = array_namespace(self.diagonal)
         coupled, found = dict[int, Array](), dict[int, Array]()
         met = self.diagonal.shape[1]
@@ -209,7 +209,7 @@ class _Outer:
 
 @dataclass(frozen=True)
 class _Sweeps:
-    """Blocks eliminated from both ends."""
+    """Blocks that were eliminated from both ends."""
 
     coupled: dict[int, Array]  # ``S_i⁻¹ H_ij`` with the neighbour j that was eliminated later.
     solved: list[Array]  # ``S_i⁻¹ r_i``.
@@ -229,7 +229,7 @@ def _stacked(blocks: list[Array], like: Array) -> Array:
 
 
 def _damped(blocks: Array, damping: Array) -> Array:
-    """Return (N, n, n) blocks with their diagonals increased by the (N,) shares."""
+    """Return (N, n, n) blocks whose diagonals are increased by the (N,) fractions ``damping``."""
     xp = array_namespace(blocks)
     share, along = xp.astype(damping, blocks.dtype)[:, None], np.arange(blocks.shape[-1])
     damped, along = blocks + 0.0, index(along, blocks)

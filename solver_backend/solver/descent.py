@@ -1,4 +1,4 @@
-"""Minimise on manifolds by projected gradient descent with retraction (thesis 6.2.4)."""
+"""Minimise costs on manifolds by projected gradient descent with retraction (thesis 6.2.4)."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from solver_backend.solver.line_search import StepTrial, WolfeSettings, strong_w
 from solver_backend.solver.manifolds import Manifold, State
 
 Objective = Callable[[State], tuple[Any, State]]
-"""Maps a state to its cost and gradient, ambient (derivatives by the state's entries) or tangent."""
+"""Maps a state to its cost and its gradient, either ambient (derivatives by the state's entries) or tangent."""
 
 
 @dataclass(frozen=True)
 class MinimiseSettings:
     """Limits and steps of a minimisation."""
 
-    max_iterations: int = 200  # Steps at most.
-    gradient_tolerance: float = 1e-8  # Stop when the Riemannian gradient is shorter.
-    cost_tolerance: float = 0.0  # Stop when a step lowers the cost by less than this share of it.
+    max_iterations: int = 200  # Largest number of steps.
+    gradient_tolerance: float = 1e-8  # Stop when the Riemannian gradient is shorter than this.
+    cost_tolerance: float = 0.0  # Stop when a step reduces the cost by less than this fraction.
     first_step: float = 0.1  # Length of the first step, in the manifold's unit.
-    line_search: WolfeSettings = field(default_factory=WolfeSettings)  # Strong Wolfe conditions of every step.
+    line_search: WolfeSettings = field(default_factory=WolfeSettings)  # Strong Wolfe conditions for every step.
 
     @property
     def stopped(self) -> str:
-        """Message for the end at the largest number of steps."""
+        """Message if the largest number of steps is reached."""
         return f"Stopped after {self.max_iterations} iterations. Raise max_iterations to go on."
 
 
@@ -35,12 +35,12 @@ class MinimiseResult:
     """Result of a minimisation."""
 
     state: State  # Best state found.
-    cost: float  # Cost there.
-    gradient: State  # Riemannian gradient there.
-    iterations: int  # Steps made.
-    evaluations: int  # Times cost and gradient were computed.
-    status: str  # One sentence on why it stopped.
-    converged: bool = False  # A tolerance was met.
+    cost: float  # Cost of that state.
+    gradient: State  # Riemannian gradient at that state.
+    iterations: int  # Number of steps.
+    evaluations: int  # Number of evaluations of cost and gradient.
+    status: str  # One sentence on why the minimisation stopped.
+    converged: bool = False  # Whether a tolerance was met.
 
 
 def gradient_descent(
@@ -53,10 +53,10 @@ def gradient_descent(
     Args:
         manifold: manifold of the state.
         objective: maps a state to cost and gradient.
-        state: start, on the manifold.
+        state: initial state on the manifold.
         settings: limits and steps.
 
-    Reference: thesis 6.2.4, Algorithm 1 (its ``z + α g`` descends for negative α).
+    Reference: thesis 6.2.4, Algorithm 1 (whose ``z + α g`` descends for negative α).
     """
     cost, gradient = evaluate(manifold, objective, state)
     evaluations, before, slope_before = 1, 0.0, 0.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 Objective = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Maps (b, n) points and the (b,) numbers of their problems to (b,) costs and (b, n) gradients."""
+"""Maps (b, n) points and the (b,) indices of their problems to (b,) costs and (b, n) gradients."""
 
 
 Evaluated = tuple[np.ndarray, np.ndarray, np.ndarray]  # Points, costs and gradients.
@@ -19,30 +19,30 @@ class QuasiNewtonSettings:
     """Stopping rule and line search."""
 
     max_iterations: int = 200
-    tolerance: float = 1e-4  # Smallest decrease of a cost by a step, relative to the cost or to 1.
+    tolerance: float = 1e-4  # Smallest decrease of a cost by a step, relative to the cost or to 1, whichever is larger.
     memory: int = 12
-    decrease: float = 1e-4  # Share of the predicted decrease that a step must meet (Armijo).
-    curvature: float = 0.9  # Share of the starting slope that may be left (Wolfe).
+    decrease: float = 1e-4  # Fraction of the predicted decrease that a step must achieve (Armijo).
+    curvature: float = 0.9  # Fraction of the initial slope that may remain (Wolfe).
     max_trials: int = 20
 
 
 @dataclass(frozen=True)
 class QuasiNewtonResult:
-    """Result of B problems."""
+    """Result for B problems."""
 
     x: np.ndarray  # (B, n).
     cost: np.ndarray  # (B,).
-    iterations: int  # Steps of the problem that took most.
-    converged: np.ndarray  # (B,) bool: a step no longer lowered the cost by more than the tolerance.
+    iterations: int  # Number of steps of the problem that took the most.
+    converged: np.ndarray  # (B,) bool: a step no longer reduced the cost by more than the tolerance.
 
 
 def independent_lbfgs(
     objective: Objective, start: np.ndarray, scale: np.ndarray, settings: QuasiNewtonSettings = QuasiNewtonSettings()
 ) -> QuasiNewtonResult:
-    """Minimise ``f_b(x_b)`` for every problem b, evaluated together.
+    """Minimise ``f_b(x_b)`` for every problem b. All problems are evaluated together.
 
     ``x ← x - t H ∇f`` with H from the last pairs, ``H_0 = γ diag(scale)``, and t by bisection until the weak Wolfe
-    conditions hold (Nocedal and Wright 2006, algorithm 7.4. Lewis and Overton 2013, "Nonsmooth optimization via
+    conditions are met (Nocedal and Wright 2006, algorithm 7.4. Lewis and Overton 2013, "Nonsmooth optimization via
     quasi-Newton methods", algorithm 2.6).
 
     Args:
@@ -71,7 +71,7 @@ def independent_lbfgs(
 def _wolfe_step(
     objective: Objective, at: Evaluated, direction: np.ndarray, problems: np.ndarray, settings: QuasiNewtonSettings
 ) -> Evaluated:
-    """Return points, costs and gradients after one step. Points without a lower trial remain."""
+    """Return points, costs and gradients after one step. A point stays where it is if no trial had a lower cost."""
     x, cost, gradient = at
     slope = (gradient * direction).sum(-1)
     step, low, high = np.ones(len(x)), np.zeros(len(x)), np.full(len(x), np.inf)
@@ -98,9 +98,9 @@ def _wolfe_step(
 class _StepPairs:
     steps: np.ndarray  # (m, B, n).
     changes: np.ndarray  # (m, B, n).
-    curvature: np.ndarray  # (m, B) 1 / (sᵀ y), 0 where there is no pair.
+    curvature: np.ndarray  # (m, B) 1 / (sᵀ y), or 0 where there is no pair.
     gamma: np.ndarray  # (B,) scale of H_0.
-    scale: np.ndarray  # (B, n) its diagonal.
+    scale: np.ndarray  # (B, n) diagonal of H_0.
     newest: int = 0  # Index of the last pair.
 
     @classmethod
@@ -109,7 +109,7 @@ class _StepPairs:
         return cls(np.zeros(shape), np.zeros(shape), np.zeros(shape[:2]), np.ones(len(x)), scale)
 
     def add(self, iteration: int, problems: np.ndarray, step: np.ndarray, change: np.ndarray) -> None:
-        """Store a pair for these problems, where its curvature is positive."""
+        """Store a pair for those of these problems whose curvature is positive."""
         product = (step * change).sum(-1)
         sound = product > 1e-10 * np.sqrt((step * step).sum(-1) * (change * change).sum(-1))
         self.newest = iteration % len(self.steps)
@@ -119,7 +119,7 @@ class _StepPairs:
         self.gamma[problems[sound]] = (product / np.where(spread > 0, spread, 1.0))[sound]
 
     def direction(self, gradient: np.ndarray, problems: np.ndarray) -> np.ndarray:
-        """Return ``-H g`` of these problems by the two-loop recursion."""
+        """Return ``-H g`` for these problems by the two-loop recursion."""
         order = [(self.newest - k) % len(self.steps) for k in range(len(self.steps))]
         q, shares = -gradient, {}
         for k in order:

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt on manifolds, for one problem or many independent ones together."""
+"""Run Levenberg-Marquardt on manifolds, for one problem or for many independent ones together."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from solver_backend.geometry.arrays import Array, array_namespace, identity, sol
 
 
 class NormalEquations(Protocol):
-    """Equations ``(H + damping diag(H)) step = -g`` of one or several independent problems."""
+    """Equations ``(H + damping diag(H)) step = -g`` for one or more independent problems."""
 
     def solve(self, damping: Array) -> Array:
         """Return the damped step. ``damping`` has one value per problem."""
@@ -21,12 +21,12 @@ class NormalEquations(Protocol):
         ...
 
     def merged(self, mask: Array, newer: Any) -> NormalEquations:
-        """Return the equations with the masked problems from ``newer``."""
+        """Return these equations, with those of the masked problems taken from ``newer``."""
         ...
 
 
 class LazyNormalEquations:
-    """Equations that are formed on demand. They are not needed at states without a further step."""
+    """Equations that are formed on demand, because states without a further step do not need them."""
 
     def __init__(self, form: Callable[[], NormalEquations]) -> None:
         self._form: Callable[[], NormalEquations] | None = form
@@ -34,7 +34,7 @@ class LazyNormalEquations:
 
     @property
     def formed(self) -> NormalEquations:
-        """Equations, formed on first use. Their inputs are then released."""
+        """The equations, formed on first use. Their inputs are then released."""
         if self._equations is None:
             assert self._form is not None
             self._equations, self._form = self._form(), None
@@ -49,13 +49,13 @@ class LazyNormalEquations:
         return self.formed.promised(step)
 
     def merged(self, mask: Array, newer: LazyNormalEquations) -> LazyNormalEquations:
-        """Return the equations with the masked problems from ``newer``."""
+        """Return these equations, with those of the masked problems taken from ``newer``."""
         return LazyNormalEquations(lambda: self.formed.merged(mask, newer.formed))
 
 
 @dataclass(frozen=True)
 class DenseBlocks:
-    """Equations of B independent small problems."""
+    """Equations of B small independent problems."""
 
     H: Array  # (B, n, n) symmetric positive semi-definite.
     g: Array  # (B, n) gradient.
@@ -73,7 +73,7 @@ class DenseBlocks:
         return -0.5 * array_namespace(step).sum(self.g * step, axis=1)
 
     def merged(self, mask: Array, newer: DenseBlocks) -> DenseBlocks:
-        """Return the equations with the masked problems from ``newer``."""
+        """Return these equations, with those of the masked problems taken from ``newer``."""
         xp = array_namespace(self.H)
         H = xp.where(mask[:, None, None], newer.H, self.H)
         return DenseBlocks(H, xp.where(mask[:, None], newer.g, self.g))
@@ -81,7 +81,7 @@ class DenseBlocks:
 
 @dataclass(frozen=True)
 class Arrowhead:
-    """Equations of B blocks with m shared unknowns. Their Schur complement is solved first."""
+    """Equations of B blocks that share m unknowns. The Schur complement of these is solved first."""
 
     blocks: Array  # (B, n, n).
     coupling: Array  # (B, n, m).
@@ -90,7 +90,7 @@ class Arrowhead:
     g_shared: Array  # (m,).
 
     def solve(self, damping: Array) -> Array:
-        """Return the (1, m + B·n) step with the shared unknowns first. ``damping`` is (1,)."""
+        """Return the (1, m + B·n) step, shared unknowns first. ``damping`` is (1,)."""
         xp = array_namespace(self.shared)
         n, m = self.coupling.shape[1:]
         relative = damping[0]
@@ -112,17 +112,17 @@ class Arrowhead:
         return -0.5 * xp.sum(gradient * step, axis=1)
 
     def merged(self, mask: Array, newer: Arrowhead) -> Arrowhead:
-        """Return ``newer`` if the one problem is masked, and otherwise these equations."""
+        """Return ``newer`` if the mask is true for the single problem, otherwise these equations."""
         return newer if bool(mask[0]) else self
 
 
 State = TypeVar("State")
 
 LESS, MORE, MORE_OF_PART = 0.3, 6.0, 1e3
-"""Factors on the damping: of an accepted step, of a rejected one, and of the parts that the rejected one made worse."""
-LEAST_DAMPING = 1e-7  # Smallest damping, of a Gauss-Newton step. Chosen by hand.
-HELD_BACK = 1.0  # Damping from which a part is held back, and its step may still change the whole. Chosen by hand.
-MOST_DAMPING = 1e4  # Largest damping. If a step with it raises the cost, no step lowers it. Chosen by hand.
+"""Damping factors: after an accepted step, after a rejected one, and for parts that the rejected one worsened."""
+LEAST_DAMPING = 1e-7  # Smallest damping, which gives a Gauss-Newton step. Chosen by hand.
+HELD_BACK = 1.0  # From this damping on, a part is held back, and a small decrease may not be the end. Chosen by hand.
+MOST_DAMPING = 1e4  # Largest damping. If a step with it increases the cost, no step reduces it. Chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -130,9 +130,9 @@ class LMSettings:
     """Stopping rule and damping."""
 
     max_iterations: int = 20
-    tolerance: float = 1e-4  # A problem is solved when a step that lowers its cost lowers it by less than this share.
-    promise: float = 0.0  # Share of the tolerance that a step must promise to be tried. 0 tries every step.
-    damping: float = 1e-3  # First damping, relative to the diagonal of H (Marquardt 1963).
+    tolerance: float = 1e-4  # A problem is solved when an accepted step reduces its cost by less than this fraction.
+    promise: float = 0.0  # Fraction of the tolerance that a step must promise to be tried. 0 tries every step.
+    damping: float = 1e-3  # Initial damping, relative to the diagonal of H (Marquardt 1963).
 
 
 @dataclass(frozen=True)
@@ -141,13 +141,13 @@ class LMResult(Generic[State]):
 
     state: State
     cost: Array  # (B,) cost of each problem, or (B, P) of its parts.
-    system: NormalEquations  # Normal equations at the state, with the information of the data.
+    system: NormalEquations  # Normal equations at the state, which contain the information of the data.
     iterations: int
-    converged: bool  # No step changes the cost any more.
+    converged: bool  # Whether no step changes the cost any more.
 
     @property
     def status(self) -> str:
-        """Message for the end of the minimisation."""
+        """Message about how the minimisation ended."""
         return "The cost no longer changes." if self.converged else "Stopped at max_iterations. More may help."
 
 
@@ -160,10 +160,10 @@ def levenberg_marquardt(
 ) -> LMResult[State]:
     """Minimise ``sum_b f_b``, with separate unknowns for each problem b.
 
-    ``(H + λ diag H) δ = -g``. ``x ← retract(x, δ)`` if the cost falls, otherwise λ grows (Levenberg 1944, Marquardt
-    1963). A problem may return the costs of its P consecutive parts, each with its own λ. A part that a step makes
-    worse keeps its λ and the λ of the next part, with which it shares unknowns, and both grow if the step is rejected.
-    Steps are accepted as a whole or rejected. Steps that promise too little end the minimisation (Moré 1978).
+    ``(H + λ diag H) δ = -g``. ``x ← retract(x, δ)`` if the cost decreases, otherwise λ grows (Levenberg 1944, Marquardt
+    1963). A problem may return the costs of its P consecutive parts, each with its own λ. If a step worsens a part, the
+    λ of that part and of the next one, with which it shares unknowns, are kept, and both grow if the step is rejected.
+    A step is accepted or rejected as a whole. Steps that promise too little end the minimisation (Moré 1978).
 
     Args:
         linearise: maps a state to the (B,) costs of problems, or (B, P) of their parts, and to the normal equations.
@@ -194,7 +194,7 @@ def levenberg_marquardt(
             state, system = select(better, candidate, state), system.merged(better, new_system)
             cost = xp.where(_of_parts(better, cost), new_cost, cost)
         total = _total(cost)
-        # A rejected step does not show how near the minimum is, except if not even the shortest is accepted.
+        # A rejected step does not show how close the minimum is, unless even the shortest step is rejected.
         most = _most(damping)
         enough = settings.tolerance * _share_awaited(most, damping)
         converged = converged | (better & (change < enough)) | (~better & (most > MOST_DAMPING))
@@ -204,7 +204,7 @@ def levenberg_marquardt(
 
 
 def _adapted(damping: Array, better: Array, worse_part: Array) -> Array:
-    """Return the damping of the next step, smaller after a good step and larger after a bad one.
+    """Return the damping for the next step, which is smaller after a good step and larger after a bad one.
 
     A rejected step does not change the damping of the parts that it improved.
     """
@@ -213,14 +213,14 @@ def _adapted(damping: Array, better: Array, worse_part: Array) -> Array:
         better = _of_parts(better, damping)
         return xp.where(better, xp.clip(damping * LESS, LEAST_DAMPING, None), damping * MORE)
     beside = xp.concat([xp.zeros_like(worse_part[:, :1]), worse_part[:, :-1]], axis=1)
-    harmed = worse_part | beside  # a window's last key belongs to the next
+    harmed = worse_part | beside  # a window's last key belongs to the next window
     accepted = xp.where(harmed, damping, xp.clip(damping * LESS, LEAST_DAMPING, None))
     refused = xp.where(harmed, damping * MORE_OF_PART, damping)
     return xp.where(better[:, None], accepted, refused)
 
 
 def _promises_little(system: NormalEquations, step: Array, cost: Array, damping: Array, settings: LMSettings) -> Array:
-    """Return a (B,) mask of problems with too small a predicted decrease of the cost."""
+    """Return a (B,) mask of problems whose cost is predicted to decrease too little."""
     share = settings.promise * settings.tolerance * _share_awaited(_most(damping), damping)
     return system.promised(step) < share * _total(cost)
 
@@ -230,7 +230,7 @@ def _most(damping: Array) -> Array:
 
 
 def _share_awaited(most: Array, damping: Array) -> Array | float:
-    """Return the (B,) fraction of the tolerance that counts as a change, less for damped parts."""
+    """Return the (B,) fraction of the tolerance that counts as a change. It is smaller for damped parts."""
     return 1.0 if damping.ndim == 1 else 1.0 - 0.9 * array_namespace(most).astype(most >= HELD_BACK, most.dtype)
 
 
@@ -243,14 +243,14 @@ def _of_parts(mask: Array, cost: Array) -> Array:
 
 
 class RobustProblem(Protocol[State]):
-    """Least squares with outliers, which a robust scale separates."""
+    """A least-squares problem with outliers, which a robust scale separates."""
 
     def linearise(self, state: State, scale: float) -> tuple[Array, NormalEquations]:
         """Return the costs and the normal equations at a state (see ``levenberg_marquardt``)."""
         ...
 
     def retract(self, state: State, step: Array) -> State:
-        """Return the state moved by (B, n) tangent steps."""
+        """Return the state after (B, n) tangent steps."""
         ...
 
 
@@ -264,13 +264,13 @@ def minimise(
 ) -> LMResult[State]:
     """Minimise a problem in stages, and return the result of the last one.
 
-    Graduated non-convexity (Blake and Zisserman 1987, "Visual Reconstruction").
+    This is graduated non-convexity (Blake and Zisserman 1987, "Visual Reconstruction").
 
     Args:
-        stages: robust scale and stopping rule of one or more stages.
-        alive: called before each linearisation. It may raise to stop the minimisation.
+        stages: robust scale and stopping rule for each of one or more stages.
+        alive: called before each linearisation. It may raise an error to stop the minimisation.
         select: see ``levenberg_marquardt``.
-        done: called with the number of finished stages and the number of all stages.
+        done: called with the number of finished stages and the total number of stages.
     """
     result = None
     for number, (scale, settings) in enumerate(stages, 1):

@@ -14,20 +14,20 @@ Payload = TypeVar("Payload")
 class WolfeSettings:
     """Conditions for a step."""
 
-    decrease: float = 1e-4  # Share c1 of the predicted decrease that must be met (Armijo).
-    curvature: float = 0.9  # Share c2 of the starting slope that may be left.
-    max_evaluations: int = 25  # Trials at most.
-    growth: float = 2.5  # Factor of the step while it is too short.
+    decrease: float = 1e-4  # Fraction c1 of the predicted decrease that must be achieved (Armijo).
+    curvature: float = 0.9  # Fraction c2 of the initial slope that may remain.
+    max_evaluations: int = 25  # Largest number of trials.
+    growth: float = 2.5  # Factor for the step while it is too short.
 
 
 @dataclass(frozen=True)
 class StepTrial(Generic[Payload]):
-    """Objective along the line at one step."""
+    """The objective at one step along the line."""
 
     step: float
     cost: float
     slope: float  # Derivative of the cost by the step.
-    payload: Payload  # Result of the evaluation for the caller.
+    payload: Payload  # Result of the evaluation, for the caller.
 
 
 def strong_wolfe(
@@ -48,8 +48,8 @@ def strong_wolfe(
         settings: conditions.
 
     Returns:
-        The trial, whether it satisfies both conditions, and the number of evaluations. Without success, the best trial
-        with sufficient decrease, or ``start``.
+        The trial, whether it satisfies both conditions, and the number of evaluations. If no trial satisfies both, it
+            is the best trial with sufficient decrease, or ``start``.
 
     Reference: Nocedal and Wright 2006, "Numerical Optimization", algorithms 3.5 and 3.6.
     """
@@ -81,7 +81,7 @@ def strong_wolfe(
 
 
 def _between(low: StepTrial[Payload], high: StepTrial[Payload]) -> float:
-    """Return the minimiser of the cubic through two trials, not near the interval's ends."""
+    """Return the minimiser of the cubic through two trials, kept away from the interval's ends."""
     width = high.step - low.step
     middle = low.step + 0.5 * width
     if not (math.isfinite(high.cost) and math.isfinite(high.slope)):

@@ -1,7 +1,7 @@
-"""Define the manifolds of the minimisers: code spheres, SO(3), flat space and products of them.
+"""Define the minimisers' manifolds: code spheres, SO(3), flat space and products of them.
 
 A state of shape (..., a) is a power of the manifold. Points have leading axes, and inner products sum over all of them.
-A state on a product is a tuple. Tangent vectors have the point's shape, but on SO(3) are left rotation vectors.
+A state on a product is a tuple. Tangent vectors have the point's shape, except left rotation vectors on SO(3).
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ State = Any  # An array, or a tuple of states on a product.
 
 
 class Euclidean:
-    """Flat space. States are arrays of any shape, and points are their last axis."""
+    """Flat space. States are arrays of any shape, and points are along their last axis."""
 
     def project(self, x: Array, v: Array) -> Array:
-        """Return the tangent vector at ``x`` nearest to the ambient vector ``v``."""
+        """Return the tangent vector at ``x`` that is nearest to the ambient vector ``v``."""
         return v
 
     def retract(self, x: Array, v: Array) -> Array:
-        """Return a point of the manifold that equals ``x + v`` to first order."""
+        """Return a point on the manifold that equals ``x + v`` to first order."""
         return x + v
 
     def velocity(self, x: Array, v: Array, y: Array) -> Array:
@@ -31,11 +31,11 @@ class Euclidean:
         return v
 
     def inner(self, u: Array, v: Array) -> float:
-        """Return the inner product of two tangent vectors at one state."""
+        """Return the inner product of two tangent vectors at the same state."""
         return float(array_namespace(u, v).sum(u * v))
 
     def combine(self, a: float, u: Array, b: float, v: Array) -> Array:
-        """Return the combination ``a u + b v`` of two tangent vectors at one state."""
+        """Return the combination ``a u + b v`` of two tangent vectors at the same state."""
         return a * u + b * v
 
 
@@ -47,12 +47,12 @@ class UnitVectors(Euclidean):
         return (x + v) / _length(x + v)
 
     def velocity(self, x: Array, v: Array, y: Array) -> Array:
-        """Return the tangent at y of the retraction of v, ``(v - (v·y) y)/|x + v|``."""
+        """Return the tangent at y for the retraction of v, ``(v - (v·y) y)/|x + v|``."""
         return _without(v, y) / _length(x + v)
 
 
 class CodeSphere(UnitVectors):
-    """Unit vectors (..., d) with zero mean, the result of spherical normalisation (thesis eq. 6.2)."""
+    """Unit vectors (..., d) of zero mean, the result of spherical normalisation (thesis eq. 6.2)."""
 
     def project(self, x: Array, v: Array) -> Array:
         """Return ``v`` without its mean and its component along ``x``."""
@@ -60,10 +60,10 @@ class CodeSphere(UnitVectors):
 
 
 class SO3(Euclidean):
-    """Rotations (..., 3, 3) with the length of the left rotation vector: ``R(ω) = exp([ω]x) R``."""
+    """Rotations (..., 3, 3), with the length of the left rotation vector: ``R(ω) = exp([ω]x) R``."""
 
     def project(self, x: Array, v: Array) -> Array:
-        """Return the left gradient of an ambient one: the axial vector of ``v xᵀ - x vᵀ``.
+        """Convert an ambient gradient to a left gradient: the axial vector of ``v xᵀ - x vᵀ``.
 
         Args:
             x: (..., 3, 3) rotations.
@@ -83,20 +83,20 @@ class SO3(Euclidean):
 
 @dataclass(frozen=True)
 class Product:
-    """Product of manifolds. States and tangent vectors are tuples in their order."""
+    """Product of manifolds. States and tangent vectors are tuples in the manifolds' order."""
 
     factors: tuple[Euclidean, ...]  # The manifolds of the entries.
 
     def project(self, x: State, v: State) -> State:
-        """Return the projection in every factor."""
+        """Return the projection in each factor."""
         return tuple(m.project(*a) for m, *a in zip(self.factors, x, v, strict=True))
 
     def retract(self, x: State, v: State) -> State:
-        """Return the retraction in every factor."""
+        """Return the retraction in each factor."""
         return tuple(m.retract(*a) for m, *a in zip(self.factors, x, v, strict=True))
 
     def velocity(self, x: State, v: State, y: State) -> State:
-        """Return the velocity in every factor."""
+        """Return the velocity in each factor."""
         return tuple(m.velocity(*a) for m, *a in zip(self.factors, x, v, y, strict=True))
 
     def inner(self, u: State, v: State) -> float:

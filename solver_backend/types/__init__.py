@@ -1,4 +1,4 @@
-"""Plain data types of the pipeline. They import only the exchange library."""
+"""Define the pipeline's plain data types. They import only the exchange library."""
 
 from solver_backend.exchange.joint_sets import NUM_BETAS as NUM_BETAS
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS as NUM_BODY_JOINTS

@@ -1,4 +1,4 @@
-"""Calibrated cameras in OpenCV's convention, and their fit to a take."""
+"""Define calibrated cameras in OpenCV's convention, and how well they fit a take."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from solver_backend.exchange.lens import DEFAULT_MODEL, require_models
 from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, require_within
 from solver_backend.types.shapes import Float, Int
 
-_SHORTEST_PX = 1e-3  # Focal length in pixels. A fisheye lens on a picture of one pixel has 0.3.
-_LARGEST_SIZE = 2.0**31  # Pixels per side below which sizes fit into 32-bit integers.
+_SHORTEST_PX = 1e-3  # Focal length in pixels. A fisheye lens on a one-pixel image has 0.3.
+_LARGEST_SIZE = 2.0**31  # Pixels per side below which sizes fit in 32-bit integers.
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class CameraPath:
 
 @dataclass(frozen=True)
 class Cameras:
-    """Cameras of one capture, ``x_cam = R @ x_world + t``, pixel centres at whole numbers.
+    """Cameras of one capture: ``x_cam = R @ x_world + t``, with pixel centres at whole numbers.
 
-    Moving cameras have a path, ``x_cam = R @ x_start + t``. Points then have F frames on their first axis.
+    Moving cameras have a path, ``x_cam = R @ x_start + t``. Points then have F frames along their first axis.
     """
 
     names: tuple[str, ...]
@@ -51,9 +51,9 @@ class Cameras:
     image_size: Int[np.ndarray, "cameras 2"]
     """(C, 2) width and height in pixels."""
     models: tuple[str, ...] = (DEFAULT_MODEL,)
-    """Name of each camera's lens model in ``LENS_MODELS``, or one name for all."""
+    """Name in ``LENS_MODELS`` of each camera's lens model, or one name for all."""
     path: CameraPath | None = None
-    """Motion of moving cameras, None for static cameras."""
+    """Motion of moving cameras, or None for static cameras."""
 
     def __post_init__(self) -> None:
         count = len(self.names)
@@ -106,7 +106,7 @@ class Cameras:
         object.__setattr__(self, "path", CameraPath(R, t))
 
     def _check_physics(self) -> None:
-        with np.errstate(over="ignore", invalid="ignore"):  # an overflow is not a rotation
+        with np.errstate(over="ignore", invalid="ignore"):  # numbers that overflow are not a rotation
             off = np.abs(self.R @ self.R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
             sign = np.linalg.det(self.R)
         bent = ~(off <= 1e-3)
@@ -134,11 +134,11 @@ class Cameras:
 
     @property
     def centres(self) -> Float[np.ndarray, "cameras 3"]:
-        """(C, 3) optical centres in world metres, ``-Rᵀ t``. Moving cameras are at their start."""
+        """(C, 3) optical centres in world metres, ``-Rᵀ t``. For moving cameras, at their start."""
         return -np.einsum("cji,cj->ci", self.R, self.t)
 
     def poses(self, camera: int, frames: int) -> tuple[Float[np.ndarray, "frames 3 3"], Float[np.ndarray, "frames 3"]]:
-        """Return world-to-camera rotations (F, 3, 3) and translations (F, 3) of one camera in F frames."""
+        """Return one camera's world-to-camera rotations (F, 3, 3) and translations (F, 3) in F frames."""
         R, t = self.R[camera], self.t[camera]
         if self.path is None:
             return np.broadcast_to(R, (frames, 3, 3)), np.broadcast_to(t, (frames, 3))
@@ -149,7 +149,7 @@ class Cameras:
         return replace(self, R=R[:1], t=t[:1], path=CameraPath(R[0].T @ R, (t - t[0]) @ R[0]))
 
     def scaled(self, factor: float) -> Cameras:
-        """Return the cameras in a world that is scaled by ``factor``. Images do not change."""
+        """Return the cameras in a world scaled by ``factor``. Images do not change."""
         path = self.path and CameraPath(self.path.R, self.path.t * factor)
         return replace(self, t=self.t * factor, path=path)
 
@@ -173,14 +173,14 @@ ROWS, COLUMNS = ("top", "centre", "bottom"), ("left", "middle", "right")  # Imag
 
 @dataclass(frozen=True)
 class CameraFits:
-    """Fit of C cameras to one take, in px unless stated otherwise."""
+    """How well C cameras fit a take, in px unless stated otherwise."""
 
     verdict: str
     region_px: np.ndarray  # (C, 3, 3) median reprojection error by image region, rows first, NaN if unknown.
-    camera_px: np.ndarray  # (C,) median reprojection error of the whole image.
+    camera_px: np.ndarray  # (C,) median reprojection error over the whole image.
     best_px: np.ndarray  # (C,) the same after adjusting the camera poses to the take.
     epipolar_px: np.ndarray  # (C, W) median distance to the other cameras' epipolar lines in W equal parts of the take.
-    stature_m: float  # Stature of the person at the calibration's scale, metres.
-    tilt_deg: float  # Angle between the up directions of world and person, degrees.
+    stature_m: float  # The person's stature at the calibration's scale, in metres.
+    tilt_deg: float  # Angle between the world's and the person's up directions, in degrees.
     tilt_sigma_deg: float  # Standard deviation of that angle, degrees.
     findings: tuple[str, ...]  # Problems and their remedies.

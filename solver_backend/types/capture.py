@@ -1,4 +1,4 @@
-"""Recorded data: 2D keypoints, hands, user-defined points, markers, and captures."""
+"""Define recorded data: 2D keypoints, hands, user-defined points, markers, and captures."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from solver_backend.types.shapes import Float
 
 BONES = {role: SMPL.joints[joint] for role, joint in JOINT_OF.items()} | {
     name: name for name in ("spine1", "spine2", "spine3", "neck")
-}  # The joint that turns each bone, by the bone's usual name: ``left_forearm`` turns at ``left_elbow``.
+}  # The joint that rotates each bone, by the bone's usual name: ``left_forearm`` rotates at ``left_elbow``.
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ UNSEEN_POINT = (np.nan, np.nan, 0.0)  # x, y and confidence of an undetected poi
 
 
 def stacked_hands(hands: Sequence[np.ndarray | None], axis: int) -> np.ndarray | None:
-    """Join the hands of several people along an axis, NaN without hands, None without any."""
+    """Join several people's hands along an axis. A person without hands gets NaN. Return None if nobody has any."""
     like = next((hand for hand in hands if hand is not None), None)
     if like is None:
         return None
@@ -51,11 +51,11 @@ def stacked_hands(hands: Sequence[np.ndarray | None], axis: int) -> np.ndarray |
 
 
 def checked_hands(hands: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Return hands with NaN and confidence 0 for undetected points.
+    """Return hands in which undetected points have NaN and confidence 0.
 
     Raises:
         KeypointCountMismatch: the shape is not (*shape, 2, 21, 3).
-        NonFiniteData: a point is infinite or beyond any image.
+        NonFiniteData: a point is infinite or too far away for any image.
     """
     hands = np.array(hands, dtype=np.float64)
     expected = (*shape, 2, NUM_HAND_POINTS, 3)
@@ -73,7 +73,7 @@ def checked_hands(hands: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Keypoints2D:
-    """Detections of one person in every view, NaN and confidence 0 where missing."""
+    """One person's detections in every view. Missing ones are NaN with confidence 0."""
 
     xy: Float[np.ndarray, "views frames keypoints 2"]
     """(views, frames, keypoints, 2) positions in pixels."""
@@ -179,31 +179,31 @@ class Capture:
     """Detections of the person to solve."""
     markers: MarkerCloud | None = None
     others: MarkerCloud | None = None
-    """Markers with other prefixes that name no person, possibly props."""
+    """Markers whose prefixes do not name a person, possibly props."""
     footage: tuple[Path | None, ...] = ()
     """Video file or image folder of each camera, or None."""
     footage_first: tuple[int, ...] = ()
-    """Index of each camera's footage image at the first frame, () if all are 0."""
+    """Index of each camera's footage image at the first frame, or () if all are 0."""
     sources: tuple[str, ...] = ()
-    """Files of the capture."""
+    """Files that the capture was read from."""
     notes: tuple[Diagnostic, ...] = ()
-    """Notes of the reader about findings and assumptions: units, axes, frame rate, ignored people."""
+    """The reader's notes about findings and assumptions: units, axes, frame rate, ignored people."""
     problems: tuple[Diagnostic, ...] = ()
     """Warnings for the user before the solve."""
     people: tuple[PersonInViews, ...] = ()
-    """All people in at least two views if there are several. ``keypoints`` belong to the solved person."""
+    """Everyone visible in at least two views if there are several people. ``keypoints`` belong to the solved one."""
     person: str = ""
-    """Name of the person in ``keypoints`` if there are several."""
+    """Name of the person in ``keypoints`` if there are several people."""
     stature_m: float = 0.0
-    """Given stature of the person in metres, 0 if unknown."""
+    """Stated stature of the person in metres, or 0 if unknown."""
     floor_from_person: bool = False
-    """True if a person of stated or average stature determined floor and scale of a single camera's world."""
+    """True if floor and scale of a single camera's world come from a person of stated or average stature."""
     focal_sigma: float = 0.0
     """Relative standard deviation of a single camera's focal length if it was estimated."""
     detector: str = ""
-    """Name of the keypoint detector, empty if unknown."""
+    """Name of the keypoint detector, or empty if unknown."""
     noise_map: str = ""
-    """Detector of the noise map that weighted the confidences, empty if they are unchanged."""
+    """Detector whose noise map weighted the confidences, or empty if they are unchanged."""
     world_checked: bool = False
     """True if the reader compared the world with the person. Not stored in files."""
     truth: dict[str, np.ndarray] = field(default_factory=dict)
@@ -265,7 +265,7 @@ class Capture:
 
     @property
     def placed(self) -> np.ndarray:
-        """(F, K) mask of keypoints in enough views (see ``least_views``)."""
+        """(F, K) mask of keypoints visible in enough views (see ``least_views``)."""
         assert self.keypoints is not None
         return (self.keypoints.confidence > 0).sum(axis=0) >= self.least_views
 
@@ -277,16 +277,16 @@ class Capture:
         return self.cameras, self.keypoints
 
     def require_views(self) -> tuple[Cameras, Keypoints2D]:
-        """Return cameras and keypoints of a capture with detections in one or several cameras.
+        """Return the cameras and keypoints of a capture with detections in one or more cameras.
 
         Raises:
-            TooFewViews, NoDetections: there are none, or several cameras share no keypoint.
+            TooFewViews, NoDetections: there are none, or no keypoint is shared by several cameras.
         """
         cameras, keypoints = self._require_detections()
         return (cameras, keypoints) if self.is_one_view else self.require_multiview()
 
     def require_multiview(self) -> tuple[Cameras, Keypoints2D]:
-        """Return cameras and keypoints of a capture that can be triangulated.
+        """Return the cameras and keypoints of a capture that can be triangulated.
 
         Raises:
             TooFewViews: fewer than two cameras have detections.
@@ -311,7 +311,7 @@ class Capture:
         return self.cameras, self.keypoints
 
     def of_person(self, name: str) -> Capture:
-        """Return the capture with another person's keypoints. Raise PersonUnknown if absent."""
+        """Return the capture with another person's keypoints. Raise PersonUnknown if that person is absent."""
         wanted = name.strip().casefold()
         for number, person in enumerate(self.people, 1):
             if wanted in (person.name.casefold(), str(number)):

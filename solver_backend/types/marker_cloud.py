@@ -1,4 +1,4 @@
-"""Recorded optical markers, and the person who wears them."""
+"""Define recorded optical markers, and the person who wears them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from solver_backend.types.shapes import Float
 
 @dataclass(frozen=True)
 class MarkerCloud:
-    """Positions of optical markers. Missing ones are NaN."""
+    """Positions of optical markers. Missing markers are NaN."""
 
     positions: Float[np.ndarray, "frames markers 3"]
     """(frames, markers, 3) positions in metres."""
@@ -24,7 +24,7 @@ class MarkerCloud:
     labels: tuple[str, ...] | None = None
     """One label per marker, or None for an unlabelled cloud."""
     residual: Float[np.ndarray, "frames markers"] | None = None
-    """(frames, markers) residuals of the recording program in metres."""
+    """(frames, markers) residuals from the recording program in metres."""
     covariance: Float[np.ndarray, "frames markers 3 3"] | None = None
     """(frames, markers, 3, 3) covariances of measured positions in m², which replace the residuals."""
 
@@ -50,7 +50,7 @@ class MarkerCloud:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The labels, empty if the cloud has none."""
+        """The labels, or an empty tuple if the cloud has none."""
         return self.labels or ()
 
     def columns(self, chosen: Sequence[int], labels: tuple[str, ...] | None = None) -> MarkerCloud:
@@ -71,7 +71,7 @@ class MarkerCloud:
         return np.concatenate(parts, axis=-1)
 
     def with_values(self, values: np.ndarray, labels: tuple[str, ...]) -> MarkerCloud:
-        """Return a cloud from rearranged ``values`` with other labels."""
+        """Build a cloud from rearranged ``values`` and other labels."""
         residual = None if self.residual is None else values[..., 3]
         covariance = None if self.covariance is None else values[..., -9:].reshape(*values.shape[:2], 3, 3)
         return MarkerCloud(values[..., :3], self.fps, labels, residual, covariance)
@@ -84,15 +84,15 @@ _LEAST_SIGMA_M = 1e-9  # Smallest standard deviation of a marker position (m). M
 class MarkerSubject:
     """Result of a subject calibration, for takes of the same person with the same markers."""
 
-    body: str  # Id of the body to which the shape belongs.
+    body: str  # Id of the body that the shape belongs to.
     betas: Float[np.ndarray, " 10"]  # (10,) shape coefficients.
-    labels: tuple[str, ...]  # M labels in the recording.
-    places: tuple[str, ...]  # M landmarks of the layouts, or ``@`` and the name of the marker's bone.
-    offsets: Float[np.ndarray, "markers 3"]  # (M, 3) metres in the rest frame from landmark or joint to marker.
-    sigma_m: Float[np.ndarray, " markers"]  # (M,) standard deviation of each marker's position, per axis, metres.
+    labels: tuple[str, ...]  # (M,) labels in the recording.
+    places: tuple[str, ...]  # (M,) landmarks in the layouts, or ``@`` and the name of the marker's bone.
+    offsets: Float[np.ndarray, "markers 3"]  # (M, 3) metres from landmark or joint to marker, in the rest pose.
+    sigma_m: Float[np.ndarray, " markers"]  # (M,) standard deviation of each marker's position per axis, metres.
     skin_m: Float[np.ndarray, " markers"]  # (M,) distance from the skin in metres, NaN for a marker with only a bone.
     provenance: dict[str, Any] = field(default_factory=dict)
-    """Takes, frames and version of the calibration as plain JSON values."""
+    """Takes, frames and version used in the calibration, as plain JSON values."""
 
     def __post_init__(self) -> None:
         count = len(self.labels)

@@ -1,4 +1,4 @@
-"""The motion of a body of any layout, and hands recorded by gloves."""
+"""Define the motion of a body with any layout, and hands recorded by gloves."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from solver_backend.types.shapes import Bool, Float, Int
 
 @dataclass(frozen=True)
 class Motion:
-    """An animated body of F frames. Units are metres and radians, and the world has Z up.
+    """An animated body with F frames, in metres and radians, in a world with Z up.
 
     ``x_world = R(global_orient) (x_body - J_0(betas)) + J_0(betas) + transl`` (SMPL's convention, Loper et al. 2015).
     """
@@ -43,7 +43,7 @@ class Motion:
     joint_set: JointSet | None = None
     """Joint set of ``keypoints3d``."""
     joint_sigma: Float[np.ndarray, "frames joints"] | None = None
-    """(F, J) standard deviation of each joint in metres, RMS over the axes."""
+    """(F, J) standard deviation of each joint position in metres, RMS over the axes."""
     joint_covariance: Float[np.ndarray, "frames joints 6"] | None = None
     """(F, J, 6) covariance of each joint position in m²: xx, xy, xz, yy, yz, zz in world axes."""
     turn_covariance: Float[np.ndarray, "frames segments 6"] | None = None
@@ -53,33 +53,33 @@ class Motion:
     contacts: Bool[np.ndarray, "frames 2"] | None = None
     """(F, 2) bool, True while the left or right foot is on the floor."""
     touches: Bool[np.ndarray, "frames 11"] | None = None
-    """(F, 11) bool, body parts on the floor (``CONTACT_PARTS``), None if only feet."""
+    """(F, 11) bool, body parts on the floor (``CONTACT_PARTS``), or None if only feet are known."""
     flags: Int[np.ndarray, " frames"] | None = None
     """(F,) uint8 bit mask of FLAG_*."""
     resting: Bool[np.ndarray, "frames joints"] | None = None
-    """(F, J) bool, True for joints at rest because nothing was measured. None if all are measured."""
+    """(F, J) bool, True for joints shown at rest because nothing was measured. None if all are measured."""
     root: Float[np.ndarray, "frames 3"] | None = None
-    """(F, 3) path of a root bone on the ground: x and y in metres, and its heading from -Y in radians."""
+    """(F, 3) path of a root bone on the ground: x and y in metres, and heading relative to -Y in radians."""
     reprojection_px: Float[np.ndarray, "views frames keypoints"] | None = None
-    """(views, F, K) reprojection error of keypoints in pixels, NaN where undetected."""
+    """(views, F, K) keypoint reprojection errors in pixels, NaN where undetected."""
     markers: np.ndarray | None = None
-    """(F, M, 3) marker positions of the solved body in world metres."""
+    """(F, M, 3) marker positions on the solved body in world metres."""
     marker_labels: tuple[str, ...] | None = None
-    """M labels in the recording."""
+    """(M,) labels in the recording."""
     marker_residual_mm: np.ndarray | None = None
-    """(F, M) distance between recorded and solved markers in millimetres, NaN where missing."""
+    """(F, M) distances between recorded and solved markers in millimetres, NaN where missing."""
     marker_flags: np.ndarray | None = None
     """(F, M) uint8 bit mask of MARKER_*: seen, filled, swapped, ghost."""
     marker_sigma: np.ndarray | None = None
-    """(M,) standard deviation of each marker from its position on the body, per axis, in metres."""
+    """(M,) standard deviation per axis of each marker around its position on the body, in metres."""
     cleaned_markers: np.ndarray | None = None
     """(F, M, 3) recorded markers in world metres, with swaps corrected and gaps filled."""
     offsets: np.ndarray | None = None
-    """(M, 3) offset of each marker from its nominal position in the rest frame, in metres."""
+    """(M, 3) offset of each marker from its nominal position in the rest pose, in metres."""
     layout: tuple[str, ...] | None = None
-    """M landmarks of the markers on the body."""
+    """(M,) body landmark of each marker."""
     props: tuple[Prop, ...] = ()
-    """Rigid objects that do not belong to the person, F frames each."""
+    """Rigid objects that are not part of the person, with F frames each."""
     provenance: dict[str, Any] = field(default_factory=dict)
     """Version, weights hash, settings, source files and statistics as plain JSON values."""
 
@@ -106,10 +106,10 @@ class Motion:
         return len(self.global_orient)
 
     def beside_truth(self, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-        """Return the (F, J, 3) joints of motion and ground truth that both contain, and their names.
+        """Return the (F, J, 3) joints that both the motion and the ground truth contain, and their names.
 
         Args:
-            truth: (F, J, 3) joint positions in metres in this layout or SMPL's. Other shapes give no joints.
+            truth: (F, J, 3) joint positions in metres, in this layout or SMPL's. Other shapes give no joints.
         """
         layout = self.body_layout if truth.shape[1:2] == (self.body_layout.num_joints,) else SMPL
         if truth.shape != (self.num_frames, layout.num_joints, 3):
@@ -118,7 +118,7 @@ class Motion:
         return self.joints[:, own], np.asarray(truth)[:, theirs], tuple(layout.joints[j] for j in theirs)
 
     def require_body(self, body: str, layout: BodyLayout, where: str) -> None:
-        """Raise MotionInvalid if the motion has another body or layout."""
+        """Raise MotionInvalid if the motion is for another body or layout."""
         self.body_layout.require_same_joints(layout, where)
         if self.body != body:
             hint = "Use the body that the motion was solved with."

@@ -1,6 +1,6 @@
-"""Array types that state their shape. Equal names in a signature have equal sizes.
+"""Define array types that state their shape. Equal names in a signature mean equal sizes.
 
-``*batch`` is any number of dimensions, and ``#`` marks broadcast ones (jaxtyping's notation). Type checkers only see
+``*batch`` is any number of dimensions, and ``#`` marks broadcast ones (jaxtyping's notation). Type checkers see only
 the array. Nothing is checked at run time, unless jaxtyping was imported before this module, as the tests do.
 """
 
