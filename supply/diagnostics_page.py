@@ -11,30 +11,30 @@ _NOTICE = "<!-- Made by python3 dev.py docs from {source}; edit that. -->"
 
 _HEAD = """# Diagnostics
 
-A diagnostic reports what the program noticed while it read a capture, solved it or checked the result. The console,
-the report, Blender's panel and `--json` all show the same diagnostics.
+A diagnostic reports something that the program noticed while reading a capture, solving it or checking the result. The
+console, the report, Blender's panel and `--json` all show the same diagnostics.
 
-- An **error** means that the input or the result is refused and no file is written. A solve refuses useless results
-  with one of these codes: {refusals}. If the fault is small, the same code is only a warning. To keep a refused result,
-  use the option `--accept CODE`, the entry `"accept": ["CODE"]` in the `settings` of a [job file](job-file.md), or
-  *Accepted Faults* in the panel.
+- An **error** means that the input or the result is rejected and no file is written. A solve rejects useless results
+  with one of these codes: {refusals}. If the fault is small, the same code is only a warning. To keep a rejected
+  result, use the option `--accept CODE`, the entry `"accept": ["CODE"]` in the `settings` of a
+  [job file](job-file.md), or *Accepted Faults* in the panel.
 - A **warning** means that the result may be wrong. With `--strict`, or `"strict": true` in a job file, a solve with
   warnings writes no file and ends with exit code 3.
-- A **note** is only information. A solve that ends with "OK" may have notes.
+- A **note** is only information. A solve that ends with "OK" may still have notes.
 
 With `--json`, each diagnostic is an object with the keys `code`, `severity`, `where`, `values` and `remedy`. The object
 `where` can have `file`, `frames` (pairs of first and last frame), `cameras`, `markers`, `joints` and `person`. The
 `remedy` is {remedies}. A motion file stores its diagnostics in `provenance`.
 
-Each code in the table links to its message, its usual cause and the remedy. `manifold explain CODE` prints the same,
-and every form of a note's message.
+Each code in the table links to its message, its usual cause and the remedy. `manifold explain CODE` prints the same
+text, including all variants of a note.
 [Error codes](errors.md) lists the errors that end a command."""
 
 _ERRORS = """# Error codes
 
-An error ends a command. The message states what happened, where, and what to do. With `--json`, the error also has one
-of these codes, which `manifold explain CODE` explains. The exit code is 3 if the table has none. A message that does
-not end the command is a [diagnostic](diagnostics.md). See also the
+An error ends a command. The message states what happened, where it happened and what to do. With `--json`, the error
+also has one of these codes, which `manifold explain CODE` explains. The exit code is 3 unless the table states another.
+A message that does not end the command is a [diagnostic](diagnostics.md). See also the
 [exit codes](command-line.md#exit-codes-and-json).
 
 | code | exit code | meaning |
@@ -70,7 +70,7 @@ def diagnostics_group(page: str) -> str:
     for code, entry in _entries(GROUPS[page]):
         first, *others = _forms(entry)
         others = [] if entry.severity is Severity.NOTE else others
-        rows = [f"{entry.severity.value.title()}: {first}", *(f"or: {form}" for form in others)]
+        rows = [f"{entry.severity.value.title()}: {first}", *others]
         rows += [" ".join(filter(None, (entry.cause, entry.remedy)))]
         lines = [f"| {_slanted(text)} |" for text in rows if text]
         parts += ["", f"## {code}", "", lines[0], "|---|", *lines[1:]]
@@ -88,13 +88,13 @@ def errors_page() -> str:
 
 
 def _forms(entry: DiagnosticEntry) -> list[str]:
-    """Return the message, and the other values of each parameter that has several."""
+    """Return the message, and the other values of several words of each parameter that has several."""
     values = {name: [*words.values()] for name, words in entry.words.items()}
     usual = {name: words[0] for name, words in values.items() if len(words) > 1}
     forms = [_filled(entry.text, usual)]
     for name, words in values.items():
-        start = "" if entry.text.startswith("{" + name) else "… "
-        forms += [f"{start}{word.lstrip(' ,.')}" for word in words[len(words) > 1 :]]
+        start = "or: " if entry.text.startswith("{" + name) else "… "
+        forms += [f"{start}{word.lstrip(' ,.')}" for word in words[len(words) > 1 :] if word.count(" ") > 1]
     return forms
 
 

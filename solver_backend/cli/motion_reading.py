@@ -136,7 +136,7 @@ def _found_in(done: ImportedMotion) -> list[Diagnostic]:
     if done.motion.num_frames == 1:
         found.append(diagnostic("single_frame", severity=Severity.NOTE))
     if abs(done.raised_m) > _RAISED_M:
-        way = "Raised" if done.raised_m > 0 else "Lowered"
+        way = "raised" if done.raised_m > 0 else "lowered"
         found.append(diagnostic("motion_on_floor", way=way, size=abs(done.raised_m)))
     far = {r: off for r, off in done.distances_mm.items() if off > _FAR_MM and not r.endswith(_LOOSE)}
     if far:

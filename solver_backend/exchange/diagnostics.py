@@ -16,8 +16,8 @@ from .plain_text import plain
 
 Frames = tuple[tuple[int, int], ...]  # First and last frame (inclusive) of each frame range.
 _TABLE = Path(__file__).with_name("diagnostics.json")
-_RESULTS = "Results of a solve"
-_AFTER_READING = ("Recordings", "Motions of other programs", "Hands of gloves", _RESULTS)
+_RESULTS = "Solve results"
+_AFTER_READING = ("Recording problems", "Imported motions", "Glove data", _RESULTS)
 _LISTS = ("frames", "cameras", "markers", "joints")
 LONGEST_LIST = 6
 """Largest number of names or frame ranges listed in a sentence. The rest are counted."""
@@ -41,7 +41,11 @@ class Remedy(StrEnum):
     BRIDGED = "bridged"  # The motion was interpolated.
 
 
-_DONE = {"reported": "", "repaired": ": corrected", "excluded": ": not used", "bridged": ": interpolated"}
+_DONE = {
+    "repaired": ". This has been corrected",
+    "excluded": ". These data are not used",
+    "bridged": ". Gaps are interpolated",
+}
 
 
 @dataclass(frozen=True)
@@ -74,14 +78,12 @@ def load_table() -> dict[str, DiagnosticEntry]:
 @cache
 def list_refusals() -> tuple[str, ...]:
     """Return the codes of errors that can refuse a result."""
-    rows = load_table().items()
-    return tuple(code for code, entry in rows if entry.group == _RESULTS and entry.severity is Severity.ERROR)
+    return tuple(c for c, row in load_table().items() if row.group == _RESULTS and row.severity is Severity.ERROR)
 
 
 def is_of_reading(code: str) -> bool:
     """Return whether a diagnostic with this code is raised before the solve."""
-    entry = load_table().get(code)
-    return entry is not None and entry.group not in _AFTER_READING
+    return (entry := load_table().get(code)) is not None and entry.group not in _AFTER_READING
 
 
 @dataclass(frozen=True)
@@ -124,9 +126,8 @@ class Diagnostic:
 
     def as_dict(self) -> DiagnosticValues:
         """Return plain JSON values that ``read_diagnostics`` can read."""
-        where, values = self.where.as_dict(), dict(self.values)
-        severity, remedy = self.severity.value, self.remedy.value
-        return {"code": self.code, "severity": severity, "where": where, "values": values, "remedy": remedy}
+        where, severity, remedy = self.where.as_dict(), self.severity.value, self.remedy.value
+        return {"code": self.code, "severity": severity, "where": where, "values": dict(self.values), "remedy": remedy}
 
 
 class Words(NamedTuple):
@@ -238,7 +239,7 @@ def word(found: Diagnostic, fps: float = 0.0) -> Words:
         what, advice = entry.text.format(**values), entry.remedy.format(**values)
     except (KeyError, ValueError, TypeError):  # the file was edited or written by another version
         return Words(plain(_stop(f"{_by_name(found)}{where}")), "")
-    return Words(plain(_stop(f"{what}{where}{_DONE[found.remedy]}")), plain(advice))
+    return Words(plain(_stop(f"{what}{where}{_DONE.get(found.remedy, '')}")), plain(advice))
 
 
 def sentence(found: Diagnostic, fps: float = 0.0) -> str:
@@ -333,8 +334,7 @@ def _unite(runs: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
 
 def check_accepted(codes: Iterable[str]) -> None:
     """Raise ``JobInvalid`` unless every code is one that can refuse a result. The hint lists the valid codes."""
-    unknown = [code for code in codes if code not in list_refusals()]
-    if unknown:
+    if unknown := [code for code in codes if code not in list_refusals()]:
         hint = f"Known codes: {', '.join(list_refusals())}."
         raise JobInvalid(f"There is no error to accept with the code {', '.join(unknown)}.", where="accept", hint=hint)
 

@@ -96,7 +96,7 @@ class FrameCountMismatch(MocapError):
 
 
 class NotSynchronised(MocapError):
-    """``--sync on`` was set, but the views do not confirm that the cameras are synchronised."""
+    """With --sync on, the views do not confirm that the cameras are synchronised."""
 
 
 class KeypointCountMismatch(MocapError):
@@ -108,7 +108,7 @@ class FileMissing(MocapError):
 
 
 class FileDamaged(MocapError):
-    """The file is truncated, has another format, or has no required parts."""
+    """The file is truncated, has another format, or is missing required parts."""
 
     hint = "Correct the file, or export it again."
 

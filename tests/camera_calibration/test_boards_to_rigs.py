@@ -68,7 +68,7 @@ def test_what_to_film_again_is_named_with_its_camera() -> None:
     found = advice(views, SIZE, 1, "left")
     assert {"board_views_weak"} <= {item.code for item in found}
     assert all(item.where.cameras == ("left",) for item in found)
-    assert word(found[0]).what == "left: only 3 pictures show the board."
+    assert word(found[0]).what == "left: only 3 images show the board."
     assert diagnostic("board_views_weak", lack="tilts", cameras=["left"], count=1) in found
 
 

@@ -76,8 +76,8 @@ def test_stretches_of_one_thing_are_one_sentence():
     later = replace(LEGS, where=replace(LEGS.where, frames=((100, 100),)), values={"part": "legs", "size": 1.0})
     arms = replace(LEGS, values={"part": "arms", "size": 8.0})
     assert [word(item, 60.0).what for item in merge([LEGS, arms, later])] == [
-        "Camera b: left and right legs are swapped in frames 30-59 (0.50 s), frame 100: corrected.",
-        "Camera b: left and right arms are swapped in frames 30-59 (0.50 s): corrected.",
+        "Camera b: left and right legs are swapped in frames 30-59 (0.50 s), frame 100. This has been corrected.",
+        "Camera b: left and right arms are swapped in frames 30-59 (0.50 s). This has been corrected.",
     ]
 
 
@@ -105,8 +105,8 @@ def test_corrected_detections_without_cameras_are_of_all_cameras() -> None:
     told = {"code": "detections_corrected", "values": {"found": "left and right are swapped"}, "remedy": "repaired"}
     (found,) = read_diagnostics([told])
     what, advice = word(found)
-    assert what == "The detections of all cameras are wrong: left and right are swapped: corrected."
-    assert advice.startswith("The program corrected them. Check the files of these cameras before you use them")
+    assert what == "The detections of all cameras are wrong: left and right are swapped. This has been corrected."
+    assert advice.startswith("Check the files of these cameras before you use them")
 
 
 @pytest.mark.parametrize("values", [{}, {"size": "much"}, {"size": [1, 2], "least": None}])
@@ -144,13 +144,13 @@ def test_a_summary_ends_with_ok_or_with_where_to_look():
     assert summarise([LEGS]) == ["OK"]
     size = diagnostic("stature_solved", reason="measured", size=1.4, stature=0.0, percent=1.5)
     (line,) = summarise([LEGS, size])
-    assert line.startswith("OK. The solved body is 1.400 m tall (± 1.5 %), if the scale of the calibration is right")
+    assert line.startswith("OK. The solved body is 1.400 m tall (± 1.5 %), if the scale of the calibration is correct")
     assert summarise([TALL, size])[-1].startswith(
         "Look at the whole take (1 warning above). The solved body is 1.400 m"
     )
     other = {"reason": "contradicted", "size": 1.7, "stature": 1.9, "percent": 1.5}
     contradicted = diagnostic("stature_solved", severity=Severity.WARNING, **other)
-    assert summarise([contradicted])[-1].endswith("The solved body is 1.700 m tall, but 1.900 m was given.")
+    assert summarise([contradicted])[-1].endswith("The solved body is 1.700 m tall, but 1.900 m was specified.")
     lines = summarise([LEGS, FAR, TALL, diagnostic("camera_disagrees", cameras=["b"], size=9.0, usual=2.0)], 10.0)
     assert [line.split(":")[0] for line in lines[:-1]] == ["warning"] * 3
     assert "frames 3-9 (0.70 s), frame 12" in lines[0] and "5.78 m tall" in lines[1]

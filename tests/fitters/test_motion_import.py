@@ -277,7 +277,7 @@ def test_real_clips_are_near_and_do_not_flip(shared_data: Path, body: Body) -> N
 def test_the_verb_writes_a_motion(tmp_path: Path, known: KnownMotion, capsys: pytest.CaptureFixture[str]) -> None:
     path, out = write_bvh(tmp_path / "clip.bvh", known), tmp_path / "motion.npz"
     assert main(["motion convert", str(path), "--out", str(out)]) == 0
-    assert "Lengths are in cm, estimated from legs of 0.87 m" in capsys.readouterr().out
+    assert "Lengths are in cm, estimated from the leg length (0.87 m)" in capsys.readouterr().out
     assert read_motion(out).num_frames == 90
     assert main(["motion convert", str(path), "--out", str(out)]) == 3
     assert main(["motion convert", str(tmp_path / "clip.fbx"), "--out", str(tmp_path / "b.npz")]) == 3

@@ -43,10 +43,10 @@ def test_a_trial_is_read(trial: Path) -> None:
     assert found.keypoints is not None
     assert (found.num_frames, found.fps, found.keypoints.joint_set) == (20, 30.0, JointSet.COCO_17)
     assert (found.keypoints.confidence > 0).all()
-    assert "The recording has 30 frames per second, from Config.toml." in words(found.notes)
+    assert "The frame rate is 30 fps, as stated in Config.toml." in words(found.notes)
     assert found.problems == ()
     assert set(calls) == {"Reading the detections", "Comparing the views"}
-    assert "keypoints span 1.59 m upwards from z = 0.08 m" in words(found.notes)[-1]
+    assert "keypoints extend 1.59 m upwards from z = 0.08 m" in words(found.notes)[-1]
 
 
 @pytest.mark.parametrize("place", ["trial", pytest.param("participant", marks=pytest.mark.slow), "session", "beside"])
@@ -124,18 +124,25 @@ def test_synchronised_detections_come_first(trial: Path) -> None:
 @pytest.mark.parametrize(
     ("config", "above", "videos", "given", "fps", "expected"),
     [
-        ("", "", None, None, 60.0, "No file states the frame rate. 60 fps is assumed."),
-        ("# [project]\n# frame_rate = 25\n", "[project]\nframe_rate = 120\n", None, None, 120.0, "from Config.toml"),
-        ("[project]\nframe_rate = 'auto'\n", "", 50.0, None, 50.0, "50 frames per second, from the videos."),
+        ("", "", None, None, 60.0, "The frame rate is not stated in any file, so 60 fps is assumed."),
+        (
+            "# [project]\n# frame_rate = 25\n",
+            "[project]\nframe_rate = 120\n",
+            None,
+            None,
+            120.0,
+            "as stated in Config.toml",
+        ),
+        ("[project]\nframe_rate = 'auto'\n", "", 50.0, None, 50.0, "The frame rate is 50 fps, as in the videos."),
         (
             "[project]\nframe_rate = 30\n",
             "",
             50.0,
             None,
             30.0,
-            "states 30 fps and the videos 50 fps. 30 is used.",
+            "states 30 fps, but the videos have 50 fps. 30 fps is used.",
         ),
-        ("[project]\nframe_rate = 30\n", "", None, 24.0, 24.0, "The recording has 24 frames per second, as requested."),
+        ("[project]\nframe_rate = 30\n", "", None, 24.0, 24.0, "The frame rate is 24 fps, as requested."),
         ("", "", 0.0001, None, 60.0, "60 fps is assumed."),
     ],
 )
@@ -173,14 +180,14 @@ def test_the_pose_folder_of_a_trial_is_understood(trial: Path) -> None:
 @pytest.mark.slow
 def test_joint_set_from_config(trial: Path) -> None:
     write_trial(trial, joint_set=JointSet.BODY_25B, config="[pose]\npose_model = 'body_25b'\n")
-    assert "The joint set is BODY_25B, from Config.toml." in words(load_capture(trial).notes)
+    assert "The joint set is BODY_25B, as set in Config.toml." in words(load_capture(trial).notes)
     (trial / "Config.toml").write_text("[pose]\npose_model = 'Body_with_feet'\n[project]\nframe_range = [3, 9]\n")
     found = load_capture(trial)
     values = {"configured": "HALPE_26", "joint_set": "BODY_25B"}
     assert diagnostic("joint_set_uncertain", reason="config", **values) in found.problems
     assert any("names HALPE_26, but the keypoints do not match it" in problem for problem in words(found.problems))
     assert found.num_frames == 6 and any(
-        note.startswith("Config.toml asks for frames 3 to 8. The take has 20 frames") for note in words(found.notes)
+        note.startswith("Config.toml selects frames 3 to 8. The take has 20 frames") for note in words(found.notes)
     )
     (trial / "Config.toml").write_text("[project]\nframe_range = [30, 40]\n")
     found = load_capture(trial)

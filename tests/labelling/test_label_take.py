@@ -115,7 +115,7 @@ def test_labelled_takes_are_left_alone_and_half_labelled_ones_keep_their_names(d
     assert needs_labels(half)
     told = named_points(half)
     labelled, take = labelled_capture(Capture("take", markers=half))
-    assert take is not None and labelled.markers is not None and "labelled, as" in words(labelled.notes)[-1]
+    assert take is not None and labelled.markers is not None and "labelled as" in words(labelled.notes)[-1]
     for (column, frame), name in told.items():
         assert take.labels[frame, column] == MARKERS.index(name)
 
@@ -127,7 +127,7 @@ def test_labels_that_say_nothing_are_persistent_tracks(demo):
     numbered = MarkerCloud(positions, demo.fps, tuple(f"Point {k}" for k in range(positions.shape[1])))
     capture, take = labelled_capture(Capture("take", markers=numbered))
     assert take is not None and capture.markers is not None
-    assert "labelled, as" in words(capture.notes)[-1]
+    assert "labelled as" in words(capture.notes)[-1]
     known = name_markers(demo.labels or ()).known
     truth = [MARKERS.index(known[label]) if known.get(label) in MARKERS else GHOST for label in demo.labels or ()]
     there = np.isfinite(positions).all(-1)

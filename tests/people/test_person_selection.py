@@ -167,7 +167,7 @@ def test_a_second_person_seen_as_well_is_named() -> None:
     detections, who = scene.detections()
     found = select_people(cameras, detections, 30.0)[0]
     assert len(np.unique(chosen(found, who))) == 1
-    assert "Person 2 is also visible, in 40 frames and on average in 4.0 views" in words(found.notes)[-1] and not words(
+    assert "Person 2 is also visible in 40 frames, in 4.0 views on average" in words(found.notes)[-1] and not words(
         found.problems
     )
 

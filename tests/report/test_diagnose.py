@@ -30,7 +30,7 @@ def test_every_fault_is_named():
     assert found[0] == "A camera was trimmed."
     assert any(f"frames {GAP[0]}-{GAP[1]} (0.50 s)" in line and "interpolated" in line for line in found)
     assert any(f"frames {OFF[0]}-{OFF[1]} (0.20 s)" in line and "far from the detections" in line for line in found)
-    assert "Camera cam_c disagrees with the others. Its error is 9.0 px, and 2.0 px is usual." in found
+    assert "Camera cam_c disagrees with the others. Its error is 9.0 px, but 2.0 px is usual." in found
     assert "The detections of some keypoints are often wrong: left shoulder in cam_a (33 %)." in found
     assert "Some keypoints are rarely detected: nose (0 %)." in found
     assert len(found) == 6

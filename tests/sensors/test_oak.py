@@ -308,5 +308,5 @@ def test_the_colour_camera_is_set_and_its_loss_is_named(plugged_in: Callable[...
 
 def test_a_camera_of_which_no_frame_was_recorded_is_named() -> None:
     (found,) = not_recorded({"left": 60, "right": 0})
-    assert sentence(found).startswith("Sensor right delivers no data: no frame of it was recorded")
+    assert sentence(found).startswith("Sensor right is not delivering data: no frame of it was recorded")
     assert not not_recorded({"left": 60, "right": 1})

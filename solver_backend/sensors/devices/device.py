@@ -69,7 +69,7 @@ class PicturesDiffer(MocapError):
 
 
 class RecordingInvalid(MocapError):
-    """The folder is not a recording of sensors, or it is damaged."""
+    """The folder is not a sensor recording, or is damaged."""
 
 
 class NoMarkers(MocapError):

@@ -29,7 +29,7 @@ _ROUNDS = 20  # Maximum number of iterations. Chosen by hand.
 
 
 class GammaNotFound(MocapError):
-    """No three points have the distances of the markers on the Γ."""
+    """No three points match the marker distances of the Γ."""
 
 
 class GammaInvalid(MocapError):

@@ -39,7 +39,7 @@ class WandInvalid(MocapError):
 
 
 class TimesInvalid(MocapError):
-    """The time stamps of a recording do not increase."""
+    """The timestamps of a recording do not increase."""
 
 
 LARGEST_LEFT_OUT = 0.2  # A recording is rejected if a larger fraction of its rows goes back in time. Chosen by hand.

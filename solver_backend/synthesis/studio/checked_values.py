@@ -19,11 +19,11 @@ class StudioInvalid(JobInvalid):
 
 
 class NobodySeen(MocapError):
-    """The person is not visible to any camera in any frame of a simulated shot."""
+    """In a simulated shot, no camera ever sees the person."""
 
 
 class CameraInsideBody(MocapError):
-    """A camera of a simulated shot is inside the person or touches the person."""
+    """In a simulated shot, a camera is inside the person or touches the person."""
 
 
 class DiskTooSmall(MocapError):

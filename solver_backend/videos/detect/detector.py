@@ -29,15 +29,15 @@ from solver_backend.types import JointSet
 
 
 class DetectorMissing(MocapError):
-    """No detector is installed, or the given Python or model file contains none."""
+    """No detector is installed, or the specified Python or model file contains none."""
 
 
 class DetectorOutputsUnknown(MocapError):
-    """The inputs and outputs of a model match no known kind of detector."""
+    """The model's inputs and outputs do not match any known detector."""
 
 
 class DetectorFailed(MocapError):
-    """The process of the detector ended with an error."""
+    """The detector process ended with an error."""
 
 
 _LARGEST_HEAD, _LARGEST_ANSWER, _MOST_ARRAYS = 1 << 20, 1 << 24, 32  # Largest line and array in bytes, and array count.

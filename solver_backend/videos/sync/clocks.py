@@ -34,7 +34,7 @@ def smoothed(values: np.ndarray, sigma: float) -> np.ndarray:
 
 
 class SyncUnknown(MocapError):
-    """The recording does not show how the clocks of the cameras differ."""
+    """The recording does not show how the camera clocks differ."""
 
 
 @dataclass(frozen=True)

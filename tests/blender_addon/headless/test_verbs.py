@@ -191,7 +191,7 @@ def test_whatever_is_exported_repeats_what_one_camera_left_open(
     assert main(["export", str(motion), *given, "--format", "bvh", "--json"]) == 0
     result = said(capfd)
     assert [item["code"] for item in result["diagnostics"]] == ["one_camera"]
-    assert len(result["notes"]) == 1 and "± 21 cm along the view direction" in result["notes"][0]
+    assert len(result["notes"]) == 1 and "± 21 cm along the viewing direction" in result["notes"][0]
     assert main(["bake", str(motion), *given, "--no-pictures"]) == 0
     capfd.readouterr()
     assert main(["export", str(tmp_path / "out" / "walk.blend"), *given[2:], "--format", "csv"]) == 0

@@ -133,6 +133,7 @@ def test_cameras_without_a_name_or_a_kind_are_refused(rig):
 def test_nothing_is_cut_off_in_a_narrow_sidebar(rig, kind):
     rig.kind, rig.gamma = kind, "//gamma_01"
     rig.findings = (
-        "left has an error of 1.4 px relative to the wand. Calibrate this camera again in the mode of the takes."
+        "left has an error of 1.4 px relative to the wand. "
+        "Calibrate this camera again with the zoom and video mode of the takes."
     )
     assert not draw_panel(getattr(bpy.types, PANEL), 200).cut

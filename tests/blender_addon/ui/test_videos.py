@@ -50,7 +50,7 @@ def test_a_road_that_ends_early_shows_what_was_done_and_why_it_ended(mocap, take
     assert bpy.ops.mocap.capture_from_videos(directory=str(take)) == {"FINISHED"}
     assert current.last.error["code"] == "no_detections" and "30 are needed" in current.last.error["message"]
     steps = {step.name: step for step in mocap.videos.steps}
-    assert list(steps) == ["detect", "sync"] and "24 pictures with RTMPose" in steps["detect"].notes
+    assert list(steps) == ["detect", "sync"] and "24 images with RTMPose" in steps["detect"].notes
     for step in steps.values():
         assert [Path(picture.name).parent for picture in step.pictures] == [take / "mocap" / "pictures"]
     assert not mocap.captures
@@ -251,5 +251,8 @@ def test_the_panel_shows_steps_that_are_done_and_offers_the_others(mocap, tmp_pa
         assert [said for name, said in layout.drawn if said in ("Keypoints", "Sync", "Calibration", "Capture")]
     words = [" ".join(said for name, said in layout if name == "label") for layout in drawn]
     assert "cam2.mp4" not in words[0]
-    assert "In 60 % of the pictures of cam2.mp4, no person" in words[1] and "40 pictures with RTMPose." in words[1]
+    assert (
+        "No person was detected in 60 % of the images from cam2.mp4" in words[1]
+        and "40 images with RTMPose." in words[1]
+    )
     assert all("--stature" not in word for word in mocap.videos.arguments())

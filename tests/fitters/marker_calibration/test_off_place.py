@@ -34,7 +34,7 @@ def test_names_that_point_elsewhere_are_not_used() -> None:
     (found,) = [item for item in recorded_diagnostics(motion) if item.code == "markers_off_place"]
     named = {place for label, place in name_markers(LABELS).known.items() if label in found.where.markers}
     assert named == {place for place in CHAIR if place in name_markers(LABELS).known.values()}
-    assert "so these names are not used" in sentence(found)
+    assert "so their names are not used" in sentence(found)
 
 
 @pytest.mark.slow

@@ -43,8 +43,8 @@ def test_every_marker_is_in_the_capture_and_what_is_left_out_is_said(tmp_path, c
     notes = " ".join(words(capture.notes))
     for said in (
         "Lengths are in mm", "Z points up",
-        "Labels in no known layout (1): thigh_cluster_1",
-        "computed points (1), LHJC", "second points of one body part (1), LFWT",
+        "Labels that are not in any known layout (1): thigh_cluster_1",
+        "computed points (1), LHJC", "duplicate points of a body part (1), LFWT",
         "points without names (1), *3",
     ):  # fmt: skip
         assert said in notes
@@ -76,7 +76,9 @@ def test_millimetres_told_as_metres_are_a_problem_and_read_right(tmp_path, cloud
     capture = load_capture(tmp_path / "wrong.trc")
     assert capture.markers is not None
     np.testing.assert_allclose(capture.markers.positions, cloud.positions, atol=1e-5)
-    assert any("In the file's own unit, m, the markers would span" in problem for problem in words(capture.problems))
+    assert any(
+        "In the unit stated in the file, m, the markers would span" in problem for problem in words(capture.problems)
+    )
 
 
 def test_of_two_people_one_is_named(tmp_path, cloud):

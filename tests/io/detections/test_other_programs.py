@@ -78,7 +78,7 @@ def test_ultralytics_writes_shares_of_the_picture(deeper, tmp_path):
             (folder / f"{name}_{f + 1}.txt").write_text(f"0 {_yolo_line(person)} 1\n")
     (tmp_path / "calibration.toml").write_text(toml_text(demo.cameras))
     capture = load_capture(tmp_path, fps=60.0)
-    assert any("fractions of the picture size, from 0 to 1" in note for note in words(capture.notes))
+    assert any("fractions of the image size (from 0 to 1)" in note for note in words(capture.notes))
     assert not any("joint set" in problem for problem in words(capture.problems))
     seen = capture.keypoints.confidence > 0
     np.testing.assert_allclose(capture.keypoints.xy[seen], points[0][:, :, columns][seen], atol=2e-3)
@@ -149,7 +149,7 @@ def test_cameras_whose_files_name_different_keypoints(tmp_path):
     np.testing.assert_allclose(found.xy[:, :, 0][seen], POINTS[..., :2][seen], rtol=1e-6)
     assert seen.sum() == seen.size - 2 * FRAMES
     assert diagnostic("keypoints_lacking", cameras=["cam02"], joints=["left_ear", "right_ear"]) in found.problems
-    expected = "The cameras have different keypoints: cam02 has no left_ear, right_ear. "
+    expected = "The cameras have different sets of keypoints. cam02 has no left_ear, right_ear. "
     assert any(problem.startswith(expected) for problem in words(found.problems))
 
 

@@ -261,7 +261,7 @@ def test_sets_with_equal_numbers_are_recognised_by_anatomy(written: JointSet) ->
     values = {"configured": other.value, "joint_set": written.value}
     assert problems == (diagnostic("joint_set_uncertain", reason="config", **values),)
     notes = choose_joint_set(xy, confidence, None, written)[1]
-    assert words(notes) == (f"The joint set is {written.value}, from Config.toml.",)
+    assert words(notes) == (f"The joint set is {written.value}, as set in Config.toml.",)
 
 
 def test_anatomy_that_shows_nothing_is_a_problem() -> None:

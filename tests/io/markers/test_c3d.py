@@ -55,7 +55,7 @@ def test_exact_zeros_are_missing_whatever_their_residual(tmp_path: Path, floatin
     assert np.isnan(found.cloud.positions[2:5, 3]).all()
     assert np.isnan(found.cloud.positions).sum() == 9
     assert any(
-        "at the origin in some frames (3 positions). They are treated as hidden there: LTOE" in n
+        "at the origin in some frames (3 positions) and are treated as hidden there: LTOE" in n
         for n in words(found.notes)
     )
 
@@ -72,7 +72,7 @@ def test_coordinates_whose_residuals_are_all_negative_are_read_and_said_so(tmp_p
     found = take(tmp_path / "take.c3d", C3dBytes(points, LABELS, fourth=np.full(points.shape[:2], -1.0)))
     np.testing.assert_allclose(found.cloud.positions, points / 1000, atol=1e-7)
     assert facts(found.problems) == (
-        "The file marks every point as hidden by its residual. The positions are used anyway.",
+        "The residuals in the file mark every point as hidden, but the positions are used anyway.",
     )
 
 
@@ -89,7 +89,7 @@ def test_millimetres_stated_as_metres_are_found_by_their_size(tmp_path: Path) ->
     np.testing.assert_allclose(found.cloud.positions, standing() / 1000, atol=1e-6)
     assert stated(found).unit == "mm"
     [problem] = found.problems
-    assert "In the file's own unit, m, the markers would span 1" in words([problem])[0]
+    assert "In the unit stated in the file, m, the markers would span 1" in words([problem])[0]
     assert (problem.code, problem.values["unit"]) == ("marker_unit_not_as_stated", "mm")
     given = take(tmp_path / "take.c3d", C3dBytes(standing(), LABELS, units="m"), unit="cm")
     np.testing.assert_allclose(given.cloud.positions, standing() / 100, atol=1e-5)
@@ -121,12 +121,12 @@ def test_an_axis_stated_against_the_body(tmp_path: Path) -> None:
     found = take(tmp_path / "take.c3d", C3dBytes(handstand, LABELS, screen=None))
     np.testing.assert_allclose(found.cloud.positions, handstand / 1000, atol=1e-7)
     assert words(found.problems)[0].startswith(
-        "The body stands along -Z, but the file or its format has Z up. Z is used."
+        "The body stands along -Z, but according to the file or its format, Z points up. Z is used."
     )
     high = rotated + [0, 2500, 900]
     found = take(tmp_path / "take.c3d", C3dBytes(high, LABELS))
     assert stated(found).up_axis == "z"
-    assert "Z is used. If the axis is wrong, give --up-axis." in words(found.problems)[0]
+    assert "Z is used. If the axis is wrong, set it with --up-axis." in words(found.problems)[0]
     assert words(take(tmp_path / "take.c3d", C3dBytes(high, LABELS), up_axis="y").problems) == ()
 
 
@@ -168,7 +168,7 @@ def test_frame_counts_that_lie_do_not_make_frames(tmp_path: Path) -> None:
     file.more = {"POINT": {"LONG_FRAMES": file.reals(3e9), "FRAMES": file.reals(np.nan)}}
     found = take(tmp_path / "take.c3d", file)
     assert len(found.cloud.positions) == 12
-    assert "The file states 3000000000 frames but has 12." in words(found.problems)[0]
+    assert "The file states 3000000000 frames but contains 12." in words(found.problems)[0]
 
 
 def test_a_header_that_states_channels_instead_of_samples(tmp_path: Path) -> None:

@@ -37,7 +37,7 @@ def test_labels_that_are_empty_or_twice(tmp_path: Path) -> None:
     assert found.cloud.labels == ("LFHD", "*2", "LFHD (2)", "LTOE")
     assert codes(found.problems) == ("labels_doubled", "points_without_label")
     assert facts(found.problems) == (
-        "Some labels occur more than once: LFHD. Repeated labels get a number.",
+        "Some labels occur more than once: LFHD. Repeated labels are numbered.",
         "1 of 4 points have no label.",
     )
 
@@ -108,4 +108,4 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     path.write_bytes(whole[:-65])
     found = taken(read_c3d, path)
     assert len(found.cloud.positions) == 10
-    assert facts(found.problems) == ("The file states 12 frames but has 10.",)
+    assert facts(found.problems) == ("The file states 12 frames but contains 10.",)

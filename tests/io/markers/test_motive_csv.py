@@ -128,7 +128,7 @@ def test_rigid_bodies_become_props_and_bones_are_left_out(tmp_path: Path, rotati
         np.testing.assert_allclose(origin, [1, -3, 2], atol=1e-9)
         np.testing.assert_allclose(np.stack(arms) - origin, [[0, 0.1, 0], [0, 0, 0.1], [0.1, 0, 0]], atol=1e-6)
     else:
-        assert found.others is None and "Ignored: poses of rigid bodies in Euler angles: Wand" in notes
+        assert found.others is None and "Ignored: rigid-body poses in Euler angles: Wand" in notes
     assert "Ignored: 2 expected marker positions, because measured ones exist." in notes
 
 
@@ -138,7 +138,7 @@ def test_expected_markers_where_there_are_no_others(tmp_path: Path) -> None:
         read_motive_csv, write(tmp_path / "t.csv", csv_text(group, ["0,0,0.1,0.5,0.3", "1,0.01,0.1,0.6,0.3"]))
     )
     assert found.cloud.labels == ("Wand:Marker1",)
-    assert any("markers are at the positions that their assets expect" in note for note in words(found.notes))
+    assert any("the markers are at the positions expected by their assets" in note for note in words(found.notes))
 
 
 def test_blank_cells_and_a_time_code(tmp_path: Path) -> None:
@@ -212,7 +212,7 @@ def test_a_type_that_is_not_known_is_where_its_asset_expects_the_markers(tmp_pat
     whole = csv_text(measured(), rows(numbers(FIRST))).replace(",Marker", ",Skeleton Marker")
     found = read(write(tmp_path / "t.csv", whole))
     assert found.cloud.labels == MARKERS
-    assert any("markers are at the positions that their assets expect" in note for note in words(found.notes))
+    assert any("the markers are at the positions expected by their assets" in note for note in words(found.notes))
 
 
 @pytest.mark.parametrize("quotes", ["", '"'])

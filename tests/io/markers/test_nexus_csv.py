@@ -108,7 +108,7 @@ def test_sections_follow_each_other_without_an_empty_line_and_several_hold_traje
     np.testing.assert_array_equal(found.cloud.positions[:, :2], found.cloud.positions[:, 2:])
     shorter = block + block.replace("103,0,102,-20,1500,92,15,30\n", "")
     found = taken(read_nexus_csv, write(tmp_path / "t.csv", shorter))
-    assert facts(found.problems) == ("Ignored: 1 blocks of trajectories with different frames.",)
+    assert facts(found.problems) == ("Ignored: 1 trajectory blocks that cover different frames.",)
     odd = block.replace("103,0,102,", "1e300,0,102,")
     assert taken(read_nexus_csv, write(tmp_path / "t.csv", odd)).cloud.positions.shape == (3, 2, 3)
     assert taken(read_nexus_csv, write(tmp_path / "t.csv", odd + odd)).cloud.positions.shape == (3, 4, 3)

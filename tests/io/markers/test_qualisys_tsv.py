@@ -64,7 +64,10 @@ def test_wrong_counts_are_said(tmp_path: Path) -> None:
         read_qualisys_tsv,
         write(tmp_path / "t.tsv", [CELLS], ["NO_OF_FRAMES\t9", *HEAD[1:2], "NO_OF_MARKERS\t5", *HEAD[3:]]),
     )
-    assert facts(found.problems) == ("The file states 5 marker names but has 2.", "The file states 9 frames but has 1.")
+    assert facts(found.problems) == (
+        "The file states 5 marker names but contains 2.",
+        "The file states 9 frames but contains 1.",
+    )
 
 
 def test_markers_without_names(tmp_path: Path) -> None:

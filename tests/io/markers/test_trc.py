@@ -84,7 +84,10 @@ def test_missing_markers(tmp_path: Path, cells: str) -> None:
 def test_wrong_counts_are_said(tmp_path: Path) -> None:
     found = read(write(tmp_path / "t.trc", rows(), values="100\t100\t9\t7\tmm\t100\t1\t9"))
     assert found.cloud.positions.shape == (4, 2, 3)
-    assert facts(found.problems) == ("The file states 7 markers but has 2.", "The file states 9 frames but has 4.")
+    assert facts(found.problems) == (
+        "The file states 7 markers but contains 2.",
+        "The file states 9 frames but contains 4.",
+    )
 
 
 def test_more_columns_than_labels_and_less(tmp_path: Path) -> None:
@@ -116,14 +119,14 @@ def test_doubled_tabs_between_numbers(tmp_path: Path) -> None:
     lines = [row.replace("\t", "\t\t") for row in rows()]
     found = read(write(tmp_path / "t.trc", lines, values="100\t\t100\t\t4\t\t2\t\tmm\t100\t1\t4"))
     np.testing.assert_allclose(found.cloud.positions[0], EXPECTED, atol=1e-12)
-    assert not found.problems and "as the file states" in " ".join(words(found.notes))
+    assert not found.problems and "as stated in the file" in " ".join(words(found.notes))
 
 
 def test_doubled_tabs_in_both_lines_of_the_header(tmp_path: Path) -> None:
     path = write(tmp_path / "t.trc", rows(), values="100\t\t100\t\t4\t\t7\t\tm\t\t100\t\t1\t\t4")
     path.write_text(path.read_text().replace(KEYS, KEYS.replace("\t", "\t\t")))
     source = read_trc(path)
-    assert source.unit == "m" and facts(source.problems) == ("The file states 7 markers but has 2.",)
+    assert source.unit == "m" and facts(source.problems) == ("The file states 7 markers but contains 2.",)
 
 
 def test_spaces_instead_of_tabs(tmp_path: Path) -> None:

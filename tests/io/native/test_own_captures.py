@@ -64,7 +64,7 @@ def test_a_sound_capture_has_no_problems(demo: Capture, tmp_path: Path) -> None:
             {"up_axis_doubted": "stands along -Z, but in a capture file"},
         ),
         (np.eye(3)[[1, 2, 0]], 1.0, {"up_axis_doubted": "stands along Y, but in a capture file Z must point up"}),
-        (np.eye(3), 100.0, {"marker_spread_unlikely": "but would in cm"}),
+        (np.eye(3), 100.0, {"marker_spread_unlikely": "but would if lengths were in cm"}),
         (np.eye(3), 0.01, {"marker_spread_unlikely": "The markers span"}),
         (np.eye(3), 1.0, {}),
     ],

@@ -203,5 +203,5 @@ def test_frames_of_a_take(tmp_path, demo):
     (root / "Config.toml").write_text("[project]\nframe_range = [10, 60]\n")
     configured = read(root)
     assert configured.num_frames == 50 and error_m(configured, demo, 10) < 0.02
-    assert any("Config.toml asks for frames" in note for note in words(configured.notes))
+    assert any("Config.toml selects frames" in note for note in words(configured.notes))
     assert read(root, frames=(0, 199)).num_frames == 200

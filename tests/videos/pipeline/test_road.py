@@ -169,7 +169,7 @@ def test_cameras_are_calibrated_where_no_calibration_is(
     chosen = settings(tmp_path, until="calibrate", cameras=KnownOfCameras(stature_m=1.7))
     said = run_take(found, plan, chosen).lines()
     assert said["calibrate"].startswith(
-        "made: 2 cameras were calibrated by the person, with an error of 1.0 px. cam1: the focal"
+        "made: 2 cameras were calibrated from the person, with an error of 1.0 px. cam1: the focal"
     )
     assert asked[0].clocks.names == ("cam1", "cam2")
     assert len(asked[0].detections) == 2 and asked[0].take.name == "session"
@@ -200,7 +200,7 @@ def test_the_last_line_names_what_to_look_at(
     monkeypatch.setattr(run, "synchronise", found_by)
     assert main([*command, str(tmp_path / "doubtful")]) == 0
     *_, warned, last = capsys.readouterr().err.splitlines()
-    assert warned.startswith("warning: The cameras are assumed to run in sync: nobody moves") and last.startswith(
+    assert warned.startswith("warning: The cameras are assumed to be synchronised: nobody moves") and last.startswith(
         "Look at "
     )
 
@@ -219,7 +219,7 @@ def test_the_verb_says_what_is_there(session: Path, tmp_path: Path, capsys: pyte
     command = ["from-videos", str(session), "--out", str(tmp_path / "out"), "--detector", str(model), "--json"]
     assert main([*command, "--until", "sync", "--sync", "none"]) == 0
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert result["takes"]["session"]["detect"] == "made: Keypoints were detected in 30 pictures with RTMPose m."
+    assert result["takes"]["session"]["detect"] == "made: Keypoints were detected in 30 images with RTMPose m."
     assert main([*command, "--take", "other"]) == 2
     assert "The takes are session" in capsys.readouterr().out
 
