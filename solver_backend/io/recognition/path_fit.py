@@ -6,6 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from solver_backend.agreement.body_evidence import MEAN_STATURE_M, STATURE_SPREAD_M
+from solver_backend.agreement.evidence import FRAMES, MOST_ROUNDS
+from solver_backend.agreement.person_tracks import BRIDGE_S
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.camera_corrections import QUARTER, TURNS
@@ -22,13 +25,9 @@ from solver_backend.types import Cameras, Keypoints2D
 STEP_S, STANDS_M_S = 0.2, 0.4
 """Time in seconds between compared foot positions, and speed (m/s) at which a foot counts half as standing."""
 ALONG_SIGHT = 10.0  # Ratio of the error of lifted feet along the line of sight to the error across it.
-ALIKE_S = 0.4  # Frames within this time (seconds) show the same planted foot.
-FASTEST_M_S, SCALES = 6.0, 160  # Largest usual camera speed, and number of scales to compare.
-LEAST_CARRIED_M = 0.1  # Shortest camera path in metres that determines a scale.
-BIAS, ADULTS, UNSURE = 0.05, 0.055, 0.2
-"""Relative scale error that more frames do not reduce, relative deviation of adult statures, and relative standard
-deviation that causes a warning. The first is the RMS on ten simulated walks that chose the constants above (subjects
-02, 08, 09, 16 and 35), with known statures.
+BIAS, UNSURE = 0.05, 0.2
+"""Relative scale error that more frames do not reduce, and relative standard deviation that causes a warning. The first
+is the RMS on ten simulated walks that chose the constants above (subjects 02, 08, 09, 16 and 35), with known statures.
 """
 
 
@@ -68,11 +67,11 @@ def fit_path(
         if path.up is not None or not again:
             break
         up = up_by_floor(lifted, points, landmarks.names, unit(_mean_up(lifted, V.swapaxes(-1, -2))))
-    sigma = float(np.hypot(sigma, 0.0 if stature_m else ADULTS))
+    sigma = float(np.hypot(sigma, 0.0 if stature_m else STATURE_SPREAD_M / MEAN_STATURE_M))
     floor = lowest_feet(points, landmarks.names, shown) or 0.0
     places = (path.metres or scale) * centre - [0.0, 0.0, floor]
     carried = float(np.linalg.norm(np.diff(places[:: max(1, round(STEP_S * keypoints.fps))], axis=0), axis=1).sum())
-    unsure = not path.metres and sigma > UNSURE and carried > LEAST_CARRIED_M
+    unsure = not path.metres and UNSURE < sigma < np.inf  # the scale of a static camera does not matter
     figures = {"length": carried, "share": 100.0 * sigma, "source": path.source}
     severity = Severity.WARNING if unsure else Severity.NOTE
     how = "scaled" if unsure else "metric" if path.metres else "followed"
@@ -113,12 +112,7 @@ def scale_by_feet(feet: np.ndarray, centre: np.ndarray, sight: np.ndarray, fps: 
     gap = max(1, round(STEP_S * fps))
     seconds = gap / fps
     moved, carried = feet[gap:] - feet[:-gap], centre[gap:] - centre[:-gap]
-    pace = np.linalg.norm(carried, axis=1) / seconds
-    usual = float(np.percentile(pace, 75.0)) if len(pace) else 0.0
-    known = np.isfinite(moved).all(axis=-1)
-    if not known.any() or usual < 1e-9:
-        return 1.0, np.inf
-    along = sight[gap:]
+    known, along = np.isfinite(moved).all(axis=-1), sight[gap:]
 
     def whitened(steps: np.ndarray, sight: np.ndarray) -> np.ndarray:
         """Return steps as speeds, reduced by ``ALONG_SIGHT`` along the line of sight."""
@@ -135,14 +129,18 @@ def scale_by_feet(feet: np.ndarray, centre: np.ndarray, sight: np.ndarray, fps: 
         square = squares(scale).min(axis=1)
         return float((1.0 - STANDS_M_S**2 / (STANDS_M_S**2 + square)).sum())
 
-    best = min(np.geomspace(1e-3, 1.0, SCALES) * FASTEST_M_S / usual, key=cost)
+    each = -ab / np.maximum(bb, 1e-18)[:, None]  # scales at which a foot stands
+    each = each[known & (each > 0)]
+    if not len(each):
+        return 1.0, np.inf
+    best = min(np.quantile(each, np.linspace(0.0, 1.0, FRAMES)), key=cost)
     information = 0.0
-    for _ in range(20):
+    for _ in range(MOST_ROUNDS):
         square = squares(best)
         stands = (square <= square.min(axis=1, keepdims=True)) & known
         weight = np.where(stands, (STANDS_M_S**2 / (STANDS_M_S**2 + square)) ** 2, 0.0)
         information = float((weight * bb[:, None]).sum())
         best = max(-float((weight * ab).sum()) / max(information, 1e-12), 1e-9)
     spread = float((weight * squares(best).clip(0.0, 1e6)).sum() / max(weight.sum(), 1e-9)) / 2.0
-    sigma = np.sqrt(spread * max(1.0, ALIKE_S * fps) / max(information, 1e-12)) / best
+    sigma = np.sqrt(spread * max(1.0, BRIDGE_S * fps) / max(information, 1e-12)) / best
     return best, float(np.hypot(sigma, BIAS))

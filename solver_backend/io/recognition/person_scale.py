@@ -8,7 +8,15 @@ from functools import partial
 
 import numpy as np
 
-from solver_backend.agreement.body_evidence import MEAN_STATURE_M, POSSIBLE_M, STATURE_SPREAD_M, STATURES_M, judge_body
+from solver_backend.agreement.body_evidence import (
+    BONES,
+    MEAN_STATURE_M,
+    POSSIBLE_M,
+    STATURE_SPREAD_M,
+    STATURES_M,
+    USUAL_STATURE_M,
+    judge_body,
+)
 from solver_backend.agreement.evidence import MOST_ROUNDS, TakeEvidence
 from solver_backend.agreement.reading import Detections, Reading
 from solver_backend.body.body import Body, load_body
@@ -30,10 +38,9 @@ SHARES = {
 } | {("left_shoulder", "right_shoulder"): 0.97, ("left_hip", "right_hip"): 0.987}  # fmt: skip
 """Ends of the lengths that are compared with the body, and their ratio in moving people to the T-pose length. Arms that
 hang lower the shoulders. Medians of eight takes of walking, dance and exercises agree within 0.01."""
-LEG_SHARE = 0.491  # Ratio of thigh plus shank to stature (Drillis and Contini 1966).
-LENGTH_SIGMA_M = 0.012  # Standard deviation in metres between a detector's length and the body's.
-STATURE_SIGMA_M = 0.005  # Standard deviation of a stated stature, metres.
-_LEAST_LENGTH = 1e-6  # Smallest ratio of the longest bone to the size of the world.
+LEG_SHARE = sum(length for upper, _, length in BONES if upper in ("hip", "knee")) / USUAL_STATURE_M
+"""Ratio of thigh plus shank to stature."""
+LENGTH_SIGMA_M = 0.012  # Standard deviation in metres between a detector's length, or a stated stature, and the body's.
 
 
 def bone_lengths(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> dict[tuple[str, str], float]:
@@ -75,9 +82,9 @@ def scale_from_stature(
     lengths, by_shape = _body_lengths(body, joint_set, tuple(measured))
     heights, height_by_shape = _linear(partial(_stature, body))
     apart = np.array(list(measured.values()))
-    if not apart.max() > _LEAST_LENGTH * max(1.0, float(np.nanmax(np.abs(points)))):
+    if not apart.max() > np.finfo(np.float32).resolution * max(1.0, float(np.nanmax(np.abs(points)))):
         raise JobInvalid("All keypoints of the person are at one point.", hint="Give a known length, or detect again.")
-    prior = (stature_m, STATURE_SIGMA_M) if stature_m else (MEAN_STATURE_M, STATURE_SPREAD_M)
+    prior = (stature_m, LENGTH_SIGMA_M) if stature_m else (MEAN_STATURE_M, STATURE_SPREAD_M)
     J = np.zeros((len(apart) + 11, 11))
     J[: len(apart), 0], J[: len(apart), 1:] = apart / LENGTH_SIGMA_M, -by_shape / LENGTH_SIGMA_M
     J[len(apart) : -1, 1:] = np.eye(10)
