@@ -41,15 +41,13 @@ def with_up_axis(cameras: Cameras, up_axis: str) -> Cameras:
 
 
 METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048}  # Metres per unit.
-UPRIGHT = 2.0  # Smallest ratio of a standing body's extent along its axis to the extent along any other axis.
-LEANING = 1.2  # The same in the axes of a camera that looks down by up to 40 degrees, without a floor at 0.
-FLOOR_M = 0.3  # Largest distance of a standing person's feet from a floor, metres. Slopes and stairs are within it.
-LYING_M = 0.4  # Largest height of a person on the floor, metres.
-PERSON_FACTOR = 2.0
-"""Tolerance factor on the distance between two body parts, for a crouching person, two people, or a tall person in a
-slightly wrong unit. Units that are confused usually differ by a factor of ten."""
-MARKER_M = (-0.05, 0.12)
-"""Range of the lowest foot marker's height on the floor (metres), used where a person may also lie along the axis."""
+CLEAR = 1.5
+"""Ratio of lengths that is more than chance: a standing body along its axis and along any other axis, and the distance
+of two body parts and the limits of a person. It covers crouching, two people, and cameras that look down by 30 degrees.
+"""
+FLOOR_M = 0.3
+"""Largest distance in metres of a standing person's feet, and of a lying person, from a floor. Slopes and stairs are
+within it."""
 _USUAL = ("y", "z")  # Usual up axes. A person who extends along another axis may lie.
 
 _LEVELS = tuple(
@@ -107,11 +105,9 @@ def find_up_axis(
         rotation_to_z_up(given)
         return _axis(given.lower().lstrip("+"), "given")
     positions, expected = positions[:: max(1, len(positions) // 500)], stated or default
-    raised = _person_raised(positions, labels)
+    body = _standing_along(positions, _person_raised(positions, labels))
     # A person in a handstand has the hands at 0.
     afloat = not abs(_lowest(positions, expected)) <= FLOOR_M
-    leans = afloat and not stated and raised is not None
-    body = _standing_along(positions, raised, LEANING if leans else UPRIGHT)
     if body is None or body == expected or _may_lie(positions, expected, body):
         if stated:
             return _axis(stated, "file")
@@ -136,8 +132,8 @@ def _axis(name: str, source: str, problem: Diagnostic | None = None) -> Recognis
     return Recognised(name, diagnostic("up_axis_read", source=source, axis=name.upper()), problem)
 
 
-def _standing_along(positions: np.ndarray, raised: np.ndarray | None, ratio: float) -> str | None:
-    """Return the axis along which the body is ``ratio`` times longer, signed to the head.
+def _standing_along(positions: np.ndarray, raised: np.ndarray | None) -> str | None:
+    """Return the axis along which the body is clearly longer, signed to the head.
 
     Without a known part of the body, the box around the markers is used. Then the upper end is the one that is not at
     0, the height of the floor.
@@ -152,13 +148,13 @@ def _standing_along(positions: np.ndarray, raised: np.ndarray | None, ratio: flo
         sign = (np.abs(low) < FLOOR_M).astype(float) - (np.abs(high) < FLOOR_M)
     length = np.nan_to_num(length)
     axis = int(np.argmax(length))
-    if sign[axis] == 0 or not length[axis] > ratio * np.delete(length, axis).max():
+    if sign[axis] == 0 or not length[axis] > CLEAR * np.delete(length, axis).max():
         return None
     return ("" if sign[axis] > 0 else "-") + "xyz"[axis]
 
 
 def _person_raised(positions: np.ndarray, labels: Sequence[str]) -> np.ndarray | None:
-    """Return ``raised_part`` if its ends are at a human distance, within ``PERSON_FACTOR``.
+    """Return ``raised_part`` if its ends are at a human distance, within ``CLEAR``.
 
     The labels of two parts may belong to two people, or to a prop.
     """
@@ -166,7 +162,7 @@ def _person_raised(positions: np.ndarray, labels: Sequence[str]) -> np.ndarray |
     if raised is None:
         return None
     apart = float(quantile(np.linalg.norm(raised, axis=-1), 0.5, 0, "nearest"))
-    return raised if least / PERSON_FACTOR <= apart <= most * PERSON_FACTOR else None
+    return raised if least / CLEAR <= apart <= most * CLEAR else None
 
 
 def raised_part(positions: np.ndarray, labels: Sequence[str]) -> tuple[np.ndarray | None, tuple[float, float, float]]:
@@ -187,7 +183,7 @@ def raised_part(positions: np.ndarray, labels: Sequence[str]) -> tuple[np.ndarra
 def _above_floor(positions: np.ndarray) -> str | None:
     """Return the only axis along which all markers are above 0 and start near it, or None."""
     ends = {axis: (_lowest(positions, axis), _lowest(positions, axis, 0.98)) for axis in UP_AXES}
-    above = [axis for axis, (low, high) in ends.items() if MARKER_M[0] < low < FLOOR_M and high > 2 * FLOOR_M]
+    above = [axis for axis, (low, high) in ends.items() if 0 < low < FLOOR_M and high > 2 * FLOOR_M]
     return above[0] if len(above) == 1 else None
 
 
@@ -200,8 +196,8 @@ def _lowest(positions: np.ndarray, axis: str, share: float = 0.01) -> float:
 
 def _may_lie(positions: np.ndarray, axis: str, body: str) -> bool:
     """Return whether a person extended along ``body`` may lie on the floor if ``axis`` is up."""
-    low = MARKER_M[0] < _lowest(positions, axis) and _lowest(positions, axis, 0.75) < LYING_M
-    return low and not MARKER_M[0] < _lowest(positions, body) < MARKER_M[1]
+    low = _lowest(positions, axis) > 0 and _lowest(positions, axis, 0.75) < FLOOR_M
+    return low and not 0 < _lowest(positions, body) < FLOOR_M
 
 
 def metres_in(unit: str) -> float:
@@ -265,7 +261,7 @@ def find_unit(
         body = not np.isfinite(apart) or least / factor <= apart * METRES[unit] <= most * factor
         return low <= size * METRES[unit] <= high and body
 
-    if name is not None and not (size > 0 and not fits(name, SMALLEST_M, LARGEST_M, PERSON_FACTOR)):
+    if name is not None and not (size > 0 and not fits(name, SMALLEST_M, LARGEST_M, CLEAR)):
         return _unit(name, "file")
     units = (default, "mm", "m", "cm")
     if np.isfinite(apart):  # an adult in inches resembles a crouching person in centimetres
