@@ -1,1 +1,1 @@
-"""Convert videos to a capture (extra ``capture``)."""
+"""Convert videos to a capture (needs the ``capture`` extra)."""

@@ -1,4 +1,4 @@
-"""Hold the detections of one video, and read and write their files."""
+"""Store the detections in one video, and read and write them as files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from solver_backend.types import JointSet
 from solver_backend.videos.files.video import TimedPictures
 
 _AGAIN = "Detect the video again."
-FORMAT, VERSION = "manifold_mocap_detections", 3  # Version 2 counts stored pixels, also where they are not square.
+FORMAT, VERSION = "manifold_mocap_detections", 3  # Version 2 and later use stored pixels even if these are not square.
 _STORED = (
     *("format", "version", "video", "video_hash", "detector", "joint_set"),
     *("size", "times_s", "xy", "confidence", "track", "hands"),
@@ -27,19 +27,19 @@ _STORED = (
 
 @dataclass(frozen=True)
 class VideoDetections(TimedPictures):
-    """All people in each image of one video: F images, up to P people, K keypoints."""
+    """The people detected in one video: F images, up to P people, K keypoints."""
 
     video: Path
     video_hash: str
     detector: str
     joint_set: JointSet
     size: tuple[int, int]  # Width and height of the upright images in pixels.
-    # pyrefly: ignore[bad-override] - the base class says what both have
-    times_s: np.ndarray  # (F,) image times on the video's clock, seconds.
+    # pyrefly: ignore[bad-override] - the base class declares what both subclasses have
+    times_s: np.ndarray  # (F,) image times on the video's clock, in seconds.
     xy: np.ndarray  # (F, P, K, 2) keypoints in px, NaN where missing.
     confidence: np.ndarray  # (F, P, K) confidences in 0..1, 0 where missing.
-    track: np.ndarray  # (F, P) number of the person's track, -1 for none.
-    camera: str = ""  # Name of the camera if it differs from the video.
+    track: np.ndarray  # (F, P) number of each person's track, -1 for none.
+    camera: str = ""  # Name of the camera if it differs from the video name.
     hands: np.ndarray | None = None  # (F, P, 2, 21, 3) x, y and confidence, left hand first, NaN where undetected.
 
     def __post_init__(self) -> None:
@@ -63,7 +63,7 @@ class VideoDetections(TimedPictures):
         return self.camera or self.video.stem
 
     def of_track(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return xy (F, K, 2) and confidence (F, K) of one person."""
+        """Return xy (F, K, 2) and confidence (F, K) for one person."""
         frames, slots = np.nonzero(self.track == number)
         xy = np.full((self.num_frames, *self.xy.shape[2:]), np.nan)
         confidence = np.zeros(xy.shape[:2])
@@ -71,7 +71,7 @@ class VideoDetections(TimedPictures):
         return xy, confidence
 
     def main_track(self) -> int:
-        """Return the track with the largest sum of confidence times size, or -1 if there is no person."""
+        """Return the track with the largest sum of confidence times size, or -1 if there are no people."""
         size = np.nan_to_num(extent(self.xy))
         weight = self.confidence.mean(axis=-1) * size
         totals = {int(n): float(weight[self.track == n].sum()) for n in np.unique(self.track) if n >= 0}
@@ -79,7 +79,7 @@ class VideoDetections(TimedPictures):
 
 
 def write_detections(path: Path, found: VideoDetections) -> None:
-    """Write the detections of a video, replacing earlier ones."""
+    """Write the detections of a video. An existing file is replaced."""
     facts = {"format": FORMAT, "version": VERSION, "video": found.video.name, "video_hash": found.video_hash}
     facts |= {"detector": found.detector, "joint_set": found.joint_set.value, "size": found.size}
     arrays = {key: np.array(value) for key, value in facts.items()}

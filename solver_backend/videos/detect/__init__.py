@@ -1,1 +1,1 @@
-"""Detect the keypoints of all people in videos with any detector."""
+"""Detect the keypoints of everyone in a video with a chosen detector."""

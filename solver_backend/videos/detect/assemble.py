@@ -1,4 +1,4 @@
-"""Combine the detections of videos into a capture, and compensate camera rotation."""
+"""Combine the detections from several videos into a capture, and compensate for camera rotation."""
 
 from __future__ import annotations
 
@@ -39,21 +39,21 @@ from solver_backend.videos.files.video import probe, read_pictures
 from solver_backend.videos.sync.clocks import Clocks, at_times, common_times
 from solver_backend.videos.video_detections import VideoDetections
 
-CROPPED_SHARE = 0.02  # Largest relative size change by cropping. Encoders crop images to whole blocks.
-SHORT_SHARE = 0.5  # Smallest overlap of all videos without a warning, relative to the longest video.
+CROPPED_SHARE = 0.02  # Largest relative size change caused by cropping. Encoders crop images to whole blocks.
+SHORT_SHARE = 0.5  # Smallest overlap of all videos that causes no warning, relative to the longest video.
 
 
 @dataclass(frozen=True)
 class KnownOfOne:
-    """Known facts about a single camera and its person (see ``Capture``)."""
+    """Known facts about a single camera and the person it films (see ``Capture``)."""
 
-    stature_m: float = 0.0  # Stature of the person in metres, 0 if unknown.
+    stature_m: float = 0.0  # Stature of the person in metres, or 0 if unknown.
     floor_from_person: bool = False
     focal_sigma: float = 0.0  # Relative standard deviation of the focal length.
 
 
 def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detections, float]:
-    """Return the detections of all people at common times, and the rate of these times per second."""
+    """Resample the detections of all people at common times. Return them and their rate in 1/s."""
     sets = {item.joint_set for item in found}
     if len(sets) > 1:
         message = f"The detections use different joint sets: {', '.join(sorted(sets))}."
@@ -94,7 +94,7 @@ def assembled(
     world: WorldSettings = WorldSettings(),
     one: KnownOfOne = KnownOfOne(),
 ) -> Capture:
-    """Build the capture of the person with the most agreeing or most visible views."""
+    """Build the capture of the person whom most views agree on, or who is most visible."""
     detections, fps = everybody(found, clocks)
     footage = tuple(Path(item.video).absolute() for item in found)
     made_of: dict[str, Any] = {"footage": footage, "detector": found[0].detector}
@@ -127,7 +127,7 @@ def assembled(
 def _by_track(item: VideoDetections, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return xy (F, P, K, 2), confidence (F, P, K) and hands (F, P, 2, 21, 3) with one slot per person.
 
-    A person keeps the slot in all frames, because interpolation joins the same slot of neighbouring frames.
+    A person keeps the same slot in all frames, because interpolation connects equal slots in neighbouring frames.
     """
     frames = len(item.track)
     xy = np.full((frames, most, *item.xy.shape[2:]), np.nan)
@@ -135,7 +135,7 @@ def _by_track(item: VideoDetections, most: int) -> tuple[np.ndarray, np.ndarray,
     hands = np.full((frames, most, 2, NUM_HAND_POINTS, 3), np.nan)
     changed = np.flatnonzero((item.track[1:] != item.track[:-1]).any(axis=1)) + 1
     place_of: dict[int, int] = {}
-    for first, stop in pairwise([0, *changed.tolist(), frames]):  # the same people are present in these frames
+    for first, stop in pairwise([0, *changed.tolist(), frames]):  # the same people are present from first to stop
         present = item.track[first].tolist()
         place_of = {n: place for n, place in place_of.items() if n in present}
         for slot, number in enumerate(present):
@@ -161,7 +161,7 @@ class FilmedSize:
 def in_video_pixels(
     calibration: Calibration, found: Sequence[VideoDetections | FilmedSize]
 ) -> tuple[Cameras, tuple[Diagnostic, ...]]:
-    """Scale the cameras to the pixels of the videos. Return notes on the scaling."""
+    """Scale the cameras to video pixels. Also return notes about the scaling."""
     cameras, notes = calibration.cameras, list[Diagnostic]()
     for c, item in enumerate(found):
         size = tuple(int(n) for n in cameras.image_size[c])
@@ -186,7 +186,7 @@ def in_video_pixels(
 
 
 def _stored_size(item: VideoDetections | FilmedSize) -> tuple[int, int]:
-    """Return the size in stored pixels, as other programs calibrate for non-square pixels."""
+    """Return the size in stored pixels, to which other programs calibrate if pixels are not square."""
     return probe(item.video).stored if item.video.exists() else item.size
 
 
@@ -211,26 +211,26 @@ def _timing(
     return tuple(notes), tuple(problems)
 
 
-WIDTH_PX = 640  # Width of the processed images in pixels. A feature is located to 1/20 of such a pixel.
-FEATURES, FEWEST = 400, 40  # Maximum and minimum number of tracked features. Below half the first, new ones are added.
-FEWEST_STILL = 8  # Number of features that suffice for a still camera if a plain wall shows no more.
-MARGIN = 0.25  # Margin of people's boxes relative to their size, because hair, clothes and shadows move with them.
-STILL_DEG = 0.25  # Largest rotation of a still camera in degrees. Image noise reaches as much over a take.
-LEFT_SHARE, LEFT_PX = 0.15, 1.0  # Movement that rotations may not explain: share, and pixels of 640.
+WIDTH_PX = 640  # Width in pixels of the images being processed. A feature is located to within 1/20 of such a pixel.
+FEATURES, FEWEST = 400, 40  # Maximum and minimum number of tracked features. New ones are added below half the maximum.
+FEWEST_STILL = 8  # Number of features that suffice to show that a camera is still, for plain walls.
+MARGIN = 0.25  # Margin around people's boxes relative to their size. Hair, clothes and shadows move with people.
+STILL_DEG = 0.25  # Largest apparent rotation of a still camera in degrees. Image noise can reach this over a take.
+LEFT_SHARE, LEFT_PX = 0.15, 1.0  # Largest movement not explained by rotation: fraction, and pixels at a width of 640.
 SCALES_PX = (30.0, 10.0, 3.0, 1.0, 1.0)  # Scales of the Geman-McClure weights in pixels, from least squares to robust.
 
 
 @dataclass(frozen=True)
 class CameraTurns:
-    """Rotations of a camera in F images."""
+    """Rotations of a camera over F images."""
 
-    rotations: np.ndarray  # (F, 3) rotation vectors from the first image in radians, camera axes.
-    moved_px: float  # Largest background movement (median of the features) in pixels at a width of 640.
+    rotations: np.ndarray  # (F, 3) rotation vectors relative to the first image in radians, in camera axes.
+    moved_px: float  # Largest background movement (median over the features) in pixels at a width of 640.
     left_px: float  # Largest movement that rotation does not explain, in the same pixels.
 
     @property
     def largest_deg(self) -> float:
-        """Largest rotation from the first image in degrees."""
+        """Largest rotation relative to the first image, in degrees."""
         return float(np.rad2deg(np.linalg.norm(self.rotations, axis=1)).max(initial=0.0))
 
     @property
@@ -242,7 +242,7 @@ class CameraTurns:
 def steadied(
     found: tuple[VideoDetections, ...], calibration: Calibration, progress: Progress = silent
 ) -> tuple[tuple[VideoDetections, ...], list[Diagnostic]]:
-    """Return a single video's detections as seen by a still camera."""
+    """Correct the detections in a single video for camera rotation, as if the camera had been still."""
     if len(found) != 1:
         return found, []
     only, (cameras, _) = found[0], in_video_pixels(calibration, found)
@@ -258,7 +258,7 @@ def steadied(
 def as_if_still(
     found: VideoDetections, camera: Cameras, pictures: Iterable[np.ndarray], progress: Progress = silent
 ) -> tuple[VideoDetections, list[Diagnostic]]:
-    """Return the detections of one video as if the camera had not rotated."""
+    """Correct the detections in one video for camera rotation, as if the camera had been still."""
     turns = camera_turns(found, camera, pictures, progress)
     if turns is None:
         return found, [diagnostic("camera_turns", severity=Severity.WARNING, turn="unknown", cameras=[found.name])]
@@ -283,11 +283,11 @@ def as_if_still(
 def camera_turns(
     found: VideoDetections, camera: Cameras, pictures: Iterable[np.ndarray], progress: Progress = silent
 ) -> CameraTurns | None:
-    """Estimate the rotations of the camera. Return None if too little background is visible.
+    """Estimate the camera's rotations, or return None if too little background is visible.
 
-    Features are tracked from image to image (Lucas and Kanade 1981) until few remain. The rotation since their first
-    image is ``min_ω Σ ρ(|d_i - exp(ω) d_i0|)`` over their rays d. Rotations are chained. A plain wall with few features
-    can show that a camera is still, but no rotation.
+    Features are tracked from image to image (Lucas and Kanade 1981) until few remain. The rotation relative to the
+    image in which they were first detected is ``min_ω Σ ρ(|d_i - exp(ω) d_i0|)`` over their rays d. These rotations are
+    multiplied together. A plain wall with few features can show that a camera is still, but cannot show how it rotates.
     """
     cv2 = opencv()
     scale = min(1.0, WIDTH_PX / found.size[0])
@@ -303,7 +303,7 @@ def camera_turns(
             if len(points) < (FEWEST_STILL if few else FEWEST):
                 return None
             rays = _rays(camera, points / scale)
-            if few:  # A few features can only show that nothing moves.
+            if few:  # Too few features for a rotation can still show that nothing moves.
                 if np.percentile(np.linalg.norm(rays - start_rays, axis=1), 75.0) > np.deg2rad(STILL_DEG):
                     return None
                 rotations.append(np.zeros(3))
@@ -333,7 +333,7 @@ def camera_turns(
 
 
 def followed(cv2: Any, before: np.ndarray, now: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Track points between two images, with a mask of consistently tracked points."""
+    """Track points from one image to the next. Also return a mask of consistently tracked points."""
     window = {"winSize": (15, 15), "maxLevel": 3}
     onward, there, _ = cv2.calcOpticalFlowPyrLK(before, now, points[:, None], None, **window)
     back, again, _ = cv2.calcOpticalFlowPyrLK(now, before, onward, None, **window)
@@ -342,12 +342,12 @@ def followed(cv2: Any, before: np.ndarray, now: np.ndarray, points: np.ndarray) 
 
 
 def _rays(camera: Cameras, px: np.ndarray) -> np.ndarray:
-    """Return (N, 3) unit view directions of (N, 2) pixels."""
+    """Return the (N, 3) unit viewing directions of (N, 2) pixels."""
     return unit(homogeneous(np.asarray(undistort(camera, px[None].astype(float)))[0]))
 
 
 def _turn(before: np.ndarray, now: np.ndarray, focal: float) -> tuple[np.ndarray, float]:
-    """Return the robust rotation between rays, and the median residual in px.
+    """Return the robust rotation between two sets of rays, and the median residual in px.
 
     Each pass is Kabsch's (1976) solution with Geman-McClure weights from the previous pass.
     """
@@ -360,7 +360,7 @@ def _turn(before: np.ndarray, now: np.ndarray, focal: float) -> tuple[np.ndarray
 
 
 def background_mask(found: VideoDetections, number: int, shape: tuple[int, ...], scale: float) -> np.ndarray:
-    """Return the (H, W) mask of the background without people."""
+    """Return the (H, W) mask of the background, which excludes people."""
     mask = np.full(shape, 255, np.uint8)
     for xy, sure in zip(found.xy[number], found.confidence[number], strict=True):
         seen = xy[sure > 0] * scale

@@ -1,4 +1,4 @@
-"""Detect people in videos, several videos at a time, and track each person from image to image."""
+"""Detect people in several videos at a time, and track each person from image to image."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from solver_backend.videos.video_detections import VERSION, VideoDetections, rea
 
 
 def least_cost_assignment(cost: np.ndarray) -> list[tuple[int, int]]:
-    """Return ``min(N, M)`` pairs (row, column) with the smallest sum of costs.
+    """Return ``min(N, M)`` pairs (row, column) with the smallest total cost.
 
     Reference: Kuhn 1955, Jonker and Volgenant 1987.
     """
@@ -66,21 +66,21 @@ def least_cost_assignment(cost: np.ndarray) -> list[tuple[int, int]]:
     return sorted((int(row_of[j]) - 1, j - 1) for j in range(1, columns + 1) if row_of[j])
 
 
-SPREAD = 0.1  # Standard deviation of a keypoint between two images, relative to the person's size.
-WIDENING = 5.0  # Growth factor of the spread per second.
+SPREAD = 0.1  # Standard deviation of a keypoint's movement between two images, relative to the person's size.
+WIDENING = 5.0  # Factor by which this deviation grows per second.
 LEAST_SIMILARITY = 0.05  # Smallest similarity between a detection and its track.
 LOST_S = 1.0  # Seconds without a detection after which a track ends.
-MOST_PEOPLE = 12  # Maximum number of tracked people per image, chosen by confidence. Chosen by hand.
+MOST_PEOPLE = 12  # Maximum number of people tracked per image. The most confident ones are tracked. Chosen by hand.
 
 
 def tracked(frames: list[np.ndarray], times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Track people in F images. Return (F, P) detection and track indices, -1 if missing.
+    """Track people over F images. Return (F, P) detection and track indices, -1 where missing.
 
-    The similarity of a detection and a track is ``mean_k exp(-d_k² / (2 s² κ²))`` over common keypoints. Here d is the
-    distance to the position extrapolated by the velocity, s the person's size, and κ is ``SPREAD``, which grows with
-    time. The assignment with the largest sum is used.
+    The similarity between a detection and a track is ``mean_k exp(-d_k² / (2 s² κ²))`` over their common keypoints.
+    Here d is the distance from the position that the track's velocity predicts, s is the person's size, and κ is
+    ``SPREAD``, which grows with time. The assignment with the largest total similarity is used.
 
-    Reference: Lin et al. 2014 (object keypoint similarity), Kuhn 1955 (the assignment).
+    Reference: Lin et al. 2014 (object keypoint similarity), Kuhn 1955 (assignment).
     """
     last, new = dict[int, _Sight](), count()
     place, track = np.full((2, len(frames), MOST_PEOPLE), -1)
@@ -111,7 +111,7 @@ class _Sight:
         return cls(time_s, person, velocity)
 
     def similarity(self, person: np.ndarray, time_s: float) -> float:
-        """Return the similarity of a person to the extrapolated position of this track, 0 to 1."""
+        """Return the similarity between a person and this track's predicted position, 0 to 1."""
         both = (person[:, 2] > 0) & (self.person[:, 2] > 0)
         if both.sum() < 3:
             return 0.0
@@ -132,12 +132,12 @@ def _numbers(people: np.ndarray, last: dict[int, _Sight], time_s: float, new: It
     return [found[i] if i in found else next(new) for i in range(len(people))]
 
 
-_POLL_S, _GLANCE_S = 0.2, 2.0  # Seconds between checks of the detectors and of their images. Chosen by hand.
+_POLL_S, _GLANCE_S = 0.2, 2.0  # Seconds between checks of the detectors and between previews. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class Glance:
-    """The newest image of a video and its people, for a preview."""
+    """The most recent image of a video and the people in it, for a preview."""
 
     video: Path
     rgb: np.ndarray  # (H, W, 3) uint8 image.
@@ -157,18 +157,19 @@ def detect_videos(
     pictures_fps: float = PICTURES_FPS,
     show: Callable[[Sequence[Glance]], object] = len,
 ) -> list[VideoDetections]:
-    """Return the detections of each video, and skip videos that are already processed.
+    """Detect the people in each video. Videos that have already been processed are skipped.
 
-    Each video has a separate detector process. Its detections are stored in ``folder`` as soon as they are complete.
-    The file name consists of the video's name, the hash of its bytes and the detector.
+    Each video has its own detector process. Its detections are stored in ``folder`` as soon as they are complete. The
+    file name consists of the video name and a hash of the video's bytes and the detector.
 
     Args:
-        jobs: number of simultaneous processes, 0 for one per core. Fewer videos than cores share the cores.
-        cameras: names of the cameras, by default the names of the videos.
-        show: receives the newest images from time to time.
+        jobs: number of simultaneous processes, or 0 for one per core. If there are fewer videos than cores, they share
+        the cores.
+        cameras: camera names. The default is the video names.
+        show: called now and then with the most recent images.
 
     Raises:
-        SameVideoTwice: two videos have the same bytes.
+        SameVideoTwice: two videos consist of the same bytes.
     """
     infos = [probe(video, pictures_fps) for video in videos]
     hashes = {info.path: recording_hash(info.parts or (info.path,)) for info in infos}
@@ -197,9 +198,9 @@ def detect_videos(
 
 
 def _kept_at(folder: Path, video: Path, digest: str, choice: DetectorChoice) -> Path:
-    """Return the path of a video's detections, by the bytes of models and workers.
+    """Return the path of a video's detections, which depends on the bytes of the video, model and worker.
 
-    ``VERSION`` distinguishes detections that earlier versions of the program computed differently.
+    ``VERSION`` separates them from detections that earlier program versions computed differently.
     """
     options = dict(choice.options)
     if "model" in options:
@@ -287,7 +288,7 @@ def _detected(
 
 
 def _placed(people: list[np.ndarray], place: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Arrange the people of each image as (F, P, ...), NaN for none."""
+    """Arrange the people in each image as (F, P, ...), with NaN for empty places."""
     out = np.full((*place.shape, *shape), np.nan)
     for frame, listed in enumerate(people):
         used = place[frame] >= 0

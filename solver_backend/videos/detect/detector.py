@@ -1,4 +1,4 @@
-"""Choose a detector, run it in a separate process and check its answers."""
+"""Choose a detector, run it in a separate process and validate its answers."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from solver_backend.types import JointSet
 
 
 class DetectorMissing(MocapError):
-    """No detector is installed, or the specified Python or model file contains none."""
+    """No detector is installed, or the given Python or model file does not contain one."""
 
 
 class DetectorOutputsUnknown(MocapError):
-    """The model's inputs and outputs do not match any known detector."""
+    """The model's inputs and outputs match no known detector."""
 
 
 class DetectorFailed(MocapError):
@@ -41,15 +41,15 @@ class DetectorFailed(MocapError):
 
 
 _LARGEST_HEAD, _LARGEST_ANSWER, _MOST_ARRAYS = 1 << 20, 1 << 24, 32  # Largest line and array in bytes, and array count.
-READY_S, ANSWER_S = 300.0, 60.0  # Time limits to start and to detect. Large models on slow machines take 10 s.
-_LOG_BYTES = 1 << 16  # Number of bytes to read at the end of a detector's log.
+READY_S, ANSWER_S = 300.0, 60.0  # Time limits in s for starting and detecting. Large models on slow machines take 10 s.
+_LOG_BYTES = 1 << 16  # Number of bytes read from the end of a detector's log.
 _POSE: dict[str, Shape] = {"keypoints": (None, None, 3)}
 _HAND: dict[str, Shape] = {"points": (NUM_HAND_POINTS, 2), "presence": (1,), "right": (1,)}
-"""Arrays of an answer about a body or a hand, with their shapes. None allows any length."""
+"""Arrays in an answer about a body or a hand, and their shapes. None allows any length."""
 
 
 class AnswerInvalid(ValueError):
-    """A detector's answer does not follow the protocol."""
+    """A detector's answer violates the protocol."""
 
 
 def read_head(stream: IO[bytes]) -> dict[str, Any]:
@@ -67,7 +67,7 @@ def read_head(stream: IO[bytes]) -> dict[str, Any]:
 
 
 def read_arrays(head: dict[str, Any], stream: IO[bytes]) -> dict[str, np.ndarray]:
-    """Return the float32 arrays that a line announces. Raise ``EOFError`` if cut off."""
+    """Return the float32 arrays that a line announces. Raise ``EOFError`` if they are truncated."""
     shapes = head.get("arrays")
     if not isinstance(shapes, dict) or len(shapes) > _MOST_ARRAYS:
         raise AnswerInvalid("a line announces no arrays")
@@ -82,21 +82,21 @@ def _array(shape: Any, stream: IO[bytes]) -> np.ndarray:
         raise AnswerInvalid("an array is too large")
     if len(data := stream.read(size)) < size:
         raise EOFError("an array is cut off")
-    with np.errstate(invalid="ignore"):  # signalling NaN
+    with np.errstate(invalid="ignore"):  # signalling NaNs would cause warnings
         return np.frombuffer(data, "<f4").reshape(shape).astype(np.float64)
 
 
-PYTHON_VARIABLE = "MANIFOLD_MOCAP_DETECTOR_PYTHON"  # Environment variable with the path of MediaPipe's Python.
-WORKER = ".py"  # Suffix of a user-written detector.
+PYTHON_VARIABLE = "MANIFOLD_MOCAP_DETECTOR_PYTHON"  # Environment variable that contains the path of MediaPipe's Python.
+WORKER = ".py"  # File suffix of a user-written detector.
 _ROOT = Path(__file__).resolve().parents[3]
 _MADE = _ROOT / ".venv-mediapipe" / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-"""Python that ``dev.py detectors`` creates next to the project's environment."""
-PACKAGES_VARIABLE = "MANIFOLD_MOCAP_PACKAGES"  # Environment variable with the folder of the extension's wheels.
-INCLUDED = _ROOT / "detector"  # Folder of models in an extension that includes a detector.
+"""Python interpreter that ``dev.py detectors`` installs next to the project's environment."""
+PACKAGES_VARIABLE = "MANIFOLD_MOCAP_PACKAGES"  # Environment variable that contains the extension's wheel folder.
+INCLUDED = _ROOT / "detector"  # Folder of the models in an extension that includes a detector.
 POSE_MODEL, HAND_MODEL = "pose_landmark_full.tflite", "hand_landmark_full.tflite"
-_MODULES = {".onnx": "onnx_pose", ".tflite": "litert_pose"}  # Worker module by the suffix of a model.
-DESCRIPTION, _DESCRIBED = ".json", "described_pose"  # Suffix of the description of a model, and its worker.
-_MEDIAPIPE_POINTS = 39  # Number of points in MediaPipe's landmark model: 33 of the body and 6 for internal use.
+_MODULES = {".onnx": "onnx_pose", ".tflite": "litert_pose"}  # Worker module for each model suffix.
+DESCRIPTION, _DESCRIBED = ".json", "described_pose"  # File suffix of a model description, and the worker that reads it.
+_MEDIAPIPE_POINTS = 39  # Number of points in MediaPipe's landmark model: 33 body points and 6 for internal use.
 HINT = (
     "In Blender, use Set Up Detector in the panel From Videos, or install the extension that includes a detector. "
     "Otherwise, give a Python that has MediaPipe 0.10.21 with --python."
@@ -104,10 +104,10 @@ HINT = (
 
 
 def check_answer(found: dict[str, np.ndarray], about: dict[str, Any] | None) -> dict[str, np.ndarray]:
-    """Check a detector's arrays, and mark impossible points as missing.
+    """Validate a detector's arrays, and mark impossible points as missing.
 
     Args:
-        about: description of the detector. None for a hand detector.
+        about: description of the detector, or None for a hand detector.
     """
     expected = dict(_HAND if about is None else _POSE)
     if "hands" in found and about is not None:
@@ -128,7 +128,7 @@ def check_answer(found: dict[str, np.ndarray], about: dict[str, Any] | None) -> 
 
 
 def joint_set_of(about: dict[str, Any]) -> JointSet:
-    """Return the joint set in a detector's description."""
+    """Return the joint set given in a detector's description."""
     if about.get("joint_set") in list(JointSet):
         return JointSet(about["joint_set"])
     count = about.get("num_keypoints", 0)
@@ -141,7 +141,7 @@ def joint_set_of(about: dict[str, Any]) -> JointSet:
 
 
 def included_model(name: str) -> Path | None:
-    """Return a model that the extension includes, or None without one."""
+    """Return the path of a model included in the extension, or None if there is none."""
     path = INCLUDED / name
     return path if path.is_file() and find_spec("ai_edge_litert") is not None else None
 
@@ -150,14 +150,14 @@ def included_model(name: str) -> Path | None:
 class DetectorChoice:
     """A detector that can be started."""
 
-    module: str  # Module in ``pose_workers``, or the path of a user-written worker, which ends in ``.py``.
+    module: str  # Module in ``pose_workers``, or the path of a user-written worker (``.py``).
     python: Path
     options: dict[str, Any]
-    one_hand: bool = False  # True if it detects the points of one hand in a crop instead of people.
+    one_hand: bool = False  # True if it detects the points of one hand in a crop, not people.
 
     @property
     def program(self) -> list[str]:
-        """Arguments of the Python interpreter that precede the options."""
+        """Arguments that the Python interpreter receives before the options."""
         return [self.module] if self.module.endswith(WORKER) else ["-m", f"pose_workers.{self.module}"]
 
 
@@ -173,11 +173,12 @@ def chosen_detector(
     """Choose a detector by name.
 
     Args:
-        name: one of ``DETECTORS``, or the path of a model: RTMPose, RTMO, YOLO-pose or MoveNet in ONNX, MediaPipe in
-            LiteRT, or the description of any other model.
-        python: interpreter to use. The default is MediaPipe's environment if there is one. For a model, and for the
-            MediaPipe in the extension, the default is our own interpreter.
-        hands: also detect hands if the detector can. The included one only detects bodies.
+        name: one of ``DETECTORS``, or the path of a model: RTMPose, RTMO, YOLO-pose or MoveNet in ONNX format,
+        MediaPipe
+            in LiteRT format, or a description of any other model.
+        python: interpreter to use. The default is MediaPipe's environment if there is one. For models, and for the
+            MediaPipe included in the extension, the default is our own interpreter.
+        hands: also detect hands if the detector supports it. The included detector only detects bodies.
         worker: a user-written program that replaces the detector (see ``pose_workers.serve``).
     """
     own_python = _interpreter(python)
@@ -205,18 +206,18 @@ def chosen_detector(
 
 
 def chosen_hand_detector(model: Path, *, python: Path | None = None) -> DetectorChoice:
-    """Choose MediaPipe's hand model, run by LiteRT.
+    """Choose MediaPipe's hand model, which LiteRT runs.
 
     Args:
         model: ``hand_landmark_full.tflite`` from the npm package @mediapipe/hands.
-        python: interpreter with ai-edge-litert, by default our own.
+        python: interpreter that has ai-edge-litert. The default is our own.
     """
     python, options = _interpreter(python), {"model": _model(model), "one_hand": True}
     return DetectorChoice(_MODULES[".tflite"], python, options, one_hand=True)
 
 
 def _existing(path: Path, message: str, where: str, hint: str) -> Path:
-    if not os.path.isfile(path):  # unlike Path.is_file, no error for a name that is too long
+    if not os.path.isfile(path):  # unlike Path.is_file, raises no error for a name that is too long
         raise DetectorMissing(message, where=where, hint=hint)
     return path
 
@@ -232,7 +233,7 @@ def _model(path: Path) -> str:
 
 
 def _described(path: Path) -> dict[str, Any]:
-    """Return the description in a JSON file, and the path of its model."""
+    """Read a model description from a JSON file. Return it and the path of the model."""
     description = read_json_file(path, LARGEST_DESCRIPTION)
     name = description.get("model") if isinstance(description, dict) else None
     if not isinstance(name, str) or not name:
@@ -257,7 +258,7 @@ def _mediapipe_python(environment: Mapping[str, str]) -> Path:
 
 
 def _is_set_up(environment: Mapping[str, str]) -> bool:
-    """Return whether MediaPipe has a separate Python."""
+    """Return whether MediaPipe has its own Python environment."""
     return bool(environment.get(PYTHON_VARIABLE)) or _MADE.is_file()
 
 
@@ -266,22 +267,22 @@ _ERRORS: dict[str, type[MocapError]] = {kind.code: kind for kind in (DetectorMis
 
 
 class DetectorProcess:
-    """A detector in a separate process, as a context manager.
+    """A detector in a separate process, used as a context manager.
 
     A detector that does not answer in time is restarted once per image.
 
     Args:
-        threads: number of threads of its model.
+        threads: number of threads that its model uses.
 
     Raises:
-        DetectorMissing: its Python does not start, or lacks the detector.
+        DetectorMissing: its Python does not start, or the detector is not installed there.
         DetectorOutputsUnknown: the model has an unknown format.
-        DetectorFailed: it crashed, did not answer, or its answers are unusable.
+        DetectorFailed: it crashed, did not answer, or gave unusable answers.
     """
 
     def __init__(self, choice: DetectorChoice, threads: int = 1) -> None:
         self._choice, self._threads = choice, threads
-        self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - it lives as long as the process
+        self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - it exists as long as the process
         self._late = self._ended = False
         self._start()
 
@@ -300,7 +301,7 @@ class DetectorProcess:
             raise DetectorMissing(message, where=str(python), hint="Check the path of --python.") from error
         assert self._process.stdin is not None and self._process.stdout is not None
         self._pictures, self._answers = self._process.stdin, self._process.stdout
-        if self._ended:  # by another thread while a silent detector restarted
+        if self._ended:  # ended by another thread during the restart of a detector that did not answer
             self._kill()
 
     def __enter__(self) -> DetectorProcess:
@@ -315,7 +316,7 @@ class DetectorProcess:
         self._close()
 
     def end(self) -> None:
-        """Kill the process. Can be called from another thread and several times."""
+        """Kill the process. This may be called several times and from another thread."""
         self._ended = True
         self._kill()
 
@@ -344,7 +345,7 @@ class DetectorProcess:
             yield
         finally:
             timer.cancel()
-        if self._late:  # the answer arrived when the process was killed
+        if self._late:  # the answer arrived while the process was being killed
             raise EOFError("the answer arrived too late")
 
     def _time_out(self) -> None:
@@ -352,7 +353,7 @@ class DetectorProcess:
         self._kill()
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return the arrays for an (H, W, 3) uint8 image (see ``check_answer``)."""
+        """Return the arrays detected in an (H, W, 3) uint8 image (see ``check_answer``)."""
         for again in (True, False):
             try:
                 with self._within(ANSWER_S):

@@ -1,4 +1,4 @@
-"""Detect hands in a capture's footage, near the arms' ends and at other views' positions."""
+"""Detect hands in a capture's footage, near the wrists and where other views see them."""
 
 from __future__ import annotations
 
@@ -30,24 +30,24 @@ from solver_backend.videos.detect.child.pose_workers.crops import SquareCrop, di
 from solver_backend.videos.detect.detector import DetectorChoice, DetectorProcess
 from solver_backend.videos.files.video import Picture, VideoInfo, probe, read_pictures
 
-SIDE = 224  # Side of a crop in pixels.
-HAND_M = 0.19  # Length from the wrist to the tip of the middle finger in metres.
-MARGIN = 1.3  # Side of a crop in hand lengths. Chosen by hand detections, see docs/research-log/hands.md.
-AHEAD = 0.45  # Distance from the wrist to the crop's centre along the forearm, in hand lengths.
-SECOND_MARGIN = 1.9  # Side of the second crop relative to the extent of the first points.
+SIDE = 224  # Side length of a crop in pixels.
+HAND_M = 0.19  # Length from the wrist to the tip of the middle finger, in metres.
+MARGIN = 1.3  # Side length of a crop in hand lengths. Chosen on hand detections, see docs/research-log/hands.md.
+AHEAD = 0.45  # Distance from the wrist to the centre of the crop along the forearm, in hand lengths.
+SECOND_MARGIN = 1.9  # Side length of the second crop relative to the extent of the points found in the first.
 _WRIST, _KNUCKLE = 0, 9
 
 
 def first_crop(wrist_px: np.ndarray, elbow_px: np.ndarray, hand_px: float, side: int) -> SquareCrop:
-    """Return the crop of a hand (0 left, 1 right) at the end of a forearm's (2,) pixels."""
+    """Return the crop of a hand (0 left, 1 right) at the end of a forearm, given (2,) pixels."""
     up, length = direction(elbow_px, wrist_px, 1.0)
-    # A forearm that points at the camera has its hand near the wrist in the image, so the crop is centred there.
+    # If a forearm points at the camera, the hand is near the wrist in the image, so the crop is centred there.
     forearm = min(1.0, length / (1.3 * hand_px))
     return _crop(wrist_px + AHEAD * forearm * hand_px * up, up, MARGIN * hand_px, side)
 
 
 def second_crop(points: np.ndarray, side: int) -> SquareCrop:
-    """Return a closer crop around (21, 2) points, with the middle knuckle above the wrist."""
+    """Return a tighter crop around (21, 2) points, with the middle knuckle above the wrist."""
     up, _ = direction(points[_WRIST], points[_KNUCKLE], 1.0)
     across = np.array([-up[1], up[0]])
     own = np.stack([points @ across, points @ up], axis=-1)
@@ -58,50 +58,51 @@ def second_crop(points: np.ndarray, side: int) -> SquareCrop:
 
 
 def _crop(middle: np.ndarray, up: np.ndarray, length: float, side: int) -> SquareCrop:
-    """Return the crop of a hand. Left hands are mirrored, so that they look like right hands."""
+    """Return the crop of a hand. Crops of left hands are mirrored, so that every hand looks like a right hand."""
     return SquareCrop.around(middle, up, length, SIDE, 0.5 * (SIDE - 1), mirrored=side == 0)
 
 
-PRESENCE = 0.5  # Smallest presence of a visible hand, as in MediaPipe.
+PRESENCE = 0.5  # Smallest presence at which a hand counts as visible, as in MediaPipe.
 PLACED = 0.05  # Smallest presence in a first crop that leads to a second one. The model was trained on better crops.
 AWAY_M = 0.1  # Largest distance between the wrists of hand and arm, in all views or in one. Chosen on two takes.
-ALIKE = 0.1  # Arms closer than this, in hand lengths, need only one crop.
-NEAREST_M = 0.1  # Smallest distance between hand and camera in metres.
-SURE = 0.3  # Smallest confidence of a view's wrist and elbow. Chosen on two takes.
-SIGMA = 0.06  # Standard deviation of a point for the agreement of views, relative to the hand length.
+ALIKE = 0.1  # If two arms are closer than this, in hand lengths, one crop is enough.
+NEAREST_M = 0.1  # Smallest distance between a hand and a camera, in metres.
+SURE = 0.3  # Smallest confidence of wrist and elbow in a view. Chosen on two takes.
+SIGMA = 0.06  # Standard deviation of a point, relative to the hand length, used to test whether views agree.
 RIGHT, LEAST_TRUST = 0.5, 0.1
-"""A hand that looks less like a right hand than the first value gets a proportionally lower confidence, down to the
-second. A back mistaken for a palm exchanges the fingers. Chosen by crossing fingers, see docs/research-log/hands.md.
+"""If the probability of a right hand is below the first value, the confidence decreases in proportion, down to the
+second value. The back of a hand mistaken for its palm swaps the fingers. Chosen on crossed fingers, see
+docs/research-log/hands.md.
 """
 
 
 @dataclass(frozen=True)
 class HandInCrop:
-    """Result of the hand network in a crop."""
+    """Result of running the hand network on a crop."""
 
-    points: np.ndarray  # (21, 2) points in px of the crop or of the image.
-    presence: float  # Probability of a hand, 0 to 1.
-    right: float = 1.0  # Probability of a right hand, 0 to 1. Every crop shows its hand as a right one.
+    points: np.ndarray  # (21, 2) points in px, either of the crop or of the image.
+    presence: float  # Probability that there is a hand, 0 to 1.
+    right: float = 1.0  # Probability that it is a right hand, 0 to 1. Left hands are mirrored in their crops.
 
     def counted(self) -> np.ndarray:
-        """Return the (21, 3) points with their confidence."""
+        """Return the (21, 3) points including their confidence."""
         trust = self.presence * min(1.0, max(LEAST_TRUST, self.right / RIGHT))
         return np.column_stack([self.points, np.full(len(self.points), trust)])
 
 
-Look = Callable[[np.ndarray], HandInCrop]  # Detects a hand in a (224, 224, 3) crop.
-Each = Callable[[Callable[[int], object], Iterable[int]], Iterable[object]]  # ``map`` over views, possibly in threads.
+Look = Callable[[np.ndarray], HandInCrop]  # Detects the hand in a (224, 224, 3) crop.
+Each = Callable[[Callable[[int], object], Iterable[int]], Iterable[object]]  # Like ``map``, but may use threads.
 
 
 @dataclass(frozen=True)
 class Arms:
-    """Elbows and wrists in F frames, left side first, or in one frame."""
+    """Elbows and wrists, left side first, over F frames or in one frame."""
 
     places: np.ndarray  # (F, 2, 2, 3) elbow and wrist of each side in metres, NaN if no views agree.
     detected: np.ndarray  # (C, F, 2, 2, 3) pixels and confidence of the same points in each view.
 
     def at(self, frame: int) -> Arms:
-        """Return the arms of one frame."""
+        """Return the arms in one frame."""
         return Arms(self.places[frame], self.detected[:, frame])
 
 
@@ -118,13 +119,13 @@ def search_hands(
     due: np.ndarray | None = None,
     each: Each = map,
 ) -> np.ndarray:
-    """Return (C, 2, 21, 3) x, y and confidence of both hands in each view, with NaN if undetected.
+    """Search both hands in each view. Return (C, 2, 21, 3) x, y and confidence, NaN if undetected.
 
     Args:
-        pictures: (H, W, 3) uint8 image of each view.
-        before: (C, 2, 21, 3) hands in the previous frame. A hand that is still there is searched once.
-        due: (C, 2) mask of views that search each hand. None for all.
-        each: calls ``look`` for several views at a time if it uses threads.
+        pictures: (H, W, 3) uint8 image from each view.
+        before: (C, 2, 21, 3) hands in the previous frame. A hand that is still there needs only one crop.
+        due: (C, 2) mask of the hands that are searched in each view. None searches all.
+        each: function like ``map`` that calls ``look`` for each view, possibly in several threads.
     """
     due = np.ones((len(cameras), len(SIDES)), bool) if due is None else due
     found = _unseen(len(cameras), 2)
@@ -163,7 +164,7 @@ class _HandSearch:
         return replace(seen, points=crop.in_picture(seen.points))
 
     def twice(self, crop: SquareCrop) -> np.ndarray | None:
-        """Return the (21, 3) hand in a second crop around the first one's points, or None."""
+        """Return the (21, 3) hand in a second crop around the points found in the first, or None."""
         first = self.once(crop)
         if first.presence < PLACED:
             return None
@@ -171,7 +172,7 @@ class _HandSearch:
         return second.counted() if second.presence >= PRESENCE else None
 
     def at_arm(self, arm: np.ndarray, own: np.ndarray, hand_px: float, before: np.ndarray | None) -> np.ndarray:
-        """Return the (21, 3) hand at its previous position, or at the arm's (2, 2) px."""
+        """Return the (21, 3) hand near its previous position, or at the end of the arm's (2, 2) px."""
         there = np.where(own[:, 2:] >= SURE, own[:, :2], arm)
         alike = float(np.linalg.norm(there - arm, axis=-1).max()) < ALIKE * hand_px
         places = [place for place in ([arm] if alike else [arm, there]) if self.shows(place[1])]
@@ -191,7 +192,7 @@ class _HandSearch:
 
 
 def _where_others_see_it(searches: Mapping[int, _HandSearch], cameras: Cameras, found: np.ndarray) -> None:
-    """Search a hand in views that miss it if two others agree on its points."""
+    """Search for a hand in views where it was not found if two others agree on its points."""
     seen = found[:, 0, 2] > 0
     missing = [view for view in searches if not seen[view]]
     if seen.sum() < 2 or not missing:
@@ -210,9 +211,9 @@ def _where_others_see_it(searches: Mapping[int, _HandSearch], cameras: Cameras, 
 
 
 def footage_scale(cameras: Cameras, videos: Sequence[VideoInfo | None]) -> Float[np.ndarray, "views 2"]:
-    """Return (C, 2) scale factors from calibrated images to the footage, 1 for another aspect.
+    """Return (C, 2) scale factors from the calibrated images to the footage, or 1 if their aspect ratios differ.
 
-    Calibrations have the aspect of the displayed or of the stored images, which differ if pixels are not square.
+    Calibrations refer to the displayed or to the stored images. Their aspect ratios differ if pixels are not square.
     """
     scale = np.ones((len(cameras), 2))
     for view, video in enumerate(videos):
@@ -226,7 +227,7 @@ def footage_scale(cameras: Cameras, videos: Sequence[VideoInfo | None]) -> Float
 
 
 def in_footage(cameras: Cameras, arms: Arms, scale: np.ndarray) -> tuple[Cameras, Arms]:
-    """Convert cameras and arms to the pixels of footage with a (C, 2) scale."""
+    """Convert cameras and arms to footage pixels, given a (C, 2) scale."""
     for view in np.flatnonzero((scale != 1.0).any(axis=1)):
         wide, high = np.round(cameras.image_size[view] * scale[view]).astype(int).tolist()
         cameras = resized(cameras, int(view), (wide, high))
@@ -241,21 +242,22 @@ def _scaled(points: np.ndarray, scale: np.ndarray) -> np.ndarray:
     return np.concatenate([moved, points[..., 2:]], axis=-1)
 
 
-REACH = 5  # Largest detectable shift of the footage in frames. Beyond it, crops miss the hands.
-LEAST_FRAMES = 20  # Minimum number of frames with a hand and its wrist. Chosen by hand.
+REACH = 5  # Largest detectable shift of the footage in frames. With larger shifts, the crops miss the hands.
+LEAST_FRAMES = 20  # Minimum number of frames that contain a hand and its wrist. Chosen by hand.
 MOVES, AGREE = 0.5, 0.75
-"""Largest error at the best shift relative to the worst shift, and smallest fraction of hands that are closer to their
-wrists after the shift. Chosen by ``python -m tests.benchmarks.hands.late_footage`` (docs/research-log/hands.md).
+"""Largest error at the best shift relative to that at the worst shift, and smallest fraction of hands that are closer
+to their wrists after the shift. Chosen by ``python -m tests.benchmarks.hands.late_footage``
+(docs/research-log/hands.md).
 """
 
 
 def footage_shift(
     hands: Float[np.ndarray, "views frames 2 21 3"], wrists: Float[np.ndarray, "views frames 2 3"]
 ) -> int:
-    """Return the footage's delay relative to the detections in frames, 0 if unknown.
+    """Return the footage's delay relative to the detections in frames, or 0 if unknown.
 
-    The sum ``Σ |h_f - w_(f - d) - median|² / s²`` over the hands of all views, with their size s, is minimal at the
-    shift d, refined by a parabola. The median is the constant difference between the detectors.
+    The delay d minimises the sum ``Σ |h_f - w_(f - d) - median|² / s²`` over the hands in all views, where s is the
+    hand size. A parabola refines it. The median is the constant difference between the two detectors.
     """
     each = [_errors(hands[view, :, side], wrists[view, :, side]) for view in range(len(hands)) for side in (0, 1)]
     errors = np.array([found for found in each if found is not None])
@@ -280,7 +282,7 @@ def in_time(hands: Float[np.ndarray, "views frames 2 21 3"], shift: int) -> Floa
 
 
 def _errors(hand: np.ndarray, wrist: np.ndarray) -> np.ndarray | None:
-    """Return the error of a hand at its wrist for each shift, None for too few frames."""
+    """Return the distance between a hand and its wrist for each shift, or None if there are too few frames."""
     frames = np.flatnonzero(hand[:, 0, 2] > 0)
     frames = frames[(frames >= REACH) & (frames < len(hand) - REACH)]
     if len(frames) < LEAST_FRAMES:
@@ -294,7 +296,7 @@ def _errors(hand: np.ndarray, wrist: np.ndarray) -> np.ndarray | None:
             return None
         apart = hand[frames[sure], 0, :2] - there[sure, :2]
         apart -= np.median(apart, axis=0)
-        # An outlier counts no more than a hand's length.
+        # The error of an outlier is limited to one hand length.
         capped = np.minimum((apart**2).sum(axis=1) / max(length, 1.0) ** 2, 1.0)
         errors[number] = capped.sum() * len(frames) / sure.sum()
     return errors
@@ -302,18 +304,19 @@ def _errors(hand: np.ndarray, wrist: np.ndarray) -> np.ndarray | None:
 
 _STEP = 25  # Number of frames between progress reports. Chosen by hand.
 AGAIN_S, ENOUGH = 0.05, 2
-"""Seconds between searches for a hidden hand, each of which costs up to six crops, and smallest number of views with a
-hand for which the other views search in turn (docs/research-log/hands.md)."""
+"""Seconds between searches for a hidden hand, which cost up to six crops each. Smallest number of views that must show
+a hand before the other views search for it in turn (docs/research-log/hands.md)."""
 
 
 def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = silent) -> Capture:
     """Detect the hands in the footage of a capture.
 
     Wrists and elbows are triangulated, or lifted if only one view shows the person. They determine the crops in every
-    view. Views that miss a hand search it where two others agree. Early or late footage is shifted in time.
+    view. A view in which a hand was not found is searched again where two other views agree on it. Footage that is
+    early or late is shifted in time.
     """
     cameras, keypoints = capture.require_views()
-    cameras = replace(cameras, path=None)  # Crops need positions relative to the camera, not in the world.
+    cameras = replace(cameras, path=None)  # Crops need positions relative to the camera, not to the world.
     if not any(capture.footage):
         raise CaptureInvalid("The capture has no footage.", where=capture.name, hint="Read its folder again.")
     arms, found = arms_of(capture)
@@ -351,14 +354,15 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
         firsts = capture.footage_first or (0,) * len(capture.footage)
         hands, capture = in_time(hands, shift), replace(capture, footage_first=tuple(n + shift for n in firsts))
         found.append(diagnostic("footage_late", size=shift, remedy=Remedy.REPAIRED))
-    keypoints = replace(keypoints, hands=_scaled(hands, 1.0 / scale))  # in the calibrated pixels
+    keypoints = replace(keypoints, hands=_scaled(hands, 1.0 / scale))  # back to calibrated pixels
     return replace(capture, keypoints=keypoints, notes=(*capture.notes, *found))
 
 
 def is_due(before: np.ndarray | None, frame: int, every: int) -> np.ndarray | None:
-    """Return the (C, 2) mask of views that search each hand.
+    """Return the (C, 2) mask of the hands that are searched in each view.
 
-    ``before`` are the (C, 2, 21, 3) hands of the previous frame. Without them the result is None and all views search.
+    ``before`` contains the (C, 2, 21, 3) hands in the previous frame. If it is None, the result is None and all views
+    search for both hands.
     """
     if before is None or every <= 1:
         return None
@@ -368,16 +372,16 @@ def is_due(before: np.ndarray | None, frame: int, every: int) -> np.ndarray | No
 
 
 def seen_by(capture: Capture, least: int) -> dict[str, float]:
-    """Return, for each side, the percentage of frames in which at least ``least`` views show a hand."""
+    """For each side, return the percentage of frames in which at least ``least`` views show a hand."""
     assert capture.keypoints is not None and capture.keypoints.hands is not None
     views = (capture.keypoints.hands[..., 2] > 0).any(axis=-1).sum(axis=0)
     return {side: round(100.0 * float((views[:, s] >= least).mean()), 1) for s, side in enumerate(SIDES)}
 
 
 def arms_of(capture: Capture) -> tuple[Arms, list[Diagnostic]]:
-    """Return triangulated or lifted elbows and wrists without gaps, and notes on missing sides."""
+    """Return triangulated or lifted elbows and wrists without gaps, and notes about missing sides."""
     cameras, keypoints = capture.require_views()
-    cameras = replace(cameras, path=None)  # Crops need positions relative to the camera, not in the world.
+    cameras = replace(cameras, path=None)  # Crops need positions relative to the camera, not to the world.
     names = keypoints.joint_set.keypoints
     columns = [names.index(f"{side}_{part}") for part in ("elbow", "wrist") for side in SIDES]
     xy, confidence = keypoints.xy[:, :, columns], keypoints.confidence[:, :, columns]
@@ -386,7 +390,7 @@ def arms_of(capture: Capture) -> tuple[Arms, list[Diagnostic]]:
     else:
         points = np.asarray(triangulate(cameras, xy, confidence).points)
     frames = np.arange(len(points))
-    for track in points.transpose(1, 2, 0):  # (3, F) of each joint
+    for track in points.transpose(1, 2, 0):  # the (3, F) positions of each joint
         known = np.isfinite(track).all(axis=0)
         if known.any():
             track[:] = [np.interp(frames, frames[known], axis[known]) for axis in track]
@@ -398,7 +402,7 @@ def arms_of(capture: Capture) -> tuple[Arms, list[Diagnostic]]:
 
 
 def _lifted(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
-    """Return the (F, K, 3) keypoints, in metres, of an average person in front of the only camera."""
+    """Return (F, K, 3) keypoints in metres for an average person in front of the only camera."""
     view = int(np.flatnonzero((keypoints.confidence > 0).any(axis=(1, 2)))[0])
     camera, body = cameras.subset([view]), load_body()
     prior, landmarks = prior_on_body(load_sposer(), body.layout), keypoint_landmarks(body, keypoints.joint_set)
@@ -411,7 +415,7 @@ def _not_found(reason: str, side: int, severity: Severity) -> Diagnostic:
 
 
 def pictures_of(capture: Capture, each: Each = map) -> Iterator[tuple[int, dict[int, np.ndarray]]]:
-    """Yield the frames of the take with the images of its views."""
+    """Yield each frame of the take with the images from its views."""
     firsts, waiting = capture.footage_first or (0,) * len(capture.footage), dict[int, Picture]()
     streams = {view: read_pictures(probe(path)) for view, path in enumerate(capture.footage) if path is not None}
     for frame in range(capture.num_frames):

@@ -1,4 +1,4 @@
-"""Track the background of one video, and write the path of its moving camera."""
+"""Track the background in one video, and write the path of its moving camera."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from solver_backend.videos.detect.assemble import (
 from solver_backend.videos.files.video import probe, read_pictures
 from solver_backend.videos.video_detections import VideoDetections
 
-APART_PX = 7  # Smallest distance from a new feature to the tracked ones, in pixels.
-REFILLED = 0.7  # Fraction of ``FEATURES`` below which new ones are detected.
-SHORTEST = 8  # Shortest track in images. Shorter ones determine no position.
+APART_PX = 7  # Smallest distance in pixels between a new feature and the tracked ones.
+REFILLED = 0.7  # New features are detected if less than this fraction of ``FEATURES`` remains.
+SHORTEST = 8  # Shortest usable track in images. Shorter tracks do not determine a position.
 
 
 def track_background(found: VideoDetections, pictures: Iterable[np.ndarray], progress: Progress = silent) -> Tracks:
-    """Return tracks of background points around people in px.
+    """Track points in the background around people. Return the tracks in px.
 
     Reference: Shi and Tomasi 1994, "Good features to track"; Lucas and Kanade 1981.
     """
@@ -63,7 +63,7 @@ def track_background(found: VideoDetections, pictures: Iterable[np.ndarray], pro
         rows.append((names, points / scale))
         before = grey
         progress("Following the background", number + 1, found.num_frames)
-    rows += [(np.zeros(0, int), np.zeros((0, 2)))] * (found.num_frames - len(rows))  # The file may have lost its end.
+    rows += [(np.zeros(0, int), np.zeros((0, 2)))] * (found.num_frames - len(rows))  # The file may be truncated.
     lengths = np.bincount(np.concatenate([row[0] for row in rows]), minlength=count)
     kept = [lengths[names] >= SHORTEST for names, _ in rows]
     return Tracks(*(tuple(row[part][long] for row, long in zip(rows, kept, strict=True)) for part in (0, 1)))
@@ -72,11 +72,11 @@ def track_background(found: VideoDetections, pictures: Iterable[np.ndarray], pro
 def follow_camera(
     found: VideoDetections, camera: Cameras, pictures: Iterable[np.ndarray], out: Path, progress: Progress = silent
 ) -> Path | None:
-    """Write the path of a camera as a TUM trajectory, or return None if it is unclear.
+    """Write a camera's path as a TUM trajectory, or return None if it cannot be determined.
 
     Args:
-        camera: one camera, for its lens.
-        pictures: (H, W, 3) images of the video.
+        camera: the single camera, for its lens.
+        pictures: (H, W, 3) images from the video.
     """
     path = estimate_path(camera, track_background(found, pictures, progress), progress)
     if path is None:
@@ -96,17 +96,17 @@ def without_camera_motion(
     out: Path,
     progress: Progress = silent,
 ) -> tuple[tuple[VideoDetections, ...], WorldSettings, list[Diagnostic]]:
-    """Return the detections of a camera without rotation, or with the path of a moving one.
+    """Remove camera rotation from the detections, or add the path of a moving camera.
 
-    A given path describes all camera motion. Otherwise a path is estimated if rotations alone do not explain the
-    background.
+    A path given by the user describes all camera motion. Otherwise, a path is estimated if rotation alone does not
+    explain the motion of the background.
 
     Args:
-        out: file of the estimated path. An earlier one is removed.
+        out: file for the estimated path. An existing one is removed.
     """
     if world.camera_path:
         return found, world, []
-    out.unlink(missing_ok=True)  # of an earlier run
+    out.unlink(missing_ok=True)  # from an earlier run
     still, diagnostics = steadied(found, calibration, progress)
     if all(item.code != "camera_moves" for item in diagnostics):
         return still, world, diagnostics

@@ -1,4 +1,4 @@
-"""Measure a detector's standard deviation by confidence, on captures with known cameras."""
+"""Measure a detector's standard deviation at each confidence, on captures whose cameras are known."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from solver_backend.cameras.robust_triangulation import predict_views, triangula
 from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.types import Capture
 
-BINS = 8  # Number of confidence bins with equally many detections.
+BINS = 8  # Number of confidence bins, which contain equally many detections.
 LEAST_VIEWS, LEAST_MM = 3, 0.01  # Minimum number of views, and smallest standard deviation in mm. Chosen by hand.
-_MEDIAN_OF_SQUARE = 2.0 * np.log(2.0)  # Median of the squared length of a 2D vector with unit variance per axis.
+_MEDIAN_OF_SQUARE = 2.0 * np.log(2.0)  # Median squared length of a 2D vector with unit variance per axis.
 
 
 def measure_noise_map(captures: Sequence[Capture], detector: str) -> NoiseMap:
-    """Measure the noise map of a detector on captures with calibrated cameras.
+    """Measure a detector's noise map on captures with calibrated cameras.
 
-    Each detection is compared with the prediction from the other views (``predict_views``), after the person has
-    refined the cameras. The variance of the prediction is subtracted. Each bin's variance is the median squared
-    distance over 2 ln 2, pooled so that it decreases with the confidence.
+    The person first refines the cameras. Then each detection is compared with the prediction from the other views
+    (``predict_views``), and the variance of the prediction is subtracted. The variance in each bin is the median
+    squared distance divided by 2 ln 2. The variances are pooled so that they decrease with confidence.
 
-    Reference: Barlow et al. 1972 (pooling of adjacent violators).
+    Reference: Barlow et al. 1972 (pool adjacent violators).
     """
     used = [c for c in captures if c.keypoints is not None and c.keypoints.num_views >= LEAST_VIEWS]
     if not used:
@@ -47,7 +47,7 @@ def measure_noise_map(captures: Sequence[Capture], detector: str) -> NoiseMap:
 
 
 def _errors(capture: Capture) -> tuple[np.ndarray, np.ndarray]:
-    """Return confidence (N,) and squared distance (N,) in mm² without the variance of the prediction."""
+    """Return confidence (N,) and squared distance (N,) in mm² minus the variance of the prediction."""
     cameras, keypoints = capture.require_multiview()
     cameras = refined_cameras(cameras, keypoints.xy, keypoints.confidence)
     seen = (keypoints.confidence > 0).astype(float)
@@ -64,7 +64,7 @@ def _errors(capture: Capture) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _pooled(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the closest decreasing values."""
+    """Return the closest decreasing sequence."""
     total, weight = (np.concatenate([[0.0], np.cumsum(part)]) for part in (values * weights, weights))
     first, last = np.triu_indices(len(values))
     mean = np.full((len(values), len(values)), -np.inf)

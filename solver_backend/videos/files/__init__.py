@@ -1,1 +1,1 @@
-"""Read the images, times and sound of videos, and write previews."""
+"""Read images, times and sound from videos, and write previews."""

@@ -30,7 +30,7 @@ class VideoWithoutSound(MocapError):
 
 
 class SameVideoTwice(MocapError):
-    """Two cameras have the same video."""
+    """Two cameras use the same video."""
 
 
 AGAIN = "Copy the file from the camera again, or leave this camera out."
@@ -38,7 +38,7 @@ AGAIN = "Copy the file from the camera again, or leave this camera out."
 
 @contextmanager
 def opened(path: Path) -> Iterator[InputContainer]:
-    """Open the container of a video. Raise ``VideoUnreadable`` if that fails."""
+    """Open a video's container. Raise ``VideoUnreadable`` if that fails."""
     av = library()
     if not path.is_file():
         raise VideoUnreadable("There is no such video.", where=str(path), hint="Check the path.")
@@ -73,11 +73,11 @@ def library() -> Any:
     return av
 
 
-OFF_SHARE = 0.2  # Intervals that differ relatively more from the median do not count for the frame rate.
+OFF_SHARE = 0.2  # Intervals that deviate from the median by a larger fraction do not count for the frame rate.
 
 
 class TimedPictures:
-    """Images with presentation times."""
+    """A sequence of images with presentation times."""
 
     times_s: np.ndarray
 
@@ -88,32 +88,32 @@ class TimedPictures:
 
     @property
     def fps(self) -> float:
-        """Images per second (see ``rate_of``)."""
+        """Number of images per second (see ``rate_of``)."""
         return rate_of(self.times_s)
 
 
 @dataclass(frozen=True)
 class VideoInfo(TimedPictures):
-    """A video of F images."""
+    """A video that consists of F images."""
 
-    path: Path  # File, first of several chapters, or folder of images.
+    path: Path  # The file, the first of several chapters, or the folder of images.
     size: tuple[int, int]  # Width and height in pixels after rotation, as displayed.
-    # pyrefly: ignore[bad-override] - the base class says what both have
-    times_s: np.ndarray  # (F,) increasing presentation times on the file's clock, seconds.
-    parts: tuple[Path, ...] = ()  # Files in order, see ``parts_of``. Empty for a single file.
-    timed: bool = True  # True if each decoded image has a time. Otherwise images take these times in order.
-    stored: tuple[int, int] = (0, 0)  # Stored size in pixels after rotation. It differs if pixels are not square.
+    # pyrefly: ignore[bad-override] - the base class declares what both subclasses have
+    times_s: np.ndarray  # (F,) increasing presentation times on the file's clock, in seconds.
+    parts: tuple[Path, ...] = ()  # Files in order, see ``parts_of``. Empty if there is only one.
+    timed: bool = True  # True if each decoded image has a time. Otherwise, the images take these times in order.
+    stored: tuple[int, int] = (0, 0)  # Stored size in pixels after rotation. Not ``size`` if pixels are not square.
 
 
-UNTIMED_SHARE = 0.5  # Largest fraction of distinct times in a file without image times.
+UNTIMED_SHARE = 0.5  # Largest fraction of distinct times in a file that does not store image times.
 LONGEST_GAP_S, RARE_GAP = 60.0, 100.0  # Longest time without an image, in s and in median intervals. Chosen by hand.
-PICTURES_FPS = 30.0  # Assumed frame rate of an image folder, per second.
+PICTURES_FPS = 30.0  # Frame rate assumed for a folder of images, in 1/s.
 
 
 def probe(path: Path | str, pictures_fps: float = PICTURES_FPS) -> VideoInfo:
-    """Return the properties of a video, of the chapters of a recording, or of an image folder.
+    """Return the properties of a video, of the chapters of one recording, or of an image folder.
 
-    This counts the packets and decodes the first image.
+    The packets are counted, and only the first image is decoded.
     """
     path = Path(path)
     parts = parts_of(path)
@@ -155,7 +155,7 @@ def _probe_file(path: Path) -> VideoInfo:
     times = np.unique(np.array(stamps, dtype=np.float64)) * float(base)
     if len(times) <= UNTIMED_SHARE * len(stamps) and stated > 0:
         return VideoInfo(path, size, np.arange(len(stamps)) / stated, timed=False, stored=stored)
-    if is_avi and any(pts != dts for pts, dts in packets):  # AVI stores times in decoding order
+    if is_avi and any(pts != dts for pts, dts in packets):  # AVI files store times in decoding order
         places = np.unique(np.array([dts for _, dts in packets if dts is not None], dtype=np.float64)) * float(base)
         if len(places) < len(packets):
             places = np.arange(len(packets)) / max(rate_of(times), 1.0)
@@ -169,7 +169,7 @@ def _probe_file(path: Path) -> VideoInfo:
 
 
 def rate_of(times_s: np.ndarray) -> float:
-    """Return the frame rate of increasing times, 0 for fewer than two."""
+    """Return the frame rate given by increasing times, or 0 if there are fewer than two."""
     if len(times_s) < 2:
         return 0.0
     gaps = np.diff(times_s)
@@ -178,19 +178,19 @@ def rate_of(times_s: np.ndarray) -> float:
 
 
 SQUARE, LARGEST_ASPECT = 0.02, 4.0
-"""Relative tolerance of square pixels, because encoders crop images to whole blocks, and the largest pixel aspect.
-Beyond it or its inverse the file is damaged. Chosen by hand."""
+"""Relative tolerance within which pixels count as square, because encoders crop images to whole blocks. Largest pixel
+aspect ratio: a file that states a more extreme ratio is damaged. Chosen by hand."""
 
 
 def pixel_aspect(stream: Any) -> Fraction:
-    """Return the width to height ratio of a stored pixel, as the video states it."""
+    """Return the aspect ratio (width to height) of a stored pixel, as stated in the video."""
     aspect = stream.sample_aspect_ratio or Fraction(1)
     plausible = abs(aspect - 1) > SQUARE and 1 / LARGEST_ASPECT <= aspect <= LARGEST_ASPECT
     return aspect if plausible else Fraction(1)
 
 
 def quarter_turn(degrees: float) -> int:
-    """Return the nearest multiple of 90 degrees: 0, 90, 180 or 270."""
+    """Round to a multiple of 90 degrees: 0, 90, 180 or 270."""
     return round(degrees / 90.0) * 90 % 360
 
 
@@ -199,7 +199,7 @@ LOST_SHARE = 0.02  # Largest fraction of damaged images in a usable video.
 
 @dataclass(frozen=True)
 class Picture:
-    """One image of a video."""
+    """An image from a video."""
 
     number: int  # Index in presentation order.
     time_s: float  # Presentation time on the file's clock.
@@ -207,10 +207,10 @@ class Picture:
 
 
 def read_pictures(info: VideoInfo) -> Iterator[Picture]:
-    """Yield the images of a video. Damaged images are skipped, and later ones keep their times.
+    """Yield the images of a video. Damaged images are skipped, and the others keep their times.
 
     Raises:
-        VideoUnreadable: more than ``LOST_SHARE`` of the images are damaged or missing, or the size changes.
+        VideoUnreadable: more than ``LOST_SHARE`` of the images are damaged or missing, or the image size changes.
     """
     number = 0
     for time_s, rgb in _timed_pictures(info):
@@ -252,20 +252,20 @@ Decoded = tuple[float, Callable[[], np.ndarray]]  # Time of an image in s, and a
 
 
 def decoded_pictures(path: Path) -> Iterator[Decoded]:
-    """Yield the time (s) of each image in a file, and a function that returns it as (H, W, 3) uint8.
+    """For each image in a file, yield its time (s) and a function that returns it as (H, W, 3) uint8.
 
-    Images are rotated and have square pixels, as displayed. Damaged ones are skipped.
+    Images are rotated and have square pixels, as displayed. Damaged images are skipped.
     """
     return (decoded for decoded in _decoded(path) if decoded is not None)
 
 
 def _decoded(path: Path) -> Iterator[Decoded | None]:
-    """Yield the results of ``decoded_pictures``, and None for damaged images."""
+    """Yield what ``decoded_pictures`` yields, and None for each damaged image."""
     av = library()
     with opened(path) as container:
         stream = video_stream(container)
         stream.thread_type = "AUTO"
-        # One converter per file, because a new one per image takes longer than the conversion.
+        # Use one converter per file, because creating one per image takes longer than the conversion.
         convert, aspect = av.video.reformatter.VideoReformatter().reformat, pixel_aspect(stream)
         for packet in container.demux(stream):
             try:
@@ -284,11 +284,11 @@ def _picture(convert: Callable[..., Any], frame: Any, aspect: Fraction) -> np.nd
     return np.ascontiguousarray(np.rot90(rgb, turns)) if turns else rgb
 
 
-_PIECE = 1 << 22  # Bytes per read. Chosen by hand.
+_PIECE = 1 << 22  # Number of bytes per read. Chosen by hand.
 
 
 def file_hash(path: Path | str) -> str:
-    """Return the BLAKE2b hash of a file, 16 bytes in hexadecimal."""
+    """Return the 16-byte BLAKE2b hash of a file in hexadecimal."""
     digest = hashlib.blake2b(digest_size=16)
     with open(path, "rb") as stream:
         while piece := stream.read(_PIECE):
@@ -297,14 +297,14 @@ def file_hash(path: Path | str) -> str:
 
 
 def recording_hash(parts: Sequence[Path]) -> str:
-    """Return the hash of a recording's files in order."""
+    """Return the hash of a recording's files, in order."""
     if len(parts) == 1:
         return file_hash(parts[0])
     return hashlib.blake2b("".join(map(file_hash, parts)).encode(), digest_size=16).hexdigest()
 
 
 def require_different(hashes: Mapping[Path, str]) -> None:
-    """Raise ``SameVideoTwice`` if two videos have the same bytes."""
+    """Raise ``SameVideoTwice`` if two videos consist of the same bytes."""
     first: dict[str, Path] = {}
     for path, digest in hashes.items():
         if digest in first:
@@ -314,21 +314,21 @@ def require_different(hashes: Mapping[Path, str]) -> None:
         first[digest] = path
 
 
-RATE_HZ = 16_000  # Sample rate of sound, per second.
-SILENCE = 1e-5  # Largest RMS of silence at full scale 1. Chosen by hand.
+RATE_HZ = 16_000  # Sample rate of the sound in Hz.
+SILENCE = 1e-5  # Largest RMS value that counts as silence, where full scale is 1. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class Sound:
-    """Single-channel sound."""
+    """Mono sound."""
 
-    samples: np.ndarray  # (N,) float32 samples at full scale 1.
-    start_s: float  # Time of the first sample on the clock of the images, seconds.
+    samples: np.ndarray  # (N,) float32 samples, where full scale is 1.
+    start_s: float  # Time of the first sample on the clock of the images, in seconds.
     rate_hz: int = RATE_HZ
 
 
 def read_sound(path: Path | str) -> Sound:
-    """Return the mono sound of a video. Raise ``VideoWithoutSound`` without any."""
+    """Return a video's sound in mono. Raise ``VideoWithoutSound`` if there is none."""
     path, parts, start = Path(path), [], None
     hint = "Film with the microphone on, or synchronise by keypoints."
     with opened(path) as container:
@@ -347,7 +347,7 @@ def read_sound(path: Path | str) -> Sound:
 
 
 def write_video(path: Path | str, pictures: Iterable[np.ndarray], fps: float, *, overwrite: bool = False) -> int:
-    """Write (H, W, 3) uint8 images as H.264 in MP4, and return their number."""
+    """Write (H, W, 3) uint8 images as H.264 in MP4. Return the number of images."""
     av, count = library(), 0
     with atomic_output(path, overwrite=overwrite) as temporary, av.open(str(temporary), "w", format="mp4") as container:
         stream = None

@@ -1,4 +1,4 @@
-"""Calibrate the cameras of a take from board footage, or from the person alone."""
+"""Calibrate a take's cameras from board footage, or from the person alone."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ from solver_backend.videos.sync.clocks import Clocks
 from solver_backend.videos.sync.synchronise import BY_SPEEDS
 from solver_backend.videos.video_detections import VideoDetections
 
-ONE_CAMERA = "one camera"  # Method of a calibration of a single camera.
-_PLACES = ("extrinsics", "both")  # Kinds of board footage that several cameras recorded together.
+ONE_CAMERA = "one camera"  # Name of the method used for a single camera.
+_PLACES = ("extrinsics", "both")  # Types of board footage that several cameras recorded simultaneously.
 _BOARD_FILES = ("board.toml", "charuco.toml")
 
 
@@ -40,32 +40,32 @@ class CalibrationRequest:
 
     found: FoundFolder
     take: FoundTake
-    detections: tuple[VideoDetections, ...]  # Detections in its videos, for a calibration from the person.
+    detections: tuple[VideoDetections, ...]  # Detections in the videos, for a calibration from the person.
     clocks: Clocks
     out: Path  # Calibration file to write.
-    coverage: Path | None = None  # Image of the board positions in each view, if a board is used.
+    coverage: Path | None = None  # Image that shows the board positions in each view, if a board is used.
 
 
 @dataclass(frozen=True)
 class KnownOfCameras:
-    """Facts from the user about cameras and footage."""
+    """User-supplied facts about cameras and footage."""
 
-    board: str | None = None  # Board name, see ``board_named``. None looks for ``board.toml`` next to its footage.
+    board: str | None = None  # Board name, see ``board_named``. With None, ``board.toml`` next to the footage is used.
     lenses: Path | None = None
-    stature_m: float | None = None  # Stature of the person in metres, which sets the scale without a board.
+    stature_m: float | None = None  # Stature of the person in metres. It sets the scale if there is no board.
     source: str = "auto"
-    """Source of the calibration: "auto" for the best available one. "board" and "person" ignore existing ones."""
-    focal: str = ""  # Focal length for cameras with unknown lenses, see ``find_focal_length``.
+    """Calibration source. "auto" uses the best one available. "board" and "person" ignore existing calibrations."""
+    focal: str = ""  # Focal length of cameras with unknown lenses, see ``find_focal_length``.
 
     def focal_of(self, video: VideoDetections) -> FocalLength:
-        """Return the focal length of a camera with an unknown lens."""
+        """Return the focal length of a camera whose lens is unknown."""
         return find_focal_length(self.focal, video.video, video.size)
 
 
 def calibration_source(found: FoundFolder, known: KnownOfCameras) -> str:
-    """Return the source for uncalibrated cameras: "board", "lenses" or "person".
+    """Return the calibration source for uncalibrated cameras: "board", "lenses" or "person".
 
-    The first two detect boards in footage, which needs OpenCV.
+    The first two detect boards in footage, for which they need OpenCV.
     """
     kinds = {footage.kind for footage in found.footage}
     if kinds.intersection(_PLACES) and known.source != "person":
@@ -77,11 +77,11 @@ def calibration_source(found: FoundFolder, known: KnownOfCameras) -> str:
 def calibrate_take(
     request: CalibrationRequest, known: KnownOfCameras, progress: Progress
 ) -> tuple[str, tuple[Diagnostic, ...]]:
-    """Calibrate and write the cameras of a take. Return the method and diagnostics.
+    """Calibrate a take's cameras and write the result. Return the method and diagnostics.
 
-    The method is board, person or ``ONE_CAMERA``. Board footage from several cameras is sufficient. If only lenses are
-    known or have footage, the person determines the poses. Otherwise, lenses are guessed from the image size and
-    refined with the poses.
+    The method is board, person or ``ONE_CAMERA``. Board footage from several cameras determines everything. If only
+    lens parameters are known or can be found from footage, the person determines the poses. Otherwise, lens parameters
+    are first guessed from the image size, then refined together with the poses.
     """
     lens, places = _footage(request, ("intrinsics",)), _footage(request, _PLACES)
     names = request.take.cameras
@@ -117,7 +117,7 @@ def _by_person(
 ) -> CalibratedCameras:
     names, clocks = request.take.cameras, [request.clocks]
     if request.clocks.method == BY_SPEEDS and request.clocks.offset_s.any():
-        clocks.append(Clocks.alike(names))  # speeds of a short take can agree by chance
+        clocks.append(Clocks.alike(names))  # in a short take, the speeds in different views can match by chance
     taken = [assembled(request.take.name, request.detections, one, None, progress).keypoints for one in clocks]
     readings = [keypoints for keypoints in taken if keypoints is not None]
     progress("Cameras from the person", 0, 1)
@@ -149,7 +149,7 @@ def _by_one_camera(
 
 
 def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, Path]:
-    """Return the board footage of these kinds for each camera of the take, or {}."""
+    """Return the board footage of the given types for each camera of the take, or {}."""
     names = request.take.cameras
     for footage in request.found.footage:
         if footage.kind in kinds:

@@ -1,4 +1,4 @@
-"""Find takes, calibrations and calibration footage in a folder of videos, by folder names."""
+"""Find takes, calibrations and calibration footage in a folder of videos by the names of its subfolders."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ from solver_backend.io.calibration.search import find_calibration, is_calibratio
 from solver_backend.io.footage import chapter_of, is_picture, is_video
 
 _CAMERA_FOLDER = re.compile(r"(.*[_\-. ])?(cam(era)?|view|gopro|miqus|port|int_cam|c)?[_\-. ]*\d+", re.IGNORECASE)
-"""Names of camera folders, which may contain several videos: cam_01, Camera 2, view3, 04."""
-_SOURCE_FOLDER = "inputmedia"  # OpenCap's subfolder with a camera's footage.
+"""Names of camera folders, which may each contain several videos: cam_01, Camera 2, view3, 04."""
+_SOURCE_FOLDER = "inputmedia"  # OpenCap's subfolder for the footage of a camera.
 _SYNCHRONISED = re.compile(r"[_\-. ]sync(ed|d|hronised|hronized)?$", re.IGNORECASE)
-_MOST_PICTURE_NAMES = 64  # Maximum number of file names to check for images.
+_MOST_PICTURE_NAMES = 64  # Maximum number of file names checked for images.
 
 
 def _takes_by_folder(folders: Sequence[Path]) -> dict[str, dict[str, Path]]:
-    """Return the footage of camera folders by take and camera. A single take has the name "".
+    """Return the footage in camera folders by take and camera. A single take has the name "".
 
-    Folders with one recording each are cameras. Folders with camera names may have several recordings, named by take.
+    Folders that contain one recording each are camera folders. Folders with camera names may contain several
+    recordings, one per take.
     """
     held = {folder.name: found for folder in folders if (found := _footage_in(folder))}
     if len(held) < 2:
@@ -41,7 +42,7 @@ def _takes_by_folder(folders: Sequence[Path]) -> dict[str, dict[str, Path]]:
 
 
 def _footage_in(folder: Path) -> dict[str, Path]:
-    """Return a camera folder's recording of each take. OpenCap has one subfolder per take."""
+    """Return the recording of each take in a camera folder. OpenCap has one subfolder per take."""
     for place in _folders(folder):
         if place.name.lower() == _SOURCE_FOLDER:
             found = dict(recordings_beside(place))
@@ -57,16 +58,16 @@ def _footage_in(folder: Path) -> dict[str, Path]:
 
 
 class NoVideos(MocapError):
-    """The folder contains no take with videos."""
+    """The folder contains no videos that form a take."""
 
 
 VIDEO_FOLDERS = (
     *("videos-sync", "videos_sync", "synchronized_videos", "synced_videos", "videos", "video"),
     *("recordings", "raw_videos", "videos_raw", "videosraw", "footage"),
 )
-"""Folders of a take that contain its videos, synchronised ones first (Pose2Sim, FreeMoCap, caliscope, anipose)."""
-_PICTURE_FOLDERS = ("images", "frames")  # Folders of a take that contain an image folder per camera (EasyMocap).
-_LEVELS = 4  # Depth of the search for takes. Chosen by hand.
+"""Folders within a take that contain its videos, synchronised ones first (Pose2Sim, FreeMoCap, caliscope, anipose)."""
+_PICTURE_FOLDERS = ("images", "frames")  # Folders within a take that contain one image folder per camera (EasyMocap).
+_LEVELS = 4  # Number of folder levels searched for takes. Chosen by hand.
 _INTRINSIC = re.compile(r"int(rinsics?)?([_\-\s].*)?|.*intrinsics?", re.IGNORECASE)
 _EXTRINSIC = re.compile(r"ext(rinsics?)?([_\-\s].*)?|.*extrinsics?", re.IGNORECASE)
 _PASSED_OVER = re.compile(r"pose.*|.*_json|detections|mocap.*|demo_.*|kinematics|output_data|annotated.*|\..*")
@@ -74,24 +75,24 @@ _PASSED_OVER = re.compile(r"pose.*|.*_json|detections|mocap.*|demo_.*|kinematics
 
 @dataclass(frozen=True)
 class FoundTake:
-    """A take: videos of several cameras."""
+    """A take: simultaneous videos from one or more cameras."""
 
     name: str
     folder: Path
     videos: tuple[Path, ...]  # One per camera: a file, the first chapter of a recording, or an image folder.
-    cameras: tuple[str, ...]  # Camera names, from the videos or their folders.
+    cameras: tuple[str, ...]  # Camera names, derived from the videos or their folders.
 
     def calibration(self, session: Path) -> Calibration | None:
-        """Return the calibration of this take's cameras from its folders or the session, or None.
+        """Return the calibration of this take's cameras, searched in its folders and the session, or None.
 
         Raises:
             CalibrationInvalid, FileDamaged: the nearest calibration is invalid.
-            CalibrationMismatch: all calibrations are for other cameras.
+            CalibrationMismatch: all calibrations belong to other cameras.
         """
         other: CalibrationMismatch | None = None
         names = [self.cameras]
         if all(map(chapter_of, self.videos)):
-            names.append(tuple(name[-2:] for name in self.cameras))  # their last numbers
+            names.append(tuple(name[-2:] for name in self.cameras))  # the numbers at their ends
         for root, tried in product((self.folder, session), names):
             try:
                 return find_calibration(root, tried)
@@ -106,16 +107,16 @@ class FoundTake:
 
 @dataclass(frozen=True)
 class CalibrationFootage:
-    """Videos or images of a calibration board."""
+    """Videos or images that show a calibration board."""
 
-    kind: str  # 'intrinsics', 'extrinsics', or 'both' if the folder name is unclear.
+    kind: str  # 'intrinsics', 'extrinsics', or 'both' if the folder name does not tell.
     folder: Path
     cameras: dict[str, Path]
 
 
 @dataclass(frozen=True)
 class FoundFolder:
-    """Contents of a folder."""
+    """Takes and calibration footage found in a folder."""
 
     root: Path
     takes: tuple[FoundTake, ...]
@@ -123,10 +124,10 @@ class FoundFolder:
 
 
 def look_through(root: Path) -> FoundFolder:
-    """Return the takes and the calibration footage in a folder.
+    """Find the takes and the calibration footage in a folder.
 
-    A video, or the only video in a folder, is a take of one camera. If there are takes of several cameras, takes of one
-    camera are skipped.
+    A video file, or a folder's only video, is a single-camera take. If there are multi-camera takes, single-camera
+    takes are skipped.
     """
     if is_video(root) and root.is_file():
         takes, root = (FoundTake(root.stem, root.parent, (root,), (root.stem,)),), root.parent
@@ -165,7 +166,7 @@ def _takes(folder: Path, levels: int) -> Iterator[FoundTake]:
 
 
 def _lone_take(root: Path) -> tuple[FoundTake, ...]:
-    """Return the only video of a folder or its video folder as a take, otherwise nothing."""
+    """Return the only video in a folder or its video subfolder as a take, or nothing."""
     if _is_other(root):
         return ()
     below = {path.name.lower(): path for path in _folders(root)}

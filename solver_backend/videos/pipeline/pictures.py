@@ -1,4 +1,4 @@
-"""Draw the image of each step, and videos with their detections."""
+"""Draw an image for each step, and write videos that show the detections."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ COLOURS = (
 
 
 def mosaic(pictures: Sequence[np.ndarray], titles: Sequence[str]) -> Canvas:
-    """Return images side by side, each below its title."""
+    """Arrange images in a grid, each below its title."""
     canvas, columns = Canvas(), max(1, int(np.ceil(np.sqrt(len(pictures)))))
     width, height = SIDE / columns, SIDE / max(1, int(np.ceil(len(pictures) / columns)))
     for i, (rgb, title) in enumerate(zip(pictures, titles, strict=True)):
@@ -38,11 +38,11 @@ def mosaic(pictures: Sequence[np.ndarray], titles: Sequence[str]) -> Canvas:
     return canvas
 
 
-PREVIEW_HEIGHT = 720  # Largest short side of a preview in pixels.
+PREVIEW_HEIGHT = 720  # Largest length of a preview's short side in pixels.
 PEOPLE_COLOURS = np.array(
     [[60, 220, 90], [255, 140, 40], [70, 160, 255], [240, 80, 220], [250, 230, 60], [120, 240, 240]]
 )
-"""RGB colour of each person by track."""
+"""RGB colour of each person, by track."""
 _SIDE_CHAINS = (
     *(("shoulder", "hip"), ("shoulder", "elbow"), ("elbow", "wrist")),
     *(("hip", "knee"), ("knee", "ankle"), ("ankle", "big_toe")),
@@ -56,7 +56,7 @@ _CHAINS = (
 def write_previews(
     found: Sequence[VideoDetections], folder: Path, progress: Progress = silent, *, overwrite: bool = False
 ) -> list[Path]:
-    """Write a preview of each video to a folder and return the paths."""
+    """Write a preview of each video to a folder. Return the paths."""
     written, total, done = [], sum(item.num_frames for item in found), 0
     for item in found:
         path = folder / f"{item.name}_detections.mp4"
@@ -78,7 +78,7 @@ def _drawn(item: VideoDetections) -> Iterator[np.ndarray]:
 
 
 def draw_people(rgb: np.ndarray, item: VideoDetections, frame: int, step: int = 1) -> np.ndarray:
-    """Draw the people of a frame on an image with every ``step``-th pixel of the video."""
+    """Draw the people in a frame onto an image that contains every ``step``-th pixel of the video."""
     for slot in np.flatnonzero(item.track[frame] >= 0):
         colour = PEOPLE_COLOURS[item.track[frame, slot] % len(PEOPLE_COLOURS)]
         _person(rgb, item.joint_set, item.xy[frame, slot] / step, item.confidence[frame, slot], colour)
@@ -95,7 +95,7 @@ def _person(rgb: np.ndarray, joint_set: JointSet, points: np.ndarray, sure: np.n
 
 
 def _dots(rgb: np.ndarray, points: np.ndarray, colour: np.ndarray, radius: int) -> None:
-    """Paint squares around (N, 2) points."""
+    """Draw filled squares around (N, 2) points."""
     reach = np.arange(-radius, radius + 1)
     x, y = (np.round(points[:, axis]).astype(int)[:, None, None] for axis in (0, 1))
     x, y = np.broadcast_arrays(x + reach[:, None], y + reach)
@@ -103,15 +103,15 @@ def _dots(rgb: np.ndarray, points: np.ndarray, colour: np.ndarray, radius: int) 
     rgb[y[inside], x[inside]] = colour
 
 
-LOOKED_AT = 240  # Number of first images from which one is shown, so that a long video is not read up to its middle.
-SHOWN_S = 12.0  # Length of the clock curves in seconds.
-_LEFT, _TOP, _RIGHT = 40, 30, 190  # Margins of the clock curves in px. The right one contains the camera names.
+LOOKED_AT = 240  # One of this many first images is shown, because reading to the middle of a long video takes time.
+SHOWN_S = 12.0  # Length of the speed curves in seconds.
+_LEFT, _TOP, _RIGHT = 40, 30, 190  # Margins around the speed curves in px. The right margin contains the camera names.
 _TICKS_S, _MOST_TICKS = (0.1, 0.2, 0.5, 1.0, 2.0), 13
-_WEDGE = 90.0  # Length of a camera's field of view in the plan, in pixels.
+_WEDGE = 90.0  # Length of the wedge that shows a camera's field of view in the plan, in pixels.
 
 
 def detections_picture(found: Sequence[VideoDetections], path: Path) -> Path:
-    """Draw an image of each video with its people, and return the path."""
+    """Draw one image from each video and the people in it. Return the path."""
     drawn, titles = [], []
     for item in found:
         sure = item.confidence[:LOOKED_AT].mean(-1).max(-1) if item.confidence.size else np.zeros(1)
@@ -125,7 +125,7 @@ def detections_picture(found: Sequence[VideoDetections], path: Path) -> Path:
 
 
 def glances_picture(glances: Sequence[Glance], path: Path, names: Mapping[Path, str]) -> Path:
-    """Draw the newest images of a detection with their people, and return the path."""
+    """Draw the most recent images and the people detected in them. Return the path."""
     drawn = []
     for glance in glances:
         step = max(1, min(glance.rgb.shape[:2]) // 540)
@@ -138,17 +138,17 @@ def glances_picture(glances: Sequence[Glance], path: Path, names: Mapping[Path, 
 
 
 def draw_boards(folder: Path, names: Sequence[str], path: Path) -> Path:
-    """Draw the board positions in all views side by side, and return the path."""
+    """Draw the board positions in all views side by side. Return the path."""
     there = [name for name in names if (folder / f"{name}.png").is_file()]
     return mosaic([read_png(folder / f"{name}.png") for name in there], there).save(path)
 
 
 def clocks_picture(found: Sequence[VideoDetections], clocks: Clocks, path: Path) -> Path:
-    """Draw the limb speeds in each view, before and after synchronisation, and return the path."""
+    """Draw the limb speeds in each view before and after synchronisation. Return the path."""
     curves = []
     for c, item in enumerate(found):
         if item.num_frames < 2:
-            continue  # a single image has no speed
+            continue  # the speed cannot be computed from a single image
         track = item.of_track(item.main_track())[0]
         signal = speeds(track, item.times_s - item.times_s[0], item.joint_set)
         strength = np.sqrt((signal.values**2).mean(-1))
@@ -185,7 +185,7 @@ def _curves(
 
 
 def cameras_picture(cameras: Cameras, walked: np.ndarray, path: Path) -> Path:
-    """Draw the cameras and the person's path from above, and return the file's path.
+    """Draw the cameras and the person's path from above. Return the path of the image file.
 
     Args:
         walked: (F, 3) positions of the person in metres, NaN where unknown.
@@ -215,7 +215,7 @@ def cameras_picture(cameras: Cameras, walked: np.ndarray, path: Path) -> Path:
         turns = [np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for a in (half, -half)]
         wedge = np.stack([centres[c], *(centres[c] + _WEDGE / scale * turn @ ahead for turn in turns)])
         canvas.line(at(wedge), colour, 2, closed=True)
-        # The name is behind the camera, outside its field of view.
+        # Put the name behind the camera, outside its field of view.
         (x, y), words = at(centres[c]), f"{name} {cameras.centres[c, 2]:.2f} m"
         wide = canvas.text_width(words, 0.45)
         left = x - wide / 2 - ahead[0] * (wide / 2 + 8)
@@ -226,7 +226,7 @@ def cameras_picture(cameras: Cameras, walked: np.ndarray, path: Path) -> Path:
 
 
 def check_picture(names: Sequence[str], check: CalibrationCheck, path: Path) -> Path:
-    """Draw each camera's error over the image and over the take, and return the path."""
+    """Draw how each camera's error varies over the image and over the take. Return the path."""
     canvas, rows = Canvas(), len(names)
     height = min(150.0, (SIDE - 60) / rows)
     most = max(2.0 * check.all_px, 1.0)

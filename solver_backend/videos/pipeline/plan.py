@@ -1,4 +1,4 @@
-"""Plan the steps of every take, and record their inputs and diagnostics."""
+"""Plan the steps for every take, and record their inputs and diagnostics."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ from solver_backend.videos.pipeline.layout import FoundFolder, FoundTake
 
 STEPS = ("detect", "sync", "calibrate", "capture", "solve")  # Steps from videos to a motion, in order.
 OUTPUTS = {"sync": "sync.json", "calibrate": "calibration.toml", "capture": "capture.npz", "solve": "motion.npz"}
-"""File of each step except the first, which writes a folder. A calibration is only written if there is no other."""
+"""Output file of each step except the first, which writes a folder. A calibration is written only if none exists."""
 
 
 @dataclass(frozen=True)
 class TakePlan:
-    """Steps of one take."""
+    """Steps planned for one take."""
 
     take: FoundTake
     folder: Path
-    calibration: Calibration | None  # Existing calibration. None means that the cameras are calibrated.
+    calibration: Calibration | None  # Existing calibration. If None, the cameras will be calibrated.
     problem: str = ""
 
     def output(self, step: str) -> Path:
-        """Return the file of a step."""
+        """Return the output file of a step."""
         return self.folder / OUTPUTS[step]
 
 
 def planned(found: FoundFolder, out: Path) -> list[TakePlan]:
-    """Return the plan of every take. Several takes get separate folders."""
+    """Plan every take. If there are several takes, each gets its own folder."""
     plans, several = [], len(found.takes) > 1
     for take in found.takes:
         folder, calibration, problem = out / take.name if several else out, None, ""
@@ -58,7 +58,7 @@ def planned(found: FoundFolder, out: Path) -> list[TakePlan]:
 def described(
     found: FoundFolder, plans: list[TakePlan], detector: str, sync: str, until: str, known: KnownOfCameras
 ) -> list[str]:
-    """Return the plan as lines of text."""
+    """Describe the plan in lines of text."""
     lines = [f"{found.root}: {len(plans)} take{'s' * (len(plans) > 1)}"]
     for footage in found.footage:
         lines.append(f"  board footage  {footage.kind} of {len(footage.cameras)} cameras in {footage.folder.name}")
@@ -99,27 +99,27 @@ def _calibration_words(plan: TakePlan, found: FoundFolder, known: KnownOfCameras
 
 @dataclass(frozen=True)
 class PipelineSettings:
-    """Settings of all steps."""
+    """Settings for all steps."""
 
-    detector: DetectorChoice  # Detector of keypoints.
-    sync: str = "auto"  # Method for the clocks, see ``synchronise``.
+    detector: DetectorChoice  # Keypoint detector.
+    sync: str = "auto"  # Method of synchronising the clocks, see ``synchronise``.
     until: str = "solve"  # Last step to run.
-    jobs: int = 0  # Number of simultaneous detectors, 0 for one per core.
+    jobs: int = 0  # Number of detectors that run simultaneously, or 0 for one per core.
     pictures_fps: float = PICTURES_FPS  # Frame rate of image folders.
     redo: tuple[str, ...] = ()  # Steps to repeat even if nothing has changed.
-    overwrite: bool = False  # Replace files of other programs.
-    solve: SolveSettings = field(default_factory=SolveSettings)  # Settings of the solve.
-    world: WorldSettings = field(default_factory=WorldSettings)  # Scale and level of the world.
-    cameras: KnownOfCameras = field(default_factory=KnownOfCameras)  # Facts about cameras without a calibration.
-    hands: DetectorChoice | None = None  # Hand detector at the wrists. None uses the hands of ``detector``, if any.
+    overwrite: bool = False  # Whether to replace files that other programs wrote.
+    solve: SolveSettings = field(default_factory=SolveSettings)  # Settings for the solve.
+    world: WorldSettings = field(default_factory=WorldSettings)  # Scale and levelling of the world.
+    cameras: KnownOfCameras = field(default_factory=KnownOfCameras)  # Known facts about uncalibrated cameras.
+    hands: DetectorChoice | None = None  # Detector of hands at the wrists. None uses the hands of ``detector``, if any.
 
 
 NAME = "steps.json"
-_BEGUN = ""  # Key of an unfinished output.
+_BEGUN = ""  # Stored instead of a hash while an output is unfinished.
 
 
 class Records:
-    """Inputs of a take's results, stored in the same folder."""
+    """Records which inputs a take's results were computed from. They are stored in the same folder."""
 
     def __init__(self, folder: Path) -> None:
         self._path, kept = folder / NAME, None
@@ -129,7 +129,7 @@ class Records:
         self._keys = {str(k): str(v) for k, v in kept.items()} if isinstance(kept, dict) else {}
 
     def is_made(self, output: Path, made_of: Any) -> bool:
-        """Return whether an output exists that was made from these JSON values."""
+        """Return whether an output exists that was computed from these JSON values."""
         return output.is_file() and self._keys.get(output.name) == key_of(made_of)
 
     def is_ours(self, output: Path) -> bool:
@@ -138,9 +138,9 @@ class Records:
 
     @contextmanager
     def making(self, output: Path, made_of: Any = None) -> Iterator[None]:
-        """Mark an output as ours before it is written, so that the next run may replace an incomplete one.
+        """Mark an output as ours before it is written, so that the next run may replace it if it is incomplete.
 
-        Afterwards, record the output's inputs if there are any.
+        If ``made_of`` is given, it is recorded as the output's inputs afterwards.
         """
         self._keys[output.name] = _BEGUN
         self._write()
@@ -155,7 +155,7 @@ class Records:
             self.made(output, made_of)
 
     def made(self, output: Path, made_of: Any) -> None:
-        """Record the inputs of an output."""
+        """Record the inputs that an output was computed from."""
         self._keys[output.name] = key_of(made_of)
         self._write()
 
@@ -169,11 +169,11 @@ def key_of(values: Any) -> str:
 
 
 ROAD_FILE = "road.json"
-FORMAT, VERSION = "manifold_mocap_road", 2  # Version 2 has ``diagnostics`` instead of the sentences of version 1.
+FORMAT, VERSION = "manifold_mocap_road", 2  # Version 2 stores ``diagnostics`` where version 1 stored sentences.
 
 
 class Steps:
-    """Finished steps of one take, written to ``road.json`` after each step."""
+    """Finished steps of one take. They are written to ``road.json`` after each step."""
 
     def __init__(self, folder: Path, take: str) -> None:
         self._folder, self._take = folder, take
@@ -181,7 +181,7 @@ class Steps:
         self._rows: dict[str, dict[str, object]] = {}
 
     def report(self, step: str, state: str, found: Iterable[Diagnostic], pictures: Iterable[Path] = ()) -> None:
-        """Add the report of a step, with existing images."""
+        """Add a step's report, and those of its images that exist."""
         self._found[step] = tuple(found)
         listed = [item.as_dict() for item in self._found[step]]
         drawn = [path.relative_to(self._folder).as_posix() for path in pictures if path.is_file()]
@@ -190,14 +190,14 @@ class Steps:
         write_text(self._folder / ROAD_FILE, json.dumps(values, indent=1, ensure_ascii=False) + "\n", overwrite=True)
 
     def diagnostics(self) -> tuple[Diagnostic, ...]:
-        """Return all diagnostics without repetition."""
+        """Return all diagnostics without duplicates."""
         return merge(item for step in STEPS for item in self._found.get(step, ()))
 
     def as_list(self) -> list[dict[str, object]]:
-        """Return the steps in order as JSON values."""
+        """Return the steps in order, as JSON values."""
         return [self._rows[step] for step in STEPS if step in self._rows]
 
     def lines(self) -> dict[str, str]:
-        """Return a line of text per step."""
+        """Return one line of text per step."""
         done = [step for step in STEPS if step in self._rows]
         return {step: f"{self._rows[step]['state']}: {' '.join(map(sentence, self._found[step]))}" for step in done}

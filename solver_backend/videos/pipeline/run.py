@@ -1,4 +1,4 @@
-"""Run the steps from videos to a motion, and reuse results with the same inputs."""
+"""Run the steps from videos to a motion. Results whose inputs are unchanged are reused."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ from solver_backend.videos.sync.synchronise import synchronise
 from solver_backend.videos.video_detections import VERSION
 
 T = TypeVar("T")
-FOUND_SHARE = 0.5  # Smallest fraction of a video's images with a person that causes no warning. Chosen by hand.
+FOUND_SHARE = 0.5  # Smallest fraction of images with a person that causes no warning. Chosen by hand.
 
 
 def hands_found(capture: Capture, detector: DetectorChoice | None) -> list[Diagnostic]:
-    """Report the fraction of frames in which each hand is found in two views, or in the only view."""
+    """Report the fraction of frames in which each hand is visible in two views, or in the only view."""
     if detector is None or capture.keypoints is None or capture.keypoints.hands is None:
         return []
     shares, views = seen_by(capture, capture.least_views), "one" if capture.least_views == 1 else "two"
@@ -58,13 +58,13 @@ def hands_found(capture: Capture, detector: DetectorChoice | None) -> list[Diagn
 
 
 def made_of_hands(detector: DetectorChoice | None) -> list[str]:
-    """Return the inputs that the hand model adds to a capture."""
+    """Return what a hand detector adds to the recorded inputs of a capture."""
     model = None if detector is None else Path(str(detector.options["model"]))
     return [] if model is None else [f"hands by {model.name}, {model.stat().st_size} bytes"]
 
 
 def run_take(found: FoundFolder, plan: TakePlan, settings: PipelineSettings, progress: Progress = silent) -> Steps:
-    """Run the steps of one take, with ``road.json`` and images after each step."""
+    """Run the steps for one take. ``road.json`` and images are written after each step."""
     check_output(plan.output("capture"), overwrite=True)
     run = _TakeRun(found, plan, settings, progress)
     for step in STEPS[: STEPS.index(settings.until) + 1]:
@@ -73,7 +73,7 @@ def run_take(found: FoundFolder, plan: TakePlan, settings: PipelineSettings, pro
 
 
 class _TakeRun:
-    """State of one take, with one method per step in the order of ``STEPS``."""
+    """The state of one take, with one method per step in the order of ``STEPS``."""
 
     def __init__(self, found: FoundFolder, plan: TakePlan, settings: PipelineSettings, progress: Progress) -> None:
         self._found, self._plan, self._settings, self._progress = found, plan, settings, progress
@@ -87,7 +87,7 @@ class _TakeRun:
         videos, cameras, again = self._plan.take.videos, self._plan.take.cameras, "detect" in settings.redo
         filmed = len(videos) > 1 and calibration_source(self._found, settings.cameras) != "person"
         if filmed and STEPS.index(settings.until) >= STEPS.index("calibrate") and self._kept_calibration() is None:
-            opencv()  # report it before the detection, which can take hours
+            opencv()  # fail now if it is missing, because the detection can take hours
         drawn = self._pictures / "detect.png"
         options: dict[str, Any] = {"jobs": settings.jobs, "cameras": cameras, "pictures_fps": settings.pictures_fps}
         options["show"] = partial(self._show, path=drawn)
@@ -108,7 +108,7 @@ class _TakeRun:
         self.steps.report("detect", "kept" if kept else "made", found, [drawn])
 
     def _show(self, glances: Sequence[Glance], path: Path) -> None:
-        """Draw the newest images. If a preview cannot be written, the detection continues."""
+        """Draw the most recent images. If a preview cannot be written, the detection continues."""
         with suppress(MocapError):
             self._records.made(path, "unfinished")
             names = dict(zip(self._plan.take.videos, self._plan.take.cameras, strict=True))
@@ -167,7 +167,7 @@ class _TakeRun:
         return [diagnostic("cameras_fit_take", size=check.all_px, best=check.refined_px), *check.diagnostics]
 
     def _of_one(self) -> KnownOfOne:
-        """Return the facts for solving a single video."""
+        """Return the known facts for solving a single video."""
         plan, cameras = self._plan, self._settings.cameras
         if len(plan.take.videos) > 1:
             return KnownOfOne()
@@ -193,13 +193,13 @@ class _TakeRun:
         return motion
 
     def _kept_calibration(self) -> Calibration | None:
-        """Return the take's own or an earlier calibration, unless the user asks for another."""
+        """Return the take's own or an earlier calibration, unless the user requested a new one."""
         plan, source, made = self._plan, self._settings.cameras.source, self._plan.output("calibrate")
         if source == "auto" and plan.calibration is not None:
             return plan.calibration
         ours = self._records.is_ours(made)
         fits = source == "auto" or self._records.is_made(made, source) or not ours
-        if len(plan.take.videos) == 1 and ours:  # the user's lens is not estimated again
+        if len(plan.take.videos) == 1 and ours:  # the lens parameters that the user gave are not estimated again
             fits = self._records.is_made(made, self._calibrated_from(ONE_CAMERA))
         again = "calibrate" in self._settings.redo and ours
         return _of_take(made, plan) if made.is_file() and fits and not again else None
@@ -252,7 +252,7 @@ class _TakeRun:
     def _result(
         self, step: str, made_of: Any, read: Callable[[Path], T], make: Callable[[], T], write: Callable[..., Any]
     ) -> tuple[T, str]:
-        """Read the result of a step if its inputs are unchanged, else make and write it."""
+        """Read the result of a step if its inputs are unchanged. Otherwise, compute and write it."""
         path = self._plan.output(step)
         if step not in self._settings.redo and self._records.is_made(path, made_of):
             return read(path), "kept"

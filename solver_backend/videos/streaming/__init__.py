@@ -1,1 +1,1 @@
-"""Detect and record live cameras."""
+"""Detect people with live cameras, and record them."""

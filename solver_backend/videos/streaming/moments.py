@@ -1,4 +1,4 @@
-"""Read running cameras, or videos instead, and join their newest detections by time."""
+"""Read live cameras, or videos in their place, and group their newest detections by time."""
 
 from __future__ import annotations
 
@@ -29,36 +29,36 @@ class LivePicture:
     """An image from one camera, decoded on demand."""
 
     number: int  # Index of the image.
-    time_s: float  # Seconds on the clock of all cameras.
-    arrived: float  # ``time.perf_counter()`` on arrival, or at the due time of a replay.
+    time_s: float  # Time in seconds on the clock that all cameras share.
+    arrived: float  # ``time.perf_counter()`` on arrival, or when a replayed image was due.
     rgb: Callable[[], np.ndarray]  # Returns the (H, W, 3) uint8 image.
 
 
 class PictureSource(Protocol):
-    """A camera, or a video that replaces one."""
+    """A camera, or a video that takes its place."""
 
     name: str
     size: tuple[int, int]  # Width and height in pixels, known after opening.
     fps: float  # Images per second, known after opening.
 
     def open(self) -> None:
-        """Connect. Raise ``MocapError`` if the camera is missing."""
+        """Connect. Raise ``MocapError`` if the camera is not available."""
 
     def pictures(self, start: float) -> Iterator[LivePicture]:
-        """Yield images as they arrive until the end, on a clock that is 0 at ``start``."""
+        """Yield images as they arrive until the source ends. Times are on a clock that is 0 at ``start``."""
         ...
 
     def close(self) -> None:
-        """Stop. Can be called several times, and from another thread."""
+        """Stop. This may be called several times, and from another thread."""
 
 
-SIZE, FPS = (1280, 720), 30.0  # Requested size and rate of a webcam, which may differ.
+SIZE, FPS = (1280, 720), 30.0  # Requested image size and rate of a webcam. The actual ones may differ.
 _FORMATS = {"linux": ("v4l2", "/dev/video{}"), "darwin": ("avfoundation", "{}"), "win32": ("dshow", "video={}")}
-"""FFmpeg's input format and device name on each system."""
+"""FFmpeg's input format and device name for each operating system."""
 
 
 class Webcam:
-    """A camera with a number. Images are stamped with their time of arrival."""
+    """A camera identified by its number. Images are stamped with their arrival times."""
 
     def __init__(self, name: str, index: int) -> None:
         self.name, self.index = name, index
@@ -146,7 +146,7 @@ class ReplayedVideo:
         self._length_s = float(info.times_s[-1] - info.times_s[0]) + 1.0 / max(info.fps, 1.0)
 
     def pictures(self, start: float) -> Iterator[LivePicture]:
-        """Yield each image when it is due, or later if decoding is late."""
+        """Yield each image when it is due, or as soon as it is decoded if that is later."""
         number, late_s = 0, 0.0
         while not self._closed.is_set():
             for time_s, picture in decoded_pictures(self.path):
@@ -165,21 +165,21 @@ class ReplayedVideo:
         self._closed.set()
 
 
-KEPT = 4  # Number of recent images per camera, so that all cameras have a simultaneous one. Chosen by hand.
-MakeDetector = Callable[[], AbstractContextManager[PoseDetector]]  # Creates the detector of one camera.
+KEPT = 4  # Number of recent images kept per camera, so that all cameras have simultaneous images. Chosen by hand.
+MakeDetector = Callable[[], AbstractContextManager[PoseDetector]]  # Creates the detector for one camera.
 
 
 class LiveView:
-    """A camera and its detector. Acquire the condition before reading its fields."""
+    """A camera and its detector. Hold the condition while reading its fields."""
 
     def __init__(self, source: PictureSource, make: MakeDetector, changed: threading.Condition) -> None:
         self.source, self._make, self.changed = source, make, changed
         self.newest: deque[LivePicture] = deque(maxlen=KEPT)
-        self.about: dict[str, Any] = {}  # Description of the detector, {} until it is ready.
-        self.busy = False  # True if a picture is being detected.
-        self.used = -1  # Number of the last requested moment.
-        self.answer: tuple[int, np.ndarray] | None = None  # Number of the last moment, and its (P, K, 3) people.
-        self.failure: MocapError | None = None  # Reason of an early end.
+        self.about: dict[str, Any] = {}  # Description of the detector, or {} until it is ready.
+        self.busy = False  # True while an image is being processed.
+        self.used = -1  # Number of the most recently requested moment.
+        self.answer: tuple[int, np.ndarray] | None = None  # Number of the most recent moment, and its (P, K, 3) people.
+        self.failure: MocapError | None = None  # Reason if the view ended early.
         self.ended = False
         self._asked: queue.SimpleQueue[tuple[int, LivePicture] | None] = queue.SimpleQueue()
 
@@ -188,16 +188,16 @@ class LiveView:
         threading.Thread(target=self._detect, name=f"detect {self.source.name}", daemon=True).start()
 
     def begin(self, start: float) -> None:
-        """Read images on a clock that is 0 at ``start``."""
+        """Start reading images on a clock that is 0 at ``start``."""
         threading.Thread(target=self._read, args=(start,), name=f"film {self.source.name}", daemon=True).start()
 
     def ask(self, moment: int, picture: LivePicture) -> None:
-        """Request the detection of an image. The caller holds the condition."""
+        """Request detection in an image. The caller must hold the condition."""
         self.busy, self.used = True, moment
         self._asked.put((moment, picture))
 
     def stop(self) -> None:
-        """End both threads without waiting for their current work."""
+        """Stop both threads, without waiting for the work in progress."""
         with self.changed:
             self.ended = True
             self.changed.notify_all()
@@ -221,7 +221,7 @@ class LiveView:
         try:
             with self._make() as detector:
                 width, height = self.source.size
-                # The first image loads the model, so that no camera image is late.
+                # The first image makes the detector load its model, so this must happen before camera images arrive.
                 detector.detect(np.zeros((height, width, 3), np.uint8), 0.0)
                 self._announce(about=detector.about)
                 for moment, picture in iter(self._asked.get, None):
@@ -247,20 +247,20 @@ class LiveView:
             self.changed.notify_all()
 
 
-FEWEST = 2  # Minimum number of views for triangulation.
+FEWEST = 2  # Minimum number of views needed for triangulation.
 _NEW = 0.2  # Weight of a new duration in the running mean.
-_EASY = 0.8  # A view is added if this fraction of the interval then suffices.
+_EASY = 0.8  # A view is added if the predicted duration is at most this fraction of the interval.
 
 
 class ViewBudget:
-    """Number of views to detect at a time. It starts with all views."""
+    """Number of views to process at a time. Initially all views are processed."""
 
     def __init__(self, views: int, interval_s: float) -> None:
         self.most, self.interval_s, self.count = views, interval_s, views
         self._usual_s: float | None = None
 
     def took(self, count: int, seconds: float) -> None:
-        """Update the mean duration of a detection with this many views."""
+        """Update the mean duration of detecting in this many views."""
         if count != self.count:
             return
         before = self._usual_s
@@ -276,26 +276,26 @@ class ViewBudget:
         self.count = count
 
 
-RATE_HZ = 30.0  # Largest rate of detected times, also with faster cameras.
-SAME_SHARE = 0.6  # Largest time difference of simultaneous images, relative to the image interval.
+RATE_HZ = 30.0  # Largest rate of processed moments, even if the cameras are faster.
+SAME_SHARE = 0.6  # Largest time difference between simultaneous images, relative to the image interval.
 STALL_S = 0.15  # Longest wait in seconds for a camera or its detector while two other views are ready.
-BEHIND_S = 2.0  # A camera is reported once if its newest image is older than this, seconds.
+BEHIND_S = 2.0  # A camera is reported once if its newest image is older than this many seconds.
 READY_S = 120.0  # Time limit in seconds for starting the detectors.
-AHEAD_S = 0.05  # Seconds from readiness to the start of the shared clock.
+AHEAD_S = 0.05  # Seconds between the detectors being ready and the start of the shared clock.
 _LOOK_S = 0.05  # Longest uninterrupted wait in seconds.
 
 
 @dataclass
 class MomentCounts:
-    """Counts of detected times and views."""
+    """Numbers of processed moments and views."""
 
     moments: int = 0
-    dropped: int = 0  # Number of recorded times without detection.
-    views_left_out: int = 0  # Number of views that were skipped at a detected time.
+    dropped: int = 0  # Number of filmed moments that were not processed.
+    views_left_out: int = 0  # Number of views that were skipped at processed moments.
 
 
 class LiveMoments:
-    """Running cameras and detectors, as a context manager that stops them."""
+    """Live cameras and their detectors, as a context manager that stops them."""
 
     def __init__(self, sources: Sequence[PictureSource], make: MakeDetector, rate_hz: float = RATE_HZ) -> None:
         self._changed = threading.Condition()
@@ -345,9 +345,9 @@ class LiveMoments:
                 self._changed.wait(_LOOK_S)
 
     def moments(self) -> Iterator[ViewMoment | EventLine]:
-        """Yield moments, and events about cameras, until fewer than two cameras remain.
+        """Yield moments and camera events until fewer than two cameras remain.
 
-        While a moment is solved, the next one is detected.
+        The next moment is detected while the current one is solved.
         """
         start = time.perf_counter() + AHEAD_S
         for view in self.views:
@@ -366,9 +366,9 @@ class LiveMoments:
                 yield found
 
     def _ask(self, *, wait: bool) -> tuple[dict[int, LivePicture], float] | None:
-        """Request the detection of the next moment. Return its images by view, and the time.
+        """Request detection of the next moment. Return its images by view, and its time.
 
-        Return None if there is no moment yet, or if a camera must be reported first.
+        Return None if there is no new moment yet, or if a camera event must be reported first.
         """
         with self._changed:
             while True:
@@ -390,7 +390,7 @@ class LiveMoments:
             return chosen, time.perf_counter()
 
     def _chosen(self, now: float) -> dict[int, LivePicture]:
-        """Return the images of the next moment by view, longest waiting first."""
+        """Return the images of the next moment by view. The view that has waited longest comes first."""
         there = [c for c, view in enumerate(self.views) if view.newest and not view.ended]
         prompt = [c for c in there if now - self.views[c].newest[-1].arrived < STALL_S + self._interval_s]
         idle = sorted((c for c in prompt if not self.views[c].busy), key=lambda c: self.views[c].used)
@@ -432,7 +432,7 @@ class LiveMoments:
         return [view for view in known if now - view.newest[-1].arrived > BEHIND_S]
 
     def _events(self) -> Iterator[EventLine]:
-        """Yield an event for each camera that failed or fell behind since the last call."""
+        """Yield an event for each camera that has failed or fallen behind since the last call."""
         failed = {view.source.name: view.failure.message for view in self.views if view.failure is not None}
         for name in [name for name in failed if name not in self._named]:
             self._named.add(name)

@@ -1,4 +1,4 @@
-"""Record running cameras, and finally write a capture of the keypoints and a motion."""
+"""Record live cameras. At the end, write a capture of the keypoints and a motion."""
 
 from __future__ import annotations
 
@@ -22,23 +22,24 @@ from solver_backend.types import NUM_BETAS, Cameras, Capture, JointSet, Keypoint
 from solver_backend.videos.sync.clocks import at_times
 
 _FORMAT, _VERSION = "manifold_mocap_live_views", 2
-_TURNS = 3 * (1 + NUM_BODY_JOINTS)  # Numbers per pose: rotation vectors of the root and the body joints.
+_TURNS = 3 * (1 + NUM_BODY_JOINTS)  # Rotation values per pose: rotation vectors of the root and the body joints.
 
 
 @dataclass(frozen=True)
 class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]]):
-    """Moments of live cameras, which become ``TAKE.npz`` and ``TAKE_live.npz``.
+    """Recording of live cameras, which becomes ``TAKE.npz`` and ``TAKE_live.npz``.
 
-    The first file is a capture of the keypoints at a constant rate. The second has the live poses of the same frames
-    for the start of a solve. Every row contains the camera poses at that time, because the world may become known late.
+    The first file is a capture of the keypoints at a constant rate. The second contains the live poses in the same
+    frames, from which a solve can start. Every row includes the current camera poses, because the world may be
+    determined late.
     """
 
     pieces: ClassVar[str] = "moments"
-    session: ViewsSession | None = None  # Session to record. None to finish the recording of an earlier run.
+    session: ViewsSession | None = None  # Session to record. None to finish a recording of an earlier run.
     source: str = ""
 
     def head(self) -> bytes:
-        """Return the line that describes cameras, keypoints and body."""
+        """Return the header line, which describes cameras, keypoints and body."""
         assert self.session is not None
         cameras = self.session.cameras
         arrays = {key: getattr(cameras, key).tolist() for key in ("K", "distortion", "image_size")}
@@ -47,7 +48,7 @@ class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]])
         return recordings.pack_head(_FORMAT, _VERSION, body=body, source=self.source, joint_set=joint_set, **described)
 
     def encode(self, moment: ViewMoment, line: FrameLine | None) -> bytes:
-        """Return the row of a moment and of its line, which may be None."""
+        """Encode a moment and its result as a row. The result may be None."""
         session = self.session
         assert session is not None
         cameras, count = session.cameras, session.joint_set.num_keypoints
@@ -60,7 +61,7 @@ class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]])
         return recordings.pack_row([moment.time], moment.times, cameras.R, cameras.t, pose, who, *seen)
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
-        """Write the capture and the live motion, or nothing without a person."""
+        """Write the capture and the live motion. Nothing is written if no person was seen."""
         head, rows = recordings.read_rows(recording, _FORMAT, _VERSION, lambda head: sum(_widths(head)))
         rows = recordings.ascending_rows(rows, recording) if len(rows) else rows
         parts = np.split(rows, np.cumsum(_widths(head))[:-1], axis=1) if len(rows) else [np.zeros((0, 1))] * 8
@@ -78,7 +79,7 @@ class ViewsRecording(recordings.RecordingFormat[[ViewMoment, FrameLine | None]])
             posed = np.isfinite(poses).all(1)
             if posed.any():
                 body = load_body()
-                hands = np.zeros((len(rows), 3 * body.layout.num_joints - _TURNS))  # live poses have no fingers
+                hands = np.zeros((len(rows), 3 * body.layout.num_joints - _TURNS))  # live poses contain no fingers
                 found = np.concatenate([time_s[:, None], poses, hands], axis=1)[posed]
                 motion = recordings.poses_at(frames, found, fps, betas[-1], body, head["source"])
                 write_motion(motion_of(path), motion, overwrite=overwrite)
@@ -97,7 +98,7 @@ def run_recorded(
 
 
 def motion_of(capture: Path) -> Path:
-    """Return the path of a recorded capture's live poses."""
+    """Return the path of the live poses that belong to a recorded capture."""
     return capture.with_name(f"{capture.stem}_live.npz")
 
 
@@ -116,7 +117,7 @@ def _cameras(head: dict[str, Any], R: np.ndarray, t: np.ndarray) -> Cameras:
 def _view(
     seen_s: np.ndarray, xy: np.ndarray, confidence: np.ndarray, frames: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return one view's (F, K, 2) pixels and (F, K) confidence at regular times."""
+    """Resample one view at regular times. Return (F, K, 2) pixels and (F, K) confidence."""
     there = np.flatnonzero(np.isfinite(seen_s))
     there = there[np.concatenate([[True], np.diff(seen_s[there]) > 1e-4])] if len(there) else there
     placed = partial(at_times, times_s=seen_s[there], wanted_s=frames)

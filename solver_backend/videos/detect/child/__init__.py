@@ -1,1 +1,1 @@
-"""Folder where a detector's process finds its package. See ``pose_workers``."""
+"""Folder in which a detector process finds its package. See ``pose_workers``."""

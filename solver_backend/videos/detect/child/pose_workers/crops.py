@@ -1,4 +1,4 @@
-"""Crop squares from images for detectors and the hand search, and measure overlaps of boxes."""
+"""Crop squares from images for detectors and the hand search, and measure the overlap between boxes."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ class SquareCrop:
     def around(
         cls, middle: np.ndarray, up: np.ndarray, length: float, side: int, centre: float, *, mirrored: bool = False
     ) -> SquareCrop:
-        """Return a crop with a given centre, up direction and side length in px of the image.
+        """Return a crop with a given centre, up direction and side length in image pixels.
 
         Args:
-            side: side length in pixels of the crop.
-            centre: coordinate of the centre in the crop.
+            side: side length of the crop in pixels.
+            centre: coordinate of the centre within the crop.
         """
         right = np.array([up[1], -up[0]] if mirrored else [-up[1], up[0]])
         A = np.stack([right, -up], axis=1) * (length / side)
         return cls(A, middle - A @ np.full(2, centre))
 
     def cut(self, rgb: np.ndarray, side: int, black_from: float | None) -> np.ndarray:
-        """Return the (side, side, 3) float32 crop, 0 to 255, with bilinear interpolation.
+        """Return the (side, side, 3) float32 crop, 0 to 255, sampled with bilinear interpolation.
 
         Args:
-            black_from: distance in px beyond the image edge where black begins. None repeats the edge.
+            black_from: distance in px beyond the image edge at which black begins. None repeats the edge pixels.
         """
         high, wide = rgb.shape[:2]
         step = np.arange(side, dtype=np.float32)
@@ -48,7 +48,7 @@ class SquareCrop:
         part = rgb[low : int(top.max()) + 2, first : int(left.max()) + 2]
         across, at = part.shape[1], (top - low) * part.shape[1] + left - first
         cut = np.empty((side * side, 3), np.float32)
-        # Channel by channel and in place, so that NumPy's inner loop is long and no memory is allocated.
+        # Work on one channel at a time and in place, which keeps NumPy's inner loop long and allocates no memory.
         for channel in range(3):
             pixels = np.ascontiguousarray(part[..., channel], dtype=np.float32).ravel()
             a, b, c, d = (pixels[o:].take(at) for o in (0, 1, across, across + 1))
@@ -66,13 +66,13 @@ class SquareCrop:
 
 
 def direction(start: np.ndarray, end: np.ndarray, least: float) -> tuple[np.ndarray, float]:
-    """Return unit direction and distance between two (2,) pixels, up if too near."""
+    """Return the unit direction and distance from one (2,) pixel to another. Pixels too close give the up direction."""
     length = float(np.hypot(*(end - start)))
     return (end - start) / length if length > least else np.array([0.0, -1.0]), length
 
 
 def overlap(box: np.ndarray, boxes: np.ndarray) -> np.ndarray:
-    """Return the overlap (intersection over union) of a box (x0, y0, x1, y1) with (N, 4) boxes."""
+    """Return the overlap (intersection over union) between a box (x0, y0, x1, y1) and each of (N, 4) boxes."""
     shared = np.maximum(np.minimum(box[2:], boxes[:, 2:]) - np.maximum(box[:2], boxes[:, :2]), 0.0).prod(axis=1)
     own, others = (box[2:] - box[:2]).prod(), (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
     return shared / np.maximum(own + others - shared, 1e-9)

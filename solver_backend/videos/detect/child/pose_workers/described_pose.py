@@ -1,6 +1,6 @@
-"""Run a user's ONNX or LiteRT pose model with heat maps, SimCC rows or coordinates.
+"""Run a user's ONNX or LiteRT pose model that outputs heat maps, SimCC rows or coordinates.
 
-It processes one person at a time, in the box from the previous image. See ``DEFAULTS`` for the description.
+It processes one person at a time, inside the box found in the previous image. ``DEFAULTS`` lists the description.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from .litert_pose import open_interpreter
 from .onnx_pose import Outputs, Run, TopDown, open_model, simcc
 from .serve import Refused, serve
 
-REQUIRED = ("model", "joint_set", "size", "decoding")  # Size is the input width and height in pixels.
+REQUIRED = ("model", "joint_set", "size", "decoding")  # The size is the input's width and height in pixels.
 DEFAULTS: dict[str, Any] = {
-    "outputs": [],  # Names of the outputs to decode, by default the first ones.
+    "outputs": [],  # Names of the outputs to decode. By default the first ones.
     "channels": "RGB",
     "mean": [0.0, 0.0, 0.0],  # Mean level per channel, 0 to 255. The input is (level - mean) / std.
     "std": [255.0, 255.0, 255.0],
     "padding": 1.25,  # Size of the model's input box relative to the person's box.
-    "udp": False,  # True if corner cells of a heat map are at corner pixels (Huang et al. 2020).
-    "columns": ["x", "y", "score"],  # Values per point in a coordinate output. Other names are ignored.
-    "unit": "pixels",  # Unit of coordinates: pixels of the input, or fractions of its size.
-    "score": "share",  # 0 to 1, or a logit.
+    "udp": False,  # True if the centres of a heat map's corner cells lie on corner pixels (Huang et al. 2020).
+    "columns": ["x", "y", "score"],  # Values per point in a coordinate output. All other names are ignored.
+    "unit": "pixels",  # Coordinate unit: input pixels, or fractions of the input size.
+    "score": "share",  # A number from 0 to 1, or a logit.
 }
 _CHOICES = {
     "decoding": ("heatmaps", "simcc", "coordinates"),
@@ -34,13 +34,13 @@ _CHOICES = {
     "score": ("share", "logit"),
     "udp": (False, True),
 }
-_SIZES = range(16, 4097)  # Allowed side lengths of an input in pixels.
-_LARGEST = 1e6  # Largest number in a description. Chosen by hand.
+_SIZES = range(16, 4097)  # Allowed side lengths of an input, in pixels.
+_LARGEST = 1e6  # Largest number allowed in a description. Chosen by hand.
 HINT = "See docs/how-to/add-a-detector.md, which has a complete example."
 
 
 def read_description(given: dict[str, Any]) -> dict[str, Any]:
-    """Return a description with all fields. Raise ``Refused`` and name an invalid field."""
+    """Check a description and fill in its defaults. Raise ``Refused`` if a field is invalid."""
     unknown = sorted(set(given) - {*REQUIRED, *DEFAULTS})
     missing = [name for name in REQUIRED if name not in given]
     if unknown or missing:
@@ -75,10 +75,10 @@ def _refused(message: str) -> Refused:
 
 
 def heat_peaks(heat: np.ndarray, size: tuple[int, int], *, udp: bool) -> np.ndarray:
-    """Return (K, 3) x, y and score from heat maps (K, h, w) over an image of ``size`` (width, height).
+    """Return (K, 3) x, y and score from (K, h, w) heat maps of an image whose ``size`` is (width, height).
 
-    The peak is the vertex of the parabola through the logarithms of the maximum and its neighbours. This is exact for a
-    Gaussian.
+    The peak is the vertex of the parabola through the logarithms of the maximum and its neighbours, which is exact for
+    a Gaussian.
 
     Reference: Zhang et al. 2020 (DARK).
     """
@@ -101,11 +101,11 @@ def heat_peaks(heat: np.ndarray, size: tuple[int, int], *, udp: bool) -> np.ndar
 
 
 class DescribedPose(TopDown):
-    """Detects people with a described model."""
+    """Detects people with a model that a description file describes."""
 
     def __init__(self, options: dict[str, Any]) -> None:
         described, path = read_description(options["description"]), Path(options["model"])
-        self._counts = [int(count) for count in options["counts"]]  # Numbers of points of the joint set.
+        self._counts = [int(count) for count in options["counts"]]  # Possible numbers of points in the joint set.
         opened = _onnx(path) if path.suffix.lower() == ".onnx" else _litert(path)
         shape, kind, outputs, run = opened
         self.described, self.size, self.padding = described, tuple(described["size"]), float(described["padding"])
@@ -119,13 +119,13 @@ class DescribedPose(TopDown):
         super().__init__(shape, kind, outputs, run, people)
         try:
             self.num_keypoints = len(self.points(np.full((*self.size[::-1], 3), 127.0, np.float32)))
-        except Exception as error:  # both libraries raise their own types
+        except Exception as error:  # both libraries raise their own exception types
             message = f"The model's input {shape} and outputs {outputs} do not fit the description: "
             raise _refused(message + str(error).splitlines()[0]) from error
         self.about = {"name": f"described {path.stem}", "joint_set": described["joint_set"], "people": people}
 
     def points(self, picture: np.ndarray) -> np.ndarray:
-        """Return (K, 3) x, y and confidence in an image (h, w, 3) of the model's size, 0 to 255."""
+        """Return (K, 3) x, y and confidence from an (h, w, 3) image of the model's input size, 0 to 255."""
         told = self.described
         levels = picture[..., ::-1] if told["channels"] == "BGR" else picture
         found = self.run(self.tensor((levels - np.array(told["mean"])) / np.array(told["std"])))
@@ -157,7 +157,7 @@ class DescribedPose(TopDown):
         return {"keypoints": self.people(rgb)}
 
 
-Opened = tuple[list[Any], str, Outputs, Run]  # Input shape and type, output names and shapes, and the model.
+Opened = tuple[list[Any], str, Outputs, Run]  # Input shape and type, outputs, and the function that runs the model.
 
 
 def _onnx(path: Path) -> Opened:

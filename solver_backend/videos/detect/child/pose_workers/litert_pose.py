@@ -14,7 +14,7 @@ from .serve import THREADS, Refused, serve
 
 
 def open_interpreter(content: bytes) -> Any:
-    """Return LiteRT's interpreter for a model."""
+    """Create a LiteRT interpreter for a model."""
     try:
         from ai_edge_litert.interpreter import Interpreter
     except ImportError as error:
@@ -34,10 +34,10 @@ LICENCE = "Apache-2.0"  # Licence of all known models.
 
 
 class LiteRtModel:
-    """One model with one input tensor. Only files with a known SHA-256 are accepted."""
+    """A model with a single input tensor. Only files with a known SHA-256 hash are accepted."""
 
     def __init__(self, path: Path, known: dict[str, str], package: str, widths: list[int]) -> None:
-        """Load a model. ``widths`` are the numbers of elements in its first outputs."""
+        """Load a model. ``widths`` are the expected numbers of elements in its first outputs."""
         content = path.read_bytes()
         digest = hashlib.sha256(content).hexdigest()
         if digest not in known:
@@ -54,7 +54,7 @@ class LiteRtModel:
             raise Refused("detector_outputs_unknown", message)
 
     def run(self, picture: np.ndarray) -> list[np.ndarray]:
-        """Return the outputs for an (h, w, 3) image of the model's size and range."""
+        """Run the model on an (h, w, 3) image of its input size and value range, and return the outputs."""
         self._model.set_tensor(self._into, np.ascontiguousarray(picture[None], np.float32))
         self._model.invoke()
         return [np.asarray(self._model.get_tensor(index))[0] for index in self._out]
@@ -63,20 +63,20 @@ class LiteRtModel:
 DETECTOR_SIDE = 224  # Side of the person detector's input in pixels.
 _GRIDS = ((28, 2), (14, 2), (7, 6))  # Cells per side of each grid of anchors, and anchors per cell.
 NUM_ANCHORS = sum(cells * cells * anchors for cells, anchors in _GRIDS)
-NUM_NUMBERS = 12  # Numbers per box: centre, size, four points. The first points are hips and top of the circle.
-_LIKELY = 0.5  # Smallest anchor score of a person.
-_SAME_BOX = 0.3  # Smallest overlap (intersection over union) of two boxes of one person.
-_GROWN = 1.25  # Side length of a square in circle diameters.
+NUM_NUMBERS = 12  # Numbers per box: centre, size, four points. The first two are the hips and the top of the circle.
+_LIKELY = 0.5  # Smallest anchor score at which a person is detected.
+_SAME_BOX = 0.3  # Smallest overlap (intersection over union) between two boxes of the same person.
+_GROWN = 1.25  # Side length of the square in circle diameters.
 
 
 def whole_picture(rgb: np.ndarray) -> SquareCrop:
-    """Return the square around a whole image, for the person detector."""
+    """Return the square that covers the whole image, for the person detector."""
     middle = 0.5 * np.array(rgb.shape[1::-1], np.float64)
     return _square(middle, np.array([0.0, -1.0]), float(max(rgb.shape[:2])), DETECTOR_SIDE)
 
 
 def aligned(hips: np.ndarray, top: np.ndarray, side: int) -> SquareCrop:
-    """Return the square around the hips, with its up direction. Points are (2,) px."""
+    """Return the square around the hips that is aligned with the body's up direction. Points are (2,) px."""
     up, radius = direction(hips, top, 1e-6)
     return _square(hips, up, _GROWN * 2.0 * max(radius, 4.0), side)
 
@@ -86,13 +86,13 @@ def _square(middle: np.ndarray, up: np.ndarray, length: float, side: int) -> Squ
 
 
 def found_people(boxes: np.ndarray, scores: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return hips and top (2,) of each person in the detector's pixels, the most likely first.
+    """Return the hips and top (2,) of each person in detector pixels, most likely first.
 
-    The points of overlapping boxes are averaged with weights by score.
+    The points of overlapping boxes are averaged, weighted by score.
 
     Args:
-        boxes: (NUM_ANCHORS, 12) outputs of the model.
-        scores: (NUM_ANCHORS,) scores before the logistic function.
+        boxes: (NUM_ANCHORS, 12) model outputs.
+        scores: (NUM_ANCHORS,) scores before the logistic function is applied.
     """
     score = 1.0 / (1.0 + np.exp(-np.clip(scores, -100.0, 100.0)))
     likely = np.flatnonzero(score >= _LIKELY)
@@ -117,7 +117,7 @@ def _anchors(cells: int, anchors: int) -> np.ndarray:
     return np.repeat(middles / cells, anchors, axis=0)
 
 
-_ANCHORS = np.concatenate([_anchors(*grid) for grid in _GRIDS])  # (NUM_ANCHORS, 2) centres relative to the input.
+_ANCHORS = np.concatenate([_anchors(*grid) for grid in _GRIDS])  # (NUM_ANCHORS, 2) centres relative to the input size.
 DETECTORS = {
     "a63c614bef30d35947f13be361820b1e4e3bec9cfeebf4d11216a18373108e85": "pose_detection",
     "9ba9dd3d42efaaba86b4ff0122b06f29c4122e756b329d89dca1e297fd8f866c": "pose_detection",
@@ -127,22 +127,22 @@ LANDMARKS = {
     "59e42d71bcd44cbdbabc419f0ff76686595fd265419566bd4009ef703ea8e1fe": "pose_landmark_heavy",
     "f17bfbecadb61c3be1baa8b8d851cc6619c870a87167b32848ad20db306b9d61": "pose_landmark_lite",
 }
-"""SHA-256 of the known models. Files from npm and from MediaPipe's wheel may differ only in metadata."""
-DETECTOR_FILE = "pose_solution_packed_assets.data"  # Person detector, in the folder of the landmark models.
+"""SHA-256 hashes of the known models. Files from npm and from MediaPipe's wheel may differ only in metadata."""
+DETECTOR_FILE = "pose_solution_packed_assets.data"  # Person detector. It lies in the folder of the landmark models.
 PACKAGE = "@mediapipe/pose 0.5.1675469404"
-SIDE = 256  # Side of the landmark model's input in pixels.
+SIDE = 256  # Side length of the landmark model's input in pixels.
 NUM_POINTS, _ALL_POINTS, _NUMBERS = 33, 39, 5
-_HIPS, _TOP = 33, 34  # Points that determine the next square.
-_HEAT, _WINDOW = 64, 3  # Cells per side of a heat map, and radius in cells of the average around a point.
-_PRESENT, _SURE = 0.5, 0.5  # Smallest probability of a person in a square, and smallest averaged heat.
-_SAME = 0.2  # Largest mean distance between points of one person, relative to the square's side.
+_HIPS, _TOP = 33, 34  # Points that determine the square in the next image.
+_HEAT, _WINDOW = 64, 3  # Cells per side of a heat map, and radius in cells of the averaging window around a point.
+_PRESENT, _SURE = 0.5, 0.5  # Smallest probability that a square contains a person, and smallest averaged heat.
+_SAME = 0.2  # Largest mean distance between two detections of the same person's points, relative to the square's side.
 
 
 class LiteRtPose:
     """Detects people and their keypoints (Bazarevsky et al. 2020, BlazePose).
 
-    The person detector processes the whole image if a person is missing. The landmark model processes one person's
-    square. Two of its points determine the square in the next image.
+    The person detector processes the whole image when a person is missing. The landmark model processes the square
+    around one person. Two of its points determine the square in the next image.
     """
 
     def __init__(self, options: dict[str, Any]) -> None:
@@ -175,7 +175,7 @@ class LiteRtPose:
         return {"keypoints": np.stack(people) if people else np.zeros((0, NUM_POINTS, 3))}
 
     def _look(self, rgb: np.ndarray, square: SquareCrop, people: list[np.ndarray]) -> None:
-        """Add the person in a square unless already found, and keep the next square."""
+        """Add the person in a square unless already found, and store the square for the next image."""
         points, presence, _, heat, *_ = self._landmarks.run(square.cut(rgb, SIDE, None) / np.float32(255.0))
         if float(presence[0]) < _PRESENT:
             return
@@ -192,7 +192,7 @@ class LiteRtPose:
 
 
 def refined(points: np.ndarray, heat: np.ndarray) -> np.ndarray:
-    """Move (39, 2) points to the mean of their (64, 64, 39) heat, if certain."""
+    """Move (39, 2) points to the mean of their (64, 64, 39) heat maps where the heat is high enough."""
     cell = np.floor(points * (_HEAT / SIDE)).astype(int)
     around = np.arange(-_WINDOW, _WINDOW + 1)
     columns, rows = cell[:, :1] + around, cell[:, 1:] + around
@@ -215,7 +215,7 @@ HANDS_PACKAGE = "@mediapipe/hands 0.4.1675469240"
 
 
 class LiteRtHands:
-    """Detects the points of a hand."""
+    """Detects hand points."""
 
     def __init__(self, options: dict[str, Any]) -> None:
         self._model = LiteRtModel(Path(options["model"]), HANDS, HANDS_PACKAGE, [63, 1, 1])

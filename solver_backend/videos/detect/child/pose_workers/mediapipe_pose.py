@@ -9,16 +9,16 @@ import numpy as np
 
 from .serve import Refused, serve
 
-GREY = 127  # Grey level of painted boxes, half of the range.
-MARGIN = 0.15  # Margin of a person's painted box relative to its size. Painting allows finding further people.
+GREY = 127  # Grey level of painted boxes, half the range.
+MARGIN = 0.15  # Margin around a person's painted box relative to its size. Painting over people reveals further ones.
 
 
 class MediaPipePose:
-    """Detects with ``mediapipe.solutions``, without its smoothing, which would delay fast movements."""
+    """Detects people with ``mediapipe.solutions``, without its smoothing, which would delay fast movements."""
 
     def __init__(self, options: dict[str, Any]) -> None:
         try:
-            import mediapipe  # it is installed in a separate environment
+            import mediapipe  # MediaPipe is installed in a separate environment
         except ImportError as error:
             message = f"The package MediaPipe is missing: {error} ({sys.executable})"
             hint = "Press Set Up Detector in Blender's panel From Videos, or give a Python with --python."
@@ -59,7 +59,7 @@ class MediaPipePose:
 
 
 def _pixels(landmarks: Any | None, shape: Any, count: int) -> np.ndarray:
-    """Return (K, 3) keypoints. Points outside the image, which the model extrapolates, have confidence 0."""
+    """Return (K, 3) keypoints. Points outside the image are extrapolated by the model and get confidence 0."""
     if landmarks is None:
         return np.full((count, 3), np.nan)
     points = np.array([(p.x, p.y, p.visibility if p.HasField("visibility") else 1.0) for p in landmarks.landmark])

@@ -1,4 +1,4 @@
-"""Run pose models in ONNX files, recognised by their inputs and outputs."""
+"""Run ONNX pose models, which are recognised by their inputs and outputs."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import numpy as np
 from .crops import overlap
 from .serve import THREADS, Refused, serve
 
-PADDING = 114.0  # Grey value outside an image, 0 to 255.
+PADDING = 114.0  # Grey value used outside the image, 0 to 255.
 
 
 def crop(rgb: np.ndarray, low: np.ndarray, high: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Return (h, w, 3) float32 of the box from ``low`` to ``high``, black outside.
+    """Return the box from ``low`` to ``high`` as an (h, w, 3) float32 array, black outside the image.
 
     Column j is ``x = low + (high - low) j / w``, because models are trained with a box corner at the first pixel.
     """
@@ -27,9 +27,9 @@ def crop(rgb: np.ndarray, low: np.ndarray, high: np.ndarray, size: tuple[int, in
 
 
 def letterbox(rgb: np.ndarray, size: tuple[int, int], *, corner: bool) -> tuple[np.ndarray, float]:
-    """Scale the whole image into (h, w, 3) on grey, and return it with the scale.
+    """Fit the whole image into a grey (h, w, 3) image. Return that image and the scale.
 
-    Pixel centres keep their position: ``x' + 1/2 = s (x + 1/2)``.
+    Pixel centres keep their relative position: ``x' + 1/2 = s (x + 1/2)``.
     """
     width, height = size
     scale = min(width / rgb.shape[1], height / rgb.shape[0])
@@ -41,7 +41,7 @@ def letterbox(rgb: np.ndarray, size: tuple[int, int], *, corner: bool) -> tuple[
 
 
 def sampled(rgb: np.ndarray, x: np.ndarray, y: np.ndarray, outside: float) -> np.ndarray:
-    """Return bilinear (len(y), len(x), 3) float32 at columns x and rows y."""
+    """Sample an image bilinearly at columns x and rows y. Return (len(y), len(x), 3) float32."""
     rows, row_share, row_out = _neighbours(y, rgb.shape[0])
     columns, column_share, column_out = _neighbours(x, rgb.shape[1])
     by_row = rgb[rows].astype(np.float32)
@@ -61,14 +61,14 @@ def _neighbours(at: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.
 
 Outputs = list[tuple[str, list[Any]]]
 Run = Callable[[np.ndarray], list[np.ndarray]]
-LEAST_SCORE = 0.3  # Smallest confidence of a person.
-LARGEST_OVERLAP = 0.65  # Largest overlap (intersection over union) of two people's boxes.
+LEAST_SCORE = 0.3  # Smallest confidence at which a person is detected.
+LARGEST_OVERLAP = 0.65  # Largest overlap (intersection over union) between the boxes of two people.
 _MEAN, _STD = np.array([123.675, 116.28, 103.53]), np.array([58.395, 57.12, 57.375])
-"""Mean and standard deviation of ImageNet's images (RGB, 0 to 255), on which RTMPose is trained."""
+"""Mean and standard deviation of the ImageNet images (RGB, 0 to 255) on which RTMPose is trained."""
 
 
 class _PoseModel:
-    """A kind of model. ``people`` returns (P, K, 3) x, y and confidence."""
+    """A type of model. ``people`` returns (P, K, 3) x, y and confidence."""
 
     label = ""
 
@@ -88,26 +88,26 @@ class _PoseModel:
         raise NotImplementedError
 
     def tensor(self, picture: np.ndarray) -> np.ndarray:
-        """Convert an image (H, W, 3) to the model's type and channel order."""
+        """Convert an image (H, W, 3) to the model's data type and channel order."""
         value = picture[None] if self.given[-1] == 3 else picture.transpose(2, 0, 1)[None]
         kind = {"tensor(int32)": np.int32, "tensor(uint8)": np.uint8, "tensor(float16)": np.float16}
         return np.ascontiguousarray(value.astype(kind.get(self.type, np.float32)))
 
 
 class TopDown(_PoseModel):
-    """A model that processes one person at a time, in the box from the previous image."""
+    """A model that processes one person at a time, inside the box found in the previous image."""
 
     size: tuple[int, int] = (0, 0)  # Width and height of the input in pixels.
-    padding = 1.25  # Growth of a person's box.
+    padding = 1.25  # Factor by which a person's box is enlarged.
 
     def points(self, picture: np.ndarray) -> np.ndarray:
-        """Return (K, 3) x, y and confidence in an image (h, w, 3) of the model's size, 0 to 255."""
+        """Return (K, 3) x, y and confidence from an (h, w, 3) image of the model's input size, 0 to 255."""
         raise NotImplementedError
 
     def people(self, rgb: np.ndarray) -> np.ndarray:
-        """Return the people in the previous boxes, or in the whole image if there are none."""
+        """Detect people in the previous boxes, or in the whole image if there are none."""
         sure = self._sure(rgb, self.boxes)
-        if not sure:  # the whole image, then the person found in it
+        if not sure:  # first the whole image, then the box of the person found in it
             first = self._sure(rgb, [np.array([0.0, 0.0, rgb.shape[1], rgb.shape[0]])])
             sure = self._sure(rgb, list(map(_box, first)))
         kept = suppressed(np.array(list(map(_box, sure))), np.array([p[:, 2].mean() for p in sure]), self.most)
@@ -132,7 +132,7 @@ class TopDown(_PoseModel):
 
 
 def simcc(x: np.ndarray, y: np.ndarray, width: int) -> np.ndarray:
-    """Return (K, 3) x, y and score from rows of scores over columns and rows.
+    """Return (K, 3) x, y and score, decoded from one row of scores over x positions and one over y positions.
 
     Reference: Li et al. 2022 (SimCC).
     """
@@ -142,7 +142,7 @@ def simcc(x: np.ndarray, y: np.ndarray, width: int) -> np.ndarray:
 
 
 class _RtmPose(TopDown):
-    """Top-down SimCC model with a row of scores per axis.
+    """Top-down SimCC model that outputs one row of scores per axis.
 
     Reference: Jiang et al. 2023 (RTMPose).
     """
@@ -156,7 +156,7 @@ class _RtmPose(TopDown):
 
     @classmethod
     def fits(cls, given: list[Any], outputs: Outputs) -> bool:
-        """Return whether there are two outputs (N, K, W ratio) and (N, K, H ratio) for an image (N, 3, H, W)."""
+        """Return whether an image (N, 3, H, W) gives exactly two outputs, (N, K, W ratio) and (N, K, H ratio)."""
         if len(outputs) != 2 or len(given) != 4 or given[1] != 3 or not _numbers(given[2:]):
             return False
         (_, x), (_, y) = outputs
@@ -172,7 +172,7 @@ class _RtmPose(TopDown):
 
 
 class _Rtmo(_PoseModel):
-    """One-stage model (Lu et al. 2024) with boxes (N, P, 5) and keypoints (N, P, K, 3)."""
+    """One-stage model (Lu et al. 2024) that outputs boxes (N, P, 5) and keypoints (N, P, K, 3)."""
 
     label = "RTMO"
 
@@ -197,7 +197,7 @@ class _Rtmo(_PoseModel):
 class _YoloPose(_PoseModel):
     """One row per candidate: (N, 5 + 3K, candidates) with box centre and size, score and K keypoints.
 
-    Models that include suppression have (N, candidates, 6 + 3K) with box corners, score and class.
+    Models that include suppression output (N, candidates, 6 + 3K) with box corners, score and class.
 
     Reference: Maji et al. 2022, Ultralytics (output layout).
     """
@@ -232,7 +232,7 @@ class _YoloPose(_PoseModel):
 
 
 class _MoveNet(_PoseModel):
-    """Keypoints y, x, score as fractions: (1, 1, 17, 3), or (1, 6, 56) for several people."""
+    """Model that outputs keypoints y, x, score as fractions: (1, 1, 17, 3), or (1, 6, 56) for several people."""
 
     label = "MoveNet"
 
@@ -259,11 +259,11 @@ class _MoveNet(_PoseModel):
         return _chosen(corners, score, points, offset, scale, self.most)
 
 
-KINDS = (_MoveNet, _RtmPose, _Rtmo, _YoloPose)  # Kinds, tried in this order.
+KINDS = (_MoveNet, _RtmPose, _Rtmo, _YoloPose)  # Model types, tried in this order.
 
 
 def suppressed(corners: np.ndarray, score: np.ndarray, most: int) -> list[int]:
-    """Return the indices of boxes (N, 4) that overlap no better box, by descending score."""
+    """Return the indices of the (N, 4) boxes that overlap no better box, by descending score."""
     kept: list[int] = []
     for i in np.argsort(-score, kind="stable"):
         if len(kept) >= most:
@@ -276,17 +276,17 @@ def suppressed(corners: np.ndarray, score: np.ndarray, most: int) -> list[int]:
 def _chosen(
     corners: np.ndarray, score: np.ndarray, points: np.ndarray, offset: Any, scale: float, most: int
 ) -> np.ndarray:
-    """Return the keypoints (P, K, 3) of the remaining people in pixels of the original image."""
+    """Return the keypoints (P, K, 3) of the remaining people, in pixels of the original image."""
     sure = np.flatnonzero(score >= LEAST_SCORE)
     kept = sure[suppressed(corners[sure], score[sure], most)]
     people = points[kept].astype(np.float64)
-    # The centre of the first pixel is (0, 0) in both images.
+    # In both images the centre of the first pixel is (0, 0).
     people[..., :2] = (people[..., :2] + 0.5 - np.asarray(offset)) / scale - 0.5
     return people
 
 
 def _box(person: np.ndarray) -> np.ndarray:
-    """Return the box around the confident keypoints of a person, or around all if few are confident."""
+    """Return the box around a person's confident keypoints, or around all keypoints if few are confident."""
     points = person[person[:, 2] >= LEAST_SCORE, :2]
     points = points if len(points) >= 4 else person[:, :2]
     return np.concatenate([points.min(axis=0), points.max(axis=0)])
@@ -301,7 +301,7 @@ def _is_whole(length: Any, head: int) -> bool:
 
 
 def open_model(path: str) -> Any:
-    """Return onnxruntime's session of a model."""
+    """Open an onnxruntime session for a model."""
     try:
         import onnxruntime
     except ImportError as error:

@@ -1,8 +1,8 @@
-"""Exchange messages with a detector's process: a line of JSON, then the bytes of its arrays.
+"""Exchange messages with a detector process: a line of JSON, then the bytes of the arrays.
 
 The process writes ``{"ready": {...}}`` with its description, or ``{"error": {"code", "message", "hint"}}``. For every
-image it receives ``{"shape": [h, w, 3], "time_s": t}`` and h·w·3 bytes. It answers ``{"arrays": {name: shape}}`` and
-the arrays as float32 in that order. It exits when its input ends.
+image it receives ``{"shape": [h, w, 3], "time_s": t}`` and h·w·3 bytes. It answers with ``{"arrays": {name: shape}}``,
+followed by the arrays as float32 in that order. It exits when its input ends.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 
-THREADS = int(os.environ.get("POSE_WORKER_THREADS", "1"))  # Number of threads of a model, see ``DetectorProcess``.
+THREADS = int(os.environ.get("POSE_WORKER_THREADS", "1"))  # Number of threads per model, see ``DetectorProcess``.
 
 
 class Refused(Exception):
-    """The detector cannot run. The error has a code, the reason and a hint."""
+    """The detector cannot run. The error contains a code, the reason and a hint."""
 
     def __init__(self, code: str, message: str, hint: str = "") -> None:
         super().__init__(message)
@@ -27,21 +27,21 @@ class Refused(Exception):
 
 
 class PoseDetector(Protocol):
-    """A detector of this package."""
+    """Interface of the detectors in this package."""
 
     about: dict[str, Any]
-    """``name`` with its version, ``joint_set`` or ``num_keypoints``, and the largest number of ``people``."""
+    """``name`` including its version, ``joint_set`` or ``num_keypoints``, and the maximum number of ``people``."""
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
         """Return ``keypoints`` (P, K, 3): x and y in pixels, and confidence 0 to 1.
 
-        Some detectors also return ``hands`` (P, 2, 21, 3), left hand first, NaN for undetected hands.
+        Some detectors also return ``hands`` (P, 2, 21, 3), left hand first, with NaN for undetected hands.
         """
         ...
 
 
 def serve(make: Callable[[dict[str, Any]], PoseDetector]) -> int:
-    """Answer requests until the input ends. Output of libraries goes to standard error."""
+    """Answer requests until the input ends. Anything that libraries print goes to standard error."""
     pictures, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     try:
@@ -69,5 +69,5 @@ def _say(stream: BinaryIO, head: dict[str, Any], *arrays: np.ndarray) -> None:
 def _exactly(stream: BinaryIO, count: int) -> bytes:
     data = stream.read(count)
     if len(data) < count:
-        raise SystemExit(0)  # the reader of the answers is gone
+        raise SystemExit(0)  # the process that reads the answers has ended
     return data
