@@ -16,7 +16,7 @@ _HOMES = {
     "fitters.pipeline": ("resolve_range", "solve", "solve_problem"),
     "fitters.problem": ("Problem", "Solution"),
 }
-"""Public names by module. Modules are imported on first use, so that reading settings starts quickly."""
+"""Public names by module. Modules are imported on first use, so that the settings can be read quickly."""
 
 
 def __getattr__(name: str) -> Any:

@@ -1,4 +1,4 @@
-"""Build a Motion from the solved poses, with joints, keypoints, residuals and flags."""
+"""Build a motion from the solved poses, with joints, keypoints, residuals and flags."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.small_matrices import mean_sigma
 from solver_backend.types import FLAG_RESTING, FLAG_UNSEEN, FLAG_UNSURE, Motion
 
-FAR, FAR_SIGMAS = 3.0, 2.0  # Far: the median residual exceeds both times the take's median and these deviations.
-LOOSE, LOOSE_M = 2.0, 0.03  # Loose: a joint's deviation exceeds both times its median in the take and these metres.
+FAR, FAR_SIGMAS = 3.0, 2.0  # Far: the median residual exceeds this factor times the take's, and these deviations.
+LOOSE, LOOSE_M = 2.0, 0.03  # Uncertain: a joint's deviation exceeds this factor times its median, and these metres.
 
 
 def flagged(
@@ -28,14 +28,14 @@ def flagged(
     lost: np.ndarray | None = None,
     resting: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return (F,) bit flags of the frames.
+    """Return (F,) bit flags for the frames.
 
     Args:
-        normalised: (C, F, K) residuals in standard deviations, NaN without a detection.
+        normalised: (C, F, K) residuals in standard deviations, NaN where undetected.
         seen: (F,) bool, true if enough views show the person.
         sigma: (F, J) standard deviation of each joint in metres, if known.
         lost: (F,) bool, true if a limb is lost (see ``lost_landmarks``).
-        resting: (F, J) bool, true for joints without information. They have a separate flag.
+        resting: (F, J) bool, true for joints without information. They have a flag of their own.
     """
     flags = np.where(seen, 0, FLAG_UNSEEN).astype(np.uint8)
     unsure = _far(normalised)
@@ -59,7 +59,7 @@ def _loose(sigma: np.ndarray, resting: np.ndarray | None) -> np.ndarray:
 
 
 def _far(normalised: np.ndarray) -> np.ndarray:
-    """Return an (F,) mask of the frames with a median residual far above the take's median."""
+    """Return an (F,) mask of frames whose median residual is far above the take's median."""
     frames = normalised.shape[1]
     ordered = np.sort(normalised.swapaxes(0, 1).reshape(frames, -1), axis=1)  # missing values come last
     count = np.isfinite(ordered).sum(axis=1)
@@ -76,14 +76,14 @@ class PosedTake:
     """Poses and joints of a body over the whole take."""
 
     subject: Subject
-    points: np.ndarray  # (F, L, 3) landmarks, metres, in the poses that explain what was measured.
+    points: np.ndarray  # (F, L, 3) landmarks in metres, in the poses that explain the measurements.
     joints: np.ndarray  # (F, J, 3) metres.
-    bones: np.ndarray  # (F, J, 3, 3) global rotations, empty where the source keeps none.
+    bones: np.ndarray  # (F, J, 3, 3) global rotations, empty if the source does not keep them.
     deviations: np.ndarray  # (C, F, K) residuals in standard deviations, NaN where nothing was measured.
 
     @classmethod
     def of(cls, measurements: Measurements, solved: SolvedFrames) -> PosedTake:
-        """Return the posed body, computed for a block of frames at a time."""
+        """Pose the body, one block of frames at a time."""
         parts = []
         for start in range(0, len(solved.frames.transl), BLOCK_POSES):
             part = slice(start, start + BLOCK_POSES)
@@ -98,7 +98,7 @@ class PosedTake:
 
     @property
     def offsets(self) -> np.ndarray:
-        """(L, 3) offsets of the landmarks in metres."""
+        """(L, 3) landmark offsets in metres."""
         return to_numpy(self.subject.offsets)
 
 
@@ -110,7 +110,7 @@ def build_motion(
     scale: float,
     provenance: dict[str, Any],
 ) -> Motion:
-    """Return the motion of F solved frames with the results of ``layers``."""
+    """Build the motion of F solved frames, including the results of ``layers``."""
     subject, frames, posed = solved.subject, solved.frames, PosedTake.of(measurements, solved)
     reprojection_px, statistics = measurements.source.report(posed.points)
     outliers = posed.deviations[np.isfinite(posed.deviations)] > 2 * scale

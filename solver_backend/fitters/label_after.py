@@ -1,4 +1,4 @@
-"""Label a take from another take of the same person and layout."""
+"""Label a take from another take with the same person and layout."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.point_network import PointNetwork, load_network
 from solver_backend.types import Capture, MarkerCloud, MarkerSubject
 
-UNSURE_SHARE = 0.05  # Share of unnamed points from which the take needs a review.
-LEAST_SEEN = 10  # Fewest frames of a marker in the labelled take.
+UNSURE_SHARE = 0.05  # Share of unnamed points above which the take needs a review.
+LEAST_SEEN = 10  # Smallest number of frames in which the labelled take shows a marker.
 
 
 def labelled_like(
     capture: Capture, like: Capture, progress: Progress = silent, network: PointNetwork | None = None
 ) -> tuple[Capture, LikeTake]:
-    """Label a capture's points with another take's marker names.
+    """Label a capture's points with the marker names in another take.
 
     Raises:
         NoDetections: a take has no markers, or no frame has enough of them.
@@ -63,7 +63,7 @@ def labelled_like(
 
 
 def worn(cloud: MarkerCloud) -> MarkerCloud:
-    """Return the named markers of a labelled take, without rare and computed ones."""
+    """Return the named markers in a labelled take, without rare and computed ones."""
     labels = cloud.labels or ()
     virtual = set(name_markers([label for label in labels if not is_unnamed(label)]).virtual)
     seen = np.isfinite(cloud.positions).all(-1).sum(0)
@@ -75,7 +75,7 @@ def worn(cloud: MarkerCloud) -> MarkerCloud:
 def _proposed(
     cloud: MarkerCloud, reference: MarkerCloud, progress: Progress, network: PointNetwork | None, *, persistent: bool
 ) -> np.ndarray | None:
-    """Return the network's (F, N) proposals of reference columns for the points, None if it fails."""
+    """Return the (F, N) reference columns that the network proposes for the points, or None if it fails."""
     try:
         network = network or load_network()
         column = _columns(reference, network)
@@ -88,7 +88,7 @@ def _proposed(
 
 
 def _columns(reference: MarkerCloud, network: PointNetwork) -> np.ndarray:
-    """Return the reference column of each marker that the network knows, -1 if there is none.
+    """Return the reference column of each marker that the network knows, or -1 if there is none.
 
     If the labels identify too few markers, the network also labels the reference's points.
     """
@@ -115,10 +115,10 @@ def labelled_as_person(
     *,
     kept: Collection[str] = (),
 ) -> Capture:
-    """Return a capture labelled with a person's markers, except names in ``kept``.
+    """Label a capture with a person's markers. Names in ``kept`` do not change.
 
     Raises:
-        SubjectInvalid: the person has another body or wears other markers.
+        SubjectInvalid: the person was calibrated on another body or wears other markers.
     """
     if capture.markers is None:
         return capture
@@ -141,7 +141,7 @@ def person_of_nameless(
     settings: SolveSettings = SolveSettings(),
     progress: Progress = silent,
 ) -> MarkerSubject:
-    """Add bone markers from takes labelled by the network to a person."""
+    """Add bone markers to a person, using takes that the network labelled."""
     clouds = [capture.markers for capture in captures if capture.markers is not None]
     if not clouds:
         return person

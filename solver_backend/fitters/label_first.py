@@ -1,4 +1,4 @@
-"""Label takes without marker names before they are solved."""
+"""Label takes that have no marker names before they are solved."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ if TYPE_CHECKING:
     from solver_backend.labelling.label_take import LabelledTake
     from solver_backend.labelling.point_network import LandmarkNetwork
 
-UserLabels = Mapping[tuple[int, int], str]  # Marker's name by (column, frame), assigned by the user.
+UserLabels = Mapping[tuple[int, int], str]  # Marker name by (column, frame), assigned by the user.
 
 
 LEAST_NAMED = 0.75
-"""Share of points that the network must name to use its labels for a take with unknown names. It names 83 and 100 % of
-whole bodies (btkdata's mocap36, badParameterOffset), but at most 61 % of clusters or legs (c3d.org's sample 2)."""
+"""Share of points that the network must name before its labels replace unknown names. It names 83 and 100 % on whole
+bodies (btkdata's mocap36, badParameterOffset), but at most 61 % on clusters or legs (c3d.org's sample 2)."""
 
 
 LEAST_UNNAMED = 0.5
-"""Share of nameless points that the network must name to find a person. It names 70 to 90 % of whole bodies with stray
-points (c3d.org's samples 13 and 20), but 27 % of a body with 57 clustered markers."""
+"""Share of nameless points that the network must name to find a person. It names 70 to 90 % on whole bodies with stray
+points (c3d.org's samples 13 and 20), but 27 % on a body with 57 clustered markers."""
 
 
 UNSURE_M = 0.13
@@ -47,14 +47,14 @@ with half the points named, and 178 to 514 mm in 60 sets of 40 to 100 random poi
 
 
 def needs_labels(cloud: MarkerCloud) -> bool:
-    """Return whether a solve needs more labelled markers, or half of the points no name."""
+    """Return whether a solve needs more labelled markers, or half of the points have no name."""
     if cloud.labels is None:
         return True
     names = _names(cloud)
     if len(names.known) < least_markers(names.known.values()):
         return True
     if len(names.unknown) >= LEAST_MARKERS:
-        return False  # the user named them with other words: the solve finds their bones
+        return False  # the user named them with other words, and the solve finds their bones
     seen = np.isfinite(cloud.positions).all(-1).sum(0)
     nameless = [is_unnamed(label) for label in cloud.labels]
     return int(seen[nameless].sum()) >= int(seen[~np.array(nameless)].sum())
@@ -65,7 +65,7 @@ def _names(cloud: MarkerCloud) -> MarkerNames:
 
 
 def has_own_names(cloud: MarkerCloud) -> bool:
-    """Return whether most points have user-defined names, one marker each in all frames."""
+    """Return whether most points have user-defined names, with one marker each in all frames."""
     labels = cloud.labels or ()
     return sum(not is_unnamed(label) for label in labels) > len(labels) / 2
 
@@ -97,7 +97,7 @@ def labelled_capture(
     network: LandmarkNetwork | None = None,
     always: bool = False,
 ) -> tuple[Capture, LabelledTake | None]:
-    """Return a capture with labelled points, unchanged if it has enough names.
+    """Label a capture's points. Return it unchanged if it has enough names.
 
     Args:
         user_labels: labels assigned by the user, by column and frame. They apply to the whole segment.
@@ -153,7 +153,7 @@ def labelled_capture(
 
 
 def _doubt_of_person(take: LabelledTake) -> str:
-    """Return evidence that the nameless points are not one person, or "" if there is none."""
+    """Return the evidence that nameless points are not one person, or "" if there is none."""
     share = float(_named(take).mean()) if take.labels.size else 1.0
     variance = np.trace(take.votes.covariance[:, :GHOST], axis1=-2, axis2=-1).mean() / 3.0
     if share < LEAST_UNNAMED:
@@ -164,7 +164,7 @@ def _doubt_of_person(take: LabelledTake) -> str:
 
 
 def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
-    """Return the capture unchanged if it has too many points for the network, else None.
+    """Return the capture unchanged if it has too many points for the network, otherwise None.
 
     Raises:
         MarkersUnknown: too few points have names in the file.
@@ -190,7 +190,7 @@ def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
 
 
 def _by_own_names(capture: Capture, otherwise: MarkersUnknown) -> Capture:
-    """Return a partly labelled capture if its names suffice, else raise ``otherwise``."""
+    """Return a partly labelled capture if its names are sufficient. Otherwise raise ``otherwise``."""
     cloud = capture.markers
     assert cloud is not None
     known = _names(cloud).known
@@ -203,18 +203,18 @@ def _by_own_names(capture: Capture, otherwise: MarkersUnknown) -> Capture:
 
 
 def without_doubt_of_labels(found: Sequence[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Remove a reader's reports of few known labels, which labelling corrects."""
+    """Remove a reader's reports that few labels are known, because labelling corrects this."""
     return tuple(item for item in found if item.code not in ("few_markers_known", "labels_left_to_network"))
 
 
 def knows_layout(take: LabelledTake) -> bool:
-    """Return whether the network names enough markers of this layout."""
+    """Return whether the network names enough markers in this layout."""
     named = _named(take)
     return bool(named.size) and named.mean() >= LEAST_NAMED and len(_places(take)) >= LEAST_NETWORK_PLACES
 
 
 def named_in(take: LabelledTake, *, persistent: bool = False) -> Diagnostic:
-    """Return a note with the percentages of named, stray and unknown points.
+    """Return a note with the percentages of points that are named, stray and unknown.
 
     Args:
         persistent: the points had user-defined names.

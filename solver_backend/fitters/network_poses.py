@@ -1,4 +1,4 @@
-"""Use poses of networks as measurements, with a covariance estimated from the take."""
+"""Use network poses as measurements, with a covariance estimated from the take."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ from solver_backend.types import Capture
 from solver_backend.types.network_result import NetworkResult, StartingResult
 
 ALIKE_S = 0.03  # Frames within this time count as one. Chosen on takes of subjects 08 and 60.
-LEAST_SIGMA_M = 0.01  # Smallest deviation of a network's point per axis, because body shapes differ.
-LEAST_FRAMES, LEAST_COVERED = 5, 0.3  # Fewest frames of a result that fit the take, and their smallest share of it.
-LEAST_POINTS = 6  # Fewest points to position a frame's result in front of the camera.
+LEAST_SIGMA_M = 0.01  # Smallest deviation per axis of a network's point, because body shapes differ.
+LEAST_FRAMES, LEAST_COVERED = 5, 0.3  # Fewest frames of a result that fit the take, and smallest share of the take.
+LEAST_POINTS = 6  # Smallest number of points needed to position a result in front of the camera.
 FITS_M, CHANCE = 0.12, 0.7
 """Largest distance in metres of points from their rays for a match, and largest ratio to the distance in other
 alignments.
 """
 DOUBTED = 1.5
-"""Factor on deviations of the lifted pose and triangulated points, for rare large errors. Measured on subjects 08 and
-60.
+"""Factor for the deviations of the lifted pose and of triangulated points, for rare large errors. Measured on subjects
+08 and 60.
 """
 BETTER = 0.85  # Another alignment replaces the file's frame numbers if its distance is below this share.
 SIZE_ALIKE = (0.8, 1.25)  # Scale factors within these limits leave the result's size unchanged.
-_SCAN_FRAMES, _SCAN_SHIFTS = 60, 900  # Frames to compare per shift, and largest shift in frames.
+_SCAN_FRAMES, _SCAN_SHIFTS = 60, 900  # Number of frames compared per shift, and largest shift in frames.
 _BONES = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
 
 
@@ -59,13 +59,13 @@ class NetworkPoses(Layer):
 
 @dataclass(frozen=True)
 class _View:
-    """View of one camera with L points. The first of them have keypoints."""
+    """One camera's view with L points. The first of them have keypoints."""
 
     name: str
     R: np.ndarray  # (3, 3) from the world to the camera.
     image: np.ndarray  # (F, L, 2) keypoints in focal lengths, NaN where missing.
     weight: np.ndarray  # (F, L)
-    mirrored: np.ndarray  # (L,) column of the same point on the other side.
+    mirrored: np.ndarray  # (L,) column of the corresponding point on the other side.
     focal: float  # Focal length in pixels.
     fps: float
 
@@ -78,15 +78,15 @@ class _Match:
     points: np.ndarray  # (F, L, 3) in the camera's axes, NaN where the result has none.
     rows: np.ndarray  # (F,) rows of the person in the take's frames, -1 where the result has none.
     off_m: float  # Median distance of its points from their rays.
-    reason: str  # Method that matched the frames. Empty if the file's frame numbers did.
+    reason: str  # Method that matched the frames. Empty if the file's frame numbers matched.
 
     @property
     def local(self) -> np.ndarray | None:
-        """(F, 22, 3, 3) rotations, anything where the result has none; None for points."""
+        """(F, 22, 3, 3) rotations, arbitrary where the result has none; None for points."""
         return None if self.person.local is None else self.person.local[np.maximum(self.rows, 0)]
 
     def of_points(self, points: np.ndarray) -> _Match:
-        """Return the match with other points of the person."""
+        """Return the match with other points for the person."""
         known = (self.rows >= 0)[:, None, None]
         return replace(self, points=np.where(known, points[np.maximum(self.rows, 0)], np.nan))
 
@@ -101,11 +101,11 @@ def with_network_results(
 ) -> Measurements:
     """Add a layer for each network result.
 
-    A single camera's size follows from the result too, and its solve may start from the result's poses.
+    A single camera's size also depends on the result, and its solve may start from the result's poses.
 
     Raises:
         JobInvalid: a result's camera does not exist, or is not named although there are several.
-        MotionInvalid: a result is of another video, is mirrored, or has too few frames.
+        MotionInvalid: a result is for another video, is mirrored, or has too few frames.
     """
     layers, found = list[NetworkPoses](), list[Diagnostic]()
     betas = np.zeros(body.shapedirs.shape[-1])
@@ -124,7 +124,7 @@ def with_network_results(
         sigma, trust = deviations(points, view, sight, *_reference(measurements, body, sight))
         along = sight[:, None, :, None] * sight[:, None, None, :]
         across, deep = (1.0 / sigma[None, :, k, None, None] ** 2 for k in (0, 1))
-        # Points of one joint share its error and weight.
+        # Points on the same joint share its error and weight.
         bone = np.argmax(measurements.landmarks.weights, axis=1)
         known = np.isfinite(points).all(-1) / np.bincount(bone)[bone]
         precision = (across * (np.eye(3) - along) + deep * along) * known[..., None, None]
@@ -139,9 +139,9 @@ def with_network_results(
 
 
 def _sized(source: OneCamera, match: _Match) -> Measurements:
-    """Return the measurements with the person's size from the mean of both poses.
+    """Return the measurements with the person's size taken from the mean of both poses.
 
-    A wrong pose causes a wrong size, which moves the person in depth, and the errors of the two poses are independent.
+    A wrong pose causes a wrong size, which moves the person in depth. The errors of the two poses are independent.
     """
     take, local = source.take, match.local
     assert local is not None
@@ -164,8 +164,8 @@ def _surer(
 ) -> Measurements:
     """Combine one camera's depth with the result's depth, and start from the result's poses.
 
-    The poses are the initial values in frames that have them, if the result's depth is more precise than the lifted
-    one. ``trust`` (L,) are factors on the precision of the lifted points.
+    In frames that have them, the result's poses are the initial values if their depth is more precise than that of the
+    lifted pose. ``trust`` (L,) are factors for the precision of the lifted points.
     """
     source, rough = measurements.source, measurements.rough
     assert isinstance(source, OneCamera)
@@ -270,7 +270,7 @@ def distances(points: np.ndarray, view: _View, frames: np.ndarray) -> np.ndarray
 
 
 def _matched(result: StartingResult, view: _View, landmarks: Landmarks, body: Body, betas: np.ndarray) -> _Match:
-    """Return the person and the frame alignment of a result that best fit the camera's keypoints."""
+    """Return the person and frame alignment in a result that best fit the camera's keypoints."""
     best: tuple[float, NetworkResult, np.ndarray, np.ndarray, str] | None = None
     chance = np.inf
     for person in result.people:
@@ -314,14 +314,14 @@ def _matched(result: StartingResult, view: _View, landmarks: Landmarks, body: Bo
 
 
 def _rows(person: NetworkResult, numbers: np.ndarray) -> np.ndarray:
-    """Return the rows of a result for frame numbers of its video, -1 if there is none."""
+    """Return a result's rows for frame numbers of its video, -1 if there is none."""
     wanted = np.round(numbers).astype(int)
     at = np.minimum(np.searchsorted(person.frames, wanted), len(person.frames) - 1)
     return np.where(person.frames[at] == wanted, at, -1)
 
 
 def _score(points: np.ndarray, view: _View, rows: np.ndarray, most: int = 10**9) -> float:
-    """Return the median distance of an alignment in metres, NaN if it covers too little of the take."""
+    """Return an alignment's median distance in metres, NaN if it covers too little of the take."""
     frames = np.flatnonzero(rows >= 0)
     if len(frames) < max(LEAST_FRAMES, LEAST_COVERED * len(rows)):
         return np.nan
@@ -341,7 +341,7 @@ def _require_not_mirrored(points: np.ndarray, view: _View, off: float, result: S
 
 
 def _sight(view: _View) -> np.ndarray:
-    """Return the (F, 3) unit directions from camera to person, by the mean in gaps."""
+    """Return the (F, 3) unit directions from camera to person, using the mean in gaps."""
     total = np.maximum(view.weight.sum(axis=1), 1e-9)[:, None]
     middle = np.einsum("fl,fla->fa", view.weight, np.nan_to_num(view.image)) / total
     seen = view.weight.sum(axis=1) > 0
@@ -351,9 +351,9 @@ def _sight(view: _View) -> np.ndarray:
 
 
 def _reference(measurements: Measurements, body: Body, sight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (F, L, 3) other estimates of the points, and their variance in depth.
+    """Return other estimates (F, L, 3) of the points, and their variance in depth.
 
-    These are the lifted pose for one camera, and triangulated points for several.
+    For one camera these are the lifted pose, and for several cameras triangulated points.
     """
     source = measurements.source
     if isinstance(source, OneCamera):
@@ -369,12 +369,12 @@ def _reference(measurements: Measurements, body: Body, sight: np.ndarray) -> tup
 def deviations(
     points: np.ndarray, view: _View, sight: np.ndarray, other: np.ndarray, variance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Estimate (L, 2) deviations of a result across and along the line of sight in m.
+    """Estimate the (L, 2) deviations of a result across and along the line of sight in m.
 
     Across, they are the distances of the placed points from their rays. Along, they are the distances from ``other``
-    points minus the ``variance`` of these points. The ratio of along to across is at least the ratio of the tracks'
-    jitter. Also return (L,) factors of at most 1 on the precision of the other points, for points with larger errors
-    than stated.
+    points minus the ``variance`` of these points. The ratio of along to across is at least that of the tracks' jitter.
+    Also return (L,) factors of at most 1 for the precision of the other points, for points whose errors are larger than
+    stated.
     """
     weight = np.where(np.isfinite(points).all(-1), view.weight, 0.0)
     filled = np.nan_to_num(points)
@@ -404,7 +404,7 @@ def deviations(
 
 
 def _spread(values: np.ndarray) -> np.ndarray:
-    """Return (L,) robust standard deviations about zero of (F, L, n) values, NaN where unknown."""
+    """Return the (L,) robust standard deviations about zero of (F, L, n) values, NaN where unknown."""
     rows = np.moveaxis(values, 1, 0).reshape(values.shape[1], -1)
     found = np.full(len(rows), np.nan)
     for number, row in enumerate(rows):  # over points

@@ -1,4 +1,4 @@
-"""Skin of other people in a take, as points with normals, which a person does not enter."""
+"""Represent other people's skin in a take by points with normals, which a person must not penetrate."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from solver_backend.exchange.motion_file import FLAG_UNSEEN
 from solver_backend.fitters.model.subject import BLOCK_POSES, PosedFrames, Subject, points_of
 from solver_backend.types import Motion
 
-SPACING_M = 0.025  # Distance of chosen points on the skin.
+SPACING_M = 0.025  # Distance between chosen points on the skin.
 NORMAL_M = 0.01  # Length of the posed normals.
-REACH_M = 0.08  # Largest distance of skin that may touch.
-CLOSE_M = 0.3  # Joints so near may belong to bodies that touch: flesh of two trunks. Chosen by hand.
-_FAR_M = 1e4  # Coordinates of a person who is not seen, in metres.
-BLOCK = 8  # Frames at a time. Affects time and memory only.
+REACH_M = 0.08  # Largest distance between skin that may touch.
+CLOSE_M = 0.3  # Joints this close may belong to bodies that touch: the flesh of two trunks. Chosen by hand.
+_FAR_M = 1e4  # Coordinates in metres given to a person who is not visible.
+BLOCK = 8  # Number of frames at a time. Affects only time and memory.
 
 
 def spread_vertices(body: Body) -> np.ndarray:
@@ -32,9 +32,9 @@ def spread_vertices(body: Body) -> np.ndarray:
 
 
 def only_close(one: Motion, other: Motion) -> Motion | None:
-    """Return the other person's motion, unseen where no joints are within ``CLOSE_M``.
+    """Return the other person's motion, marked as unseen where no joints are within ``CLOSE_M``.
 
-    None if these are all frames. Frames without one of the people also count.
+    Return None if this applies to all frames. Frames in which one of the people is missing also count.
     """
     if one.joints is None or other.joints is None or len(one.joints) != len(other.joints):
         return None
@@ -49,15 +49,15 @@ def _seen(motion: Motion) -> np.ndarray:
 
 @dataclass(frozen=True)
 class OtherSkin:
-    """T points on the skin of other people, in the N frames with any of them."""
+    """T points on other people's skin, in the N frames that show any of them."""
 
     points: np.ndarray  # (N, T, 3) metres, single precision.
-    normals: np.ndarray  # (N, T, 3) unit vectors out of the skin.
-    rows: np.ndarray  # (F,) row of each frame of the take, -1 if nobody is seen.
+    normals: np.ndarray  # (N, T, 3) unit vectors that point out of the skin.
+    rows: np.ndarray  # (F,) row of each frame in the take, -1 if nobody is visible.
 
     @classmethod
     def of(cls, body: Body, motions: Sequence[Motion]) -> OtherSkin:
-        """Return the skin of motions of this body with the same frames."""
+        """Build the skin from motions of this body that have the same frames."""
         vertices = spread_vertices(body)
         normals = vertex_normals(body.v_template, body.faces)[vertices]
         normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
@@ -82,9 +82,9 @@ class OtherSkin:
         return cls(points, out, rows)
 
     def nearest(self, points: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the signed distance (F, S) of points from the nearest skin, and its normal.
+        """Return the signed distance (F, S) from points to the nearest skin, and its normal.
 
-        Distances are negative inside, and infinite beyond ``REACH_M``. ``frames`` (F,) are the numbers of the frames.
+        Distances are negative inside, and infinite beyond ``REACH_M``. ``frames`` (F,) are the frame numbers.
         """
         height, normals = np.full(points.shape[:2], np.inf), np.tile([0.0, 0.0, 1.0], (*points.shape[:2], 1))
         kept = np.flatnonzero(self.rows[frames] >= 0)
@@ -109,7 +109,7 @@ class OtherSkin:
 
 
 def _columns_in(points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return the columns of points (F, S, 3) that come within reach of the others' box."""
+    """Return the columns of points (F, S, 3) that come within reach of the box around the others."""
     if not others.shape[1]:
         return np.zeros(0, int)
     low, high = others.min(axis=1, keepdims=True) - REACH_M, others.max(axis=1, keepdims=True) + REACH_M

@@ -1,8 +1,8 @@
 """Locate user-defined points on their bones, and use them in a second solve.
 
-The position on a bone b is found as for unknown markers: ``o = median_f G_bᵀ (x - p_b)`` with the bone's rotation G and
-joint p (see ``attach``). If the first solve guessed a bone's rotation, the position has the same error. Positions,
-shape and the poses of a sample of frames are therefore fitted together (see ``fit_shape``).
+The position on a bone b is found as for unknown markers: ``o = median_f G_bᵀ (x - p_b)``, where G is the bone's
+rotation and p its joint (see ``attach``). If the first solve guessed a bone's rotation, the position has the same
+error. Positions, shape and the poses in a sample of frames are therefore fitted together (see ``fit_shape``).
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from solver_backend.solver.levenberg_marquardt import LMSettings
 from solver_backend.types import BONES, Cameras, Keypoints2D, OwnPoint
 
 LOOSE_M = 0.06
-"""Largest median distance in metres of a point from its position on the bone. It is twice a marker's, as twist is
+"""Largest median distance in metres from a point to its position on the bone. It is twice a marker's, because twist is
 uncertain.
 """
-PLACE_SIGMA_M = 0.05  # Error of the first position per axis: a rotation of 45° moves a limb's skin so far. By hand.
+PLACE_SIGMA_M = 0.05  # Error per axis of the first position: a rotation of 45° moves a limb's skin this far. By hand.
 SAMPLE_FRAMES = 48  # Number of frames used to fit positions.
-_STEPS = LMSettings(40, 1e-4)  # Settings of that fit.
+_STEPS = LMSettings(40, 1e-4)  # Settings for that fit.
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class OwnPoints(Layer):
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D, located: Triangulation, sigma_px: np.ndarray) -> OwnPoints:
-        """Return the user-defined points of a person. ``sigma_px`` is broadcast to (C, F, K + N)."""
+        """Return a person's user-defined points. ``sigma_px`` is broadcast to (C, F, K + N)."""
         sigma_px = np.broadcast_to(sigma_px, keypoints.confidence.shape)
         return cls(cameras, keypoints, np.asarray(located.points), np.asarray(located.covariance), sigma_px)
 
@@ -73,11 +73,11 @@ class PlacedPoints(Layer):
     """N user-defined points at fixed positions on their bones."""
 
     points: tuple[OwnPoint, ...]
-    offsets: np.ndarray  # (N, 3) metres from the bone's joint, in its rest frame.
-    found: tuple[Diagnostic, ...]  # Reasons for points that are not placed.
+    offsets: np.ndarray  # (N, 3) metres from the bone's joint, in its axes at rest.
+    found: tuple[Diagnostic, ...]  # Reasons why points are not placed.
 
     def landmarks(self, body: Body) -> Landmarks:
-        """Return the points as landmarks of a body."""
+        """Return the points as landmarks on a body."""
         joints = [body.layout.joints.index(BONES[point.bone]) for point in self.points]
         rest = body.joints_template[joints] + self.offsets
         names, weights = tuple(point.name for point in self.points), np.eye(body.layout.num_joints)[joints]
@@ -107,7 +107,7 @@ class PlacedPoints(Layer):
 
 
 def place_points(own: OwnPoints, solved: SolvedFrames) -> PlacedPoints:
-    """Locate user-defined points on their bones, using solved poses of the same frames."""
+    """Locate user-defined points on their bones, using solved poses in the same frames."""
     body, frames = solved.subject.body, solved.frames
     parts = [to_numpy(part) for part in (solved.subject.betas, frames.root, frames.local, frames.transl)]
     posed = forward_kinematics(body, *parts)
@@ -129,7 +129,7 @@ def place_points(own: OwnPoints, solved: SolvedFrames) -> PlacedPoints:
 
 
 def fit_places(full: Problem, solved: SolvedFrames, placed: PlacedPoints, settings: SolveSettings) -> PlacedPoints:
-    """Fit the positions to the detections together with shape and sample poses."""
+    """Fit the positions to the detections together with the shape and sample poses."""
     count, subject = len(placed.points), solved.subject
     frames = sample_frames(full.measurements, SAMPLE_FRAMES)
     poses = solved.frames.select(index(frames, solved.frames.transl))

@@ -1,4 +1,4 @@
-"""Estimate constants of a take: shape, bias, noise and planted feet."""
+"""Estimate the constants of a take: shape, bias, noise and planted feet."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from solver_backend.residuals.positions import SIGMA_M, PositionTerm, foot_conta
 from solver_backend.residuals.terms import DataTerm, graduated_scales
 from solver_backend.solver.levenberg_marquardt import Arrowhead, DenseBlocks, LMSettings, levenberg_marquardt
 
-FIXED = 1e12  # Precision of kept unknowns.
+FIXED = 1e12  # Precision of unknowns that are kept.
 
 
 @dataclass(frozen=True)
 class ShapePrior:
-    """Prior of a person's shape and offsets. The shape space has unit variance."""
+    """Prior for a person's shape and offsets. The shape space has unit variance."""
 
     offset_sigma_m: float | np.ndarray = 0.02  # Deviation of a detector's points from landmarks, (L,) or one for all.
     evidence: float = 0.2  # Share of new information per frame, because detector noise is correlated in time.
@@ -44,14 +44,14 @@ class ShapePrior:
 
 @dataclass(frozen=True)
 class PersonState:
-    """A person, the poses of F frames, and the layout of one frame's unknowns."""
+    """A person, the poses in F frames, and the layout of one frame's unknowns."""
 
     subject: Subject
     frames: FrameStates
     layout: StateLayout
 
     def retract(self, step: Array) -> PersonState:
-        """Return the state after a (1, 10 + 3 L + n F) step with shape, offsets and then the frames."""
+        """Return the state after a (1, 10 + 3 L + n F) step: shape, offsets, then the frames."""
         shared = 10 + 3 * len(self.subject.landmarks)
         by_frame = array_namespace(step).reshape(step[0, shared:], (len(self.frames.z), -1))
         return replace(
@@ -68,9 +68,9 @@ def fit_shape(
     settings: LMSettings,
     shape_prior: ShapePrior = ShapePrior(),
 ) -> tuple[Subject, FrameStates]:
-    """Fit shape, landmark offsets and sample poses together (arrowhead equations).
+    """Fit shape, landmark offsets and sample poses together, using arrowhead equations.
 
-    ``subject`` has the initial shape and offsets. ``scales`` are decreasing Geman-McClure scales.
+    ``subject`` contains the initial shape and offsets. ``scales`` are decreasing Geman-McClure scales.
     """
     state = PersonState(subject, start, state_layout(prior).without(UNCOVERED, RESIDUAL))
     precision, mean = _prior_precision(subject, shape_prior), _prior_mean(subject, shape_prior)
@@ -118,7 +118,7 @@ def _arrowhead(
 def refit_shape(
     subject: Subject, frames: PosedFrames, objective: FrameObjective, scale: float, shape_prior: ShapePrior
 ) -> Subject:
-    """Return the subject with shape and offsets re-estimated from fixed poses."""
+    """Re-estimate the subject's shape and offsets from fixed poses."""
     if not (shape_prior.free_betas or shape_prior.free_offsets):
         return subject
     J, gradient, information, _ = _point_jacobian(subject, frames, objective, scale)
@@ -135,7 +135,7 @@ def refit_shape(
 
 
 def moved(subject: Subject, step: Array) -> Subject:
-    """Return the subject after a (10 + 3 L,) step of shape and offsets."""
+    """Return the subject after a (10 + 3 L,) step in shape and offsets."""
     xp = array_namespace(step)
     return replace(
         subject, betas=subject.betas + step[:10], offsets=subject.offsets + xp.reshape(step[10:], subject.offsets.shape)
@@ -164,7 +164,7 @@ def _prior_precision(subject: Subject, shape_prior: ShapePrior) -> Array:
 def _point_jacobian(
     subject: Subject, frames: PosedFrames, objective: FrameObjective, scale: float
 ) -> tuple[Array, Array, Array, Array]:
-    """Return the landmarks' derivatives, and gradient, information and cost of the data."""
+    """Return the landmarks' derivatives, and the gradient, information and cost of the data."""
     posed = pose(subject, frames, jacobian=True)
     xp = array_namespace(posed.points)
     count, num = posed.points.shape[:2]
@@ -178,11 +178,11 @@ def _point_jacobian(
     return J, evidence.gradient, evidence.information, evidence.cost
 
 
-SAMPLE_FRAMES = 32  # Frames from which the shape is learned.
+SAMPLE_FRAMES = 32  # Number of frames from which the shape is learned.
 
 
 def learn_subject(problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress) -> Subject:
-    """Learn the subject's shape from a sample of frames, unless it is given."""
+    """Learn the subject's shape from a sample of frames, unless the shape is given."""
     if known := problem.measurements.known_person:
         return known
     frames = sample_frames(problem.measurements, SAMPLE_FRAMES)
@@ -202,9 +202,9 @@ def learn_subject(problem: Problem, subject: Subject, settings: SolveSettings, p
 
 
 ALONG_SIGHT = 3.0
-"""Factor on the speed limit along a single camera's line of sight. On 48 filmed takes feet slide by 0.011 instead of
-0.012 cm per frame, also with 2 or 4. With 4, feet of the benchmark's takes sink deeper below the floor."""
-SLOW_SHARE = 0.2  # With one camera a foot may be planted at up to this share of its high speeds.
+"""Factor for the speed limit along a single camera's line of sight. On 48 filmed takes, feet slide by 0.011 instead of
+0.012 cm per frame, also with 2 or 4. With 4, feet in the benchmark's takes sink deeper below the floor."""
+SLOW_SHARE = 0.2  # With one camera, a foot may be planted at up to this share of its high speeds.
 _FOOT_POINTS = ("big_toe", "small_toe", "heel", "HEE", "TOE", "MT1", "MT5", "HAL")  # Foot points, without side.
 _SOLE_POINTS = ("sole_heel", "sole_toe", "sole_inner", "sole_outer")  # Sole points, see ``with_soles``.
 _SIDES = (("left_", "L"), ("right_", "R"))
@@ -212,13 +212,13 @@ _SIDES = (("left_", "L"), ("right_", "R"))
 
 @dataclass(frozen=True)
 class Contacts:
-    """Planted points of the feet."""
+    """Planted points on the feet."""
 
     planted: np.ndarray  # (F, L) bool.
     anchors: np.ndarray  # (F, L, 3) metres, mean position during each contact, 0 elsewhere.
 
     def feet(self, names: tuple[str, ...]) -> np.ndarray | None:
-        """Return an (F, 2) mask of frames with a planted foot, None without foot points."""
+        """Return an (F, 2) mask of frames with a planted foot, or None if there are no foot points."""
         feet = _foot_columns(names)
         if not feet:
             return None
@@ -226,7 +226,7 @@ class Contacts:
         return np.stack([self.planted[:, columns].any(axis=1) for columns in sides], axis=1)
 
     def without_feet(self, names: tuple[str, ...], held: np.ndarray) -> Contacts:
-        """Return the contacts without feet in frames (F, 2) that other points fix."""
+        """Return the contacts except for feet in frames (F, 2) that other points hold in place."""
         planted = self.planted.copy()
         for side, sign in enumerate(_SIDES):
             columns = [k for k in _foot_columns(names) if names[k].startswith(sign)]
@@ -246,12 +246,12 @@ def find_contacts(
     sight: np.ndarray | None = None,
     heights: np.ndarray | None = None,
 ) -> Contacts:
-    """Find the frame ranges in which points of the feet are slow and low.
+    """Find the frame ranges in which points on the feet are slow and low.
 
     Args:
         points: (F, L, 3) solved positions in metres, Z up.
         fixed: (F,) bool, true for frames that do not change. If a contact includes such frames, they define its anchor.
-        sight: (F, 3) unit viewing direction of a single camera, None for several cameras.
+        sight: (F, 3) unit viewing direction of a single camera, or None for several cameras.
         heights: (L,) heights in metres of a planted foot's points above a known floor, used as the anchors' heights.
             NaN for other points.
     """
@@ -283,12 +283,12 @@ def _foot_columns(names: tuple[str, ...]) -> list[int]:
     return [k for k, name in enumerate(names) if name in feet]
 
 
-PRIOR_FRAMES = 60.0  # Weight of equal view variances in frames, because errors of neighbouring frames are correlated.
-RANGE = (0.2, 5.0)  # Limits of a view's keypoint variance relative to the mean over all views.
+PRIOR_FRAMES = 60.0  # Weight of equal view variances in frames, because errors in neighbouring frames are correlated.
+RANGE = (0.2, 5.0)  # Limits of a keypoint's variance in one view relative to the mean over all views.
 
 
 def with_learned_noise(problem: Problem, subject: Subject, sample: PosedFrames, settings: SolveSettings) -> DataTerm:
-    """Return the data term, with variances of each view's points learned if requested."""
+    """Return the data term. If requested, variances are learned for each view's points."""
     data = problem.measurements.term
     if not settings.learn_noise:
         return data
@@ -296,12 +296,12 @@ def with_learned_noise(problem: Problem, subject: Subject, sample: PosedFrames, 
 
 
 def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: float, sample: np.ndarray) -> DataTerm:
-    """Return the term with variances learned from the residuals of a solution.
+    """Return the term with variances learned from a solution's residuals.
 
     ``v_cl = (Σ_f |r|²/d + n v_l) / (Σ_f (1 - h) + n)`` over the inliers, in units of the variance assumed so far. This
     is the restricted maximum likelihood of the log-variance (thesis eqs. 5.2, 5.3) under an inverse-gamma prior. h is
     the share of a view's error that the point absorbs, ``w J S⁻¹ Jᵀ`` with ``S = Σ_c w Jᵀ J``. Variances are relative
-    to their keypoint's mean, because the views' disagreement already determines a keypoint's overall noise. Otherwise
+    to the mean of their keypoint, because the views' disagreement already determines its overall noise. Otherwise,
     residuals of a limb that the body does not follow yet would count as noise and persist. Points with one measurement
     are not used. Detections beyond ``scale`` standard deviations are excluded.
     """
@@ -309,7 +309,7 @@ def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: flo
 
 
 def reweighted_by_points(points: Array, part: DataTerm, term: DataTerm, scale: float) -> DataTerm:
-    """Return ``reweighted`` for the (S, L, 3) points of a sample."""
+    """Return ``reweighted`` for a sample's (S, L, 3) points."""
     xp = array_namespace(points)
     found = part.residuals(points)
     inlier = found.inliers(scale)
@@ -325,9 +325,9 @@ def reweighted_by_points(points: Array, part: DataTerm, term: DataTerm, scale: f
     return term.rescaled(xp.clip(variance / mean, *RANGE)[:, None])
 
 
-WINDOW_S = 0.5  # Length of a window: errors of markers and of networks last about as long.
-TAKE_FRAMES, WINDOW_FRAMES = 20.0, 10.0  # Frames' worth of the mean landmark, and of a landmark's mean over the take.
-LANDMARK_RANGE = (0.2, 25.0)  # Limits of the variance by the first.
+WINDOW_S = 0.5  # Length of a window in seconds. Errors of markers and networks last about that long.
+TAKE_FRAMES, WINDOW_FRAMES = 20.0, 10.0  # Weights, in frames, of the average landmark and of the take's mean.
+LANDMARK_RANGE = (0.2, 25.0)  # Limits of the variance relative to the average landmark's.
 
 
 def with_window_variances(
@@ -339,14 +339,14 @@ def with_window_variances(
     assumed so far. v_l is computed in the same way from the whole take, with the mean landmark as prior. This is the
     maximum likelihood of the log-variances (thesis eqs. 5.2, 5.3 and Kendall and Gal 2017, eq. 8) in closed form, under
     inverse-gamma priors. h is the share of a landmark's error that the body absorbs: unknowns per measured coordinate.
-    Values below the assumed level are not used, because residuals of a solution are always smooth.
+    Values below the assumed level are not used, because a solution's residuals are always smooth.
 
     Args:
-        term: landmarks measured once in all F frames.
-        points: (F, L, 3) landmarks of a solution in metres.
+        term: landmarks that are measured once in each of the F frames.
+        points: (F, L, 3) a solution's landmarks in metres.
         scale: landmarks beyond this many standard deviations are excluded.
         dof: unknowns of the solution per frame.
-        looked_at: (T,) bool, frames of the term with points, None for all. A window without any gets the mean.
+        looked_at: (T,) bool, frames of the term that have points, or None for all. A window without any gets the mean.
     """
     looked_at = np.ones(len(points), dtype=bool) if looked_at is None else looked_at
     found = term.select(np.flatnonzero(looked_at)).residuals(points)

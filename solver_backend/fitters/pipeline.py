@@ -1,4 +1,4 @@
-"""Solve a capture. This is the entry point of the command line, job files and the add-on."""
+"""Solve a capture. This is the entry point for the command line, job files and the add-on."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ from solver_backend.solver.levenberg_marquardt import LMSettings
 from solver_backend.types import Capture, MarkerCloud, MarkerSubject, Motion
 from solver_backend.types.network_result import StartingResult
 
-STATURE_ERROR_M = 0.001  # Difference from a given stature that counts as none.
+STATURE_ERROR_M = 0.001  # A smaller difference from a given stature counts as none.
 LIMBS_SIGMA, STATURE_SIGMAS = 0.015, 2.0
 """Relative standard deviation of a stature estimated from limbs, and number of deviations at which it contradicts a
 given stature (1.8 % on a take of 1.80 m)."""
@@ -61,7 +61,7 @@ given stature (1.8 % on a take of 1.80 m)."""
 def solve_single_frames(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Fit every observed frame independently, and interpolate the other frames."""
+    """Fit every observed frame independently, and interpolate all other frames."""
     seen = np.flatnonzero(problem.measurements.seen)
     states = fit_to_points(problem, subject, seen)
     scales = graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3)
@@ -74,7 +74,7 @@ def solve_single_frames(
 def solve_sliding_windows(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Solve window after window by Gauss-Newton steps, with the mixture prior."""
+    """Solve window after window by Gauss-Newton steps with the mixture prior."""
     layout = KeyframeLayout.even(problem.num_frames, settings.window, free=settings.interpolation)
     keys = initial_keys(problem, subject, layout)
     scales = graduated_scales(settings.robust_scale, 3 * settings.robust_scale, 2)
@@ -86,25 +86,25 @@ def solve_sliding_windows(
 
 
 Recipe = Callable[[Problem, Subject, SolveSettings, Progress, Stretches], MethodResult]
-"""Function that solves the poses of a take. Its last argument solves the frame ranges of a long take."""
+"""Function that solves the poses in a take. Its last argument solves the frame ranges of a long take."""
 
 
 @dataclass(frozen=True)
 class Method:
-    """Solver method with its properties, selected by name in the settings."""
+    """A solver method and its properties, selected by name in the settings."""
 
     name: str
     recipe: Recipe
-    finds_shape: bool = False  # The recipe estimates the shape. Otherwise the shape is learned before.
-    per_frame: bool = False  # Every frame is solved independently, so that one frame is enough.
+    finds_shape: bool = False  # The recipe estimates the shape. Otherwise, the shape is learned first.
+    per_frame: bool = False  # Every frame is solved independently, so that a single frame is enough.
     solves_one_view: bool = False
     starts_at: bool = False  # Can follow a start motion in frames without measurements.
     has_curves: bool = False  # The curves between keyframes can be chosen. Other methods smooth across windows.
-    fits_network: bool = False  # Fits the labelling network's landmarks of a marker recording without labels.
+    fits_network: bool = False  # Fits the labelling network's landmarks in a marker recording without labels.
     has_gaussian_codes: bool = False  # Decodes Gaussian codes. Other methods decode codes on a sphere.
 
     def prior_of(self, problem: Problem, settings: SolveSettings) -> AutoencodingPrior:
-        """Return the decoder of the poses."""
+        """Return the decoder for the poses."""
         return load_gaussian(settings.prior) if self.has_gaussian_codes else problem.prior
 
 
@@ -144,11 +144,11 @@ METHODS = {
 
 
 def require(settings: SolveSettings, trait: str, where: str, lacks: str, otherwise: str) -> None:
-    """Raise ``JobInvalid`` unless the method has a property. ``where`` names the take.
+    """Raise ``JobInvalid`` unless the method has the given property. ``where`` names the take.
 
     Args:
-        trait: field of ``Method``.
-        lacks: second part of the message's sentence.
+        trait: name of a field in ``Method``.
+        lacks: second part of the sentence in the message.
         otherwise: alternative to choosing another method.
     """
     if not getattr(METHODS[settings.method], trait):
@@ -174,7 +174,7 @@ def require_start(settings: SolveSettings, capture: Capture) -> None:
 
 
 def diagnose_settings(settings: SolveSettings, measured: Measurements) -> Iterator[Diagnostic]:
-    """Yield warnings about settings that the method, its layers or one camera ignore."""
+    """Yield warnings about settings that the method, its layers or a single camera ignore."""
     read = {name for layer in measured.layers for name in layer.SETTINGS}
     idle = [name for name in settings.without_effect if name not in read]
     if idle:
@@ -196,7 +196,7 @@ def prepare(
     start: Motion | None = None,
     results: Sequence[StartingResult] = (),
 ) -> Problem:
-    """Prepare a capture for a solver: its views, or its markers without keypoints."""
+    """Prepare a capture for a solver, using its views, or its markers if there are no keypoints."""
     markers = capture.markers if capture.keypoints is None else None
     if markers is None:
         capture.require_views()
@@ -286,7 +286,7 @@ def _prepare_markers(
 
 
 def first_subject(problem: Problem, settings: SolveSettings) -> Subject:
-    """Return the known person or the average one, with the shape of the settings if given."""
+    """Return the known person or the average one, with the shape in the settings if given."""
     if known := problem.measurements.known_person:
         return known
     subject = Subject.average(problem.body, problem.measurements.landmarks, make_origin(settings.backend))
@@ -294,7 +294,7 @@ def first_subject(problem: Problem, settings: SolveSettings) -> Subject:
 
 
 def make_origin(backend: str) -> Array:
-    """Return an array of the backend, as a template for new arrays."""
+    """Return an array from the backend, as a template for new arrays."""
     if backend == "numpy":
         return np.zeros(1)
     try:
@@ -323,24 +323,24 @@ def solve(
     """Solve the motion of the person in a capture from its keypoints or markers.
 
     Args:
-        prior: decoder of poses from unit codes with zero mean, of any length. None loads ``settings.prior``.
-        person: person from an earlier calibration of the markers. None calibrates on the take.
+        prior: decoder of poses from unit codes of zero mean, of any length. None loads ``settings.prior``.
+        person: person from an earlier marker calibration. None calibrates on the take.
         start: motion to start from, for several cameras.
-        results: networks' results for some cameras, which are combined with the detections.
-        others: motions of other people in the same take. The person moves out of them by half of the depth.
+        results: network results for some cameras, which are combined with the detections.
+        others: motions of other people in the same take. The person moves out of them by half the depth.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
         FileMissing, FileDamaged, JobInvalid: the noise map cannot be read, or is not for this capture.
-        FileMissing, WeightsInvalid, JobInvalid: the prior cannot be read, or lacks the codes that the method needs.
-        MarkersUnknown: too few markers have labels of a known layout.
+        FileMissing, WeightsInvalid, JobInvalid: the prior cannot be read, or its codes do not suit the method.
+        MarkersUnknown: too few markers have labels in a known layout.
         MarkersMirrored: left and right labels are swapped, or an axis is reversed.
-        SubjectInvalid: the person has another body, or wears other markers.
+        SubjectInvalid: the person was calibrated on another body, or wears other markers.
         TakeTooShort: the bundle needs at least 4 frames.
         PriorInvalid: the prior is inconsistent or does not fit the body.
-        BackendMissing: torch is requested but not installed, or finds no CUDA device.
-        BodyUnknown, BodyInvalid, UnsafePickle: there is no such body, or its file is invalid.
-        MotionInvalid: the start motion has another number of frames or another body.
+        BackendMissing: torch is requested but not installed, or does not find a CUDA device.
+        BodyUnknown, BodyInvalid, UnsafePickle: the body does not exist, or its file is invalid.
+        MotionInvalid: the start motion has another number of frames, or is for another body.
     """
     problem = prepare(capture, settings, progress, prior, person, start, results)
     if others:
@@ -354,10 +354,10 @@ def solve(
 
 
 def _with_stature(found: Solution, stature: float, known: float, *, has_shape: bool) -> Solution:
-    """Record the body's stature and its difference from ``known`` (0 if unknown).
+    """Record the body's stature, and its difference from ``known`` (0 if unknown).
 
     Args:
-        has_shape: the user gives the body's shape, which determines the stature.
+        has_shape: the user specifies the body's shape, which determines the stature.
     """
     off = abs(known - stature)
     is_given = off < STATURE_ERROR_M if known else has_shape
@@ -377,7 +377,7 @@ def solve_problem(
     provenance: Mapping[str, Any] | None = None,
     each: Stretches = in_turn,
 ) -> Solution:
-    """Solve the motion of the person from any measurements, with ``provenance`` in the record."""
+    """Solve the person's motion from any measurements. ``provenance`` is added to the record."""
     method = METHODS[settings.method]
     full, solved, convergence = _solve_body(problem, settings, progress, each)
     solved, _ = full.measurements.source.after(full, solved, settings, progress)
@@ -426,11 +426,11 @@ def _solve_body(
 def calibrate_person(
     captures: Sequence[Capture], settings: SolveSettings = SolveSettings(), progress: Progress = silent
 ) -> MarkerSubject:
-    """Calibrate the person who wears the same markers in one or several captures.
+    """Calibrate a person who wears the same markers in one or more captures.
 
     Raises:
         NoDetections: a capture has no markers.
-        MarkersUnknown: too few markers have labels of a known layout.
+        MarkersUnknown: too few markers have labels in a known layout.
         BackendMissing, BodyUnknown, BodyInvalid: as in ``solve``.
     """
     for capture in captures:
@@ -482,11 +482,11 @@ def resolve_motion(
 ) -> Solution:
     """Solve some frames of a motion again through pinned poses, without a recording.
 
-    Body points of the motion are the measurements. Near a pin they are not used, and the prior determines the pose.
+    The motion's body points are the measurements. Near a pin they are not used, and the prior determines the pose.
 
     Raises:
-        JobInvalid: the frame range does not fit the motion.
-        MotionInvalid: the motion has another body, or the two motions have different lengths.
+        JobInvalid: the frame range does not match the motion.
+        MotionInvalid: the motion is for another body, or the two motions have different lengths.
         NoDetections: there are too few frames between the pins.
     """
     from solver_backend.fitters.hands.solve_hands import without_fingers

@@ -1,4 +1,4 @@
-"""Define measurements of one person, and the problem and solution that they form."""
+"""Define the measurements of one person, and the problem and solution built from them."""
 
 from __future__ import annotations
 
@@ -32,56 +32,56 @@ if TYPE_CHECKING:
 
 
 class SolvedLayer:
-    """Layer after the solve."""
+    """A layer after the solve."""
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
-        """Return the motion with the layer's results. ``posed`` is the body in all frames."""
+        """Add the layer's results to the motion. ``posed`` is the body in all frames."""
         return motion
 
 
 class Layer(SolvedLayer):
-    """One kind of measurement: its part in the solve of a body, and its results in the motion."""
+    """One kind of measurement: its part in solving a body, and its results in the motion."""
 
     SETTINGS: ClassVar[frozenset[str]] = frozenset()  # Settings that the layer reads in addition to the method's.
 
     def terms(self) -> FrameObjective:
-        """Return the terms that the layer adds to the objective of every frame, by default none."""
+        """Return the terms that the layer adds to the objective of every frame. There are none by default."""
         return FrameObjective(())
 
     def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
         """Return the problem with the landmarks that the layer adds after a first solve.
 
-        A problem with other landmarks is solved again.
+        A problem whose landmarks have changed is solved again.
         """
         return problem
 
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Return the poses after the layer's solve, and the solved layer."""
+        """Return the poses after the layer's own solve, and the solved layer."""
         return solved, self
 
 
 @dataclass(frozen=True)
 class PointSource(Layer):
-    """Layer of the points that determine the body."""
+    """The layer with the points that determine the body."""
 
-    KEEPS_BONES: ClassVar[bool] = False  # Whether ``record`` needs the bones' rotations, which take most memory.
+    KEEPS_BONES: ClassVar[bool] = False  # Whether ``record`` needs the bones' rotations, which take the most memory.
     REST: ClassVar[RestWords]  # Text that reports uninformed body parts.
 
     @property
     def recipe(self) -> str:
-        """Name of the plan in ``bundle.PLANS`` that solves a whole take."""
+        """Name of the plan in ``bundle.PLANS`` for solving a whole take."""
         return "views"
 
     @property
     def calibrated(self) -> bool:
-        """True if the landmarks' positions on the body are known to millimetres."""
+        """True if the landmarks' positions on the body are known to within millimetres."""
         return False
 
     @property
     def knows_floor(self) -> bool:
-        """True if z = 0 is known to be the floor even if the user does not state it."""
+        """True if z = 0 is known to be the floor even if the user does not say so."""
         return True
 
     def report(self, points: np.ndarray) -> tuple[np.ndarray | None, dict[str, float]]:
@@ -89,11 +89,11 @@ class PointSource(Layer):
         raise NotImplementedError
 
     def constant_m(self, layout: BodyLayout) -> np.ndarray:
-        """Return the (J,) deviation in metres of errors that do not average out at a joint."""
+        """Return the (J,) deviations in metres of errors that do not average out at a joint."""
         raise NotImplementedError
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
-        """Return the data term with the noise learned from the poses of a bundle."""
+        """Return the data term with noise learned from the poses in a bundle."""
         raise NotImplementedError
 
 
@@ -101,14 +101,14 @@ class PointSource(Layer):
 class RestWords:
     """Text that reports body parts without measurements."""
 
-    severity: Severity  # Of the diagnostic.
+    severity: Severity  # Severity of the diagnostic.
     one: str  # Text for one part.
     several: str  # Text for several parts.
 
 
 @dataclass(frozen=True)
 class RoughMotion:
-    """Poses of some frames, as initial values."""
+    """Poses in some frames, as initial values."""
 
     frames: np.ndarray  # (S,) frame numbers, ascending.
     states: FrameStates  # S poses as codes.
@@ -116,17 +116,17 @@ class RoughMotion:
 
 @dataclass(frozen=True)
 class Measurements:
-    """Measurements of L points of one person over F frames."""
+    """Measurements of L points on one person over F frames."""
 
     landmarks: Landmarks  # The L points on the body.
     points: np.ndarray  # (F, L, 3) world metres, NaN where a point is unknown.
     covariance: np.ndarray  # (F, L, 3, 3) m², undefined where there is no point.
-    term: DataTerm  # Distance of landmarks from the measurements.
+    term: DataTerm  # Distances between landmarks and measurements.
     fps: float  # Frames per second.
     source: PointSource  # Source of the points.
     known_person: Subject | None = None  # Person known before the solve. Markers are calibrated first.
     rough: RoughMotion | None = None  # Initial poses, if they were found together with the person.
-    layers: tuple[Layer, ...] = ()  # Further measurements, finished after the body in this order.
+    layers: tuple[Layer, ...] = ()  # Further measurements, which are finished after the body in this order.
     provenance: dict[str, Any] = field(default_factory=dict)  # Noise and faults, for the motion's record.
 
     @property
@@ -161,7 +161,7 @@ def seen_frames(points: np.ndarray) -> np.ndarray:
     return located.sum(-1) >= min(6, located.shape[1] // 2)
 
 
-REFERENCE_FPS = 60.0  # Settings count windows in frames of this rate, as human motion does not depend on the camera.
+REFERENCE_FPS = 60.0  # Settings count windows in frames at this rate, as human motion does not depend on the camera.
 SAMPLE_FRAMES = 200  # Largest number of frames used to learn shape, bias and noise between passes.
 
 
@@ -173,11 +173,11 @@ class Problem:
     prior: AutoencodingPrior
     measurements: Measurements
     pose_terms: tuple[PoseTerm, ...]
-    others: OtherSkin | None = None  # Skin of people who were solved before.
+    others: OtherSkin | None = None  # Skin of people who have already been solved.
 
     @classmethod
     def of(cls, body: Body, prior: AutoencodingPrior, measurements: Measurements) -> Problem:
-        """Return the problem with the prior on the body's joints and the mixture prior.
+        """Build the problem, with the prior on the body's joints and the mixture prior.
 
         Raises:
             PriorInvalid: the prior is inconsistent or does not fit the body.
@@ -187,7 +187,7 @@ class Problem:
 
     @property
     def objective(self) -> FrameObjective:
-        """Terms on single frames, from data, poses, source and layers."""
+        """Terms on single frames from data, poses, source and layers."""
         return self.objective_of((self.measurements.term,))
 
     def objective_of(self, points: tuple[PointTerm, ...]) -> FrameObjective:
@@ -207,7 +207,7 @@ class Problem:
 
     @property
     def sample(self) -> np.ndarray:
-        """Up to ``SAMPLE_FRAMES`` frame numbers spread over the take."""
+        """Up to ``SAMPLE_FRAMES`` frame numbers, spread over the take."""
         count = self.num_frames
         return np.unique(np.linspace(0, count - 1, min(count, SAMPLE_FRAMES)).astype(int))
 
@@ -218,7 +218,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Solution:
-    """Solved take: the motion, and a sentence that describes how the solve ended."""
+    """A solved take: the motion, and a sentence about how the solve ended."""
 
     motion: Motion
     status: str
@@ -227,11 +227,11 @@ class Solution:
 
 @dataclass(frozen=True)
 class Convergence:
-    """Result of the last robust scale of a solve, over parts that are solved one after another."""
+    """How a solve ended at its last robust scale, over parts that are solved one after another."""
 
     parts: int
-    converged: int  # Parts with a stable cost.
-    iterations: int  # Largest number of linearisations of a part.
+    converged: int  # Number of parts whose cost is stable.
+    iterations: int  # Largest number of linearisations of any part.
 
     @classmethod
     def of(cls, result: LMResult[Any]) -> Convergence:
@@ -256,16 +256,16 @@ class Convergence:
 
 @dataclass(frozen=True)
 class SolvedFrames:
-    """Poses of a take, and other estimates of the method."""
+    """The poses in a take, and the method's other estimates."""
 
-    subject: Subject  # With the shape and bias of the last pass.
+    subject: Subject  # Contains the shape and bias from the last pass.
     frames: PosedFrames
     key_times: np.ndarray = field(default_factory=lambda: np.arange(0))  # Frame numbers of the keys, or fractions.
     covariance: Array | None = None  # (F, J, 6) of each joint, m² (see ``packed``), if the method estimates it.
     turns: Array | None = None  # (F, S, 6) of each segment's rotation, rad² (see ``turn_covariance``), if estimated.
     contacts: np.ndarray | None = None  # (F, 2) bool: left and right foot are planted, if the method detects it.
     touches: np.ndarray | None = None  # (F, 11) bool: parts on the floor (``CONTACT_PARTS``), None if only feet are.
-    fitted: PosedFrames | None = None  # Poses that fit the measurements, before parts came to rest. None if equal.
+    fitted: PosedFrames | None = None  # Poses that fit the measurements, before parts were put at rest. None if equal.
     resting: np.ndarray | None = None  # (F, J) bool: joints at rest without measurements, None if all are informed.
     diagnostics: tuple[Diagnostic, ...] = ()  # For the motion.
 

@@ -1,4 +1,4 @@
-"""Find props (rigid groups of markers off the person), and solve each."""
+"""Find props (rigid groups of markers that are not on the person), and solve each."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ SIZE = 12  # Unknowns per frame in world axes: rotation θ (``R ← exp(θ) R``)
 
 @dataclass(frozen=True)
 class PropState:
-    """Poses of a rigid body in F frames, ``x_world = R x + t``, with spin and velocity."""
+    """Poses of a rigid body in F frames, ``x_world = R x + t``, with angular and linear velocity."""
 
     R: np.ndarray
     t: np.ndarray
@@ -47,7 +47,7 @@ class PropState:
 
     @classmethod
     def of_poses(cls, R: np.ndarray, t: np.ndarray, dt: float) -> PropState:
-        """Return the state of given poses, with velocities from differences over two frames."""
+        """Return the state for given poses, with velocities from differences over two frames."""
         before, after = np.maximum(np.arange(len(t)) - 1, 0), np.minimum(np.arange(len(t)) + 1, len(t) - 1)
         step = dt * np.maximum(after - before, 1)[:, None]
         return cls(R, t, turns(R[before], R[after]) / step, (t[after] - t[before]) / step)
@@ -60,7 +60,7 @@ class PropState:
 
 
 def turns(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Return (..., 3) rotation vectors φ with ``exp(φ) before = after``."""
+    """Return the (..., 3) rotation vectors φ for which ``exp(φ) before = after``."""
     return log_so3(after @ np.swapaxes(before, -1, -2))
 
 
@@ -70,16 +70,16 @@ TURN_PRECISION = 3.0 / np.pi**2  # Precision of an unknown rotation: an angle be
 
 @dataclass(frozen=True)
 class PropEquations:
-    """Cost, gradient and Hessian of a prop's motion.
+    """Cost, gradient and Hessian for a prop's motion.
 
     The cost is ``½ Σ ρ(|R_f p_m + t_f - x_fm|² / σ²) + ½ Σ eᵀ Q⁻¹ e + ½ Σ dt (|ω|² / q_R + |v|² / q_t) / τ²``. The
     errors between frames are ``e = (log(R_f+1 R_fᵀ) - dt ω_f, t_f+1 - t_f - dt v_f, ω_f+1 - ω_f, v_f+1 - v_f)`` with
-    ``Q = [[dt³/3, dt²/2], [dt²/2, dt]] q`` and τ = ``RELAXES_S``. References: Barfoot 2017, "State Estimation for
+    ``Q = [[dt³/3, dt²/2], [dt²/2, dt]] q``, and τ is ``RELAXES_S``. References: Barfoot 2017, "State Estimation for
     Robotics", section 11.2.3 (white noise on acceleration), and Uhlenbeck and Ornstein 1930 (decaying velocities).
     """
 
     points: np.ndarray  # (F, M, 3) recorded markers, metres, NaN where missing.
-    rest: np.ndarray  # (M, 3) the markers in the prop's frame, metres.
+    rest: np.ndarray  # (M, 3) the markers relative to the prop, metres.
     sigma_m: float  # Standard deviation of a marker per axis.
     unrest: np.ndarray  # (F - 1, 2) power densities q of angular (rad²/s³) and linear acceleration (m²/s³).
     dt: float
@@ -114,13 +114,13 @@ class PropEquations:
         return np.nan_to_num(turned + state.t[:, None] - self.points), turned
 
     def weights(self, error: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return (F, M) robust costs and weights of errors, zero where unseen."""
+        """Return (F, M) robust costs and weights for errors, zero where unseen."""
         seen = np.isfinite(self.points).all(-1)
         cost, weight = geman_mcclure((error**2).sum(-1) / self.sigma_m**2, scale)
         return np.where(seen, cost, 0.0), np.where(seen, weight, 0.0)
 
     def of_markers(self, state: PropState, scale: float) -> tuple[float, np.ndarray, np.ndarray]:
-        """Return the markers' cost, and their parts of the blocks (F, 12, 12) and gradient."""
+        """Return the markers' cost, and their contributions to the blocks (F, 12, 12) and the gradient."""
         error, turned = self.residuals(state)
         cost, weight = self.weights(error, scale)
         weight = weight / self.sigma_m**2
@@ -135,7 +135,7 @@ class PropEquations:
         return 0.5 * float(cost.sum()), H, g
 
     def _between(self, state: PropState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (F - 1, 12) errors between frames, and their Jacobians by both frames."""
+        """Return the (F - 1, 12) errors between frames, and their Jacobians by both frames."""
         turn = turns(state.R[:-1], state.R[1:])
         moved = np.diff(state.t, axis=0) - self.dt * state.velocity[:-1]
         changed = np.diff(np.concatenate([state.spin, state.velocity], axis=1), axis=0)
@@ -144,7 +144,7 @@ class PropEquations:
         after = np.tile(np.eye(SIZE), (len(e), 1, 1))
         before = -after
         after[:, :3, :3] = J
-        # exp(φ) exp(-θ) changes φ by the right Jacobian's inverse, the left one's transposed.
+        # exp(φ) exp(-θ) changes φ by the inverse right Jacobian, which is the transposed inverse left one.
         before[:, :3, :3] = -np.swapaxes(J, -1, -2)
         half = np.arange(SIZE // 2)
         before[:, half, half + SIZE // 2] = -self.dt
@@ -162,7 +162,7 @@ class PropEquations:
 
 PASSES = 4  # Number of alternations between poses and shape.
 ON_A_LINE_M = 0.01  # Markers with a smaller RMS distance from a line leave the rotation about it undetermined.
-LEAST_SIGMA_M, MOST_SIGMA_M = 3e-4, 5e-3  # Limits of a marker's deviation. Optical systems have 0.1 to 1 mm.
+LEAST_SIGMA_M, MOST_SIGMA_M = 3e-4, 5e-3  # Limits of a marker's deviation. Optical systems reach 0.1 to 1 mm.
 
 
 @dataclass(frozen=True)
@@ -177,10 +177,10 @@ class PropStart:
 
 
 def start_prop(points: np.ndarray) -> PropStart:
-    """Estimate shape and poses of (F, M, 3) markers that move as one rigid body.
+    """Estimate shape and poses from (F, M, 3) markers that move as one rigid body.
 
-    The frame with most markers gives the initial shape. Then poses are aligned to the shape (``umeyama``), and the
-    shape is set to the median over frames, in several alternations.
+    The frame with most markers gives the initial shape. Then the poses are aligned to the shape (``umeyama``), and the
+    shape is set to the median over all frames, alternately.
     """
     seen = np.isfinite(points).all(-1)
     best = int(seen.sum(axis=1).argmax())
@@ -232,14 +232,14 @@ def _between(R: np.ndarray, t: np.ndarray, posed: np.ndarray) -> tuple[np.ndarra
 
 
 LAG_S, AROUND_S, USUAL_S = 0.1, 1.0, 0.1
-"""Lag of accelerations, averaging window of the unrest, and weight of the take's mean, all in seconds."""
+"""Time lag of accelerations, averaging window of the unrest, and weight of the take's mean, all in seconds."""
 LEAST_SHARE, LEAST_M, LEAST_RAD = 0.02, 2e-4, 2e-3  # Smallest unrest relative to the take's, and of a still prop.
 
 
 def unrest_of(start: PropStart, fps: float) -> np.ndarray:
-    """Return (F - 1, 2) power densities of angular acceleration and acceleration.
+    """Return (F - 1, 2) power densities of angular and linear acceleration.
 
-    With white-noise acceleration of density q, the displacements of two spans h differ by variance ``⅔ q h³``.
+    With white-noise acceleration of density q, displacements over two spans h differ by a variance of ``⅔ q h³``.
     """
     frames = len(start.t)
     lag = max(1, min(round(LAG_S * fps), (frames - 1) // 2))
@@ -269,7 +269,7 @@ def _around(values: np.ndarray, width: int) -> np.ndarray:
 class Props(Layer):
     """Recorded markers without a known location on the person."""
 
-    loose: tuple[MarkerCloud, ...] = ()  # Markers with the person's prefix. Bones carry some of them.
+    loose: tuple[MarkerCloud, ...] = ()  # Markers with the person's prefix. Some of them are carried by bones.
     others: tuple[MarkerCloud, ...] = ()  # Markers with other prefixes.
 
     @classmethod
@@ -296,20 +296,20 @@ class Props(Layer):
 
 @dataclass(frozen=True)
 class SolvedProps(SolvedLayer):
-    """Props of a take, in solving order."""
+    """The props in a take, in solving order."""
 
     props: tuple[Prop, ...]
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
-        """Return the motion with the props."""
+        """Add the props to the motion."""
         return replace(motion, props=self.props) if self.props else motion
 
 
 FIRST_SCALE, SCALE, SCALES = 1000.0, 4.0, 5
-"""First and last robust scale and number of scales, because some frames start with errors of decimetres."""
+"""First and last robust scale, and number of scales, because some frames start with errors of decimetres."""
 WRONG_M = 0.018  # Smallest error of a wrong distance, three times a rigid body's. The robust kernel handles others.
 STEPS = LMSettings(6, 1e-5)  # Most Gauss-Newton steps, and relative change of the cost at which they end. By hand.
-LEAST_FRAMES = 4  # Fewest frames that locate a prop, chosen by hand.
+LEAST_FRAMES = 4  # Smallest number of frames that locate a prop, chosen by hand.
 
 
 def solve_prop(name: str, labels: Sequence[str], points: np.ndarray, fps: float) -> Prop | None:
@@ -343,10 +343,10 @@ def _learned(equations: PropEquations, state: PropState) -> PropEquations:
 
 
 def _of_true_spread(equations: PropEquations, state: PropState) -> PropEquations:
-    """Return the equations with the residuals' variance: ``Σ w |r|² / (3 Σ w - tr H C)``.
+    """Scale the equations to the residuals' variance: ``Σ w |r|² / (3 Σ w - tr H C)``.
 
-    The trace is the number of degrees of freedom that the poses use, with their covariance C (Hodges and Sargent 2001,
-    "Counting degrees of freedom in hierarchical and other richly-parameterised models").
+    The trace is the number of degrees of freedom that the poses use, where C is their covariance (Hodges and Sargent
+    2001, "Counting degrees of freedom in hierarchical and other richly-parameterised models").
     """
     error, _ = equations.residuals(state)
     _, weight = equations.weights(error, SCALE)
@@ -375,7 +375,7 @@ def _prop(name: str, labels: Sequence[str], equations: PropEquations, state: Pro
 def _without_wrong_points(points: np.ndarray) -> np.ndarray:
     """Exclude points that contradict the largest group of agreeing markers in a frame.
 
-    If several groups are the largest, labels may be swapped, and all points that contradict any other are excluded.
+    If several groups are equally large, labels may be swapped, and all points that contradict any other are excluded.
     """
     away = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)
     off = np.abs(away - quantile(away, 0.5, axis=0))
@@ -392,8 +392,8 @@ def _without_wrong_points(points: np.ndarray) -> np.ndarray:
 
 STAGE = "Solving the props"
 MOST = 12
-"""Largest number of props per take. Those with the most markers are kept. Many stray points form groups by chance."""
-FAR_M = 0.004  # Smallest median marker error of a group that is not rigid.
+"""A group is not rigid if its median marker error reaches this."""
+FAR_M = 0.004  # A group whose median marker error is at least this large is not rigid.
 UNSURE_M, UNSURE_RAD = 0.02, np.radians(10.0)  # Standard deviations beyond which a prop's pose is unknown.
 
 

@@ -1,12 +1,11 @@
-"""Pose body parts without informative landmarks at rest, with people's spread.
+"""Put body parts without informative landmarks at rest, with the spread found in people.
 
-No measurement depends on the rotations of such parts. With the conditional prior ``p(part | seen) = N(rest(seen), Σ)``
-the posterior factors: observed joints keep the optimum of the fit, the part gets its rest pose, and its covariance is
-the spread in recordings. A prior within the fit would move observed joints too, because the marker on a shoulder moves
-with the arm. For a raised arm without other markers (UI-PRMD m06_s04_e05) a prior of 0.3 rad moves the shoulder by 36
-mm instead of 8. Markers that move with a resting part are compared with the pose before the part is put at rest.
-``offsets`` are (L, 3) offsets of the landmarks in the rest frame in metres. ``located`` (F, L) marks the known
-landmarks.
+No measurement depends on the rotations of such parts. With the conditional prior ``p(part | seen) = N(rest(seen), Σ)``,
+the posterior factorises: observed joints keep the optimum of the fit, the part gets its rest pose, and its covariance
+is the spread in recordings. A prior within the fit would also move observed joints, because the marker on a shoulder
+moves with the arm. For a raised arm without other markers (UI-PRMD m06_s04_e05), a prior of 0.3 rad moves the shoulder
+by 36 mm instead of 8. Markers that move with a resting part are compared with the pose before the part was put at rest.
+``offsets`` are the landmarks' (L, 3) offsets in the rest pose in metres. ``located`` (F, L) marks the known landmarks.
 """
 
 from __future__ import annotations
@@ -45,34 +44,34 @@ SPREAD_MM: dict[str, dict[str, tuple[float, float, float]]] = {
     "hip": {"ankle": (13, 398, 81), "foot": (13, 352, 166)},
 }  # fmt: skip
 """Standard deviations in mm along the anchor bone's axes (left, up and front at rest) for a person with an upright
-pelvis, keyed by anchor (without side). Fitted with ``python -m tests.benchmarks.resting_spread`` to recordings of CMU,
-UI-PRMD and running laboratories, so that ellipsoids contain about 50, 80 and 95 %. Trunk and head have 1.2 to 2.5 times
-these values, as the pelvis leans by 8 degrees without their markers."""
+pelvis, keyed by anchor (without side). Fitted with ``python -m tests.benchmarks.resting_spread`` to recordings from
+CMU, UI-PRMD and running laboratories, so that ellipsoids contain about 50, 80 and 95 %. Trunk and head have 1.2 to 2.5
+times these values, because without their markers the pelvis leans by 8 degrees."""
 BESIDE_MM: dict[str, dict[str, float]] = {
     "trunk": {"pelvis": 7.0, "hip": 9.5, "spine1": 20.0}, "thigh": {"pelvis": 6.5, "hip": 9.5},
 }  # fmt: skip
-"""Additional deviation per axis in mm of joints beside a resting part, keyed by part (without side). The part's markers
-would have shown the lean of the pelvis and the person's size. Two resting thighs both count."""
+"""Additional deviation per axis in mm of joints next to a resting part, keyed by part (without side). The part's
+markers would have shown the lean of the pelvis and the person's size. Two resting thighs both count."""
 TILT_DEG, MOST_DEG = 15.0, 60.0
 """Lean of the pelvis in degrees that doubles the spread of trunk, head and legs, and largest lean that counts, because
 people who sit or kneel vary more."""
 ARM_TILT_DEG, ARM_MOST_DEG = 100.0, 45.0
-"""The same two values for arms, for leans beyond ``TILT_DEG``. Without it ellipsoids are 1.1, 1.3 and 1.5 times too
-small at 25, 40 and 60 degrees."""
+"""The same two values for arms, for leans beyond ``TILT_DEG``. Without them, ellipsoids would be 1.1, 1.3 and 1.5 times
+too small at 25, 40 and 60 degrees."""
 SLOW_M_S, FAST_M_S, WINDOW_S = 0.3, 0.8, 0.5
-"""Largest ground speed of a stationary pelvis, smallest speed of a walk (both in m/s), and averaging time in s."""
+"""Largest ground speed of a stationary pelvis, smallest walking speed (both in m/s), and averaging time in s."""
 WALKING = {"arm": 0.62, "upper": 0.75}
 """Spread of walkers' arms, and of head and shoulders above an observed pelvis, relative to other people's. Radii that
 contain 50, 80 and 95 % of CMU's walks are 0.47, 0.66 and 0.81 times as large for arms, and 0.74, 0.73 and 0.75 for the
 upper body."""
 LOW_M, LOWEST_M, LOW = 0.03, 0.14, 1.35
-"""Pelvis drops (m) at which the legs' spread starts and stops to grow, and its largest factor (CMU: 1.2 to 1.4)."""
+"""Pelvis drops (m) between which the legs' spread grows, and the largest factor of this growth (CMU: 1.2 to 1.4)."""
 _ARM, _LEG, _UPPER = ("elbow", "wrist", "hand"), ("knee", "ankle", "foot"), ("neck", "head", "collar", "shoulder")
 
 
 @dataclass(frozen=True)
 class Stance:
-    """Stance of a person, derived from the pelvis. All arrays are (F,)."""
+    """A person's stance, derived from the pelvis. All arrays are (F,)."""
 
     lean: np.ndarray  # Degrees between the pelvis axis and the vertical.
     walking: np.ndarray  # From 0 (in place) to 1 (walking).
@@ -80,7 +79,7 @@ class Stance:
 
 
 def stance(rotations: np.ndarray, places: np.ndarray, fps: float) -> Stance:
-    """Return the stance from rotations and positions of a pelvis in metres, Z up."""
+    """Compute the stance from the rotations and positions of a pelvis in metres, Z up."""
     lean = np.degrees(np.arccos(np.clip(rotations[:, 2, 1], -1.0, 1.0)))
     half, every = max(1, round(0.5 * WINDOW_S * fps)), np.arange(len(places))
     first, last = np.maximum(every - half, 0), np.minimum(every + half, len(places) - 1)
@@ -100,14 +99,14 @@ def with_resting_spread(
 ) -> np.ndarray:
     """Return (F, J, 6) covariances: ``(1 - s) C + s (C_anchor + k² G D² Gᵀ)``.
 
-    k is ``growth``. Joints of ``BESIDE_MM`` also get its variances, multiplied by s.
+    k is ``growth``. The variances in ``BESIDE_MM``, multiplied by s, are added to its joints.
 
     Args:
         covariance: (F, J, 6) covariances C of the fit in m² (see ``packed``).
         rotations: (F, J, 3, 3) global rotations G.
         shown: stance of the person.
         below: joints that each part's rotations move.
-        shares: (F,) weight s of each part's rest.
+        shares: (F,) weight s of each part's rest pose.
     """
     found = unpacked(covariance)
     for part in reversed(ANCHORS):
@@ -132,11 +131,11 @@ def with_resting_spread(
 
 
 def growth(shown: Stance, anchor: str, joint: str) -> np.ndarray:
-    """Return the factor on a joint's spread about its anchor, relative to standing.
+    """Return the factor for a joint's spread around its anchor, relative to standing.
 
     The factor is ``1 + min(θ, MOST_DEG) / TILT_DEG`` for trunk, head and legs, ``1 + clip(θ - TILT_DEG, 0,
     ARM_MOST_DEG) / ARM_TILT_DEG`` for arms, and 1 for a head on an observed chest. For walkers it is multiplied by
-    ``WALKING``, and for legs by ``LOW``. θ is the pelvis's lean.
+    ``WALKING``, and for legs by ``LOW``. θ is the lean of the pelvis.
     """
     if joint in _ARM:
         leaning = 1.0 + np.clip(shown.lean - TILT_DEG, 0.0, ARM_MOST_DEG) / ARM_TILT_DEG
@@ -156,19 +155,19 @@ def _bare(name: str) -> str:
 CORE = ("pelvis", "spine1", "spine2", "spine3", "neck", "head")  # A measurement of one of these locates the body.
 NEAR_M, NEAR_HIP_M = 0.13, 0.17
 """Largest distance of a landmark from a joint that it measures. The pelvis markers are 114 mm from the pelvis joint and
-150 mm from the hips. The acromion marker is 153 mm from the neck. A wand, 230 mm from the hip, does not measure it."""
+150 mm from the hips. The acromion marker is 153 mm from the neck. A wand 230 mm from the hip does not measure it."""
 LONG_M = 0.2  # Shortest bone of a limb. Bones of the trunk and the feet are shorter.
 BEYOND_CHEST_RAD, BEYOND_LIMBS_RAD, BEYOND_LIMB_RAD = 0.15, 0.25, 0.60
 """Standard deviation per axis, in metres, of an assumed joint per metre from the nearest landmark: with a measured
-trunk or head, with two measured limbs, and with one. In six takes of CMU and UI-PRMD the pelvis has RMS errors per axis
-of 33 mm below a chest, 85 above legs, 90 between arms, 155 above one leg and 290 below one arm."""
+trunk or head, with two measured limbs, and with one. In six takes from CMU and UI-PRMD, the pelvis has RMS errors per
+axis of 33 mm below a chest, 85 above legs, 90 between arms, 155 above one leg and 290 below one arm."""
 _LEG_JOINTS = ("hip", "knee", "ankle", "foot")
 _SHOWN = "pelvis pelvis, hip hips, knee knees, spine trunk, collar shoulders, shoulder shoulders, neck head, head head"
 _WORDS = dict[str, str](map(str.split, _SHOWN.split(", ")))
 
 
 def assumed_joints(body: Body, landmarks: Landmarks, offsets: np.ndarray, located: np.ndarray) -> dict[str, float]:
-    """Return the deviation in metres of joints that only the posture determines.
+    """Return the deviations in metres of joints that only the posture determines.
 
     A joint is measured if a landmark is near it, or if it lies between measured joints: between any two if one of them
     is in ``CORE``, otherwise along one limb. Two knees do not determine thighs. An arm without a trunk does not
@@ -198,7 +197,7 @@ def assumed_joints(body: Body, landmarks: Landmarks, offsets: np.ndarray, locate
 
 
 def with_assumed_spread(covariance: np.ndarray, layout: BodyLayout, assumed: Mapping[str, float]) -> np.ndarray:
-    """Return (F, J, 6) covariances in m² with ``σ² I`` added for assumed joints."""
+    """Add ``σ² I`` to the (F, J, 6) covariances in m² of assumed joints."""
     found = unpacked(covariance)
     for name, sigma in assumed.items():
         if name in layout.joints:
@@ -214,7 +213,7 @@ def assumed_places(assumed: Mapping[str, float], at_rest: Collection[str]) -> tu
 
 
 def joined_words(words: Sequence[str]) -> str:
-    """Return names as a list in text, such as "arms, trunk and head"."""
+    """Join names as a list in text, such as "arms, trunk and head"."""
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
@@ -261,9 +260,9 @@ LEADS: dict[str, tuple[str, float]] = {
         for side in ("left", "right")
     },
 }
-"""Joint that poses each part of ``PARTS``, and smallest lever in metres of an informative landmark. The waist markers
-have 53 mm about the lowest spine joint, C7 31 mm about the neck, and the acromion 34 mm about the shoulder."""
-HOLD_S, FADE_S = 0.5, 0.5  # Time for which an uninformed part follows the fit, and time of its transition to rest.
+"""Joint that poses each part in ``PARTS``, and smallest lever in metres of an informative landmark. The waist markers
+have 53 mm about the lowest spine joint, C7 has 31 mm about the neck, and the acromion 34 mm about the shoulder."""
+HOLD_S, FADE_S = 0.5, 0.5  # Seconds that an uninformed part follows the fit, and seconds of its transition to rest.
 UNKNOWN_S = 0.5
 """Time in seconds after the informed frames in which a part's deviation rises to the resting deviation. Arms have
 errors of 29 to 242 mm after 0.5 s without markers (CMU, UI-PRMD), but the fit states 14 to 26 mm. The fit is still
@@ -271,8 +270,8 @@ better than the rest pose."""
 
 
 BETWEEN = 0.4
-"""Largest weight of the resting variance in interpolated gaps. In gaps of 0.5 and 1 s (CMU 02_01, 135_02) joints have
-errors of 40 to 175 mm per axis, but the fit states 8 to 22. In a gap of 0.1 s the cubic weight is 3 %."""
+"""Largest weight of the resting variance in interpolated gaps. In gaps of 0.5 and 1 s (CMU 02_01, 135_02), joints have
+errors of 40 to 175 mm per axis, but the fit states 8 to 22. In a gap of 0.1 s, the cubic weight is 3 %."""
 
 
 @dataclass(frozen=True)
@@ -292,12 +291,12 @@ def resting_shares(
     fps: float,
     pinned: Sequence[int] = (),
 ) -> PartShares:
-    """Return the weights of rest pose and resting variance for uninformed parts.
+    """Return the weights of the rest pose and the resting variance for uninformed parts.
 
     A landmark informs a part if its lever about the part's first joint is at least the lever in ``LEADS``. The weight
     of the rest pose is ``3 u² - 2 u³``. u rises from 0 to 1 within ``FADE_S``, beginning ``HOLD_S`` after the last
-    informed frame. The weight of the variance is the squared time over ``UNKNOWN_S`` before the first and after the
-    last informed frame. Between informed frames it is the third power, at most ``BETWEEN``. Frames outside ``seen``
+    informed frame. The weight of the variance is the square of time over ``UNKNOWN_S`` before the first and after the
+    last informed frame. Between informed frames, it is the third power, at most ``BETWEEN``. Frames outside ``seen``
     (F,) do not place the body and are interpolated. ``pinned`` frames inform every part.
     """
     known = np.isin(np.arange(len(seen)), list(pinned))
@@ -321,7 +320,7 @@ def resting_shares(
 
 
 def uninformed_parts(body: Body, measurements: Measurements) -> tuple[str, ...]:
-    """Return the parts without an informed frame, for landmarks without offsets."""
+    """Return the parts that are not informed in any frame, for landmarks without offsets."""
     return parts_without(body, measurements.landmarks, measurements.located.any(axis=0))
 
 
@@ -332,7 +331,7 @@ def parts_without(body: Body, landmarks: Landmarks, located: np.ndarray) -> tupl
 
 
 def levers(body: Body, landmarks: Landmarks, offsets: np.ndarray) -> np.ndarray:
-    """Return (L, J) movements of landmarks at rest in metres per radian at each joint."""
+    """Return how far landmarks at rest move per radian at each joint, (L, J) in metres."""
     below = subtree_matrix(body.parents)
     share = landmarks.weights @ below.T
     places = np.einsum("jb,lbi->lji", below, landmarks.anchors) + share[..., None] * offsets[:, None]
@@ -352,9 +351,9 @@ _NAMES = {"upper_arm": "upper arm", "forearm": "forearm", "thigh": "thigh", "sha
 
 
 def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequence[int] = ()) -> SolvedFrames:
-    """Return the poses with the uninformed parts at rest, or the same object if there are none.
+    """Put the uninformed parts of the poses at rest. Return the same object if there are none.
 
-    ``pinned`` are frames with a user-defined pose.
+    ``pinned`` are frames whose pose the user defined.
     """
     subject, frames = solved.subject, solved.frames
     body, layout = subject.body, subject.body.layout.recorded
@@ -365,7 +364,7 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
     if not spread and not assumed:
         return solved
     below = {part: _below(layout, part) for part in spread}
-    if not shares and not assumed:  # every part is informed, some of them not to the take's ends
+    if not shares and not assumed:  # every part is informed, though some not to the take's ends
         return replace(solved, covariance=_spread_out(solved, measurements.fps, layout, below, spread))
     where, sigma_m = assumed_places(assumed, {name for part in shares for name in below[part]})
     local = to_numpy(frames.local)
@@ -449,7 +448,7 @@ def _diagnose(shares: dict[str, np.ndarray], words: RestWords) -> Iterator[Diagn
 
 
 def listed(parts: list[str]) -> str:
-    """Return names for parts of ``PARTS``, combined as in "Arms and head"."""
+    """Return the names of parts in ``PARTS``, combined as in "Arms and head"."""
     words = []
     for limb, halves in (("arm", ("upper_arm", "forearm")), ("leg", ("thigh", "shank"))):
         sides = {side: [half for half in halves if f"{side}_{half}" in parts] for side in ("left", "right")}

@@ -1,4 +1,4 @@
-"""Fit poses of sampled frames to triangulated points (thesis eq. 6.5)."""
+"""Fit poses in sampled frames to triangulated points (thesis eq. 6.5)."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from solver_backend.solver.levenberg_marquardt import DenseBlocks, LazyNormalEqu
 
 
 def posed(prior: PosePrior, states: FrameStates) -> PosedFrames:
-    """Return the decoded poses of the states."""
+    """Decode the states to poses."""
     return PosedFrames(states.root, decoded(prior, states.z, states.residual), states.transl)
 
 
@@ -50,7 +50,7 @@ def fit_frames(
     settings: LMSettings,
     progress: Progress = silent,
 ) -> LMResult[FrameStates]:
-    """Fit each frame through decreasing robust scales, and return the result of the last scale."""
+    """Fit each frame with decreasing robust scales, and return the result for the last scale."""
     problem = _FrameProblem(subject, prior, objective, state_layout(prior).without(RESIDUAL))
     if problem.layout.turned and start.residual is None:
         start = replace(start, residual=zeros((start.z.shape[0], len(prior.joints), 3), start.z))
@@ -68,7 +68,7 @@ class _FrameProblem:
     layout: StateLayout
 
     def linearise(self, state: FrameStates, scale: float) -> tuple[Array, LazyNormalEquations]:
-        """Return the costs of the frames and their equations, formed on demand."""
+        """Return the costs of the frames, and their equations, which are formed on demand."""
         prior, layout = self.prior, self.layout
         equations = frame_equations(self.subject, posed(prior, state), self.objective, scale, slice(None))
 
@@ -84,7 +84,7 @@ class _FrameProblem:
 
 
 def bridged_states(states: FrameStates, seen: np.ndarray, num_frames: int) -> FrameStates:
-    """Return states of all frames on geodesics between observed frames (S,)."""
+    """Return the states in all frames, on geodesics between observed frames (S,)."""
     frame = np.arange(num_frames)
     after = np.clip(np.searchsorted(seen, frame), 0, len(seen) - 1)
     before = np.where(seen[after] <= frame, after, np.maximum(after - 1, 0))
@@ -138,8 +138,8 @@ _START_POSES: tuple[dict[str, Angles], ...] = (
 STAGE = "Fitting single frames"
 POSE_SIGMA_M = 0.03
 """Error in metres of points on a body of unknown shape, added to the points' measurement error."""
-BLOCK_FRAMES = 64  # Frames fitted at a time.
-NEAR, FAR = ((8.0,), 4), ((20.0, 5.0), 12)  # Robust scales and linearisations from the lifter's, and from a start pose.
+BLOCK_FRAMES = 64  # Number of frames fitted at a time.
+NEAR, FAR = ((8.0,), 4), ((20.0, 5.0), 12)  # Robust scales and linearisations from lifted and from start poses.
 TOLERANCE = 1e-2  # Initial values are good enough if no frame's cost decreases by more than this share.
 
 
@@ -160,7 +160,7 @@ def points_term(measurements: Measurements, frames: np.ndarray, like: Array) -> 
 
 
 def fit_to_points(problem: Problem, subject: Subject, frames: np.ndarray, progress: Progress = silent) -> FrameStates:
-    """Fit poses to known points, starting from the lifter's or the best start pose."""
+    """Fit poses to known points, starting from the lifter's pose or the best start pose."""
     size = block_size(BLOCK_FRAMES, subject.betas)
     blocks = [frames[i : i + size] for i in range(0, len(frames), size)]
     report = partial(_report, progress, len(blocks))
@@ -183,7 +183,7 @@ def _fit_block(problem: Problem, subject: Subject, frames: np.ndarray) -> FrameS
 
 
 def lifted_betas(subject: Subject, measurements: Measurements, frames: np.ndarray) -> Array:
-    """Return the lifter's mean (10,) shape, or the subject's shape."""
+    """Return the mean of the lifter's (10,) shapes, or the subject's shape."""
     lifted = _lifted(subject, points_term(measurements, frames, subject.betas))
     xp = array_namespace(lifted.betas)
     count = xp.sum(xp.astype(lifted.usable, lifted.betas.dtype))
@@ -235,12 +235,12 @@ def _start(subject: Subject, prior: PosePrior, term: PositionTerm, values: dict[
 
 RATE_HZ, ANCHORS_HZ = 10.0, 2.0  # Fitted frames per second, and how many of them start without neighbours.
 ROUGH_SCALES, ROUGH_STEPS = (30.0, 6.0), LMSettings(3, 3e-2)
-"""Robust scales and steps. The wide scale finds distant limbs, then the narrow one rejects wrong labels."""
-STRAYED = 6.0  # Cost relative to the median above which a frame is fitted again without neighbours.
+"""Robust scales and steps. The wide scale finds distant limbs, and the narrow one then rejects wrong labels."""
+STRAYED = 6.0  # If a frame's cost relative to the median exceeds this, it is fitted again without neighbours.
 
 
 def rough_motion(problem: Problem, subject: Subject) -> RoughMotion:
-    """Estimate poses of about ``RATE_HZ`` frames per second, most from two earlier ones."""
+    """Estimate poses in about ``RATE_HZ`` frames per second. Most start from two earlier ones."""
     seen = np.flatnonzero(problem.measurements.seen)
     frames = np.unique(np.append(seen[:: max(1, round(problem.fps / RATE_HZ))], seen[-1]))
     chosen = np.unique(np.append(np.arange(0, len(frames), round(RATE_HZ / ANCHORS_HZ)), len(frames) - 1))
@@ -258,7 +258,7 @@ def rough_motion(problem: Problem, subject: Subject) -> RoughMotion:
 
 
 def rough_markers(problem: Problem, subject: Subject, rough: RoughMotion) -> np.ndarray:
-    """Return (F, L, 3) rough marker positions on a body in metres."""
+    """Return the (F, L, 3) rough marker positions on a body in metres."""
     xp = array_namespace(rough.states.z)
     states = bridged_states(rough.states.astype(xp.float32), rough.frames, problem.num_frames)
     points = points_of(subject.astype(xp.float32), posed(problem.prior, states))

@@ -1,4 +1,4 @@
-"""Find skin that touches the floor or objects, and keep it outside of them and in place."""
+"""Find skin that touches the floor or objects, and keep it outside them and in place."""
 
 from __future__ import annotations
 
@@ -23,34 +23,34 @@ from solver_backend.residuals.positions import BindingTerm, PositionTerm, Surfac
 
 FLOOR = Obstacles.floor()
 NEAR_M = 0.25  # A lower landmark may belong to a part that touches the floor, at the distance of flesh or half a hand.
-DEEP_M = 0.01  # Skin deeper below the floor is evidence of a contact.
-SAMPLE_S = 0.05  # Time between frames whose whole skin is posed.
+DEEP_M = 0.01  # Skin that is deeper below the floor is evidence of a contact.
+SAMPLE_S = 0.05  # Seconds between frames in which the whole skin is posed.
 REACH_M = 0.03  # Skin up to this height above the floor may touch it after the solve.
-SOLE_M = 0.02  # Vertices of a foot up to this height above its lowest one at rest are its sole.
+SOLE_M = 0.02  # Foot vertices up to this height above the foot's lowest one at rest form its sole.
 LEVEL_M = 0.03
-"""Smallest depth of the lowest skin, in metres, that shows another floor level: the mean of the deepest level with a
-true floor, 8 mm (``bench contacts``, level_deepest), and a step or wrong floor of 5 cm."""
+"""Smallest depth in metres of the lowest skin that shows another floor level: between the mean of the deepest level
+with a true floor, 8 mm (``bench contacts``, level_deepest), and a step or wrong floor of 5 cm."""
 HANDS = (6, 7)  # Numbers of the hands' parts. Body keypoints do not determine the orientation of hands.
-LOWEST_M = 0.01  # Skin up to this height above a part's lowest skin touches in a contact that the user added.
-SURE = 3.09  # Normal quantile at which one of 1000 true surfaces is rejected.
+LOWEST_M = 0.01  # In a contact that the user added, skin up to this height above a part's lowest skin touches.
+SURE = 3.09  # Normal quantile at which one in 1000 true surfaces is rejected.
 SPACING_M = 0.03  # Distance between selected points on the skin.
 DEPTH_SIGMA_M, HOLD_SIGMA_M = 0.002, 0.004
-"""Standard deviations in metres of skin below the floor, and of held skin from its position. With 4 and 8 mm, skin of
-the tuning clips (``bench contacts``, fit_floor) is 2 mm deeper and joints are as accurate."""
+"""Standard deviations in metres of skin below the floor, and of held skin from its position. With 4 and 8 mm, skin in
+the tuning clips (``bench contacts``, fit_floor) is 2 mm deeper and joints are equally accurate."""
 
 
 @dataclass(frozen=True)
 class SkinContacts:
     """Contact state of S skin points near the floor."""
 
-    landmarks: Landmarks  # The person's L landmarks, then the S points.
+    landmarks: Landmarks  # The person's L landmarks, followed by the S points.
     parts: np.ndarray  # (S,) number of each point's part in ``CONTACT_PARTS``.
-    solid: np.ndarray  # (F, S) bool: the point must be outside of the nearest surface.
+    solid: np.ndarray  # (F, S) bool: the point must be outside the nearest surface.
     held: np.ndarray  # (F, S) bool: the point is fixed.
     added: np.ndarray  # (F, S) bool: held because of a contact that the user added.
     anchors: np.ndarray  # (F, S, 3) metres: position at which it is held.
     normals: np.ndarray  # (F, S, 3) unit normal of the nearest surface.
-    offsets: np.ndarray  # (F, S) metres: ``n·x`` of the surface there.
+    offsets: np.ndarray  # (F, S) metres: ``n·x`` of that surface.
     afloat: np.ndarray  # (F,) bool: added contacts are fixed, because no floor or object is near.
     lowest: np.ndarray  # (F,) height of the lowest skin in metres. Hands below the floor are ignored.
     works: np.ndarray  # (F, 11) bool: parts with fixed skin, or that a surface moves by more than ``DEEP_M``.
@@ -64,7 +64,7 @@ class SkinContacts:
         return bool(self.solid.any() or self.held.any())
 
     def terms(self, like: Array, firmness: float) -> SkinTerms:
-        """Return the terms that keep points outside of surfaces, and held points in place."""
+        """Return the terms that keep points outside surfaces, and held points in place."""
         precision = np.where(self.solid, DEPTH_SIGMA_M**-2, 0.0)
         surface = SurfaceTerm(*(constant(part, like) for part in (self.normals, self.offsets, precision)))
         found, stated = (
@@ -76,7 +76,7 @@ class SkinContacts:
         return SkinTerms(self.landmarks, (surface, *held))
 
     def notes(self) -> Iterator[Diagnostic]:
-        """Yield diagnostics of locked parts other than feet, and of the floor's error."""
+        """Yield diagnostics about locked parts other than feet, and about the floor's error."""
         found, afloat = self.touches[:, FEET:], self.afloat
         if found.any():
             names = list(CONTACT_PARTS)[FEET:]
@@ -91,7 +91,7 @@ class SkinContacts:
             yield diagnostic("foot_below_floor", size=-100 * float(self.lowest[afloat].min()))
 
     def beside(self, other: SkinContacts) -> SkinContacts:
-        """Return both, with everything of single frames from this one."""
+        """Combine both. Everything that concerns single frames is taken from this one."""
         points = ("solid", "held", "added", "anchors", "normals", "offsets")
         joined = {name: np.concatenate([getattr(self, name), getattr(other, name)], axis=1) for name in points}
         count = len(self.landmarks) - len(self.parts)
@@ -114,7 +114,7 @@ def contradicts(works: np.ndarray, rise: np.ndarray) -> bool:
 
     Args:
         works: (F, 11) bool, parts that surfaces affect in each frame.
-        rise: (F,) change of twice the measurements' robust cost by the contacts.
+        rise: (F,) change in twice the measurements' robust cost due to the contacts.
     """
     works = works[:, works.any(axis=0)]
     share = works / works.sum(axis=0)
@@ -124,12 +124,12 @@ def contradicts(works: np.ndarray, rise: np.ndarray) -> bool:
 
 
 def _by_part(points: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """Return an (F, 11) mask of the parts with any of the points (F, S)."""
+    """Return an (F, 11) mask of the parts that have any of the points (F, S)."""
     return np.stack([points[:, parts == k].any(axis=1) for k in range(len(CONTACT_PARTS))], axis=1)
 
 
 def parts_of_skin(body: Body) -> np.ndarray:
-    """Return each vertex's part in ``CONTACT_PARTS``, by the joint of largest weight."""
+    """Return each vertex's part in ``CONTACT_PARTS``, given by the joint with the largest weight."""
     numbers, of_joint = list(CONTACT_PARTS), np.full(len(body.parents), -1)
     for joint, (name, parent) in enumerate(zip(body.layout.joints, body.parents, strict=True)):
         part = part_of_joint(name)
@@ -148,20 +148,20 @@ def find_skin_contacts(
     *,
     detects: bool = True,
 ) -> SkinContacts | None:
-    """Find skin contacts with floor and objects, or return None if only feet touch.
+    """Find skin contacts with the floor and objects. Return None if only feet touch.
 
-    If there are objects, feet count too. If the user changed contacts, there is always a result.
+    If there are objects, feet also count. If the user changed contacts, there is always a result.
 
-    A point touches with probability ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)`` for distance z and speed v. It is
-    held while this exceeds one half for at least the duration of a step. Points stay outside of surfaces in all frames.
-    The floor z = 0 is ignored in frames of ``_off_floor``.
+    A point touches with probability ``exp(-(max(z, 0) / σ)² / 2 - (v / τ)² / 2)``, given distance z and speed v. It is
+    held while this exceeds one half for at least the duration of a step. Points stay outside surfaces in all frames.
+    The floor z = 0 is ignored in the frames that ``_off_floor`` finds.
 
     Args:
         frames: F solved poses.
         points: (F, L, 3) landmarks in these poses in metres.
         world: the floor, with or without objects.
         told: contacts that the user added or removed, which always win.
-        fixed: (F,) bool, frames that will not move.
+        fixed: (F,) bool, frames that do not move.
         detects: False to use only contacts that the user added.
     """
     body, low = subject.body, np.array([not _of_foot(name) for name in subject.landmarks.names])
@@ -210,9 +210,9 @@ def find_skin_contacts(
 def find_touching_people(
     subject: Subject, frames: PosedFrames, fps: float, others: OtherSkin, seen: np.ndarray
 ) -> SkinContacts | None:
-    """Find skin near or in other people, None if none is deeper than ``DEEP_M``.
+    """Find skin near or in other people. Return None if none is deeper than ``DEEP_M``.
 
-    Nothing is held, because people move. Frames outside of the (F,) mask ``seen`` have no contacts.
+    Nothing is held, because people move. Frames that are not in the (F,) mask ``seen`` have no contacts.
     """
     vertices, count = spread_vertices(subject.body), frames.transl.shape[0]
     sampled, known = np.arange(0, count, max(1, round(SAMPLE_S * fps))), np.flatnonzero(seen)
@@ -228,7 +228,7 @@ def find_touching_people(
         return None
     still, none = np.zeros(solid.shape, bool), np.zeros(count)
     works, deepest = _by_part(height < -DEEP_M, parts), -float(height.min())
-    # Both people move out of each other by half of the depth.
+    # Each person moves out of the other by half the depth.
     height = np.where(solid, np.where(height < 0.0, 0.5 * height, height), 0.0)
     offsets = (normals * placed).sum(axis=-1) - height
     joined = Landmarks.joined([subject.landmarks, skin])
@@ -237,7 +237,7 @@ def find_touching_people(
 
 
 def _posed_skin(subject: Subject, frames: PosedFrames, vertices: np.ndarray) -> tuple[Landmarks, np.ndarray]:
-    """Return skin vertices as landmarks, and their (F, S, 3) places."""
+    """Return skin vertices as landmarks, and their (F, S, 3) positions."""
     body, names = subject.body, tuple(f"skin {vertex}" for vertex in vertices)
     arrays = (values[vertices] for values in (body.v_template, body.shapedirs, body.weights))
     skin = Landmarks.of_points(names, *arrays, posedirs=body.posedirs[vertices])
@@ -248,9 +248,9 @@ def _posed_skin(subject: Subject, frames: PosedFrames, vertices: np.ndarray) -> 
 def _off_floor(lowest: np.ndarray, fps: float, world: Obstacles) -> np.ndarray:
     """Return an (F,) mask of frames in which the person is on another floor than z = 0.
 
-    ``lowest`` (F,) is the height of the lowest skin in metres. The mask contains ranges of at least a step's duration
-    with skin below ``-LEVEL_M``, and frames near them. It contains all frames if the median height is below
-    ``-LEVEL_M``, or, without objects, above ``FLOOR_M``.
+    ``lowest`` (F,) is the height of the lowest skin in metres. The mask contains ranges that last at least as long as a
+    step and have skin below ``-LEVEL_M``, and the frames near them. It contains all frames if the median height is
+    below ``-LEVEL_M``, or, without objects, above ``FLOOR_M``.
     """
     level, off = float(np.median(lowest)), np.zeros(len(lowest), bool)
     if level < -LEVEL_M or (level > FLOOR_M and not world.has_objects):
@@ -262,7 +262,7 @@ def _off_floor(lowest: np.ndarray, fps: float, world: Obstacles) -> np.ndarray:
 
 
 def _obey(held: np.ndarray, height: np.ndarray, parts: np.ndarray, told: Sequence[UserContact]) -> np.ndarray:
-    """Hold the lowest skin of added contacts, and release removed ones."""
+    """Hold the lowest skin in added contacts, and release removed ones."""
     added = np.zeros(held.shape, bool)
     for contact in told:
         part = np.ix_(range(contact.first, contact.last + 1), parts == list(CONTACT_PARTS).index(contact.part))
@@ -285,7 +285,7 @@ def _shifts(height: np.ndarray, held: np.ndarray, parts: np.ndarray) -> np.ndarr
 
 
 def _anchors(place: np.ndarray, held: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-    """Return (F, S, 3) mean positions over each contact, or over its (F,) fixed frames if any."""
+    """Return the (F, S, 3) mean positions over each contact, or over its (F,) fixed frames if it has any."""
     anchors = np.zeros(place.shape)
     for k in range(held.shape[1]):
         for first, last in true_runs(held[:, k]):
@@ -302,7 +302,7 @@ def _of_foot(name: str) -> bool:
 def _low_vertices(
     subject: Subject, frames: PosedFrames, near: np.ndarray, fps: float, world: Obstacles, told: Sequence[UserContact]
 ) -> np.ndarray:
-    """Return sole vertices, and vertices near a surface or lowest in added contacts.
+    """Return sole vertices, and vertices that are near a surface or lowest in added contacts.
 
     They are at least ``SPACING_M`` apart at rest. The deepest ones are chosen first.
     """

@@ -1,4 +1,4 @@
-"""Fit a hand with a known wrist to its markers, with marker offsets and hand size."""
+"""Fit a hand with a known wrist to its markers, including marker offsets and hand size."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.residuals.positions import PositionTerm
 from solver_backend.types.shapes import Float
 
-MARKER_SIGMA_M, PLACE_SIGMA_M = 0.002, 0.006  # Deviations per axis of a marker on its bone and of its initial position.
-ROUNDS, SAMPLE = 3, 150  # Solves with calibration of the offsets in between, and most frames used for it.
+MARKER_SIGMA_M, PLACE_SIGMA_M = 0.002, 0.006  # Deviations per axis of a marker and of its initial position.
+ROUNDS, SAMPLE = 3, 150  # Solves, with offsets calibrated between them, and most frames used for that.
 
 
 @dataclass(frozen=True)
 class MarkerHand:
-    """Hand solved from markers."""
+    """A hand solved from markers."""
 
-    markers: HandMarkers  # Labels, and calibrated sites.
+    markers: HandMarkers  # Labels and calibrated sites.
     problem: HandProblem
     states: Float[np.ndarray, "frames d"]  # (F, D) states, see ``solve_hand.KEY``.
 
@@ -55,7 +55,7 @@ def calibrated_hand(
     fps: float,
     settings: SolveSettings,
 ) -> MarkerHand:
-    """Solve a hand of known size and calibrate the offsets of its markers between the solves."""
+    """Solve a hand of known size, and calibrate its marker offsets between solves."""
     layout = KeyframeLayout.even(len(positions), hand_window(fps))
     keys = np.zeros((layout.num_keys, DOF))
     prior, place = load_hand_prior(), markers.sites.offset
@@ -79,9 +79,9 @@ def calibrated_hand(
 def calibrated_offsets(
     problem: HandProblem, states: np.ndarray, positions: np.ndarray, place: np.ndarray
 ) -> Float[np.ndarray, "markers 3"]:
-    """Return (L, 3) marker offsets in metres, weighted between observed and initial ones.
+    """Return (L, 3) marker offsets in metres, as a weighted mean of observed and initial ones.
 
-    ``o = (Σ_f G_fᵀ (m_f - p_f) / σ² n' + o⁰ / σ⁰²) / (n' / σ² + 1 / σ⁰²)`` with n' frames of independent errors.
+    ``o = (Σ_f G_fᵀ (m_f - p_f) / σ² n' + o⁰ / σ⁰²) / (n' / σ² + 1 / σ⁰²)``, where n' frames have independent errors.
     """
     frames = np.unique(np.linspace(0, len(positions) - 1, min(len(positions), SAMPLE)).astype(int))
     posed = problem.skeleton.pose(states[frames][:, FINGERS])
@@ -92,13 +92,13 @@ def calibrated_offsets(
     own = problem.sites.offset + (np.swapaxes(G, -1, -2) @ np.where(shown[..., None], left, 0.0)[..., None])[..., 0]
     count = shown.sum(0)[:, None]
     mean = np.where(shown[..., None], own, 0.0).sum(0) / np.maximum(count, 1)
-    # Errors of neighbouring frames are correlated. A take contains about as much information as 12 independent frames.
+    # Errors in neighbouring frames are correlated. A take contains about as much information as 12 independent frames.
     precision = np.minimum(count, 12) / (2 * MARKER_SIGMA_M) ** 2
     return (precision * mean + place / PLACE_SIGMA_M**2) / (precision + 1 / PLACE_SIGMA_M**2)
 
 
 def marker_size(skeleton: HandSkeleton, labels: tuple[str, ...], positions: np.ndarray) -> float:
-    """Estimate a hand's relative size from distances between palm markers."""
+    """Estimate a hand's relative size from the distances between palm markers."""
     sites = hand_markers(skeleton, labels).sites
     one, other = np.triu_indices(len(labels), 1)
     rigid = (sites.segment[one] == 0) & (sites.segment[other] == 0)
@@ -111,20 +111,20 @@ def marker_size(skeleton: HandSkeleton, labels: tuple[str, ...], positions: np.n
     return float(np.clip(np.median(known), *SIZES)) if len(known) else 1.0
 
 
-LEAST_FRAMES = 8  # Smallest number of frames that show a marker.
+LEAST_FRAMES = 8  # Smallest number of frames that must show a marker.
 SPREAD_M, REACH_M = 0.008, 0.035
-"""Largest median distances in metres, of a marker from its mean position on a segment and of this position from the
+"""Largest median distances in metres: from a marker to its mean position on a segment, and from this position to the
 bone.
 """
-AS_GOOD, AS_GOOD_M = 1.5, 0.002  # A segment is a candidate up to this factor on the smallest spread, plus these metres.
+AS_GOOD, AS_GOOD_M = 1.5, 0.002  # Candidates have up to this factor times the smallest spread, plus these metres.
 _SEGMENTS = HandSites(
     np.array([0, *np.repeat(np.arange(5), 3)]), np.array([0, *np.tile(np.arange(1, 4), 5)]), np.zeros((16, 3))
-)  # The palm and three bones of each finger, at their joints.
+)  # The palm and three bones per finger, at their joints.
 
 
 @dataclass(frozen=True)
 class Extra:
-    """Sites of the markers that belong to the hand, and their columns in the candidate array."""
+    """Sites of the additional markers on the hand, and their columns in the candidate array."""
 
     sites: HandSites
     columns: tuple[int, ...]
@@ -135,7 +135,7 @@ def attach_markers(
 ) -> Extra:
     """Attach markers to hand segments: ``o_s = median_f G_sᵀ (x - p_s)``.
 
-    The nearest segment with nearly constant offsets is chosen. ``states`` are (F, D), ``positions`` (F, N, 3).
+    The nearest segment whose offsets are nearly constant is chosen. ``states`` are (F, D), ``positions`` (F, N, 3).
     """
     posed = problem.skeleton.pose(states[:, FINGERS])
     R = exp_so3(states[:, :3]) @ problem.wrist.rotations
@@ -190,7 +190,7 @@ def worn_hand(
 
 
 def _from_bones(problem: HandProblem, offset: Float[np.ndarray, "16 3"]) -> Float[np.ndarray, " 16"]:
-    """Return (16,) distances of offsets from their bones in metres (nearest metacarpal)."""
+    """Return the (16,) distances in metres between offsets and their bones (nearest metacarpal for the palm)."""
     on_palm = min(_from_line(offset[0], root) for root in problem.skeleton.roots)
     ends = problem.skeleton.bones.reshape(15, 3)
     return np.array([on_palm, *(_from_line(place, end) for place, end in zip(offset[1:], ends, strict=True))])

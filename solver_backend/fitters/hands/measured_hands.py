@@ -29,24 +29,24 @@ from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.residuals.terms import PointEvidence, Residuals, geman_mcclure
 from solver_backend.types.shapes import Bool, Float
 
-ROUNDS = 3  # Iterations of the reweighted mean that estimates a view's offset. A fourth moves it by less than 0.1 px.
-_LOOSE = 3.0  # Robust scale of offsets if none is given.
+ROUNDS = 3  # Iterations of the reweighted mean that gives a view's offset. A fourth moves it by less than 0.1 px.
+_LOOSE = 3.0  # Robust scale for offsets if none is given.
 
 
 @dataclass(frozen=True)
 class HandViewTerm:
-    """Reprojection term of a hand, with an offset o of the whole hand per view.
+    """Reprojection term of a hand, with an offset o of the whole hand in each view.
 
-    ``E = ½ Σ_c min_o [Σ_l c_l ρ(|π(y_l) - k_l - o| / σ_l) + c ρ(|o| / τ_c)]``.
-    A misplaced detector crop moves all 21 points of a hand equally, so they locate it no better than one point.
-    Eliminating o leaves ``H = Σ_l w PᵀP - (Σ_l w P)ᵀ (Σ_l w P) / (Σ_l w + w_o)`` for each view.
+    ``E = ½ Σ_c min_o [Σ_l c_l ρ(|π(y_l) - k_l - o| / σ_l) + c ρ(|o| / τ_c)]``. A misplaced detector crop moves all 21
+    hand points equally, so together they locate it no better than one point. Eliminating o leaves ``H = Σ_l w PᵀP -
+    (Σ_l w P)ᵀ (Σ_l w P) / (Σ_l w + w_o)`` for each view.
     """
 
-    points: ReprojectionTerm  # Each point with its own noise.
+    points: ReprojectionTerm  # Each point has its own noise.
     whole_px: Float[np.ndarray, " views"]  # (C,) px, τ: standard deviation per axis of an offset.
 
     def select(self, frames: Any) -> HandViewTerm:
-        """Return the term of the frames at these indices (or of this slice)."""
+        """Return the term for the frames at these indices (or in this slice)."""
         return replace(self, points=self.points.select(frames))
 
     def astype(self, precision: Any) -> HandViewTerm:
@@ -54,7 +54,7 @@ class HandViewTerm:
         return replace(self, points=self.points.astype(precision))
 
     def rescaled(self, variance: np.ndarray) -> HandViewTerm:
-        """Return the term with the points' independent variance times ``variance``."""
+        """Return the term with the points' independent variance multiplied by ``variance``."""
         return replace(self, points=self.points.rescaled(variance))
 
     def leverage(self, points: np.ndarray, used: np.ndarray) -> np.ndarray:
@@ -62,7 +62,7 @@ class HandViewTerm:
         return self.points.leverage(points, used)
 
     def residuals(self, points: np.ndarray) -> Residuals:
-        """Return the residuals in pixels of (F, L, 3) positions, without the offsets of the views."""
+        """Return the residuals in pixels at (F, L, 3) positions, without the views' offsets."""
         found = self.points.residuals(points)
         offset = self._offsets(found.error, np.where(found.measured, self.points.weight, 0.0), _LOOSE)[0]
         error = np.where(found.measured[..., None], found.error - offset[:, :, None], 0.0)
@@ -94,10 +94,10 @@ class HandViewTerm:
     def _offsets(
         self, error: np.ndarray, weight: np.ndarray, scale: float
     ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
-        """Estimate (C, F, 2) offsets of the hand per view in pixels, with costs and robust weights.
+        """Estimate the (C, F, 2) offsets of the hand in each view in pixels, with costs and robust weights.
 
         Costs and weights are (C, F, L) for points and (C, F) for offsets. ``error`` (C, F, L, 2) is in px and
-        ``weight`` (C, F, L) in 1/px². Both are 0 without a measurement.
+        ``weight`` (C, F, L) in 1/px². Both are 0 where nothing was measured.
         """
         confidence = np.where(weight > 0, self.points.confidence, 0.0)
         per_sigma = np.where(weight > 0, self._per_sigma, 0.0)
@@ -116,8 +116,8 @@ class HandViewTerm:
         return offset, penalty, robust, stiff
 
 
-NOISE_FRAMES, EVERY = 20, 2  # Frames that estimate the noise (at most twice as many), step between triangulated frames.
-LEAST_POINTS = 8  # Smallest number of points that a view shares with other views to have an offset.
+NOISE_FRAMES, EVERY = 20, 2  # Frames to estimate the noise (at most twice that), and step between these.
+LEAST_POINTS = 8  # A view needs at least this number of points in common with other views to have an offset.
 ALIKE_FRAMES, LEAST_WHOLE = 20.0, 0.2  # Weight of the views' mean offset in frames, least offset by the points' noise.
 RANGE = (0.25, 4.0)  # Limits of a point's variance relative to the hand's median variance.
 _MEDIAN = 2.0 * float(np.log(2.0))  # Median of a squared 2D Gaussian length, in units of the variance per axis.
@@ -125,23 +125,23 @@ _MEDIAN = 2.0 * float(np.log(2.0))  # Median of a squared 2D Gaussian length, in
 
 @dataclass(frozen=True)
 class HandNoise:
-    """Standard deviations per axis of hand detections in a take, in pixels."""
+    """Standard deviations per axis, in pixels, of the hand detections in a take."""
 
-    own_px: Float[np.ndarray, " points"]  # (21,) of each point about its hand.
-    whole_px: Float[np.ndarray, " views"]  # (C,) of the whole hand per view, with constant errors such as calibration.
+    own_px: Float[np.ndarray, " points"]  # (21,) of each point relative to its hand.
+    whole_px: Float[np.ndarray, " views"]  # (C,) of the whole hand in each view, including constant errors.
 
 
 @dataclass(frozen=True)
 class LocatedHand:
-    """One hand triangulated from the views alone."""
+    """A hand triangulated from the views alone."""
 
     points: Float[np.ndarray, "frames 21 3"]  # (F, 21, 3) metres, NaN where no two views agree or no view shows it.
-    spread_m2: Float[np.ndarray, "frames 21"]  # (F, 21) trace of the points' covariance about their hand.
+    spread_m2: Float[np.ndarray, "frames 21"]  # (F, 21) trace of each point's covariance relative to its hand.
     noise: HandNoise
 
 
 def locate_hands(views: HandViews) -> dict[int, LocatedHand]:
-    """Triangulate each hand that any view shows, in every other frame."""
+    """Triangulate each hand that is visible in any view, in every other frame."""
     both = views.xy.shape[2] * NUM_HAND_POINTS
     xy = views.xy.reshape(*views.xy.shape[:2], both, 2).astype(np.float64)
     confidence = views.confidence.reshape(*views.confidence.shape[:2], both).astype(np.float64)
@@ -166,8 +166,8 @@ def locate_hands(views: HandViews) -> dict[int, LocatedHand]:
 def hand_noise(views: HandViews, xy: np.ndarray, found: Triangulation) -> HandNoise:
     """Estimate the noise of one hand's detections ``xy`` (C, n, 21, 2) in pixels.
 
-    The mean residual of a view's hand gives its offset, and the rest gives the noise of points. Triangulating a point
-    absorbs 3 of its 2 V errors in V views. Both variances are scaled by ``2 V / (2 V - 3)``.
+    The mean residual of a view's hand gives the view's offset, and the rest gives the noise of the points.
+    Triangulating a point from V views absorbs 3 of its 2 V errors, so both variances are scaled by ``2 V / (2 V - 3)``.
     """
     cameras, used = views.cameras, np.asarray(found.inliers)
     kept = np.sqrt(1.0 - 3.0 / (2.0 * np.maximum(used.sum(axis=0), 2.0)))[None, ..., None]
@@ -198,13 +198,13 @@ def _variance(square: np.ndarray, used: Bool[np.ndarray, "*any"], otherwise: flo
 SMALL_PX, PALM_M = 15.0, 0.09
 """Palm size in pixels below which detections become unreliable, and palm length (wrist to middle knuckle) in metres."""
 MODEL_ERROR_M = 0.004  # Deviation per axis between detector points and a hand of other proportions: a sixth of a bone.
-ALONE = 0.04  # Weight of a hand seen by one view only, which cannot distinguish a palm from its mirror image in depth.
+ALONE = 0.04  # Weight of a hand visible in only one view, which cannot tell a palm from its mirror image in depth.
 
 
 def hand_term(views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"], noise: HandNoise) -> HandViewTerm:
-    """Return the data term of one hand (0 left, 1 right) for (F, 3) wrists in metres.
+    """Return the data term of one hand (0 left, 1 right) with (F, 3) wrists in metres.
 
-    ``σ² = (σ_l max(1, (15 / s)²))² + (f m / z)²`` px² for a palm of s = f 0.09 m / z px at depth z and model error m.
+    ``σ² = (σ_l max(1, (15 / s)²))² + (f m / z)²`` px², for a palm of s = f 0.09 m / z px at depth z, and model error m.
     """
     px_per_m = pixels_per_metre(views, wrists)[..., None]
     small = np.maximum(1.0, (SMALL_PX / (PALM_M * px_per_m)) ** 2)
@@ -230,24 +230,24 @@ def pixels_per_metre(views: HandViews, wrists: np.ndarray) -> Float[np.ndarray, 
 
 
 NEAR, CLEARLY = 0.8, 0.5
-"""Largest distance of a hand from the body's wrist, and smallest gain of a swap, in forearm lengths of the image."""
+"""Largest distance of a hand from the body's wrist, and smallest gain of a swap, in forearm lengths in the image."""
 LEAST_FRAMES = 3  # Shorter frame ranges are corrected without a diagnostic.
 
 
 @dataclass(frozen=True)
 class SortedHands:
-    """Hand detections sorted by side, and diagnostics of swapped and excluded hands."""
+    """Hand detections sorted by side, and diagnostics about swapped and excluded hands."""
 
     views: HandViews
     diagnostics: tuple[Diagnostic, ...]
 
 
 def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> SortedHands:
-    """Assign hand detections to the nearest wrists. Exclude hands far from both wrists.
+    """Assign hand detections to the nearest wrists, and exclude hands that are far from both.
 
-    The two hands of a view are swapped if each is nearer to the other wrist. A single hand then changes its side.
-    Frames in which the hands meet follow the clear frames before and after if these agree. ``wrists`` and ``elbows``
-    are (F, 2, 3) positions of the solved body in metres, left first.
+    A view's two hands are swapped if each is nearer to the other wrist. A single hand then changes its side. Frames in
+    which the hands meet follow the unambiguous frames before and after, if these agree. ``wrists`` and ``elbows`` are
+    (F, 2, 3) positions on the solved body in metres, left first.
     """
     at, up = (project(views.cameras, points) for points in (wrists, elbows))
     forearm = np.maximum(np.linalg.norm(at - up, axis=-1).max(axis=-1), 1.0)[..., None, None]
@@ -271,7 +271,7 @@ def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> Sort
 
 
 def _as_around(decided: np.ndarray, shown: np.ndarray) -> np.ndarray:
-    """Return a (C, F) mask of swapped hands from decisions 1, -1 and 0 (unclear).
+    """Return a (C, F) mask of swapped hands, given decisions 1, -1 and 0 (unclear).
 
     Unclear frames between two swapped ranges count as swapped if the gap is not longer than both ranges together.
     ``shown`` (C, F) marks the frames that show a hand.
@@ -299,15 +299,15 @@ def _named(views: HandViews, code: str, found: np.ndarray, remedy: Remedy) -> li
     return named
 
 
-_MEASURED = np.concatenate([[(0, knuckle) for knuckle in KNUCKLES[1:]], BONES])  # Ends of 19 bones from the wrist.
+_MEASURED = np.concatenate([[(0, knuckle) for knuckle in KNUCKLES[1:]], BONES])  # Ends of 19 bones, wrist outwards.
 USUAL = 0.036  # Relative standard deviation of hand length among people of equal stature and forearm length (ANSUR II).
-LEAST_BONES, LEAST_EACH = 60, 3  # Fewest bones measured for a size (a second of a palm), fewest frames per bone.
+LEAST_BONES, LEAST_EACH = 60, 3  # Fewest bones measured for a size (a second of a palm), and fewest frames per bone.
 NOISE_OFF = 0.3  # Common relative error of the subtracted variance (tests/fitters/hands/test_hand_view_term.py).
 
 
 @dataclass(frozen=True)
 class HandSize:
-    """Size of a hand relative to the body's shape, and its deviation (1, inf if unknown)."""
+    """A hand's size relative to the body's shape, and its deviation (1 and inf if unknown)."""
 
     scale: float
     sigma: float
@@ -318,10 +318,10 @@ def hand_size(
 ) -> HandSize:
     """Estimate the size of a hand relative to the skeleton from its triangulated bones.
 
-    ``s² = Σ_b L_b² median_f(|d_bf|² - v_bf) / Σ_b L_b⁴`` is a least-squares fit with equal errors of all squares. Noise
-    of variance v makes a bone look longer: a 25 mm finger bone by a quarter if its ends have errors of 10 mm. The
-    standard deviation follows from the agreement of the bones and from the subtracted variance. ``spread`` (F, 21) in
-    m² is the trace of each point's covariance relative to its hand.
+    ``s² = Σ_b L_b² median_f(|d_bf|² - v_bf) / Σ_b L_b⁴`` is a least-squares fit in which all squares have equal errors.
+    Noise of variance v makes a bone look longer: a 25 mm finger bone by a quarter if its ends have errors of 10 mm. The
+    standard deviation is computed from the agreement between bones and from the subtracted variance. ``spread`` (F, 21)
+    in m² is the trace of each point's covariance relative to its hand.
     """
     one, other = _MEASURED.T
     square, rest = (((p[..., one, :] - p[..., other, :]) ** 2).sum(-1) for p in (points, skeleton.points_at_rest))
@@ -344,15 +344,15 @@ def likely_size(hands: Iterable[HandSize]) -> float:
     return float(sum(scale * weight for scale, weight in known) / sum(weight for _, weight in known))
 
 
-USUAL_WRIST_M = 0.02  # Standard deviation per axis of a wrist where the method estimates none, chosen by hand.
+USUAL_WRIST_M = 0.02  # Standard deviation per axis of a wrist if the method does not estimate it, chosen by hand.
 OWN_PALMS, WHOLE_PALMS = 0.106, 0.05
-"""Deviations per axis, in palm lengths, of points relative to their hand and of whole hands. One view cannot measure
-them. From MediaPipe's model on palms of 35 to 60 px (``python -m tests.benchmarks.hands.real_noise``)."""
+"""Deviations per axis, in palm lengths, of points relative to their hand and of whole hands, which one view cannot
+measure. From MediaPipe's model on palms of 35 to 60 px (``python -m tests.benchmarks.hands.real_noise``)."""
 
 
 @dataclass(frozen=True)
 class MeasuredHand:
-    """One hand ready to be solved."""
+    """A hand that is ready to be solved."""
 
     problem: HandProblem
     located: np.ndarray  # (F, 21, 3) initial positions in metres, NaN where a point is not triangulated.
@@ -360,10 +360,10 @@ class MeasuredHand:
 
 @dataclass(frozen=True)
 class MeasuredHands:
-    """Hands of a take, ready to be solved."""
+    """The hands in a take, ready to be solved."""
 
     skeletons: tuple[HandSkeleton, HandSkeleton]  # Left and right.
-    hands: Mapping[int, MeasuredHand]  # By side, 0 left and 1 right. Unseen sides are missing.
+    hands: Mapping[int, MeasuredHand]  # By side, 0 left and 1 right. Sides that are never visible are missing.
     size: float  # Size of the hands relative to the body's shape.
     diagnostics: tuple[Diagnostic, ...]
 
@@ -390,7 +390,7 @@ def measure_hands(
     settings: SolveSettings,
     size: float | None,
 ) -> MeasuredHands:
-    """Return both hands of a body, ready to be solved, with a given or measured ``size``."""
+    """Prepare both hands of a body to be solved. Their ``size`` is given or measured."""
     arms, betas = arm_paths(solved), to_numpy(solved.subject.betas)
     left, right = unscaled = hand_of_shape(body, betas, 0), hand_of_shape(body, betas, 1)
     hands = dict[int, MeasuredHand]()
@@ -432,7 +432,7 @@ def arm_paths(solved: SolvedFrames) -> ArmPaths:
 
 
 def hands_of_one_view(views: HandViews, wrists: np.ndarray) -> dict[int, LocatedHand]:
-    """Return the hands of a single view by side, with ``wrists`` (F, 2, 3), left first."""
+    """Return the hands in a single view by side, given ``wrists`` (F, 2, 3), left first."""
     hands: dict[int, LocatedHand] = {}
     for side in np.flatnonzero((views.confidence > 0).any(axis=(0, 1, 3))).tolist():
         shown = (views.confidence[0, :, side] > 0).any(axis=-1)

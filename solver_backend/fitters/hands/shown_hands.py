@@ -1,4 +1,4 @@
-"""Hands in views or marker clouds, before they are sorted and measured."""
+"""Store hands visible in views or marker clouds, before they are sorted and measured."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class HandViews:
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D) -> HandViews | None:
-        """Return the hands of a person, or None if no view shows a hand and the body."""
+        """Return a person's hands, or None if no view shows both a hand and the body."""
         if keypoints.hands is None:
             return None
         with_body = (keypoints.confidence > 0).any(axis=-1)[..., None, None]
@@ -32,26 +32,26 @@ class HandViews:
 
 
 NEAR_M, OFTEN = 0.06, 0.8
-"""An unknown marker within this distance (m) of a hand marker, in this share of common frames, belongs to the hand."""
+"""An unknown marker within this distance (m) of a hand marker in this share of common frames belongs to the hand."""
 
 
 @dataclass(frozen=True)
 class HandClouds:
-    """Markers of one or both hands over F frames."""
+    """Markers on one or both hands over F frames."""
 
-    labels: Mapping[int, tuple[str, ...]]  # Locations of ``hand_markers`` by side, 0 left and 1 right.
+    labels: Mapping[int, tuple[str, ...]]  # Locations from ``hand_markers`` by side, 0 left and 1 right.
     positions: Mapping[int, np.ndarray]  # (F, L, 3) metres by side, NaN where missing.
-    extra_labels: Mapping[int, tuple[str, ...]] = field(default_factory=dict)  # Of nearby unknown markers, by side.
-    extra: Mapping[int, np.ndarray] = field(default_factory=dict)  # (F, N, 3) metres of these, by side.
+    extra_labels: Mapping[int, tuple[str, ...]] = field(default_factory=dict)  # Nearby unknown markers, by side.
+    extra: Mapping[int, np.ndarray] = field(default_factory=dict)  # (F, N, 3) metres: their positions, by side.
 
 
 def split_hands(
     cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[MarkerCloud, HandClouds | None]:
-    """Split a cloud into the body's markers and hand markers, such as ``L_FT2``.
+    """Split a cloud into body markers and hand markers, such as ``L_FT2``.
 
-    Unknown markers belong to a hand if they remain near it. A cloud without hand markers is returned unchanged.
-    ``own`` maps labels to marker positions assigned by the user, see ``read_label_places``.
+    An unknown marker belongs to a hand if it stays close to it. A cloud without hand markers is returned unchanged.
+    ``own`` maps labels to user-assigned marker positions, see ``read_label_places``.
     """
     labels = cloud.names
     found = hand_columns([own.get(label, label) for label in labels])

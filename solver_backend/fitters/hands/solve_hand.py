@@ -46,15 +46,15 @@ FLOOR = 1e-3  # Smallest precision of every unknown.
 
 
 def states_at(keys: Float[np.ndarray, "keys d"], rows: WindowRows) -> Float[np.ndarray, "n d"]:
-    """Interpolate N windows of frames by parabolas through each window's three keys."""
+    """Interpolate the frames of N windows by parabolas through each window's three keys."""
     triples = np.stack([keys[i : len(keys) - 2 + i : 2] for i in range(3)], axis=1)
     return (lagrange(rows.time) @ triples).reshape(-1, keys.shape[1])
 
 
 def covariance_at(system: BlockTridiagonal, layout: KeyframeLayout) -> tuple[np.ndarray, WindowRows]:
-    """Return (N n, D, D) covariances of the states in the frames of N windows, and these frames.
+    """Return the (N n, D, D) covariances of the states in the frames of N windows, and these frames.
 
-    The covariance is ``Σ_ab w_a w_b S_ab`` over the three keys of each window, with blocks S of the inverse (see
+    The covariance is ``Σ_ab w_a w_b S_ab`` over the three keys of each window, where S are blocks of the inverse (see
     ``marginals``).
     """
     diagonal, upper = system.marginals()
@@ -73,18 +73,18 @@ def covariance_at(system: BlockTridiagonal, layout: KeyframeLayout) -> tuple[np.
 
 
 GIVES_WAY_M, SIGMA_M = 0.002, 0.001
-"""Overlap in metres that soft skin allows, and standard deviation of any further overlap: half of the spread of finger
-breadths among people.
+"""Overlap in metres that soft skin allows, and standard deviation of any further overlap: half the spread of finger
+widths among people.
 """
 
 
 def contact_equations(
     points: Float[np.ndarray, "n 21 3"], jacobian: Float[np.ndarray, "n 21 3 d"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return costs (n,), gradients and Gauss-Newton matrices of ``½ Σ max(depth - δ, 0)² / σ²``.
+    """Return costs (n,), gradients and Gauss-Newton matrices for ``½ Σ max(depth - δ, 0)² / σ²``.
 
     Sliding of the nearest points along two bones changes their distance only to second order and is ignored. ``points``
-    (n, 21, 3) are ``HAND_POINTS`` in metres, and ``jacobian`` (n, 21, 3, D) is their derivative by the state.
+    (n, 21, 3) are ``HAND_POINTS`` in metres, and ``jacobian`` (n, 21, 3, D) their derivative by the state.
     """
     count, dof = len(points), jacobian.shape[-1]
     cost, gradient, hessian = np.zeros(count), np.zeros((count, dof)), np.zeros((count, dof, dof))
@@ -117,7 +117,7 @@ ACCELERATION = {"turn": 120.0, "shift": 12.0, "fingers": 30.0}
 class WristPath:
     """Rotation and position of a body's wrist over F frames."""
 
-    rotations: Float[np.ndarray, "frames 3 3"]  # (F, 3, 3) from the hand's frame at rest to the world.
+    rotations: Float[np.ndarray, "frames 3 3"]  # (F, 3, 3) from the hand's axes at rest to the world.
     places: Float[np.ndarray, "frames 3"]  # (F, 3) metres.
     covariance: Float[np.ndarray, "frames 3 3"] | None = None
     """(F, 3, 3) covariance of the position in m². None if the path is only an initial value and constrains nothing."""
@@ -141,14 +141,14 @@ class HandProblem:
         return len(self.wrist.places)
 
     def select(self, frames: np.ndarray) -> HandProblem:
-        """Return the problem of only these frames."""
+        """Return the problem restricted to these frames."""
         wrist = self.wrist
         covariance = None if wrist.covariance is None else wrist.covariance[frames]
         path = WristPath(wrist.rotations[frames], wrist.places[frames], covariance)
         return replace(self, wrist=path, term=self.term.select(frames))
 
     def points(self, states: np.ndarray, frames: np.ndarray | None = None) -> Float[np.ndarray, "frames sites 3"]:
-        """Return (n, L, 3) world positions of the points for states (n, D) of frames."""
+        """Return the (n, L, 3) world positions of the points for states (n, D) in frames."""
         frames = np.arange(self.num_frames) if frames is None else frames
         own = self.skeleton.sites(self.skeleton.pose(states[:, FINGERS]), self.sites)
         arms = own @ np.swapaxes(self._turns(states, frames), 1, 2)
@@ -168,7 +168,7 @@ class HandProblem:
         if found.shared is not None:
             rows = found.shared.reshape(*found.shared.shape[:2], -1) @ flat
             hessian -= np.swapaxes(rows, 1, 2) @ rows
-        # In every frame, not only at the keys: between keys a spline overshoots where no view shows the fingers.
+        # In every frame, not only at the keys: between keys, a spline overshoots where no view shows the fingers.
         held, pull, stiffness = self.prior.limits(states[:, FINGERS])
         gradient[:, FINGERS] += pull
         hessian[:, FINGERS, FINGERS] += np.eye(NUM_ANGLES) * stiffness[:, None]
@@ -179,11 +179,11 @@ class HandProblem:
         return cost, gradient, hessian
 
     def jacobian(self, states: np.ndarray) -> Float[np.ndarray, "frames sites 3 d"]:
-        """Return (F, L, 3, D) derivatives of the points by the states of all frames."""
+        """Return the (F, L, 3, D) derivatives of the points by the states in all frames."""
         return self._placed(states, np.arange(self.num_frames))[1]
 
     def at(self, sites: HandSites) -> HandProblem:
-        """Return the problem with other points, which its data term does not fit."""
+        """Return the problem with other points, which do not match its data term."""
         return replace(self, sites=sites)
 
     def _placed(self, states: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -204,14 +204,14 @@ class HandProblem:
 
 @dataclass(frozen=True)
 class KeyModel:
-    """Objective of a hand as a function of its keys."""
+    """A hand's objective as a function of its keys."""
 
     problem: HandProblem
     layout: KeyframeLayout
-    moving: Bool[np.ndarray, " keys"] | None = None  # (K,) keys that move, None for all.
+    moving: Bool[np.ndarray, " keys"] | None = None  # (K,) keys that move. None means all.
 
     def linearise(self, state: np.ndarray, scale: float) -> tuple[np.ndarray, BlockTridiagonal]:
-        """Return the (1,) cost and the normal equations of (K, D) keys."""
+        """Return the (1,) cost and the normal equations for (K, D) keys."""
         cost, equations = self.equations(state, scale)
         return np.array([cost]), equations.block_tridiagonal()
 
@@ -220,7 +220,7 @@ class KeyModel:
         return state + step.reshape(-1, DOF)[: len(state)]
 
     def equations(self, keys: np.ndarray, scale: float) -> tuple[float, KeyframeNormalEquations]:
-        """Return cost and normal equations of data, wrist, hand prior and accelerations.
+        """Return the cost and normal equations of data, wrist, hand prior and accelerations.
 
         With spacings h and h', ``a_k = 2 (x_{k-1} / (h (h + h')) - x_k / (h h') + x_{k+1} / (h' (h + h')))``.
         """
@@ -258,12 +258,12 @@ class KeyModel:
         return 0.5 * float((pull * keys[:, :6]).sum())
 
 
-NEAR, DONE = 1e-2, 1e-3  # Relative cost decreases at which a solve ends, at the wide scales and at the last one.
+NEAR, DONE = 1e-2, 1e-3  # Relative cost decreases at which a solve ends: at wide scales, and at the last.
 
 
 @dataclass(frozen=True)
 class HandKeys:
-    """Solved keys of a hand, with the cost at the last robust scale."""
+    """The solved keys of a hand, with the cost at the last robust scale."""
 
     keys: Float[np.ndarray, "keys d"]
     cost: float
@@ -273,19 +273,19 @@ class HandKeys:
 def solve_keys(
     model: KeyModel, keys: np.ndarray, scales: Sequence[float], iterations: int, alive: Callable[[], None]
 ) -> HandKeys:
-    """Minimise the objective from (K, D) initial keys, at one robust scale after another."""
+    """Minimise the objective at one robust scale after another, starting from (K, D) keys."""
     stages = [(scale, LMSettings(iterations, NEAR if scale > scales[-1] else DONE, promise=1.0)) for scale in scales]
     found = minimise(model, keys, stages, alive)
     return HandKeys(found.state, float(found.cost[0]), Convergence.of(found))
 
 
 def frame_states(model: KeyModel, keys: np.ndarray) -> Float[np.ndarray, "frames d"]:
-    """Return (F, D) states of all frames, on a spline with continuous velocity and acceleration."""
+    """Return the (F, D) states in all frames, on a spline with continuous velocity and acceleration."""
     return spline_states(keys, model.layout)
 
 
 def frame_covariances(model: KeyModel, keys: np.ndarray, scale: float) -> Float[np.ndarray, "frames d d"]:
-    """Return (F, D, D) covariances of the states of all frames."""
+    """Return the (F, D, D) covariances of the states in all frames."""
     system = model.linearise(keys, scale)[1]
     found, rows = covariance_at(system, model.layout)
     covariance = np.zeros((model.problem.num_frames, *found.shape[1:]))
@@ -293,8 +293,8 @@ def frame_covariances(model: KeyModel, keys: np.ndarray, scale: float) -> Float[
     return covariance
 
 
-PALM, LEAST_PALM = (0, 1, *KNUCKLES[1:]), 4  # Points of the palm (wrist, thumb root, knuckles), and fewest of them.
-FARTHEST_M = 0.08  # Largest distance between the initial wrist and the body's wrist.
+PALM, LEAST_PALM = (0, 1, *KNUCKLES[1:]), 4  # Palm points (wrist, thumb root, knuckles), and smallest number of them.
+FARTHEST_M = 0.08  # Largest distance in metres between the initial wrist and the body's wrist.
 
 
 def initial_keys(
@@ -306,7 +306,7 @@ def initial_keys(
     near = np.exp(-0.5 * ((layout.key_times[:, None] - frames) / (0.5 * spacing)) ** 2)
     turns, located = palm_turns(skeleton, points)
     relative = np.where(located[:, None, None], turns @ np.swapaxes(wrist.rotations, 1, 2), 0.0)
-    # If no nearby frame shows the rotation, distant frames count according to their distance.
+    # If no nearby frame shows the rotation, distant frames count, weighted by their distance.
     far = near + 1e-3 / (1.0 + np.abs(layout.key_times[:, None] - frames) / spacing) ** 2
     mean = (far @ relative.reshape(len(points), 9)).reshape(-1, 3, 3) + 1e-6 * np.eye(3)
     keys = np.zeros((layout.num_keys, DOF))
@@ -320,7 +320,7 @@ def initial_keys(
 
 
 def palm_turns(skeleton: HandSkeleton, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fit (F, 3, 3) rotations from rest to world to the palm (Kabsch 1976), with a mask."""
+    """Fit rotations (F, 3, 3) from rest to world to the palm (Kabsch 1976). Also return a mask."""
     palm, rest = points[:, PALM], skeleton.points_at_rest[list(PALM)]
     seen = np.isfinite(palm).all(-1)
     located = (seen.sum(1) >= LEAST_PALM) & seen[:, 0]
@@ -340,25 +340,25 @@ def _means(near: np.ndarray, values: np.ndarray, otherwise: np.ndarray) -> np.nd
     return (near @ np.where(known, values, 0.0) + least * otherwise) / (weight + least)
 
 
-WINDOW = 12  # Frames at 60 Hz of a window with three keys. Fingers open and close in a fifth of a second.
-INFORMED = 0.7  # Largest deviation of the knuckle's bend of an observed finger, relative to the prior's.
+WINDOW = 12  # Frames at 60 Hz in a window with three keys. Fingers open and close in a fifth of a second.
+INFORMED = 0.7  # Largest deviation of the knuckle bend of an observed finger, relative to the prior's.
 CALIBRATION = 0.5
-"""Factor on the posterior variance, so that 95 % ellipsoids contain 90 % of simulated joints (see hands.md)."""
+"""Factor for the posterior variance, so that 95 % ellipsoids contain 90 % of simulated joints (see hands.md)."""
 CONSTANT_M = 0.004  # Deviation per axis of errors that do not average out: bone lengths, calibration, detector bias.
-THROUGH_M = 0.006  # Overlap of two fingers that soft skin cannot explain: a third of a finger's breadth.
+THROUGH_M = 0.006  # Overlap of two fingers that soft skin cannot explain: a third of a finger's width.
 
 
 @dataclass(frozen=True)
 class SolvedHand:
-    """Solution of one hand over F frames."""
+    """The solution of one hand over F frames."""
 
     problem: HandProblem
-    turn: Float[np.ndarray, "frames 3"]  # Rotation vectors of the wrist relative to the body's wrist, in world axes.
-    shift: Float[np.ndarray, "frames 3"]  # Metres of the wrist relative to the body's wrist.
+    turn: Float[np.ndarray, "frames 3"]  # Wrist rotation vectors relative to the body's wrist, in world axes.
+    shift: Float[np.ndarray, "frames 3"]  # Wrist shift relative to the body's wrist, metres.
     angles: Float[np.ndarray, "frames a"]
     points: Float[np.ndarray, "frames 21 3"]  # ``HAND_POINTS`` in metres, with their covariance.
     covariance: Float[np.ndarray, "frames 21 3 3"]
-    informed: Bool[np.ndarray, "frames 5"]  # Fingers that are observed, in the order of ``FINGERS``. The others rest.
+    informed: Bool[np.ndarray, "frames 5"]  # Fingers that are observed, in the order of ``FINGERS``. Others rest.
     convergence: Convergence
 
     @property
@@ -380,7 +380,7 @@ def solve_hand(
 
 
 def hand_window(fps: float) -> int:
-    """Return the number of frames per window of a hand at this frame rate."""
+    """Return the number of frames per hand window at this frame rate."""
     return max(2, round(WINDOW * fps / REFERENCE_FPS))
 
 
@@ -389,7 +389,7 @@ def solve_from(
 ) -> SolvedHand:
     """Solve a hand from several sets of initial keys, and return the best solution."""
     problem, scale = model.problem, settings.robust_scale
-    # Fingers may pass through one another during the solve, but must not intersect in the result.
+    # Fingers may pass through each other during the solve, but must not intersect in the result.
     through = replace(model, problem=replace(problem, keeps_apart=False))
     ends = [solve_keys(through, keys, (4 * scale, 2 * scale), settings.iterations, alive) for keys in starts]
     found = min(ends, key=lambda keys: keys.cost)
@@ -412,9 +412,9 @@ def solve_from(
 
 
 def untangled(model: KeyModel, found: HandKeys, scale: float, iterations: int, alive: Callable[[], None]) -> HandKeys:
-    """Solve overlapping fingers again, and keep the result if the overlap decreases.
+    """Solve overlapping fingers again, and keep the result if they overlap less.
 
-    Fingers that have passed through one another stay on the wrong side because the objective keeps them apart.
+    Fingers that have passed through each other stay on the wrong side, because the objective keeps them apart.
     """
     depth = finger_overlap(model.problem.points(frame_states(model, found.keys)))
     deep = np.flatnonzero(depth > THROUGH_M)
@@ -436,7 +436,7 @@ def with_learned_noise(problem: HandProblem, states: Float[np.ndarray, "frames d
 
 
 def informed_fingers(problem: HandProblem, spread: np.ndarray) -> Bool[np.ndarray, "frames 5"]:
-    """Return an (F, 5) mask of fingers with smaller deviations than the prior's."""
+    """Return an (F, 5) mask of fingers whose deviations are smaller than the prior's."""
     variance = np.diagonal(spread[:, FINGERS, FINGERS], axis1=1, axis2=2)
     bends = (KIND_OF != SPREAD) & (JOINT_OF == 1)
     share = np.zeros((len(spread), 5))

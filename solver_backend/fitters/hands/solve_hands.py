@@ -51,11 +51,11 @@ if TYPE_CHECKING:
     from solver_backend.fitters.hands.solve_hand import SolvedHand
     from solver_backend.fitters.recipes.frame_range import SolvedRange
 
-_UNSEEN_M = 0.04  # Standard deviation per axis of the joints of a hand that no view shows, metres.
+_UNSEEN_M = 0.04  # Standard deviation per axis of the joints of a hand that no view shows, in metres.
 
 
 def with_hands(motion: Motion, hands: SolvedHands, statistics: Mapping[str, object]) -> Motion:
-    """Return a motion with fingers and ``statistics``. Unobserved fingers are relaxed."""
+    """Add fingers and ``statistics`` to a motion. Unobserved fingers are relaxed."""
     body = with_hand_size(hands.body, hands.size)
     layout, narrow, frames = body.layout, motion.body_layout, motion.num_frames
     shared = [narrow.joints.index(name) for name in layout.joints if name in narrow.joints]
@@ -112,9 +112,9 @@ def _widened(
 
 
 def without_fingers(motion: Motion) -> Motion:
-    """Return the motion without fingers, or the same motion if it has none.
+    """Remove the fingers from a motion. Return the same motion if it has none.
 
-    SMPL's hand joints replace the fingers, without rotation, at the knuckles of the middle fingers.
+    At the knuckles of the middle fingers, SMPL's hand joints replace the fingers, without rotation.
     """
     layout = motion.body_layout
     if layout.joints == SMPL.joints or not set(SMPL_HANDS.joints) <= set(layout.joints):
@@ -131,14 +131,14 @@ def without_fingers(motion: Motion) -> Motion:
 
 
 def hand_size_in(motion: Motion) -> float:
-    """Return the hand size of a motion relative to the body, 1 without hands."""
+    """Return a motion's hand size relative to the body, or 1 if it has no hands."""
     return float(motion.provenance.get("hands", {}).get("size", 1.0))
 
 
 def with_fingers_of(
     motion: Motion, earlier: Motion, solved: SolvedRange, hands: Mapping[int, HandRange], body: Body
 ) -> Motion:
-    """Add fingers to a motion that was solved again, from the earlier motion where needed.
+    """Add fingers to a motion that was solved again, taking them from the earlier motion where needed.
 
     Solved fingers join the earlier ones at the ends of the range, and match the pinned poses. The difference fades
     linearly to the next pin or end. A motion without fingers stays unchanged if ``earlier`` has none.
@@ -172,7 +172,7 @@ def with_fingers_of(
 
 
 def _left_at_stops(turns: np.ndarray, before: np.ndarray, solved: SolvedRange) -> np.ndarray:
-    """Return (F, J, 3) corrections that make fingers pass through range ends and pins."""
+    """Return the (F, J, 3) corrections that make the fingers match the earlier ones at range ends and pins."""
     wanted, moved = solved.frame_range, set(solved.moved.tolist())
     pins = {pin.frame: pin.body_pose.reshape(-1, 3) for pin in wanted.pins}
     wide = {frame: pose[-before.shape[1] :] for frame, pose in pins.items() if len(pose) > SMPL.num_joints - 1}
@@ -192,7 +192,7 @@ _WRISTS = [
     SMPL_HANDS.joints.index(f"{SMPL_HANDS.groups[j].removesuffix('_hand')}_wrist")
     for j in range(FIRST_FINGER, SMPL_HANDS.num_joints)
 ]
-"""Wrist joint of each finger joint."""
+"""Wrist joint for each finger joint."""
 
 
 def with_finger_turns(
@@ -201,9 +201,9 @@ def with_finger_turns(
     turns: Float[np.ndarray, "frames 30 3"],
     resting: Bool[np.ndarray, "frames 30"] | None = None,
 ) -> Motion:
-    """Return a motion with the joints of ``SMPL_HANDS`` and the given finger rotations.
+    """Return a motion that has the joints in ``SMPL_HANDS`` and the given finger rotations.
 
-    A finger joint gets the uncertainty of its wrist, because gloves and clips state none.
+    A finger joint gets the uncertainty of its wrist, because gloves and clips do not state any.
 
     Args:
         turns: (F, 30, 3) axis-angle rotations of the finger joints in SMPL-H's order, from the body's rest pose.
@@ -233,7 +233,7 @@ def with_finger_turns(
 
 
 def finger_turns_of(motion: Motion) -> Float[np.ndarray, "frames 30 3"] | None:
-    """Return (F, 30, 3) rotations of a motion's finger joints, or None."""
+    """Return the (F, 30, 3) rotations of a motion's finger joints, or None."""
     if not set(SMPL_HANDS.joints) <= set(motion.body_layout.joints):
         return None
     columns = [motion.body_layout.joints.index(joint) - 1 for joint in SMPL_HANDS.joints[FINGER_JOINTS]]
@@ -242,10 +242,10 @@ def finger_turns_of(motion: Motion) -> Float[np.ndarray, "frames 30 3"] | None:
 
 STEPS = 6  # Gauss-Newton steps. Shifts are at most a few centimetres. Three steps are enough for bent arms.
 COLLAR = 0.1
-"""Ease of rotating the collar relative to shoulder and elbow. Chosen by hand: Pose2Sim's balancing trial needs 11
+"""How easily the collar rotates compared with shoulder and elbow. Chosen by hand: Pose2Sim's balancing trial needs 11
 degrees.
 """
-PRONATION = 0.5  # The elbow's share of a hand's twist about the forearm, as in the recordings of the pose prior.
+PRONATION = 0.5  # The elbow's share of a hand's twist about the forearm, as in the recordings behind the pose prior.
 LOADING_M2 = 1e-4  # Damping of the normal matrix in m², for wrists beyond the reach of arm and collar.
 
 
@@ -259,7 +259,7 @@ def follow_hand(
 ) -> PosedFrames:
     """Return the poses with one wrist rotated (world vectors) and shifted.
 
-    ``ω = W Jᵀ (J W Jᵀ + λ)⁻¹ (p + δ - p(ω))``, the smallest rotations of the arm's joints (Whitney 1969).
+    ``ω = W Jᵀ (J W Jᵀ + λ)⁻¹ (p + δ - p(ω))`` are the smallest rotations of the arm's joints (Whitney 1969).
     """
     names = body.layout.joints
     chain = [names.index(f"{SIDES[side]}_{part}") for part in ("collar", "shoulder", "elbow")]
@@ -301,28 +301,28 @@ def _twist(R: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 STAGE = "Hands"
 THROUGH_FRAMES = 3  # Smallest number of frames of a reported overlap.
-LEAST_FRAMES = 4  # Smallest number of frames of a take with keys.
+LEAST_FRAMES = 4  # Smallest number of frames in a take that has keys.
 
 
 @dataclass(frozen=True)
 class SolvedHands(SolvedLayer):
-    """Solved hands of a take."""
+    """The solved hands in a take."""
 
     body: Body  # The body with movable fingers.
     skeletons: tuple[HandSkeleton, HandSkeleton]  # Left and right.
-    hands: Mapping[int, SolvedHand]  # By side, 0 left and 1 right. Unseen sides are missing.
+    hands: Mapping[int, SolvedHand]  # By side, 0 left and 1 right. Sides that are never visible are missing.
     size: float  # Size of the hands relative to the body's shape.
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
-        """Return the motion with fingers."""
+        """Add the fingers to the motion."""
         return with_hands(motion, self, statistics(self))
 
 
 @dataclass(frozen=True)
 class Hands(Layer):
-    """Both hands of one person, solved after the body, with wrists that the arms follow."""
+    """Both hands of one person. They are solved after the body, with wrists that the arms follow."""
 
-    shown: HandViews | HandClouds  # Views or markers of the hands.
+    shown: HandViews | HandClouds  # Views or markers that show the hands.
     SETTINGS: ClassVar[frozenset[str]] = frozenset({"learn_noise"})
 
     def after(
@@ -334,7 +334,7 @@ class Hands(Layer):
 
 
 def hands_in_views(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Hands, ...]:
-    """Return the layer of a person's hands, empty if no view shows any."""
+    """Return a layer for a person's hands, or none if no view shows any."""
     views = HandViews.of(cameras, keypoints)
     return () if views is None else (Hands(views),)
 
@@ -342,7 +342,7 @@ def hands_in_views(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Hands, ...
 def solve_hands(
     shown: HandViews | HandClouds, solved: SolvedFrames, fps: float, settings: SolveSettings, progress: Progress
 ) -> tuple[SolvedFrames, SolvedHands | None]:
-    """Solve the hands, and return them with adjusted arms, or None for a short take.
+    """Solve the hands, and return them with adjusted arms. Return None for hands if the take is too short.
 
     A body model without fingers has no hands, which a diagnostic reports.
     """
@@ -398,7 +398,7 @@ def through_fingers(hand: SolvedHand, side: int) -> tuple[Diagnostic, ...]:
 
 
 def statistics(hands: SolvedHands) -> dict[str, object]:
-    """Return a motion's record of the hands: size, share of seen frames, error, status."""
+    """Return a motion's record of the hands: size, share of frames in which they are seen, error, status."""
     found: dict[str, object] = {"size": round(hands.size, 3)}
     for side, hand in hands.hands.items():
         left = hand.problem.term.residuals(hand.problem.points(hand.states))
@@ -415,7 +415,7 @@ def statistics(hands: SolvedHands) -> dict[str, object]:
 
 @dataclass(frozen=True)
 class HandRange:
-    """Solution of one hand in a frame range and one window on either side of it."""
+    """The solution of one hand in a frame range, with one window on either side."""
 
     frames: Int[np.ndarray, " n"]
     hand: SolvedHand  # Solution in these n frames.
@@ -429,9 +429,9 @@ def solve_hands_again(
     settings: SolveSettings,
     progress: Progress,
 ) -> tuple[SolvedFrames, dict[int, HandRange]]:
-    """Solve the hands of a frame range again. Return adjusted poses and the hand of each side.
+    """Solve the hands in a frame range again. Return adjusted poses and the hand on each side.
 
-    The hands keep the size of the earlier solve. If the earlier motion has no fingers, there are no hands.
+    The hands keep their size from the earlier solve. If the earlier motion has no fingers, there are no hands.
     """
     if not set(SMPL_HANDS.joints) <= set(earlier.body_layout.joints):
         return solved, {}
@@ -456,11 +456,11 @@ def solve_hand_range(
     settings: SolveSettings,
     alive: Callable[[], None] = lambda: None,
 ) -> HandRange:
-    """Solve one hand of a frame range again, from the earlier motion or from points.
+    """Solve one hand in a frame range again, starting from the earlier motion or from points.
 
     Args:
         measured: the hand over the whole take, on the body's current wrist.
-        still: (F, A) finger angles of the earlier solve in radians, replaced by the pins in pinned frames.
+        still: (F, A) finger angles from the earlier solve in radians, replaced by the pins in pinned frames.
     """
     problem = measured.problem
     layout, moving = range_layout(frame_range, problem.num_frames, hand_window(problem.fps))
@@ -469,7 +469,7 @@ def solve_hand_range(
     if settings.learn_noise:
         problem = with_learned_noise(problem, states, settings.robust_scale)
     part, own = problem.select(frames), KeyframeLayout(layout.bounds - layout.bounds[0])
-    # Where the earlier motion is kept, its arms have already followed the hands.
+    # Where the earlier motion is kept, its arms already follow the hands.
     early, late = np.floor(layout.key_times).astype(int), np.ceil(layout.key_times).astype(int)
     kept = 0.5 * (states[early] + states[late])
     anew = initial_keys(part.skeleton, part.wrist, measured.located[frames], own, part.prior)

@@ -1,1 +1,1 @@
-"""Solve all keyframes of a take at once, or one window after another (thesis 6.3.2)."""
+"""Solve all keyframes in a take at once, or one window after another (thesis 6.3.2)."""

@@ -1,4 +1,4 @@
-"""Frame range of an earlier motion to solve again, with pinned poses."""
+"""Define a frame range in an earlier motion that is to be solved again, with pinned poses."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ class Pin:
 
 @dataclass(frozen=True)
 class UserContact:
-    """A contact with the floor that the user added or removed."""
+    """A floor contact that the user added or removed."""
 
     part: str
-    """Name of the body part, a key of ``CONTACT_PARTS``."""
+    """Name of the body part, a key in ``CONTACT_PARTS``."""
     first: int
     last: int
     touches: bool
@@ -42,7 +42,7 @@ class UserContact:
 
     @classmethod
     def from_dict(cls, values: Any, where: str) -> UserContact:
-        """Create a contact from plain values. Raises ``JobInvalid``."""
+        """Create a contact from plain values. Raise ``JobInvalid`` if they are invalid."""
         _check_keys(values, {"part", "first", "last", "touches"}, set(), where)
         if values["part"] not in CONTACT_PARTS:
             hint = f"Known parts: {', '.join(CONTACT_PARTS)}."
@@ -54,7 +54,7 @@ class UserContact:
 
 @dataclass(frozen=True)
 class FrameRange:
-    """Frames of an earlier motion to solve again."""
+    """Frames of an earlier motion that are to be solved again."""
 
     first: int
     """First frame. Its pose does not change unless the take begins here."""
@@ -63,7 +63,7 @@ class FrameRange:
     pins: tuple[Pin, ...] = ()
     """Poses that the solution must pass through."""
     contacts: tuple[UserContact, ...] = ()
-    """Contacts that the user added or removed. A later entry overrides an earlier one."""
+    """Contacts that the user added or removed. Later entries override earlier ones."""
     forgets: bool = False
     """Ignore contacts from earlier solves of these frames."""
 
@@ -72,7 +72,7 @@ class FrameRange:
         """Create a frame range from plain values.
 
         Raises:
-            JobInvalid: a key is missing or unknown, or a pose has a wrong length or values that are not finite.
+            JobInvalid: a key is missing or unknown, or a pose has the wrong length or non-finite values.
         """
         _check_keys(values, {"first", "last"}, {"pins", "contacts", "forgets"}, "resolve")
         pins = []

@@ -1,4 +1,4 @@
-"""Initialise the keyframes of a take from poses of single frames."""
+"""Initialise the keyframes of a take from poses in single frames."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from solver_backend.types import Motion
 def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout, progress: Progress = silent) -> Keyframes:
     """Return keyframes fitted to the nearest observed frames, or sampled from a motion.
 
-    Keys between unobserved frames are interpolated on geodesics from the last observed frame to the next.
+    Keys in unobserved frames are interpolated along geodesics from the last observed frame to the next one.
     """
     rough = problem.measurements.rough
     known = np.flatnonzero(problem.measurements.seen) if rough is None else rough.frames
@@ -67,21 +67,21 @@ def _neighbours(seen: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.nda
     return np.where(gap, before, nearest), np.where(gap, after, nearest), share
 
 
-CALM_M_S2 = 5.2  # Mean acceleration of landmarks up to which the settings' window is kept. Walking has 2 to 5.
+CALM_M_S2 = 5.2  # Mean landmark acceleration up to which the window in the settings is kept. Walking has 2 to 5.
 CLOSEST = 0.6
-"""Smallest window relative to the window in the settings, for dances. It reduces ``bench floor`` on salsa_07 from 4.93
-to 2.93 mm.
+"""Smallest window relative to the one in the settings, for dances. It reduces ``bench floor`` on salsa_07 from 4.93 to
+2.93 mm.
 """
 
 
 def dense_layout(
     model: BundleModel, layout: KeyframeLayout, keys: Keyframes, window: int, fps: float
 ) -> KeyframeLayout:
-    """Return windows adapted to acceleration: ``w max(0.6, min(1, √(5.2 / a)))`` frames.
+    """Adapt window lengths to the acceleration: ``w max(0.6, min(1, √(5.2 / a)))`` frames.
 
-    a is the landmarks' mean acceleration in m/s², which detector noise barely affects. For fast limbs the error of a
-    parabola through three keys exceeds the detector's error. For slow limbs closer keys would fit the noise. ``layout``
-    belongs to the first solution and is returned if its windows of ``window`` frames are short enough.
+    a is the landmarks' mean acceleration in m/s², which detector noise barely affects. For fast limbs, the error of a
+    parabola through three keys exceeds the detector's error. For slow limbs, closer keys would fit the noise.
+    ``layout`` belongs to the first solution, and is returned if its windows of ``window`` frames are short enough.
     """
     frames = model.poses(control_points(keys, layout), layout, spline=True)
     points = to_numpy(points_of(model.subject, frames))
@@ -91,7 +91,7 @@ def dense_layout(
 
 
 def paces(points: np.ndarray, fps: float, apart: int) -> tuple[float, float]:
-    """Return mean and 95th percentile of the points' acceleration in m/s².
+    """Return the mean and the 95th percentile of the points' acceleration in m/s².
 
     ``|x(t - h) - 2 x(t) + x(t + h)| / h²`` for (F, L, 3) points in metres. With spacing h, 4 mm of noise adds 2.2 m/s².
     """
@@ -108,7 +108,7 @@ def closer_window(window: int, pace: float, calm: float, closest: float) -> int:
 
 
 def window_of(motion: Motion, window: int) -> int:
-    """Return the number of frames per window of an earlier solve, at most ``window``."""
+    """Return the number of frames per window in an earlier solve, at most ``window``."""
     keys = 0 if motion.keyframes is None else int(motion.keyframes.sum())
     return window if keys < 3 else max(2, min(window, round(2 * motion.num_frames / keys)))
 
@@ -116,12 +116,12 @@ def window_of(motion: Motion, window: int) -> int:
 DETECTED_M, WORN_M = (0.15, 0.08), (0.06, 0.04)
 """Smallest distance in metres of a lost landmark in one frame and in adjacent frames, for detections and for markers.
 With keys three frames apart, one wrong key bends four frames and moves two of them that far."""
-LOST_SIGMAS = 6.0  # The distance must also exceed this number of standard deviations of the point.
+LOST_SIGMAS = 6.0  # The distance must also exceed this many standard deviations of the point.
 SURE_M = 0.03  # A point is precise if its standard deviation per axis is smaller.
 ROUGHNESS = 2.5
 """The distance must also exceed this factor times the point's distance from the mean of the points before and after.
-Labelling errors and ghosts jump from frame to frame, lost limbs do not."""
-SHORTEST = 3  # Fewest consecutive frames, one at the ends of a take. Shorter runs are wrong points.
+Labelling errors and ghosts jump from frame to frame, but lost limbs do not."""
+SHORTEST = 3  # Fewest consecutive frames (one at the ends of a take). Shorter runs are wrong points.
 
 
 def lost_landmarks(
@@ -130,7 +130,7 @@ def lost_landmarks(
     """Return an (F, L) mask of lost landmarks.
 
     Args:
-        found: (F, L, 3) landmarks of the body in metres.
+        found: (F, L, 3) landmarks on the body in metres.
         points: (F, L, 3) the same landmarks as measured, NaN where missing.
         covariance: (F, L, 3, 3) of the measured points in m².
         bounds_m: ``DETECTED_M`` or ``WORN_M``.
@@ -155,7 +155,7 @@ def lost_landmarks(
 def roughness(points: np.ndarray) -> np.ndarray:
     """Return the (F, L) largest second difference of points within one frame, in metres.
 
-    ``r_t = max_{|s - t| <= 1} |x_s - (x_{s-1} + x_{s+1}) / 2|`` of (F, L, 3) points, 0 where unknown.
+    ``r_t = max_{|s - t| <= 1} |x_s - (x_{s-1} + x_{s+1}) / 2|`` for (F, L, 3) points, 0 where unknown.
     """
     apart = np.zeros(points.shape[:2])
     middle = points[1:-1] - 0.5 * (points[:-2] + points[2:])
@@ -166,8 +166,8 @@ def roughness(points: np.ndarray) -> np.ndarray:
     return most
 
 
-BESIDE = 3  # Additional windows on both sides that are solved too. Their outermost keys are fixed. Chosen by hand.
-Start = Callable[[slice], Keyframes]  # Returns initial keys of a range of windows, from the points of single frames.
+BESIDE = 3  # Additional windows on both sides that are also solved. Their outermost keys are fixed. Chosen by hand.
+Start = Callable[[slice], Keyframes]  # Returns initial keys for a range of windows, from the points in single frames.
 
 
 def resolve_lost_limbs(
@@ -180,10 +180,10 @@ def resolve_lost_limbs(
     schedule: Schedule,
     frames: np.ndarray | None = None,
 ) -> Keyframes:
-    """Solve lost limbs again if that lowers the cost. Return the same keys if nothing changes.
+    """Solve lost limbs again if that reduces the cost. Return the same keys if nothing changes.
 
-    Points that are wrong for some frames look like a lost limb, and only the cost distinguishes them. Runs longer than
-    a chunk are kept. ``points`` are (F, L, 3) landmarks of the body, ``frames`` their frame numbers, by default all.
+    Points that are wrong for some frames look like a lost limb, and only the cost tells them apart. Runs longer than a
+    chunk stay as they are. ``points`` are (F, L, 3) landmarks on the body, ``frames`` their numbers (default all).
     """
     lost = _lost_windows(measurements, layout, points, frames)
     for windows in ranges_around(lost):
@@ -199,7 +199,7 @@ def resolve_lost_limbs(
 
 
 def ranges_around(lost: np.ndarray) -> Iterator[slice]:
-    """Yield ranges of windows to solve again around (N,) ``lost`` windows."""
+    """Yield the ranges of windows around (N,) ``lost`` windows that are to be solved again."""
     near = (np.abs(np.arange(len(lost))[:, None] - np.flatnonzero(lost)) <= BESIDE).any(axis=1)
     for first, last in true_runs(near):
         if last - first < CHUNK_WINDOWS:
@@ -234,7 +234,7 @@ def _restarted(lost: np.ndarray, keys: Keyframes, start: Start) -> Keyframes:
     return hemisphere_aligned(keys)
 
 
-ROUNDS = 4  # Most rounds that solve outlier markers again. A walk of Rajagopal et al. (2016) needs three.
+ROUNDS = 4  # Most rounds that solve outlier markers again. A walk from Rajagopal et al. (2016) needs three.
 
 
 def resolve_outlier_markers(

@@ -1,4 +1,4 @@
-"""Sum the normal equations of keyframes over the frames of each window (thesis eq. 6.6)."""
+"""Sum the normal equations of keyframes over the frames in each window (thesis eq. 6.6)."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.terms import geman_mcclure
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 
-BLOCK_FRAMES = 256  # Frames per block. Their matrices fit the cache, and blocks run in parallel. Affects time only.
-HESSIAN_FRAMES = 4  # Frames per window with computed Hessians, which change slowly. Chosen by hand.
+BLOCK_FRAMES = 256  # Frames per block. Their matrices fit in the cache, and blocks run in parallel. Affects only time.
+HESSIAN_FRAMES = 4  # Frames per window whose Hessians are computed. These change slowly. Chosen by hand.
 FLOOR = 1e-2  # Precision added to every unknown to make matrices regular. Chosen by hand.
 FIXED = 1e12  # Precision of fixed keys, far above any measurement. Chosen by hand.
 Stencil = Sequence[Array | float]  # Coefficients of neighbouring keys.
@@ -38,16 +38,16 @@ Stencil = Sequence[Array | float]  # Coefficients of neighbouring keys.
 
 @dataclass(frozen=True)
 class KeyframeNormalEquations:
-    """Block-tridiagonal normal equations of n N + 1 keys of N windows.
+    """Block-tridiagonal normal equations for the n N + 1 keys of N windows.
 
-    Block w contains the n keys from n w. The last block is padded with dummy keys. Terms over keys need n = 2. ``add``
-    methods modify the arrays in place because these are large.
+    Block w contains the n keys starting at n w. The last block is padded with dummy keys. Terms over keys need n = 2.
+    The ``add`` methods modify the arrays in place because these are large.
     """
 
-    diagonal: Array  # (N + 1, n D, n D), single precision: it only steers the steps.
+    diagonal: Array  # (N + 1, n D, n D), single precision, because it only affects the steps.
     upper: Array
-    """(N, n D, D + m), single precision. Residual rotations of a middle key couple only within their window. The m
-    unknowns before them also couple with the next key."""
+    """(N, n D, D + m), single precision. Residual rotations of a middle key are coupled only within their window. The m
+    unknowns before them are also coupled with the next key."""
     g: Array  # (N + 1, n D).
     layout: StateLayout  # Layout of the tangent of one key, D numbers.
 
@@ -72,7 +72,7 @@ class KeyframeNormalEquations:
         floor: float = FLOOR,
         precision: Any = None,
     ) -> KeyframeNormalEquations:
-        """Return the equations of N windows without data, by default in single precision."""
+        """Return the equations of N windows without data, in single precision by default."""
         single, dof = array_namespace(like).float32 if precision is None else precision, layout.dof
         still = floor * identity(free * dof, like, single)
         diagonal = zeros((num_windows + 1, free * dof, free * dof), like, single) + still
@@ -82,7 +82,7 @@ class KeyframeNormalEquations:
         return cls(diagonal, upper, zeros((num_windows + 1, free * dof), like), layout)
 
     def add_windows(self, windows: slice, hessian: Array) -> None:
-        """Add matrices over all n + 1 keys of windows, except the block of the last key."""
+        """Add matrices over all n + 1 keys of windows, except the last key's block."""
         inner = self.free * self.dof
         self.diagonal[windows] += hessian[:, :inner, :inner]
         self.upper[windows, :, : self.dof] += hessian[:, :inner, inner:]
@@ -94,14 +94,14 @@ class KeyframeNormalEquations:
         flat[: gradient.shape[0]] += gradient
 
     def add_own(self, columns: np.ndarray, precision: Array, gradient: Array) -> None:
-        """Add (K, n) diagonal precisions of n columns of each key's tangent, and the gradient."""
+        """Add (K, n) diagonal precisions for n columns of each key's tangent, and the gradient."""
         for parity in (0, 1):
             at, own = columns + parity * self.dof, precision[parity::2]
             self.diagonal[: own.shape[0], at, at] += own
             self.g[: own.shape[0], at] += gradient[parity::2]
 
     def add_each(self, part: slice, hessian: Array, gradient: Array) -> None:
-        """Add (K, n, n) matrices of n columns of each key's tangent, and the gradient."""
+        """Add (K, n, n) matrices for n columns of each key's tangent, and the gradient."""
         for parity in (0, 1):
             at = slice(part.start + parity * self.dof, part.stop + parity * self.dof)
             own = hessian[parity::2]
@@ -114,14 +114,14 @@ class KeyframeNormalEquations:
         """Add ``1/2 sum_k w_k |sum_i c_i x_{k+i}|²``.
 
         Args:
-            value: (K, v) value x of each key.
-            tangents: (K, v, d) derivative of x by the key's columns from ``first``.
+            value: (K, v) value x at each key.
+            tangents: (K, v, d) derivative of x by the key's columns, starting at ``first``.
             stencil: coefficients c, numbers or (n,) arrays.
             weight: weight w, a number or an (n,) array.
         """
         xp, single = array_namespace(value), self.diagonal.dtype
         rest, weights = differences(value, stencil, weight)
-        count, rounded = rest.shape[0], xp.astype(tangents, single)  # matrices only steer the steps
+        count, rounded = rest.shape[0], xp.astype(tangents, single)  # matrices only affect the steps
         parts = [(i, _along(c, 3) * rounded[i : count + i]) for i, c in enumerate(stencil)]
         for i, left in parts:
             left_T = xp.permute_dims(left, (0, 2, 1)) * xp.astype(weights, single)[:, None, None]
@@ -155,7 +155,7 @@ class KeyframeNormalEquations:
                 self.upper[rows // 2, row : row + size, column : column + size] += chosen
 
     def with_fixed(self, fixed: np.ndarray) -> KeyframeNormalEquations:
-        """Return the equations with masked keys fixed, without step and uncertainty."""
+        """Return the equations with the masked keys fixed, so that they have no step and no uncertainty."""
         if not fixed.any():
             return self
         fixed = np.append(fixed, np.zeros(self.free - 1, dtype=bool))  # the dummies
@@ -182,33 +182,33 @@ class BundleModel:
     subject: Subject
     prior: PosePrior
     objective: BundleObjective
-    free: StateLayout  # Unknown blocks of a key. Residual rotations that are not free do not act.
-    screw: bool = False  # Move the root on screws of SE(3) between keys.
+    free: StateLayout  # Unknown blocks of a key. Residual rotations that are not free have no effect.
+    screw: bool = False  # Move the root along screws in SE(3) between keys.
 
     def part(self, keys: slice) -> BundleModel:
-        """Return the model of a range of keys."""
+        """Return the model for a range of keys."""
         return replace(self, objective=self.objective.part(keys))
 
     def astype(self, precision: Any) -> BundleModel:
-        """Return the model in a floating-point precision. Single halves memory traffic."""
+        """Convert the model to a floating-point precision. Single precision halves memory traffic."""
         return replace(self, subject=self.subject.astype(precision), objective=self.objective.astype(precision))
 
     def poses(
         self, keys: Keyframes, layout: KeyframeLayout, frames: np.ndarray | None = None, *, spline: bool = False
     ) -> PosedFrames:
-        """Return the poses of the given frames, by default of all frames of the layout.
+        """Return the poses in the given frames, by default in all frames of the layout.
 
-        Poses are on the curves of single windows (in the solver) or on the spline of control points (the result).
+        Poses lie on the curves of single windows (in the solver) or on the spline of control points (in the result).
         """
         turned = bool(self.free.turned)
         return key_poses(self.prior, keys, layout, frames, residuals=turned, spline=spline, screw=self.screw)
 
     def curve(self, keys: Keyframes, rows: WindowRows, *, residuals: bool) -> KeyframeCurve:
-        """Return the frames of N windows as functions of their keys."""
+        """Return the frames in N windows as functions of their keys."""
         return KeyframeCurve.through(_by_windows(keys, rows), rows.time, residuals=residuals, screw=self.screw)
 
     def decode_fixed(self, keys: Keyframes, rows: WindowRows) -> list[Array] | None:
-        """Return the (W·n, J, 3, 3) decoded rotations of fixed codes, None if codes are free."""
+        """Return the (W·n, J, 3, 3) decoded rotations for fixed codes, or None if codes are free."""
         if CODE in self.free:
             return None
 
@@ -243,7 +243,7 @@ class BundleModel:
 
     def information(self, layout: KeyframeLayout, keys: Keyframes, scale: float) -> KeyframeNormalEquations:
         """Return the normal equations at a solution, for its covariance."""
-        # With fixed codes, stride the rows before sampling them, so that few frames are posed.
+        # If codes are fixed, stride the rows before sampling them, so that few frames are posed.
         stride = 1 if CODE in self.free else max(1, int(np.diff(layout.bounds).max()) // HESSIAN_FRAMES)
         rows = layout.rows(stride)
         return self.equations(rows.sampled(rows.columns(HESSIAN_FRAMES)), keys, scale)[1]()
@@ -259,13 +259,13 @@ class BundleModel:
 
 @dataclass(frozen=True)
 class DataEquations:
-    """Contributions of frames in N windows to the equations of their keys."""
+    """Contributions of the frames in N windows to the equations of their keys."""
 
-    cost: Array  # (N,) of each window's frames.
-    gradient: Array  # (n N + 1, D) by the keys.
+    cost: Array  # (N,) cost of each window's frames.
+    gradient: Array  # (n N + 1, D) gradient by the keys.
     _layout: StateLayout
     _windows: list[slice]
-    _matrices: list[Callable[[], Array]]  # By all n + 1 keys of each window, of each range of windows.
+    _matrices: list[Callable[[], Array]]  # For each range of windows: matrices by all n + 1 keys of each window.
 
     def normal_equations(self) -> KeyframeNormalEquations:
         """Return the normal equations of all keys, formed on all cores."""
@@ -299,13 +299,13 @@ def data_equations(
     window's keys (eqs. 6.9, 6.10) and ``E_f`` is the data term of one frame (eq. 6.8).
 
     The gradient is exact. The Gauss-Newton matrix is exact if keys stay on the manifold. With residual rotations it is
-    approximate: Lagrange weights w interpolate the pose tangents P of the keys, which are close and nearly solved,
-    ``H_ab = P_aᵀ (Σ_f w_a w_b H_f) P_b``. This needs the network's derivative at the keys only.
+    approximate: Lagrange weights w interpolate the pose tangents P of the keys, which are close to each other and
+    nearly solved: ``H_ab = P_aᵀ (Σ_f w_a w_b H_f) P_b``. This needs the network's derivative only at the keys.
 
     Args:
         rows: the frames of N windows.
-        hessian_frames: number of frames per window with computed Hessians.
-        decoded: see ``BundleModel.decode_fixed``, which is called here for None.
+        hessian_frames: number of frames per window whose Hessians are computed.
+        decoded: see ``BundleModel.decode_fixed``, which is called if None.
     """
     columns, blocks, free = rows.columns(hessian_frames), _blocks(rows, keys), _free_keys(keys, rows)
     local = data.decode_fixed(keys, rows) if decoded is None else decoded
@@ -328,12 +328,12 @@ def _blocks(rows: WindowRows, keys: Keyframes) -> list[slice]:
 
 
 def _free_keys(keys: Keyframes, rows: WindowRows) -> int:
-    """Return n for n N + 1 keys."""
+    """Return n, given n N + 1 keys."""
     return (keys.z.shape[0] - 1) // rows.frames.shape[0]
 
 
 def _by_windows(keys: Keyframes, rows: WindowRows) -> Keyframes:
-    """Return the keys as (N, n + 1) per window."""
+    """Return the keys as (N, n + 1), one row per window."""
     return keys.of_windows(np.arange(rows.frames.shape[0]), _free_keys(keys, rows))
 
 
@@ -362,7 +362,7 @@ def _block(
 
 
 def _exact(data: BundleModel, keys: Keyframes, rows: WindowRows, hessian: Array) -> Array:
-    """Return ``Σ_f B_fᵀ H_f B_f`` for N windows, with derivatives B_f by the keys."""
+    """Return ``Σ_f B_fᵀ H_f B_f`` for N windows, where B_f are the derivatives by the keys."""
     xp = array_namespace(hessian)
     count, width = rows.frames.shape
     curve = data.curve(keys, rows, residuals=False)
@@ -378,7 +378,7 @@ def matrices_by_keys(rows: WindowRows, hessian: Array, d_pose_d_keys: Array) -> 
     Args:
         rows: the frames of N windows that ``hessian`` covers.
         hessian: (N·m, p, p) Hessians of these frames, m per window.
-        d_pose_d_keys: (n N + 1, p, D) derivatives P of the pose tangents by the tangents of the keys.
+        d_pose_d_keys: (n N + 1, p, D) derivatives P of the pose tangents by the keys' tangents.
     """
     xp, size, dof = array_namespace(hessian), hessian.shape[-1], d_pose_d_keys.shape[-1]
     count, width = rows.frames.shape
@@ -401,7 +401,7 @@ def matrices_by_keys(rows: WindowRows, hessian: Array, d_pose_d_keys: Array) -> 
 
 
 def differences(value: Array, stencil: Stencil, weight: Array | float) -> tuple[Array, Array]:
-    """Return the (n, d) sums ``sum_i c_i x_{k+i}`` of (K, d) values, and (n,) weights."""
+    """Return the (n, d) sums ``sum_i c_i x_{k+i}`` of (K, d) values, and the (n,) weights."""
     xp = array_namespace(value)
     count = max(0, value.shape[0] - len(stencil) + 1)
     rest = xp.sum(xp.stack([_along(c, 2) * value[i : count + i] for i, c in enumerate(stencil)]), axis=0)
@@ -418,7 +418,7 @@ def _times(tangents: Array, by_value: Array) -> Array:
     return xp.matmul(xp.permute_dims(tangents, (0, 2, 1)), by_value[..., None])[..., 0]
 
 
-FADING_S = 0.15  # Time constant with which speeds decay in frames without observations, seconds. Chosen by hand.
+FADING_S = 0.15  # Time constant in seconds with which speeds decay in frames without observations. Chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -430,10 +430,10 @@ class MotionPrior:
     """
 
     spacing_s: float  # Time between keys.
-    accel_sigma: float = 6.0  # m/s², of the root's translation.
-    angular_sigma: float = 32.0  # rad/s², of the root's rotation.
-    latent_sigma: float = 8.0  # 1/s², of each coordinate of the code. Recorded motion shows 8 over 0.08 s.
-    unseen: np.ndarray | None = None  # (K - 1,) bool, true between two unobserved keys. None: no such pair.
+    accel_sigma: float = 6.0  # m/s², for the root's translation.
+    angular_sigma: float = 32.0  # rad/s², for the root's rotation.
+    latent_sigma: float = 8.0  # 1/s², for each coordinate of the code. Recorded motion shows 8 over 0.08 s.
+    unseen: np.ndarray | None = None  # (K - 1,) bool, true between two unobserved keys, or None if there are none.
 
     @classmethod
     def bounded(cls, spacing_s: float, smoothing: float, unseen: np.ndarray | None) -> MotionPrior:
@@ -442,11 +442,11 @@ class MotionPrior:
         return cls(spacing_s, *sigmas, unseen=unseen)
 
     def part(self, keys: slice) -> MotionPrior:
-        """Return the priors on a range of keys."""
+        """Return the priors for a range of keys."""
         return self if self.unseen is None else replace(self, unseen=self.unseen[keys.start : keys.stop - 1])
 
     def cost(self, keys: Keyframes, free: StateLayout) -> Array:
-        """Return the (K,) energy of differences at each key."""
+        """Return the (K,) energies of the differences at each key."""
         xp = array_namespace(keys.z)
         cost = zeros((keys.z.shape[0],), keys.z)
         for _, value, _, sigma in self._smooth_parts(keys, free):
@@ -457,7 +457,7 @@ class MotionPrior:
         return cost
 
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
-        """Add the equations of these keys in place."""
+        """Add the equations for these keys in place."""
         for name, value, tangents, sigma in self._smooth_parts(keys, equations.layout):
             for stencil, weight in self._stencils(sigma):
                 equations.add_differences(value, tangents, stencil, weight, equations.layout[name].start)
@@ -469,7 +469,7 @@ class MotionPrior:
         return [((1, -2, 1), weight), ((-1, 1), self.unseen * weight * (self.spacing_s / FADING_S) ** 2)]
 
     def _smooth_parts(self, keys: Keyframes, free: StateLayout) -> list[tuple[str, Array, Array, float]]:
-        """Return (block, value (K, n), tangents (K, n, d), sigma) of the free blocks with a motion prior."""
+        """Return (block, value (K, n), tangents (K, n, d), sigma) for the free blocks that have a motion prior."""
         xp = array_namespace(keys.z)
         placed = [
             (ROOT, keys.quat, quat_left_tangent(keys.quat), 0.5 * self.angular_sigma),
@@ -479,28 +479,28 @@ class MotionPrior:
 
 
 REACH = 3.0
-"""Standard deviations of a joint's angle beyond which the prior's force barely grows. On nine takes of unusual bodies 3
-reduces point errors by 1.5 %. A toe bent by 70 degrees reaches 44 instead of 25. 2.5 adds jitter."""
+"""Standard deviations of a joint's angle beyond which the prior's force barely grows. On nine takes of unusual bodies,
+3 reduces point errors by 1.5 %. A toe bent by 70 degrees reaches 44 instead of 25. 2.5 adds jitter."""
 STEADINESS = 0.15
 """Precision of the second difference of residual rotations over three keys, relative to a frame's precision. 0.15
 reduces acceleration errors by 3 % and point errors by 0.7 % compared with a Gaussian. 0.3 removes the jitter, but also
-the gain."""
+the improvement."""
 
 
 @dataclass(frozen=True)
 class ResidualRotationTerm:
-    """Prior on residual rotations ``r_ki = rho_ki / sigma_i`` at the keys.
+    """Prior for residual rotations ``r_ki = rho_ki / sigma_i`` at the keys.
 
-    The cost is ``E = n/2 sum_ki c² s / (s + c²) + m/2 sum_ki b²``.
-    The penalty of ``s = r_ki²`` has heavy tails, because toes move rarely but far (Geman and McClure 1987). The second
-    difference ``b = r_{k-1,i} - 2 r_ki + r_{k+1,i}`` is the motion prior of rotations that codes cannot express.
+    The cost is ``E = n/2 sum_ki c² s / (s + c²) + m/2 sum_ki b²``. The penalty on ``s = r_ki²`` has heavy tails,
+    because toes move rarely but far (Geman and McClure 1987). The second difference ``b = r_{k-1,i} - 2 r_ki +
+    r_{k+1,i}`` is the motion prior for rotations that codes cannot express.
     """
 
     sigma: np.ndarray  # (J, 3) radians: error of the prior's reconstructions.
-    frames_per_key: float = 1.0  # n, the number of frames that a key represents, as these are priors on frames.
+    frames_per_key: float = 1.0  # n, the number of frames that a key represents, because these priors are per frame.
     reach: float = REACH  # c.
     steadiness: float = STEADINESS  # m.
-    uncovered: tuple[int, ...] = ()  # Columns of a pose that the prior does not model, constrained by other terms.
+    uncovered: tuple[int, ...] = ()  # Pose columns that the prior does not model, which other terms constrain.
 
     def part(self, keys: slice) -> ResidualRotationTerm:
         """Return the term, which is the same for all keys."""
@@ -516,9 +516,9 @@ class ResidualRotationTerm:
         return cost
 
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
-        """Add the equations of these keys in place.
+        """Add the equations for these keys in place.
 
-        Keys on both sides of a window boundary are not coupled. Their product is bounded by squares.
+        Keys on opposite sides of a window boundary are not coupled. Their product is bounded by squares.
         """
         scaled, m = self._scaled(keys), self.steadiness
         _, weight = geman_mcclure(scaled * scaled, self.reach)
@@ -526,10 +526,10 @@ class ResidualRotationTerm:
         gradient = precision * scaled
         for shift, factor in enumerate((1.0, -2.0, 1.0)):
             gradient[shift : len(bend) + shift] += factor * bend
-        precision[:-2:2] += m  # about a window's middle key
+        precision[:-2:2] += m  # at a window's middle key
         precision[1:-1:2] += 4.0 * m
         precision[2::2] += m
-        precision[1:-3:2] += 2.0 * m  # about a joint of windows
+        precision[1:-3:2] += 2.0 * m  # at a joint between windows
         precision[2:-2:2] += 4.0 * m
         precision[3::2] += 2.0 * m
         by_angle = 1.0 / constant(self._covered(self.sigma[None])[0], scaled)
@@ -540,7 +540,7 @@ class ResidualRotationTerm:
         equations.add_own(even, precision, gradient)
         unit, windows = m * by_angle**2, (count - 1) // 2
         equations.upper[:windows, even, even] += unit
-        for inner in (slice(0, windows), slice(1, windows)):  # about middle keys, about joints
+        for inner in (slice(0, windows), slice(1, windows)):  # at middle keys, then at joints
             equations.diagonal[inner, even, odd] -= 2.0 * unit
             equations.diagonal[inner, odd, even] -= 2.0 * unit
         equations.upper[:windows, odd, even] -= 2.0 * unit
@@ -551,7 +551,7 @@ class ResidualRotationTerm:
         return flat / constant(self._covered(self.sigma[None])[0], flat)
 
     def _covered(self, by_joint: Array) -> Array:
-        """Return (K, 3 n) values of the n covered joints from (K, J, 3)."""
+        """Extract (K, 3 n) values for the n covered joints from (K, J, 3)."""
         if self.uncovered:
             kept = [joint for joint in range(by_joint.shape[1]) if joint not in self.uncovered]
             by_joint = by_joint[:, kept]
@@ -563,22 +563,22 @@ def _bend(values: Array) -> Array:
 
 
 OFF_MANIFOLD = 1.25
-"""Factor on the reconstruction error of held-out subjects: tolerance for poses off the prior's manifold. Chosen on
-unusual bodies. 1.5 doubles the gain on dance and loses 1 % on exercises."""
+"""Factor for the reconstruction error on held-out subjects, to tolerate poses off the prior's manifold. Chosen on
+unusual bodies. 1.5 doubles the improvement on dance but loses 1 % on exercises."""
 KeyTerm = MotionPrior | ResidualRotationTerm  # A term on keyframes.
 
 
 @dataclass(frozen=True)
 class BundleObjective:
-    """Terms on F frames and on the keys that define them."""
+    """Terms on F frames, and on the keys that define them."""
 
     frames: FrameObjective
     keys: tuple[KeyTerm, ...] = ()
 
     def part(self, keys: slice) -> BundleObjective:
-        """Return the objective of a range of keys. Frames are selected by number."""
+        """Return the objective for a range of keys. Frames are selected by number."""
         return replace(self, keys=tuple(term.part(keys) for term in self.keys))
 
     def astype(self, precision: Any) -> BundleObjective:
-        """Return the objective with measurements in the given precision."""
+        """Convert the objective's measurements to the given precision."""
         return replace(self, frames=self.frames.astype(precision))

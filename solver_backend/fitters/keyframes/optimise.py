@@ -1,4 +1,4 @@
-"""Solve latent keyframes by windows (thesis 6.3.2) or together, and compute covariances."""
+"""Solve latent keyframes window by window (thesis 6.3.2) or all together, and compute covariances."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from solver_backend.solver.levenberg_marquardt import LazyNormalEquations, LMSet
 
 @dataclass(frozen=True)
 class Schedule:
-    """Robust scales from wide to narrow, and settings of the solve at each scale."""
+    """Robust scales from wide to narrow, and settings for the solve at each scale."""
 
     scales: tuple[float, ...]  # Geman-McClure scales, in standard deviations.
     iterations: int  # Largest number of linearisations per scale.
@@ -48,15 +48,15 @@ class Schedule:
 
 @dataclass(frozen=True)
 class KeySolution:
-    """Minimum of the objective."""
+    """A minimum of the objective."""
 
     keys: Keyframes
-    cost: float  # Of data and priors at the last robust scale.
-    convergence: Convergence  # Of the last robust scale.
+    cost: float  # Cost of data and priors at the last robust scale.
+    convergence: Convergence  # Convergence at the last robust scale.
 
 
 def _joined_solution(keys: Keyframes, parts: list[KeySolution]) -> KeySolution:
-    """Return the solution joined from all parts. Costs of shared windows count twice."""
+    """Join the solutions of all parts. Costs of shared windows count twice."""
     return KeySolution(keys, sum(part.cost for part in parts), Convergence.joined(part.convergence for part in parts))
 
 
@@ -65,7 +65,7 @@ def solve_sliding(
 ) -> KeySolution:
     """Solve window after window with the first key fixed (thesis 6.3.2, eqs. 6.6-6.8).
 
-    Only the first of the n N + 1 initial keys is trusted. The others are guesses.
+    Only the first of the n N + 1 initial keys is trusted, and the others are guesses.
     """
     keys, found = start, []
     fixed = np.arange(layout.free + 1) == 0
@@ -86,7 +86,7 @@ def solve_keys(
     fixed: np.ndarray | None = None,
     alive: Callable[[], None] = lambda: None,
 ) -> KeySolution:
-    """Solve all free keyframes at once, in time linear in the take's length.
+    """Solve all free keyframes at once. The time is linear in the take's length.
 
     Args:
         fixed: (n N + 1,) bool, keys that do not move. None if all move.
@@ -103,7 +103,7 @@ def solve_keys(
 
 @dataclass(frozen=True)
 class _KeyProblem:
-    """Least-squares problem over the keys of a model."""
+    """Least-squares problem over a model's keys."""
 
     model: BundleModel
     layout: KeyframeLayout
@@ -113,7 +113,7 @@ class _KeyProblem:
     fixed: np.ndarray
 
     def linearise(self, state: Keyframes, scale: float) -> tuple[Array, LazyNormalEquations]:
-        """Return the costs of the windows and their equations, formed on demand."""
+        """Return the costs of the windows, and their equations, which are formed on demand."""
         cost, form = self.model.equations(self.rows, state, scale, self.hessian_frames, self.decoded)
         return cost[None], LazyNormalEquations(lambda: form().with_fixed(self.fixed).block_tridiagonal())
 
@@ -123,10 +123,10 @@ class _KeyProblem:
         return state.retract(by_key, self.model.free)
 
 
-CHUNK_WINDOWS = 100  # Windows per chunk. Chunks bound memory. Chosen by hand.
+CHUNK_WINDOWS = 100  # Windows per chunk. Chunks limit memory use. Chosen by hand.
 OVERLAP_WINDOWS = 8
-"""Windows on both sides of a chunk that are solved too (``tests/fitters/keyframes/test_chunked.py``)."""
-SINGLE_TO_M = 100.0  # Within this distance of the origin single precision resolves 8 µm (2⁻²⁴ · 128 m).
+"""Windows on both sides of a chunk that are also solved (``tests/fitters/keyframes/test_chunked.py``)."""
+SINGLE_TO_M = 100.0  # Within this distance of the origin, single precision resolves 8 µm (2⁻²⁴ · 128 m).
 
 
 @dataclass(frozen=True)
@@ -143,12 +143,12 @@ class Chunk:
 
     @property
     def beyond(self) -> tuple[bool, bool]:
-        """Flags of additional solved windows before and after the kept ones."""
+        """Whether additional windows are solved before and after the kept ones."""
         return self.solved.start < self.kept.start, self.solved.stop > self.kept.stop
 
 
 def chunks_of(num_windows: int, before: int, windows: int, overlap: int) -> list[Chunk]:
-    """Divide N windows into chunks of about ``windows`` with additional windows around."""
+    """Divide N windows into chunks of about ``windows`` windows, with additional windows around each."""
     count = max(1, round(num_windows / windows))
     bounds = np.round(np.linspace(0, num_windows, count + 1)).astype(int).tolist()
     return [
@@ -159,9 +159,9 @@ def chunks_of(num_windows: int, before: int, windows: int, overlap: int) -> list
 
 @dataclass(frozen=True)
 class Stretch:
-    """Range of windows as a problem that any process can solve."""
+    """A range of windows, as a problem that any process can solve."""
 
-    model: BundleModel  # With the measurements of its frames, or of all frames.
+    model: BundleModel  # Contains the measurements of its frames, or of all frames.
     layout: KeyframeLayout  # Its windows, by the model's frame numbers.
     keys: Keyframes  # Initial keys.
     schedule: Schedule
@@ -177,18 +177,18 @@ class Stretch:
         windows: slice,
         fixed_ends: tuple[bool, bool],
     ) -> Stretch:
-        """Return a range of windows as a problem, with three fixed keys at a fixed end."""
+        """Return a range of windows as a problem, with three fixed keys at each fixed end."""
         part, some = layout.part(windows), slice(2 * windows.start, 2 * windows.stop + 1)
         number = np.arange(part.num_keys)
         fixed = (number < 3) & fixed_ends[0] | (number >= part.num_keys - 3) & fixed_ends[1]
         return cls(model.part(some), part, keys.select(some), schedule, fixed)
 
     def solve(self, alive: Callable[[], None] = lambda: None) -> KeySolution:
-        """Return the solution. ``alive`` is called before each linearisation."""
+        """Solve the range. ``alive`` is called before each linearisation."""
         return solve_keys(self.model, self.layout, self.keys, self.schedule, self.fixed, alive)
 
     def alone(self) -> Stretch:
-        """Return the range with only the measurements of its frames, to be sent to another process."""
+        """Return the range with only the measurements of its own frames, to be sent to another process."""
         frames = self.layout.frames
         objective = replace(self.model.objective, frames=self.model.objective.frames.select(index(frames, self.keys.z)))
         bounds = self.layout.bounds - self.layout.bounds[0]
@@ -213,11 +213,11 @@ def solve_long(
     overlap: int = OVERLAP_WINDOWS,
     each: Stretches = in_turn,
 ) -> KeySolution:
-    """Solve all keys in two rounds of chunks, the second with fixed ends.
+    """Solve all keys in two rounds of chunks. In the second round, the ends are fixed.
 
-    Chunks of the second round begin and end at keys of their neighbours, so that curves and second differences join
-    exactly. Chunks of one round are independent. The result does not depend on processes or order (red-black
-    Gauss-Seidel, Young 1971). The first round adds ``overlap`` windows on both sides of a chunk of ``windows``.
+    Chunks in the second round begin and end at keys of their neighbours, so that curves and second differences join
+    exactly. Chunks in the same round are independent. The result does not depend on processes or order (red-black
+    Gauss-Seidel, Young 1971). The first round adds ``overlap`` windows on both sides of a chunk of ``windows`` windows.
     """
     keys, found = hemisphere_aligned(start), []
     for first, beyond in ((0, overlap), (1, 1)):
@@ -243,7 +243,7 @@ def solve_in_single(
     alive: Callable[[], None],
     each: Stretches,
 ) -> KeySolution:
-    """Solve all keys as ``solve_long`` does, in single precision near the origin."""
+    """Solve all keys as ``solve_long`` does, in single precision close to the origin."""
     xp = array_namespace(start.transl)
     if float(xp.max(abs(start.transl))) >= SINGLE_TO_M:
         return solve_long(model, layout, start, schedule, alive, each=each)
@@ -252,7 +252,7 @@ def solve_in_single(
     return replace(found, keys=found.keys.astype(start.z.dtype))
 
 
-CALIBRATION = 0.5  # Factor on the inflated variance, calibrated with the ellipsoids of six benchmark takes.
+CALIBRATION = 0.5  # Factor for the inflated variance, calibrated with the ellipsoids in six benchmark takes.
 
 
 def joint_covariance(
@@ -268,15 +268,15 @@ def joint_covariance(
     """Return (F, J + S, 3, 3) posterior covariances of joints (m²) and segments (rad²).
 
     The covariance of joints is ``k f J B S Bᵀ Jᵀ + c² I``. For segments, ``turn_covariance`` uses ``k f B S Bᵀ``. S is
-    the posterior covariance of the three keys of a frame's window. B is the derivative of the pose by these keys (pose
-    tangents with Lagrange weights). J is the derivative of the joints by the pose, f the inflation, k ``CALIBRATION``
-    and c the constant.
+    the posterior covariance of the three keys in a frame's window. B is the derivative of the pose by these keys (pose
+    tangents with Lagrange weights). J is the derivative of the joints by the pose, f the inflation, k is
+    ``CALIBRATION``, and c the constant.
 
     Args:
         system: normal equations at the solution.
-        inflation: variance factor for noise correlated in time.
+        inflation: variance factor for noise that is correlated in time.
         constant_m: (J,) standard deviation per axis of errors that do not average out, in metres.
-        stride: compute the covariance of every n-th frame and interpolate linearly.
+        stride: compute the covariance in every n-th frame, and interpolate linearly.
     """
     xp = array_namespace(keys.z)
     diagonal, upper = system.marginals()
@@ -327,9 +327,9 @@ def covariance_of_joints(
     stride: int = 1,
     done: Callable[[int, int], None] = lambda number, total: None,
 ) -> Array:
-    """Return (F, J + S, 6) packed covariances (see ``joint_covariance``), by chunks.
+    """Return (F, J + S, 6) packed covariances (see ``joint_covariance``), computed chunk by chunk.
 
-    ``done`` is called with the number of finished chunks and of all chunks.
+    ``done`` is called with the number of finished chunks and the total number of chunks.
     """
     first, found = layout.bounds[0], []
     chunks = chunks_of(layout.num_windows, overlap, chunk_windows, overlap)
@@ -346,7 +346,7 @@ def covariance_of_joints(
 
 
 def _between(found: Array, frames: np.ndarray, wanted: np.ndarray) -> Array:
-    """Return (F, ...) values in the wanted frames, interpolated linearly and constant beyond the ends."""
+    """Interpolate (F, ...) values linearly in the wanted frames. Beyond the ends they are constant."""
     after = np.clip(np.searchsorted(frames, wanted), 1, max(1, len(frames) - 1))
     before, after = after - 1, np.minimum(after, len(frames) - 1)
     share = np.clip((wanted - frames[before]) / np.maximum(frames[after] - frames[before], 1), 0.0, 1.0)
@@ -355,7 +355,7 @@ def _between(found: Array, frames: np.ndarray, wanted: np.ndarray) -> Array:
 
 
 def _pose_covariance(diagonal: Array, upper: Array, d_pose_d_keys: Array, windows: slice) -> Array:
-    """Return (N, 3, 3, p, p) covariances ``P_a S_ab P_bᵀ`` of the pose tangents at keys."""
+    """Return the (N, 3, 3, p, p) covariances ``P_a S_ab P_bᵀ`` of the pose tangents at keys."""
     xp = array_namespace(d_pose_d_keys)
     dof = d_pose_d_keys.shape[-1]
     start, after = slice(windows.start, windows.stop), slice(windows.start + 1, windows.stop + 1)
@@ -371,11 +371,11 @@ def _pose_covariance(diagonal: Array, upper: Array, d_pose_d_keys: Array, window
 
 
 def noise_inflation(points: Array, term: DataTerm, scale: float, num_frames: int) -> float:
-    """Return the variance factor of n correlated frames: ``1 + 2 sum_k (1 - k/n) r^k``.
+    """Return the variance factor for n correlated frames: ``1 + 2 sum_k (1 - k/n) r^k``.
 
     r is the lag-one correlation of first-order autoregressive noise, measured on the residuals of inliers. ``points``
-    are (F, L, 3) landmarks of a solution. Reference: Bayley and Hammersley 1946, "The effective number of independent
-    observations in an autocorrelated series".
+    are the (F, L, 3) landmarks of a solution. Reference: Bayley and Hammersley 1946, "The effective number of
+    independent observations in an autocorrelated series".
     """
     xp, count = array_namespace(points), points.shape[0]
     product = power = 0.0

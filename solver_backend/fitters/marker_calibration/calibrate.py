@@ -43,21 +43,21 @@ from solver_backend.residuals.terms import DataTerm, PointEvidence, geman_mcclur
 from solver_backend.solver.levenberg_marquardt import Arrowhead, LMSettings, levenberg_marquardt
 from solver_backend.types import MarkerSubject, Motion
 
-FLOOR = 1e-2  # Smallest precision of every unknown of a pose.
+FLOOR = 1e-2  # Smallest precision of every unknown in a pose.
 
 
 @dataclass(frozen=True)
 class PlacementPrior:
-    """Prior of a person's shape and marker positions."""
+    """Prior for a person's shape and marker positions."""
 
     shape: Array  # (10,) precision of the shape around ``shape_mean``.
-    shape_mean: Array  # (10,) shape of the mean person, or a known one.
-    places: Array  # (L, 3, 3) precision of each marker's offset from its default position in the rest frame, 1/m².
+    shape_mean: Array  # (10,) shape of the average person, or a known one.
+    places: Array  # (L, 3, 3) precision of each marker's offset from its default position in the rest pose, 1/m².
     pose_weight: float = 1.0  # Weight of the pose terms.
 
 
 def person_state(subject: Subject, prior: PosePrior, frames: FrameStates) -> PersonState:
-    """Return the state of poses that may leave the prior's manifold."""
+    """Return the state for poses that may leave the prior's manifold."""
     if frames.residual is None:
         frames = replace(frames, residual=zeros((frames.z.shape[0], len(prior.joints), 3), frames.z))
     return PersonState(subject, frames, state_layout(prior))
@@ -100,7 +100,7 @@ def calibration_equations(
 
 
 def _shared(evidence: PointEvidence, by_pose: Array, by_betas: Array, by_offsets: Array) -> tuple[Array, Array, Array]:
-    """Return Hessian and gradient of shape and offsets, and the coupling with poses."""
+    """Return Hessian and gradient of shape and offsets, and their coupling with poses."""
     xp = array_namespace(by_pose)
     count, num = by_pose.shape[:2]
     size = 10 + 3 * num
@@ -128,7 +128,7 @@ def _shared(evidence: PointEvidence, by_pose: Array, by_betas: Array, by_offsets
 
 
 def _add_known(known: PlacementPrior, subject: Subject, shared: Array, g_shared: Array) -> Array:
-    """Add the prior of shape and offsets to the shared equations in place, and return its cost."""
+    """Add the prior for shape and offsets to the shared equations in place, and return its cost."""
     xp = array_namespace(shared)
     shape, places = subject.betas - known.shape_mean, subject.offsets
     pulled = xp.matmul(known.places, places[..., None])[..., 0]
@@ -142,20 +142,20 @@ def _add_known(known: PlacementPrior, subject: Subject, shared: Array, g_shared:
 
 
 OTHER_SIZE = 0.12
-"""Smallest absolute logarithm of a size that is used: below 1.50 m and above 1.91 m. For a walker of 1.36 m, the fit of
-the mean body ends with errors of 42 mm.
+"""Smallest absolute logarithm of a size that is used: below 1.50 m and above 1.91 m. For a walker of 1.36 m, fitting
+the average body ends with errors of 42 mm.
 """
-LEAST_M, LEAST_SUM_M = 0.12, 0.6  # Smallest distance of a pair at rest, and smallest sum over all pairs (two shanks).
+LEAST_M, LEAST_SUM_M = 0.12, 0.6  # Smallest distance of a pair at rest, and smallest sum of all pairs (two shanks).
 AT_JOINT_M = 0.07  # A marker this close to a joint keeps its distance from markers on both bones.
-SPREAD_M = 0.03  # Deviation of joints from the scaled mean body, weighed against one unit of a coefficient.
+SPREAD_M = 0.03  # Deviation of joints from the scaled average body, weighed against one unit of a coefficient.
 
 
 def first_shape(body: Body, landmarks: Landmarks, points: np.ndarray) -> np.ndarray:
-    """Return the (10,) initial shape, zeros if the mean body's size fits.
+    """Return the (10,) initial shape, or zeros if the average body's size fits.
 
-    The size s is the median of ``d / r``, weighted by r, over marker pairs with a distance that no pose changes. d is
-    the recorded distance, r the mean body's. The shape is ``argmin |D b - (s - 1) J|² / SPREAD_M² + |b|²`` with joints
-    J and their derivatives D, both relative to the pelvis. ``points`` are (F, L, 3) in metres, NaN where missing.
+    The size s is the median of ``d / r``, weighted by r, over marker pairs whose distance no pose changes. d is the
+    recorded distance, r the average body's. The shape is ``argmin |D b - (s - 1) J|² / SPREAD_M² + |b|²`` with joints J
+    and their derivatives D, relative to the pelvis. ``points`` (F, L, 3) are in metres, NaN where missing.
     """
     nothing = np.zeros(body.joints_shapedirs.shape[-1])
     rest = landmarks.anchors.sum(axis=1)
@@ -176,7 +176,7 @@ def first_shape(body: Body, landmarks: Landmarks, points: np.ndarray) -> np.ndar
 
 
 def _keeps_distance(body: Body, landmarks: Landmarks, rest: np.ndarray) -> np.ndarray:
-    """Return an (L, L) mask of marker pairs with a nearly constant distance."""
+    """Return an (L, L) mask of marker pairs whose distance is nearly constant."""
     joints = np.arange(len(body.parents))
     at_joint = np.linalg.norm(rest[:, None] - body.joints_template, axis=-1) < AT_JOINT_M
     above = joints[:, None] == np.maximum(body.parents, 0)  # (bone, joint that it leads to)
@@ -185,15 +185,15 @@ def _keeps_distance(body: Body, landmarks: Landmarks, rest: np.ndarray) -> np.nd
     return (carried @ carried.T) & placed[:, None] & placed
 
 
-CANDIDATES = 600  # Frames, spread over the takes, among which to choose.
-LEAST_SEEN = 0.6  # A chosen frame shows at least this share of the largest number of markers seen at once.
+CANDIDATES = 600  # Frames, spread over the takes, from which to choose.
+LEAST_SEEN = 0.6  # A chosen frame shows at least this share of the largest number of markers visible at once.
 
 
 def varied_frames(points: np.ndarray, count: int) -> np.ndarray:
     """Return up to ``count`` frames with the most different poses, in order.
 
-    Distances between markers describe a pose without position and heading. The next frame is farthest from all chosen
-    ones (Gonzalez 1985, "Clustering to minimize the maximum intercluster distance"). ``points`` are (F, L, 3).
+    Distances between markers describe a pose without its position and heading. The next frame is farthest from all
+    chosen ones (Gonzalez 1985, "Clustering to minimize the maximum intercluster distance"). ``points`` are (F, L, 3).
     """
     seen = np.isfinite(points).all(-1).sum(-1)
     candidates = np.unique(np.linspace(0, len(points) - 1, min(CANDIDATES, len(points))).astype(int))
@@ -212,23 +212,23 @@ def varied_frames(points: np.ndarray, count: int) -> np.ndarray:
     return np.sort(candidates[np.unique(chosen)])
 
 
-FRAMES = 64  # Frames used to calibrate a person.
+FRAMES = 64  # Number of frames used to calibrate a person.
 STAGE = "Calibrating the person"
 PRIOR_FRAMES = 4.0
 """Weight of the assumed marker deviation, in frames."""
 POSE_FRAMES = 24.0
 """Largest total weight of the pose terms in frames, because people repeat postures. A weight of 64 moves markers by a
-centimetre. A weight of one predicts hidden markers worse (docs/research-log/sensors.md)."""
+centimetre. A weight of one predicts hidden markers less accurately (docs/research-log/sensors.md)."""
 SIGMA_RANGE_M = (0.003, 0.03)  # Limits of a marker's standard deviation.
 SCORING_STEPS, ROBUST_SCALE = 4, 4.0  # Fisher scoring steps and robust scale for estimating a marker's deviation.
-SHAPE_LIMIT = 3.5  # Largest shape coefficient if body parts have no markers and leave coefficients undetermined.
+SHAPE_LIMIT = 3.5  # Largest shape coefficient if body parts have no markers, so that coefficients are undetermined.
 BEYOND_START = 0.5  # Allowed deviations beyond a larger starting shape (a child's legs alone). Chosen by hand.
-HELD, KNOWN = 1e6, 1e12  # Precision of a coefficient at its limit (64 frames of 14 markers: 4,000), and if given.
+HELD, KNOWN = 1e6, 1e12  # Precision of a coefficient at its limit (64 frames of 14 markers: 4,000), and of a given one.
 
 
 @dataclass(frozen=True)
 class SubjectCalibration:
-    """Calibrated person, and the frames used for it."""
+    """The calibrated person, and the frames used for calibration."""
 
     subject: Subject  # The person, with the markers as landmarks.
     sigma_m: np.ndarray  # (L,) standard deviation per axis of each marker around its position on the body, in metres.
@@ -237,7 +237,7 @@ class SubjectCalibration:
 
 
 def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: Progress) -> SubjectCalibration:
-    """Estimate shape, marker positions and marker deviations from varied frames of a take.
+    """Estimate shape, marker positions and marker deviations from varied frames in a take.
 
     The settings provide the robust scale, the number of iterations, and the shape if it is known.
     """
@@ -264,7 +264,7 @@ def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: 
     for scale in graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3):
         state = fit(state, known, scale)
     if settings.betas is None and uninformed_parts(problem.body, measured):
-        # An active set, because a penalty within the fit would stop its steps too early.
+        # Use an active set, because a penalty within the fit would stop its steps too early.
         limit = np.maximum(SHAPE_LIMIT, np.abs(start) + BEYOND_START)
         while (held := held_at_limit(known, to_numpy(state.subject.betas), limit)) is not None:
             known = held
@@ -277,7 +277,7 @@ def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: 
 
 
 def marker_sigma(term: DataTerm, points: Array, noise: np.ndarray) -> np.ndarray:
-    """Return (L,) standard deviations in metres of marker positions, without tracker noise Σ.
+    """Return the (L,) standard deviations of marker positions in metres, excluding tracker noise Σ.
 
     ``s² = (Σ_f w s⁴ (|P r|² - tr P Σ P) / 3 + n s₀²) / (Σ_f w s⁴ tr P² / 3 + n)`` with ``P = (s² 1 + Σ)⁻¹``, computed
     with a few steps of Fisher scoring. For Σ = 0 it simplifies to ``(Σ_f w |r|² / 3 + n s₀²) / (Σ_f w + n)``. w is the
@@ -304,7 +304,7 @@ def marker_sigma(term: DataTerm, points: Array, noise: np.ndarray) -> np.ndarray
 
 
 def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior:
-    """Return the prior of shape and marker offsets, by their spread among people."""
+    """Return the prior for shape and marker offsets, given by their spread among people."""
     like, known = subject.betas, settings.betas is not None
     mean = np.asarray(settings.betas, dtype=np.float64) if known else np.zeros(10)
     places = placement_precision(subject.body, subject.landmarks.names)
@@ -314,7 +314,7 @@ def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior
 def held_at_limit(
     known: PlacementPrior, betas: np.ndarray, limit: float | np.ndarray = SHAPE_LIMIT
 ) -> PlacementPrior | None:
-    """Return the prior with shape coefficients fixed at a limit, or None without any."""
+    """Return the prior with shape coefficients fixed at a limit, or None if none exceeds it."""
     precision, mean = to_numpy(known.shape), to_numpy(known.shape_mean)
     beyond = (np.abs(betas) > limit) & (precision < HELD)
     if not beyond.any():
@@ -335,7 +335,7 @@ def record_of(
 
 
 def with_marker(person: MarkerSubject, label: str, marker: Attachment) -> MarkerSubject:
-    """Return the person with an additional marker on a bone."""
+    """Add a marker on a bone to a person."""
     return replace(
         person,
         labels=(*person.labels, label),
@@ -347,7 +347,7 @@ def with_marker(person: MarkerSubject, label: str, marker: Attachment) -> Marker
 
 
 def person_of(motion: Motion) -> MarkerSubject | None:
-    """Return the person of an earlier solve from markers, or None if the motion has none."""
+    """Return the person in an earlier solve from markers, or None if the motion has none."""
     labels, places, offsets, sigma = motion.marker_labels, motion.layout, motion.offsets, motion.marker_sigma
     if offsets is None or labels is None or places is None or sigma is None:
         return None
@@ -355,10 +355,10 @@ def person_of(motion: Motion) -> MarkerSubject | None:
 
 
 def subject_of(record: MarkerSubject, body: Body, like: Array) -> Subject:
-    """Return the subject of a record, with its markers as landmarks.
+    """Convert a record to a subject with its markers as landmarks.
 
     Raises:
-        SubjectInvalid: the record has another body, or a marker at an unknown location.
+        SubjectInvalid: the record is for another body, or has a marker at an unknown location.
     """
     if record.body != body.id:
         message = f"The subject was calibrated on the body {record.body!r}, but the solve uses {body.id!r}."
@@ -374,14 +374,14 @@ def subject_of(record: MarkerSubject, body: Body, like: Array) -> Subject:
 
 
 def matched(record: MarkerSubject, labels: tuple[str, ...]) -> tuple[MarkerSubject, list[int]]:
-    """Return the part of a record whose markers a take has, and their columns there.
+    """Return the part of a record whose markers are in a take, and their columns there.
 
     Prefix, case and punctuation of labels are ignored.
 
     Raises:
         SubjectInvalid: fewer markers match than ``least_markers``.
     """
-    # Exact labels have priority, because several parts of one person may have a Marker1.
+    # Exact labels take precedence, because several parts of one person may have a Marker1.
     columns = {key(label): i for key in (label_key, str) for i, label in reversed(list(enumerate(labels)))}
     keys = [label if label in columns else label_key(label) for label in record.labels]
     kept = [m for m, key in enumerate(keys) if key in columns]

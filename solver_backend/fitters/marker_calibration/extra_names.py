@@ -39,7 +39,7 @@ def in_words_of(person: MarkerSubject, cloud: MarkerCloud) -> MarkerCloud:
 
 
 def nameless_columns(cloud: MarkerCloud, others: Collection[str] = ()) -> np.ndarray:
-    """Return the columns without names, and those with a name in ``others``."""
+    """Return the columns without names, and those whose name is in ``others``."""
     return np.flatnonzero([is_unnamed(label) or label in others for label in cloud.names])
 
 
@@ -53,7 +53,7 @@ def missing_markers(cloud: MarkerCloud, person: MarkerSubject) -> np.ndarray:
 
 
 def with_names(cloud: MarkerCloud, columns: np.ndarray, which: np.ndarray, labels: Sequence[str]) -> MarkerCloud:
-    """Return the take with recognised points moved to their markers' columns.
+    """Move recognised points to the columns of their markers.
 
     Args:
         columns: (N,) columns of the points.
@@ -76,7 +76,7 @@ def with_names(cloud: MarkerCloud, columns: np.ndarray, which: np.ndarray, label
             add(labels[marker])
         column = names.index(labels[marker])
         before = values[f, column]
-        # Another point that the network gave this label loses its name.
+        # If the network gave this label to another point, that point loses its name.
         if np.isfinite(before[:, 0]).any():
             add(next(name for k in range(len(names) + 1) if (name := f"*{k}") not in names))
             values[f, -1] = before
@@ -85,11 +85,11 @@ def with_names(cloud: MarkerCloud, columns: np.ndarray, which: np.ndarray, label
     return cloud.with_values(values[:, kept], tuple(names[i] for i in kept))
 
 
-MARGIN_M = 0.03  # Largest median distance of a point from its marker on the body.
+MARGIN_M = 0.03  # Largest median distance between a point and its marker on the body.
 CLEAR = 0.7  # The distance to a marker must be below this factor times the distances of all rivals.
 LEAST_SHARE = 0.25  # Smallest share of a take that shows a new marker. Stray points are brief.
-APART_M = 0.02  # Smallest distance of a new marker from known ones on its bone. A closer one may be the same.
-TURN = 0.05  # Rotation error of a bone in a rough pose, radians. It grows with the distance from the joint.
+APART_M = 0.02  # Smallest distance between a new marker and known ones on its bone. A closer one may be the same.
+TURN = 0.05  # Rotation error of a bone in a rough pose, radians. Its effect grows with the distance from the joint.
 
 _BONES = "hip THI, knee SHN, ankle FOOT, foot TOES, collar COL, shoulder UPA, elbow FRM, wrist HAND, hand FINGERS"
 _SIDED = dict[str, str](map(str.split, _BONES.split(", ")))
@@ -98,11 +98,11 @@ _SIDED = dict[str, str](map(str.split, _BONES.split(", ")))
 
 @dataclass(frozen=True)
 class ExtraNames:
-    """Take with unlabelled points that were named after known markers at the same positions."""
+    """A take whose unlabelled points were named after known markers at the same positions."""
 
     cloud: MarkerCloud
-    named: tuple[str, ...]  # Labels that points took.
-    doubtful: int  # Chains of points near a known marker with an ambiguous match, which stay without a name.
+    named: tuple[str, ...]  # Labels that points received.
+    doubtful: int  # Chains of points near a known marker with an ambiguous match, which stay unnamed.
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class _ChainPoints:
 class _Take:
     expected: np.ndarray  # (F, L, 3) metres, the person's markers on the body
     frames: np.ndarray  # (K,) frames with known poses
-    bones: BonePoses  # in these
+    bones: BonePoses  # in these frames
     columns: np.ndarray  # (N,) columns of the points without names
     chain: np.ndarray  # (F, N) chain of each point, -1 where there is none
     tracks: list[_ChainPoints]  # by chain
@@ -132,10 +132,10 @@ def named_extras(
 
     Args:
         person: a person calibrated on this body, with markers attached to bones.
-        kept: names that the user assigned. They remain even if the person has no such marker.
+        kept: names that the user assigned. They are kept even if the person has no such marker.
 
     Raises:
-        SubjectInvalid: the person has another body or wears other markers.
+        SubjectInvalid: the person was calibrated on another body or wears other markers.
     """
     cloud = in_words_of(person, cloud)
     kept = {*kept, *(label for label, place in zip(person.labels, person.places, strict=True) if place in kept)}
@@ -161,9 +161,9 @@ def named_extras(
 def with_extras(
     person: MarkerSubject, clouds: Sequence[MarkerCloud], body: Body, progress: Progress = silent
 ) -> MarkerSubject:
-    """Add bone markers from takes with unlabelled points to a person.
+    """Add bone markers to a person, using takes with unlabelled points.
 
-    A new marker is named after its bone and a number (``LTHI_X1``). A marker of an earlier take keeps its name. The
+    A new marker is named after its bone and a number (``LTHI_X1``). A marker from an earlier take keeps its name. The
     person must have been calibrated on this body with the markers named in these takes.
     """
     for cloud in clouds:
@@ -211,7 +211,7 @@ def _elsewhere(cloud: MarkerCloud, person: MarkerSubject, take: _Take) -> set[st
 
 
 def _matched(take: _Take, missing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (C,) marker of each chain of points, -1 if unknown, and a (C,) mask of ambiguous chains.
+    """Return the (C,) marker of each chain of points (-1 if unknown), and a (C,) mask of ambiguous chains.
 
     ``missing`` (F, L) marks the person's markers that are not observed under their names.
     """
@@ -227,7 +227,7 @@ def _matched(take: _Take, missing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             away[c] = np.where(missing[track.frames].mean(0) > 0.5, np.median(off, axis=0), np.inf)
     nearest = away.min(1, initial=np.inf)
     near = nearest < MARGIN_M
-    # The nearest chains are matched first and occupy their marker in these frames.
+    # The nearest chains are matched first, and occupy their marker in these frames.
     for c in np.argsort(nearest, kind="stable")[: near.sum()]:
         best = int(np.argmin(away[c]))
         beside = (first <= last[c]) & (last >= first[c]) & (found < 0)
@@ -263,9 +263,9 @@ def _with_new(person: MarkerSubject, take: _Take, chains: np.ndarray, fps: float
 
 
 def _attached(points: np.ndarray, bones: BonePoses) -> Attachment | None:
-    """Attach (K, 3) points to a bone. Return None if none fits or too few frames show the points.
+    """Attach (K, 3) points to a bone. Return None if no bone fits or too few frames show the points.
 
-    Unlike ``attach``, allow for rotation errors of a bone: the bone with the smallest ``s + TURN |o|`` is chosen.
+    Unlike ``attach``, this allows for rotation errors: the bone with the smallest ``s + TURN |o|`` is chosen.
     """
     if np.isfinite(points).all(-1).sum() < LEAST_FRAMES:
         return None

@@ -1,4 +1,4 @@
-"""Find wrong labels and ghost points of a take with the fitted body, and correct them."""
+"""Find wrong labels and ghost points in a take by comparing it with the fitted body, and correct them."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from solver_backend.labelling.label_like import NameChange, NamesOverTakes, name
 from solver_backend.residuals.terms import geman_mcclure
 from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, MarkerCloud
 
-WINDOW_S = 0.1  # Averaging window of hypotheses in seconds, because single frames are noisy.
-SIGMA_M, SCALE = 0.02, 4.0  # Deviation per axis of a marker from its rough position, and Geman-McClure scale in these.
+WINDOW_S = 0.1  # Window in seconds for averaging hypotheses, because single frames are noisy.
+SIGMA_M, SCALE = 0.02, 4.0  # Deviation per axis of a marker from its rough position, and robust scale in these.
 GAIN = 3.0  # Smallest mean gain of a swap per marker over a window, in half squared deviations.
-GHOST_M = 0.11  # Smallest distance of a ghost from the expected position.
-MOST_NAMED = 5  # Most markers with separate diagnostics. More share one cause and one diagnostic.
+GHOST_M = 0.11  # Smallest distance between a ghost and the expected position.
+MOST_NAMED = 5  # Largest number of markers with separate diagnostics. More share a cause and get one diagnostic.
 
 
 @dataclass(frozen=True)
 class LabelFault:
-    """Wrong label in the frames ``first`` to ``last``."""
+    """A wrong label in the frames from ``first`` to ``last``."""
 
     marker: int  # Column of the label.
-    other: int  # The marker that it was swapped with, or the same one for a ghost.
+    other: int  # Marker that it was swapped with, or the same one for a ghost.
     first: int
     last: int
 
@@ -48,7 +48,7 @@ class CleanedLabels:
     """Markers with corrected labels."""
 
     points: np.ndarray  # (F, M, 3) metres, NaN where missing or excluded as a ghost.
-    flags: np.ndarray  # (F, M) uint8 of ``MARKER_SWAPPED`` and ``MARKER_GHOST``.
+    flags: np.ndarray  # (F, M) uint8 flags ``MARKER_SWAPPED`` and ``MARKER_GHOST``.
     faults: tuple[LabelFault, ...]  # In order of the first frame.
 
 
@@ -57,8 +57,8 @@ def clean_labels(
 ) -> CleanedLabels:
     """Correct swapped labels and exclude ghosts.
 
-    For two neighbours a and b, ``g(t) = ρ(x_a - y_a) + ρ(x_b - y_b) - ρ(x_a - y_b) - ρ(x_b - y_a)`` is the gain of
-    swapping their labels. They are swapped if a window's mean is large. If one is hidden, the other's label changes.
+    For two neighbours a and b, ``g(t) = ρ(x_a - y_a) + ρ(x_b - y_b) - ρ(x_a - y_b) - ρ(x_b - y_a)`` is the gain from a
+    label swap. They are swapped if its mean over a window is large. If one is hidden, the other's label changes.
 
     Args:
         points: (F, M, 3) measured markers x in metres, NaN where missing.
@@ -92,8 +92,8 @@ def clean_labels(
 
 
 def shared_error(off: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return (F, M, 3) errors of the body near each marker in metres, 0 if unknown."""
-    ordered = np.sort(off[:, around], axis=2)  # (F, M, n, 3). What is missing comes last
+    """Return the (F, M, 3) errors of the body near each marker in metres, 0 if unknown."""
+    ordered = np.sort(off[:, around], axis=2)  # (F, M, n, 3). Missing values come last
     count = np.maximum(np.isfinite(ordered).sum(axis=2, keepdims=True), 1)
     middle = [np.take_along_axis(ordered, place, 2) for place in ((count - 1) // 2, count // 2)]
     return np.nan_to_num(0.5 * (middle[0] + middle[1])[:, :, 0])
@@ -105,7 +105,7 @@ def _gain(points: np.ndarray, expected: np.ndarray, a: int, b: int) -> np.ndarra
 
 
 def _misfit(off: np.ndarray) -> np.ndarray:
-    """Return the (F,) half robust squares of (F, 3) errors, 0 where one is missing."""
+    """Return half the robust squares (F,) of (F, 3) errors, 0 where one is missing."""
     squared = (off * off).sum(-1) / SIGMA_M**2
     return 0.5 * geman_mcclure(np.nan_to_num(squared), SCALE)[0]
 
@@ -118,7 +118,7 @@ def _smoothed(gain: np.ndarray, half: int) -> np.ndarray:
 
 
 def _trimmed(gain: np.ndarray, first: int, last: int) -> tuple[int, int]:
-    """Extend a frame range to adjacent frames with a gain, and trim frames without a gain."""
+    """Extend a frame range to adjacent frames with a gain, and trim frames without one."""
     while first > 0 and gain[first - 1] > 0:
         first -= 1
     while last < len(gain) - 1 and gain[last + 1] > 0:
@@ -131,7 +131,7 @@ def _trimmed(gain: np.ndarray, first: int, last: int) -> tuple[int, int]:
 
 
 def diagnose_labels(still: np.ndarray, faults: tuple[LabelFault, ...], labels: tuple[str, ...]) -> list[Diagnostic]:
-    """Return diagnostics of stationary (F, M) markers and of wrong labels."""
+    """Return diagnostics about stationary (F, M) markers and about wrong labels."""
     found = [
         diagnostic("marker_still", markers=[labels[m]], frames=[run], remedy=Remedy.BRIDGED)
         for m in np.flatnonzero(still.any(axis=0))
@@ -149,7 +149,7 @@ def diagnose_labels(still: np.ndarray, faults: tuple[LabelFault, ...], labels: t
 
 
 def gathered(found: Iterable[Diagnostic]) -> list[Diagnostic]:
-    """Merge diagnostics of the same code if they concern more than ``MOST_NAMED`` markers."""
+    """Merge diagnostics with the same code if they concern more than ``MOST_NAMED`` markers."""
     items = list(found)
     for code in ("marker_ghost", "marker_still"):
         alike = [item for item in items if item.code == code]
@@ -170,26 +170,26 @@ NEAR_BASE = {"legs": ("THI", "KNE", "KNM"), "arms": ARMS}  # Markers that stay o
 _CENTRES = "hip FWT, knee KNE, ankle ANK, heel HEE, foot TOE, big_toe TOE, shoulder SHO, elbow ELB"
 OF_CENTRES = dict[str, str](map(str.split, _CENTRES.split(", ")))  # Skin markers that correspond to joint centres.
 _SIDES = {"L": ("left", "right", 1.0), "R": ("right", "left", -1.0)}  # Side, other side, sign of its direction.
-LEAST_PAIRS = 2  # Fewest pairs of a limb's markers.
+LEAST_PAIRS = 2  # Smallest number of marker pairs on a limb.
 MIRRORED, CROSSED_M, SIDES_SHARE = -0.3, -0.05, 0.75
-"""Limit of the median sine of the feet's direction, limit in metres of a quantile of the left leg's distance to the
-left, and this quantile. In 45 recordings the median sine exceeds 0.5, and the quantile of 0.75 exceeds 0.12 m."""
+"""Limit for the median sine of the feet's direction, limit in metres for a quantile of how far the left leg is on the
+left, and this quantile. In 45 recordings, the median sine exceeds 0.5, and the 0.75 quantile exceeds 0.12 m."""
 INNER_M, FOOT_M = -0.015, 0.1
 """Smallest distance in metres of the outer ankle towards the outer side of the foot, and largest plausible one. In 160
-recordings 320 feet have 27 to 58 mm, except one (btkdata's ADemo1) with -4 mm."""
+recordings, 320 feet have 27 to 58 mm, except one (btkdata's ADemo1) with -4 mm."""
 KNEE_BENT, KNEELS = 0.08, 0.3
-"""Smallest distance of a bent knee from the line of hip and ankle, by its length (18 degrees), and of a knee that tells
-forward better than the foot (62 degrees), because the foot of a kneeling leg points backwards."""
+"""Smallest distance of a bent knee from the line of hip and ankle, relative to its length (18 degrees), and of a knee
+that shows the forward direction better than the foot (62 degrees), because kneeling feet point backwards."""
 _SHIN = ("KNE", "KNM"), ("ANK", "ANM", "HEE")
 
 
 def check_sides(points: np.ndarray, landmarks: Landmarks) -> None:
     """Check that left limbs are on the left and that feet point forward.
 
-    With l from right to left, u from feet to waist and f from heels to toes, ``(l × u) · f > 0``. For strongly bent
-    knees and for joint centres without toes, f points from the line of hip and ankle to the forward knee, for other
-    joint centres from neck or ears to the nose. A single limb is compared with waist or shoulders, a single leg with
-    its ankle.
+    Let l point from right to left, u from feet to waist and f from heels to toes. Then ``(l × u) · f > 0``. For
+    strongly bent knees and for joint centres without toes, f points from the line between hip and ankle to the forward
+    knee. For other joint centres, it points from neck or ears to the nose. A single limb is compared with waist or
+    shoulders, and a single leg with its ankle.
 
     Raises:
         MarkersMirrored: a condition does not hold in most frames.
@@ -248,7 +248,7 @@ def _check_ankles(points: np.ndarray, column: dict[str, int]) -> None:
         ankle, heel, toe = (points[:, column[name]] for name in foot)
         up, forward = points[:, column[above]] - ankle, toe - heel
         outwards = sign * (unit(np.cross(up, forward)) * (ankle - heel)).sum(-1)
-        # Swapped labels within a foot, which are found later, put the ankle below the heel or nearer to the toes.
+        # Labels swapped within a foot, which are found later, put the ankle below the heel or nearer to the toes.
         sound = ((ankle - heel) * up).sum(-1) > 0.0
         sound &= np.linalg.norm(ankle - heel, axis=-1) < np.linalg.norm(ankle - toe, axis=-1)
         outwards = np.where(sound & (abs(outwards) < FOOT_M), outwards, np.nan)
@@ -268,9 +268,9 @@ def _on_skin(name: str) -> str:
 
 
 def _feet_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | None:
-    """Return the (n, F) sines of the feet's direction to waist and legs, or None.
+    """Return the (n, F) sines of the feet's direction relative to waist and legs, or None.
 
-    Feet of kneeling legs point backwards, so legs with strongly bent knees are judged by the knees' direction.
+    The feet of kneeling legs point backwards, so legs with strongly bent knees are judged by the knees' direction.
     """
     lateral = _lateral(points, column, WAIST, 1)
     lateral = _lateral(points, column, LEGS, LEAST_PAIRS) if lateral is None else lateral
@@ -293,7 +293,7 @@ def _feet_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | No
 def _knee_forward(
     lateral: np.ndarray, hip: np.ndarray, knee: np.ndarray, ankle: np.ndarray, least: float
 ) -> np.ndarray:
-    """Return (F,) sines of the knee's bending direction, positive forwards, NaN for straight knees."""
+    """Return the (F,) sines of the knee's bending direction, positive forwards, NaN for straight knees."""
     along, bend = unit(hip - ankle), knee - ankle
     bend = bend - (bend * along).sum(-1, keepdims=True) * along
     bent = np.linalg.norm(bend, axis=-1) > least * np.linalg.norm(hip - ankle, axis=-1)
@@ -320,7 +320,7 @@ def _centres_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray |
 
 
 def _lateral(points: np.ndarray, column: dict[str, int], places: Sequence[str], least: int) -> np.ndarray | None:
-    """Return (F, 3) mean vectors in metres from right to left markers. None if there are too few pairs."""
+    """Return the (F, 3) mean vectors in metres from right to left markers, or None if there are too few pairs."""
     pairs = [(column["L" + p], column["R" + p]) for p in places if {"L" + p, "R" + p} <= column.keys()]
     if len(pairs) < least:
         return None
@@ -333,7 +333,7 @@ def _along(points: np.ndarray, column: dict[str, int], side: str) -> np.ndarray 
 
 
 def _mean(points: np.ndarray, column: dict[str, int], names: Sequence[str]) -> np.ndarray | None:
-    """Return (F, 3) means of the known markers, or None if there are none."""
+    """Return the (F, 3) means of the known markers, or None if there are none."""
     chosen = [column[name] for name in names if name in column]
     return points[:, chosen].mean(axis=1) if chosen else None
 
@@ -347,20 +347,20 @@ def _usual(values: np.ndarray, share: float = 0.5) -> float:
     return float(np.quantile(known, share)) if known.size else 1.0
 
 
-ELBOW_BENT = 0.35  # Smallest sine of a bend that counts: the elbow marker of a straight arm shows 0.3.
+ELBOW_BENT = 0.35  # Smallest sine of a bend that counts. The elbow marker on a straight arm shows 0.3.
 EXCHANGED = -0.3
 """Median cosine below which names are swapped. In 347 of 351 arms it is above 0.37
 (docs/research-log/marker_files.md).
 """
-LEAST_FRAMES = 20  # Fewest frames with a bent elbow.
+LEAST_FRAMES = 20  # Smallest number of frames with a bent elbow.
 _SHOULDERS, _ELBOWS = (("SHO",), ("FSH", "BSH")), ("ELB", "ELM")
 
 
 def exchanged_wrists(points: np.ndarray, places: Sequence[str]) -> list[tuple[int, int]]:
-    """Return the columns of the markers WRA and WRB on each side where their names are swapped.
+    """Return the columns of the markers WRA and WRB on each side where these names are swapped.
 
     For every rotation of the hand, the thumb side of the wrist is within 90 degrees of the upper arm, measured across
-    the forearm. With f from elbow to wrist and u from elbow to shoulder, ``(x_A - x_B) · (u - (u · f) f) > 0``.
+    the forearm. If f points from elbow to wrist and u from elbow to shoulder, ``(x_A - x_B) · (u - (u · f) f) > 0``.
     ``points`` are (F, L, 3) in metres, NaN where missing.
     """
     column = {place: i for i, place in enumerate(places)}
@@ -378,7 +378,7 @@ def exchanged_wrists(points: np.ndarray, places: Sequence[str]) -> list[tuple[in
 
 
 def with_wrists_named(clouds: Sequence[MarkerCloud], own: Mapping[str, str]) -> NamesOverTakes:
-    """Return takes with corrected wrist marker names, and the changes."""
+    """Correct wrist marker names in takes. Return the takes and the changes."""
     takes, changes = list(clouds), list[NameChange]()
     for number, cloud in enumerate(clouds):
         labels = cloud.labels or ()
@@ -392,7 +392,7 @@ def with_wrists_named(clouds: Sequence[MarkerCloud], own: Mapping[str, str]) -> 
 
 
 def _towards_upper_arm(inner: np.ndarray, outer: np.ndarray, shoulder: np.ndarray, elbow: np.ndarray) -> float:
-    """Return the median cosine of wrist line and upper arm across the forearm."""
+    """Return the median cosine between wrist line and upper arm, measured across the forearm."""
     forearm = unit(0.5 * (inner + outer) - elbow)
     upper = shoulder - elbow
     across = upper - (upper * forearm).sum(-1, keepdims=True) * forearm
@@ -402,18 +402,18 @@ def _towards_upper_arm(inner: np.ndarray, outer: np.ndarray, shoulder: np.ndarra
     return float(quantile(cosine[bent], 0.5, axis=0)) if bent.sum() >= LEAST_FRAMES else 1.0
 
 
-FRAMES = 16  # Varied frames to compare before a person is calibrated.
+FRAMES = 16  # Number of varied frames compared before a person is calibrated.
 OFF_M, EXCHANGE_LEAVES = 0.04, 0.3
-"""Smallest RMS distance in metres of both markers from their positions, and largest share of it that remains after a
+"""Smallest RMS distance in metres of both markers from their positions, and largest share of it that may remain after a
 swap.
 """
-LEAST = 8  # Fewest frames that show both markers.
+LEAST = 8  # Smallest number of frames that show both markers.
 
 
 def exchanged_labels(problem: Problem, like: Array) -> list[tuple[int, int]]:
-    """Return pairs of markers with swapped labels, by a fit of the mean person.
+    """Return pairs of markers whose labels are swapped, judged by fitting the average person.
 
-    Markers with only a known bone have no expected position and are excluded.
+    Markers known only by their bone have no expected position, so they are excluded.
     """
     subject = Subject.average(problem.body, problem.measurements.landmarks, like)
     frames = varied_frames(problem.measurements.points, FRAMES)
@@ -426,8 +426,8 @@ def exchanged_labels(problem: Problem, like: Array) -> list[tuple[int, int]]:
 def exchanged_throughout(points: np.ndarray, expected: np.ndarray) -> list[tuple[int, int]]:
     """Return pairs of markers that are each at the other's position in the median frame.
 
-    ``m(|x_a - y_b|² + |x_b - y_a|²) < s m(|x_a - y_a|² + |x_b - y_b|²)`` with medians m over frames and positions y
-    corrected by the body's error near each marker.
+    ``m(|x_a - y_b|² + |x_b - y_a|²) < s m(|x_a - y_a|² + |x_b - y_b|²)``, where m are medians over frames and positions
+    y are corrected by the body's error near each marker.
     """
     around = neighbours_of(points)
     shifted = expected + shared_error(points - expected, around)
@@ -450,7 +450,7 @@ def exchanged_throughout(points: np.ndarray, expected: np.ndarray) -> list[tuple
 def named_alike(
     clouds: Sequence[MarkerCloud], own: Mapping[str, str]
 ) -> tuple[tuple[MarkerCloud, ...], dict[str, Any]]:
-    """Return takes with consistent names, and the changes for the person's record."""
+    """Make names consistent across takes. Return the takes, and the changes for the person's record."""
     wrists = with_wrists_named(clouds, own)
     named = names_over_takes(wrists.clouds, own)
     return named.clouds, over_takes((*wrists.changes, *named.changes))

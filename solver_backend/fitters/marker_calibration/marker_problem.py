@@ -78,9 +78,9 @@ FREE_M = {"BAC": 0.25, "SACR": 0.16}  # The same for freely chosen positions: th
 
 
 def off_place(places: tuple[str, ...], distance: np.ndarray) -> list[int]:
-    """Return the markers too far from their locations, the farthest first.
+    """Return the markers that are too far from their locations, farthest first.
 
-    Joint centres and markers with only a known bone have no expected position.
+    Joint centres and markers known only by their bone have no expected position.
     """
     far = [m for m, place in enumerate(places) if distance[m] > _farthest(place)]
     return sorted(far, key=lambda m: -distance[m])
@@ -103,19 +103,19 @@ def _farthest(place: str) -> float:
 
 
 APART_M = 0.09
-"""Smallest distance between a marker's positions on the body in two takes, in metres. For five people of UI-PRMD the
+"""Smallest distance in metres between a marker's positions on the body in two takes. For five people in UI-PRMD, the
 median distances are 11 to 20 mm, at shoulders up to 85 mm. Subject 5's moved thigh markers have 90 and 111 mm."""
-STEADY = 0.25  # Largest median distance from a take's position by the takes' distance: others wander.
+STEADY = 0.25  # Largest median distance from a take's position, relative to the takes' distance: others wander.
 _TWISTED = ("elbow", "wrist", "hand")  # Twist of these bones alone moves markers by up to 114 mm.
-LEAST_FRAMES = 4  # Fewest frames of a take that show a marker.
+LEAST_FRAMES = 4  # Smallest number of frames in a take that show a marker.
 
 
 def two_places(found: SubjectCalibration, points: np.ndarray, takes: np.ndarray) -> list[tuple[int, float, int, int]]:
-    """Return markers at different positions in two takes, with distance and takes.
+    """Return markers at different positions in two takes, with their distance and the takes.
 
-    A marker's position in a take is the median of ``Gᵀ (x - p)`` over the calibrated frames, with position p and
-    rotation G of the landmark's main bone. ``points`` (F, M, 3) are the takes' markers in metres, NaN where missing.
-    ``takes`` (F,) is the take of each frame.
+    A marker's position in a take is the median of ``Gᵀ (x - p)`` over the calibrated frames, where p and G are the
+    position and rotation of the landmark's main bone. ``points`` (F, M, 3) are the takes' markers in metres, NaN where
+    missing. ``takes`` (F,) is the take that each frame belongs to.
     """
     subject, poses = found.subject, BonePoses.of(found.subject, found.poses)
     bones = np.argmax(subject.landmarks.weights, axis=1)
@@ -150,15 +150,15 @@ def marker_problem(
     progress: Progress,
     person: MarkerSubject | None = None,
 ) -> Problem:
-    """Return the problem of labelled markers on a calibrated person.
+    """Prepare the problem of labelled markers on a calibrated person.
 
     Args:
         person: a person from an earlier calibration. None calibrates on this take.
 
     Raises:
-        MarkersUnknown, NoDetections: too few markers are known, or visible.
-        MarkersMirrored: the markers are a mirror image of a body's.
-        SubjectInvalid: the person has another body or wears other markers.
+        MarkersUnknown, NoDetections: too few markers are known or visible.
+        MarkersMirrored: the markers are a mirror image of those on a body.
+        SubjectInvalid: the person was calibrated on another body or wears other markers.
     """
     found: list[Diagnostic] = []
     doubts: list[Diagnostic] = []
@@ -227,9 +227,9 @@ def _cleaned(
 
 
 def moved_points(cloud: MarkerCloud, points: np.ndarray) -> MarkerCloud:
-    """Return the cloud with (F, L, 3) points that changed columns.
+    """Return the cloud after moving (F, L, 3) points to other columns.
 
-    An excluded marker is NaN.
+    Excluded markers are NaN.
     """
     if cloud.residual is None and cloud.covariance is None:
         return replace(cloud, positions=points)
@@ -262,11 +262,11 @@ def calibrated(
     progress: Progress,
     provenance: dict[str, Any] | None = None,
 ) -> MarkerSubject:
-    """Calibrate the person who wears the same markers in one or several takes.
+    """Calibrate a person who wears the same markers in one or more takes.
 
     Raises:
-        MarkersUnknown, NoDetections: too few markers are known, or visible.
-        MarkersMirrored: the markers are a mirror image of a body's.
+        MarkersUnknown, NoDetections: too few markers are known or visible.
+        MarkersMirrored: the markers are a mirror image of those on a body.
         FileMissing, FileDamaged: the layout file in the settings cannot be read.
     """
     cloud = joined(clouds)
@@ -275,7 +275,7 @@ def calibrated(
     own = {**given, **by_side}
     names = name_markers([label for label in cloud.names if not is_unnamed(label)], own)
     known = known_markers_of(cloud, own)
-    # Fewer chosen labels identify less than all of them together, so keep what these identified.
+    # A few chosen labels identify fewer markers than all of them together, so keep what these identified.
     own = {**names.known, **own}
 
     def ready() -> Problem:
@@ -321,7 +321,7 @@ def calibrated(
         doubled += [{"label": labels[m], "apart_m": round(d, 3), "take": a + 1, "other": b + 1} for m, d, a, b in two]
     sides = [{"label": label, "place": place} for label, place in by_side.items()]
     away = {row["label"] for row in misplaced}
-    # Swapped markers that are excluded later, because only a part of the take swaps them, are not corrected.
+    # Swapped markers that are excluded later, because only part of the take swaps them, are not corrected.
     corrected = [pair for pair in exchanged if not away & set(pair)]
     doubts = {SIDE_FOUND: sides, TWO_PLACES: doubled, EXCHANGED: corrected, MISPLACED: misplaced}
     record = {"frames": found.frames.tolist(), **(provenance or {})} | {
@@ -340,7 +340,7 @@ def _disjoint(pairs: Sequence[tuple[int, int]], more: Sequence[tuple[int, int]])
 def _with_attached(
     person: MarkerSubject, found: SubjectCalibration, cloud: MarkerCloud, unknown: Collection[str]
 ) -> MarkerSubject:
-    """Add markers of unknown labels that move with a bone and belong to no prop."""
+    """Add markers with unknown labels that move with a bone and do not belong to a prop."""
     bones = BonePoses.of(found.subject, found.poses)
     columns = [column for column, label in enumerate(cloud.names) if label in unknown]
     some = MarkerCloud(cloud.positions[found.frames][:, columns], cloud.fps, tuple(cloud.names[i] for i in columns))
@@ -359,7 +359,7 @@ def _with_attached(
 
 
 def joined(clouds: Sequence[MarkerCloud]) -> MarkerCloud:
-    """Concatenate the frames of several takes, with NaN for markers that a take lacks."""
+    """Concatenate the frames of several takes. Markers that a take does not have become NaN."""
     if len(clouds) == 1:
         return clouds[0]
     labels = tuple(dict.fromkeys(label for cloud in clouds for label in cloud.names))

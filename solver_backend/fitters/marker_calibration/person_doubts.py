@@ -1,4 +1,4 @@
-"""Warnings about a person's markers, found before or during a calibration."""
+"""Report warnings about a person's markers that were found before or during calibration."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from solver_backend.labelling.label_like import NameChange
 from solver_backend.types import MarkerCloud, MarkerSubject
 
 MISPLACED, TWO_PLACES, EXCHANGED = "misplaced", "two_places", "exchanged"
-"""Keys of a person's provenance: unused names (``label``, ``place``, ``off_m``), labels at two positions (``label``,
+"""Keys in a person's provenance: unused names (``label``, ``place``, ``off_m``), labels at two positions (``label``,
 ``apart_m``, ``take`` and ``other`` from 1), and pairs of swapped labels."""
 NAMES_OVER_TAKES, SIDE_FOUND = "names_over_takes", "side_found"
 """Keys for swapped names (``take`` from 1, ``labels``, ``corrected``) and sideless labels (``label``, ``place``)."""
 
 
 def doubts_of(person: MarkerSubject) -> list[Diagnostic]:
-    """Return diagnostics of unused names, excluded markers and detected sides."""
+    """Return diagnostics about unused names, excluded markers and detected sides."""
     sides, over, off, two = (
         person.provenance.get(key, ()) for key in (SIDE_FOUND, NAMES_OVER_TAKES, MISPLACED, TWO_PLACES)
     )
@@ -55,7 +55,7 @@ def doubts_of(person: MarkerSubject) -> list[Diagnostic]:
 
 
 def over_takes(changes: Sequence[NameChange]) -> dict[str, Any]:
-    """Return the provenance of names that are swapped in single takes."""
+    """Return the provenance of names that were swapped in single takes."""
     rows = [
         {"take": c.take + 1, "labels": [label for label in (c.first, c.second) if label], "corrected": c.mended}
         for c in changes
@@ -64,16 +64,16 @@ def over_takes(changes: Sequence[NameChange]) -> dict[str, Any]:
 
 
 def exchanged_in(person: MarkerSubject) -> list[Diagnostic]:
-    """Return diagnostics of swapped labels. A solve of the take itself reports them with frames."""
+    """Return diagnostics about swapped labels. A solve of the take itself reports them with frames."""
     pairs = person.provenance.get(EXCHANGED, ())
     return [diagnostic("markers_exchanged", markers=sorted(pair), remedy=Remedy.REPAIRED) for pair in pairs]
 
 
 WIDEST = 0.64
 """Largest distance between the hips relative to the thigh's length. It is 0.40 in an inertial suit's skeleton, 0.3 to
-0.45 in bodies and 0.52 in detections. Markers on the outer hip or the waist have 0.7 and more."""
+0.45 in bodies and 0.52 in detections. Markers on the outer hip or the waist reach 0.7 and more."""
 FAR_M = 0.025  # Smallest error of a wrong joint centre. Inertial suits have 11 mm, skin markers 40 mm.
-STRANGE = 4.0  # Smallest implausible shape coefficient. A suit has 1.3, markers named as hips and knees 6.5.
+STRANGE = 4.0  # Smallest implausible shape coefficient. A suit reaches 1.3, markers named as hips and knees 6.5.
 _CHAIN = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 
 
@@ -103,14 +103,14 @@ def _width(cloud: MarkerCloud, person: MarkerSubject) -> float:
 
 TRUNK = ("C7", "T2", "T4", "T8", "T10", "T12", "CLAV", "STRN", "SACR", "SHO", "FSH", "BSH", "FWT", "BWT", "MWT")
 """Locations, without side, that stay nearly rigid relative to each other."""
-LEAST, MIRROR_FRAMES = 5, 40  # Fewest markers of the trunk, and frames to compare.
-SHARE = 0.75  # Largest median ratio of the mirrored fit's error to the direct fit's.
+LEAST, MIRROR_FRAMES = 5, 40  # Smallest number of trunk markers, and number of frames compared.
+SHARE = 0.75  # Largest median ratio between the errors of the mirrored and the direct fit.
 
 
 def check_handedness(points: np.ndarray, landmarks: Landmarks) -> None:
-    """Check that the trunk's markers are not a mirror image of a body's.
+    """Check that the trunk's markers are not the mirror image of those on a body.
 
-    The markers of each frame are aligned with the rest pose by a rotation, and by a rotation with a reflection (Kabsch
+    The markers in each frame are aligned with the rest pose by a rotation, and by a rotation with a reflection (Kabsch
     1976, with and without the sign of the determinant). ``points`` are (F, L, 3) in metres, NaN where missing.
 
     Raises:
@@ -133,7 +133,7 @@ def check_handedness(points: np.ndarray, landmarks: Landmarks) -> None:
 
 
 def mirror_image(what: str) -> MarkersMirrored:
-    """Return the error for markers that are a mirror image of a body's."""
+    """Return the error for markers that are the mirror image of those on a body."""
     return MarkersMirrored(
         f"The {what} are mirrored. Left and right labels are swapped, or an axis is reversed.",
         where="markers",
@@ -142,18 +142,18 @@ def mirror_image(what: str) -> MarkersMirrored:
 
 
 DISTANCE_FRAMES = 60  # Number of frames in which distances are measured.
-LEAST_GROUP, NEAREST = 3, 5  # Fewest markers of a group, and pairs to compare across the gap.
+LEAST_GROUP, NEAREST = 3, 5  # Smallest number of markers in a group, and number of pairs compared across the gap.
 LARGEST, SLACK_M = 1.45, 0.15
-"""Largest person relative to the average body, and tolerance in metres. Two halves 0.6 m apart exceed it."""
+"""Largest person relative to the average body, and tolerance in metres. Two halves that are 0.6 m apart exceed it."""
 
 
 def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body, offsets: np.ndarray | float = 0.0) -> None:
-    """Check that the markers are not two groups farther apart than a body reaches.
+    """Check that the markers are not two groups that are farther apart than a body can reach.
 
-    The longest edge of the minimum spanning tree of median distances separates the groups. Then the pairs across the
-    gap with the smallest distances d along the skeleton are compared. The groups are on different bodies if every pair
-    is farther apart than ``LARGEST d + SLACK_M``. ``offsets`` are (L, 3) in metres of the markers from their locations
-    in the rest frame of an average body. Markers of a bone alone without an offset are not compared.
+    The groups are separated at the longest edge of the minimum spanning tree of median distances. Then the pairs across
+    the gap with the smallest distances d along the skeleton are compared. The groups are on different bodies if every
+    pair is farther apart than ``LARGEST d + SLACK_M``. ``offsets`` are (L, 3) in metres, from the markers' locations in
+    the rest pose of an average body. Markers known only by their bone and without an offset are not compared.
 
     Raises:
         MarkersUnknown: the groups are too far apart.
@@ -184,7 +184,7 @@ def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body, offsets
 
 
 def _parted(distance: np.ndarray) -> np.ndarray:
-    """Return an (M,) mask of markers beyond the longest edge of their spanning tree."""
+    """Return an (M,) mask of the markers beyond the longest edge of their spanning tree."""
     count = len(distance)
     parent, away = np.zeros(count, dtype=int), distance[0].copy()
     inside = np.arange(count) == 0
@@ -197,7 +197,7 @@ def _parted(distance: np.ndarray) -> np.ndarray:
         nearer = distance[added] < away
         parent, away = np.where(nearer & ~inside, added, parent), np.minimum(away, distance[added])
     beyond = np.arange(count) == int(np.argmax(length))
-    for added in order:  # what was joined to it later is beyond too
+    for added in order:  # everything joined to it later is also beyond the edge
         beyond[added] |= bool(beyond[parent[added]])
     return beyond
 

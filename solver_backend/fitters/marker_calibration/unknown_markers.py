@@ -17,18 +17,18 @@ from solver_backend.fitters.model.subject import PosedFrames, Subject
 from solver_backend.geometry.arrays import quantile, to_numpy
 from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS, MarkerCloud
 
-LEAST_MARKERS = 3  # Fewest markers of a prop, because fewer have no orientation.
+LEAST_MARKERS = 3  # Smallest number of markers on a prop, because fewer have no orientation.
 STRAYS_M, SHARE = 0.006, 0.95
 """Largest change of a distance in a rigid body, and share of frames below it. Noise of 2 mm needs 5.5 mm."""
 MOVES_M = 0.05  # Smallest movement of a prop's marker from its median position. Others are part of the room.
-LEAST_FRAMES, FRAMES = 15, 400  # Fewest frames that show two markers together, and number of frames to use.
-MOST = 100  # Most markers to compare, as all pairs of distances are computed. The most visible ones are used.
+LEAST_FRAMES, FRAMES = 15, 400  # Fewest frames that show two markers together, and number of frames used.
+MOST = 100  # Largest number of markers compared, because all pairs are. The most visible ones are used.
 
 
 def rigid_groups(points: np.ndarray) -> list[list[int]]:
-    """Return groups of three or more moving markers with constant distances, the largest first.
+    """Return groups of three or more moving markers whose distances are constant, largest group first.
 
-    Each group is a clique. It starts with the marker that has the most constant distances and adds the best-fitting
+    Each group is a clique. It starts with the marker that has the most constant distances, and adds the best-fitting
     marker at each step. A marker that was never visible together with a member must fit three others. ``points`` are
     (F, N, 3) in metres, NaN where missing.
     """
@@ -47,7 +47,7 @@ def rigid_groups(points: np.ndarray) -> list[list[int]]:
 
 
 def _constant(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, N) masks of pairs with a constant distance, and of common visibility."""
+    """Return (N, N) masks of pairs with a constant distance, and of pairs that are visible together."""
     count = points.shape[1]
     constant, together = np.zeros((count, count), dtype=bool), np.zeros((count, count), dtype=bool)
     for m in range(count):
@@ -78,9 +78,9 @@ def _moves(points: np.ndarray) -> bool:
 
 
 NUM_ATTACHED = 1 + NUM_BODY_JOINTS  # Number of bones that can carry markers with unknown names.
-LEAST_FRAMES_OF_BONE = 8  # Fewest frames of a marker to identify its bone.
+LEAST_FRAMES_OF_BONE = 8  # Smallest number of frames of a marker needed to identify its bone.
 RESIDUAL_M, REACH_M = 0.03, 0.45
-"""Largest median distance in metres of a marker from its position on the bone, and of this position from the joint."""
+"""Largest median distance in metres from a marker to its position on the bone, and from this position to the joint."""
 _MEDIAN_LENGTH = 1.54  # Median length of a three-dimensional Gaussian, in standard deviations per axis.
 
 
@@ -89,12 +89,12 @@ class Attachment:
     """Attachment of a marker to a bone."""
 
     place: str  # ``@`` and the name of the bone's joint.
-    offset: np.ndarray  # (3,) metres from the joint, in the bone's rest frame.
+    offset: np.ndarray  # (3,) metres from the joint, in the bone's axes at rest.
     sigma_m: float  # Standard deviation around it per axis, metres.
 
     @classmethod
     def on_bone(cls, bone: int, offset: np.ndarray, spread: np.ndarray) -> Attachment:
-        """Return the attachment to one bone from the results of ``bone_offsets``."""
+        """Return the attachment to one bone, given the results of ``bone_offsets``."""
         return cls(ON_BONE + SMPL_JOINTS[bone], offset[bone], float(spread[bone] / _MEDIAN_LENGTH))
 
 
@@ -107,24 +107,24 @@ class BonePoses:
 
     @classmethod
     def of(cls, subject: Subject, frames: PosedFrames) -> BonePoses:
-        """Return the bones of a person in the given poses."""
+        """Return a person's bones in the given poses."""
         skeleton = forward_kinematics(subject.body, subject.betas, frames.root, frames.local, frames.transl)
         return cls(to_numpy(skeleton.joints), to_numpy(skeleton.G))
 
     def carry(self, points: np.ndarray) -> bool:
-        """Return whether one bone carries (F, M, 3) markers at a constant offset."""
+        """Return whether one bone carries all (F, M, 3) markers at constant offsets."""
         offsets = [bone_offsets(points[:, m], self.joints, self.rotations) for m in range(points.shape[1])]
         spread, reach = (np.median([item[k] for item in offsets], axis=0) for k in (1, 2))
         return bool(((spread < RESIDUAL_M) & (reach < REACH_M)).any())
 
 
 def attach(points: np.ndarray, bones: BonePoses, named: str | None = None) -> Attachment | None:
-    """Attach a marker to the bone with the most constant offset. Return None if no bone fits.
+    """Attach a marker to the bone relative to which its offset is most constant. Return None if no bone fits.
 
-    The offset in bone j is ``o_j = median_f G_jᵀ (x - p_j)`` per axis, which is robust to wrong points. The bone with
-    the smallest median distance from the offset is chosen. Among equally good bones within the noise it is the one with
-    the nearest joint. ``points`` (F, 3) are in metres, NaN where missing. If the marker's label names a bone, ``named``
-    is that bone's joint, and no other bone is allowed.
+    The offset on bone j is ``o_j = median_f G_jᵀ (x - p_j)`` per axis, which is robust to wrong points. The bone with
+    the smallest median distance from the offset is chosen. If several bones are equally good within the noise, the one
+    with the nearest joint is chosen. ``points`` (F, 3) are in metres, NaN where missing. If the marker's label names a
+    bone, ``named`` is that bone's joint, and no other bone is allowed.
     """
     if np.isfinite(points).all(-1).sum() < LEAST_FRAMES_OF_BONE:
         return None
@@ -140,10 +140,10 @@ def attach(points: np.ndarray, bones: BonePoses, named: str | None = None) -> At
 def common_bones(
     points: np.ndarray, labels: Sequence[str], bones: BonePoses, known: Mapping[str, tuple[int, ...]]
 ) -> dict[str, str]:
-    """Map the label of each unknown marker of a rigid group to the joint of its bone.
+    """Map the label of each unknown marker in a rigid group to the joint of its bone.
 
-    The markers of a rigid plate are on one bone: a possible one of the group's known markers, or else any. The bone
-    with the most constant offsets of the whole group is chosen, as single markers may also fit a neighbouring bone.
+    Markers on a rigid plate are on one bone: a possible one of the group's known markers, or else any bone. The bone
+    with the most constant offsets of the whole group is chosen, as single markers may fit a neighbouring bone.
 
     Args:
         points: (F, N, 3) positions in metres, NaN where missing.
@@ -166,9 +166,9 @@ def common_bones(
 def bone_offsets(
     points: np.ndarray, joints: np.ndarray, rotations: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return a marker's offset from each bone, its median distance, and the offset's length.
+    """Return a marker's offset from each bone, the median distance from it, and the offset's length.
 
-    ``points`` (F, 3) and ``joints`` (F, 24, 3) are in metres, ``rotations`` (F, 24, 3, 3) are global.
+    ``points`` (F, 3) and ``joints`` (F, 24, 3) are in metres, and ``rotations`` (F, 24, 3, 3) are global.
     """
     seen, count = np.isfinite(points).all(-1), NUM_ATTACHED
     away = points[seen, None] - joints[seen, :count]
@@ -184,19 +184,19 @@ _NO_PARTS = {"LAT", "MED", "FRONT", "BACK", "TOP", "UPPER", "BIG", "GREATER", "F
 """Words in labels that are not body parts."""
 _FIRST_WORD = re.compile(r"[^\W\d_]([A-Z]+(?![a-z])|[^\W\dA-Z_]*)")
 LEAST_NAME = 3
-"""Fewest common initial letters of labels that give a prop its name."""
+"""Smallest number of initial letters that labels must share to name a prop."""
 
 
 @dataclass(frozen=True)
 class LooseGroup:
-    """Markers of one prop."""
+    """The markers on one prop."""
 
     name: str  # The shared prefix or beginning of their labels, or else a number.
     columns: tuple[int, ...]  # Their columns in the cloud.
 
 
 def loose_groups(cloud: MarkerCloud, bones: BonePoses | None = None) -> list[LooseGroup]:
-    """Return the groups of markers that move as rigid bodies, each with one label prefix.
+    """Return the groups of markers that move as rigid bodies and share a label prefix.
 
     ``cloud`` contains markers without a known location on a body. Groups carried by one of ``bones`` are excluded.
     """
@@ -230,7 +230,7 @@ def _name(labels: list[str], number: int) -> str:
 
 
 def _is_one_of_a_pair(group: set[str], labels: Sequence[str]) -> bool:
-    """Return whether most markers of a group have a counterpart on the other side."""
+    """Return whether most markers in a group have a counterpart on the other side."""
     outside = {label.casefold() for label in labels if label not in group}
     paired = [label for label in group if mirrored_labels(label) & outside]
     return 2 * len(paired) > len(group)
@@ -244,7 +244,7 @@ def _names_a_part(group: set[str]) -> bool:
 
 
 def mirrored_labels(label: str) -> set[str]:
-    """Return possible labels of the other side's marker, by swapping L, R, left or right."""
+    """Return possible labels for the marker on the other side, by swapping L, R, left or right."""
     prefix, colon, name = label.rpartition(SEPARATOR)
     turned = {pattern.sub(lambda found: _OTHER[found[0].lower()], name, count=1) for pattern in _SIDE}
     return {(prefix + colon + text).casefold() for text in turned} - {label.casefold()}

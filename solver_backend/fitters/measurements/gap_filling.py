@@ -1,4 +1,4 @@
-"""Fill marker gaps with the fitted body and the marker's neighbours."""
+"""Fill marker gaps using the fitted body and the marker's neighbours."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ NEIGHBOURS, FEWEST = 6, 3
 """Number of neighbours that predict a gap, and smallest number of them, which determines an orientation."""
 MOSTLY = 0.5  # Smallest share of a gap in which a neighbour is visible. The fitted body provides the rest.
 FAR = 0.01  # Assumed relative deviation of a distance, because distant markers are on other limbs.
-FRAMES = 60  # Frames in which distances are measured. More frames barely change the order.
-ROWS, WINDOW_S = 300, 10.0  # Number of training frames of a gap, and time span before and after it that contains them.
-NOISE_M = 0.00055  # Noise of a neighbour's position in metres, as of an optical tracker.
-ROWS_BY_NEIGHBOUR = 3  # Smallest number of frames per neighbour, because each has three unknowns.
-HIDDEN = 5.0  # Ratio of a hidden marker's error to a visible one's, which attracts the body.
-"""These constants were chosen on 19 gap fillings of 12 takes (marker_files.md). Half the window, 0.3 mm, 8 neighbours
-or a factor of 2 raise the mean error by 3 to 7 %, a ``FAR`` of 0.005 by 2 %, a ``MOSTLY`` of 1 by 3 %."""
+FRAMES = 60  # Number of frames in which distances are measured. More frames barely change the order.
+ROWS, WINDOW_S = 300, 10.0  # Number of training frames for a gap, and time span before and after it that contains them.
+NOISE_M = 0.00055  # Noise of a neighbour's position in metres, as for an optical tracker.
+ROWS_BY_NEIGHBOUR = 3  # Smallest number of frames per neighbour, because each neighbour has three unknowns.
+HIDDEN = 5.0  # Ratio between the errors of a hidden marker and of a visible one, which attracts the body.
+"""These constants were chosen on 19 gap fillings in 12 takes (marker_files.md). Half the window, 0.3 mm, 8 neighbours
+or a factor of 2 increase the mean error by 3 to 7 %, a ``FAR`` of 0.005 by 2 %, and a ``MOSTLY`` of 1 by 3 %."""
 
 
 def steadiest_first(points: np.ndarray, pool: np.ndarray) -> np.ndarray:
@@ -43,11 +43,11 @@ def among(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Predict a marker's (n, 3) positions in a gap, with squared errors in m².
 
-    In the moving frame of the neighbours (Kabsch 1976), the marker's position is ``u = W v``, found by ridge regression
-    on the neighbours' positions v in this frame. v describes the movement of the neighbours within the cluster. Errors
-    at the gap's ends are interpolated into it. With ``h = vᵀ (VᵀV)⁻¹ v``, the squared error is the training frames'
-    error times ``1 + R h + (h / h_max)²``: errors of W grow linearly with the distance v, nonlinear movement
-    quadratically. In the training frame with the largest h, the latter is as large as the training error.
+    In the neighbours' moving axes (Kabsch 1976), the marker's position is ``u = W v``, found by ridge regression on the
+    neighbours' positions v in these axes. v describes how the neighbours move within the cluster. Errors at the gap's
+    ends are interpolated into it. With ``h = vᵀ (VᵀV)⁻¹ v``, the squared error is the training frames' error times ``1
+    + R h + (h / h_max)²``: errors of W grow linearly with the distance v, and errors from nonlinear movement
+    quadratically. In the training frame with the largest h, the latter are as large as the training error.
 
     Args:
         points: (R, 3) positions of the marker in metres, only used where ``known`` (R,).
@@ -83,7 +83,7 @@ def among(
 def joining_shares(times: np.ndarray, length: int, lasting: float) -> np.ndarray:
     """Return the weight ``sinh((n + 1 - t) / τ) / sinh((n + 1) / τ)`` of a gap's first end."""
     away, span = times / lasting, (length + 1) / lasting
-    return np.exp(-away) * np.expm1(-2 * (span - away)) / np.expm1(-2 * span)  # no long gap overflows
+    return np.exp(-away) * np.expm1(-2 * (span - away)) / np.expm1(-2 * span)  # cannot overflow in long gaps
 
 
 def between_ends(frames: np.ndarray, ends: np.ndarray, errors: np.ndarray, lasting: float) -> np.ndarray:
@@ -94,7 +94,7 @@ def between_ends(frames: np.ndarray, ends: np.ndarray, errors: np.ndarray, lasti
 
 
 LAG_S, LONGER = 0.2, 3.0
-"""Lag in seconds at which the error correlation is measured, and factor on the correlation time in gaps, because the
+"""Lag in seconds at which the error correlation is measured, and factor for the correlation time in gaps, because the
 fit of visible markers removes slow errors.
 """
 CORRELATION = (0.01, 0.98)  # Limits of this correlation.
@@ -105,14 +105,14 @@ def filled(
 ) -> np.ndarray:
     """Fill the gaps of (F, M, 3) markers with the weighted mean of two predictions.
 
-    The first prediction is the marker y on the body, corrected to meet the measurements at both ends a and b of the
+    The first prediction is the marker y on the body, corrected to match the measurements at both ends a and b of the
     gap: ``x(t) = y(t) + B(t) [ sinh((b - t) / τ) d_a + sinh((t - a) / τ) d_b ] / sinh((b - a) / τ)``. The errors ``d =
-    B⁻¹ (x - y)`` at the ends are in the frame B of the marker's bones. This is the mean of an Ornstein-Uhlenbeck
-    process, which is ``d_a e^{-(t - a) / τ}`` for a gap with one end. The take gives the correlation time τ.
+    B⁻¹ (x - y)`` at the ends are in the axes B of the marker's bones. This is the mean of an Ornstein-Uhlenbeck
+    process, which is ``d_a e^{-(t - a) / τ}`` for a gap with one end. τ is estimated from the take.
 
-    The second prediction follows from the neighbours (see ``among``). Frames around the gap give the mean squared
-    errors ``e²`` of both. The second has the weight ``e_1² / (e_1² + e_2²)``. If the predictions differ by more than
-    these errors, the body is assumed to be wrong. A limb with no visible marker is undetermined.
+    The second prediction comes from the neighbours (see ``among``). Frames around the gap give the mean squared errors
+    ``e²`` of both. The second prediction has the weight ``e_1² / (e_1² + e_2²)``. If the predictions differ by more
+    than these errors, the body is assumed to be wrong. A limb with no visible marker is undetermined.
 
     ``bones`` are (F, M, 3, 3) weighted mean rotations of each marker's bones. ``others`` are (F, U, 3) recorded points
     that the body does not use. They predict markers of limbs without other known markers.
@@ -166,6 +166,6 @@ def lasting_frames(off: np.ndarray, lag: int) -> float:
 
 
 def bone_rotations(landmarks: Landmarks, rotations: np.ndarray) -> np.ndarray:
-    """Return (F, M, 3, 3) mean rotations of the landmarks' bones."""
+    """Return the (F, M, 3, 3) mean rotations of the landmarks' bones."""
     frames, count = len(rotations), len(landmarks)
     return (landmarks.weights @ rotations.reshape(frames, -1, 9)).reshape(frames, count, 3, 3)

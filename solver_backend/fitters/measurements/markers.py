@@ -1,4 +1,4 @@
-"""Measure optical markers and landmarks of a network, without cameras."""
+"""Measure optical markers, and landmarks from a network, without cameras."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from solver_backend.geometry.arrays import Array, constant
 from solver_backend.residuals.positions import PositionTerm
 from solver_backend.types import Capture, JointSet, MarkerCloud, MarkerSubject, Motion
 
-SIGMA_M = 0.01  # Deviation of a marker relative to the body per axis, from sliding skin and unknown placement.
+SIGMA_M = 0.01  # Deviation per axis of a marker relative to the body, due to sliding skin and unknown placement.
 
 
 SMALLEST_M = 0.55
@@ -33,12 +33,12 @@ are smaller. Small children and people who crouch for a whole take are larger. C
 UNIT_M = 0.01  # Smaller extents indicate a wrong unit, such as metres read as millimetres.
 RIGID_M, TURNED = 0.005, 0.1
 """Largest change in metres of distances in a rigid body, and smallest relative change of the points' second moments
-that shows its rotation. A person who stands still and is carried does not rotate."""
-_LOOKED_AT, _LEAST_FRAMES, _MOST_RIGID = 200, 10, 20  # Most and fewest compared frames, most points of a rigid body.
+that shows that it rotates. A person who stands still while being carried does not rotate."""
+_LOOKED_AT, _LEAST_FRAMES, _MOST_RIGID = 200, 10, 20  # Most and fewest frames compared, most points in a rigid body.
 
 
 def no_person_in(points: np.ndarray) -> str:
-    """Return why (F, N, 3) points in metres show no whole person, or "".
+    """Return the reason why (F, N, 3) points in metres do not show a whole person, or "".
 
     The points are too close together in every frame, or they move as one rigid body. Rigidity is tested with sorted
     distances in the frames with the most points, so that swapped tracks do not matter.
@@ -69,7 +69,7 @@ def no_person_in(points: np.ndarray) -> str:
 
 
 def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})) -> MarkerCloud:
-    """Return the markers with labels of a known layout or a location from the user.
+    """Return the markers whose labels are in a known layout or have a user-defined location.
 
     Raises:
         MarkersUnknown: there are no labels, or fewer of them are known than ``least_markers``.
@@ -108,12 +108,12 @@ def measure_markers(
     """Return the measurements of labelled markers.
 
     Args:
-        cloud: markers with labels of known layouts only (see ``LayoutFile.place_of``).
+        cloud: markers whose labels are all in known layouts (see ``LayoutFile.place_of``).
         sigma_m: standard deviation of a marker relative to the body per axis, in metres.
-        own: locations from the user, see ``name_markers``.
+        own: user-defined locations, see ``name_markers``.
 
     Raises:
-        MarkersUnknown: labels are missing, repeated or of no known layout.
+        MarkersUnknown: labels are missing, repeated or not in a known layout.
         NoDetections: no frame shows enough markers to place a body.
     """
     landmarks = marker_landmarks(body, _places(cloud, own))
@@ -123,8 +123,8 @@ def measure_markers(
 def measured_at(cloud: MarkerCloud, landmarks: Landmarks, like: Array, sigma_m: np.ndarray) -> Measurements:
     """Return the measurements of markers with known landmarks (see ``measure_markers``).
 
-    The tracker's noise is added to the variance: covariances Σ give ``σ_marker² 1 + Σ``, residuals give ``σ_marker² +
-    residual²``. ``sigma_m`` are the (L,) standard deviations of markers relative to the body per axis, in metres.
+    The tracker's noise is added to the variance: covariances Σ give ``σ_marker² 1 + Σ``, and residuals give ``σ_marker²
+    + residual²``. ``sigma_m`` are the (L,) standard deviations of markers relative to the body per axis, in metres.
     """
     points, located = _located(cloud.positions, "markers")
     noise = np.zeros((*points.shape, 3)) if cloud.covariance is None else np.nan_to_num(cloud.covariance)
@@ -154,7 +154,7 @@ def _term(points: np.ndarray, weight: np.ndarray, like: Array) -> PositionTerm:
 
 
 def assign_person(measured: Measurements, subject: Subject, sigma_m: np.ndarray) -> Measurements:
-    """Return the measurements with a calibrated person and (L,) marker deviations."""
+    """Add a calibrated person and (L,) marker deviations to the measurements."""
     assert isinstance(measured.source, LocatedPoints)
     return replace(measured, known_person=subject, source=replace(measured.source, sigma_m=sigma_m))
 
@@ -198,16 +198,16 @@ def measure_landmarks(
     return Measurements(landmarks, points, noise, term, fps, source, provenance=provenance)
 
 
-MOTION_SIGMA_M = 0.02  # Deviation of a pose from the motion's, so that poses set by hand dominate.
-YIELDING_S = 0.25  # Seconds around a pinned pose without measurements, as the earlier motion was wrong there.
+MOTION_SIGMA_M = 0.02  # Deviation of a pose from the motion's, large enough for poses set by hand to dominate.
+YIELDING_S = 0.25  # Seconds around a pinned pose without measurements, because the earlier motion was wrong there.
 _LANDMARKS = JointSet.HALPE_26
 
 
 def measure_motion(body: Body, motion: Motion, pinned: Sequence[int], like: Array) -> Measurements:
-    """Return a motion's body points as measurements, except near the pinned frames.
+    """Use the body points of a motion as measurements, except near the pinned frames.
 
     Raises:
-        MotionInvalid: the motion has another body or layout.
+        MotionInvalid: the motion is for another body or layout.
     """
     motion.require_body(body.id, body.layout.recorded, where="resolve")
     landmarks = keypoint_landmarks(body, _LANDMARKS)
@@ -225,13 +225,13 @@ def measure_motion(body: Body, motion: Motion, pinned: Sequence[int], like: Arra
 def measure_network_landmarks(
     cloud: MarkerCloud, body: Body, like: Array, *, joints: bool, progress: Progress = silent, network_file: str = ""
 ) -> Measurements:
-    """Return the network's landmarks in each frame of a cloud (thesis 5.2.2).
+    """Measure the network's landmarks in each frame of a cloud (thesis 5.2.2).
 
     ``network_file`` is as in ``chosen_network``.
 
     Raises:
         NoDetections, CaptureInvalid: there are too few points for a person, or too many to compare.
-        JobInvalid: ``joints`` are wanted, but the network does not estimate all of them.
+        JobInvalid: ``joints`` are requested, but the network does not estimate all of them.
     """
     # Imported here because the network's tables are read on import, and other methods do not need them.
     from solver_backend.labelling.outputs import MARKERS
@@ -251,11 +251,11 @@ def measure_network_landmarks(
 def measure_directly(
     capture: Capture, body: Body, like: Array, settings: SolveSettings, person: MarkerSubject | None, progress: Progress
 ) -> Measurements:
-    """Return the network's landmarks for a recording of markers.
+    """Measure the network's landmarks in a marker recording.
 
     Raises:
         JobInvalid: the recording has no markers.
-        SubjectInvalid: a calibrated person is given, which needs labels.
+        SubjectInvalid: a calibrated person is given, which requires labels.
     """
     if capture.markers is None or capture.keypoints is not None:
         message = f"The landmarks '{settings.landmarks}' need a marker recording."

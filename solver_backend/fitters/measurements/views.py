@@ -59,7 +59,7 @@ OF_MARKERS_M = {
     "spine3": 0.0039, "foot": 0.0052, "neck": 0.0044, "collar": 0.0044, "head": 0.0049, "shoulder": 0.0057,
     "elbow": 0.0083, "wrist": 0.0054, "hand": 0.0066,
 }  # fmt: skip
-"""The same standard deviations of the joints, for markers of a calibrated person. Four fifths of the error comes from
+"""The same standard deviations of the joints for markers on a calibrated person. Four fifths of the error comes from
 the calibration and is the same in all frames. Measured with ``python -m tests.benchmarks.marker_takes.coverage`` on
 other takes."""
 
@@ -68,7 +68,7 @@ class _Points(PointSource):
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Pose body parts without measurements at rest."""
+        """Put body parts without measurements at rest."""
         return rest_parts(problem.measurements, solved), self
 
 
@@ -89,13 +89,13 @@ class ViewPoints(_Points):
         )
 
     def report(self, points: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
-        """Return (C, F, K) reprojection errors in pixels, and their statistics."""
+        """Return (C, F, K) reprojection errors in pixels, and statistics."""
         error = reprojection_px(self.cameras, points[:, : self.keypoints.xy.shape[2]], self.keypoints)
         median, rmse = np.nanmedian(error), np.sqrt(np.nanmean(error**2))
         return error, {"reprojection_median_px": float(median), "reprojection_rmse_px": float(rmse)}
 
     def constant_m(self, layout: BodyLayout) -> np.ndarray:
-        """Return the (J,) standard deviation of constant errors in metres, see ``PointSource``."""
+        """Return the (J,) standard deviations of constant errors in metres, see ``PointSource``."""
         return np.full(layout.num_joints, CONSTANT_M)
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
@@ -107,10 +107,10 @@ class ViewPoints(_Points):
 
 @dataclass(frozen=True)
 class LocatedPoints(_Points):
-    """Labelled points with known positions: optical markers, or landmarks of a network."""
+    """Labelled points with known positions: optical markers, or landmarks from a network."""
 
     points: np.ndarray  # (F, L, 3) metres, NaN where missing.
-    labels: tuple[str, ...]  # L labels.
+    labels: tuple[str, ...]  # (L,) labels.
     flags: np.ndarray  # (F, L) bit mask of ``MARKER_*``.
     sigma_m: np.ndarray | None = None  # (L,) deviation per axis of each marker from its calibrated position.
     others: np.ndarray | None = None  # (F, U, 3) recorded points that are not on the body.
@@ -129,7 +129,7 @@ class LocatedPoints(_Points):
 
     @property
     def knows_floor(self) -> bool:
-        """Return False, because a laboratory may have another zero, and shoes have soles."""
+        """Return False, because a laboratory may define zero differently, and shoes have soles."""
         return False
 
     @property
@@ -138,7 +138,7 @@ class LocatedPoints(_Points):
         return "known person" if self.calibrated else "views"
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
-        """Return the motion with the markers, their residuals, and the recording with filled gaps."""
+        """Add the markers, their residuals, and the recording with filled gaps to the motion."""
         from solver_backend.fitters.measurements.gap_filling import bone_rotations, filled
 
         subject, seen = posed.subject, np.isfinite(self.points).all(-1)
@@ -167,7 +167,7 @@ class LocatedPoints(_Points):
         }
 
     def constant_m(self, layout: BodyLayout) -> np.ndarray:
-        """Return the (J,) standard deviation of constant errors in metres, see ``PointSource``."""
+        """Return the (J,) standard deviations of constant errors in metres, see ``PointSource``."""
         parts = [name.removeprefix("left_").removeprefix("right_") for name in layout.joints]
         known = OF_MARKERS_M if self.calibrated else {}
         return np.array([known.get(part, CONSTANT_M) for part in parts])
@@ -187,13 +187,13 @@ class LocatedPoints(_Points):
 
 
 MODEL_ERROR_M = 0.005
-"""Deviation per axis on unusual bodies (``python -m tests.benchmarks.model_error``): 3.4 mm at the nose, 3.9 at
-shoulders, 5.6 at wrists, 8 at knees and 10 at toes. One value is used for all joints, because an ankle's error usually
-comes from a wrong knee, and lower weights for feet increase their error."""
+"""Deviation per axis on unusual bodies (``python -m tests.benchmarks.model_error``): 3.4 mm at the nose, 3.9 at the
+shoulders, 5.6 at the wrists, 8 at the knees and 10 at the toes. One value is used for all joints, because an ankle's
+error usually comes from a wrong knee, and lower weights for the feet increase their error."""
 
 
 def fit_sigma_px(cameras: Cameras, points: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
-    """Return (C, F, L) deviations ``sqrt(sigma² + (f m / z)²)`` of detections in px.
+    """Return the (C, F, L) deviations ``sqrt(sigma² + (f m / z)²)`` of detections in px.
 
     Args:
         points: (F, L, 3) triangulated points in metres, NaN where missing. Their median gives a frame's depth z.
@@ -215,7 +215,7 @@ def _centres(points: np.ndarray) -> np.ndarray:
 def measure_views(
     capture: Capture, body: Body, like: Array, progress: Progress, *, estimate_sync: bool = False, sync: str = SYNC_AUTO
 ) -> Measurements:
-    """Return the measurements of a capture's views, after repairing faults of single views.
+    """Measure a capture's views after repairing faults in single views.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
@@ -279,10 +279,10 @@ def measurements_of(
 
 
 def with_meant_confidence(capture: Capture, path: str) -> Capture:
-    """Return the capture with confidences converted by a noise map, and with a note.
+    """Convert a capture's confidences with a noise map, and add a note.
 
     Raises:
-        JobInvalid: the capture has no keypoints, or its confidences were converted before.
+        JobInvalid: the capture has no keypoints, or its confidences have already been converted.
         FileMissing, FileDamaged: the noise map is missing or damaged.
     """
     if not path:
@@ -298,10 +298,10 @@ def with_meant_confidence(capture: Capture, path: str) -> Capture:
     return replace(capture, keypoints=keypoints, notes=(*capture.notes, note), noise_map=noise.detector)
 
 
-ALIKE_S = 0.07  # Time within which frames count as one, because the errors of a single camera are correlated. Seconds.
-UNKNOWN_SIGMA_M = 0.1  # Deviation per axis of a motion that states none.
-SAME_DEG, SAME_M = 15.0, 0.6  # Largest difference of a motion in the same world, from a single camera's errors.
-LEAST_POINTS = 12  # Fewest shared points to align the motion with the cameras' world.
+ALIKE_S = 0.07  # Frames within this time (s) count as one, because a single camera's errors are correlated.
+UNKNOWN_SIGMA_M = 0.1  # Deviation per axis of a motion that does not state any.
+SAME_DEG, SAME_M = 15.0, 0.6  # Largest difference for a motion to be in the same world, given a single camera's errors.
+LEAST_POINTS = 12  # Smallest number of shared points for aligning the motion with the cameras' world.
 
 
 def begin_at(
@@ -309,10 +309,10 @@ def begin_at(
 ) -> Measurements:
     """Start the solve of several cameras from a motion, which also replaces missing points.
 
-    The motion may be in another world. It is rotated, scaled and shifted to fit the triangulated points of all frames.
+    The motion may be in another world. It is rotated, scaled and shifted to fit the triangulated points in all frames.
 
     Raises:
-        MotionInvalid: the motion has another number of frames or another body.
+        MotionInvalid: the motion has another number of frames or is for another body.
     """
     motion.require_body(body.id, body.layout.recorded, where="start")
     if motion.num_frames != measurements.num_frames:
@@ -340,10 +340,10 @@ def begin_at(
 class HeldMotion(Layer):
     """Earlier motion that constrains the body in frames with too few points."""
 
-    term: RelativePositionTerm  # Term of the motion's poses at any position.
+    term: RelativePositionTerm  # Term for the motion's poses at any position.
 
     def terms(self) -> FrameObjective:
-        """Return the pose term of the motion."""
+        """Return the term for the motion's poses."""
         return FrameObjective((), relative=(self.term,))
 
 

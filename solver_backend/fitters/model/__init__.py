@@ -1,1 +1,1 @@
-"""Unknowns of a solve: poses, codes and the curves through keyframes."""
+"""Define the unknowns of a solve: poses, codes and the curves through keyframes."""

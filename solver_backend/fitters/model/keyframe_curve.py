@@ -1,8 +1,8 @@
-"""Curve of poses through keyframes, with derivatives (thesis 6.2.5).
+"""Define the curve of poses through keyframes, with derivatives (thesis 6.2.5).
 
 Codes follow SIDER-2 (SIDER2) through the three keys of a window, and the decoder turns them into poses (thesis eq.
 6.9). Root rotations follow SIDER-2. Translations and residual rotations follow the parabola through the keys (thesis
-eq. 6.10). With n + 1 keys per window they follow SIDER-n and a polynomial.
+eq. 6.10). With n + 1 keys per window, they follow SIDER-n and a polynomial.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ from solver_backend.priors.base import PosePrior
 
 @dataclass(frozen=True)
 class ApartRoot:
-    """Curve of quaternions, and polynomial or spline of translations (thesis eq. 6.10)."""
+    """A curve of quaternions, and a polynomial or spline of translations (thesis eq. 6.10)."""
 
     keys: Keyframes  # (W, k) keys.
     quats: Interpolant
-    weights: Array  # (W, n, k) of the translations.
+    weights: Array  # (W, n, k) weights of the translations.
 
     @property
     def quat(self) -> Array:
@@ -65,7 +65,7 @@ class ApartRoot:
         return combined(self.weights, self.keys.transl)
 
     def vjp(self, by_turn: Array, by_transl: Array) -> tuple[Array, Array]:
-        """Return derivatives by the keys' quaternions (W, k, 4) and translations (W, k, 3)."""
+        """Return the derivatives by the keys' quaternions (W, k, 4) and translations (W, k, 3)."""
         xp, shape = array_namespace(by_turn), self.weights.shape[:2]
         # A rotation d of the frame changes its quaternion q by 1/2 (0, d) q. (d q)·q* is the inverse.
         turn = xp.reshape(by_turn, (*shape, 3, 1))
@@ -73,7 +73,7 @@ class ApartRoot:
         return xp.sum(self.quats.vjp(by_quat), axis=1), shared(self.weights, by_transl)
 
     def jacobian(self, key: int) -> Array:
-        """Return (W·n, 6, 6) derivatives of the frames' motion by a key's motion."""
+        """Return the (W·n, 6, 6) derivatives of the frames' motion by a key's motion."""
         xp = array_namespace(self.weights)
         # Map a left rotation of the key to one of the frame: 4 G(q_f)ᵀ (dq_f/dq_k) G(q_k).
         G_T = xp.matrix_transpose(quat_left_tangent(self.quats.value))
@@ -87,14 +87,14 @@ class ApartRoot:
 
 @dataclass(frozen=True)
 class ScrewRoot:
-    """Curve of rotations and translations along screws (thesis 6.4)."""
+    """A curve of rotations and translations along screws (thesis 6.4)."""
 
     keys: Keyframes  # (W, k) keys.
     path: ScrewPath
 
     @classmethod
     def through(cls, keys: Keyframes, time: Array) -> ScrewRoot:
-        """Return the curve through (W, k) keys at (W, n) times from 0 to 1."""
+        """Build the curve through (W, k) keys, evaluated at (W, n) times from 0 to 1."""
         return cls(keys, ScrewPath.through(matrix_from_quat(keys.quat), keys.transl, time))
 
     @property
@@ -114,22 +114,22 @@ class ScrewRoot:
         return self.path.transl
 
     def vjp(self, by_turn: Array, by_transl: Array) -> tuple[Array, Array]:
-        """Return derivatives by the keys, see ``ApartRoot``."""
+        """Return the derivatives by the keys, see ``ApartRoot``."""
         by_turns, by_places = self.path.vjp(by_turn, by_transl)
         by_quat = array_namespace(by_turn).matmul(4.0 * quat_left_tangent(self.keys.quat), by_turns[..., None])
         return by_quat[..., 0], by_places
 
     def jacobian(self, key: int) -> Array:
-        """Return derivatives by one key, see ``ApartRoot``."""
+        """Return the derivatives by one key, see ``ApartRoot``."""
         return rows_of(self.path.by_keys[:, :, key])
 
 
-RootCurve = ApartRoot | ScrewRoot  # Root of W·n frames in order of rows, and its derivatives by the windows' k keys.
+RootCurve = ApartRoot | ScrewRoot  # The root in W·n frames, in row order, and its derivatives by the windows' k keys.
 
 
 @dataclass(frozen=True)
 class SphericalMean:
-    """Normalised mean ``v = m / |m|`` with ``m = Σ_k w_k x_k`` of unit vectors x."""
+    """The normalised mean ``v = m / |m|`` with ``m = Σ_k w_k x_k`` of unit vectors x."""
 
     value: Array  # (W, n, d) ``v``.
     length: Array  # (W, n, 1) ``|m|``.
@@ -159,13 +159,13 @@ class SphericalMean:
 class KeyCotangents:
     """Derivatives of a cost by the keys of W windows."""
 
-    z: Array | None  # (W, k, d), None where codes are constant.
+    z: Array | None  # (W, k, d), None if codes are constant.
     quat: Array  # (W, k, 4).
     transl: Array  # (W, k, 3).
-    residual: Array | None  # (W, k, 3 J), None where joints stay on the manifold.
+    residual: Array | None  # (W, k, 3 J), None if joints stay on the manifold.
 
     def by_tangents(self, keys: Keyframes, layout: StateLayout) -> Array:
-        """Return (K, n) derivatives by the tangents of the keys, summed where shared."""
+        """Return the (K, n) derivatives by the keys' tangents, summed where keys are shared."""
         xp = array_namespace(self.quat)
         parts = [by_turns(keys.quat, summed_by_keys(self.quat)), summed_by_keys(self.transl)]
         if self.z is not None:
@@ -178,13 +178,13 @@ class KeyCotangents:
 
 @dataclass(frozen=True)
 class KeyframeCurve:
-    """W·n frames of W windows as functions of their keys (thesis eqs. 6.9, 6.10)."""
+    """W·n frames in W windows as functions of their keys (thesis eqs. 6.9, 6.10)."""
 
     keys: Keyframes  # (W, k) keys.
     _codes: Callable[[], Interpolant]
     root: RootCurve  # Root rotations and translations.
-    weights: Array  # (W, n, k) of residual rotations, thesis eq. 6.10.
-    residuals: bool  # Whether the residual rotations are applied.
+    weights: Array  # (W, n, k) weights of residual rotations, thesis eq. 6.10.
+    residuals: bool  # Whether residual rotations are applied.
 
     @classmethod
     def through(
@@ -197,7 +197,7 @@ class KeyframeCurve:
         quats: Callable[[Array, Array], Interpolant] = sider_weights,
         screw: bool = False,
     ) -> KeyframeCurve:
-        """Return the curve through the keys of W windows.
+        """Build the curve through the keys of W windows.
 
         Args:
             keys: (W, k) keys: 3, 2 for geodesics and straight lines, or more for SIDER-n.
@@ -205,7 +205,7 @@ class KeyframeCurve:
             residuals: apply the residual rotations.
             codes: interpolates (W, 1, k, d) codes at (W, n) times.
             quats: interpolates the root's quaternions in the same way.
-            screw: move the root on screws of SE(3) instead.
+            screw: move the root along screws in SE(3) instead.
         """
         t = constant(time, keys.z)
         weights = lagrange(t, keys.z.shape[1])
@@ -214,7 +214,7 @@ class KeyframeCurve:
 
     @classmethod
     def spline(cls, keys: Keyframes, shares: np.ndarray, *, residuals: bool) -> KeyframeCurve:
-        """Return the smooth spline of (W, 5) control points (see ``fives``).
+        """Build the smooth spline of (W, 5) control points (see ``fives``).
 
         ``shares`` (W, n, 5) are the weights of these points, see ``KeyframeLayout.spline_shares``.
         """
@@ -245,8 +245,8 @@ class KeyframeCurve:
     ) -> tuple[PosedFrames, Callable[..., KeyCotangents]]:
         """Return the W·n poses and their vector-Jacobian product.
 
-        The product takes the derivative of a cost by the (W·n, p) pose tangents and optionally by the (W·n, d) codes.
-        ``decoded`` are (W·n, J, 3, 3) rotations of fixed codes, by which there is no derivative.
+        The product takes the derivative of a cost by the (W·n, p) pose tangents, and optionally by the (W·n, d) codes.
+        ``decoded`` are (W·n, J, 3, 3) rotations for fixed codes, by which there is no derivative.
         """
         if decoded is None:
             local, decoder_vjp = decoded_with_vjp(prior, rows_of(self.codes.value), self.residual)
@@ -284,7 +284,7 @@ class KeyframeCurve:
 
 
 def turns_of(by_joints: Array, layout: StateLayout) -> Array:
-    """Return (K, n) derivatives by a layout's rotation vectors, from all joints' (K, 3 J)."""
+    """Select (K, n) derivatives by a layout's rotation vectors from those by all joints (K, 3 J)."""
     if layout.turned == tuple(range(by_joints.shape[1] // 3)):
         return by_joints
     columns = 3 * np.array(layout.turned, dtype=int)[:, None] + np.arange(3)
@@ -292,7 +292,7 @@ def turns_of(by_joints: Array, layout: StateLayout) -> Array:
 
 
 def by_turns(quat: Array, by_quat: Array) -> Array:
-    """Return (..., 3) derivatives by left rotations of keys, from those by quaternions."""
+    """Convert derivatives by the keys' quaternions to (..., 3) derivatives by their left rotations."""
     xp = array_namespace(quat)
     return xp.matmul(xp.matrix_transpose(quat_left_tangent(quat)), by_quat[..., None])[..., 0]
 
@@ -307,7 +307,7 @@ def key_poses(
     spline: bool = False,
     screw: bool = False,
 ) -> PosedFrames:
-    """Return the poses of the given frames, by default of all frames of the layout."""
+    """Return the poses in the given frames, by default in all frames of the layout."""
     window, time = layout.positions(layout.frames if frames is None else frames)
 
     def curve(part: slice) -> KeyframeCurve:

@@ -1,4 +1,4 @@
-"""Times of keyframes, and the frames of their windows (thesis 6.2.5)."""
+"""Define the times of keyframes, and the frames in their windows (thesis 6.2.5)."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class KeyframeLayout:
-    """N windows over F frames. Window w has the keys n w to n w + n and shares its ends.
+    """N windows over F frames. Window w has the keys from n w to n w + n and shares its end keys.
 
     The whole-take method has terms over keys and splines, which need n = 2.
     """
 
     bounds: np.ndarray  # (N + 1,) ascending frame numbers where windows meet, from the first frame to the last.
-    free: int = 2  # n, the keys that a window adds, as in SIDER-n.
+    free: int = 2  # n, the number of keys that each window adds, as in SIDER-n.
 
     @classmethod
     def even(cls, num_frames: int, window: int, first: int = 0, free: int = 2) -> KeyframeLayout:
-        """Divide F >= 2 frames, from ``first``, into windows of about ``window`` frames."""
+        """Divide F >= 2 frames, starting at ``first``, into windows of about ``window`` frames."""
         count = max(1, round((num_frames - 1) / window))
         return cls(first + np.round(np.linspace(0, num_frames - 1, count + 1)).astype(np.int64), free)
 
@@ -59,12 +59,12 @@ class KeyframeLayout:
         return np.arange(self.bounds[0], self.bounds[-1] + 1)
 
     def positions(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the window of each frame number and its position there, 0 to 1."""
+        """Return the window of each frame number, and the position within it from 0 to 1."""
         window = np.clip(np.searchsorted(self.bounds, times, side="left") - 1, 0, self.num_windows - 1)
         return window, (times - self.bounds[window]) / np.diff(self.bounds)[window]
 
     def spline_shares(self, window: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Return (..., 5) spline weights of the control points at positions in windows.
+        """Return the (..., 5) spline weights of the control points at positions within windows.
 
         ``Σ_k B_k(t) c_k`` with cubic B-splines at the keys' times has continuous velocity and acceleration. An
         additional point beyond each end is ``3 c_0 - 3 c_1 + c_2``, so that there are as many free points as keys.
@@ -104,21 +104,21 @@ class KeyframeLayout:
         return WindowRows(frames, time, float(stride) * inside)
 
     def gaps(self, seen: np.ndarray) -> np.ndarray:
-        """Return a (2N,) mask of intervals between keys without a ``seen`` frame."""
+        """Return a (2N,) mask of the intervals between keys that contain no ``seen`` frame."""
         before = np.concatenate([[0], np.cumsum(seen)])
         first, last = np.ceil(self.key_times[:-1]).astype(int), np.floor(self.key_times[1:]).astype(int)
         return before[last + 1] == before[first]
 
     def part(self, windows: slice) -> KeyframeLayout:
-        """Return the layout of a range of windows."""
+        """Return the layout for a range of windows."""
         return KeyframeLayout(self.bounds[windows.start : windows.stop + 1], self.free)
 
 
 def range_layout(frame_range: FrameRange, num_frames: int, window: int) -> tuple[KeyframeLayout, np.ndarray]:
     """Return the windows of a frame range and its neighbours, and a mask of free keys.
 
-    Keys are at the range's ends, at the pins, and evenly spaced between. Keys at pins, at the ends and outside are
-    fixed, except at the ends of the take. ``window`` is the window length in frames.
+    There are keys at the range's ends, at the pins, and evenly spaced between them. Keys at pins, at the ends and
+    outside are fixed, except at the ends of the take. ``window`` is the window length in frames.
     """
     stops = sorted({frame_range.first, frame_range.last, *(pin.frame for pin in frame_range.pins)})
     parts = [KeyframeLayout.even(b - a + 1, window, a).bounds for a, b in itertools.pairwise(stops)]
@@ -140,7 +140,7 @@ class WindowRows(Rows):
     weight: np.ndarray  # (N, n) number of frames that each frame represents, 0 in the padding.
 
     def blocks(self, num_frames: int) -> list[slice]:
-        """Return an even number of window ranges with up to ``num_frames`` frames each."""
+        """Return an even number of window ranges, each with up to ``num_frames`` frames."""
         count, width = self.frames.shape
         pairs = -(-count * width // (2 * num_frames))
         bounds = np.round(np.linspace(0, count, min(2 * pairs, count) + 1)).astype(int)
@@ -152,7 +152,7 @@ class WindowRows(Rows):
         return np.arange((stride - 1) // 2, self.frames.shape[1], stride)
 
     def sampled(self, columns: np.ndarray) -> WindowRows:
-        """Return the frames of some columns, with weights that account for the others."""
+        """Return the frames in some columns, with weights that account for the others."""
         weight = self.weight[:, columns]
         weight = weight * (self.weight.sum(axis=1) / weight.sum(axis=1))[:, None]
         return WindowRows(self.frames[:, columns], self.time[:, columns], weight)
@@ -167,7 +167,7 @@ class Interpolant(Protocol):
         ...
 
     def vjp(self, cotangent: Array) -> Array:
-        """Return (W, n, k, d) derivatives by each key, from (W, n, d) by the points."""
+        """Return (W, n, k, d) derivatives by each key, given (W, n, d) derivatives by the points."""
         ...
 
     def jacobian(self, key: int) -> Array:
@@ -178,7 +178,7 @@ class Interpolant(Protocol):
 def lagrange(time: Array, num_keys: int = 3) -> Array:
     """Return the (..., k) weights of equally spaced keys in their polynomial.
 
-    With three keys the cubic of thesis eq. 6.10 is underdetermined. The parabola is its solution of least curvature.
+    With three keys, the cubic in thesis eq. 6.10 is underdetermined. The parabola is its solution of least curvature.
     """
     xp = array_namespace(time)
     if num_keys == 2:
@@ -191,12 +191,12 @@ def lagrange(time: Array, num_keys: int = 3) -> Array:
 
 
 def rows_of(values: Array) -> Array:
-    """Return values (W·n, ...) in the order of rows, from (W, n, ...)."""
+    """Reshape (W, n, ...) values to (W·n, ...), in the order of rows."""
     return array_namespace(values).reshape(values, (-1, *values.shape[2:]))
 
 
 def combined(weights: Array, values: Array) -> Array:
-    """Return the (W·n, d) sums ``Σ_k w_k x_k`` of the keys' values."""
+    """Return the (W·n, d) weighted sums ``Σ_k w_k x_k`` of the keys' values."""
     if weights.shape[1] > 1:
         return rows_of(array_namespace(values).matmul(weights, values))
     # Sum single frames key by key, so that the order in which a BLAS adds three numbers does not matter.
@@ -204,7 +204,7 @@ def combined(weights: Array, values: Array) -> Array:
 
 
 def shared(weights: Array, by_frames: Array) -> Array:
-    """Return (W, k, d) derivatives by keys from those by frames and (W, n, k) weights."""
+    """Return the (W, k, d) derivatives by keys, given those by frames and the (W, n, k) weights."""
     xp = array_namespace(by_frames)
     rows = xp.reshape(by_frames, (*weights.shape[:2], -1))
     return xp.matmul(xp.matrix_transpose(weights), rows)
@@ -215,11 +215,11 @@ _TOLERANCE = 1e-10  # Relative residual at which the iteration ends. Chosen by h
 
 
 def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
-    """Return the control points of the spline nearest to the parabolas through keys.
+    """Return the control points of the spline that is closest to the parabolas through the keys.
 
     The points are ``argmin_c Σ_f |Σ_k B_k(f) c_k - Σ_k w_k(f) x_k|²`` over the frames f, with cubic B-splines B (see
-    ``KeyframeLayout.spline_shares``) and Lagrange weights w. Neighbouring keys are close, so codes and quaternions are
-    treated as points in flat space. Points on the spline are normalised later.
+    ``KeyframeLayout.spline_shares``) and Lagrange weights w. Neighbouring keys are close to each other, so codes and
+    quaternions are treated as points in flat space. Points on the spline are normalised later.
     """
     given = [to_numpy(part) for part in (keys.z, keys.quat, keys.transl, keys.residual)]
     flat = np.concatenate([part.reshape(len(part), -1) for part in given], axis=1)
@@ -230,7 +230,7 @@ def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
 
 
 def spline_states(keys: np.ndarray, layout: KeyframeLayout) -> np.ndarray:
-    """Return (F, d) values of all frames on the spline of (K, d) values in flat space."""
+    """Return the (F, d) values in all frames on the spline of (K, d) values in flat space."""
     points, rows, shares = _spline(keys, layout)
     padded = np.pad(points, ((1, 1), (0, 0)))
     fives = np.stack([padded[i : len(padded) - 4 + i : 2] for i in range(5)], axis=1)
@@ -246,7 +246,7 @@ def _spline(flat: np.ndarray, layout: KeyframeLayout) -> tuple[np.ndarray, Windo
 
 
 def _nearest(flat: np.ndarray, rows: WindowRows, shares: np.ndarray) -> np.ndarray:
-    """Return (K, d) control points by conjugate gradients (Hestenes and Stiefel 1952).
+    """Compute (K, d) control points by conjugate gradients (Hestenes and Stiefel 1952).
 
     If keys are denser than frames, undetermined directions keep the values of the keys.
     """

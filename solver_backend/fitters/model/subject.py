@@ -1,4 +1,4 @@
-"""Define states of frames and keys, the subject, and one posed frame's equations."""
+"""Define the states of frames and keys, the subject, and the equations of one posed frame."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def state_layout(prior: PosePrior) -> StateLayout:
 
 
 def decoded(prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
-    """Return (F, 21, 3, 3) rotations ``exp(ρ_j) G_j(z)`` (thesis 6.2.2)."""
+    """Return the (F, 21, 3, 3) rotations ``exp(ρ_j) G_j(z)`` (thesis 6.2.2)."""
     local = prior.decode(z)
     return local if residual is None else array_namespace(z).matmul(exp_so3(residual), local)
 
@@ -45,7 +45,7 @@ def decoded_with_vjp(
 ) -> tuple[Array, Callable[[Array], tuple[Array, Array | None]]]:
     """Return ``decoded`` rotations and their vector-Jacobian product.
 
-    It maps (F, 21, 3) derivatives by left tangents to derivatives by codes (F, d) and residuals (F, 21, 3) or None.
+    It maps (F, 21, 3) derivatives by left tangents to derivatives by codes (F, d) and by residuals (F, 21, 3) or None.
     """
     xp = array_namespace(z)
     local, decoder_vjp = prior.decode_with_vjp(z)
@@ -61,23 +61,23 @@ def decoded_with_vjp(
 
 
 def turned_with_vjp(local: Array, residual: Array) -> tuple[Array, Callable[[Array], tuple[None, Array]]]:
-    """Return ``exp(ρ_j) R_j`` of fixed (F, J, 3, 3) rotations, and the product by ρ."""
+    """Return ``exp(ρ_j) R_j`` for fixed (F, J, 3, 3) rotations, and the product by ρ."""
     bend = left_jacobian_so3(residual)
     turned = array_namespace(local).matmul(exp_so3(residual), local)
     return turned, lambda by_joints: (None, _transposed(bend, by_joints))
 
 
 def _transposed(matrices: Array, vectors: Array) -> Array:
-    """Return ``Mᵀ v`` of (..., 3, 3) matrices and (..., 3) vectors."""
+    """Return ``Mᵀ v`` for (..., 3, 3) matrices and (..., 3) vectors."""
     xp = array_namespace(matrices)
     return xp.matmul(xp.matrix_transpose(matrices), vectors[..., None])[..., 0]
 
 
 def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) -> tuple[Array, Array | None]:
-    """Return Jacobians of joint rotations by the code and the residuals.
+    """Return the Jacobians of joint rotations by the code and by the residuals.
 
-    ``dR = [exp(ρ) J_z dz]x R`` and ``dR = [J_l(ρ) dρ]x R``. The derivative only affects steps, so single precision
-    suffices and halves the most expensive product of a solve.
+    ``dR = [exp(ρ) J_z dz]x R`` and ``dR = [J_l(ρ) dρ]x R``. The derivative only affects steps, so single precision is
+    sufficient and halves the most expensive product in a solve.
     """
     xp = array_namespace(z)
     by_code = xp.astype(prior.decode_with_jacobian(xp.astype(z, xp.float32))[1], z.dtype)
@@ -88,7 +88,7 @@ def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) 
 
 
 def d_pose_d_key(layout: StateLayout, prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
-    """Return (F, p, n) derivatives of pose tangents by state tangents."""
+    """Return the (F, p, n) derivatives of pose tangents by state tangents."""
     if CODE not in layout:
         return d_pose_d_state(layout, None, by_residual=None if residual is None else left_jacobian_so3(residual))
     by_code, by_residual = decoder_jacobian(prior, z, residual)
@@ -103,13 +103,13 @@ def d_pose_d_state(
     weight: Array | None = None,
     by_residual: Array | None = None,
 ) -> Array:
-    """Return (F, p, n) derivatives of pose tangents by a weighted state's tangents.
+    """Return the (F, p, n) derivatives of pose tangents by a weighted state's tangents.
 
     Args:
-        by_code: (F, 3 J, c) derivatives of joints by the code, None if the code is fixed.
-        by_root: (F, 6, 6) derivatives of the root's rotation and translation by the state's, None for the identity.
-        weight: (F,) weights of the state's rotation vectors, None for one.
-        by_residual: (F, J, 3, 3) derivatives of joints by their rotation vectors, None on the manifold.
+        by_code: (F, 3 J, c) derivatives of joints by the code, or None if the code is fixed.
+        by_root: (F, 6, 6) derivatives of the root's rotation and translation by the state's, or None for the identity.
+        weight: (F,) weights of the state's rotation vectors, or None for one.
+        by_residual: (F, J, 3, 3) derivatives of joints by their rotation vectors, or None on the manifold.
     """
     like = by_residual if by_code is None else by_code
     assert like is not None
@@ -146,18 +146,18 @@ class Keyframes(Rows):
         return self.select(index(free * windows[:, None] + np.arange(free + 1), self.z))
 
     def fives(self, windows: np.ndarray) -> Keyframes:
-        """Return the (W, 5) keys of each window and one more on both sides."""
+        """Return the (W, 5) keys of each window, including one more on both sides."""
         keys = np.clip(2 * windows[:, None] + np.arange(-1, 4), 0, self.z.shape[0] - 1)
         return self.select(index(keys, self.z))
 
     def replaced(self, keys: slice, new: Keyframes) -> Keyframes:
-        """Return the keys with a range of them replaced by ``new``."""
+        """Replace a range of the keys by ``new``."""
         xp = array_namespace(self.z)
         pairs: Any = zip(self.arrays, new.arrays, strict=True)  # no field of keys is None
         return Keyframes(*(xp.concat([old[: keys.start], part, old[keys.stop :]]) for old, part in pairs))
 
     def retract(self, step: Array, layout: StateLayout) -> Keyframes:
-        """Return the keys after (K, n) steps of this layout's blocks."""
+        """Return the keys after (K, n) steps in this layout's blocks."""
         xp, z, residual = array_namespace(step), self.z, self.residual
         if CODE in layout:
             along = xp.matmul(CODES.tangent_basis(z), step[:, layout[CODE], None])[..., 0]
@@ -170,7 +170,7 @@ class Keyframes(Rows):
 
 
 def rotations_of(step: Array, layout: StateLayout, num_joints: int) -> Array:
-    """Return the (K, J, 3) rotation vectors of joints in (K, n) steps, zero without a block."""
+    """Return the (K, J, 3) joint rotation vectors in (K, n) steps, zero for joints without a block."""
     vectors = array_namespace(step).reshape(step[:, layout.turns], (step.shape[0], -1, 3))
     if layout.turned == tuple(range(num_joints)):
         return vectors
@@ -180,7 +180,7 @@ def rotations_of(step: Array, layout: StateLayout, num_joints: int) -> Array:
 
 
 def hemisphere_aligned(keys: Keyframes) -> Keyframes:
-    """Return the keys with root quaternions in one hemisphere."""
+    """Return the keys with all root quaternions in one hemisphere."""
     xp = array_namespace(keys.quat)
     dots = xp.sum(keys.quat[1:] * keys.quat[:-1], axis=-1)
     signs = xp.where(dots < 0, -xp.ones_like(dots), xp.ones_like(dots))
@@ -207,7 +207,7 @@ class FrameStates(Rows):
         return FrameStates(spherical_normalisation(moved), root, self.transl + step[:, layout[TRANSL]], residual)
 
 
-BLOCK_POSES = 500  # Frames posed at a time. Affects time and memory only.
+BLOCK_POSES = 500  # Number of frames posed at a time. Affects only time and memory.
 
 
 @dataclass(frozen=True)
@@ -225,7 +225,7 @@ class PosedFrames(Rows):
 
     @classmethod
     def of_motion(cls, motion: Motion, like: Array) -> PosedFrames:
-        """Return a motion's poses of the joints that a solve rotates."""
+        """Return a motion's poses for the joints that a solve rotates."""
         vectors = motion.body_pose.reshape(motion.num_frames, -1, 3)[:, : motion.body_layout.num_solved]
         root, local = (exp_so3(constant(part, like)) for part in (motion.global_orient, vectors))
         return cls(root, local, constant(motion.transl, like))
@@ -242,11 +242,11 @@ class PosedFrames(Rows):
 class SkinTerms:
     """Terms on S skin points, which have no measurements."""
 
-    landmarks: Landmarks  # The person's L landmarks, then the S points.
+    landmarks: Landmarks  # The person's L landmarks, followed by the S points.
     points: tuple[PointTerm, ...]  # On the S points.
 
     def worn_by(self, subject: Subject) -> Subject:
-        """Return the subject with its landmarks and the skin points."""
+        """Return the subject with both its landmarks and the skin points."""
         more = zeros((len(self.landmarks) - len(subject.landmarks), 3), subject.offsets)
         offsets = array_namespace(more).concat([subject.offsets, more])
         return replace(subject, landmarks=self.landmarks, offsets=offsets)
@@ -254,11 +254,11 @@ class SkinTerms:
 
 @dataclass(frozen=True)
 class FrameObjective:
-    """Terms of the objective on F frames."""
+    """The objective's terms on F frames."""
 
-    points: tuple[PointTerm, ...]  # On landmark positions, at least one.
+    points: tuple[PointTerm, ...]  # On landmark positions. At least one.
     poses: tuple[PoseTerm, ...] = ()  # On the joints' rotations.
-    relative: tuple[PointTerm, ...] = ()  # On landmark positions except for a common shift.
+    relative: tuple[PointTerm, ...] = ()  # On landmark positions, regardless of a common shift.
     skin: SkinTerms | None = None  # On points of the skin.
 
     def __add__(self, other: FrameObjective) -> FrameObjective:
@@ -266,11 +266,11 @@ class FrameObjective:
         return FrameObjective(self.points + other.points, self.poses + other.poses, relative, self.skin or other.skin)
 
     def select(self, frames: Any) -> FrameObjective:
-        """Return the terms of the frames at these indices or in this slice."""
+        """Return the terms for the frames at these indices or in this slice."""
         return self._each(lambda term: term.select(frames))
 
     def astype(self, precision: Any) -> FrameObjective:
-        """Return the terms in the given floating-point precision."""
+        """Convert the terms to the given floating-point precision."""
         return self._each(lambda term: term.astype(precision))
 
     def _each(self, change: Callable[[Any], Any]) -> FrameObjective:
@@ -285,20 +285,20 @@ class FrameObjective:
 
 @dataclass(frozen=True)
 class Subject:
-    """Person, with all quantities that are constant over the take."""
+    """A person, with all quantities that are constant over the take."""
 
     body: Body
     landmarks: Landmarks
     betas: Array  # (10,) shape.
-    offsets: Array  # (L, 3) metres: bias of each landmark in its rest frame.
+    offsets: Array  # (L, 3) metres: bias of each landmark in the rest pose.
 
     @classmethod
     def average(cls, body: Body, landmarks: Landmarks, like: Array) -> Subject:
-        """Return the average person without landmark bias, in arrays of the kind of ``like``."""
+        """Return the average person without landmark bias, in arrays like ``like``."""
         return cls(body, landmarks, constant(np.zeros(10), like), constant(np.zeros((len(landmarks), 3)), like))
 
     def astype(self, precision: Any) -> Subject:
-        """Return the person in the given floating-point precision."""
+        """Convert the person to the given floating-point precision."""
         return replace(self, betas=astype(self.betas, precision), offsets=astype(self.offsets, precision))
 
 
@@ -312,7 +312,7 @@ class FrameEquations:
 
     @cached_property
     def hessian(self) -> Array:
-        """(F, p, p) matrices, of the chosen frames only if some were chosen. Formed on demand."""
+        """(F, p, p) matrices, only for the chosen frames if some were chosen. They are formed on demand."""
         return self._form()
 
 
@@ -323,7 +323,7 @@ def pose(subject: Subject, frames: PosedFrames, *, jacobian: bool = False, by_sh
 
 
 def points_of(subject: Subject, frames: PosedFrames) -> Array:
-    """Return the subject's (F, L, 3) landmarks in metres, in blocks of frames."""
+    """Return the subject's (F, L, 3) landmarks in metres, computed in blocks of frames."""
     blocks = [slice(start, start + BLOCK_POSES) for start in range(0, frames.transl.shape[0], BLOCK_POSES)]
     parts = map_blocks(lambda block: pose(subject, frames.select(block)).points, blocks, frames.transl)
     return array_namespace(frames.transl).concat(parts)
@@ -336,12 +336,12 @@ def frame_equations(
     scale: float,
     hessian_frames: np.ndarray | slice | None = None,
 ) -> FrameEquations:
-    """Return gradient and Hessian of each frame's objective by its pose's tangent.
+    """Return the gradient and Hessian of each frame's objective by its pose's tangent.
 
     They are ``g = Jᵀ e`` and ``H = Jᵀ Λ J``.
 
     Args:
-        objective: terms of these frames.
+        objective: terms on these frames.
         hessian_frames: frames whose Hessians are formed, in single precision because they only affect steps. None forms
             all Hessians in the poses' precision.
     """

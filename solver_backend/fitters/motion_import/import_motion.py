@@ -22,7 +22,7 @@ from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.types import Motion, SkeletonMotion
 
 R_STAGE_BODY = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # Body (Y up, +Z front) to stage.
-NUM_TURNED = 1 + NUM_BODY_JOINTS  # Rotated joints: all except SMPL's two hand joints.
+NUM_TURNED = 1 + NUM_BODY_JOINTS  # Rotating joints: all except SMPL's two hand joints.
 _SPINE = SMPL.numbers("spine1", "spine2", "spine3")
 _NECK, _HEAD = SMPL.numbers("neck", "head")
 _BALL_AFTER_ANKLE, _HAND_AFTER_WRIST = 3, 2
@@ -30,7 +30,7 @@ _BALL_AFTER_ANKLE, _HAND_AFTER_WRIST = 3, 2
 
 @dataclass(frozen=True)
 class Measured:
-    """Joints of the body as measured by a skeleton, in world metres."""
+    """The body's joints as measured by a skeleton, in world metres."""
 
     places: np.ndarray  # (F, NUM_JOINTS, 3), NaN where the skeleton has no such joint.
     turns: np.ndarray  # (F, 22, 3, 3) rotations from our body's rest axes to the world.
@@ -38,11 +38,11 @@ class Measured:
 
 
 def measure(motion: SkeletonMotion, roles: dict[str, str], own_rest: np.ndarray) -> Measured:
-    """Return positions and rotations of the body's joints as measured by a skeleton.
+    """Return the positions and rotations of the body's joints as measured by a skeleton.
 
-    Let G be the rotation of a joint since the skeleton's rest and A the rotation from its bone at rest to the body's
-    bone. R_s and R_b map the rest axes of skeleton and body to the stage. The body's rotation is ``G R_s^T A^T R_b``,
-    so that its bones have the same directions.
+    Let G be a joint's rotation relative to the skeleton's rest pose, and A the rotation from its bone at rest to the
+    body's bone. R_s and R_b map the rest axes of skeleton and body to the stage. The body's rotation is ``G R_s^T A^T
+    R_b``, so that its bones point in the same directions.
 
     Args:
         roles: maps each role to a joint of the skeleton.
@@ -66,7 +66,7 @@ def measure(motion: SkeletonMotion, roles: dict[str, str], own_rest: np.ndarray)
 
 
 def _alignments(index: dict[str, int], rest: np.ndarray, own: np.ndarray) -> dict[str, np.ndarray]:
-    """Return each role's rotation from skeleton bone to body bone, at rest in stage axes."""
+    """Return each role's rotation from the skeleton's bone to the body's bone, at rest in stage axes."""
     aligned: dict[str, np.ndarray] = {}
     for limb, roles in LIMBS.items():
         if not set(roles[:2]) <= index.keys():
@@ -95,7 +95,7 @@ def _alignments(index: dict[str, int], rest: np.ndarray, own: np.ndarray) -> dic
 
 
 def _turns(G: dict[str, np.ndarray], frames: int) -> np.ndarray:
-    """Return (F, 22, 3, 3) rotations of the skeleton, interpolated where missing."""
+    """Return the (F, 22, 3, 3) rotations of the skeleton, interpolated where missing."""
     turns = np.empty((frames, NUM_TURNED, 3, 3))
     turns[:, 0] = G["pelvis"]
     spine = [G[role] for role in chain_roles(dict.fromkeys(G, ""), "spine")]
@@ -126,25 +126,25 @@ def _along(line: list[np.ndarray], share: float) -> np.ndarray:
 
 
 _PLACED = SMPL.both("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
-"""Limb joints with fitted positions. Programs place head and toes differently, so only their rotations count."""
+"""Limb joints whose positions are fitted. Programs place head and toes differently, so only their rotations count."""
 _PLACE_SIGMA_M = 0.004  # Deviation of a limb joint from the skeleton's, in metres.
 _TURN_SIGMA = np.full(NUM_TURNED, 0.12)
-"""Standard deviation of rotations in radians: less for the tilted pelvis, more for collars placed differently."""
+"""Standard deviation of rotations in radians: less for the tilted pelvis, more for differently placed collars."""
 _TURN_SIGMA[0], _TURN_SIGMA[[13, 14]] = 0.06, 0.2
 _ROUNDS, _BLOCK = 20, 256
 _DAMPING, _EASED, _STIFFENED = 1e-3, 0.2, 8.0
 """Initial damping relative to the normal equations' diagonal, and its factors after a good and a bad step."""
 _LEAST_GAIN, _CONVERGED, _LONGEST_STEP = 1e-3, 1e-3, 0.4
-"""Relative cost decrease and step in radians at which the fit ends, and largest rotation per step."""
-_ABOVE = subtree_matrix(SMPL_PARENTS).T[:, :NUM_TURNED] > 0  # (24, 22) rotated joints above each joint, or itself.
-_MOVED = _ABOVE & ~np.eye(NUM_JOINTS, NUM_TURNED, dtype=bool)  # (24, 22) joints that each rotation moves.
+"""Relative decrease of the cost and step in radians at which the fit ends, and largest rotation per step."""
+_ABOVE = subtree_matrix(SMPL_PARENTS).T[:, :NUM_TURNED] > 0  # (24, 22) rotating joints above each joint, or itself.
+_MOVED = _ABOVE & ~np.eye(NUM_JOINTS, NUM_TURNED, dtype=bool)  # (24, 22) joints moved by each rotation.
 
 
 def fit_poses(rest: np.ndarray, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
-    """Return global rotations (F, 22, 3, 3) and joints (F, 24, 3) by Levenberg-Marquardt.
+    """Fit global rotations (F, 22, 3, 3) and joints (F, 24, 3) by Levenberg-Marquardt.
 
-    A world rotation δ of a joint moves positions below it by ``Σ δ_i × (p_k - p_i)`` and rotations by ``Σ δ_i``. Both
-    are linear in δ and the root's position. ``rest`` (24, 3) are the shaped body's rest joints in metres.
+    A world rotation δ of a joint moves the positions below it by ``Σ δ_i × (p_k - p_i)``, and rotations by ``Σ δ_i``.
+    Both are linear in δ and the root's position. ``rest`` (24, 3) are the shaped body's rest joints in metres.
     """
     parts = [
         _fit_block(rest, measured.places[at : at + _BLOCK], measured.turns[at : at + _BLOCK])
@@ -197,9 +197,9 @@ def _residuals(
 def deviations(joints: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Return the (F, 24) deviations of joints in metres, as root mean square over the axes.
 
-    ``σ² = tr(J H⁻¹ J^T) / 3 + |p - p_there|² / 3`` with the normal equations H of the fit and the derivatives J of a
-    joint. The first term is the uncertainty of the fit, the second the distance from the skeleton's joint. ``joints``
-    and ``places`` are (F, 24, 3) in metres.
+    ``σ² = tr(J H⁻¹ J^T) / 3 + |p - p_there|² / 3``, with the normal equations H of the fit and the derivatives J of a
+    joint. The first term is the uncertainty of the fit, and the second the distance from the skeleton's joint.
+    ``joints`` and ``places`` are (F, 24, 3) in metres.
     """
     known, prior = _known(places), _prior()
     off = (joints - places)[:, known]
@@ -227,7 +227,7 @@ def _prior() -> np.ndarray:
 
 
 def posed(rest: np.ndarray, G: np.ndarray, root: np.ndarray) -> np.ndarray:
-    """Return (F, 24, 3) joints for global rotations (F, 22, 3, 3) and root positions (F, 3)."""
+    """Return the (F, 24, 3) joints for global rotations (F, 22, 3, 3) and root positions (F, 3)."""
     joints = np.empty((len(G), NUM_JOINTS, 3))
     joints[:, 0] = root
     for j in range(1, NUM_JOINTS):
@@ -237,7 +237,7 @@ def posed(rest: np.ndarray, G: np.ndarray, root: np.ndarray) -> np.ndarray:
 
 
 def _slopes(joints: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return (F, 3 K, 69) derivatives of the K known positions by each joint's rotation and the root."""
+    """Return the (F, 3 K, 69) derivatives of the K known positions by each joint's rotation and by the root."""
     v: np.ndarray = (joints[:, known, None] - joints[:, None, :NUM_TURNED]) * _MOVED[known][..., None]
     J = np.zeros((len(joints), len(known), 3, NUM_TURNED + 1, 3))
     for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -262,10 +262,10 @@ _PAIRS = (
     *(((a,), (b,)) for start, end in _BONES for a, b in zip(SMPL.both(start), SMPL.both(end), strict=True)),
     *((pair[:1], pair[1:]) for pair in (_HIPS, _SHOULDERS)),
     *((_HIPS, _SHOULDERS), (_SHOULDERS, SMPL.numbers("head"))),
-)  # Ends of compared lengths: bones of limbs, widths, trunk, and shoulders to head, or the middle of joints.
+)  # Ends of the compared lengths: limb bones, widths, trunk, and shoulders to head, or to the middle of joints.
 _STARTS, _ENDS = (np.array([(pair[end][0], pair[end][-1]) for pair in _PAIRS]) for end in (0, 1))  # (12, 2) joints.
 _SIGMA_M = np.array([0.004] * 8 + [0.008, 0.006, 0.008, 0.04])
-"""Standard deviation of lengths in metres, small for widths and trunk so that collars do not fold, and large for heads,
+"""Standard deviation of lengths in metres: small for widths and trunk so that collars do not fold, and large for heads,
 which differ.
 """
 _SHAPE_ROUNDS = 4
@@ -274,9 +274,9 @@ _EXACT, _SAME_M, _PLAUSIBLE = 16.0, 0.001, 5.0
 
 
 def shape_from_lengths(body: Body, rest: np.ndarray) -> np.ndarray:
-    """Estimate the (10,) shape with the nearest lengths: ``min Σ (l(β) - l)² / σ² + |β|²``.
+    """Estimate the (10,) shape whose lengths are closest: ``min Σ (l(β) - l)² / σ² + |β|²``.
 
-    ``rest`` are (24, 3) joints of a skeleton at rest in metres, NaN where missing.
+    ``rest`` are a skeleton's (24, 3) joints at rest in metres, NaN where missing.
     """
     wanted = _lengths(rest)
     known = np.isfinite(wanted)
@@ -298,21 +298,21 @@ def _nearest(body: Body, wanted: np.ndarray, known: np.ndarray, certainty: float
 def _length_equations(
     body: Body, betas: np.ndarray, wanted: np.ndarray, known: np.ndarray, certainty: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (10, 10) normal equations of lengths and the shape prior, and their right side (10,)."""
+    """Return the (10, 10) normal equations of lengths and shape prior, and their right-hand side (10,)."""
     weight, ways = certainty / _SIGMA_M[known], _ways(body.rest_joints(betas))
     lengths = np.linalg.norm(ways, axis=1)
     J = np.einsum("pa,pab->pb", ways / lengths[:, None], _ways(body.joints_shapedirs))[known] * weight[:, None]
     return J.T @ J + np.eye(len(betas)), J.T @ ((wanted - lengths)[known] * weight) - betas
 
 
-_SHAPE_FRAMES, _SHAPE_FITS = 64, 3  # Frames for refining a shape, and pose fits.
+_SHAPE_FRAMES, _SHAPE_FITS = 64, 3  # Number of frames used to refine a shape, and number of pose fits.
 
 
 def shape_from_places(body: Body, measured: Measured) -> np.ndarray:
-    """Estimate the (10,) shape from lengths at rest and the joints of some frames.
+    """Estimate the (10,) shape from the lengths at rest and the joints in some frames.
 
     Lengths do not determine the positions of hips and shoulders in the trunk. Poses and shape are fitted alternately.
-    For fixed poses the joints are linear in the shape, and the root is eliminated. A step minimises the mean over the
+    For fixed poses, the joints are linear in the shape, and the root is eliminated. A step minimises the mean over the
     frames of ``Σ |p_k(β) - p_k|² / σ²``, the lengths' errors and ``|β|²``.
     """
     betas, known = shape_from_lengths(body, measured.rest), _known(measured.places)
@@ -339,19 +339,19 @@ def _lengths(joints: np.ndarray) -> np.ndarray:
 
 
 def _ways(joints: np.ndarray) -> np.ndarray:
-    """Return the (12, ...) vectors of the fitted lengths between midpoints of joints."""
+    """Return the (12, ...) vectors of the fitted lengths, between midpoints of joints."""
     return np.asarray(joints[_ENDS].mean(axis=1) - joints[_STARTS].mean(axis=1))
 
 
 _FEET = ((7, 10), (8, 11))  # Ankle and ball of each foot.
-_LOWEST_SHARE = 2.0  # Percentile of the frames' lowest soles that defines the floor, as single frames are deeper.
-_NEAR_M, _STILL_M_S = 0.04, 0.3  # Largest height of a standing ball of the foot above its rest height, largest speed.
+_LOWEST_SHARE = 2.0  # Percentile of the frames' lowest soles that defines the floor, because single frames are deeper.
+_NEAR_M, _STILL_M_S = 0.04, 0.3  # Largest height of a standing foot's ball above its rest height, and speed.
 
 
 def floor_height(body: Body, betas: np.ndarray, joints: np.ndarray) -> float:
     """Return the height of the lowest soles in metres.
 
-    A sole is as far below ankle and ball of the foot as at rest. ``joints`` are (F, 24, 3) positions in metres.
+    A sole is as far below the ankle and the ball of the foot as at rest. ``joints`` are (F, 24, 3) positions in metres.
     """
     above = _rest_heights(body, betas)
     lowest = np.min([joints[:, joint, 2] - above[joint] for foot in _FEET for joint in foot], axis=0)
@@ -359,7 +359,7 @@ def floor_height(body: Body, betas: np.ndarray, joints: np.ndarray) -> float:
 
 
 def standing_feet(body: Body, betas: np.ndarray, joints: np.ndarray, fps: float) -> np.ndarray:
-    """Return an (F, 2) mask of frames with the ball of a foot low and slow."""
+    """Return an (F, 2) mask of frames in which the ball of a foot is low and slow."""
     balls = joints[:, [foot[1] for foot in _FEET]]
     heights = _rest_heights(body, betas)[[foot[1] for foot in _FEET]]
     if len(balls) < 2:
@@ -378,7 +378,7 @@ _ARMS = tuple(zip(*map(SMPL.both, ("elbow", "wrist", "hand")), strict=True))  # 
 
 @dataclass(frozen=True)
 class ImportedMotion:
-    """Motion on the product's body, and its distance from the source."""
+    """A motion on the product's body, and its distance from the source."""
 
     motion: Motion
     distances_mm: dict[str, float]  # Root mean square distance of each joint from the skeleton's, by role.
@@ -388,12 +388,12 @@ class ImportedMotion:
 def import_motion(
     source: SkeletonMotion, roles: dict[str, str], body: Body, *, keep_height: bool = False
 ) -> ImportedMotion:
-    """Transfer a skeleton's motion to a body with a shape that fits its bones.
+    """Transfer a skeleton's motion to a body whose shape fits its bones.
 
     Args:
         roles: maps each role to a joint of the skeleton.
         body: a body that starts with SMPL's joints.
-        keep_height: keep the clip's height. Otherwise the lowest soles are moved to z = 0.
+        keep_height: keep the clip's height. Otherwise, the lowest soles are moved to z = 0.
 
     Raises:
         MotionInvalid: left and right are not known.

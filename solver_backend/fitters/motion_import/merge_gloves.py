@@ -22,20 +22,20 @@ from solver_backend.types import Motion
 from solver_backend.types.motion import GloveTake
 from solver_backend.types.shapes import Float
 
-RATE = 100.0  # Samples per second of both speeds. Hands need half of it (Winter 2009: 99 % of motion is below 15 Hz).
+RATE = 100.0  # Samples per second of both speeds. Hands need half of this (Winter 2009: 99 % of motion is below 15 Hz).
 _SMOOTHED_S, _APART_S = 0.06, 0.5  # Averaging time of speeds, and distance between clearly different offsets, seconds.
 _OVERLAP_S, _OVERLAP = 2.0, 0.5  # Smallest overlap in seconds, and relative to the shorter recording.
-STILL_RAD_S = 0.15  # RMS angular speed of a wrist below which it is too still to be synchronised.
+STILL_RAD_S = 0.15  # RMS angular speed below which a wrist is too still to be synchronised.
 
 
 @dataclass(frozen=True)
 class WristClock:
     """Offset between two recordings of the same wrists."""
 
-    offset_s: float  # Start of the other recording, in seconds of the first.
-    agreement: float  # Correlation of the speeds there.
+    offset_s: float  # Start of the other recording, in seconds of the first one.
+    agreement: float  # Correlation of the speeds at this offset.
     next_best: float  # Highest correlation at a clearly different offset.
-    certainty: float  # Its standard deviations: ``atanh(r) sqrt(n' - 3)`` of n' independent samples (Fisher 1915).
+    certainty: float  # In standard deviations: ``atanh(r) sqrt(n' - 3)`` for n' independent samples (Fisher 1915).
 
     @property
     def is_sure(self) -> bool:
@@ -47,7 +47,7 @@ class WristClock:
 def wrist_speeds(rotations: Float[np.ndarray, "n 3 3"], times: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
     """Return angular speeds in rad/s at ``RATE`` samples per second, NaN if unknown.
 
-    ``rotations`` are (F, 3, 3) in any world and axes, ``times`` (F,) are ascending, in seconds.
+    ``rotations`` are (F, 3, 3) in any world and axes, and ``times`` (F,) are ascending, in seconds.
     """
     steps = np.linalg.norm(log_so3(np.swapaxes(rotations[:-1], -1, -2) @ rotations[1:]), axis=-1) / np.diff(times)
     middles = 0.5 * (times[1:] + times[:-1])
@@ -61,10 +61,10 @@ def wrist_speeds(rotations: Float[np.ndarray, "n 3 3"], times: Float[np.ndarray,
 
 
 def find_wrist_clock(one: list[np.ndarray], other: list[np.ndarray]) -> WristClock | None:
-    """Estimate the start of the other recording on the first one's clock, or None.
+    """Estimate when the other recording starts on the first one's clock, or return None.
 
     The offset maximises the correlation of all wrists' speeds over the overlap, with a parabola between samples. Speeds
-    are (n,) and (m,) of the same wrists at ``RATE`` samples per second.
+    are (n,) and (m,) for the same wrists at ``RATE`` samples per second.
     """
     pairs = [(a, b) for a, b in zip(one, other, strict=True) if _moves(a) and _moves(b)]
     if not pairs:
@@ -100,7 +100,7 @@ def _moves(speeds: np.ndarray) -> bool:
 def _correlations(a: np.ndarray, b: np.ndarray, least: int) -> np.ndarray:
     """Return the correlation over the overlap for every offset of b in a.
 
-    Sums over the overlap come from cumulative sums, products from a convolution with the Fourier transform.
+    Sums over the overlap come from cumulative sums, and products from a convolution by the Fourier transform.
     """
     n, m = len(a), len(b)
     size = 1 << int(np.ceil(np.log2(n + m)))
@@ -130,7 +130,7 @@ def _vertex(scores: np.ndarray, best: int) -> float:
 
 
 _AGREE, _CLEARLY, _CERTAIN = 0.6, 0.1, 5.0
-"""Thresholds of a reliable offset: correlation of speeds, lead over other offsets, and significance in standard
+"""Thresholds for a reliable offset: correlation of speeds, lead over other offsets, and significance in standard
 deviations.
 """
 _BEYOND_DEG, _BEYOND_SHARE = 15.0, 0.05  # Degrees beyond human ranges and share of frames that are reported.
@@ -138,23 +138,23 @@ _BEYOND_DEG, _BEYOND_SHARE = 15.0, 0.05  # Degrees beyond human ranges and share
 
 @dataclass(frozen=True)
 class MergedHands:
-    """Motion with hands from gloves, and diagnostics."""
+    """A motion with hands from gloves, and diagnostics."""
 
     motion: Motion
-    offset_s: float  # Start of the gloves in seconds of the motion.
+    offset_s: float  # Start of the gloves' recording in seconds of the motion.
     found: tuple[Diagnostic, ...]
 
 
 def merge_gloves(motion: Motion, body: Body, gloves: GloveTake, offset_s: float | None = None) -> MergedHands:
-    """Add the fingers of a glove recording to a motion. The body and its wrists do not change.
+    """Add the fingers in a glove recording to a motion. The body and its wrists do not change.
 
     Args:
-        motion: the body's motion. Fingers of a side without a glove do not change.
-        offset_s: start of the gloves in seconds of the motion, None to estimate it from the wrists' rotations.
+        motion: the body's motion. Fingers on a side without a glove do not change.
+        offset_s: start of the gloves' recording in seconds of the motion. None estimates it from the wrists' rotations.
 
     Raises:
         BodyInvalid: the body has no fingers.
-        MotionInvalid: the motion has another body, or the recordings share no frame.
+        MotionInvalid: the motion is for another body, or the recordings have no frame in common.
     """
     if motion.body != body.id:
         raise MotionInvalid(f"The motion was solved with the body {motion.body}, not {body.id}.", where="motion")
@@ -198,7 +198,7 @@ def _fingers(motion: Motion) -> tuple[np.ndarray, np.ndarray, bool]:
 
 
 def _offset(motion: Motion, gloves: GloveTake) -> tuple[float, list[Diagnostic]]:
-    """Estimate the start of the gloves in seconds, 0 if unknown. Also return diagnostics."""
+    """Estimate the start of the gloves' recording in seconds (0 if unknown). Also return diagnostics."""
     theirs = [wrist_speeds(gloves.palms[:, side], gloves.times) for side in range(2)]
     own = [wrist_speeds(turns, np.arange(motion.num_frames) / motion.fps) for turns in _wrists(motion)]
     clock = find_wrist_clock(own, theirs)

@@ -26,9 +26,9 @@ from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.types import Capture, MarkerCloud, Motion
 from solver_backend.types.network_result import CAMERA_TO_Z_UP, NUM_TURNED, NetworkResult
 
-RATE = 30.0  # Default frames per second: GVHMR and GEM-X convert every video to this rate.
+RATE = 30.0  # Default frames per second. GVHMR and GEM-X convert every video to this rate.
 _LEG = ("hip", "knee", "ankle")
-_ALIKE = 1.25  # Points are in metres if legs differ from the body's by less than this factor.
+_ALIKE = 1.25  # Points are in metres if leg lengths differ from the body's by less than this factor.
 
 
 def network_motion(
@@ -40,13 +40,13 @@ def network_motion(
     settings: SolveSettings = SolveSettings(),
     progress: Progress = silent,
 ) -> tuple[Motion, list[Diagnostic]]:
-    """Return one person's motion from a network's result, on the floor.
+    """Convert one person in a network's result to a motion on the floor.
 
     Rotations are copied. Points are solved as joint positions. Frames without the person are interpolated.
 
     Args:
-        person: name of the person, None for the person with the most frames.
-        fps: frames per second of the video, None for the rate in the file or the default.
+        person: name of the person, or None for the person with the most frames.
+        fps: frames per second of the video, or None for the rate in the file or the default.
 
     Raises:
         MotionInvalid: there is no such person.
@@ -83,7 +83,7 @@ def network_motion(
 
 
 def without_gaps(result: NetworkResult) -> NetworkResult:
-    """Return the result from first to last frame, with interpolated gaps."""
+    """Return the result from its first to its last frame, with interpolated gaps."""
     frames = np.arange(result.frames[0], result.frames[-1] + 1)
     after = np.clip(np.searchsorted(result.frames, frames), 0, len(result.frames) - 1)
     before = np.maximum(after - (result.frames[after] > frames), 0)
@@ -134,7 +134,7 @@ def _of_rotations(result: NetworkResult, body: Body, fps: float) -> Motion:
 
 
 def metric_scale(points: np.ndarray, names: tuple[str, ...], body: Body) -> float:
-    """Return the factor from (F, K, 3) points to the body's leg length."""
+    """Return the factor that scales (F, K, 3) points to the body's leg length."""
     rest, joints = body.rest_joints(np.zeros(body.shapedirs.shape[-1])), body.layout.joints
     theirs, ours = 0.0, 0.0
     for side in SIDES:
@@ -160,7 +160,7 @@ def _of_points(result: NetworkResult, body: Body, fps: float, settings: SolveSet
 
 
 def _with_points_of_hands(motion: Motion, body: Body, hands: np.ndarray) -> Motion:
-    """Return the motion with the fingers of (F, 2, 21, 3) points, if the body has finger joints."""
+    """Add fingers to a motion from (F, 2, 21, 3) points, if the body has finger joints."""
     try:
         fingered = with_fingers(body)
     except BodyInvalid:

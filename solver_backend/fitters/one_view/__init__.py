@@ -1,1 +1,1 @@
-"""Solve from one camera: measured quantities, and quantities that remain uncertain."""
+"""Solve from one camera, and state which quantities remain uncertain."""

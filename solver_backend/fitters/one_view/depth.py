@@ -32,16 +32,16 @@ from solver_backend.types import Keypoints2D, Motion
 
 CUT_SHARE, CUT_TIMES = 0.3, 6.0
 """Jump at a cut, relative to the person's extent and usual step. Sprinters move 0.15 extents per frame at 30 fps."""
-CUT_POINTS, USUAL_S = 4, 0.5  # Keypoints that both frames must show, and time around them for the usual step.
+CUT_POINTS, USUAL_S = 4, 0.5  # Keypoints that both frames must show, and seconds around them for the usual step.
 GLIDE_M_S, GLIDE_S, GLIDE_SHARE = 0.35, 0.7, 0.5
 """A person glides if the body moves faster than this speed (m/s) for this time (s), while the feet move relative to the
 body at less than this share of its speed. A walker's feet move as fast as the body, and jumps are shorter."""
-SMOOTH_S = 0.25  # Averaging time that removes the jitter of a lifted pose, seconds.
+SMOOTH_S = 0.25  # Averaging time in seconds that removes the jitter of a lifted pose.
 _LEAST_EXTENT_PX = 1.0  # Smallest extent of a person in pixels.
 
 
 def bridge_repeats(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, list[Diagnostic]]:
-    """Interpolate repeated frames of one view's detections, and report them."""
+    """Interpolate repeated frames in one view's detections, and report them."""
     again = repeated_frames(keypoints)
     share = 100.0 * float(again.mean())
     if share < LEAST_REPEATED:
@@ -53,7 +53,7 @@ def bridge_repeats(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, li
 
 
 def diagnose_cuts(camera: str, keypoints: Keypoints2D) -> list[Diagnostic]:
-    """Return a diagnostic of the cuts in one view."""
+    """Return a diagnostic about the cuts in one view."""
     last = cuts(keypoints.xy[0], keypoints.confidence[0] > 0, keypoints.fps)
     return [diagnostic("picture_cuts", cameras=[camera], frames=[(f, f + 1) for f in last])] if len(last) else []
 
@@ -81,7 +81,7 @@ def cuts(xy: np.ndarray, seen: np.ndarray, fps: float) -> np.ndarray:
 
 
 def glides(root: np.ndarray, feet: np.ndarray, seen: np.ndarray, fps: float) -> list[tuple[int, int]]:
-    """Return frame ranges in which a person moves over the floor without stepping.
+    """Return the frame ranges in which a person moves across the floor without stepping.
 
     Args:
         root: (F, 3) position of the root in world metres, Z up.
@@ -97,7 +97,7 @@ def glides(root: np.ndarray, feet: np.ndarray, seen: np.ndarray, fps: float) -> 
 
 
 def _speed(points: np.ndarray, fps: float) -> np.ndarray:
-    """Return the velocity of (F, ...) points averaged over ``SMOOTH_S``, per second."""
+    """Return the velocity of (F, ...) points per second, averaged over ``SMOOTH_S``."""
     half = max(1, round(0.5 * SMOOTH_S * fps))
     index = np.arange(len(points))
     before, after = np.maximum(index - half, 0), np.minimum(index + half, len(points) - 1)
@@ -109,18 +109,18 @@ LIMBS = {
     "arms": ("shoulder", "elbow", "wrist"),
     "legs": ("hip", "knee", "ankle", "big_toe", "small_toe", "heel"),
 }  # Keypoints that a detector swaps together.
-LEAST_PAIRS = 2  # Pairs of keypoints that must jump at once. A single pair may be an outlier, and only ends a swap.
+LEAST_PAIRS = 2  # Keypoint pairs that must jump at once. A single pair may be an outlier, and can only end a swap.
 CROSSED_SHARE = 0.5  # A swap must leave less than this share of the jump.
 JUMP_SHARE = 0.1
-"""Smallest gain of a swap relative to the person's extent, per keypoint: mean over a limb, and of a single pair."""
-LONGEST_S = 1.5  # Longest swap. In longer ranges the correct side is unknown.
-SEEN_BEFORE_S = 0.2  # A keypoint's last position is used for this long.
+"""Smallest gain from a swap per keypoint, relative to the person's extent: mean over a limb, and of a single pair."""
+LONGEST_S = 1.5  # Longest swap in seconds. In longer ranges, the correct side is unknown.
+SEEN_BEFORE_S = 0.2  # A keypoint's last position is used for this number of seconds.
 
 
 def restore_sides(
     camera: str, keypoints: Keypoints2D, but: Collection[str] = ()
 ) -> tuple[Keypoints2D, list[Diagnostic]]:
-    """Undo swapped limbs in one view's detections, except the parts ``but``, and report them."""
+    """Undo swapped limbs in one view's detections, except for the parts ``but``, and report them."""
     names, xy, confidence = keypoints.joint_set.keypoints, keypoints.xy[0].copy(), keypoints.confidence[0].copy()
     seen, found = confidence > 0, list[Diagnostic]()
     for part, names_of in LIMBS.items():
@@ -148,8 +148,8 @@ def restore_sides(
 def side_jumps(xy: np.ndarray, seen: np.ndarray, pairs: Sequence[tuple[int, int]], fps: float) -> np.ndarray:
     """Return the (F,) number of a limb's left and right pairs that swap in each frame.
 
-    A step ``x_t - x_{t-1}`` is predicted by the mean of the steps before and after it. The error is compared between a
-    keypoint's track and its counterpart's. Limbs that pass each other continue their motion.
+    A step ``x_t - x_{t-1}`` is predicted by the mean of the steps before and after it. The errors on a keypoint's own
+    track and on its counterpart's track are compared. Limbs that pass each other continue their motion.
     """
     columns = np.array(pairs)
     both = seen[:, columns].all(axis=-1)
@@ -179,9 +179,9 @@ def side_jumps(xy: np.ndarray, seen: np.ndarray, pairs: Sequence[tuple[int, int]
 
 
 def exchanged_stretches(jumped: np.ndarray, longest: float) -> tuple[np.ndarray, list[int]]:
-    """Return an (F,) mask of swapped ranges between jumps, and the other jumps.
+    """Return an (F,) mask of the swapped ranges between jumps, and the other jumps.
 
-    Without a second jump within ``longest`` frames the correct side is unknown. A single jump of fewer than
+    Without a second jump within ``longest`` frames, the correct side is unknown. A single jump of fewer than
     ``LEAST_PAIRS`` pairs also ends a swap.
     """
     edges, exchanged = np.flatnonzero(jumped >= LEAST_PAIRS).tolist(), np.zeros(len(jumped), dtype=bool)
@@ -202,20 +202,20 @@ def exchanged_stretches(jumped: np.ndarray, longest: float) -> tuple[np.ndarray,
 
 
 def _last_seen(both: np.ndarray, reach: int) -> np.ndarray:
-    """Return the (F, P) last earlier frame that shows each pair, -1 if it is too long ago."""
+    """Return the (F, P) last earlier frame that shows each pair, or -1 if it is too long ago."""
     frame = np.where(both, np.arange(len(both))[:, None], -1)
     before = np.vstack([np.full((1, both.shape[1]), -1), np.maximum.accumulate(frame, axis=0)[:-1]])
     return np.where(np.arange(len(both))[:, None] - before <= reach, before, -1)
 
 
 def _step_before(track: np.ndarray, both: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Return the (n, 2, 2) step into each frame in pixels, 0 if unknown."""
+    """Return the (n, 2, 2) step into each frame in pixels, or 0 if unknown."""
     known = (frames > 0) & both[np.maximum(frames - 1, 0)]
     return np.where(known[:, None, None], track[frames] - track[np.maximum(frames - 1, 0)], 0.0)
 
 
 def _step_after(track: np.ndarray, both: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Return the (n, 2, 2) step out of each frame in pixels, 0 if unknown."""
+    """Return the (n, 2, 2) step out of each frame in pixels, or 0 if unknown."""
     after = np.minimum(frames + 1, len(track) - 1)
     known = (after > frames) & both[after]
     return np.where(known[:, None, None], track[after] - track[frames], 0.0)
@@ -232,20 +232,20 @@ def _extent(xy: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 ALIKE, ACROSS_M, POSE_TURNS = 1.3, 0.02, 0.2
-"""Factor on the lifter's deviations along the line of sight, error across it per axis in metres, and factor from these
-deviations to the rotations for the size. Chosen by ``python -m tests.benchmarks.one_view_deviations``."""
-POSE_SIZE = 0.005  # Relative error of the distance of a person of given size by the lifted pose. Chosen by hand.
+"""Factor for the lifter's deviations along the line of sight, error per axis across it in metres, and factor that turns
+these deviations into rotations for the size. Chosen by ``python -m tests.benchmarks.one_view_deviations``."""
+POSE_SIZE = 0.005  # Relative error, due to the lifted pose, of the distance to a person of given size. Chosen by hand.
 TURNS = {
     "pelvis": 0.28, "thorax": 0.58, "head": 0.0, "thigh": 1.28, "shank": 0.62, "foot": 0.2, "toes": 0.0,
     "upper_arm": 1.36, "forearm": 0.7, "hand": 0.14,
 }  # fmt: skip
-"""Factor from the lifter's deviations to the rotation error of each segment, chosen by the same command."""
+"""Factor from the lifter's deviations to each segment's rotation error, chosen by the same command."""
 OPEN_M = 0.15  # A limb's depth is uncertain if its end has a larger deviation along the line of sight: half a step.
 FLIP_CHANCE = 0.01
-"""A limb's depth is also uncertain if one of its bones is flipped with a larger probability. These are a seventh of the
-limb frames of 18 takes of subjects 01, 08, 09 and 60, with 73 % of their flips."""
-SHORTEST_S = 0.2  # Shorter frame ranges are not reported.
-STANDS_SHARE = 0.02  # With a smaller share of planted feet the floor is undetermined. A walker has half.
+"""A limb's depth is also uncertain if the probability that one of its bones is flipped is larger. This applies to a
+seventh of the limb frames in 18 takes of subjects 01, 08, 09 and 60, and to 73 % of their flips."""
+SHORTEST_S = 0.2  # Frame ranges shorter than this number of seconds are not reported.
+STANDS_SHARE = 0.02  # If a smaller share of feet is planted, the floor is undetermined. A walker has half.
 LIMB_ENDS = {f"{side}_{end}": f"{side} {part}" for end, part in (("wrist", "arm"), ("ankle", "leg")) for side in SIDES}
 LIMB_ENDS["head"] = "head"
 """Limb of each end joint."""
@@ -253,32 +253,32 @@ LIMB_ENDS["head"] = "head"
 
 @dataclass(frozen=True)
 class OneView:
-    """Uncertainty of a solve from a single camera."""
+    """The uncertainty of a solve from a single camera."""
 
     camera: str
     centre: np.ndarray  # (F, 3) camera positions in metres.
-    size_sigma: float  # Relative standard deviation of the person's size and distance, common to all frames.
-    pose_sigma: float  # Its part by the lifted pose.
-    focal_sigma: float  # The same of the focal length, which affects distances only.
-    size_source: str  # Source of the size, as text for users.
-    up_from_person: bool  # Up and floor were estimated from the person.
-    sight: np.ndarray  # (F, 3) unit direction from the camera to the person.
+    size_sigma: float  # Relative standard deviation of the person's size and distance, which are common to all frames.
+    pose_sigma: float  # The part of it that is due to the lifted pose.
+    focal_sigma: float  # Relative standard deviation of the focal length, which affects only distances.
+    size_source: str  # Where the size comes from, as text for users.
+    up_from_person: bool  # Whether up and floor were estimated from the person.
+    sight: np.ndarray  # (F, 3) unit directions from the camera to the person.
     sight_sigma_m: np.ndarray
-    """(F, J) lifter's standard deviation of joints along the line of sight, relative to the body's centre."""
+    """(F, J) standard deviations of joints along the line of sight from the lifter, relative to the body's centre."""
     slant_chances: np.ndarray
     """(F, 8, 3) probabilities that each limb bone points towards the camera, across, or away from it."""
 
 
 @dataclass(frozen=True)
 class OneCamera(PointSource):
-    """Keypoints of one camera, with the lifted pose."""
+    """Keypoints from one camera, with the lifted pose."""
 
-    views: ViewPoints  # Detections of all cameras; one of them has some.
+    views: ViewPoints  # Detections by all cameras. Only one of them has any.
     open: OneView
-    floor: tuple[PointTerm, ...]  # Terms of the floor, if it is known.
+    floor: tuple[PointTerm, ...]  # Terms for the floor, if it is known.
     lifted: RelativePositionTerm
     take: LiftedTake
-    sized_by: Callable[[LiftedTake], Measurements]  # Returns these measurements, with the size from other poses.
+    sized_by: Callable[[LiftedTake], Measurements]  # Returns these measurements, with the size taken from other poses.
     heights: np.ndarray | None = None
     """(L,) heights of a planted foot's points above the known floor in metres, NaN for other points."""
     REST: ClassVar[RestWords] = RestWords(Severity.WARNING, "is not seen", "are not seen")
@@ -294,13 +294,13 @@ class OneCamera(PointSource):
         return self.open.sight
 
     def terms(self) -> FrameObjective:
-        """Return the terms of the floor and of the lifted pose."""
+        """Return the terms for the floor and the lifted pose."""
         return FrameObjective(self.floor, relative=(self.lifted,))
 
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Smooth the depth, ground the feet, and rest the parts without evidence."""
+        """Smooth the depth, ground the feet, and put parts without evidence at rest."""
         solved = steady_depth(solved, self.open, problem.fps)
         if self.heights is not None:
             solved = stand_on_floor(solved, self.sight, problem.fps)
@@ -317,20 +317,20 @@ class OneCamera(PointSource):
         return self.views.report(points)
 
     def constant_m(self, layout: BodyLayout) -> np.ndarray:
-        """Return the (J,) standard deviation of constant errors in metres, see ``PointSource``."""
+        """Return the (J,) standard deviations of constant errors in metres, see ``PointSource``."""
         return self.views.constant_m(layout)
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
-        """Return the data term unchanged, because one camera shows no depth errors."""
+        """Return the data term unchanged, because one camera does not reveal depth errors."""
         return bundle.data
 
 
 def with_open_depth(solved: SolvedFrames, one: OneView, joints: np.ndarray) -> SolvedFrames:
     """Add a single camera's uncertainty: ``Σ + a² 1 + ((k l)² + f² z²) d dᵀ + s² p pᵀ``.
 
-    a is ``ACROSS_M``, k ``ALIKE``, l the lifter's deviation, d the line of sight, z the depth and p the vector from the
-    camera to the joint. A person scaled by s at a scaled distance has the same image, and a focal length with relative
-    error f moves everybody in depth. Both errors are common to all frames and do not average out.
+    a is ``ACROSS_M``, k is ``ALIKE``, l the lifter's deviation, d the line of sight, z the depth and p the vector from
+    the camera to the joint. A person scaled by s at a distance scaled by s has the same image, and a focal length with
+    relative error f moves everyone in depth. Both errors are common to all frames and do not average out.
 
     Args:
         joints: (J,) recorded joints of the body.
@@ -357,7 +357,7 @@ def with_open_depth(solved: SolvedFrames, one: OneView, joints: np.ndarray) -> S
 
 
 def diagnose_one_view(solved: SolvedFrames, one: OneView, problem: Problem) -> list[Diagnostic]:
-    """Return the diagnostics of a single camera, and of limbs with uncertain depth."""
+    """Return diagnostics about a single camera and about limbs with uncertain depth."""
     joints = problem.body.layout.recorded.joints
     columns = [joints.index(name) for name in LIMB_ENDS if name in joints]
     usual = 100.0 * float(np.median(one.sight_sigma_m[:, columns]))
@@ -391,7 +391,7 @@ def _diagnose_steps(solved: SolvedFrames, problem: Problem) -> list[Diagnostic]:
     names, seen = measured.landmarks.names, measured.seen
     parts = [[f"{side}_{part}" for side in SIDES] for part in ("hip", "ankle")]
     if all(name in names for name in chain(*parts)):
-        # Of the lifted points. In the solution, contacts hold the feet of a standing person in a zoom.
+        # Use the lifted points. In the solution, contacts hold the feet of a standing person during a zoom.
         hips, feet = (measured.points[:, [names.index(name) for name in part]] for part in parts)
         root, shown = hips.mean(axis=1), seen & np.isfinite(feet).all(axis=(1, 2)) & np.isfinite(hips).all(axis=(1, 2))
         runs = glides(root, feet, shown, problem.fps)

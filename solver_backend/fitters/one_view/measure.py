@@ -42,21 +42,21 @@ from solver_backend.types import Cameras, Capture, Keypoints2D
 PEOPLE_SIGMA = 0.055
 """Relative standard deviation of adult stature, women and men together (ANSUR II: 93 mm of 1.71 m)."""
 SHAPE_SIGMA = 0.01  # Relative error of a given shape or stature.
-LEAST_HEIGHT_M = 0.3  # Smallest height of the camera above the floor at which feet determine a size.
-AT_ODDS_SIGMAS = 3.0  # Number of deviations from which the floor contradicts a given size.
+LEAST_HEIGHT_M = 0.3  # Smallest height of the camera above the floor for which the feet determine a size.
+AT_ODDS_SIGMAS = 3.0  # Number of deviations at which the floor contradicts a given size.
 
 
 @dataclass(frozen=True)
 class Size:
-    """Shape and size of a person seen by one camera."""
+    """Shape and size of a person visible in one camera."""
 
     betas: np.ndarray  # (10,)
-    sigma: float  # Relative standard deviation of the size for an exact pose.
-    source: str  # Source of the size, as text for users.
+    sigma: float  # Relative standard deviation of the size if the pose is exact.
+    source: str  # Where the size comes from, as text for users.
     has_floor: bool = True  # Whether the person's feet are on the world's floor.
     at_odds: tuple[float, float] = (0.0, 0.0)
-    """Stature from the floor and its deviation in metres if they contradict the size in use, otherwise zeros."""
-    pose_sigma: float = POSE_SIZE  # Relative standard deviation of the size and distance by errors of the lifted pose.
+    """Stature given by the floor and its deviation in metres, if they contradict the size in use. Otherwise zeros."""
+    pose_sigma: float = POSE_SIZE  # Relative standard deviation of size and distance due to errors of the lifted pose.
 
 
 def size_of(
@@ -67,7 +67,7 @@ def size_of(
     take: LiftedTake,
     landmarks: Landmarks,
 ) -> Size:
-    """Return the given shape, or one from the stature, the floor or the mean."""
+    """Return the given shape, or one determined by the stature, the floor or the average."""
     R, t = camera.poses(0, len(take.z))
     floor = R, -np.einsum("fba,fb->fa", R, t)
     stands = not capture.floor_from_person and float(np.median(np.abs(floor[1][:, 2]))) >= LEAST_HEIGHT_M
@@ -97,7 +97,7 @@ def size_of(
 
 
 def turn_sigma(take: LiftedTake, body: Body) -> np.ndarray:
-    """Return (F, 1 + J) deviations of the lifted rotations in radians."""
+    """Return the (F, 1 + J) deviations of the lifted rotations in radians."""
     sigma = np.zeros((len(take.z), 1 + body.layout.num_solved))
     if has_segments(body):
         joints = [body.layout.joints.index(joint) for _, joint in SEGMENTS.values()]
@@ -111,10 +111,10 @@ def depth_sigma(take: LiftedTake, body: Body) -> np.ndarray:
 
 
 MODEL_ERROR_M = 0.015
-"""Error in metres per axis of a body of average proportions at keypoints, because no second view shows limb lengths."""
+"""Error in metres per axis at keypoints of a body with average proportions, as no second view shows limb lengths."""
 ALIKE_S = 0.07
 """Frames within this time in seconds count once, because neighbouring windows share frames. Chosen on takes of subjects
-08 and 60. Longer correlations are covered by wider deviations (see ``with_open_depth``)."""
+08 and 60. Longer correlations are covered by larger deviations (see ``with_open_depth``)."""
 
 
 def measure_one_view(
@@ -125,7 +125,7 @@ def measure_one_view(
     betas: tuple[float, ...] | None,
     progress: Progress,
 ) -> Measurements:
-    """Return the measurements of the one camera that sees the person.
+    """Return the measurements of the only camera that sees the person.
 
     Raises:
         NoDetections: no frame has enough keypoints to place a body.
@@ -163,7 +163,7 @@ def measure_one_view(
     progress("Lifting", 1, 1)
 
     def sized_by(poses: LiftedTake) -> Measurements:
-        """Return the measurements, with the person's size from these poses."""
+        """Return the measurements, with the person's size taken from these poses."""
         size = size_of(capture, camera, body, betas, poses, landmarks)
         notes, shape, stature = [*found], size.betas, body.stature_of(size.betas)
         if size.at_odds[1]:
@@ -228,7 +228,7 @@ def measure_one_view(
 def lift_on_sides(
     camera: str, detected: Keypoints2D, body: Body, lift: Callable[[Keypoints2D], LiftedTake]
 ) -> tuple[Keypoints2D, LiftedTake, list[Diagnostic]]:
-    """Return the detections with swapped limbs corrected, the lifted take, and diagnostics.
+    """Correct swapped limbs. Return the detections, the lifted take, and diagnostics.
 
     Limbs that pass each other fast also look swapped. A part stays as detected if the body then fits better.
     """
@@ -262,7 +262,7 @@ def _with_view(keypoints: Keypoints2D, view: int, detected: Keypoints2D) -> Keyp
 
 
 def _joint_of(landmarks: Landmarks, body: Body) -> np.ndarray:
-    """Return the SMPL joint of each landmark, or the nearest SMPL joint above its bone."""
+    """Return the SMPL joint for each landmark, or the nearest SMPL joint above its bone."""
     names, parents, found = body.layout.joints, body.layout.parents, list[int]()
     for bone in np.argmax(landmarks.weights, axis=1):
         while names[bone] not in SMPL_JOINTS and parents[bone] >= 0:
@@ -272,14 +272,14 @@ def _joint_of(landmarks: Landmarks, body: Body) -> np.ndarray:
 
 
 def _covariances(sigma: np.ndarray, sight: np.ndarray, size: float, from_camera: np.ndarray) -> np.ndarray:
-    """Return (F, L, 3, 3) covariances ``a² (1 - d dᵀ) + l² d dᵀ + s² p pᵀ``."""
+    """Return the (F, L, 3, 3) covariances ``a² (1 - d dᵀ) + l² d dᵀ + s² p pᵀ``."""
     along = sight[:, None, :, None] * sight[:, None, None, :]
     across, deep = (sigma[..., k, None, None] ** 2 for k in (0, 1))
     return across * (np.eye(3) - along) + deep * along + size**2 * from_camera[..., :, None] * from_camera[..., None, :]
 
 
 def _precision(sigma: np.ndarray, sight: np.ndarray, known: np.ndarray, joint: np.ndarray) -> np.ndarray:
-    """Return (F, L, 3, 3) precisions ``(1 - d dᵀ) / a² + d dᵀ / l²``, shared by joint."""
+    """Return the (F, L, 3, 3) precisions ``(1 - d dᵀ) / a² + d dᵀ / l²``, shared by the landmarks of each joint."""
     along = sight[:, None, :, None] * sight[:, None, None, :]
     across, deep = (1.0 / sigma[..., k, None, None] ** 2 for k in (0, 1))
     shared = np.bincount(joint, minlength=len(SMPL_JOINTS))[joint]
@@ -288,7 +288,7 @@ def _precision(sigma: np.ndarray, sight: np.ndarray, known: np.ndarray, joint: n
 
 
 def _sigma_px(cameras: Cameras, keypoints: Keypoints2D, depth: np.ndarray, view: int) -> np.ndarray:
-    """Return (1, F, L) deviations of detections from a body of average proportions, in pixels.
+    """Return the (1, F, L) deviations of detections from a body with average proportions, in pixels.
 
     Second differences of the tracks estimate the detector's noise. Their variance is six times as large.
     """

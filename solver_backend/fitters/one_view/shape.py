@@ -12,39 +12,39 @@ from solver_backend.exchange.stands import SPEED_M_S, steps
 from solver_backend.fitters.person_shape import ALONG_SIGHT, SLOW_SHARE
 from solver_backend.priors.lifted_take import LEAST_POINTS, LiftedTake
 
-# Chosen on simulated people with motion of subjects 08 and 60, outside all result tables, unless stated otherwise.
-POINT_M, OUTLIER_M = 0.05, 0.12  # Error of a lifted point across the line of sight, and robust scale of this error.
-FOOT_M = 0.016  # The same error of planted feet, which anchor the lifted pose: only the detector's (15.8 mm measured).
+# Chosen on simulated people with motion of subjects 08 and 60, which no result table uses, unless stated otherwise.
+POINT_M, OUTLIER_M = 0.05, 0.12  # Error of a lifted point across the line of sight, and robust scale for this error.
+FOOT_M = 0.016  # The same error for planted feet, which anchor the lifted pose: only the detector's (15.8 mm measured).
 SOLE_M, OUTLIER_SOLE_M, WIDEST_SOLE_M = 0.012, 0.06, 1.0
-"""Error and outlier distance of a planted sole's height in metres, and outlier distance of the first step."""
-ALIKE_S = 0.7  # Frames within this time have correlated errors and count once, seconds.
+"""Error and outlier distance of a planted sole's height in metres, and outlier distance for the first step."""
+ALIKE_S = 0.7  # Time in seconds within which frames have correlated errors and count once.
 SOLE_DEPTH_M = 0.008  # Vertices up to this height above the lowest one belong to the sole.
-LOWER_M = 0.03  # The lower sole may be planted, and the other one if it is within this height.
-SHOES_M = 0.005  # Deviation of the feet's height above the floor, from shoes, mats and calibration.
-WIDER = 3.0  # Factor on the deviation of adult statures, because children and athletes are filmed too.
+LOWER_M = 0.03  # The lower sole may be planted, and so may the other one if it is within this height.
+SHOES_M = 0.005  # Deviation of the feet's height above the floor, due to shoes, mats and calibration.
+WIDER = 3.0  # Factor for the deviation of adult statures, because children and athletes are also filmed.
 STATURE_M = 1e-4  # Error of a given stature, which is nearly a constraint.
 LEAST_STANDS, LEAST_SEEN, MOST_FRAMES, ROUNDS = 5, 0.3, 400, 8
-"""Fewest frames with a planted sole, smallest share of frames with a foot's keypoint, most frames and steps."""
+"""Fewest frames with a planted sole, smallest share of frames with a foot keypoint, and most frames and steps."""
 SHIN_RISES = 0.5
-"""Smallest height of the knee above the ankle of a foot on its sole, by the distance of the two. In lifted poses of 28
-simulated walks, obstacles, squats, dances and seats, flat feet have at least 0.59, kneeling ones usually 0 to 0.5. Of
-those who crouch or push hard, standing feet have less too."""
-MOST = 0.5  # Smallest share of frames with such feet among those with planted feet. Otherwise the person kneels.
-STATURES_M = (1.1, 2.25)  # Statures outside contradict the floor: children of six years to the tallest athletes.
-OFF_FLOOR_M = 0.05  # Planted soles farther from the floor contradict it.
+"""Smallest height of the knee above the ankle, relative to their distance, if the foot is on its sole. In lifted poses
+from 28 simulated walks, obstacles, squats, dances and seats, flat feet have at least 0.59, and kneeling ones usually 0
+to 0.5. If people crouch or push hard, standing feet also have less."""
+MOST = 0.5  # Smallest share of frames with such feet among those with planted feet. Otherwise, the person is kneeling.
+STATURES_M = (1.1, 2.25)  # Statures outside contradict the floor: six-year-old children to the tallest athletes.
+OFF_FLOOR_M = 0.05  # Planted soles that are farther from the floor contradict it.
 UP = np.array([0.0, 0.0, 1.0])
 _SOLES, _ANKLES = ("heel", "big_toe", "small_toe"), ("ankle",)
 
 
 @dataclass(frozen=True)
 class SeenShape:
-    """Shape of a person estimated from one camera."""
+    """A person's shape as estimated from one camera."""
 
     betas: np.ndarray  # (10,)
     stature_m: float  # Stature of this shape.
-    sigma: float  # Relative deviation of the stature for an exact pose.
+    sigma: float  # Relative deviation of the stature if the pose is exact.
     sole_m: float  # Median height of planted soles above the floor with this shape, metres. NaN if there are none.
-    pose_sigma: float = 0.0  # Relative deviation of the stature by errors of the lifted pose.
+    pose_sigma: float = 0.0  # Relative deviation of the stature due to errors of the lifted pose.
 
     @property
     def fits_people(self) -> bool:
@@ -53,7 +53,7 @@ class SeenShape:
 
 
 def foot_vertices(body: Body, side: str) -> np.ndarray:
-    """Return the vertices with most of their weight on the ankle of a side or joints below it."""
+    """Return the vertices that have most of their weight on the ankle of a side or on joints below it."""
     joints, parents = body.layout.joints, body.layout.parents
     below = [joints.index(f"{side}_ankle")] if f"{side}_ankle" in joints else []
     for joint, parent in enumerate(parents):
@@ -62,7 +62,7 @@ def foot_vertices(body: Body, side: str) -> np.ndarray:
 
 
 def sole_heights(body: Body, landmarks: Landmarks) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (L,) heights of keypoints above the sole at rest, and shape derivatives."""
+    """Return the (L,) heights of keypoints above the sole at rest, and their derivatives by the shape."""
     feet = np.concatenate([foot_vertices(body, "left"), foot_vertices(body, "right")])
     feet = feet if len(feet) else np.arange(len(body.v_template))
     lowest = feet[np.argmin(body.v_template[feet, 1])]
@@ -109,10 +109,10 @@ def foot_columns(names: tuple[str, ...], seen: np.ndarray) -> list[int]:
 def standing_soles(
     points: np.ndarray, heights: np.ndarray, up: np.ndarray, sight: np.ndarray, fps: float
 ) -> np.ndarray:
-    """Return an (F, K) mask of points of planted feet, which are low and slow.
+    """Return an (F, K) mask of the points on planted feet, which are low and slow.
 
     Args:
-        points: (F, K, 3) points of the feet in metres, NaN where unseen.
+        points: (F, K, 3) points on the feet in metres, NaN where unseen.
         heights: (K,) heights of the points above a planted sole in metres.
         up: (3,) unit vector against gravity.
         sight: (F, 3) unit direction from the camera to the person.
@@ -128,7 +128,7 @@ def standing_soles(
 
 
 def rising_shins(points: np.ndarray, names: tuple[str, ...], feet: list[int], up: np.ndarray) -> np.ndarray:
-    """Return an (F, K) mask of foot points below a rising shin, as in kneeling.
+    """Return an (F, K) mask of the foot points below a rising shin, which excludes kneeling.
 
     Args:
         points: (F, L, 3) points of the pose in metres. Feet without a knee or ankle count as below a rising shin.
@@ -151,12 +151,12 @@ def fit_shape(
     floor: tuple[np.ndarray, np.ndarray] | None,
     stature_m: float = 0.0,
 ) -> SeenShape:
-    """Fit the shape to a lifted take by Gauss-Newton steps, without positions.
+    """Fit the shape to a lifted take by Gauss-Newton steps. Positions are eliminated.
 
     ``min Σ_f e [Σ_i |(p_i + t)_xy - x_i (p_i + t)_z|² / σ_i² + Σ_s (h_s - o)² / σ_h²] + |β|² + o² / σ_o²``. e is the
     share of new information per frame, x are the keypoints in focal lengths, h the heights of planted soles above the
-    floor and o the height of the shoes. The fit takes the pose as exact. Rotations ω of the joints would move the
-    stature by Σ g·ω, so ``pose_sigma² = Σ_fj |g_fj|² σ_fj² / e`` for errors that stay for ``ALIKE_S``.
+    floor and o the height of the shoes. The fit assumes that the pose is exact. Joint rotations ω would change the
+    stature by Σ g·ω, so ``pose_sigma² = Σ_fj |g_fj|² σ_fj² / e`` for errors that last for ``ALIKE_S``.
 
     Args:
         turn_sigma: (F, 1 + J) standard deviations of the lifted rotations of the root and the solved joints, in
@@ -221,7 +221,7 @@ def fit_shape(
         shift = shift - solved[..., -1] - solved[..., :-1] @ step
         betas = betas + step
         sole = float(np.median(h[stands]) + betas[-1]) if stands.any() else np.nan
-        # The slope of the stature, without the frames' positions, by each point and by each turn.
+        # Slope of the stature by each point and each rotation, with the frames' positions eliminated.
         to_stature = inverse @ by_stature / (body.stature_m + by_stature @ betas)
         moved = (by_betas - np.einsum("flka,fab->flkb", rows, solved[..., :-1])) @ to_stature
         raised = (by_height - np.einsum("fa,fab->fb", up, solved[..., :-1])[:, None]) @ to_stature

@@ -1,4 +1,4 @@
-"""Stabilise the solution of one camera: smooth its depth, and put planted feet on the floor."""
+"""Stabilise the solution from one camera: smooth its depth, and put planted feet on the floor."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ _LEAST = 1e-6  # Regularises joints without bones, and sigmas of 0.
 def steady_depth(solved: SolvedFrames, one: OneView, fps: float) -> SolvedFrames:
     """Smooth bone directions and position over time, mainly in depth.
 
-    A bone of direction u is rotated to ``G_d (u·s) s + G_a (u - (u·s) s)`` with line of sight s and Gaussian filters G.
-    A joint with several bones gets the smallest rotation that fits all of them. The root's distance and direction are
-    smoothed too. Bone lengths do not change.
+    A bone with direction u is rotated to ``G_d (u·s) s + G_a (u - (u·s) s)``, where s is the line of sight and G are
+    Gaussian filters. A joint with several bones gets the smallest rotation that fits all of them. The root's distance
+    and direction are also smoothed. Bone lengths do not change.
     """
     body, frames, sight = solved.subject.body, solved.frames, one.sight
     if len(sight) < 3:
@@ -56,7 +56,7 @@ def steady_depth(solved: SolvedFrames, one: OneView, fps: float) -> SolvedFrames
 
 
 def _turns(G: np.ndarray, rest: np.ndarray, parents: np.ndarray, sight: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, J, 3) rotations that align bones u: ``(Σ 1 - u uᵀ)⁺ Σ u × u'``."""
+    """Return the (F, J, 3) rotations that align bones u: ``(Σ 1 - u uᵀ)⁺ Σ u × u'``."""
     children = np.arange(1, len(parents))
     bones = rest[children] - rest[parents[children]]
     u = np.einsum("fjab,jb->fja", G[:, parents[children]], bones / np.linalg.norm(bones, axis=1, keepdims=True))
@@ -69,16 +69,16 @@ def _turns(G: np.ndarray, rest: np.ndarray, parents: np.ndarray, sight: np.ndarr
     return np.einsum("fjab,fjb->fja", np.linalg.inv(H + _LEAST * np.eye(3)), g)
 
 
-UNDER_M = 0.03  # Vertices of a foot up to this height above its lowest one at rest may touch the floor.
+UNDER_M = 0.03  # Foot vertices up to this height above the foot's lowest one at rest may touch the floor.
 TOUCH_M = 0.005  # Decay of a vertex's contact weight with its height above the foot's lowest vertex, metres.
-BODY_S = 0.05  # Standard deviation in time of the body's vertical correction. The legs take the rest.
+BODY_S = 0.05  # Standard deviation in time of the body's vertical correction. The legs take up the rest.
 FLIGHT_M_S2 = 9.81 / 8.0
 """A flight of T seconds rises by ``g (T / 2)² / 2``. Feet that rise by less than 1/4 of this during T seconds without a
-contact count as planted. So a jump counts as one if at least half of this time is flight."""
+contact count as planted. A jump is therefore recognised if at least half of this time is flight."""
 SLOW_S, DEEPER = 0.25, 3.5
 """Correlation time of a depth error in seconds, and ratio of its size to the error across the line of sight."""
 UP = np.array([0.0, 0.0, 1.0])
-RELEASE_S = 0.15  # Time in which the correction of a foot fades after a contact.
+RELEASE_S = 0.15  # Time in seconds over which a foot's correction fades after a contact.
 MOST_M = 0.08  # Largest correction of a foot. Larger slides are treated as intentional.
 _SIDES = ("left", "right")
 
@@ -88,11 +88,11 @@ def stand_on_floor(solved: SolvedFrames, sight: np.ndarray, fps: float) -> Solve
 
     The body moves by the mean height of its planted feet, smoothed in time. In frames without a contact, the lower foot
     counts instead if it never rises enough for a flight. A slow height error comes from a depth error, so its slow part
-    moves the body by the most likely shift ``C e / (eᵀ C e)`` with ``C = 1 + (k² - 1) d dᵀ``, e upwards, d along
-    ``sight`` (F, 3) and k ``DEEPER``. The rest moves it vertically.
+    moves the body by the most likely shift ``C e / (eᵀ C e)`` with ``C = 1 + (k² - 1) d dᵀ``, where e points up, d is
+    along ``sight`` (F, 3) and k is ``DEEPER``. The rest moves it vertically.
 
     Then the legs bend until each planted foot is on the floor at its mean position. Feet keep their orientation. Feet
-    below the floor are lifted too. No foot moves by more than ``MOST_M`` relative to the body.
+    below the floor are also lifted. No foot moves by more than ``MOST_M`` relative to the body.
     """
     body, stands = solved.subject.body, solved.contacts
     chains = _legs(body)
@@ -111,7 +111,7 @@ def stand_on_floor(solved: SolvedFrames, sight: np.ndarray, fps: float) -> Solve
     above, grounded = np.interp(frames, frames[standing], drop[standing]) - lower, ~standing
     for first, last in true_runs(~standing):
         run, inside = slice(first, last + 1), first > 0 and last < len(low) - 1
-        half_s = (last - first + 2) / fps / (2.0 if inside else 1.0)  # The take may show half of a flight only.
+        half_s = (last - first + 2) / fps / (2.0 if inside else 1.0)  # the take may show only half of a flight
         grounded[run] = above[run].max() < FLIGHT_M_S2 * half_s**2
     known = standing | (grounded & (np.abs(lower) < MOST_M))  # nobody stands in a handstand
     rise = smooth(np.interp(frames, frames[known], lower[known])[:, None], BODY_S * fps)[:, 0]
@@ -136,7 +136,7 @@ def stand_on_floor(solved: SolvedFrames, sight: np.ndarray, fps: float) -> Solve
 
 
 def _legs(body: Body) -> list[tuple[int, int, int]]:
-    """Return (hip, knee, ankle) of each side that has these joints."""
+    """Return (hip, knee, ankle) for each side that has these joints."""
     names = body.layout.joints
     wanted = [[f"{side}_{part}" for part in ("hip", "knee", "ankle")] for side in _SIDES]
     return [(names.index(a), names.index(b), names.index(c)) for a, b, c in wanted if {a, b, c} <= set(names)]
@@ -145,7 +145,7 @@ def _legs(body: Body) -> list[tuple[int, int, int]]:
 def _sole_points(
     body: Body, betas: np.ndarray, root: np.ndarray, local: np.ndarray, transl: np.ndarray
 ) -> list[np.ndarray]:
-    """Return the (F, V, 3) sole vertices of the left and of the right foot in metres."""
+    """Return the (F, V, 3) sole vertices of the left and right foot in metres."""
     found = []
     for side in _SIDES:
         foot = foot_vertices(body, side)
@@ -157,7 +157,7 @@ def _sole_points(
 
 
 def _slides(foot: np.ndarray, runs: list[tuple[int, int]]) -> np.ndarray:
-    """Return the (F, 2) shift of a foot's touching part from its mean in each contact."""
+    """Return the (F, 2) shifts of a foot's touching part from its mean position in each contact."""
     height = foot[..., 2] - foot[..., 2].min(axis=1, keepdims=True)
     touch = np.exp(-height / TOUCH_M)
     hold = touch[1:] * touch[:-1]
@@ -171,14 +171,14 @@ def _slides(foot: np.ndarray, runs: list[tuple[int, int]]) -> np.ndarray:
 
 
 def _stands_around(stands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the last standing frame up to each frame (or -1), and the next (or F)."""
+    """Return the last standing frame up to each frame (or -1), and the next one (or F)."""
     number = np.arange(len(stands))
     after = np.minimum.accumulate(np.where(stands, number, len(stands))[::-1])[::-1]
     return np.maximum.accumulate(np.where(stands, number, -1)), after
 
 
 def _released(moves: np.ndarray, stands: np.ndarray, frames: int) -> np.ndarray:
-    """Return (F, 3) corrections that fade out within some frames before and after the contacts."""
+    """Return (F, 3) corrections that fade out over some frames before and after the contacts."""
     number, count = np.arange(len(moves)), len(moves)
     before, after = _stands_around(stands)
     total = np.zeros_like(moves)
@@ -197,9 +197,9 @@ def _with_ankle_moved(
     chain: tuple[int, int, int],
     move: np.ndarray,
 ) -> np.ndarray:
-    """Return (F, J, 3, 3) rotations with one ankle moved and the foot's orientation kept.
+    """Return (F, J, 3, 3) rotations after moving one ankle. The foot's orientation is kept.
 
-    The knee bends to match the distance of hip and ankle, and the smallest leg rotation aims it at the ankle.
+    The knee bends to match the distance between hip and ankle, and the smallest leg rotation aims it at the ankle.
     """
     hip, knee, ankle = chain
     above = root
@@ -211,7 +211,7 @@ def _with_ankle_moved(
     u, v = thigh @ (rest[knee] - rest[hip]), shin @ (rest[ankle] - rest[knee])
     a, b, now = (np.linalg.norm(part, axis=-1) for part in (u, v, u + v))
     wanted = u + v + move
-    # The leg is not straightened beyond its previous extension, or 99.9 % of its length.
+    # The leg is not straightened beyond its previous extension, or beyond 99.9 % of its length.
     distance = np.clip(np.linalg.norm(wanted, axis=-1), 1.001 * np.abs(a - b), np.maximum(now, 0.999 * (a + b)))
     axis = np.cross(u, v) / (a * b)[:, None] + _CLEAR * thigh[..., 0]
     axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
@@ -239,5 +239,5 @@ def _path(parents: tuple[int, ...] | np.ndarray, joint: int) -> list[int]:
 
 
 def _angle(a: np.ndarray, b: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Return a knee's bend angle from bone lengths and the distance of their far ends."""
+    """Return a knee's bend angle, given the bone lengths and the distance between their far ends."""
     return np.arccos(np.clip((distance**2 - a**2 - b**2) / (2.0 * a * b), -1.0, 1.0))

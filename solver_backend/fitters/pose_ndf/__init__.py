@@ -1,1 +1,1 @@
-"""Apply Pose-NDF to denoise, complete, generate and interpolate poses (Tiwari et al. 2022)."""
+"""Use Pose-NDF to denoise, complete, generate and interpolate poses (Tiwari et al. 2022)."""

@@ -25,14 +25,14 @@ BENDS: tuple[tuple[int, int, float], ...] = ((3, 0, -1.0), (4, 0, -1.0), (17, 1,
 
 @dataclass(frozen=True)
 class KeypointSettings:
-    """Weights of eq. 10, relative to squared deviations of the detector's noise."""
+    """Weights in eq. 10, relative to squared deviations of the detector's noise."""
 
-    manifold: float = 50.0  # w, 1/rad²: ``λ_θ = w f(θ)``, so that the term ``w f² / 2`` lets go near the manifold.
-    adaptive: bool = True  # False for a constant ``λ_θ = w``, 1/rad, to compare.
-    shape: float = 1.0  # λ_β, of ``|β|² / 2``.
-    bending: float = 1.0  # λ_α, of ``exp(2 α) / 2`` over knees and elbows, α the angle of bending the wrong way.
+    manifold: float = 50.0  # w, 1/rad²: ``λ_θ = w f(θ)``, so that the term ``w f² / 2`` vanishes near the manifold.
+    adaptive: bool = True  # False uses a constant ``λ_θ = w``, 1/rad, for comparison.
+    shape: float = 1.0  # λ_β, for ``|β|² / 2``.
+    bending: float = 1.0  # λ_α, for ``exp(2 α) / 2`` over knees and elbows. α is the angle bent the wrong way.
     robust_scale: float = 3.0  # Geman-McClure scale in standard deviations, reached from four times in three steps.
-    iterations: int = 20  # Largest number of linearisations for each robust scale.
+    iterations: int = 20  # Largest number of linearisations per robust scale.
 
 
 @dataclass(frozen=True)
@@ -51,12 +51,12 @@ class KeypointObjective:
 
     subject: Subject
     prior: PoseNDF
-    term: PointTerm  # Robust distance of landmarks to keypoints, such as ``ReprojectionTerm``, of one view or several.
+    term: PointTerm  # Robust distance of landmarks from keypoints in one or more views, such as ``ReprojectionTerm``.
     settings: KeypointSettings
     scale: float
 
     def linearise(self, state: tuple[PosedFrames, Array]) -> tuple[Array, Arrowhead]:
-        """Return the (1,) cost and its equations by poses and the shared shape."""
+        """Return the (1,) cost, and its equations by the poses and the shared shape."""
         frames, betas = state
         posed = pose(replace(self.subject, betas=betas), frames, jacobian=True)
         xp = array_namespace(posed.points)
@@ -80,7 +80,7 @@ class KeypointObjective:
         )
 
     def retract(self, state: tuple[PosedFrames, Array], step: Array) -> tuple[PosedFrames, Array]:
-        """Return the state after (1, 10 + p F) steps, the shape first."""
+        """Return the state after (1, 10 + p F) steps, shape first."""
         xp = array_namespace(step)
         frames, betas = state
         moves = xp.reshape(step[0, NUM_BETAS:], (-1, frames.layout.dof))
@@ -106,7 +106,7 @@ class KeypointObjective:
 
 
 def bending(local: Array, weight: float) -> tuple[Array, Array, Array]:
-    """Return ``λ_α/2 Σ exp(2 α)``, gradient (F, 63) and curvature by left tangents."""
+    """Return ``λ_α/2 Σ exp(2 α)``, its gradient (F, 63) and its curvature by left tangents."""
     xp = array_namespace(local)
     vectors = log_so3(local)
     inverse, count = left_jacobian_inverse_so3(vectors), local.shape[0]
@@ -129,13 +129,13 @@ def fit_keypoints(
     start: PosedFrames,
     settings: KeypointSettings = KeypointSettings(),
 ) -> KeypointFit:
-    """Return the poses and the shape that minimise eq. 10, from poses of that direction.
+    """Minimise eq. 10 over poses and shape. The initial poses must face in roughly the right direction.
 
     Args:
-        subject: body and the keypoints' landmarks. Its shape is the initial shape.
+        subject: body and keypoint landmarks. Its shape is the initial shape.
         prior: its distance is ``L_θ``.
         term: the keypoints' data term on the landmarks.
-        start: F initial poses, roughly placed in front of the cameras.
+        start: F initial poses, placed roughly in front of the cameras.
 
     Raises:
         PoseInvalid: initial poses are NaN or not in SO(3).
@@ -152,32 +152,33 @@ def fit_keypoints(
 
 @dataclass(frozen=True)
 class ManifoldWeights:
-    """Weights of the three terms. Terms of points are means over the landmarks."""
+    """Weights of the three terms. Terms on points are means over the landmarks."""
 
-    data: float  # λ_v, 1/m²: of the observed points.
+    data: float  # λ_v, 1/m²: weight of the observed points.
     manifold: float  # w, 1/rad²: ``λ_θ = w f`` makes the prior's term ``w f²``, weak near the manifold (sec. 4.3).
-    smoothness: float  # λ_t, 1/m²: of the distances of a frame's points from the previous frame's.
-    level: float = 0.0  # rad. Poses as near to the manifold as this, such as recorded ones, are not pulled.
+    smoothness: float  # λ_t, 1/m²: weight of the distances between a frame's points and the previous frame's.
+    level: float = 0.0  # rad. Poses this close to the manifold, such as recorded ones, are not pulled.
 
 
 @dataclass(frozen=True)
 class PoseSequence:
-    """Objective of F consecutive frames."""
+    """The objective for F consecutive frames."""
 
     subject: Subject  # Body whose landmarks replace the mesh.
     prior: PoseNDF
     weights: ManifoldWeights
     observed: Array  # (F, L, 3) metres.
-    seen: Array  # (F, L) one where a point is observed, zero where not (its position may be anything finite).
-    free: tuple[int, ...]  # Which columns of a frame's ``PoseLayout`` may move.
-    before: Array | None = None  # (L, 3) points of the frame before the first, None at the start of a take.
+    seen: Array  # (F, L) one where a point is observed, zero elsewhere (its position may be any finite number).
+    free: tuple[int, ...]  # Columns of a frame's ``PoseLayout`` that may move.
+    before: Array | None = None  # (L, 3) points in the frame before the first, None at the start of a take.
 
     def linearise(self, frames: PosedFrames) -> tuple[Array, BlockTridiagonal]:
         """Return the (1,) cost and its Gauss-Newton equations in the free tangents.
 
         ``E = 1/2 Σ_t [λ_v/L Σ_l s |y - o|² + w e² + λ_t/L Σ_l |y_t - y_{t-1}|²]`` with ``e = max(f - level, 0)``. These
-        are L_v, L_θ and L_t of Pose-NDF's eqs. 7 and 8, with landmarks instead of the mesh and all frames at once. The
-        prior's residual is the vector to the manifold, not its length, so that ``e²/2`` has the metric's curvature.
+        are L_v, L_θ and L_t in Pose-NDF's eqs. 7 and 8, with landmarks instead of the mesh and all frames at once. The
+        prior's residual is the vector to the manifold rather than its length, so that ``e²/2`` has the metric's
+        curvature.
         """
         posed = pose(self.subject, frames, jacobian=True)
         xp = array_namespace(posed.points)
@@ -200,7 +201,7 @@ class PoseSequence:
         by_points = xp.reshape(data * error + smooth * (arriving - leaving), (count, -1, 1))
         w = self.weights.manifold
         g = xp.matmul(J_T, by_points)[..., 0] + w * distance[:, None] * by_free
-        ties = np.full(count, 2.0)  # frames to which each frame is tied
+        ties = np.full(count, 2.0)  # number of frames that each frame is tied to
         ties[0] -= self.before is None
         ties[-1] -= 1.0
         stiff = data * self.seen + smooth * constant(ties, posed.points)[:, None]
@@ -221,7 +222,7 @@ class PoseSequence:
         return frames.retract(whole)
 
 
-CHUNK_FRAMES = 240  # Frames solved at once, as the longest sequences in the paper.
+CHUNK_FRAMES = 240  # Number of frames solved at once, like the longest sequences in the paper.
 
 
 def solve_sequence(
@@ -229,7 +230,7 @@ def solve_sequence(
 ) -> tuple[PosedFrames, Array]:
     """Return the poses that minimise the sequence's cost, and the (1,) cost.
 
-    ``iterations`` is the largest number of linearisations per chunk. ``progress`` gets the name ``stage``.
+    ``iterations`` is the largest number of linearisations per chunk. ``progress`` receives the name ``stage``.
     """
     count = start.transl.shape[0]
     parts, stopping = list[PosedFrames](), LMSettings(max_iterations=iterations, tolerance=1e-5)
@@ -254,24 +255,24 @@ LIMBS: dict[str, tuple[str, ...]] = {
     **{f"{s}_{limb}": tuple(f"{s}_{j}" for j in joints) for limb, joints in _SIDED.items() for s in ("left", "right")},
     "trunk": ("spine1", "spine2", "spine3"),
     "head_and_neck": ("neck", "head"),
-}  # Groups of joints for missing joints.
+}  # Groups of joints that can be named as missing.
 _LOOKED_AT = 12  # Number of frames on which candidates are tried.
 
 
 @dataclass(frozen=True)
 class CompleteSettings:
-    """Weights of eq. 7 for missing joints. Only these joints move, and they have no data term."""
+    """Weights in eq. 7 for missing joints. Only these joints move, and they have no data term."""
 
     manifold: float = 1.0  # w, 1/rad².
     smoothness: float = 2.0  # λ_t, 1/m², at 30 frames per second. Chosen on takes of training subjects.
     iterations: int = 30  # Largest number of linearisations per chunk of frames.
-    candidates: int = 64  # Samples of the prior whose limbs are tried.
-    starts: int = 3  # Best candidates that are optimised. The cheapest result is kept.
+    candidates: int = 64  # Number of samples from the prior whose limbs are tried.
+    starts: int = 3  # Number of best candidates that are optimised. The cheapest result is kept.
     seed: int = 0
 
 
 def missing_joints(names: Sequence[str]) -> tuple[int, ...]:
-    """Return the columns of named joints or limbs. Raise ``JobInvalid`` for unknown ones."""
+    """Return the columns of named joints or limbs. Raise ``JobInvalid`` for unknown names."""
     known = BODY_JOINTS
     unknown = [name for name in names if name not in LIMBS and name not in known]
     if unknown or not names:
@@ -290,9 +291,9 @@ def complete(
     settings: CompleteSettings = CompleteSettings(),
     progress: Progress = silent,
 ) -> PosedFrames:
-    """Return the poses with the missing joints close to the manifold.
+    """Fill in the missing joints of poses close to the manifold.
 
-    The paper's result depends on its initial pose near rest. Here limbs of sampled poses are tried first.
+    The paper's result depends on an initial pose near rest. Here, limbs from sampled poses are tried first.
 
     Args:
         subject: its landmarks measure smoothness.
@@ -318,7 +319,7 @@ def complete(
 
 
 def _starts(prior: PoseNDF, frames: PosedFrames, missing: tuple[int, ...], settings: CompleteSettings) -> Array:
-    """Return (starts, n, 3, 3) rotations of missing joints from the samples nearest to the manifold."""
+    """Return (starts, n, 3, 3) rotations of the missing joints, from the samples nearest to the manifold."""
     xp = array_namespace(frames.local)
     limbs = constant(prior.sample(settings.candidates, settings.seed)[:, list(missing)], frames.local)
     some = frames.select(slice(0, None, max(1, len(frames.local) // _LOOKED_AT)))
@@ -340,11 +341,11 @@ WEIGHTS = ManifoldWeights(data=1.0, manifold=0.03, smoothness=2.0, level=0.5)
 
 @dataclass(frozen=True)
 class DenoiseSettings:
-    """Weights of eq. 7 at 30 frames per second, and the number of iterations."""
+    """Weights in eq. 7 at 30 frames per second, and number of iterations."""
 
     weights: ManifoldWeights = WEIGHTS
     iterations: int = 20  # Largest number of linearisations per chunk of frames.
-    move_root: bool = True  # Let the root move too, constrained only by smoothness and data.
+    move_root: bool = True  # Let the root move as well, constrained only by smoothness and data.
 
 
 def denoise(
@@ -355,10 +356,10 @@ def denoise(
     settings: DenoiseSettings = DenoiseSettings(),
     progress: Progress = silent,
 ) -> PosedFrames:
-    """Return the poses that minimise ``λ_v L_v + λ_θ L_θ + λ_t L_t`` (eq. 7).
+    """Denoise poses by minimising ``λ_v L_v + λ_θ L_θ + λ_t L_t`` (eq. 7).
 
-    ``L_v`` and ``L_t`` use the subject's landmarks as skin. ``L_θ`` is ``max(f - level, 0)²`` of the prior's distance
-    f. ``λ_t`` is proportional to the square of ``fps``, so that a speed costs the same at every frame rate.
+    ``L_v`` and ``L_t`` use the subject's landmarks as skin. ``L_θ`` is ``max(f - level, 0)²``, where f is the prior's
+    distance. ``λ_t`` is proportional to the square of ``fps``, so that a speed costs the same at every frame rate.
 
     Raises:
         PoseInvalid: poses are NaN or not in SO(3).
@@ -372,7 +373,7 @@ def denoise(
     return solve_sequence(sequence, frames, settings.iterations, "Denoising", progress)[0]
 
 
-ALONG = ProjectionSettings(level=RECORDED_RAD)  # Recorded poses do not change. Further steps lead to the mean pose.
+ALONG = ProjectionSettings(level=RECORDED_RAD)  # Recorded poses stay. Further steps would lead to the mean pose.
 
 
 def interpolate_poses(
@@ -383,7 +384,7 @@ def interpolate_poses(
     settings: ProjectionSettings = ALONG,
     progress: Progress = silent,
 ) -> Array:
-    """Interpolate ``count`` poses on the manifold between each of N pairs, without the ends.
+    """Interpolate ``count`` poses on the manifold between each of N pairs. The ends are not included.
 
     ``θ_t = θ'_{t-1} + τ (θ'_T - θ'_{t-1})`` with ``τ = 1/(T - t + 1)`` along geodesics. θ' is projected with eq. 6.
 

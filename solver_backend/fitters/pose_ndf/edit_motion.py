@@ -34,17 +34,17 @@ from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import Capture, Motion
 
 LAYOUT = "MANIFOLD_53"  # Skin points that represent the mesh.
-SAMPLED_FPS = 30.0  # Frame rate of a motion with independent samples.
+SAMPLED_FPS = 30.0  # Frame rate of a motion that consists of independent samples.
 _UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # Y up to Z up.
 
 
 def denoised_motion(
     motion: Motion, body: Body, prior: PoseNDF, settings: DenoiseSettings, progress: Progress
 ) -> Motion:
-    """Return the motion with smooth poses near the manifold (see ``motion denoise``).
+    """Smooth a motion's poses near the manifold (see ``motion denoise``).
 
     Raises:
-        MotionInvalid: the motion has another body.
+        MotionInvalid: the motion is for another body.
     """
     frames = denoise(skin_of(motion, body), prior, frames_of(motion, body), motion.fps, settings, progress)
     return _with_frames(motion, body, prior, frames, {"verb": "motion denoise"})
@@ -53,10 +53,10 @@ def denoised_motion(
 def completed_motion(
     motion: Motion, body: Body, prior: PoseNDF, missing: tuple[str, ...], settings: CompleteSettings, progress: Progress
 ) -> Motion:
-    """Return the motion with new rotations of the named joints or limbs.
+    """Replace the rotations of the named joints or limbs in a motion.
 
     Raises:
-        MotionInvalid: the motion has another body.
+        MotionInvalid: the motion is for another body.
         JobInvalid: a joint is unknown.
     """
     columns = missing_joints(missing)
@@ -74,7 +74,7 @@ def interpolated_motion(
     The root moves at constant speed.
 
     Raises:
-        MotionInvalid: the motion has another body.
+        MotionInvalid: the motion is for another body.
         JobInvalid: a frame is not in the motion, or ``count`` is below 1.
     """
     frames = frames_of(motion, body)
@@ -97,7 +97,7 @@ def interpolated_motion(
 
 
 def sampled_motion(body: Body, prior: PoseNDF, count: int, seed: int) -> Motion:
-    """Return a motion with one sampled pose per frame, on the floor.
+    """Create a motion on the floor with one sampled pose per frame.
 
     Raises:
         JobInvalid: ``count`` is below 1.
@@ -120,13 +120,13 @@ def fitted_motion(
     """Fit poses and one shape to a capture's keypoints (see ``fit_keypoints``).
 
     Args:
-        capture: calibrated views of one person, one view or several.
-        motion: initial poses of the same frames.
+        capture: calibrated views of one person, one or more.
+        motion: initial poses in the same frames.
         noise_px: standard deviation in pixels of a detection with full confidence.
 
     Raises:
         CalibrationMissing, NoDetections, TooFewViews: there are no calibrated views of a person.
-        MotionInvalid: the motion has another body or other frames than the capture.
+        MotionInvalid: the motion is for another body, or has other frames than the capture.
     """
     cameras, keypoints = capture.require_views()
     frames = frames_of(motion, body)
@@ -147,7 +147,7 @@ def frames_of(motion: Motion, body: Body) -> PosedFrames:
     """Return a motion's poses as rotations, without fingers.
 
     Raises:
-        MotionInvalid: the motion has another body.
+        MotionInvalid: the motion is for another body.
     """
     motion = without_fingers(motion)
     motion.require_body(body.id, body.layout.recorded, where="body")
@@ -161,7 +161,7 @@ def skin_of(motion: Motion, body: Body) -> Subject:
 
 
 def _with_frames(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames, edit: dict[str, Any]) -> Motion:
-    """Return the motion with other poses, without measurements that are no longer valid."""
+    """Replace the poses of a motion, and remove measurements that are no longer valid."""
     made, solved = _new_motion(motion, body, prior, frames, edit), 3 * frames.layout.num_joints
     pose = np.concatenate([made.body_pose[:, :solved], without_fingers(motion).body_pose[:, solved:]], axis=1)
     kept = replace(made, body_pose=pose, keyframes=motion.keyframes, contacts=motion.contacts, flags=motion.flags)
@@ -169,13 +169,13 @@ def _with_frames(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames
 
 
 def _with_own_fingers(made: Motion, motion: Motion, body: Body) -> Motion:
-    """Return a motion with the fingers of its source motion, if the source has fingers."""
+    """Add the fingers of the source motion to a motion, if the source has fingers."""
     fingers = finger_turns_of(motion)
     return made if fingers is None else with_finger_turns(made, body, fingers)
 
 
 def _on_the_way(ends: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Return (n, K, 3, 3) rotations at positions from 0 to 1 on geodesics between ends."""
+    """Return (n, K, 3, 3) rotations at positions from 0 to 1 along geodesics between the ends."""
     a, b = quat_from_matrix(ends)
     b = np.where((a * b).sum(-1, keepdims=True) >= 0, b, -b)
     shape = (len(share), *a.shape)
@@ -184,7 +184,7 @@ def _on_the_way(ends: np.ndarray, share: np.ndarray) -> np.ndarray:
 
 
 def _new_motion(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames, edit: dict[str, Any]) -> Motion:
-    """Return a motion of the given poses with the shape, frame rate and history of another motion."""
+    """Build a motion from the given poses, with the shape, frame rate and history of another motion."""
     count = len(frames.transl)
     pose = recorded_vectors(body, log_so3(frames.local)).reshape(count, -1)
     skeleton = forward_kinematics(body, motion.betas.astype(np.float64), frames.root, frames.local, frames.transl)

@@ -67,25 +67,25 @@ if TYPE_CHECKING:
     from solver_backend.fitters.one_view.depth import OneCamera
 
 FIXED_CODES = (ROOT, TRANSL, UNCOVERED, RESIDUAL)
-"""Free blocks of a pass with fixed codes. Joints start on the manifold and may leave it. Precise markers of a known
-person determine joints. Free codes besides residual rotations would let Gauss-Newton overshoot."""
+"""Free blocks of a pass with fixed codes. Joints start on the manifold and may leave it. Precise markers on a known
+person determine joints. If codes were free as well as residual rotations, Gauss-Newton would overshoot."""
 Solve = Callable[..., KeySolution]  # Minimises (model, layout, start, schedule) over the keys, and calls ``alive``.
 
 
 @dataclass(frozen=True)
 class PosedKeys:
-    """Keys of a person with their poses and landmarks, computed on demand."""
+    """A person's keys with their poses and landmarks, computed on demand."""
 
     subject: Subject
     prior: PosePrior
     layout: KeyframeLayout
     keys: Keyframes
     residuals: bool
-    frames: np.ndarray | None  # Whether residual rotations are applied.
+    frames: np.ndarray | None  # Frame numbers, or None for all frames of the layout.
 
     @cached_property
     def poses(self) -> PosedFrames:
-        """Poses of the evaluated frames."""
+        """Poses in the evaluated frames."""
         return key_poses(self.prior, self.keys, self.layout, self.frames, residuals=self.residuals)
 
     @cached_property
@@ -94,7 +94,7 @@ class PosedKeys:
         return points_of(self.subject, self.poses)
 
     def of_subject(self, subject: Subject) -> PosedKeys:
-        """Return the same poses of another person."""
+        """Return the same poses for another person."""
         posed = replace(self, subject=subject)
         vars(posed)["poses"] = self.poses  # the cache that cached_property reads: poses do not depend on the person
         return posed
@@ -102,7 +102,7 @@ class PosedKeys:
 
 @dataclass(frozen=True)
 class Bundle:
-    """Keys of a take, and the quantities learned so far."""
+    """The keys of a take, and the quantities learned so far."""
 
     problem: Problem
     settings: SolveSettings
@@ -113,11 +113,11 @@ class Bundle:
     schedule: Schedule  # Schedule of the last pass, or of the first pass before it.
     data: DataTerm  # Data term with the learned variances.
     free: StateLayout  # Unknowns of the last pass.
-    looseness: float = OFF_MANIFOLD  # Factor on the prior's error for rotations off the manifold.
+    looseness: float = OFF_MANIFOLD  # Factor for the prior's error on rotations off the manifold.
     contacts: Contacts | None = None  # Planted feet that are held.
-    skin: SkinContacts | None = None  # Skin to keep outside of surfaces, if parts other than feet touch them.
+    skin: SkinContacts | None = None  # Skin to keep outside surfaces, if parts other than feet touch them.
     solution: KeySolution | None = None  # Solution of the last pass.
-    notes: tuple[Diagnostic, ...] = ()  # Diagnostics of contacts.
+    notes: tuple[Diagnostic, ...] = ()  # Diagnostics about contacts.
 
     @classmethod
     def start(
@@ -162,12 +162,12 @@ class Bundle:
 
     @property
     def sample(self) -> PosedFrames:
-        """Poses of the problem's sample frames."""
+        """Poses in the problem's sample frames."""
         return self.posed.poses.select(index(self.problem.sample, self.posed.keys.z))
 
     @property
     def everywhere(self) -> PosedKeys:
-        """Keys with the poses of all frames."""
+        """Keys with the poses in all frames."""
         return self.posed if self.posed.frames is None else replace(self.posed, frames=None)
 
     @property
@@ -180,7 +180,7 @@ class Bundle:
         return self if keys is self.posed.keys else replace(self, posed=replace(self.posed, keys=keys))
 
     def freed(self, free: Collection[str], looseness: float = OFF_MANIFOLD) -> Bundle:
-        """Return the bundle with the given blocks of the keys free."""
+        """Return the bundle with the given blocks of its keys free."""
         layout = state_layout(self.problem.prior).only(free)
         posed = replace(self.posed, residuals=bool(layout.turned))
         return replace(self, free=layout, looseness=looseness, posed=posed)
@@ -196,7 +196,7 @@ class Pass:
     schedule: Schedule
     free: tuple[str, ...]  # Unknown blocks of the state.
     before: tuple[Step, ...] = ()  # Steps before the pass, in this order.
-    looseness: float = OFF_MANIFOLD  # Factor on the prior's error for rotations off the manifold.
+    looseness: float = OFF_MANIFOLD  # Factor for the prior's error on rotations off the manifold.
 
     def run(self, bundle: Bundle, alive: Callable[[], None]) -> Bundle:
         """Run the pass. ``alive`` is called before each linearisation."""
@@ -208,7 +208,7 @@ class Pass:
 
 
 def space_keys(bundle: Bundle) -> Bundle:
-    """Reduce the spacing of keys if the take moves fast."""
+    """Place keys closer together if the take moves fast."""
     posed, problem = bundle.posed, bundle.problem
     dense = dense_layout(bundle.model, posed.layout, posed.keys, bundle.window, problem.fps)
     if dense is posed.layout:
@@ -232,7 +232,7 @@ def _with_codes(bundle: Bundle) -> BundleModel:
 
 
 def restart_outlier_markers(bundle: Bundle, schedule: Schedule) -> Bundle:
-    """Solve keys near outlier markers again, starting from wide robust scales."""
+    """Solve keys near outlier markers again, starting with wide robust scales."""
     taken = bundle.problem.measurements, _with_codes(bundle), bundle.posed.layout, bundle.posed.keys
     return bundle.move(resolve_outlier_markers(*taken, schedule))
 
@@ -246,7 +246,7 @@ def learn_shape(bundle: Bundle, *, offsets: bool) -> Bundle:
 
 
 def learn_noise(bundle: Bundle) -> Bundle:
-    """Learn the noise of the measurements with the rule of their source."""
+    """Learn the measurement noise with the rule of their source."""
     return replace(bundle, data=bundle.problem.measurements.source.learn_noise(bundle))
 
 
@@ -261,7 +261,7 @@ def find_standing_feet(bundle: Bundle, sight: np.ndarray | None = None, heights:
 def touching_parts(
     contacts: Contacts | None, skin: SkinContacts | None, names: tuple[str, ...]
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Return masks of planted feet (F, 2) and of all touching parts (F, 11) or None."""
+    """Return masks of planted feet (F, 2) and of all touching parts (F, 11), or None."""
     feet = None if contacts is None else contacts.feet(names)
     if skin is None:
         return feet, None
@@ -271,28 +271,28 @@ def touching_parts(
     return touches[:, :FEET], touches
 
 
-PEOPLE = "other people"  # Name of surfaces in diagnostics.
-ROUNDS = 2  # Passes with skin contacts. Sunken parts touch the floor only after the first one.
+PEOPLE = "other people"  # Name of these surfaces in diagnostics.
+ROUNDS = 2  # Passes with skin contacts. Parts that had sunk touch the floor only after the first one.
 
 
 def world_of(settings: SolveSettings) -> Obstacles:
-    """Return the floor with the settings' objects. Raise ``FileDamaged`` or ``FileMissing``."""
+    """Return the floor with the objects in the settings. Raise ``FileDamaged`` or ``FileMissing``."""
     return read_obstacles(settings.objects) if settings.objects else Obstacles.floor()
 
 
 def holds_skin(problem: Problem, settings: SolveSettings) -> bool:
     """Return whether contacts are on and a floor or objects are known.
 
-    With one camera the depth is too uncertain to check them.
+    With one camera, depth is too uncertain to check them.
     """
     source = problem.measurements.source
     return settings.contacts and source.recipe != "one camera" and (source.knows_floor or bool(settings.objects))
 
 
 def hold_skin(bundle: Bundle) -> Bundle:
-    """Solve again with the skin outside of floor, objects and other people.
+    """Solve again with the skin outside the floor, objects and other people.
 
-    Skin is fixed where it touches floor or objects. Surfaces that the measurements contradict are not used: only the
+    Skin is fixed where it touches the floor or objects. Surfaces that the measurements contradict are dropped: only the
     other people if the rest agrees, otherwise the objects, then also the floor.
     """
     if not holds_skin(bundle.problem, bundle.settings):
@@ -315,7 +315,7 @@ def hold_skin(bundle: Bundle) -> Bundle:
 
 
 def _hold_outside(bundle: Bundle, world: Obstacles, others: OtherSkin | None) -> tuple[Bundle, np.ndarray]:
-    """Solve with the skin outside of surfaces. Also return an (F, 11) mask of the affected parts."""
+    """Solve with the skin outside surfaces. Also return an (F, 11) mask of the affected parts."""
     standing, names = bundle.contacts, bundle.posed.subject.landmarks.names
     works = np.zeros((bundle.problem.num_frames, len(CONTACT_PARTS)), bool)
     last = Pass(bundle.schedule, tuple(block.name for block in bundle.free.blocks), looseness=bundle.looseness)
@@ -341,13 +341,13 @@ SPREAD = "Estimating deviations"  # Name of the stage after them.
 
 @dataclass(frozen=True)
 class PassPlan:
-    """Passes and window length for a take."""
+    """The passes and window length for a take."""
 
     window: int
     passes: tuple[Pass, ...]
     after: tuple[Step, ...] = ()  # Steps after the last pass.
     frames: np.ndarray | None = None  # Numbers of the frames that passes evaluate, None for all.
-    covariance_stride: int = 1  # Covariances of every n-th frame are formed.
+    covariance_stride: int = 1  # Covariances are formed in every n-th frame.
 
 
 def plan_views(problem: Problem, settings: SolveSettings) -> PassPlan:
@@ -357,7 +357,7 @@ def plan_views(problem: Problem, settings: SolveSettings) -> PassPlan:
     between = Schedule((2 * scale,), steps, problem.frames_of(2, 1), 1e-2, promise=1.0)
     last = Schedule((scale,), steps, tolerance=3e-3, promise=1.0)
     free = OFF_THE_MANIFOLD if settings.residual_rotations else ON_THE_MANIFOLD
-    # Learn the bias only with residual rotations. Earlier it would absorb errors of the poses permanently.
+    # Learn the bias only with residual rotations. Earlier, it would absorb pose errors permanently.
     shape, shape_and_bias = partial(learn_shape, offsets=False), partial(learn_shape, offsets=True)
     passes = (
         Pass(near, ON_THE_MANIFOLD),
@@ -384,10 +384,10 @@ def plan_one_view(problem: Problem, settings: SolveSettings) -> PassPlan:
 
 
 CALM_M_S2, CLOSEST = 4.0, 0.4
-"""Largest mean acceleration of markers for the settings' window, and smallest relative window, which runners get.
-Markers need shorter windows than keypoints. At 7 m/s knees differ from OpenSim's by 3.2 degrees RMS with 0.4 times the
-window, and by 5.7 degrees with the full window."""
-NEAR_M = 0.01  # Largest error ``a h² / 8`` of 95 % of markers between rough frames that makes a first pass unnecessary.
+"""Largest mean acceleration of markers at which the settings' window is kept, and smallest relative window, which
+runners get. Markers need shorter windows than keypoints. At 7 m/s, knees differ from OpenSim's by 3.2 degrees RMS with
+0.4 times the window, and by 5.7 degrees with the full window."""
+NEAR_M = 0.01  # If 95 % of marker errors ``a h² / 8`` between rough frames are below this, a first pass is unnecessary.
 LOOSENESS = 2.0  # Additional looseness with fixed codes, because free codes take a part of every rotation. By hand.
 
 
@@ -399,7 +399,7 @@ def plan_known_person(problem: Problem, settings: SolveSettings) -> PassPlan:
     apart = max(1, round(0.5 * settings.refine_window * rate / REFERENCE_FPS))
     mean, fastest = paces(measured.points[::stride], rate, apart)
     window = closer_window(usual, mean, CALM_M_S2, CLOSEST)
-    # Markers are precise. Five frames between two keys determine as much as all of them, three almost as much.
+    # Markers are precise. Five frames between two keys are as informative as all of them, and three almost as much.
     near = Schedule((2 * scale,), min(3, steps), max(1, round(0.3 * window)), 3e-2, hessian_frames=3)
     last = Schedule((scale,), steps, max(1, round(0.2 * window)), 1e-2)
     starts_near = measured.rough is not None and fastest / (8 * RATE_HZ**2) < NEAR_M
@@ -436,11 +436,11 @@ def solve_take(
 
 
 def solved_take(bundle: Bundle, progress: Progress, stride: int = 1) -> MethodResult:
-    """Return the poses of all frames and the convergence of the last pass."""
+    """Return the poses in all frames and the convergence of the last pass."""
     assert bundle.solution is not None
     problem, settings, posed, model = bundle.problem, bundle.settings, bundle.posed, bundle.model
     layout, keys, names = posed.layout, hemisphere_aligned(posed.keys), posed.subject.landmarks.names
-    # A solve on the spline with the parabolas' sparser matrix would make feet slide, as contacts are too stiff.
+    # A solve on the spline with the parabolas' sparser matrix would make feet slide, because contacts are too stiff.
     frames = model.poses(control_points(keys, layout), layout, spline=True)
     points, scale = points_of(posed.subject, frames), settings.robust_scale
     inflation = noise_inflation(points, problem.measurements.term, scale, max(1, bundle.window // 2))
@@ -448,7 +448,7 @@ def solved_take(bundle: Bundle, progress: Progress, stride: int = 1) -> MethodRe
     if contacts is None and settings.contacts:
         contacts = find_contacts(to_numpy(points), names, problem.fps)
     give_back_freed_memory()
-    # Held feet stabilise the solution, but its uncertainty follows from the measurements.
+    # Held feet stabilise the solution, but its uncertainty depends on the measurements.
     measured = replace(bundle, contacts=None, skin=None, looseness=OFF_MANIFOLD).model
     constant_m = problem.measurements.source.constant_m(problem.body.layout.recorded)
     covariance = covariance_of_joints(

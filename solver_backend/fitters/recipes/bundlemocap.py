@@ -1,8 +1,8 @@
 """Solve by BundleMoCap++ as published, window after window (thesis 6.2.5 and 6.3.2).
 
-Each window has SIDER-2 through three keys. Its first key is the last key of the previous window and is fixed. The other
-two move by projected gradient descent. There is no prior term, because codes never leave the sphere of SPoser. The
-regressor gives the shape in the first frame. No pass learns shape, bias or noise.
+Each window follows SIDER-2 through three keys. Its first key is the previous window's last key and is fixed. The other
+two move by projected gradient descent. There is no prior term, because codes never leave SPoser's sphere. The regressor
+gives the shape in the first frame. No pass learns shape, bias or noise.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ from solver_backend.solver.descent import MinimiseResult, MinimiseSettings, grad
 from solver_backend.solver.manifolds import SO3, CodeSphere, Euclidean, Product
 
 KEYS = Product((CodeSphere(), SO3(), Euclidean()))  # Manifold of a key: code, root rotation and translation.
-WIDER = 3.0  # Factor on the outlier scale: 12 deviations, which tests/benchmarks/tune_baselines.py chose.
+WIDER = 3.0  # Factor for the outlier scale: 12 deviations, chosen by tests/benchmarks/tune_baselines.py.
 KeyState = tuple[Array, Array, Array]  # Codes (n, d), root rotations (n, 3, 3), translations (n, 3).
 
 
 @dataclass(frozen=True)
 class Window:
-    """Frames of a window and all fixed quantities."""
+    """The frames in a window, and all fixed quantities."""
 
     subject: Subject
     prior: PosePrior
-    term: PointTerm  # Data of the window's frames.
-    scale: float  # Of Geman-McClure's penalty, in the term's standard deviations.
+    term: PointTerm  # Data in the window's frames.
+    scale: float  # Geman-McClure scale, in the term's standard deviations.
     time: np.ndarray  # (F,) positions in the window, 0..1.
-    first: KeyState  # The key the window starts from, n = 1.
+    first: KeyState  # The key from which the window starts, n = 1.
 
     def frames(self, state: KeyState) -> PosedFrames:
         """Return the frames between the keys (thesis eqs. 6.9, 6.10)."""
@@ -67,27 +67,27 @@ class Window:
         return cost, (by_keys.z[0, 1:], by_turns(curve.keys.quat, by_keys.quat)[0, 1:], by_keys.transl[0, 1:])
 
     def codes_cost(self, z: Array) -> tuple[float, Array | None]:
-        """Return a cost of the frames' (F, d) codes and its gradient, here none."""
+        """Return a cost on the frames' (F, d) codes, and its gradient. Here there is none."""
         return 0.0, None
 
     def keys(self, state: KeyState) -> Keyframes:
-        """Return the window's keys (1, n + 1), the fixed one first."""
+        """Return the window's keys (1, n + 1), fixed key first."""
         xp = array_namespace(*state)
         z, R, transl = (xp.concat([a, b]) for a, b in zip(self.first, state, strict=True))
         residual = xp.reshape(zeros((len(z), NUM_BODY_JOINTS * 3), z), (-1, NUM_BODY_JOINTS, 3))
         return hemisphere_aligned(Keyframes(z, quat_from_matrix(R), transl, residual)).select(np.arange(len(z))[None])
 
     def curve(self, state: KeyState) -> KeyframeCurve:
-        """Return the curve through the keys: SIDER-n, with a polynomial of the translations."""
+        """Return the curve through the keys: SIDER-n, with a polynomial for the translations."""
         return KeyframeCurve.through(self.keys(state), self.time[None], residuals=False)
 
 
 @dataclass(frozen=True)
 class Slid:
-    """Take after the last window."""
+    """The take after the last window."""
 
     frames: PosedFrames
-    found: tuple[MinimiseResult, ...]  # Of each window.
+    found: tuple[MinimiseResult, ...]  # One result per window.
 
 
 def slide(
@@ -102,8 +102,8 @@ def slide(
 
     Args:
         first: first key of the take.
-        window: creates a window from frame numbers, their positions in the window and the fixed key.
-        start: returns initial free keys from the number of a window and its fixed key.
+        window: creates a window from frame numbers, their positions in the window, and the fixed key.
+        start: returns initial free keys, given a window's number and its fixed key.
         minimise: solves a window from initial keys.
     """
     number, time = layout.positions(layout.frames)
@@ -121,7 +121,7 @@ def slide(
 def solve_bundlemocap(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Solve a take with the published method, with keys from triangulated points."""
+    """Solve a take with the published method, starting from keys fitted to triangulated points."""
     problem, measured = replace(problem, pose_terms=()), problem.measurements
     seen = np.flatnonzero(measured.seen)
     if settings.betas is None and not measured.knows_person:
@@ -144,7 +144,7 @@ def solve_bundlemocap(
 
 
 def keys_near(problem: Problem, subject: Subject, times: np.ndarray, seen: np.ndarray) -> KeyState:
-    """Return keys at the given times, fitted to the points of the nearest observed frames (S,)."""
+    """Return keys at the given times, fitted to the points in the nearest observed frames (S,)."""
     nearest = seen[np.abs(np.asarray(times)[:, None] - seen).argmin(axis=1)]
     unique, inverse = np.unique(nearest, return_inverse=True)
     fitted = fit_to_points(problem, subject, unique)

@@ -1,4 +1,4 @@
-"""Solve some frames of an earlier motion again, joined to the frames outside."""
+"""Solve some frames of an earlier motion again, and join them to the frames outside."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _DIAGONAL = [0, 3, 5]  # Entries xx, yy and zz of ``packed`` matrices.
 
 
 def express_pin_doubts(again: Motion, before: Motion, frame_range: FrameRange, frames: np.ndarray) -> Motion:
-    """Replace the unsure flags caused by pins with larger deviations of the moved joints.
+    """Replace the unsure flags that pins cause by larger deviations of the moved joints.
 
     A pinned pose disagrees with the measurements, so its frame and the neighbouring frames are flagged as unsure.
     """
@@ -72,19 +72,19 @@ def express_pin_doubts(again: Motion, before: Motion, frame_range: FrameRange, f
 
 @dataclass(frozen=True)
 class SolvedRange:
-    """Frame range solved again, with the windows on both sides of it."""
+    """A frame range that was solved again, with the windows on both sides of it."""
 
     frame_range: FrameRange
     layout: KeyframeLayout
     free: np.ndarray  # (2N + 1,) bool: keys that moved.
-    frames: PosedFrames  # Poses of the frames of the layout.
-    contacts: Contacts | None  # Of the whole take, if planted feet were detected.
-    skin: SkinContacts | None  # Of the whole take, if other parts touch the floor or the user added contacts.
+    frames: PosedFrames  # Poses in the layout's frames.
+    contacts: Contacts | None  # Over the whole take, if planted feet were detected.
+    skin: SkinContacts | None  # Over the whole take, if other parts touch the floor or the user added contacts.
     status: str  # How the last pass ended.
 
     @property
     def moved(self) -> np.ndarray:
-        """Numbers of the frames with new poses: the whole range, except its ends without pins."""
+        """Numbers of the frames with new poses: the whole range, except ends without pins."""
         wanted, frames = self.frame_range, self.layout.frames
         inside = (frames >= wanted.first) & (frames <= wanted.last)
         pinned = {pin.frame for pin in wanted.pins}
@@ -92,7 +92,7 @@ class SolvedRange:
         return frames[inside & ~np.isin(frames, list(fixed))]
 
 
-_OF_THE_TAKE = ("betas", "offsets", "marker_sigma")  # Arrays of a motion that have no value per frame.
+_OF_THE_TAKE = ("betas", "offsets", "marker_sigma")  # Arrays in a motion that do not have one value per frame.
 
 
 def contacts_in_place(
@@ -107,7 +107,7 @@ def contacts_in_place(
     detects: bool,
     every: bool,
 ) -> tuple[Contacts | None, SkinContacts | None]:
-    """Return the earlier motion's contacts with the new frames and the user's changes.
+    """Combine the earlier motion's contacts with the new frames and the user's changes.
 
     If ``detects`` is false, the feet have only the contacts that the user added. If ``every`` is false, the same
     applies to all other parts.
@@ -130,7 +130,7 @@ def contacts_in_place(
 
 
 def trusted_world(settings: SolveSettings, motion: Motion) -> Obstacles:
-    """Return floor and objects that the views did not contradict."""
+    """Return the floor and the objects that the views did not contradict."""
     found = read_diagnostics(motion.provenance.get("diagnostics"))
     refused = [item.values.get("surface") for item in found if item.code == "surface_contradicted"]
     if not set(refused) - {PEOPLE}:
@@ -142,7 +142,7 @@ def with_earlier_contacts(frame_range: FrameRange, motion: Motion) -> FrameRange
     """Return the range with the user's earlier contacts, followed by the new ones."""
     kept = list[UserContact]()
     for entry in () if frame_range.forgets else motion.provenance.get("resolved", ()):
-        # Each solve recorded all contacts of its frames, including those of earlier solves.
+        # Each solve recorded all contacts in its frames, including those from earlier solves.
         before, after = (0, entry["first"] - 1), (entry["last"] + 1, motion.num_frames - 1)
         kept = [*_within(kept, *before), *_within(kept, *after)]
         kept += [UserContact.from_dict(item, "resolve") for item in entry.get("contacts", ())]
@@ -150,13 +150,13 @@ def with_earlier_contacts(frame_range: FrameRange, motion: Motion) -> FrameRange
 
 
 def _within(contacts: list[UserContact], first: int, last: int) -> list[UserContact]:
-    """Return the contacts, cut to the given frames."""
+    """Cut the contacts to the given frames."""
     cut = (replace(c, first=max(c.first, first), last=min(c.last, last)) for c in contacts)
     return [contact for contact in cut if contact.first <= contact.last]
 
 
 def _as_told(motion: Motion, told: Sequence[UserContact]) -> np.ndarray:
-    """Return the (F, 11) mask of an earlier motion's touching parts, with the user's changes."""
+    """Return the (F, 11) mask of touching parts in an earlier motion, with the user's changes."""
     touches = np.zeros((motion.num_frames, len(CONTACT_PARTS)), bool)
     if motion.touches is not None:
         touches |= motion.touches
@@ -170,7 +170,7 @@ def _as_told(motion: Motion, told: Sequence[UserContact]) -> np.ndarray:
 def frames_in_place(
     problem: Problem, subject: Subject, motion: Motion, before: PosedFrames, solved: SolvedRange, covariance: np.ndarray
 ) -> SolvedFrames:
-    """Return the poses of the whole take, with new poses in the moved frames.
+    """Return the poses in the whole take, with new poses in the moved frames.
 
     ``before`` are the earlier poses. ``covariance`` (n, J + S, 6) contains joints and segment rotations in the layout's
     frames (see ``joint_covariance``, ``packed``).
@@ -195,7 +195,7 @@ def frames_in_place(
 
 
 def spliced(problem: Problem, motion: Motion, solved: SolvedRange, frames: SolvedFrames, scale: float) -> Motion:
-    """Return the earlier motion with the moved frames replaced. Other frames do not change.
+    """Replace the moved frames in the earlier motion. Other frames do not change.
 
     Raises:
         MotionInvalid: the motion has other views, keypoints or markers than the recording.
@@ -245,12 +245,12 @@ def solve_range(
     settings: SolveSettings,
     progress: Progress,
 ) -> tuple[SolvedRange, SolvedFrames]:
-    """Solve a frame range of a motion again. Return the range, and the poses of the whole take.
+    """Solve a frame range in a motion again. Return the range, and the poses in the whole take.
 
-    Keys are at the range's ends, at the pins, which have fixed poses, and evenly spaced between. A fixed window on both
-    sides of the range preserves speed and direction. The solve starts from the motion and from fits of single frames,
-    and keeps the better result. Then planted feet are locked. Feet that are also planted outside the range keep their
-    position.
+    There are keys at the range's ends, at the pins, whose poses are fixed, and evenly spaced between them. A fixed
+    window on either side of the range preserves speed and direction. The solve starts both from the motion and from
+    fits of single frames, and keeps the better result. Then planted feet are locked. Feet that are also planted outside
+    the range keep their position.
 
     Raises:
         JobInvalid: the frame range is outside the take.
@@ -331,7 +331,7 @@ def _check_same_take(problem: Problem, subject: Subject, motion: Motion) -> None
 
 
 def _keys_at(problem: Problem, poses: PosedFrames, times: np.ndarray) -> Keyframes:
-    """Return keys with exactly the given poses. A key between two frames has the half-way rotation."""
+    """Return keys with exactly the given poses. A key between two frames gets the halfway rotation."""
     early, late = np.floor(times).astype(int), np.ceil(times).astype(int)
 
     def midway(R: Array) -> Array:
@@ -368,7 +368,7 @@ def solve_again(
     settings: SolveSettings,
     progress: Progress,
 ) -> Solution:
-    """Return the motion with a frame range solved again, and other frames unchanged."""
+    """Return the motion with a frame range solved again. Other frames do not change."""
     from solver_backend.fitters.hands.solve_hands import HandRange, Hands, solve_hands_again
 
     body = without_fingers(motion)

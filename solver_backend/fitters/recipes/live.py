@@ -1,4 +1,4 @@
-"""Fit live frames to visible markers, and to the network's positions of hidden ones."""
+"""Fit live frames to visible markers, and to the network's positions for hidden ones."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ from solver_backend.types import Cameras, JointSet, Keypoints2D
 
 TURN_RAD_S, MOVE_M_S = 4.0, 6.0  # Deviations per second of joint rotations and body position from their prediction.
 VELOCITY_S = 0.1  # Time constant of the velocity that predicts the next frame (0.05 and 0.1 s differ by 0.1 mm).
-USUAL_SHAPE = 2.0  # Precision of the mean shape, for markers misplaced by a centimetre. Chosen by hand.
-START_STEPS, START_PART, STEPS = 24, 3, 2  # Gauss-Newton steps of a start, of each of its frames, and of later frames.
-SHORT_S = 0.012  # Frames at shorter intervals need one step. Chosen by hand.
+USUAL_SHAPE = 2.0  # Precision of the average shape, for markers misplaced by a centimetre. Chosen by hand.
+START_STEPS, START_PART, STEPS = 24, 3, 2  # Gauss-Newton steps for a start, each of its frames, and later frames.
+SHORT_S = 0.012  # Frames at shorter intervals need only one step. Chosen by hand.
 SHAPE_FRAMES = 240  # Frames in which the shape is learned before it is fixed. Two seconds at 120 Hz, chosen by hand.
 NEW_SHARE = 0.02  # Weight of a frame in the shape's information: misplaced markers have the same error in all frames.
 ROBUST_SCALE = np.inf  # The learned variances are robust enough without a kernel.
 
 
 class PersonFollower:
-    """Sequential solver for frames of one person, with pose, velocity and shape as its state."""
+    """Sequential solver for frames of one person. Its state is pose, velocity and shape."""
 
     def __init__(self, subject: Subject, betas: np.ndarray | None = None) -> None:
-        """Create a follower of a person, with the (10,) shape if it is known."""
+        """Create a follower for a person, with the (10,) shape if it is known."""
         self.subject = subject
         self._shape_frames = 0
         if betas is not None:
@@ -56,7 +56,7 @@ class PersonFollower:
 
     @property
     def known_shape(self) -> np.ndarray | None:
-        """(10,) shape once it is fixed, None while it is learned."""
+        """(10,) shape once it is fixed, or None while it is learned."""
         return self.subject.betas if self._shape_frames >= SHAPE_FRAMES else None
 
     @property
@@ -82,7 +82,7 @@ class PersonFollower:
             term: data term of the frame's landmarks.
             dt: seconds since the last frame.
             start: returns the initial pose.
-            steps: smallest number of Gauss-Newton steps, None for the default.
+            steps: smallest number of Gauss-Newton steps, or None for the default.
         """
         if self.pose is None:
             self._steps_to_start = START_STEPS
@@ -102,7 +102,7 @@ class PersonFollower:
     def deviations(self) -> np.ndarray:
         """Return the (24,) standard deviation of each joint in metres: ``sqrt(tr(J (H + T)⁻¹ Jᵀ) / 3)``.
 
-        H is the Gauss-Newton matrix of the last frame and its prior, T the precision of its prediction.
+        H is the Gauss-Newton matrix of the last frame and its prior, and T is the precision of its prediction.
         """
         if self.pose is None or not len(self._precision):
             return np.full(len(self._joints), np.nan)
@@ -125,8 +125,8 @@ class PersonFollower:
     ) -> tuple[PosedFrames, np.ndarray]:
         """Return the pose after some Gauss-Newton steps from the prediction: ``(H + T) δ = -(g + T m)``.
 
-        T is the precision of the prediction and m the motion since it. Also return the motion times the share ``H / (H
-        + T)`` that the frame determines, because motion from the prior alone must not add speed.
+        T is the precision of the prediction, and m is the motion since it. Also return the motion times the share ``H /
+        (H + T)`` that the frame determines, because motion that comes only from the prior must not add speed.
         """
         objective = FrameObjective((term,), (self._prior,))
         rotations = 3 * (1 + last.local.shape[1])
@@ -144,7 +144,7 @@ class PersonFollower:
         return frame, observed * (ahead + moved)
 
     def _learn_shape(self, term: PointTerm, posed: PosedLandmarks, local: np.ndarray) -> np.ndarray:
-        """Update the shape from one frame's landmarks, and return the pose's step as a tangent.
+        """Update the shape using one frame's landmarks, and return the pose's step as a tangent.
 
         ``S = Bᵀ W B - Bᵀ W J H⁻¹ Jᵀ W B`` is the Schur complement of the pose, and ``δ = -H⁻¹ Jᵀ W B δ_β`` (Triggs et
         al. 2000, section 6.1). The gradient by the fitted pose is zero.
@@ -171,14 +171,14 @@ class PersonFollower:
 MARKER_SIGMA_M = 0.012  # Initial deviation of a visible marker per axis: its error on an uncalibrated body.
 LEAST_SIGMA_M = 0.02  # Smallest standard deviation of the network's positions. Chosen by hand.
 SAME_ERROR_S = 1.0
-"""Correlation time of the network's errors in seconds. At 60 and 120 Hz it multiplies deviations by 8 and 11. Factors
+"""Correlation time of the network's errors in seconds. At 60 and 120 Hz, it multiplies deviations by 8 and 11. Factors
 of 1, 10 and 1,000 gave joint errors of 21.7, 19.1 and 20.5 mm in three takes of decision 26."""
 _TRUNK = ("C7", "T10", "T4", "LAV", "TRN", "SHO", "FWT", "BWT")  # Endings of the markers that align the initial pose.
 
 
 @dataclass(frozen=True)
 class LiveFrame:
-    """Fitted frame."""
+    """A fitted frame."""
 
     pose: PosedFrames
     landmarks: np.ndarray  # (53, 3) metres: the markers on the body.
@@ -196,7 +196,7 @@ class LiveFit(PersonFollower):
         offsets: np.ndarray | None = None,
         betas: np.ndarray | None = None,
     ) -> None:
-        """Create a fit of a body. A calibrated person also has 53 landmarks with offsets, and a shape."""
+        """Create a fit for a body. A calibrated person also has 53 landmarks with offsets, and a shape."""
         subject = Subject.average(body, landmarks or marker_landmarks(body, MARKERS), np.zeros(0))
         super().__init__(subject if offsets is None else replace(subject, offsets=offsets), betas)
 
@@ -208,9 +208,9 @@ class LiveFit(PersonFollower):
         Args:
             points: (53, 3) markers in metres, NaN if hidden.
             guess: (53, 3) the network's positions in metres.
-            guess_sigma: (53,) standard deviation of these in metres.
+            guess_sigma: (53,) standard deviations of these positions in metres.
             dt: seconds since the last frame.
-            steps: smallest number of Gauss-Newton steps, None for the default.
+            steps: smallest number of Gauss-Newton steps, or None for the default.
         """
         seen = np.isfinite(points[:, 0])
         same = 1.0 if self.is_starting else max(SAME_ERROR_S / dt, 1.0) ** 0.5
@@ -231,24 +231,24 @@ class LiveFit(PersonFollower):
 
 
 def fit_average_person() -> LiveFit:
-    """Return a fit of the built-in body that learns the shape."""
+    """Return a fit for the built-in body that learns the shape."""
     return LiveFit(load_body())
 
 
 SIGMA_PX = 4.0  # Initial deviation of a detection per axis at 720 lines. Detectors have 3 to 6.
 LINES = 720.0  # Image height to which ``SIGMA_PX`` applies.
-FEWEST = 6  # Fewest triangulated keypoints for a pose, as in a solve.
+FEWEST = 6  # Smallest number of triangulated keypoints for a pose, as in a solve.
 UPRIGHT = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # Rotation of a standing body's root with Z up.
 
 
 @dataclass(frozen=True)
 class ViewsFrame:
-    """Fitted frame of several views."""
+    """A fitted frame from several views."""
 
     pose: PosedFrames
     points: np.ndarray  # (L, 3) metres: triangulated keypoints, NaN if fewer than two views agree.
     landmarks: np.ndarray  # (L, 3) metres: the keypoints on the body.
-    points_off_m: np.ndarray  # (L,) metres between both, NaN if a keypoint is not triangulated.
+    points_off_m: np.ndarray  # (L,) metres between the two, NaN if a keypoint is not triangulated.
 
 
 class LiveViewsFit(PersonFollower):
@@ -263,7 +263,7 @@ class LiveViewsFit(PersonFollower):
         self._penalty = LearnedVariances().penalty
 
     def locate(self, xy: np.ndarray, confidence: np.ndarray) -> Triangulation:
-        """Triangulate the keypoints (C, L, 2) of one frame in px, NaN where missing."""
+        """Triangulate one frame's keypoints (C, L, 2) in px, NaN where missing."""
         return triangulate(self.cameras, xy[:, None], confidence[:, None], self._sigma_px)
 
     def step(self, xy: np.ndarray, confidence: np.ndarray, located: Triangulation, dt: float) -> ViewsFrame:

@@ -1,4 +1,4 @@
-"""Estimate each landmark's reliability with the pose, frame by frame (thesis ch. 5)."""
+"""Estimate each landmark's reliability together with the pose, frame by frame (thesis ch. 5)."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from solver_backend.priors.gaussian_vae import GaussianVAE
 from solver_backend.residuals.landmark_loss import FixedVariances, LandmarkLoss, LearnedVariances
 from solver_backend.solver.independent_lbfgs import QuasiNewtonResult, QuasiNewtonSettings, independent_lbfgs
 
-SIGMA_M = 0.01  # σ0, fixed standard deviation of the first stage per axis, metres. Log-variances are relative to it.
-POSE_WEIGHT, SHAPE_WEIGHT = 0.5, 0.5  # λ_pose of ``|z|²`` and λ_β of ``|β|²`` (thesis 5.4, half for unit variance).
+SIGMA_M = 0.01  # σ0, fixed standard deviation in the first stage per axis, metres. Log-variances are relative to it.
+POSE_WEIGHT, SHAPE_WEIGHT = 0.5, 0.5  # λ_pose for ``|z|²`` and λ_β for ``|β|²`` (thesis 5.4, half for unit variance).
 
 
 ACCEL_M_S2 = 8.0
@@ -31,19 +31,19 @@ ACCEL_M_S2 = 8.0
 
 @dataclass(frozen=True)
 class SteadyLandmarks:
-    """Temporal term that limits the accelerations of landmarks. The thesis does not have it.
+    """Temporal term that limits the accelerations of landmarks. It is not in the thesis.
 
     ``E_t = 1/2 sum_l |y_{l,t-1} - 2 y_{l,t} + y_{l,t+1}|² / (a dt²)²``.
     Section 5.4 names the lack of temporal correlation as the method's limitation.
     """
 
     fps: float  # Frames per second.
-    before: np.ndarray  # (n, L, 3) fixed landmarks of the frames before, two or none.
-    inside: np.ndarray  # (n + F,) bool: both neighbours of a frame are the next frames of the take.
+    before: np.ndarray  # (n, L, 3) fixed landmarks in the preceding frames, two or none.
+    inside: np.ndarray  # (n + F,) bool: both neighbours of a frame are the adjacent frames in the take.
 
     @classmethod
     def of(cls, frames: np.ndarray, fps: float, before: np.ndarray, frames_before: np.ndarray) -> SteadyLandmarks:
-        """Create the term of (F,) frames that follow n earlier frames with landmarks."""
+        """Create the term for (F,) frames that follow n earlier frames with landmarks."""
         follows = np.r_[False, np.diff(np.r_[frames_before, frames]) == 1, False]
         return cls(fps, before, follows[:-1] & follows[1:])
 
@@ -58,13 +58,13 @@ class SteadyLandmarks:
             gradient[1:] += bend[:-1]
         weight, cost = (self.fps**2 / ACCEL_M_S2) ** 2, np.zeros(len(y))
         cost += 0.5 * weight * (bend * bend).sum((1, 2))
-        cost[n : n + 1] += cost[:n].sum()  # The bend at the last frame before depends on the first one here.
+        cost[n : n + 1] += cost[:n].sum()  # The bend at the last preceding frame depends on the first frame here.
         return cost[n:], weight * gradient[n:]
 
 
 @dataclass(frozen=True)
 class LandmarkFit:
-    """Fixed quantities of a fit of F poses, with landmarks at their layout's positions."""
+    """Fixed quantities in a fit of F poses, with landmarks at their layout's positions."""
 
     subject: Subject
     prior: GaussianVAE
@@ -78,7 +78,7 @@ class LandmarkFit:
         return StateLayout.of(self.prior.latent_dim, len(self.prior.joints)).without(RESIDUAL)
 
     def select(self, frames: np.ndarray | slice) -> LandmarkFit:
-        """Return the fit of the selected frames."""
+        """Return the fit restricted to the selected frames."""
         return replace(self, start=self.start.select(frames), points=self.points[frames], seen=self.seen[frames])
 
     def unknowns(self, loss: LandmarkLoss) -> np.ndarray:
@@ -95,9 +95,9 @@ class LandmarkFit:
     def evaluate(
         self, x: np.ndarray, loss: LandmarkLoss, steady: SteadyLandmarks | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (F,) costs without the shape prior, and gradients by unknowns and shape.
+        """Return the (F,) costs without the shape prior, and their gradients by unknowns and shape.
 
-        ``steady`` bounds the accelerations of these frames' landmarks.
+        ``steady`` limits the landmarks' accelerations in these frames.
         """
         states = self.states(x)
         local, decoder_vjp = self.prior.decode_with_vjp(states.z)
@@ -119,7 +119,7 @@ class LandmarkFit:
         return cost, np.concatenate([by_code, by_root, by_transl, found.by_own], axis=1), by_betas
 
     def scale(self, loss: LandmarkLoss) -> np.ndarray:
-        """Return (F, 38 + n) estimates of the inverse second derivatives at the start."""
+        """Return the (F, 38 + n) estimates of the inverse second derivatives at the start."""
         local, by_code = self.prior.decode_with_jacobian(self.start.z)
         placed = pose(self.subject, PosedFrames(self.start.root, local, self.start.transl), jacobian=True)
         assert placed.by_rotations is not None
@@ -143,7 +143,7 @@ class LandmarkFit:
     def fit_motion(
         self, loss: LandmarkLoss, steady: SteadyLandmarks, settings: QuasiNewtonSettings
     ) -> tuple[FrameStates, QuasiNewtonResult]:
-        """Fit all frames together, with a fixed shape and bounded accelerations of the landmarks."""
+        """Fit all frames together, with a fixed shape and limited accelerations of the landmarks."""
         shape = self.unknowns(loss).shape
 
         def objective(x: np.ndarray, problems: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -155,7 +155,7 @@ class LandmarkFit:
         return self.states(found.x.reshape(shape)), found
 
     def fit_shape(self, loss: LandmarkLoss, settings: QuasiNewtonSettings) -> tuple[Subject, FrameStates]:
-        """Fit the shape and the poses of all frames together. The loss must have no unknowns."""
+        """Fit the shape and the poses in all frames together. The loss must not have unknowns."""
         frames, betas = len(self.seen), self.subject.betas
         parts = frames * self.layout.dof
 
@@ -181,7 +181,7 @@ class LandmarkFit:
 SHAPE_FRAMES = 12  # Number of frames from which the shape is estimated, as in MoSh++ (Mahmood et al. 2019).
 STEPS = QuasiNewtonSettings()  # Settings of both stages.
 TOGETHER = QuasiNewtonSettings(tolerance=1e-5)
-"""Settings for all frames together. The tolerance is low because few moving frames barely change the total cost."""
+"""Settings for all frames together. The tolerance is low, because a few moving frames barely change the total cost."""
 
 
 def solve_noise_aware(
@@ -193,10 +193,10 @@ def solve_noise_aware(
     *,
     loss: LandmarkLoss = LearnedVariances(),
 ) -> MethodResult:
-    """Minimise thesis eq. 5.8 in two stages (5.2.3), and fill unobserved frames.
+    """Minimise thesis eq. 5.8 in two stages (5.2.3), and fill in unobserved frames.
 
-    First fit shape, poses and translations with fixed variances. The shape uses only ``SHAPE_FRAMES`` frames. Then keep
-    the shape and fit poses, translations and each landmark's log-variance in each frame (``loss``).
+    First, shape, poses and translations are fitted with fixed variances. The shape uses only ``SHAPE_FRAMES`` frames.
+    Then the shape is kept, and poses, translations and log-variances of each landmark and frame (``loss``) are fitted.
     """
     like, measured = subject.betas, problem.measurements
     person = replace(subject, betas=to_numpy(subject.betas), offsets=to_numpy(subject.offsets))
