@@ -48,7 +48,7 @@ def successive_turns(R: Float[np.ndarray, "frames 3 3"], axes: Sequence[np.ndarr
 def axes_in_parent(turns: np.ndarray, axes: Sequence[np.ndarray]) -> Float[np.ndarray, "frames 3 3"]:
     """Return (F, 3, 3) axes as columns relative to the parent segment, after the preceding rotations.
 
-    They are the Jacobian of a left-applied rotation vector d by the angles: ``d = J dθ``.
+    They are the Jacobian of a left-applied rotation vector d w.r.t. the angles: ``d = J dθ``.
     """
     first = exp_so3(turns[:, :1] * axes[0])
     second = first @ exp_so3(turns[:, 1:2] * axes[1])

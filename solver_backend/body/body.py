@@ -33,7 +33,7 @@ class Body:
     v_template: Float[np.ndarray, "vertices 3"]
     """(V, 3) vertices of the mean shape in metres."""
     shapedirs: Float[np.ndarray, "vertices 3 10"]
-    """(V, 3, 10) derivatives of the vertices by the shape, in metres per unit."""
+    """(V, 3, 10) derivatives of the vertices w.r.t. the shape, in metres per unit."""
     posedirs: Float[np.ndarray, "vertices 3 features"]
     """(V, 3, 9 (J - 1)) pose correctives in metres per unit of the feature flatten(R_j - I), j = 1..J-1."""
     J_regressor: Float[np.ndarray, "joints vertices"]
@@ -48,7 +48,7 @@ class Body:
     joints_template: Float[np.ndarray, "joints 3"] = field(init=False)
     """(J, 3) rest joints of the mean shape, in metres."""
     joints_shapedirs: Float[np.ndarray, "joints 3 10"] = field(init=False)
-    """(J, 3, 10) derivatives of the rest joints by the shape, in metres per unit."""
+    """(J, 3, 10) derivatives of the rest joints w.r.t. the shape, in metres per unit."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints_template", self.J_regressor @ self.v_template)

@@ -198,7 +198,7 @@ class HandSkeleton:
     def site_jacobian(
         self, posed: PosedHand, sites: HandSites, points: Float[np.ndarray, "n sites 3"], turn: np.ndarray
     ) -> Float[np.ndarray, "n sites 3 a"]:
-        """Return the (F, L, 3, A) derivatives ``R (axis × (point - joint))`` by the angles.
+        """Return the (F, L, 3, A) derivatives ``R (axis × (point - joint))`` w.r.t. the angles.
 
         ``points`` (F, L, 3) are in metres in the hand's axes. ``turn`` (F, 3, 3) is R, from these axes to the output.
         """
@@ -233,7 +233,7 @@ class HandSkeleton:
 
 
 def site_frames(posed: PosedHand, sites: HandSites) -> Float[np.ndarray, "n sites 3 3"]:
-    """Return the (F, L, 3, 3) segment frames of points, which are the points' derivatives by their offsets."""
+    """Return the (F, L, 3, 3) segment frames of points, which are the points' derivatives w.r.t. their offsets."""
     frames = posed.frames[:, sites.finger, sites.segment]
     return np.where((sites.segment == 0)[:, None, None], np.eye(3), frames)
 

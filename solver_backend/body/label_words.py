@@ -191,7 +191,7 @@ class LabelWords:
         return tuple(part[1:] if part[0] == "-" else side + part for part in parts if (part[0] == "-") == (not side))
 
     def lacks_side(self, label: str) -> bool:
-        """Return whether a label names a location that exists on both sides, but no side."""
+        """Return whether a label names a location that exists on both sides without stating the side."""
         return bool(self.without_side(label))
 
     def without_side(self, label: str) -> tuple[str, ...]:

@@ -33,7 +33,7 @@ class Landmarks:
     names: tuple[str, ...]
     weights: Float[np.ndarray, "landmarks joints"]  # (L, J) weight of each bone. Rows sum to 1.
     anchors: Float[np.ndarray, "landmarks joints 3"]  # (L, J, 3) mean rest position times the bone's share, m.
-    shapedirs: Float[np.ndarray, "landmarks joints 3 10"]  # (L, J, 3, 10) derivative of the anchors by the shape.
+    shapedirs: Float[np.ndarray, "landmarks joints 3 10"]  # (L, J, 3, 10) derivative of the anchors w.r.t. the shape.
     posedirs: Float[np.ndarray, "landmarks 3 features"] | None = None  # (L, 3, 9 (J - 1)) correctives, None if rigid.
 
     def __len__(self) -> int:
@@ -89,7 +89,7 @@ _CROSS = np.zeros((3, 3, 3))  # The Levi-Civita symbol: (a x b)_i = _CROSS[i, j,
 for _a, (_i, _j) in enumerate(((2, 1), (0, 2), (1, 0))):
     _CROSS[_a, _i, _j], _CROSS[_a, _j, _i] = 1.0, -1.0
 _ARM_BY_POINT = np.concatenate([-_CROSS, np.zeros((3, 3, 3))], axis=2).reshape(3, 18)
-"""Jacobian (3, 6) of a point by a rotation, for each coordinate of the point."""
+"""Jacobian (3, 6) of a point w.r.t. a rotation, for each coordinate of the point."""
 _ARM_AT_ORIGIN = np.concatenate([np.zeros((3, 3)), np.eye(3)], axis=1).reshape(18)  # The same for a translation.
 
 
@@ -120,7 +120,7 @@ def rotation_jacobian(
     correction: Float[Array, "frames landmarks 3"] | None,
     count: int,
 ) -> Float[Array, "frames landmarks 3 tangents"]:
-    """Return the (F, L, 3, 3·count) derivatives by left tangents of root and joints.
+    """Return the (F, L, 3, 3·count) derivatives w.r.t. left tangents of root and joints.
 
     A left tangent d at joint k rotates everything below k about p_k, so ``dy_l/dd_k = -[r_lk]x G_parent(k)`` with
     ``r_lk = sum_{c below k} G_c h_lc``. This is ``y_l - p_k`` if the whole landmark is below k. A pose corrective D
@@ -249,9 +249,9 @@ class PosedLandmarks:
     """L posed landmarks and their derivatives over F frames, in world metres."""
 
     points: Float[Array, "frames landmarks 3"]  # (F, L, 3).
-    by_rotations: Float[Array, "frames landmarks 3 tangents"] | None  # (F, L, 3, 3 + 3 n) by left tangents.
+    by_rotations: Float[Array, "frames landmarks 3 tangents"] | None  # (F, L, 3, 3 + 3 n) w.r.t. left tangents.
     by_betas: Float[Array, "frames landmarks 3 10"] | None  # (F, L, 3, 10).
-    by_offsets: Float[Array, "frames landmarks 3 3"] | None  # (F, L, 3, 3) by offsets in the rest pose.
+    by_offsets: Float[Array, "frames landmarks 3 3"] | None  # (F, L, 3, 3) w.r.t. offsets in the rest pose.
     skeleton: PosedSkeleton
 
 
@@ -268,13 +268,13 @@ def pose_landmarks(
     by_shape: bool = True,
     num_rotations: int | None = None,
 ) -> PosedLandmarks:
-    """Pose landmarks and compute their derivatives. The derivative by ``transl`` is the identity.
+    """Pose landmarks and compute their derivatives. The derivative w.r.t. ``transl`` is the identity.
 
     Args:
         local: (F, n, 3, 3) rotations of joints 1..n, which include all solved joints.
         offsets: (L, 3) offsets in metres in the rest pose, added to each landmark (detector bias, marker placement).
-        by_shape: also compute derivatives by the shape.
-        num_rotations: number of rotations to differentiate by (root and first joints). None for all solved ones.
+        by_shape: also compute derivatives w.r.t. the shape.
+        num_rotations: number of rotations to differentiate w.r.t. (root and first joints). None for all solved ones.
     """
     xp = array_namespace(global_orient)
     local = with_resting_hands(body, local)
@@ -316,7 +316,7 @@ def _constant_levers(body: Body, weights: np.ndarray, anchors: np.ndarray, joint
     """Return the constant part h of the levers, which map joint rotations to landmarks.
 
     ``h_lc = a_lc - w_lc J_c + sum_{j child of c} s_lj (J_j - J_c)``, where s is the weight at or below a joint.
-    ``joints`` (J, ...) are rest joints or derivatives by the shape, and ``anchors`` (L, J, ...) correspond to them.
+    ``joints`` (J, ...) are rest joints or derivatives w.r.t. the shape, and ``anchors`` (L, J, ...) correspond to them.
     """
     extra = (1,) * (joints.ndim - 1)
     levers = anchors - weights.reshape(*weights.shape, *extra) * joints
@@ -339,7 +339,7 @@ def _shape_levers(body: Body, landmarks: Landmarks) -> np.ndarray:
 
 
 def _by_betas(xp: Any, body: Body, landmarks: Landmarks, G: Array) -> Array:
-    """Return the (F, L, 3, 10) derivatives ``dJ_0 + sum_c G_c dh_lc`` by the shape."""
+    """Return the (F, L, 3, 10) derivatives ``dJ_0 + sum_c G_c dh_lc`` w.r.t. the shape."""
     levers = np.moveaxis(_shape_levers(body, landmarks), 0, 2)
     by_betas = unset((G.shape[0], levers[0, 0].size), G)
     xp.matmul(G, constant(levers.reshape(G.shape[1], -1), G), out=by_betas)

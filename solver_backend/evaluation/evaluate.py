@@ -98,7 +98,7 @@ CODED_FRAMES = 2 * LATENT_DIM + 2  # Fewest frames for FID and DIV: two halves w
 class Evaluation:
     """Errors of a motion, and of the baseline on the same capture. None where there are no data."""
 
-    joints_mpjpe_mm: float  # Mean error of the joints that motion and truth have in common, usually SMPL's 24.
+    joints_mpjpe_mm: float  # Mean error of the joints that the motion and the truth share, usually SMPL's 24.
     joints_rmse_mm: float  # Mean over frames of the RMS joint error (thesis eq. 4.28).
     joints_pck1_percent: float  # Percentage of joints within 1 cm (eq. 4.29).
     joints_pck3_percent: float
@@ -276,7 +276,7 @@ def _at_frames(markers: MarkerCloud, columns: list[int], motion: Motion) -> np.n
 
 
 def _of_feet(found: np.ndarray, true: np.ndarray, names: tuple[str, ...]) -> dict[str, float]:
-    """Return the skating of SMPL's feet, with the floor at the true toes' lowest height."""
+    """Return how far SMPL's feet skate, with the floor at the lowest height of the true toes."""
     if names != SMPL.joints:
         return {}
     toes = [names.index(name) for name in ("left_foot", "right_foot")]
@@ -288,7 +288,7 @@ def _of_feet(found: np.ndarray, true: np.ndarray, names: tuple[str, ...]) -> dic
 
 
 def _of_intersections(found: np.ndarray, true: np.ndarray, names: tuple[str, ...]) -> dict[str, float]:
-    """Return the percentage of self-intersecting frames if motion and truth have SMPL's 24 joints."""
+    """Return the percentage of self-intersecting frames if both the motion and the truth have SMPL's 24 joints."""
     if names != SMPL.joints:
         return {}
     body, shares = load_body(), ("self_intersection_percent", "self_intersection_true_percent")

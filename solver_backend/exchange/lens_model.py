@@ -23,9 +23,9 @@ class LensModel:
     distort: Callable[[Any, Any, Terms, Any], tuple[Any, Any, tuple[Any, Any, Any]]]
     """Maps (x, y, terms, xp) to the distorted x and y, and to the entries xx, xy and yy of the symmetric Jacobian."""
     growth: Callable[[Any, Terms, Any], tuple[Any, Any]]
-    """Maps (r², terms, xp) to the derivative of the distorted radius by r, and to a mask of undefined values."""
+    """Maps (r², terms, xp) to the derivative of the distorted radius w.r.t. r, and to a mask of undefined values."""
     by_terms: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-    """Maps x and y (N,) and terms (N, 8) to the (N, 2, 8) derivative of the distorted coordinates by the terms."""
+    """Maps x and y (N,) and terms (N, 8) to the (N, 2, 8) derivative of the distorted coordinates w.r.t. the terms."""
     invert: Callable[[Any, Terms, Any], Any] | None = None
     """Maps distorted (..., 2), terms and xp to undistorted coordinates. None uses Newton's method in the plane."""
     turn: Callable[[np.ndarray], np.ndarray] = np.copy

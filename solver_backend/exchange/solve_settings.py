@@ -133,7 +133,7 @@ class SolveSettings:
     smoothing: float = _clean_up(
         "number", 1.0, "Smoothing", "Strength: 1 follows the detections, 3 gives smooth motion, and 10 loses detail",
         low=0.1, high=100, soft_high=10, methods=(GLOBAL,))
-    """Factor for the acceleration bound, which was measured in recorded motion."""
+    """Factor applied to the acceleration bound, which was measured in recorded motion."""
     foot_lock: float = _clean_up(
         "number", 1.0, "Foot Lock", "Higher values reduce foot sliding", low=0.1, high=5,
         methods=(GLOBAL,))

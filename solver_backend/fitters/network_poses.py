@@ -35,8 +35,8 @@ FITS_M, CHANCE = 0.12, 0.7
 alignments.
 """
 DOUBTED = 1.5
-"""Factor for the deviations of the lifted pose and of triangulated points, for rare large errors. Measured on subjects
-08 and 60.
+"""Factor for the deviations of the lifted pose and of triangulated points to allow for rare large errors. Measured on
+subjects 08 and 60.
 """
 BETTER = 0.85  # Another alignment replaces the file's frame numbers if its distance is below this share.
 SIZE_ALIKE = (0.8, 1.25)  # Scale factors within these limits leave the result's size unchanged.

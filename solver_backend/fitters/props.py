@@ -135,7 +135,7 @@ class PropEquations:
         return 0.5 * float(cost.sum()), H, g
 
     def _between(self, state: PropState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the (F - 1, 12) errors between frames, and their Jacobians by both frames."""
+        """Return the (F - 1, 12) errors between frames, and their Jacobians w.r.t. both frames."""
         turn = turns(state.R[:-1], state.R[1:])
         moved = np.diff(state.t, axis=0) - self.dt * state.velocity[:-1]
         changed = np.diff(np.concatenate([state.spin, state.velocity], axis=1), axis=0)
@@ -232,7 +232,7 @@ def _between(R: np.ndarray, t: np.ndarray, posed: np.ndarray) -> tuple[np.ndarra
 
 
 LAG_S, AROUND_S, USUAL_S = 0.1, 1.0, 0.1
-"""Time lag of accelerations, averaging window of the unrest, and weight of the take's mean, all in seconds."""
+"""Time lag of accelerations, averaging window for ``unrest_of``, and weight of the take's mean, all in seconds."""
 LEAST_SHARE, LEAST_M, LEAST_RAD = 0.02, 2e-4, 2e-3  # Smallest unrest relative to the take's, and of a still prop.
 
 
@@ -392,8 +392,8 @@ def _without_wrong_points(points: np.ndarray) -> np.ndarray:
 
 STAGE = "Solving the props"
 MOST = 12
-"""A group is not rigid if its median marker error reaches this."""
-FAR_M = 0.004  # A group whose median marker error is at least this large is not rigid.
+"""Largest number of props per take. Those with the most markers are kept. Many stray points form groups by chance."""
+FAR_M = 0.004  # A group is not rigid if its median marker error reaches this.
 UNSURE_M, UNSURE_RAD = 0.02, np.radians(10.0)  # Standard deviations beyond which a prop's pose is unknown.
 
 

@@ -131,7 +131,7 @@ def with_resting_spread(
 
 
 def growth(shown: Stance, anchor: str, joint: str) -> np.ndarray:
-    """Return the factor for a joint's spread around its anchor, relative to standing.
+    """Return the factor applied to a joint's spread around its anchor, relative to standing.
 
     The factor is ``1 + min(θ, MOST_DEG) / TILT_DEG`` for trunk, head and legs, ``1 + clip(θ - TILT_DEG, 0,
     ARM_MOST_DEG) / ARM_TILT_DEG`` for arms, and 1 for a head on an observed chest. For walkers it is multiplied by

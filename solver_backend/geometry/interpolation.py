@@ -1,7 +1,7 @@
 """Interpolate unit vectors along geodesics: SLERP, SIDER2 and SIDER-n.
 
 Every point on these curves is a linear combination of its keys. The weights depend only on the keys' inner products, so
-the derivative by key j is ``w_j I + Σ_ik p_i M_j[i, k] p_kᵀ``, which needs only a few numbers (``KeyWeights``).
+the derivative w.r.t. key j is ``w_j I + Σ_ik p_i M_j[i, k] p_kᵀ``, which needs only a few numbers (``KeyWeights``).
 Jacobians are (..., d, d) in the ambient space, for changes of a key that are tangent to the sphere.
 """
 
@@ -36,7 +36,7 @@ def spherical_normalisation(v: Float[Array, "*batch d"]) -> Float[Array, "*batch
 
 
 def geodesic_weights(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
-    """Return the weights of a point on a geodesic and their derivatives by ``cosψ``.
+    """Return the weights of a point on a geodesic and their derivatives w.r.t. ``cosψ``.
 
     The weight is ``sin(tψ)/sinψ``, given ``y = sin²(ψ/2)`` and ``z = cos²(ψ/2)``. Near ``ψ = 0``, the hypergeometric
     series ``t ₂F₁(1-t, 1+t; 3/2; y)`` avoids a small denominator. All arrays are (...), and t is any real number.
@@ -147,14 +147,14 @@ class KeyWeights:
     """(..., n, n, n) coefficients: ``d value / d p_j = w_j I + Σ_ik p_i mixing[j, i, k] p_kᵀ``."""
 
     def vjp(self, cotangent: Float[Array, "*#batch d"]) -> Float[Array, "... n d"]:
-        """Return the (..., n, d) derivatives by each key, given the (..., d) derivative by the value."""
+        """Return the (..., n, d) derivatives w.r.t. each key, given the (..., d) derivative w.r.t. the value."""
         xp = array_namespace(cotangent)
         along = xp.matmul(self.keys, cotangent[..., None])[..., 0]
         mixed = sum_of_rows(self.mixing * along[..., None, :, None])
         return self.weights[..., :, None] * cotangent[..., None, :] + xp.matmul(mixed, self.keys)
 
     def jacobian(self, key: int) -> Float[Array, "... d d"]:
-        """Return the (..., d, d) derivative of the value by one of the keys."""
+        """Return the (..., d, d) derivative of the value w.r.t. one of the keys."""
         xp = array_namespace(self.keys)
         mixed = xp.matmul(xp.matrix_transpose(self.keys), xp.matmul(self.mixing[..., key, :, :], self.keys))
         return self.weights[..., key, None, None] * identity(self.keys.shape[-1], self.keys) + mixed
@@ -230,7 +230,7 @@ def aitken_neville(points: list[Any], t: Array, join: Callable[..., Any], reflec
 
 
 def _geodesic(a: Array, b: Array, t: Array) -> tuple[Array, tuple[Array, Array], tuple[Array, Array]]:
-    """Return the SLERP point, the weights of ``a`` and ``b``, and their derivatives by ``a·b``."""
+    """Return the SLERP point, the weights of ``a`` and ``b``, and their derivatives w.r.t. ``a·b``."""
     xp = array_namespace(a, b)
     y = 0.25 * xp.sum((a - b) ** 2, axis=-1)
     z = 0.25 * xp.sum((a + b) ** 2, axis=-1)

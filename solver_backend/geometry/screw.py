@@ -24,7 +24,7 @@ _TERMS = 40  # Number of terms in the Jacobian's series. The last is below 1e-14
 
 @dataclass(frozen=True)
 class _Moved:
-    """Rigid motions in F frames and their derivatives by the keys, both as body twists."""
+    """Rigid motions in F frames and their derivatives w.r.t. the keys, both as body twists."""
 
     rotation: Array  # (F, 3, 3).
     transl: Array  # (F, 3).
@@ -54,7 +54,7 @@ class ScrewPath:
         return cls(found.rotation, found.transl, xp.reshape(by_keys, (windows, count, keys, 6, 6)))
 
     def vjp(self, by_turn: Array, by_transl: Array) -> tuple[Array, Array]:
-        """Return (W, k, 3) derivatives by the keys, given (W·n, 3) derivatives by the frames."""
+        """Return (W, k, 3) derivatives w.r.t. the keys, given (W·n, 3) derivatives w.r.t. the frames."""
         xp = array_namespace(by_turn)
         windows, count, keys = self.by_keys.shape[:3]
         by_frames = xp.reshape(xp.concat([by_turn, by_transl], axis=1), (windows, 1, count * 6))

@@ -44,7 +44,7 @@ def interpret_rate(
 ) -> tuple[float, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     """Return the frame rate of detections, a note about its origin, and a problem if it is assumed.
 
-    The user's rate takes precedence. The rates stated in files follow with their notes, most reliable first.
+    The user's rate takes precedence. Otherwise, the most reliable rate stated in a file is used, with its note.
     """
     if given is not None:
         return given, (diagnostic("frame_rate_read", source="given", rate=given),), ()

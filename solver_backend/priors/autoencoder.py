@@ -137,7 +137,7 @@ def decoded_rotations_with_vjp(decoder: DenseStack, z: Codes) -> tuple[Poses, Ca
 
 
 def decoded_rotations_with_jacobian(decoder: DenseStack, z: Codes) -> tuple[Poses, CodeJacobian]:
-    """Return (N, 21, 3, 3) rotations and the derivative of their left tangents by the code, (N, 21, 3, d)."""
+    """Return (N, 21, 3, 3) rotations and the derivative of their left tangents w.r.t. the code, (N, 21, 3, d)."""
     xp = array_namespace(z)
     parts = [_block(decoder, z[i : i + _BLOCK]) for i in range(0, max(1, z.shape[0]), _BLOCK)]
     if len(parts) == 1:
@@ -190,7 +190,7 @@ class PoseAutoencoder(AutoencodingPrior):
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
         """Return R (N, 21, 3, 3) and J (N, 21, 3, d) with ``R_j(z + dz) ~ exp([J_j dz]x) R_j(z)``.
 
-        ``J_j = (dω/d6D)(x_j) dx_j/dz`` in forward mode: the derivatives of the network and the 6D form by the d ambient
+        ``J_j = (dω/d6D)(x_j) dx_j/dz`` in forward mode: derivatives of the network and the 6D form w.r.t. the d ambient
         coordinates of the code. They are not projected to its tangent space.
         """
         return decoded_rotations_with_jacobian(self._decoder_for(z), z)

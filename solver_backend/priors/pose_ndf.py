@@ -34,7 +34,7 @@ from solver_backend.priors.base import (
 )
 from solver_backend.priors.weights import ASSETS, PriorWeights, read_weights
 
-WIDENED = 1.75  # Factor for the recorded spread, because the projection moves joints closer together again.
+WIDENED = 1.75  # Factor applied to the recorded spread, because the projection moves joints closer together again.
 _INSIDE = 0.08  # Fraction of a joint's range that is kept clear at both ends, so that the projection can move.
 _LEAST_RAD = 0.01  # Standard deviation in radians that is added to every axis. Chosen by hand.
 
@@ -91,7 +91,7 @@ class SoftplusStack:
         return x, slopes
 
     def backward(self, slopes: list[Array], by_output: Array) -> Array:
-        """Return the derivative by the input (N, in), given the derivative by the output (N, out)."""
+        """Return the derivative w.r.t. the input (N, in), given the derivative w.r.t. the output (N, out)."""
         xp = array_namespace(by_output)
         for number in range(len(self.weights) - 1, -1, -1):
             if number < len(slopes):
@@ -185,7 +185,7 @@ class PoseField:
         return self.distance.forward(_side_by_side(features))[0][:, 0]
 
     def with_gradient(self, quats: Array) -> tuple[Array, Array]:
-        """Return the (N,) ``f`` and its (N, 21, 4) derivatives by (N, 21, 4) quaternions, in reverse mode."""
+        """Return the (N,) ``f`` and its (N, 21, 4) derivatives w.r.t. (N, 21, 4) quaternions, in reverse mode."""
         xp = array_namespace(quats)
         count = quats.shape[0]
         features, slopes = self._encode(xp.permute_dims(quats, (1, 0, 2)))
@@ -213,7 +213,7 @@ class PoseField:
         return features, slopes
 
     def _by_quats(self, slopes: list[Array], by_feature: Array) -> Array:
-        """Return (21, N, 4) derivatives by quaternions, given those by features."""
+        """Return (21, N, 4) derivatives w.r.t. quaternions, given those w.r.t. features."""
         xp = array_namespace(by_feature)
         parts: list[Array] = []
         last, from_below = NUM_BODY_JOINTS, None
@@ -317,7 +317,7 @@ class PoseNDF(PosePrior):
         return distance, xp.reshape(gradient, (z.shape[0], _DIM))
 
     def distance_with_tangents(self, rotations: Array) -> tuple[Array, Array]:
-        """Return (N,) ``f`` for (N, 21, 3, 3) poses, and its derivatives by left tangents.
+        """Return (N,) ``f`` for (N, 21, 3, 3) poses, and its derivatives w.r.t. left tangents.
 
         ``f(exp([ω_k]x) R_k) ≈ f + Σ_k g_k · ω_k``. Errors: ``check_rotations``.
         """

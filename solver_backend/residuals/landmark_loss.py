@@ -19,8 +19,8 @@ class LandmarkCost:
     """Loss for L landmarks in F frames, and its derivatives."""
 
     cost: np.ndarray  # (F,).
-    by_squared: np.ndarray  # (F, L) by the squared distances.
-    by_own: np.ndarray  # (F, n) by the loss's own unknowns.
+    by_squared: np.ndarray  # (F, L) w.r.t. the squared distances.
+    by_own: np.ndarray  # (F, n) w.r.t. the loss's own unknowns.
 
 
 class LandmarkLoss(Protocol):
@@ -69,7 +69,7 @@ class LearnedVariances:
         return s
 
     def penalty(self, squared: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the penalty ``exp(-s) r² + s + 2 λ s²`` at the best s, and its derivative by r²."""
+        """Return the penalty ``exp(-s) r² + s + 2 λ s²`` at the best s, and its derivative w.r.t. r²."""
         s = self.best(squared)
         precision = np.exp(-s)
         return precision * squared + s + 2.0 * self.weight * s * s, precision
@@ -91,8 +91,8 @@ class LearnedVariances:
 class LearnedPositionTerm:
     """Term ``min_s Σ_i ½ (exp(-s_i) w_i |y_i - m_i|² + s_i) + λ s_i²``, with s in closed form.
 
-    By Danskin's theorem, the minimum has the same derivative by the position as for fixed s. The information of each
-    position is therefore ``exp(-s_i) w_i``.
+    By Danskin's theorem, the minimum's derivative w.r.t. the position is the same as for fixed s. The information of
+    each position is therefore ``exp(-s_i) w_i``.
     """
 
     positions: np.ndarray  # (F, L, 3) metres, finite.

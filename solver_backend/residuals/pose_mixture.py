@@ -132,7 +132,7 @@ class PoseMixtureTerm:
 
     @cached_property
     def _precisions(self) -> np.ndarray:
-        """(K, 9 J²) P in the rows and columns for the pose's joints."""
+        """(K, 9 J²) precisions P, arranged in the rows and columns of the pose's joints."""
         size, columns = len(self.rest_precision), self.mixture.columns
         of_pose = np.zeros((len(self.mixture.means), size, size))
         of_pose[:, columns[:, None], columns] = self.mixture.precisions

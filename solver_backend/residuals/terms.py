@@ -25,7 +25,7 @@ class PointEvidence:
     """Gauss-Newton model of a term around F x L landmark positions."""
 
     cost: Array  # (F,) half the robust sum of squares.
-    gradient: Array  # (F, L, 3) derivative of the cost by each position, 1/m.
+    gradient: Array  # (F, L, 3) derivative of the cost w.r.t. each position, 1/m.
     information: Array  # (F, L, 3, 3) Gauss-Newton Hessian, 1/m².
     shared: Array | None = None  # (F, R, L, 3) rows of an error shared by points. The Hessian excludes their squares.
 
@@ -81,7 +81,7 @@ class DataTerm(PointTerm, Protocol):
         ...
 
     def leverage(self, points: Array, used: Array) -> Array:
-        """Return each view's (V, F, L) share of error that enters a point fitted to all used views.
+        """Return the (V, F, L) share of each view's error that enters a point fitted to all used views.
 
         It is the mean diagonal of the hat matrix: ``h_v = tr(w_v J_v S⁻¹ J_vᵀ) / d`` with ``S = Σ_v w_v J_vᵀ J_v``.
         """
@@ -97,7 +97,7 @@ class PoseEvidence:
     """Model of a term around F poses."""
 
     cost: Array  # (F,).
-    gradient: Array  # (F, 3 J) by the joints' left tangents, 1/rad.
+    gradient: Array  # (F, 3 J) w.r.t. the joints' left tangents, 1/rad.
     factors: Array  # (F, n) input for the term's ``hessian``.
 
 

@@ -11,7 +11,7 @@ from solver_backend.solver.line_search import StepTrial, WolfeSettings, strong_w
 from solver_backend.solver.manifolds import Manifold, State
 
 Objective = Callable[[State], tuple[Any, State]]
-"""Maps a state to its cost and its gradient, either ambient (derivatives by the state's entries) or tangent."""
+"""Maps a state to its cost and its gradient, either ambient (derivatives w.r.t. the state's entries) or tangent."""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ class WolfeSettings:
     decrease: float = 1e-4  # Fraction c1 of the predicted decrease that must be achieved (Armijo).
     curvature: float = 0.9  # Fraction c2 of the initial slope that may remain.
     max_evaluations: int = 25  # Largest number of trials.
-    growth: float = 2.5  # Factor for the step while it is too short.
+    growth: float = 2.5  # Factor applied to the step while it is too short.
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class StepTrial(Generic[Payload]):
 
     step: float
     cost: float
-    slope: float  # Derivative of the cost by the step.
+    slope: float  # Derivative of the cost w.r.t. the step.
     payload: Payload  # Result of the evaluation, for the caller.
 
 

@@ -27,7 +27,7 @@ class Euclidean:
         return x + v
 
     def velocity(self, x: Array, v: Array, y: Array) -> Array:
-        """Return the derivative of ``retract(x, a v)`` by ``a`` at its end ``y``, where ``a`` is 1."""
+        """Return the derivative of ``retract(x, a v)`` w.r.t. ``a`` at its end ``y``, where ``a`` is 1."""
         return v
 
     def inner(self, u: Array, v: Array) -> float:
@@ -67,7 +67,7 @@ class SO3(Euclidean):
 
         Args:
             x: (..., 3, 3) rotations.
-            v: (..., 3, 3) derivatives by the entries, or (..., 3) left gradients, which are returned unchanged.
+            v: (..., 3, 3) derivatives w.r.t. the entries, or (..., 3) left gradients, which are returned unchanged.
         """
         if v.ndim < x.ndim:
             return v

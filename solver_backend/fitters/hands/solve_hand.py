@@ -84,7 +84,7 @@ def contact_equations(
     """Return costs (n,), gradients and Gauss-Newton matrices for ``½ Σ max(depth - δ, 0)² / σ²``.
 
     Sliding of the nearest points along two bones changes their distance only to second order and is ignored. ``points``
-    (n, 21, 3) are ``HAND_POINTS`` in metres, and ``jacobian`` (n, 21, 3, D) their derivative by the state.
+    (n, 21, 3) are ``HAND_POINTS`` in metres, and ``jacobian`` (n, 21, 3, D) their derivative w.r.t. the state.
     """
     count, dof = len(points), jacobian.shape[-1]
     cost, gradient, hessian = np.zeros(count), np.zeros((count, dof)), np.zeros((count, dof, dof))
@@ -179,7 +179,7 @@ class HandProblem:
         return cost, gradient, hessian
 
     def jacobian(self, states: np.ndarray) -> Float[np.ndarray, "frames sites 3 d"]:
-        """Return the (F, L, 3, D) derivatives of the points by the states in all frames."""
+        """Return the (F, L, 3, D) derivatives of the points w.r.t. the states in all frames."""
         return self._placed(states, np.arange(self.num_frames))[1]
 
     def at(self, sites: HandSites) -> HandProblem:
@@ -343,7 +343,7 @@ def _means(near: np.ndarray, values: np.ndarray, otherwise: np.ndarray) -> np.nd
 WINDOW = 12  # Frames at 60 Hz in a window with three keys. Fingers open and close in a fifth of a second.
 INFORMED = 0.7  # Largest deviation of the knuckle bend of an observed finger, relative to the prior's.
 CALIBRATION = 0.5
-"""Factor for the posterior variance, so that 95 % ellipsoids contain 90 % of simulated joints (see hands.md)."""
+"""Factor applied to the posterior variance, so that 95 % ellipsoids contain 90 % of simulated joints (see hands.md)."""
 CONSTANT_M = 0.004  # Deviation per axis of errors that do not average out: bone lengths, calibration, detector bias.
 THROUGH_M = 0.006  # Overlap of two fingers that soft skin cannot explain: a third of a finger's width.
 

@@ -115,7 +115,7 @@ class KeyframeNormalEquations:
 
         Args:
             value: (K, v) value x at each key.
-            tangents: (K, v, d) derivative of x by the key's columns, starting at ``first``.
+            tangents: (K, v, d) derivative of x w.r.t. the key's columns, starting at ``first``.
             stencil: coefficients c, numbers or (n,) arrays.
             weight: weight w, a number or an (n,) array.
         """
@@ -262,7 +262,7 @@ class DataEquations:
     """Contributions of the frames in N windows to the equations of their keys."""
 
     cost: Array  # (N,) cost of each window's frames.
-    gradient: Array  # (n N + 1, D) gradient by the keys.
+    gradient: Array  # (n N + 1, D) gradient w.r.t. the keys.
     _layout: StateLayout
     _windows: list[slice]
     _matrices: list[Callable[[], Array]]  # For each range of windows: matrices by all n + 1 keys of each window.
@@ -362,7 +362,7 @@ def _block(
 
 
 def _exact(data: BundleModel, keys: Keyframes, rows: WindowRows, hessian: Array) -> Array:
-    """Return ``Σ_f B_fᵀ H_f B_f`` for N windows, where B_f are the derivatives by the keys."""
+    """Return ``Σ_f B_fᵀ H_f B_f`` for N windows, where B_f are the derivatives w.r.t. the keys."""
     xp = array_namespace(hessian)
     count, width = rows.frames.shape
     curve = data.curve(keys, rows, residuals=False)
@@ -378,7 +378,7 @@ def matrices_by_keys(rows: WindowRows, hessian: Array, d_pose_d_keys: Array) -> 
     Args:
         rows: the frames of N windows that ``hessian`` covers.
         hessian: (N·m, p, p) Hessians of these frames, m per window.
-        d_pose_d_keys: (n N + 1, p, D) derivatives P of the pose tangents by the keys' tangents.
+        d_pose_d_keys: (n N + 1, p, D) derivatives P of the pose tangents w.r.t. the keys' tangents.
     """
     xp, size, dof = array_namespace(hessian), hessian.shape[-1], d_pose_d_keys.shape[-1]
     count, width = rows.frames.shape

@@ -252,7 +252,7 @@ def solve_in_single(
     return replace(found, keys=found.keys.astype(start.z.dtype))
 
 
-CALIBRATION = 0.5  # Factor for the inflated variance, calibrated with the ellipsoids in six benchmark takes.
+CALIBRATION = 0.5  # Factor applied to the inflated variance, calibrated with the ellipsoids in six benchmark takes.
 
 
 def joint_covariance(
@@ -268,8 +268,8 @@ def joint_covariance(
     """Return (F, J + S, 3, 3) posterior covariances of joints (m²) and segments (rad²).
 
     The covariance of joints is ``k f J B S Bᵀ Jᵀ + c² I``. For segments, ``turn_covariance`` uses ``k f B S Bᵀ``. S is
-    the posterior covariance of the three keys in a frame's window. B is the derivative of the pose by these keys (pose
-    tangents with Lagrange weights). J is the derivative of the joints by the pose, f the inflation, k is
+    the posterior covariance of the three keys in a frame's window. B is the pose's derivative w.r.t. these keys (pose
+    tangents with Lagrange weights). J is the derivative of the joints w.r.t. the pose, f the inflation, k is
     ``CALIBRATION``, and c the constant.
 
     Args:

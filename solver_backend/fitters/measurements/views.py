@@ -156,7 +156,7 @@ class LocatedPoints(_Points):
         )
 
     def report(self, points: np.ndarray) -> tuple[None, dict[str, float]]:
-        """Return None for reprojection errors, and statistics over all visible markers."""
+        """Return None, because there are no reprojection errors, and statistics over all visible markers."""
         error = 1000 * np.linalg.norm(points - self.points, axis=-1)
         error = error[np.isfinite(error)]
         return None, {

@@ -65,7 +65,7 @@ class ApartRoot:
         return combined(self.weights, self.keys.transl)
 
     def vjp(self, by_turn: Array, by_transl: Array) -> tuple[Array, Array]:
-        """Return the derivatives by the keys' quaternions (W, k, 4) and translations (W, k, 3)."""
+        """Return the derivatives w.r.t. the keys' quaternions (W, k, 4) and translations (W, k, 3)."""
         xp, shape = array_namespace(by_turn), self.weights.shape[:2]
         # A rotation d of the frame changes its quaternion q by 1/2 (0, d) q. (d q)·q* is the inverse.
         turn = xp.reshape(by_turn, (*shape, 3, 1))
@@ -73,7 +73,7 @@ class ApartRoot:
         return xp.sum(self.quats.vjp(by_quat), axis=1), shared(self.weights, by_transl)
 
     def jacobian(self, key: int) -> Array:
-        """Return the (W·n, 6, 6) derivatives of the frames' motion by a key's motion."""
+        """Return the (W·n, 6, 6) derivatives of the frames' motion w.r.t. a key's motion."""
         xp = array_namespace(self.weights)
         # Map a left rotation of the key to one of the frame: 4 G(q_f)ᵀ (dq_f/dq_k) G(q_k).
         G_T = xp.matrix_transpose(quat_left_tangent(self.quats.value))
@@ -114,17 +114,17 @@ class ScrewRoot:
         return self.path.transl
 
     def vjp(self, by_turn: Array, by_transl: Array) -> tuple[Array, Array]:
-        """Return the derivatives by the keys, see ``ApartRoot``."""
+        """Return the derivatives w.r.t. the keys, see ``ApartRoot``."""
         by_turns, by_places = self.path.vjp(by_turn, by_transl)
         by_quat = array_namespace(by_turn).matmul(4.0 * quat_left_tangent(self.keys.quat), by_turns[..., None])
         return by_quat[..., 0], by_places
 
     def jacobian(self, key: int) -> Array:
-        """Return the derivatives by one key, see ``ApartRoot``."""
+        """Return the derivatives w.r.t. one key, see ``ApartRoot``."""
         return rows_of(self.path.by_keys[:, :, key])
 
 
-RootCurve = ApartRoot | ScrewRoot  # The root in W·n frames, in row order, and its derivatives by the windows' k keys.
+RootCurve = ApartRoot | ScrewRoot  # The root in W·n frames, in row order, and its derivatives w.r.t. the k keys.
 
 
 @dataclass(frozen=True)
@@ -144,20 +144,20 @@ class SphericalMean:
         return cls(mean / length, length, weights)
 
     def vjp(self, cotangent: Array) -> Array:
-        """Return the (W, n, k, d) derivatives by each vector: ``w_k (I - v vᵀ) c / |m|``."""
+        """Return the (W, n, k, d) derivatives w.r.t. each vector: ``w_k (I - v vᵀ) c / |m|``."""
         xp = array_namespace(cotangent)
         across = cotangent - self.value * xp.sum(self.value * cotangent, axis=-1, keepdims=True)
         return self.weights[..., None] * (across / self.length)[..., None, :]
 
     def jacobian(self, key: int) -> Array:
-        """Return the (W, n, d, d) derivative by one vector: ``w_k (I - v vᵀ) / |m|``."""
+        """Return the (W, n, d, d) derivative w.r.t. one vector: ``w_k (I - v vᵀ) / |m|``."""
         across = identity(self.value.shape[-1], self.value) - self.value[..., :, None] * self.value[..., None, :]
         return (self.weights[..., key, None] / self.length)[..., None] * across
 
 
 @dataclass(frozen=True)
 class KeyCotangents:
-    """Derivatives of a cost by the keys of W windows."""
+    """Derivatives of a cost w.r.t. the keys of W windows."""
 
     z: Array | None  # (W, k, d), None if codes are constant.
     quat: Array  # (W, k, 4).
@@ -165,7 +165,7 @@ class KeyCotangents:
     residual: Array | None  # (W, k, 3 J), None if joints stay on the manifold.
 
     def by_tangents(self, keys: Keyframes, layout: StateLayout) -> Array:
-        """Return the (K, n) derivatives by the keys' tangents, summed where keys are shared."""
+        """Return the (K, n) derivatives w.r.t. the keys' tangents, summed where keys are shared."""
         xp = array_namespace(self.quat)
         parts = [by_turns(keys.quat, summed_by_keys(self.quat)), summed_by_keys(self.transl)]
         if self.z is not None:
@@ -200,7 +200,7 @@ class KeyframeCurve:
         """Build the curve through the keys of W windows.
 
         Args:
-            keys: (W, k) keys: 3, 2 for geodesics and straight lines, or more for SIDER-n.
+            keys: (W, k) keys. k is 3, or 2 for geodesics and straight lines, or larger for SIDER-n.
             time: (W, n) positions in the window, from 0 to 1.
             residuals: apply the residual rotations.
             codes: interpolates (W, 1, k, d) codes at (W, n) times.
@@ -245,8 +245,8 @@ class KeyframeCurve:
     ) -> tuple[PosedFrames, Callable[..., KeyCotangents]]:
         """Return the W·n poses and their vector-Jacobian product.
 
-        The product takes the derivative of a cost by the (W·n, p) pose tangents, and optionally by the (W·n, d) codes.
-        ``decoded`` are (W·n, J, 3, 3) rotations for fixed codes, by which there is no derivative.
+        The product takes a cost's derivative w.r.t. the (W·n, p) pose tangents, and optionally w.r.t. the (W·n, d)
+        codes. ``decoded`` are (W·n, J, 3, 3) rotations for fixed codes, which have no derivative.
         """
         if decoded is None:
             local, decoder_vjp = decoded_with_vjp(prior, rows_of(self.codes.value), self.residual)
@@ -269,7 +269,7 @@ class KeyframeCurve:
         return poses, vjp
 
     def jacobian(self, prior: PosePrior, layout: StateLayout) -> Array:
-        """Return the (W·n, p, k·D) derivatives of pose tangents by the keys' tangents."""
+        """Return the (W·n, p, k·D) derivatives of pose tangents w.r.t. the keys' tangents."""
         xp, num_keys = array_namespace(self.weights), self.weights.shape[-1]
         by_code, by_residual = decoder_jacobian(prior, rows_of(self.codes.value), self.residual)
         codes, basis, weights = self.codes, CODES.tangent_basis(self.keys.z), rows_of(self.weights)
@@ -284,7 +284,7 @@ class KeyframeCurve:
 
 
 def turns_of(by_joints: Array, layout: StateLayout) -> Array:
-    """Select (K, n) derivatives by a layout's rotation vectors from those by all joints (K, 3 J)."""
+    """Select (K, n) derivatives w.r.t. a layout's rotation vectors from those w.r.t. all joints (K, 3 J)."""
     if layout.turned == tuple(range(by_joints.shape[1] // 3)):
         return by_joints
     columns = 3 * np.array(layout.turned, dtype=int)[:, None] + np.arange(3)
@@ -292,7 +292,7 @@ def turns_of(by_joints: Array, layout: StateLayout) -> Array:
 
 
 def by_turns(quat: Array, by_quat: Array) -> Array:
-    """Convert derivatives by the keys' quaternions to (..., 3) derivatives by their left rotations."""
+    """Convert derivatives w.r.t. the keys' quaternions to (..., 3) derivatives w.r.t. their left rotations."""
     xp = array_namespace(quat)
     return xp.matmul(xp.matrix_transpose(quat_left_tangent(quat)), by_quat[..., None])[..., 0]
 
@@ -332,7 +332,7 @@ def keys_at(keys: Keyframes, layout: KeyframeLayout, times: np.ndarray) -> Keyfr
 
 
 def summed_by_keys(values: Array) -> Array:
-    """Return (n W + 1, d) derivatives by keys, summed where windows share a key."""
+    """Return (n W + 1, d) derivatives w.r.t. keys, summed where windows share a key."""
     count, free = values.shape[0], values.shape[1] - 1
     summed = zeros((free * count + 1, values.shape[-1]), values)
     for key in range(free + 1):

@@ -159,7 +159,7 @@ class WindowRows(Rows):
 
 
 class Interpolant(Protocol):
-    """Points interpolated between keys, and their derivatives by the keys."""
+    """Points interpolated between keys, and their derivatives w.r.t. the keys."""
 
     @property
     def value(self) -> Array:
@@ -167,11 +167,11 @@ class Interpolant(Protocol):
         ...
 
     def vjp(self, cotangent: Array) -> Array:
-        """Return (W, n, k, d) derivatives by each key, given (W, n, d) derivatives by the points."""
+        """Return (W, n, k, d) derivatives w.r.t. each key, given (W, n, d) derivatives w.r.t. the points."""
         ...
 
     def jacobian(self, key: int) -> Array:
-        """Return the (W, n, d, d) derivative of the points by one of the keys."""
+        """Return the (W, n, d, d) derivative of the points w.r.t. one of the keys."""
         ...
 
 
@@ -204,7 +204,7 @@ def combined(weights: Array, values: Array) -> Array:
 
 
 def shared(weights: Array, by_frames: Array) -> Array:
-    """Return the (W, k, d) derivatives by keys, given those by frames and the (W, n, k) weights."""
+    """Return the (W, k, d) derivatives w.r.t. keys, given those w.r.t. frames and the (W, n, k) weights."""
     xp = array_namespace(by_frames)
     rows = xp.reshape(by_frames, (*weights.shape[:2], -1))
     return xp.matmul(xp.matrix_transpose(weights), rows)

@@ -45,7 +45,7 @@ def decoded_with_vjp(
 ) -> tuple[Array, Callable[[Array], tuple[Array, Array | None]]]:
     """Return ``decoded`` rotations and their vector-Jacobian product.
 
-    It maps (F, 21, 3) derivatives by left tangents to derivatives by codes (F, d) and by residuals (F, 21, 3) or None.
+    It maps (F, 21, 3) derivatives w.r.t. left tangents to those w.r.t. codes (F, d) and residuals (F, 21, 3) or None.
     """
     xp = array_namespace(z)
     local, decoder_vjp = prior.decode_with_vjp(z)
@@ -74,7 +74,7 @@ def _transposed(matrices: Array, vectors: Array) -> Array:
 
 
 def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) -> tuple[Array, Array | None]:
-    """Return the Jacobians of joint rotations by the code and by the residuals.
+    """Return the Jacobians of joint rotations w.r.t. the code and w.r.t. the residuals.
 
     ``dR = [exp(ρ) J_z dz]x R`` and ``dR = [J_l(ρ) dρ]x R``. The derivative only affects steps, so single precision is
     sufficient and halves the most expensive product in a solve.
@@ -88,7 +88,7 @@ def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) 
 
 
 def d_pose_d_key(layout: StateLayout, prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
-    """Return the (F, p, n) derivatives of pose tangents by state tangents."""
+    """Return the (F, p, n) derivatives of pose tangents w.r.t. state tangents."""
     if CODE not in layout:
         return d_pose_d_state(layout, None, by_residual=None if residual is None else left_jacobian_so3(residual))
     by_code, by_residual = decoder_jacobian(prior, z, residual)
@@ -103,13 +103,13 @@ def d_pose_d_state(
     weight: Array | None = None,
     by_residual: Array | None = None,
 ) -> Array:
-    """Return the (F, p, n) derivatives of pose tangents by a weighted state's tangents.
+    """Return the (F, p, n) derivatives of pose tangents w.r.t. a weighted state's tangents.
 
     Args:
-        by_code: (F, 3 J, c) derivatives of joints by the code, or None if the code is fixed.
-        by_root: (F, 6, 6) derivatives of the root's rotation and translation by the state's, or None for the identity.
+        by_code: (F, 3 J, c) derivatives of joints w.r.t. the code, or None if the code is fixed.
+        by_root: (F, 6, 6) derivatives of the root's rotation and translation w.r.t. the state's, None for identity.
         weight: (F,) weights of the state's rotation vectors, or None for one.
-        by_residual: (F, J, 3, 3) derivatives of joints by their rotation vectors, or None on the manifold.
+        by_residual: (F, J, 3, 3) derivatives of joints w.r.t. their rotation vectors, or None on the manifold.
     """
     like = by_residual if by_code is None else by_code
     assert like is not None
@@ -336,7 +336,7 @@ def frame_equations(
     scale: float,
     hessian_frames: np.ndarray | slice | None = None,
 ) -> FrameEquations:
-    """Return the gradient and Hessian of each frame's objective by its pose's tangent.
+    """Return the gradient and Hessian of each frame's objective w.r.t. its pose's tangent.
 
     They are ``g = Jᵀ e`` and ``H = Jᵀ Λ J``.
 

@@ -237,7 +237,7 @@ def posed(rest: np.ndarray, G: np.ndarray, root: np.ndarray) -> np.ndarray:
 
 
 def _slopes(joints: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return the (F, 3 K, 69) derivatives of the K known positions by each joint's rotation and by the root."""
+    """Return the (F, 3 K, 69) derivatives of the K known positions w.r.t. each joint's rotation and w.r.t. the root."""
     v: np.ndarray = (joints[:, known, None] - joints[:, None, :NUM_TURNED]) * _MOVED[known][..., None]
     J = np.zeros((len(joints), len(known), 3, NUM_TURNED + 1, 3))
     for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):

@@ -21,7 +21,7 @@ ALIKE_S = 0.7  # Time in seconds within which frames have correlated errors and 
 SOLE_DEPTH_M = 0.008  # Vertices up to this height above the lowest one belong to the sole.
 LOWER_M = 0.03  # The lower sole may be planted, and so may the other one if it is within this height.
 SHOES_M = 0.005  # Deviation of the feet's height above the floor, due to shoes, mats and calibration.
-WIDER = 3.0  # Factor for the deviation of adult statures, because children and athletes are also filmed.
+WIDER = 3.0  # Factor applied to the deviation of adult statures, because children and athletes are also filmed.
 STATURE_M = 1e-4  # Error of a given stature, which is nearly a constraint.
 LEAST_STANDS, LEAST_SEEN, MOST_FRAMES, ROUNDS = 5, 0.3, 400, 8
 """Fewest frames with a planted sole, smallest share of frames with a foot keypoint, and most frames and steps."""
@@ -62,7 +62,7 @@ def foot_vertices(body: Body, side: str) -> np.ndarray:
 
 
 def sole_heights(body: Body, landmarks: Landmarks) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (L,) heights of keypoints above the sole at rest, and their derivatives by the shape."""
+    """Return the (L,) heights of keypoints above the sole at rest, and their derivatives w.r.t. the shape."""
     feet = np.concatenate([foot_vertices(body, "left"), foot_vertices(body, "right")])
     feet = feet if len(feet) else np.arange(len(body.v_template))
     lowest = feet[np.argmin(body.v_template[feet, 1])]

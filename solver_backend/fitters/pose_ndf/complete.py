@@ -56,7 +56,7 @@ class KeypointObjective:
     scale: float
 
     def linearise(self, state: tuple[PosedFrames, Array]) -> tuple[Array, Arrowhead]:
-        """Return the (1,) cost, and its equations by the poses and the shared shape."""
+        """Return the (1,) cost, and its equations for the poses and the shared shape."""
         frames, betas = state
         posed = pose(replace(self.subject, betas=betas), frames, jacobian=True)
         xp = array_namespace(posed.points)
@@ -106,7 +106,7 @@ class KeypointObjective:
 
 
 def bending(local: Array, weight: float) -> tuple[Array, Array, Array]:
-    """Return ``λ_α/2 Σ exp(2 α)``, its gradient (F, 63) and its curvature by left tangents."""
+    """Return ``λ_α/2 Σ exp(2 α)``, its gradient (F, 63) and its curvature w.r.t. left tangents."""
     xp = array_namespace(local)
     vectors = log_so3(local)
     inverse, count = left_jacobian_inverse_so3(vectors), local.shape[0]

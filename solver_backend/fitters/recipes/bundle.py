@@ -113,7 +113,7 @@ class Bundle:
     schedule: Schedule  # Schedule of the last pass, or of the first pass before it.
     data: DataTerm  # Data term with the learned variances.
     free: StateLayout  # Unknowns of the last pass.
-    looseness: float = OFF_MANIFOLD  # Factor for the prior's error on rotations off the manifold.
+    looseness: float = OFF_MANIFOLD  # Factor applied to the prior's error on rotations off the manifold.
     contacts: Contacts | None = None  # Planted feet that are held.
     skin: SkinContacts | None = None  # Skin to keep outside surfaces, if parts other than feet touch them.
     solution: KeySolution | None = None  # Solution of the last pass.
@@ -196,7 +196,7 @@ class Pass:
     schedule: Schedule
     free: tuple[str, ...]  # Unknown blocks of the state.
     before: tuple[Step, ...] = ()  # Steps before the pass, in this order.
-    looseness: float = OFF_MANIFOLD  # Factor for the prior's error on rotations off the manifold.
+    looseness: float = OFF_MANIFOLD  # Factor applied to the prior's error on rotations off the manifold.
 
     def run(self, bundle: Bundle, alive: Callable[[], None]) -> Bundle:
         """Run the pass. ``alive`` is called before each linearisation."""

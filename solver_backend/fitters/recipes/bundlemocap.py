@@ -29,7 +29,7 @@ from solver_backend.solver.descent import MinimiseResult, MinimiseSettings, grad
 from solver_backend.solver.manifolds import SO3, CodeSphere, Euclidean, Product
 
 KEYS = Product((CodeSphere(), SO3(), Euclidean()))  # Manifold of a key: code, root rotation and translation.
-WIDER = 3.0  # Factor for the outlier scale: 12 deviations, chosen by tests/benchmarks/tune_baselines.py.
+WIDER = 3.0  # Factor applied to the outlier scale: 12 deviations, chosen by tests/benchmarks/tune_baselines.py.
 KeyState = tuple[Array, Array, Array]  # Codes (n, d), root rotations (n, 3, 3), translations (n, 3).
 
 
@@ -49,7 +49,7 @@ class Window:
         return self.curve(state).poses(self.prior)
 
     def objective(self, state: KeyState) -> tuple[float, KeyState]:
-        """Return the cost and its gradient by the free keys.
+        """Return the cost and its gradient w.r.t. the free keys.
 
         The cost is the data term over the frames (thesis eqs. 6.7, 6.8). The gradient is computed in reverse mode.
         """

@@ -147,7 +147,7 @@ class PersonFollower:
         """Update the shape using one frame's landmarks, and return the pose's step as a tangent.
 
         ``S = Bᵀ W B - Bᵀ W J H⁻¹ Jᵀ W B`` is the Schur complement of the pose, and ``δ = -H⁻¹ Jᵀ W B δ_β`` (Triggs et
-        al. 2000, section 6.1). The gradient by the fitted pose is zero.
+        al. 2000, section 6.1). The gradient w.r.t. the fitted pose is zero.
         """
         assert posed.by_rotations is not None and posed.by_betas is not None
         found = term(posed.points, ROBUST_SCALE)

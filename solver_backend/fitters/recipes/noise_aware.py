@@ -95,7 +95,7 @@ class LandmarkFit:
     def evaluate(
         self, x: np.ndarray, loss: LandmarkLoss, steady: SteadyLandmarks | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the (F,) costs without the shape prior, and their gradients by unknowns and shape.
+        """Return the (F,) costs without the shape prior, and their gradients w.r.t. unknowns and shape.
 
         ``steady`` limits the landmarks' accelerations in these frames.
         """

@@ -20,7 +20,7 @@ People = list[np.ndarray]  # Per person in an image: (K, 3) x and y in pixels, a
 NOBODY = -1.0  # Confidence that some programs write for undetected points.
 
 Hands = list[np.ndarray | None]
-"""Per person, None or (2, 21, 3): left and right hand, x and y in pixels, and the confidence as written."""
+"""A person's hands: (2, 21, 3) x, y in pixels and confidence as written, left first. None if not detected."""
 
 
 @dataclass(frozen=True)
