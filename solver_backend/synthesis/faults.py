@@ -1,9 +1,9 @@
-"""Simulate faults of a capture and correlated noise, for the demo, the simulation and the studio.
+"""Simulate capture faults and correlated noise, for the demo, the simulation and the studio.
 
 A fault of size 0 has no effect. Numbers marked "measured" come from ``python -m tests.benchmarks.noise`` on the
-balancing trial of Pose2Sim's example data (Pagnon et al. 2021, four cameras at 60 Hz, OpenPose BODY_25B, 100 frames).
-With four views, residuals to a triangulated reference contain sqrt(5/8) of an error. Measured lengths are divided by
-this factor.
+balancing trial in Pose2Sim's example data (Pagnon et al. 2021, four cameras at 60 Hz, OpenPose BODY_25B, 100 frames).
+With four views, the residual relative to a triangulated point is sqrt(5/8) of the error. Measured lengths are therefore
+divided by this factor.
 """
 
 from __future__ import annotations
@@ -15,55 +15,55 @@ import numpy as np
 
 @dataclass(frozen=True)
 class DetectorFaults:
-    """Faults of a 2D pose detector, in millimetres at the person."""
+    """Faults of a 2D pose detector, in millimetres at the person's distance."""
 
     view_bias_mm: float = 0.0  # Error that depends on the viewing direction.
     drift_mm: float = 0.0  # Error that is correlated over ``drift_s``.
     drift_s: float = 0.19  # Time constant of the drift in seconds; measured.
-    jitter_mm: float = 0.0  # Error that is independent in every frame.
-    unevenness: float = 0.43  # Log standard deviation of drift and jitter over views and keypoints; measured.
-    occluded_missing: float = 0.0  # Fraction of occluded runs without detection.
-    occluded_jitter: float = 2.0  # Factor on drift and jitter in detected occluded runs; chosen by hand.
-    missing: float = 0.0  # Fraction of misses without a cause.
+    jitter_mm: float = 0.0  # Error that is independent in each frame.
+    unevenness: float = 0.43  # Log standard deviation of drift and jitter across views and keypoints; measured.
+    occluded_missing: float = 0.0  # Fraction of occluded runs in which nothing is detected.
+    occluded_jitter: float = 2.0  # Factor on drift and jitter in occluded runs that are detected; chosen by hand.
+    missing: float = 0.0  # Fraction of detections missed for no reason.
     burst_s: float = 0.2  # Mean duration of a run of misses in seconds; measured.
     outliers: float = 0.0  # Fraction of detections at a wrong position.
-    outlier_mm: float = 220.0  # Mean distance of outliers; measured median 223 mm.
+    outlier_mm: float = 220.0  # Mean distance between an outlier and the true position; measured median 223 mm.
     outlier_s: float = 0.047  # Mean duration of outlier runs in seconds; measured 2.8 frames at 60 Hz.
-    swaps_per_minute: float = 0.0  # Left-right exchanges per limb pair and view.
-    swap_frames: tuple[int, int] = (2, 30)  # Shortest and longest exchange in frames.
+    swaps_per_minute: float = 0.0  # Left-right swaps per minute for each limb pair and view.
+    swap_frames: tuple[int, int] = (2, 30)  # Shortest and longest swap in frames.
 
 
 @dataclass(frozen=True)
 class CameraFaults:
     """Faults of cameras."""
 
-    calibration_mm: float = 0.0  # Standard deviation per axis of the person's apparent shift in a view.
-    delay_frames: float = 0.0  # Largest delay of a camera. Each camera except the first draws one uniformly from 0.
+    calibration_mm: float = 0.0  # Standard deviation per axis of the person's apparent shift in each view.
+    delay_frames: float = 0.0  # Largest camera delay. Every camera but the first draws one uniformly from 0 to this.
 
 
 @dataclass(frozen=True)
 class MarkerFaults:
-    """Deviations of a recording from markers at their nominal positions that move with the bones."""
+    """Deviations of a recording from ideal markers, which have nominal positions and move rigidly with the bones."""
 
-    measurement_mm: float = 0.0  # Standard deviation per axis of the measurement.
-    placement_mm: float = 0.0  # Standard deviation per axis of a marker's position on the body.
+    measurement_mm: float = 0.0  # Standard deviation of the measurement per axis.
+    placement_mm: float = 0.0  # Standard deviation per axis of a marker's placement on the body.
     skin_mm: float = 0.0  # Standard deviation per axis of soft tissue motion, correlated over ``skin_s``.
-    skin_s: float = 0.3  # Time constant of the soft tissue in seconds; chosen by hand.
+    skin_s: float = 0.3  # Time constant of the soft tissue motion in seconds; chosen by hand.
     hidden: float = 0.0  # Fraction of samples lost in gaps.
     hidden_s: float = 0.25  # Mean duration of a gap in seconds; chosen by hand.
-    least_views: float = 0.0  # Minimum number of cameras in which a marker must be visible.
-    swaps_per_minute: float = 0.0  # Exchanges of two markers' labels.
-    swap_s: float = 0.4  # Duration of an exchange in seconds; chosen by hand.
-    ghosts: float = 0.0  # Fraction of a marker's samples that are a ghost near the body.
-    ghost_m: float = 0.15  # Standard deviation per axis of a ghost's distance from the marker; chosen by hand.
+    least_views: float = 0.0  # Number of cameras that must see a marker for it to be recorded.
+    swaps_per_minute: float = 0.0  # Label swaps between two markers, per minute.
+    swap_s: float = 0.4  # Duration of a swap in seconds; chosen by hand.
+    ghosts: float = 0.0  # Fraction of a marker's samples that are replaced by a ghost near the body.
+    ghost_m: float = 0.15  # Standard deviation per axis of the offset from the marker to the ghost; chosen by hand.
 
 
 @dataclass(frozen=True)
 class Faults:
-    """All faults that are added to the ground truth of a capture."""
+    """All faults added to the ground truth of a capture."""
 
     detector: DetectorFaults = field(default_factory=DetectorFaults)
-    anatomy_mm: float = 0.0  # Standard deviation per axis between joint definitions of a detector and of the body.
+    anatomy_mm: float = 0.0  # Standard deviation per axis between a detector's and the body's joint definitions.
     cameras: CameraFaults = field(default_factory=CameraFaults)
     markers: MarkerFaults = field(default_factory=MarkerFaults)
 
@@ -81,9 +81,9 @@ class Faults:
 MEASURED_DETECTOR = DetectorFaults(
     9.0, 17.0, jitter_mm=5.0, occluded_missing=0.5, missing=0.005, outliers=0.01, swaps_per_minute=6.0
 )
-"""Measured: 21 % bias, 72 % drift and 7 % jitter of the variance of 15.8 mm, misses of limbs and feet, and 0.95 % of
-detections beyond 100 mm. Chosen by hand: the fraction of occluded misses (the recording misses the face in 0-36 %,
-limbs in at most 1 %) and the exchanges (none in its 1.7 s)."""
+"""Measured: bias, drift and jitter (21 %, 72 % and 7 % of the variance of 15.8 mm), misses of limbs and feet, and 0.95
+% of detections beyond 100 mm. Chosen by hand: the fraction of occluded misses (the recording misses the face in 0-36 %,
+limbs in at most 1 %) and the swaps (none in its 1.7 s)."""
 DEMO_DETECTOR = DetectorFaults(  # For the demo: 5 px at 1920 px width, correlation 0.8 at 60 Hz.
     drift_mm=15.625, drift_s=0.07469033529540918, missing=0.08, burst_s=8 / 60, outliers=0.03, outlier_mm=250.0
 )
@@ -100,7 +100,7 @@ def autoregressive(shape: tuple[int, ...], correlation: float, rng: np.random.Ge
 
 
 def bursts(draws: np.ndarray, share: float, length: float) -> np.ndarray:
-    """Return a Markov chain's mask with runs of mean ``length`` that cover ``share``.
+    """Turn uniform draws into the mask of a Markov chain. Its runs have mean ``length`` and cover a fraction ``share``.
 
     ``draws`` (C, F, ...) are uniform in 0..1. ``length`` is in frames.
     """

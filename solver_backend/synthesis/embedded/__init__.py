@@ -1,1 +1,1 @@
-"""Create captures with ground truth: authored motion, cameras on tripods, simulated detectors."""
+"""Create captures with ground truth from an authored motion, cameras on tripods and simulated detectors."""

@@ -1,4 +1,4 @@
-"""Create the demo capture: four cameras around an authored motion, with a simulated detector."""
+"""Create the demo capture: an authored motion, seen by four cameras through a simulated detector."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ from solver_backend.types import (
 )
 
 _FILE = Path(__file__).parents[2] / "assets" / "choreography.json"
-_COLLAR_SHARE = 0.2  # Fraction of an arm's elevation that the collar bone performs.
-_STEPS_PER_S = 240  # Samples per second of the blended score.
-_SHARPNESS = 300.0  # Sharpness of the smooth minimum over sole points, 1/m.
+_COLLAR_SHARE = 0.2  # Fraction of an arm's elevation that comes from the collar bone.
+_STEPS_PER_S = 240  # Number of samples per second of the interpolated score.
+_SHARPNESS = 300.0  # Sharpness in 1/m of the smooth minimum over the sole points.
 
 
 class Choreography(NamedTuple):
-    """SMPL parameters of an authored motion, world Z up, floor at z = 0."""
+    """SMPL parameters of an authored motion, in a world with Z up and the floor at z = 0."""
 
     global_orient: np.ndarray  # (F, 3) rotation vectors in radians.
     body_pose: np.ndarray  # (F, 21, 3) rotation vectors in radians.
@@ -48,7 +48,7 @@ class Choreography(NamedTuple):
 
 @cache
 def _score() -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Return times (n,) in s, tracks (n, 64) of key poses, and the standing foot."""
+    """Return times (n,) in s, tracks (n, 64) of key poses, and which foot is standing at each time."""
     values = json.loads(_FILE.read_text(encoding="utf-8"))
     times, names, headings, feet = zip(*values["score"], strict=True)
     poses = [_rotvecs(values["poses"]["stand"] | values["poses"][name]).ravel() for name in names]
@@ -56,11 +56,11 @@ def _score() -> tuple[np.ndarray, np.ndarray, list[str]]:
 
 
 def author_motion(body: Body, betas: np.ndarray, num_frames: int, fps: float) -> Choreography:
-    """Play the score with blended key poses and a standing foot on the floor.
+    """Play the score: interpolate its key poses and keep the standing foot on the floor.
 
     Args:
         betas: (10,) shape coefficients.
-        num_frames: F. The score lasts six seconds and then freezes.
+        num_frames: number of frames F. The score lasts six seconds. After that, the pose is constant.
         fps: frames per second.
     """
     times, tracks, feet = _score()
@@ -89,7 +89,7 @@ def _rotvecs(pose: dict[str, list[float]]) -> np.ndarray:
 
 
 def _planted(body: Body, betas: np.ndarray, root: np.ndarray, local: np.ndarray, stance: list[str]) -> np.ndarray:
-    """Return translations that fix the standing foot's ball and keep soles on the floor."""
+    """Return translations that fix the ball of the standing foot and keep the soles on the floor."""
     still = forward_kinematics(body, betas, root, local, np.zeros((len(root), 3)))
     balls = {side: still.joints[:, SMPL_JOINTS.index(f"{side}_foot")] for side in ("left", "right")}
     transl = np.zeros((len(root), 3))
@@ -101,7 +101,7 @@ def _planted(body: Body, betas: np.ndarray, root: np.ndarray, local: np.ndarray,
 
 
 def _lowest(body: Body, betas: np.ndarray, G: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Return the (F,) height of the lowest point of both soles, smoothed when the standing foot changes."""
+    """Return the (F,) height of the lowest point on either sole. A smooth minimum avoids jumps between points."""
     rest = body.rest_joints(betas)
     lowest = (body.v_template[:, 1] + body.shapedirs[:, 1] @ betas).min()
     sole_depth = rest[SMPL_JOINTS.index("left_foot"), 1] - lowest
@@ -116,15 +116,15 @@ def _lowest(body: Body, betas: np.ndarray, G: np.ndarray, joints: np.ndarray) ->
     return -np.log(np.exp(-_SHARPNESS * (stacked - low)).sum(axis=0)) / _SHARPNESS + low
 
 
-PX_PER_MM = 0.32  # Pixels per millimetre at 4.2 m from the demo's cameras, with images 1920 px wide.
+PX_PER_MM = 0.32  # Pixels per millimetre at 4.2 m from the demo's cameras, for images 1920 px wide.
 
 
 def detect(
     px: np.ndarray, image_size: np.ndarray, fps: float, faults: DetectorFaults, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return noisy (C, F, K, 2) detections, NaN where missing, and (C, F, K) confidences for true pixels.
+    """Simulate a detector: return noisy (C, F, K, 2) pixels, NaN where missing, and (C, F, K) confidences.
 
-    ``px`` (C, F, K, 2) is NaN behind the camera. ``image_size`` (C, 2) is width and height.
+    ``px`` (C, F, K, 2) are the true pixels, NaN behind the camera. ``image_size`` (C, 2) is width and height.
     """
     scale = image_size[:, None, None, :].max(axis=-1, keepdims=True) / 1920
     correlation = float(np.exp(-1.0 / (faults.drift_s * fps)))
@@ -149,7 +149,7 @@ DEMO_BETAS = np.array([0.8, -0.5, 0.4, -0.3, 0.2, 0.3, -0.2, 0.1, 0.0, 0.2])  # 
 def demo_capture(
     num_frames: int = 360, fps: float = 60.0, seed: int = 7, faults: DetectorFaults = DEMO_DETECTOR
 ) -> Capture:
-    """Return the demo capture with its ground truth. The seed changes only the detector noise."""
+    """Return the demo capture with its ground truth. The seed only affects the detector noise."""
     body = load_body()
     root, local, transl = author_motion(body, DEMO_BETAS, num_frames, fps)
     joint_set = JointSet.BODY_25
@@ -168,14 +168,14 @@ def demo_capture(
 
 
 def smpl_truth(betas: np.ndarray, root: np.ndarray, local: np.ndarray, transl: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the ground truth of a capture from root and local rotation vectors."""
+    """Convert root and local rotation vectors to the ground truth of a capture."""
     body_pose = np.zeros((len(root), 3 * (NUM_JOINTS - 1)))
     body_pose[:, : local[0].size] = local.reshape(len(root), -1)
     return {"betas": betas, "global_orient": root, "body_pose": body_pose, "transl": transl}
 
 
 def tripods(target: np.ndarray, count: int = 4, radius_m: float = 4.2) -> Cameras:
-    """Return cameras on tripods around a target, with images of 1920 x 1080 and slight lens distortion."""
+    """Return cameras on tripods around a target. Their images are 1920 x 1080 px and slightly distorted."""
     angles = (
         np.deg2rad(35.0) + 2 * np.pi * (np.arange(count) + np.array([0.0, 0.08, -0.06, 0.05] * count)[:count]) / count
     )
@@ -193,15 +193,15 @@ def tripods(target: np.ndarray, count: int = 4, radius_m: float = 4.2) -> Camera
     return Cameras(names, K, distortion, R, t, np.tile([1920, 1080], (count, 1)))
 
 
-DEMO_TAKE = Path(__file__).parents[2] / "assets" / "demo_markers.c3d"  # Recording that is part of the repository.
-BETAS = np.array([-0.6, 0.7, -0.3, 0.5, -0.2, 0.1, 0.3, -0.2, 0.1, 0.0])  # Shape of the person who wears the markers.
+DEMO_TAKE = Path(__file__).parents[2] / "assets" / "demo_markers.c3d"  # Recording included in the repository.
+BETAS = np.array([-0.6, 0.7, -0.3, 0.5, -0.2, 0.1, 0.3, -0.2, 0.1, 0.0])  # Shape of the person wearing the markers.
 _SUBJECT = "Demo"
-_UNKNOWN = ("ARMBAND", "LUPA")  # A label in no layout, and the landmark next to its marker.
+_UNKNOWN = ("ARMBAND", "LUPA")  # A label that is in no layout, and the landmark beside which its marker sits.
 
 
 @dataclass(frozen=True)
 class RecordedMarkers:
-    """A recording of markers in F frames with its ground truth."""
+    """A recording of markers over F frames and its ground truth."""
 
     cloud: MarkerCloud
     truth: dict[str, np.ndarray]
@@ -209,12 +209,12 @@ class RecordedMarkers:
 
     @property
     def joints(self) -> np.ndarray:
-        """(F, 24, 3) joint positions in metres of the body that wore the markers."""
+        """(F, 24, 3) joint positions, in metres, of the body that wore the markers."""
         return self.truth["joints"]
 
 
 def record_markers(num_frames: int = 240, fps: float = 60.0, seed: int = 11, layout: str = "CMU_41") -> RecordedMarkers:
-    """Return a recording of a layout's markers and one marker with an unknown label."""
+    """Record the markers of a layout and one marker whose label is unknown."""
     body, rng, faults = load_body(), np.random.default_rng(seed), OPTICAL_MARKERS
     root, local, transl = author_motion(body, BETAS, num_frames, fps)
     places = (*marker_layout(layout), _UNKNOWN[1])

@@ -1,1 +1,1 @@
-"""Simulate a camera's view of moving bodies: occlusion and detector output."""
+"""Simulate how a camera sees moving bodies: occlusion and detector output."""

@@ -1,4 +1,4 @@
-"""Create people of random shape who repeat a recorded motion on the floor."""
+"""Create people of random shape who repeat a recorded motion on a level floor."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from solver_backend.body.mesh import pose_mesh
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import NUM_BETAS, SMPL_JOINTS, JointSet
 
-BETAS_SIGMA = 0.8  # Standard deviation of the drawn shapes, within the range of most people.
-FLOOR_S = 1.0  # Seconds within which a sole touches the floor.
-TOUCH_S = 0.05  # Standard deviation in seconds of the smoothing of the skin's lowest point.
-UPRIGHT = exp_so3(np.array([np.pi / 2, 0.0, 0.0]))  # Rotation from Y up to Z up.
+BETAS_SIGMA = 0.8  # Standard deviation of the random shapes, which keeps them within the range of most people.
+FLOOR_S = 1.0  # Length in seconds of the window within which a sole touches the floor.
+TOUCH_S = 0.05  # Standard deviation in seconds of the filter that smooths the height of the skin's lowest point.
+UPRIGHT = exp_so3(np.array([np.pi / 2, 0.0, 0.0]))  # Rotation from a world with Y up to a world with Z up.
 
 
 @dataclass(frozen=True)
 class Take:
-    """A recorded motion with F frames, Y up."""
+    """A recorded motion of F frames with Y up."""
 
     name: str
-    rotations: np.ndarray  # (F, 22, 3, 3) local rotations of the pelvis and joints 1..21 relative to the T-pose.
+    rotations: np.ndarray  # (F, 22, 3, 3) local rotations of the pelvis and joints 1 to 21 relative to the T-pose.
     root: np.ndarray  # (F, 3) pelvis positions in metres.
     fps: float
 
 
 @dataclass(frozen=True)
 class Person:
-    """A moving body in F frames."""
+    """A moving body over F frames."""
 
     body: Body
     betas: np.ndarray  # (10,) shape coefficients.
@@ -44,11 +44,11 @@ class Person:
         return Person(self.body, self.betas, self.orient[frames], self.local[frames], self.transl[frames])
 
     def pose(self, points: Landmarks, offsets: np.ndarray | None = None) -> PosedLandmarks:
-        """Return the body's landmarks in every frame, shifted by (L, 3) offsets in their rest frames."""
+        """Return the body's landmarks in every frame. (L, 3) offsets shift them in their rest frames."""
         return pose_landmarks(self.body, points, self.betas, self.orient, self.local, self.transl, offsets=offsets)
 
     def landmarks(self, joint_set: JointSet, offsets: np.ndarray | None = None) -> PosedLandmarks:
-        """Return the keypoints of a joint set, shifted by (K, 3) offsets in their rest frames."""
+        """Return the keypoints of a joint set. (K, 3) offsets shift them in their rest frames."""
         return self.pose(keypoint_landmarks(self.body, joint_set), offsets)
 
     def skin(self, frames: np.ndarray) -> np.ndarray:
@@ -56,10 +56,10 @@ class Person:
         return pose_mesh(self.body, self.betas, self.orient[frames], self.local[frames], self.transl[frames])
 
     def on_the_floor(self, fps: float) -> Person:
-        """Shift the person vertically so that a sole touches the floor within every second.
+        """Shift the person vertically so that a sole touches the floor at least once per second.
 
-        The correction is the running minimum of the sole heights over ``FLOOR_S``, smoothed with the same length. Ramps
-        and stairs become flat, shorter jumps remain.
+        The correction is the running minimum of the sole heights over ``FLOOR_S``, smoothed over the same duration.
+        Ramps and stairs become flat, but shorter jumps remain.
         """
         feet = [k for k, name in enumerate(JointSet.BODY_25.keypoints) if name.endswith(("_toe", "_heel"))]
         soles = self.landmarks(JointSet.BODY_25).points[:, feet, 2].min(axis=1)
@@ -79,7 +79,7 @@ class Person:
 def cast_person(
     take: Take, rng: np.random.Generator, body: Body | None = None, betas: np.ndarray | None = None
 ) -> Person:
-    """Return a person who repeats a take on the floor, with random or given shape."""
+    """Return a person with a random or given shape who repeats a take on the floor."""
     body = body or load_body()
     if betas is None:
         betas = np.clip(BETAS_SIGMA * rng.normal(size=NUM_BETAS), -2.0, 2.0)
@@ -92,30 +92,31 @@ def cast_person(
 
 
 def running_floor(height: np.ndarray, frames: int) -> np.ndarray:
-    """Return the (F,) smoothed minimum within ``frames`` around each frame."""
+    """Return the smoothed minimum of the (F,) heights within ``frames`` around each frame."""
     near = np.lib.stride_tricks.sliding_window_view(np.pad(height, frames // 2, mode="edge"), 2 * (frames // 2) + 1)
     lowest = np.pad(near.min(axis=1), 2 * frames, mode="edge")
     kernel = np.exp(-0.5 * (np.arange(-2 * frames, 2 * frames + 1) / (0.5 * frames)) ** 2)
     return np.convolve(lowest, kernel / kernel.sum(), mode="valid")
 
 
-_WAVES = 24  # Number of random waves in the displacement of the flesh.
-_WAVELENGTH_M = 0.25  # Typical wavelength in metres, as of a calf or belly.
+_WAVES = 24  # Number of random waves in the skin displacement.
+_WAVELENGTH_M = 0.25  # Typical wavelength in metres, about the size of a calf or belly.
 
 
 def strange_body(seed: int, bones: float = 0.04, flesh_mm: float = 6.0, body: Body | None = None) -> Body:
-    """Return a body with proportions unlike all shapes of the solver's body.
+    """Return a body whose proportions lie outside the solver's shape space.
 
-    Every bone is stretched along its axis by a random factor and carries its children. The skin follows by its weights
-    and is then displaced by a smooth random field. Joints follow the skin, so keypoints also move.
+    Every bone is stretched along its axis by a random factor, which also moves all bones below it. The skin follows
+    according to its skinning weights, and is then displaced by a smooth random field. The joints are recomputed from
+    the skin, so keypoints move too.
 
     Args:
-        bones: relative standard deviation of bone lengths. Left and right are equal.
+        bones: relative standard deviation of bone lengths. Left and right bones have equal lengths.
         flesh_mm: standard deviation of the skin's displacement along each axis.
-        body: body to change, ours if None.
+        body: body to change, or None for ours.
     """
     body, rng = body or load_body(), np.random.default_rng(seed)
-    # The right side takes the left's values. A joint's partner is nearest to its mirror image.
+    # The right side copies the left side's values. A joint's counterpart is the one nearest to its mirror image.
     mirrored = body.joints_template * [-1.0, 1.0, 1.0]
     twin = np.linalg.norm(body.joints_template[:, None] - mirrored[None], axis=-1).argmin(axis=1)
     values = rng.normal(size=len(body.parents))[np.minimum(np.arange(len(body.parents)), twin)]
@@ -137,7 +138,7 @@ def _stretched(body: Body, share: np.ndarray) -> np.ndarray:
 
 
 def _smooth_field(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return (N, 3) displacements of unit variance per axis at (N, 3) points, from a sum of random waves."""
+    """Return (N, 3) displacements with unit variance per axis at (N, 3) points, from a sum of random waves."""
     waves = rng.normal(size=(_WAVES, 3)) * (2 * np.pi / _WAVELENGTH_M / np.sqrt(3.0))
     phases, heights = rng.uniform(0, 2 * np.pi, _WAVES), rng.normal(size=(_WAVES, 3))
     return np.sqrt(2.0 / _WAVES) * np.cos(points @ waves.T + phases) @ heights

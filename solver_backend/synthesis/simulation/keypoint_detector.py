@@ -1,4 +1,4 @@
-"""Simulate a 2D pose detector: bias, drift, jitter, self-occlusion, outliers, exchanged limbs."""
+"""Simulate a 2D pose detector: bias, drift, jitter, self-occlusion, outliers and swapped limbs."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ _HARMONICS = np.sqrt([0.2, 0.4, 0.4, 0.4, 0.4])  # Amplitudes of a bias over the
 
 @dataclass(frozen=True)
 class DetectorOutput:
-    """Detections and their faults."""
+    """Detections and the faults in them."""
 
     xy: np.ndarray  # (C, F, K, 2) pixels, NaN where missing.
     confidence: np.ndarray  # (C, F, K) confidences, 0 where missing.
-    swapped: np.ndarray  # (C, F, K) bool, True if the detection is the other side's.
+    swapped: np.ndarray  # (C, F, K) bool, True if the detection shows the opposite side.
     outlier: np.ndarray  # (C, F, K) bool, True for outliers.
     swaps: np.ndarray  # (N, 4) integers: view, index into ``EXCHANGED``, first frame, frame after the last.
 
 
 @dataclass(frozen=True)
 class Sight:
-    """True view of K keypoints from C cameras."""
+    """True view of K keypoints in C cameras."""
 
     px: np.ndarray  # (C, F, K, 2) true pixels.
-    px_per_mm: np.ndarray  # (C, F, K) pixels per millimetre at the point.
-    seen_from: np.ndarray  # (C, F) angle in radians of the camera about the body's vertical axis, 0 in front.
-    occluded: np.ndarray  # (C, F, K) bool, True if occluded.
+    px_per_mm: np.ndarray  # (C, F, K) pixels per millimetre at each point.
+    seen_from: np.ndarray  # (C, F) angle in radians of each camera about the body's vertical axis, 0 in front.
+    occluded: np.ndarray  # (C, F, K) bool, True for occluded points.
     image_size: np.ndarray  # (C, 2) image width and height.
 
 
 def detect_keypoints(
     sight: Sight, joint_set: JointSet, fps: float, faults: DetectorFaults, rng: np.random.Generator
 ) -> DetectorOutput:
-    """Return detections of the K keypoints of a joint set."""
+    """Simulate detections of the K keypoints in a joint set."""
     px, occluded = sight.px, sight.occluded
     shape = px.shape[:-1]
     uneven = np.exp(faults.unevenness * rng.normal(size=(shape[0], 1, shape[2], 1)) - faults.unevenness**2)
@@ -65,7 +65,7 @@ def detect_keypoints(
 
 
 def bias_by_direction(seen_from: np.ndarray, num_keypoints: int, rng: np.random.Generator) -> np.ndarray:
-    """Return (C, F, K, 2) bias of unit variance, a smooth function of the direction."""
+    """Return (C, F, K, 2) bias with unit variance that varies smoothly with the direction."""
     waves = rng.normal(size=(5, num_keypoints, 2)) * _HARMONICS[:, None, None]
     one, double = seen_from, 2 * seen_from
     basis = np.stack([np.ones_like(one), np.cos(one), np.sin(one), np.cos(double), np.sin(double)], axis=-1)
@@ -73,7 +73,7 @@ def bias_by_direction(seen_from: np.ndarray, num_keypoints: int, rng: np.random.
 
 
 def _elsewhere(shape: tuple[int, ...], faults: DetectorFaults, rng: np.random.Generator) -> np.ndarray:
-    """Return (C, F, K, 2) outlier offsets in millimetres, constant for the duration of an outlier run."""
+    """Return (C, F, K, 2) outlier offsets in millimetres, constant during each outlier run."""
     hold = np.repeat(np.arange(0, shape[1], 6), 6)[: shape[1]]
     angle, factor = rng.uniform(0, 2 * np.pi, shape)[:, hold], rng.uniform(0.5, 1.5, shape)[:, hold]
     return faults.outlier_mm * factor[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -90,7 +90,7 @@ def _confidence(
 def _swaps(
     shape: tuple[int, ...], joint_set: JointSet, fps: float, faults: DetectorFaults, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (C, F, K) mask of exchanged limbs, and (N, 4) separate exchanges."""
+    """Return the (C, F, K) mask of swapped limbs, and the list of (N, 4) individual swaps."""
     mask, swaps = np.zeros(shape, dtype=bool), []
     for limb, columns in enumerate(exchanged_columns(joint_set).values()):
         for view in range(shape[0]):
@@ -106,20 +106,20 @@ def _swaps(
 
 
 def exchanged_columns(joint_set: JointSet) -> dict[str, list[int]]:
-    """Return the columns that are exchanged together, with both sides of each limb pair."""
+    """For each limb pair, return the columns that are swapped together, on both sides."""
     return {limb: sorted(np.concatenate(limb_columns(joint_set, limb)).tolist()) for limb in EXCHANGED}
 
 
 def direction_seen_from(cameras: Cameras, orient: np.ndarray, pelvis: np.ndarray) -> np.ndarray:
-    """Return (C, F) angles of each camera about a body's vertical axis, 0 in front."""
+    """Return the (C, F) angle of each camera about a body's vertical axis, 0 in front."""
     way = np.einsum("fij,cfi->cfj", orient, cameras.centres[:, None] - pelvis)
     return np.arctan2(way[..., 0], way[..., 2])
 
 
 def miscalibrated(cameras: Cameras, centre: np.ndarray, error_mm: float, rng: np.random.Generator) -> Cameras:
-    """Rotate the cameras slightly to shift a point at ``centre`` by ``error_mm`` per axis.
+    """Rotate each camera slightly, so that a point at ``centre`` appears shifted by ``error_mm`` per axis.
 
-    The common shift of all cameras is removed, because it only moves the world.
+    The shift that all cameras have in common is removed, because it would only move the world.
     """
     right, down = cameras.R[:, 0], cameras.R[:, 1]
     shift = 1e-3 * error_mm * rng.normal(size=(len(cameras), 2))
@@ -133,7 +133,7 @@ def miscalibrated(cameras: Cameras, centre: np.ndarray, error_mm: float, rng: np
 
 
 def delayed(track: np.ndarray, frames: float) -> np.ndarray:
-    """Delay an (F, ...) track by a number of frames, with linear interpolation and constant ends."""
+    """Delay an (F, ...) track by a number of frames. Values are interpolated linearly and held at the ends."""
     at = np.clip(np.arange(len(track)) - frames, 0, len(track) - 1)
     first = np.minimum(np.floor(at).astype(int), len(track) - 2)
     share = (at - first).reshape(-1, *([1] * (track.ndim - 1)))
@@ -146,7 +146,7 @@ def px_per_mm(cameras: Cameras, points: np.ndarray) -> np.ndarray:
     return cameras.K[:, 0, 0, None, None] / (1000.0 * np.maximum(depth, 0.1))
 
 
-_CLEARANCE_M = 0.035  # Distance (m) from the end of a sight line to its point, which is on or below the skin.
+_CLEARANCE_M = 0.035  # Distance (m) from a sight line's end to its point, which is on or below the skin.
 _NECK = ("neck", "head", "spine3", "left_collar", "right_collar")
 _FOOT = ("ankle", "foot")
 _AROUND: dict[str, tuple[str, ...]] = {
@@ -162,15 +162,15 @@ _AROUND: dict[str, tuple[str, ...]] = {
     "elbow": ("shoulder", "elbow"),
     "wrist": ("elbow", "wrist", "hand"),
 }
-"""Parts by the joint that moves them. They contain a keypoint and do not hide it. No side means the same side."""
+"""Parts around each keypoint that cannot hide it, named by their joints. Names without a side mean the same side."""
 
 
 def stabbed_faces(skin: np.ndarray, faces: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pairs (face, target) in which a face blocks the sight line.
+    """Return the (face, target) pairs in which a face blocks the line of sight to a target.
 
-    In the plane z = 1 a face covers a target if all three barycentric coordinates are positive. They interpolate the
-    inverse depths of the corners (perspective-correct). ``skin`` (V, 3) and ``targets`` (K, 3) are in the camera's
-    frame. ``faces`` (T, 3) are counter-clockwise from outside.
+    In the plane z = 1, a face covers a target if all three barycentric coordinates are positive. With them, the inverse
+    depths of the corners are interpolated (perspective-correct). ``skin`` (V, 3) and ``targets`` (K, 3) are in the
+    camera's frame. ``faces`` (T, 3) are counter-clockwise when seen from outside.
     """
     flat, goal = skin[:, :2] / skin[:, 2:], targets[:, :2] / targets[:, 2:]
     a, b, c = (flat[faces[:, i]] for i in range(3))
@@ -192,7 +192,7 @@ def stabbed_faces(skin: np.ndarray, faces: np.ndarray, targets: np.ndarray) -> t
 
 
 def own_faces(body: Body, keypoints: tuple[str, ...]) -> np.ndarray:
-    """Return a (K, T) mask of the faces that belong to a part containing the keypoint."""
+    """Return a (K, T) mask of the faces in those parts that contain each keypoint."""
     part = body.weights[body.faces].sum(axis=1).argmax(axis=-1)
     own = np.zeros((len(keypoints), len(part)), dtype=bool)
     for k, name in enumerate(keypoints):
@@ -205,5 +205,5 @@ def own_faces(body: Body, keypoints: tuple[str, ...]) -> np.ndarray:
 
 
 def cross_2d(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the (...) cross products of (..., 2) vectors in the plane."""
+    """Return the (...) cross products of (..., 2) vectors in a plane."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

@@ -1,1 +1,1 @@
-"""Create captures with known ground truth from a description of shots."""
+"""Create captures with known ground truth from a list of described shots."""

@@ -1,4 +1,4 @@
-"""Define camera arrays: rings, corners, a capture's cameras, and real devices."""
+"""Define camera arrays: rings, corners, the cameras of a capture, and real devices."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from solver_backend.geometry.alignment import look_at
 from solver_backend.synthesis.studio.checked_values import CheckedValues, StudioInvalid
 from solver_backend.types import Cameras
 
-_AHEAD_M = 3.0  # Distance (m) from the cameras' centre to their target if the axes do not intersect; chosen by hand.
+_AHEAD_M = 3.0  # Distance (m) from the mean camera centre to the target if the axes do not meet; chosen by hand.
 _TRUST = 1e-3  # Weight of that target relative to one camera axis; chosen by hand.
 
 
 def aim_point(cameras: Cameras) -> np.ndarray:
-    """Return the (3,) target of the cameras in metres: the point closest to all optical axes.
+    """Return the (3,) point in metres at which the cameras aim: the point closest to all optical axes.
 
-    With centres c and unit axes d it minimises ``sum |(I - d d^T) (p - c)|^2``. A small weight pulls it to the point 3
-    m in front of the cameras' centre, which decides for parallel axes and single cameras.
+    With centres c and unit axes d, it minimises ``sum |(I - d d^T) (p - c)|^2``. A small weight pulls it towards the
+    point 3 m in front of the mean camera centre. This determines the result if the axes are parallel or there is only
+    one camera.
     """
     axes, centres = cameras.R[:, 2], cameras.centres
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
@@ -34,41 +35,41 @@ def aim_point(cameras: Cameras) -> np.ndarray:
 
 
 def scaled(cameras: Cameras, by: float) -> Cameras:
-    """Scale the images of the cameras to at least 16 pixels per side."""
+    """Scale the cameras' images, to no less than 16 pixels per side."""
     if by == 1.0:
         return cameras
     size = np.maximum(16, np.round(by * cameras.image_size)).astype(cameras.image_size.dtype)
     ratio = size / cameras.image_size
     K = cameras.K.copy()
     K[:, :2] *= ratio[:, :, None]
-    # Pixel (0, 0) is the centre of the first pixel, so edges are half a pixel before it.
+    # Pixel (0, 0) is the centre of the first pixel, so the image edge is half a pixel before it.
     K[:, :2, 2] += 0.5 * ratio - 0.5
     return replace(cameras, K=K, image_size=size)
 
 
 PRESETS = Path(__file__).parents[2] / "assets" / "studio_camera_arrays.json"
 LAYOUTS = ("ring", "corners", "capture", "cameras")
-STANDS = ("world", "aim")  # Person's position in front of fixed cameras: as in the motion, or at their target.
+STANDS = ("world", "aim")  # Where the person moves in front of fixed cameras: as in the motion, or at their target.
 _KNOWN = (
     *("name", "layout", "about", "count", "radius_m", "height_m", "height_step_m", "room_m", "target_m"),
     *("size", "fov_deg", "distortion", "capture", "cameras", "range_m", "turn_deg", "scale", "stand", "leave_out"),
     "widest",
 )
-_TARGET_M = (0.0, 0.0, 0.95)  # Target of cameras in metres, near a standing person's pelvis.
+_TARGET_M = (0.0, 0.0, 0.95)  # Target of the cameras in metres, near a standing person's pelvis.
 
 
 @dataclass(frozen=True)
 class CameraRing:
-    """A named camera array, before it is placed around a person."""
+    """A named camera array before it is placed around a person."""
 
     name: str  # Part of a shot's name.
-    cameras: Cameras  # Cameras around the origin, where the centre of the person's path is placed.
-    range_m: tuple[float, float]  # Smallest and largest depth that the sensors measure, metres.
-    fixed: bool  # True if the cameras keep their position in the world.
-    stand: np.ndarray | None = None  # (2,) centre of the path in front of fixed cameras, metres. None keeps it.
+    cameras: Cameras  # Cameras around the origin, which is placed at the centre of the person's path.
+    range_m: tuple[float, float]  # Smallest and largest depth that the sensors measure, in metres.
+    fixed: bool  # True if the cameras keep their positions in the world.
+    stand: np.ndarray | None = None  # (2,) centre of the path for fixed cameras, metres. None leaves the path as it is.
 
     def around(self, place: np.ndarray) -> Cameras:
-        """Move the cameras horizontally so that the person at (3,) ``place`` is in their centre."""
+        """Move the cameras horizontally so that a person at (3,) ``place`` is in their centre."""
         if self.fixed:
             return self.cameras
         move = np.array([place[0], place[1], 0.0])
@@ -77,16 +78,16 @@ class CameraRing:
 
 @cache
 def camera_array_presets() -> dict[str, dict[str, Any]]:
-    """Return the included presets by name."""
+    """Return the built-in presets by name."""
     return json.loads(PRESETS.read_text(encoding="utf-8"))["presets"]
 
 
 def build_camera_array(description: Any, folder: Path = Path()) -> CameraRing:
-    """Build a camera array from its description: the name of a preset, or an object.
+    """Build a camera array from its description, which is the name of a preset or an object.
 
     Raises:
         StudioInvalid: a key or preset is unknown, or a value is invalid.
-        MocapError: a capture cannot be read, or has no cameras.
+        MocapError: a capture cannot be read, or contains no cameras.
     """
     values = CheckedValues.described(description, "camera array", _KNOWN, camera_array_presets())
     layout = values.choice("layout", "ring", LAYOUTS)
@@ -129,7 +130,7 @@ def _corners(values: CheckedValues, folder: Path) -> Cameras:
 
 
 def _aimed(values: CheckedValues, centres: np.ndarray) -> Cameras:
-    """Return identical cameras at (C, 3) centres that point to one target."""
+    """Return identical cameras at (C, 3) centres that all point at one target."""
     target = values.numbers("target_m", 3) if "target_m" in values else np.array(_TARGET_M)
     scale = values.number("scale", 1.0, 0.05, 4.0)
     width, height = (max(16, round(scale * side)) for side in values.size("size", (640, 480)))

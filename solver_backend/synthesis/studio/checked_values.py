@@ -1,4 +1,4 @@
-"""Read values of a JSON description with checks. Errors state the location and the valid values."""
+"""Read and check the values in a JSON description. Errors state the location and the valid values."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from solver_backend.exchange.errors import JobInvalid, MocapError
 
 
 class StudioInvalid(JobInvalid):
-    """The description of a data set has an unknown key or preset, a wrong type or an invalid value."""
+    """The description of a data set contains an unknown key or preset, a wrong type or an invalid value."""
 
     code = "studio_invalid"
 
@@ -27,22 +27,22 @@ class CameraInsideBody(MocapError):
 
 
 class DiskTooSmall(MocapError):
-    """The data set needs more space than the disk has."""
+    """The data set needs more space than is free on the disk."""
 
 
 class OtherDataSet(MocapError):
-    """The output folder contains another data set, or other files."""
+    """The output folder contains a different data set, or other files."""
 
 
 T = TypeVar("T")
-_LARGEST = sys.float_info.max  # Integers in JSON may be larger. Infinite and missing values are not in the range.
+_LARGEST = sys.float_info.max  # JSON allows larger integers. Infinite and missing values are outside this range, too.
 
 
 class CheckedValues:
-    """An object in a description. Errors call it ``where``.
+    """An object in a description. Error messages refer to it as ``where``.
 
     Raises:
-        StudioInvalid: it is not an object, or has an unknown key.
+        StudioInvalid: the description is not an object, or contains an unknown key.
     """
 
     def __init__(self, values: Any, where: str, known: Iterable[str]) -> None:
@@ -60,9 +60,9 @@ class CheckedValues:
     def described(
         cls, description: Any, where: str, known: Iterable[str], presets: Mapping[str, Mapping[str, Any]]
     ) -> CheckedValues:
-        """Return the values of a named preset, or of an object that may start from a preset.
+        """Return the values of a named preset, or of an object that may extend a preset.
 
-        The preset's name is the default of the key ``name``, if that key is known.
+        The preset's name is the default value of the key ``name``, if that key is known.
 
         Raises:
             StudioInvalid: a key or preset is unknown.
@@ -83,7 +83,7 @@ class CheckedValues:
         return key in self._values
 
     def raw(self, key: str, default: Any = None) -> Any:
-        """Return an unchecked value."""
+        """Return a value without checking it."""
         return self._values.get(key, default)
 
     def number(self, key: str, default: float, low: float, high: float) -> float:
@@ -108,7 +108,7 @@ class CheckedValues:
         return value
 
     def text(self, key: str, default: str) -> str:
-        """Return a text. It must not be empty unless its default is."""
+        """Return a string. It must not be empty unless the default is."""
         value = self._values.get(key, default)
         if not isinstance(value, str) or (not value and default):
             raise self._bad(key, value, "a text")
@@ -122,7 +122,7 @@ class CheckedValues:
         return value
 
     def choices(self, key: str, default: Iterable[str], known: Iterable[str]) -> tuple[str, ...]:
-        """Return several of the known names without repetition."""
+        """Return several of the known names without duplicates."""
         value, names = self._values.get(key, list(default)), tuple(known)
         if not isinstance(value, list) or any(item not in names for item in value):
             raise self._bad(key, value, f"a list of {', '.join(names)}")
@@ -146,10 +146,10 @@ class CheckedValues:
         return int(value[0]), int(value[1])
 
     def fill(self, kind: type[T], limits: Mapping[str, Any], **given: Any) -> T:
-        """Build a dataclass. Its fields with defaults take their values from the description.
+        """Build a dataclass. Fields that have defaults take their values from the description.
 
         Args:
-            limits: range of each number, names of each choice. Fields without an entry are booleans.
+            limits: the range of each number and the names of each choice. Fields without an entry are booleans.
             given: values of the other fields.
         """
         for key, ends in limits.items():

@@ -1,4 +1,4 @@
-"""Draw a contact sheet of a data set and write its data card."""
+"""Draw the contact sheet of a data set and write its data card."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _COLOURS = _COLOURS.reshape(-1, 3)  # One row per label.
 
 
 def write_card(out: Path) -> list[Path]:
-    """Write the data card and the contact sheet of a data set, and return their paths."""
+    """Write the data card and the contact sheet of a data set. Return their paths."""
     spec, records = read_data_set(out)
     sheet = contact_sheet(out, records)
     if sheet is not None:
@@ -39,7 +39,7 @@ def write_card(out: Path) -> list[Path]:
 
 
 def contact_sheet(out: Path, records: list[ShotRecord]) -> np.ndarray | None:
-    """Return (h, w, 3) uint8 with up to 24 images of different shots, or None."""
+    """Return a (h, w, 3) uint8 sheet of up to 24 images from different shots, or None if there are no images."""
     tiles = []
     for i in range(_TILES):
         record = records[i * len(records) // _TILES if len(records) >= _TILES else i % len(records)]
@@ -59,7 +59,7 @@ def contact_sheet(out: Path, records: list[ShotRecord]) -> np.ndarray | None:
 
 
 def shown(kind: str, picture: np.ndarray) -> np.ndarray:
-    """Convert an image of any kind to (h, w, 3) uint8 for viewing."""
+    """Convert an image of any kind to (h, w, 3) uint8 for display."""
     if kind == "masks":
         return _COLOURS[np.minimum(picture, len(LABELS) - 1)]
     if picture.ndim == 3:
@@ -72,7 +72,7 @@ def shown(kind: str, picture: np.ndarray) -> np.ndarray:
 
 
 def _fitted(picture: np.ndarray) -> np.ndarray:
-    """Crop an image to the aspect of the tile and average it down to its size."""
+    """Crop an image to the aspect ratio of the tile and scale it down to the tile size by averaging."""
     width, height = _TILE
     scale = min(picture.shape[1] / width, picture.shape[0] / height)
     x0, y0 = (picture.shape[1] - scale * width) / 2, (picture.shape[0] - scale * height) / 2
@@ -85,7 +85,7 @@ def _fitted(picture: np.ndarray) -> np.ndarray:
 
 
 def card_text(spec: Spec, records: list[ShotRecord], has_sheet: bool) -> str:
-    """Return the data card as Markdown."""
+    """Return the text of the data card in Markdown."""
     views = np.sum([record["views"] for record in records], axis=0)
     frames = sum(record["frames"] for record in records)
     pictures = sum(record["frames"] * len(record["cameras"]) * len(record["film"]) for record in records)

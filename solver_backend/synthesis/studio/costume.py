@@ -1,7 +1,7 @@
-"""Create clothes and hair as patches of the skin, moved outwards.
+"""Create clothes and hair from patches of skin that are moved outwards.
 
-Skin below a garment is omitted except at the hem, so that it cannot pierce the garment in any pose. Garments taper to
-the skin at their borders. A layer needs no simulation and no mesh, because its vertices are the body's, offset.
+The skin below a garment is removed except at the hem, so that it cannot pierce the garment in any pose. Garments taper
+to the skin at their borders. No layer needs a simulation or its own mesh, because its vertices are the body's, offset.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from solver_backend.types import SMPL_JOINTS
 
 LABELS = ("nothing", "skin", "top", "bottom", "suit", "shoes", "hair", "marker", "furniture", "room")
 SKIN, HAIR, MARKER, FURNITURE, ROOM = 1, 6, 7, 8, 9
-_HEM_RINGS = 2  # Number of skin rings that remain below a garment's border and over which it tapers.
-_LEAST_M = 0.0006  # Smallest distance between layers in metres, so that none shows through; chosen by hand.
-_WAVES = 10  # Number of waves in the folds; chosen by hand.
+_HEM_RINGS = 2  # Number of rings of skin that remain below a garment's border, over which the garment tapers.
+_LEAST_M = 0.0006  # Smallest distance between layers in metres, so that none shows through another; chosen by hand.
+_WAVES = 10  # Number of waves that make up the folds; chosen by hand.
 _OUTFITS: dict[str, tuple[tuple[str, float], ...]] = {  # Layers from the skin outwards (m); chosen by hand.
     "bare": (),
     "suit": (("suit", 0.002),),
@@ -33,14 +33,14 @@ _LABEL_OF |= {"tunic": "top", "short": "hair", "long": "hair"}
 
 @dataclass(frozen=True)
 class Costume:
-    """Complete surface of the person with N vertices and T triangles."""
+    """The complete surface of a person, which has N vertices and T triangles."""
 
-    base: np.ndarray  # (N,) body vertex of each vertex.
-    offset_m: np.ndarray  # (N,) offset in metres along the posed normal.
-    faces: np.ndarray  # (T, 3) indices into the N vertices, counter-clockwise from outside.
+    base: np.ndarray  # (N,) body vertex from which each vertex is offset.
+    offset_m: np.ndarray  # (N,) offset in metres along the normal of the posed skin.
+    faces: np.ndarray  # (T, 3) indices into the N vertices, counter-clockwise when seen from outside.
     label: np.ndarray  # (T,) uint8 index into ``LABELS``.
-    part: np.ndarray  # (T,) joint with the largest influence on each triangle.
-    body_face: np.ndarray  # (T,) body triangle below each triangle.
+    part: np.ndarray  # (T,) joint that has the largest influence on each triangle.
+    body_face: np.ndarray  # (T,) body triangle beneath each triangle.
 
     def posed(self, skin: np.ndarray, corners: CornerSums) -> np.ndarray:
         """Return the (F, N, 3) surface for an (F, V, 3) posed skin."""
@@ -50,7 +50,7 @@ class Costume:
 
 
 class CornerSums:
-    """Computes vertex normals of a mesh with (T, 3) faces in any pose."""
+    """Computes the vertex normals of a mesh with (T, 3) faces in any pose."""
 
     def __init__(self, faces: np.ndarray, count: int) -> None:
         flat = faces.ravel()
@@ -70,14 +70,14 @@ class CornerSums:
 
 
 def draw_outfit(clothes: str, hair: str, rng: np.random.Generator) -> tuple[str, str]:
-    """Return clothes and hair after replacing 'random' by a random choice."""
+    """Return clothes and hair, with 'random' replaced by a random choice."""
     dressed = [name for name in _OUTFITS if name not in ("bare", "suit")]
     drawn = str(rng.choice(dressed)), str(rng.choice(["none", "short", "short", "long"]))
     return (drawn[0] if clothes == "random" else clothes), (drawn[1] if hair == "random" else hair)
 
 
 def dress(body: Body, clothes: str, hair: str, rng: np.random.Generator) -> Costume:
-    """Return the surface of a body with clothes and hair. ``rng`` shapes folds and hair."""
+    """Return the surface of a body with clothes and hair. ``rng`` determines folds and hair."""
     layers = [*_OUTFITS[clothes], *(() if hair == "none" else ((hair, 0.012 if hair == "short" else 0.02),))]
     regions = _Regions(body)
     covers = [regions.of(name) for name, _ in layers]
@@ -104,7 +104,7 @@ def dress(body: Body, clothes: str, hair: str, rng: np.random.Generator) -> Cost
 
 
 def _hidden(body: Body, rings: list[np.ndarray]) -> np.ndarray:
-    """Return a (T,) mask of triangles that are completely below a garment and away from its hem."""
+    """Return a (T,) mask of the triangles that lie completely below a garment and not at its hem."""
     hidden = np.zeros(len(body.faces), dtype=bool)
     for ring in rings:
         hidden |= (ring[body.faces] >= _HEM_RINGS).all(axis=1)
@@ -112,7 +112,7 @@ def _hidden(body: Body, rings: list[np.ndarray]) -> np.ndarray:
 
 
 def _rings_inside(body: Body, cover: np.ndarray) -> np.ndarray:
-    """Return (V,) numbers of edges from each vertex to a region's border, 0 outside, at most 5."""
+    """Return the (V,) number of edges from each vertex to its region's border, at most 5, and 0 outside."""
     edges = np.concatenate([body.faces[:, [0, 1]], body.faces[:, [1, 2]], body.faces[:, [2, 0]]])
     inside = cover.copy()
     rings = np.zeros(len(cover))
@@ -126,14 +126,14 @@ def _rings_inside(body: Body, cover: np.ndarray) -> np.ndarray:
 
 
 def _folds(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return (N,) smooth fold heights in about -1..1, with waves mostly across the body."""
+    """Return (N,) smooth fold heights between about -1 and 1. The waves run mostly across the body."""
     waves = rng.normal(size=(_WAVES, 3)) * [14.0, 26.0, 14.0]
     phases = rng.uniform(0, 2 * np.pi, _WAVES)
     return np.sqrt(2.0 / _WAVES) * np.cos(points @ waves.T + phases).sum(axis=1) * 0.7
 
 
 class _Regions:
-    """Skin regions by garment, from the joint that moves a vertex and its position on the resting body."""
+    """Skin regions of garments, defined by the joint that moves a vertex and the vertex's position at rest."""
 
     def __init__(self, body: Body) -> None:
         owner = body.weights.argmax(axis=1)
@@ -144,7 +144,7 @@ class _Regions:
         self._at = {name: joints[k] for k, name in enumerate(SMPL_JOINTS)}
 
     def of(self, garment: str) -> np.ndarray:
-        """Return the (V,) mask of a garment's region."""
+        """Return the (V,) mask of the region that a garment covers."""
         return getattr(self, f"_{garment}")()
 
     def _in(self, *parts: str) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Create a data set on disk, shot by shot and resumable."""
+"""Create a data set on disk shot by shot. An interrupted run can be resumed."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from solver_backend.synthesis.studio.stage import Shot, list_shots, require_sigh
 DESCRIPTION, SHOTS = "studio.json", "shots"
 _FORMAT = "manifold_mocap_studio"
 _BYTES_PER_PIXEL = {"infrared": 1.5, "depth": 1.5, "masks": 0.04, "normals": 0.25, "exr": 9.0, "video": 0.3}
-"""Bytes per pixel of PNG, EXR and MP4, slightly more than measured for the presets."""
-_QUIET_COLOUR = 0.8  # The same for colour without noise. Noise adds its bits to each of three channels.
-_NIGHT_GAIN = 4.0  # Factor on sensor noise at night.
+"""Bytes per pixel in PNG, EXR and MP4 files, slightly more than measured for the presets."""
+_QUIET_COLOUR = 0.8  # Bytes per pixel of colour images without noise. Noise adds bits in each of the three channels.
+_NIGHT_GAIN = 4.0  # Factor on the sensor noise at night.
 _BYTES_PER_FRAME = {"pose2sim": 1700, "coco": 700}  # Bytes per view and frame.
 _TRUTH_BYTES = 9000  # Bytes per view and frame for ground truth and captures.
-_SCENE_BYTES = 260_000  # Bytes per shot in colour.
-_SPARE = 64 * 2**20  # Bytes that remain free on the disk; chosen by hand.
+_SCENE_BYTES = 260_000  # Bytes per shot for the scene, if there are colour images.
+_SPARE = 64 * 2**20  # Bytes that must remain free on the disk; chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Plan:
 
 
 def plan(spec: Spec) -> Plan:
-    """Return the size of a described data set. Raise ``FileMissing`` if a motion does not exist."""
+    """Estimate the size of a described data set. Raise ``FileMissing`` if a motion does not exist."""
     shots = list_shots(spec)
     total, pictures = 0.0, 0
     for shot in shots:
@@ -65,11 +65,11 @@ def plan(spec: Spec) -> Plan:
 
 
 def check_data_set(spec: Spec, out: Path) -> Plan:
-    """Check a data set without writing anything, and return its size.
+    """Check whether a data set can be made without writing anything. Return its size.
 
     Raises:
-        OtherDataSet: the folder contains another data set, or other files.
-        DiskTooSmall: the disk has too little space for the missing shots.
+        OtherDataSet: the folder contains a different data set, or other files.
+        DiskTooSmall: the disk has too little space for the remaining shots.
         NobodySeen, CameraInsideBody: a shot cannot be rendered.
         MocapError: a motion cannot be read.
     """
@@ -82,7 +82,7 @@ def check_data_set(spec: Spec, out: Path) -> Plan:
         message = f"The data set needs about {_size(needed)} but the disk has only {_size(free)} free."
         hint = "Film fewer frames, smaller pictures or fewer kinds, or choose another disk."
         raise DiskTooSmall(message, where=str(out), hint=hint)
-    # Check one shot per motion and array, because the person hardly changes the view.
+    # Check one shot per motion and array, because the choice of person hardly affects the view.
     left = {(s.motion.name, s.array.name): s for s in reversed(found.shots) if s not in done}
     for shot in reversed(left.values()):
         require_sight(set_up(spec, shot))
@@ -90,7 +90,7 @@ def check_data_set(spec: Spec, out: Path) -> Plan:
 
 
 def open_data_set(spec: Spec, out: Path) -> Plan:
-    """Check a data set and claim its folder. Raise ``OutputNotWritable``."""
+    """Check a data set and reserve its folder. Raise ``OutputNotWritable`` if that fails."""
     found = check_data_set(spec, out)
     check_output(out / DESCRIPTION, overwrite=True)
     record = {"format": _FORMAT, "version": VERSION, "digest": digest(spec), "folder": str(spec.folder)}
@@ -100,13 +100,13 @@ def open_data_set(spec: Spec, out: Path) -> Plan:
 
 
 def make_data_set(spec: Spec, out: Path, progress: Progress = silent, only: Collection[str] = ()) -> list[ShotRecord]:
-    """Make every missing shot of a data set, and return the contents of each ``shot.json``.
+    """Make every missing shot in a data set. Return the contents of each ``shot.json``.
 
     Args:
-        only: names of shots to make in a claimed folder. If empty, claim the folder and make all.
+        only: names of shots to make in a reserved folder. If empty, reserve the folder and make all.
 
     Raises:
-        FileMissing: there is no shot with this name, or the folder was not claimed.
+        FileMissing: there is no shot with this name, or the folder was not reserved.
         MocapError: see ``open_data_set`` and ``make_shot``.
     """
     if only:
@@ -137,7 +137,7 @@ def _chosen(spec: Spec, out: Path, names: Collection[str]) -> tuple[Shot, ...]:
 
 
 def read_data_set(out: Path) -> tuple[Spec, list[ShotRecord]]:
-    """Return description and shots of a finished data set. Raise FileMissing, FileDamaged."""
+    """Return the description and shots of a finished data set. Raise FileMissing or FileDamaged."""
     values = _description(out)
     if values is None:
         raise FileMissing("The folder contains no data set of the studio.", where=str(out))
@@ -153,7 +153,7 @@ def read_data_set(out: Path) -> tuple[Spec, list[ShotRecord]]:
 
 
 def digest(spec: Spec) -> str:
-    """Return the identity of a data set, a hash of its description in hexadecimal."""
+    """Return a hash of a data set's description in hexadecimal, which identifies the data set."""
     return hashlib.sha256(spec.text.encode()).hexdigest()[:32]
 
 
@@ -175,7 +175,7 @@ def _description(out: Path) -> dict[str, Any] | None:
 
 
 def free_bytes(out: Path) -> int:
-    """Return the free bytes on the disk of a folder, which may not exist yet."""
+    """Return the free bytes on the disk that contains a folder. The folder may not exist yet."""
     return shutil.disk_usage(next(p for p in (out.resolve(), *out.resolve().parents) if p.exists())).free
 
 

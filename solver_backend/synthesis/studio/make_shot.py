@@ -1,4 +1,4 @@
-"""Make one shot with its ground truth, completely or not at all."""
+"""Make one shot and its ground truth, completely or not at all."""
 
 from __future__ import annotations
 
@@ -49,15 +49,15 @@ from solver_backend.synthesis.studio.write_pictures import (
 from solver_backend.types import Capture, Motion
 
 Keep = Callable[[str, int, int, np.ndarray], None]  # Receives kind, view, frame and image.
-_CHUNK = 16  # Frames whose surfaces are in memory at a time.
+_CHUNK = 16  # Number of frames whose surfaces are held in memory at a time.
 
 
 def film(spec: Spec, stage: Stage, keep: Keep, on_frame: Callable[[int], None] = lambda frame: None) -> np.ndarray:
-    """Render a shot, and return (C, F, M) float32 visible fractions of markers.
+    """Render a shot. Return the (C, F, M) float32 visible fractions of the markers.
 
     Args:
         keep: receives every image: 'infrared' and 'depth' (h, w) uint16, 'masks' (h, w) uint8, 'normals' (h, w, 3)
-            uint8 in the camera's frame, 'exr' (h, w, 4) float32 with the normal and exact metres.
+            uint8 in the camera's frame, 'exr' (h, w, 4) float32 with the normal and the exact depth in metres.
         on_frame: called after each frame.
     """
     kinds = [kind for kind in spec.film if kind != "rgb"] + ([EXR] if EXR in spec.write else [])
@@ -101,17 +101,17 @@ def _shoot(
     return seen.spheres.seen.astype(np.float32)
 
 
-DONE = "shot.json"  # File that marks the folder of a complete shot.
+DONE = "shot.json"  # File that marks the folder of a finished shot.
 
 
 def make_shot(spec: Spec, shot: Shot, shots: Path, on_frame: Callable[[int], None] = lambda frame: None) -> ShotRecord:
-    """Make a shot and return its ``shot.json``. An existing shot is not made again.
+    """Make a shot and return the contents of its ``shot.json``. An existing shot is not made again.
 
-    Several processes may make the same shot. The first to finish publishes its folder. ``on_frame`` is called after
-    each rendered frame.
+    Several processes may make the same shot at once. The first one to finish publishes its folder. ``on_frame`` is
+    called after each rendered frame.
 
     Raises:
-        NobodySeen, CameraInsideBody: it cannot be rendered.
+        NobodySeen, CameraInsideBody: the shot cannot be rendered.
         MocapError: its motion cannot be read, or the folder cannot be written.
     """
     folder = shots / shot.name
@@ -130,7 +130,7 @@ def make_shot(spec: Spec, shot: Shot, shots: Path, on_frame: Callable[[int], Non
 
 
 def read_shot(folder: Path) -> ShotRecord:
-    """Return the ``shot.json`` of a shot's folder. Raise ``FileMissing`` or ``FileDamaged``."""
+    """Return the contents of ``shot.json`` in a shot's folder. Raise ``FileMissing`` or ``FileDamaged``."""
     record = read_json(folder / DONE)
     if not is_shot_record(record):
         message, hint = "The shot's record is not an object.", "Remove the shot's folder."

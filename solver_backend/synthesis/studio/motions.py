@@ -1,4 +1,4 @@
-"""Read motions for shots: choreography, solved takes, AMASS, BVH, and folders."""
+"""Read motions for shots: the choreography, solved takes, AMASS, BVH, and folders."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from solver_backend.synthesis.embedded.demo import author_motion
 from solver_backend.synthesis.simulation.cast import Person, Take, cast_person
 from solver_backend.types import NUM_BODY_JOINTS
 
-CHOREOGRAPHY = "choreography"  # Name of the included motion.
+CHOREOGRAPHY = "choreography"  # Name of the built-in motion.
 _SUFFIXES = (".npz", ".bvh")
 _CHOREOGRAPHY_S = 6.0  # Duration of the choreography in seconds.
 
 
 @dataclass(frozen=True)
 class MotionSource:
-    """Source of a motion."""
+    """Source from which a motion can be read."""
 
-    name: str  # Name of the motion, part of a shot's name.
-    path: Path | None  # File, None for the choreography.
+    name: str  # Name of the motion, which becomes part of the shot's name.
+    path: Path | None  # The file, or None for the choreography.
 
     def play(self, body: Body, betas: np.ndarray, fps: float, frames: int) -> Person:
-        """Return a person with (10,) betas who performs up to ``frames`` frames at ``fps``.
+        """Return a person with (10,) betas who performs the first ``frames`` frames of the motion at ``fps``.
 
         Raises:
             MocapError: the file cannot be read.
-            MotionInvalid: its joints belong to no known skeleton.
+            MotionInvalid: its joints do not match any known skeleton.
         """
         if self.path is None:
             count = min(frames, round(_CHOREOGRAPHY_S * fps))
@@ -46,10 +46,10 @@ class MotionSource:
 
 
 def find_motions(names: list[str], folder: Path = Path()) -> tuple[MotionSource, ...]:
-    """Return the motions in files and folders, or ``choreography``. Repeated names are numbered.
+    """Return the motions found in files and folders, or ``choreography``. Repeated names are numbered.
 
     Raises:
-        FileMissing: a path does not exist, or a folder has no motion.
+        FileMissing: a path does not exist, or a folder contains no motion.
     """
     sources: list[MotionSource] = []
     for name in names:
@@ -74,7 +74,7 @@ def find_motions(names: list[str], folder: Path = Path()) -> tuple[MotionSource,
 
 
 def _of_file(path: Path, body: Body, betas: np.ndarray) -> tuple[Person, float]:
-    """Return a clip on a body of another shape, with the same rotations and floor path."""
+    """Transfer a clip to a body of another shape. The rotations and the path on the floor stay the same."""
     motion = load_motion(path)
     if isinstance(motion, BvhClip):
         raise MotionInvalid("The skeleton is not the program's body. Use `motion convert` first.", where=str(path))
@@ -95,7 +95,7 @@ def _of_bvh(path: Path, body: Body, betas: np.ndarray) -> tuple[Person, float]:
 
 
 def _at_rate(person: Person, rate: float, fps: float, frames: int) -> Person:
-    """Resample a motion: rotations along geodesics, translations linearly."""
+    """Resample a motion. Rotations are interpolated along geodesics and translations linearly."""
     length = len(person.transl)
     count = min(frames, int((length - 1) * fps / rate + 1e-6) + 1)
     at = np.minimum(np.arange(count) * rate / fps, length - 1)
@@ -108,5 +108,5 @@ def _at_rate(person: Person, rate: float, fps: float, frames: int) -> Person:
 
 
 def _between(before: np.ndarray, after: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Return rotations (..., 3, 3) at a fraction of the geodesic."""
+    """Return the rotations (..., 3, 3) at a given fraction of the geodesic between two others."""
     return before @ exp_so3(share * log_so3(np.swapaxes(before, -1, -2) @ after))

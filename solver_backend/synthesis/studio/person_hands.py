@@ -1,4 +1,4 @@
-"""Simulate the hands of a shot: finger motion, visibility in each camera, and detections."""
+"""Simulate the hands in a shot: finger motion, visibility in each camera, and detections."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ BEYOND = np.array([k > 0 and (k - 1) % 4 > 0 for k in range(NUM_HAND_POINTS)])  
 
 @dataclass(frozen=True)
 class HandFaults:
-    """Errors of a hand detector. Lengths are in palms (wrist to middle knuckle).
+    """Errors of a hand detector. The unit of length is the palm (wrist to middle knuckle).
 
     ``whole``, ``drift`` and ``jitter`` were measured for MediaPipe's model on palms of 35 to 60 px (Pose2Sim's
-    balancing videos, refined cameras, ``python -m tests.benchmarks.hands.real_noise``). On palms of 60 to 140 px they
+    balancing videos, refined cameras, ``python -m tests.benchmarks.hands.real_noise``). On palms of 60 to 140 px, they
     are 0.03, 0.04 and 0.016.
     """
 
-    whole: float = 0.05  # Standard deviation per axis of a common error of the hand, correlated over ``drift_s``.
-    drift: float = 0.10  # The same for each point.
-    jitter: float = 0.036  # Standard deviation of each point's independent error per frame.
+    whole: float = 0.05  # Standard deviation per axis of an error common to a whole hand, correlated over ``drift_s``.
+    drift: float = 0.10  # The same for an error of each individual point.
+    jitter: float = 0.036  # Standard deviation of each point's error that is independent in every frame.
     drift_s: float = 0.3  # Time constant of the drift in seconds.
-    guessed: float = 2.5  # Factor on the errors of hidden points.
-    least_seen: float = 0.5  # Fraction of visible points from which a hand is detected.
-    missing: float = 0.06  # Fraction of frames in which a visible hand is missed.
+    guessed: float = 2.5  # Factor applied to the errors of hidden points.
+    least_seen: float = 0.5  # Smallest fraction of visible points with which a hand is detected.
+    missing: float = 0.06  # Fraction of frames in which a visible hand is not detected.
     missing_s: float = 0.15  # Duration of a miss in seconds.
-    wrong: float = 0.01  # Fraction of frames with a detection one or two palms away.
-    exchanged: float = 0.005  # Fraction of frames with left and right exchanged.
-    held: bool = False  # A held object hides fingers. They are guessed, and hands are detected half as often.
+    wrong: float = 0.01  # Fraction of frames in which the detection is one or two palms away.
+    exchanged: float = 0.005  # Fraction of frames in which left and right are swapped.
+    held: bool = False  # A held object hides the fingers. They are guessed, and hands are detected half as often.
     gloved: bool = False  # Hands wear gloves. All points are guessed, and hands are detected half as often.
     small_px: float = 15.0  # Palm size in pixels below which errors grow with the square of the ratio.
 
@@ -52,16 +52,16 @@ class HandFaults:
 def detect_hands(
     cameras: Cameras, points: np.ndarray, hidden: np.ndarray, fps: float, faults: HandFaults, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return (C, F, 2, 21, 3) x, y in pixels and confidence, NaN with confidence 0 for undetected points.
+    """Simulate a hand detector. Return (C, F, 2, 21, 3) x, y in pixels and confidence, NaN and 0 if undetected.
 
-    ``points`` (F, 2, 21, 3) are in metres, left hand first. ``hidden`` (C, F, 2, 21) marks blocked ones.
+    ``points`` (F, 2, 21, 3) are in metres, left hand first. ``hidden`` (C, F, 2, 21) marks occluded points.
     """
     hidden = hidden | faults.gloved
     if faults.held:
         hidden = hidden | BEYOND
     px = project(cameras, points)
     palm = np.linalg.norm(px[..., _KNUCKLE, :] - px[..., _WRIST, :], axis=-1)
-    # The palm is short when seen end on, so the size of the whole hand is used.
+    # The palm appears short when the hand points at the camera, so the size of the whole hand is used.
     size = np.fmax(palm, np.nanmax(np.linalg.norm(px - px[..., :1, :], axis=-1), axis=-1) / 2)
     unit = (size * np.maximum(1.0, (faults.small_px / np.maximum(size, 1.0)) ** 2))[..., None, None]
     keep = float(np.exp(-1.0 / (faults.drift_s * fps)))
@@ -76,7 +76,7 @@ def detect_hands(
     inside = ((xy >= 0) & (xy < cameras.image_size[:, None, None, None])).all(-1)
     lost = bursts(rng.random(shape), faults.missing, max(1.0, faults.missing_s * fps))
     enough = (~hidden & inside).mean(-1) >= faults.least_seen
-    # A detector for such hands tolerates hidden fingers, but misses every other hand.
+    # A detector that has learned such hands tolerates hidden fingers, but misses every second hand.
     if faults.held or faults.gloved:
         enough = bursts(rng.random(shape), 0.5, max(1.0, faults.missing_s * fps)) & inside.all(-1)
     found = ~lost & enough
@@ -87,21 +87,21 @@ def detect_hands(
     return np.where(exchanged[..., None, None, None], hands[:, :, ::-1], hands)
 
 
-FINGER_M, PALM_M = 0.008, 0.011  # Finger radius, half a palm's thickness (ANSUR II: 15-20 and 27 mm).
-_BONES = np.array(  # Both points of each hand bone: metacarpals first, then three per finger.
+FINGER_M, PALM_M = 0.008, 0.011  # Radius of a finger, and half the thickness of a palm (ANSUR II: 15-20 and 27 mm).
+_BONES = np.array(  # Points at both ends of each hand bone: metacarpals first, then three per finger.
     [[0, 1 + 4 * finger] for finger in range(5)]
     + [[1 + 4 * finger + k, 2 + 4 * finger + k] for finger in range(5) for k in range(3)]
 )
 _RADII = np.array([PALM_M] * 5 + [FINGER_M] * 15)  # Radius of each bone in metres.
-_CHUNK = 64  # Number of frames that are processed together.
+_CHUNK = 64  # Number of frames processed together.
 
 
 def hidden_by_hands(
     centres: Float[np.ndarray, "cameras 3"], points: Float[np.ndarray, "frames 2 21 3"]
 ) -> Bool[np.ndarray, "cameras frames 2 21"]:
-    """Return a (C, F, 2, 21) mask of hand points that a bone of either hand hides.
+    """Return a (C, F, 2, 21) mask of the hand points occluded by a bone of either hand.
 
-    A point is hidden if its line of sight passes another bone at less than the bone's radius.
+    A point is occluded if its line of sight passes another bone closer than the bone's radius.
     """
     frames = len(points)
     hidden = np.zeros((len(centres), frames, 2, NUM_HAND_POINTS), bool)
@@ -116,7 +116,7 @@ def hidden_by_hands(
 
 
 def _own_bones() -> np.ndarray:
-    """Return a (42, 40) mask of the bones that belong to each point."""
+    """Return a (42, 40) mask that assigns to each point its own bones."""
     own = (np.arange(NUM_HAND_POINTS)[:, None, None] == _BONES).any(-1)
     knuckles = [HAND_POINTS.index(name) for name in HAND_POINTS if name.endswith("_mcp")]
     own[[0, *knuckles], :5] = True
@@ -131,7 +131,7 @@ _OWN = _own_bones()
 
 
 def _segment_distances(points: np.ndarray, centre: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Return (f, P, B) distances (m) of bones from segments between points and a camera."""
+    """Return the (f, P, B) distances (m) between the bones and the segments from points to a camera."""
     sight = centre - points
     bone = ends[:, :, 1] - ends[:, :, 0]
     between = points[:, :, None] - ends[:, None, :, 0]
@@ -148,7 +148,7 @@ def _segment_distances(points: np.ndarray, centre: np.ndarray, ends: np.ndarray)
 
 
 def hidden_points(person: Person, cameras: Cameras, points: np.ndarray) -> np.ndarray:
-    """Return a (C, F, 2, 21) mask of hand points that the body without the hand blocks."""
+    """Return a (C, F, 2, 21) mask of the hand points occluded by the body, not counting the hand itself."""
     frames, _, count = points.shape[:3]
     sight = BodySight(person.body, person.betas, keypoint_landmarks(person.body, JointSet.COCO_17))
     joints, bone = person.body.layout.joints, sight.proxy.bone
@@ -160,30 +160,30 @@ def hidden_points(person: Person, cameras: Cameras, points: np.ndarray) -> np.nd
     return np.swapaxes(hidden, 0, 1).reshape(len(cameras), frames, 2, count)
 
 
-SPREAD = 0.7  # Fraction of the prior's standard deviations in finger motion. The prior is as wide as its widest source.
-SLOWEST_HZ, FASTEST_HZ = 0.1, 0.7  # Frequencies of the motion. Gestures open or close a hand in half a second.
-SHARES = tuple(np.linspace(1.0, 0.0, 11)[:-1].tolist())  # Fractions of a pose to try until no fingers intersect.
-TOUCH_M = 0.002  # Overlap of touching fingers in metres.
-EASE_S = 0.2  # Seconds in which a hand relaxes before such a pose, and in which it returns.
+SPREAD = 0.7  # Factor on the prior's standard deviations in finger motion. The prior is as wide as its widest source.
+SLOWEST_HZ, FASTEST_HZ = 0.1, 0.7  # Range of motion frequencies in Hz. Gestures open or close a hand in half a second.
+SHARES = tuple(np.linspace(1.0, 0.0, 11)[:-1].tolist())  # Fractions of a pose tried until no fingers intersect.
+TOUCH_M = 0.002  # Overlap in metres at which fingers count as touching.
+EASE_S = 0.2  # Seconds in which a hand relaxes before such a pose, and in which it returns afterwards.
 _WAVES = 4  # Number of waves per angle; chosen by hand.
 
 
 @dataclass(frozen=True)
 class MovingHands:
-    """Both hands of a person in F frames, left hand first."""
+    """Both hands of a person over F frames, left hand first."""
 
     skeletons: tuple[HandSkeleton, HandSkeleton]
     angles: np.ndarray  # (F, 2, A) joint angles in radians.
     points: np.ndarray  # (F, 2, 21, 3) positions of ``HAND_POINTS`` in metres.
 
     def rotations(self) -> np.ndarray:
-        """Return (F, 30, 3, 3) finger joint rotations in SMPL-H's order."""
+        """Return (F, 30, 3, 3) rotations of the finger joints in SMPL-H's order."""
         both = [by_joint(s.local_rotations(self.angles[:, side])) for side, s in enumerate(self.skeletons)]
         return np.concatenate(both, axis=1)
 
 
 def move_hands(person: Person, fps: float, rng: np.random.Generator) -> MovingHands:
-    """Return hands that move independently and plausibly at a person's wrists.
+    """Move both hands at a person's wrists, independently and plausibly.
 
     Raises:
         BodyInvalid: the body has no finger joints.
@@ -197,7 +197,7 @@ def move_hands(person: Person, fps: float, rng: np.random.Generator) -> MovingHa
 
 
 def points_of_hands(person: Person, skeletons: tuple[HandSkeleton, HandSkeleton], angles: np.ndarray) -> np.ndarray:
-    """Return (F, 2, 21, 3) hand points in metres for angles (F, 2, A) at the person's wrists."""
+    """Return (F, 2, 21, 3) hand points in metres for the joint angles (F, 2, A) at the person's wrists."""
     posed = forward_kinematics(person.body, person.betas, person.orient, person.local, person.transl)
     found = []
     for side, skeleton in enumerate(skeletons):
@@ -208,7 +208,7 @@ def points_of_hands(person: Person, skeletons: tuple[HandSkeleton, HandSkeleton]
 
 
 def _draw(prior: HandPrior, frames: int, fps: float, rng: np.random.Generator) -> np.ndarray:
-    """Return random (F, A) angles: sums of slow waves with the prior's covariance, within its ranges."""
+    """Draw random (F, A) angles: sums of slow waves that have the prior's covariance and stay in its ranges."""
     rate = rng.uniform(SLOWEST_HZ, FASTEST_HZ, (1, NUM_ANGLES, _WAVES))
     phase = rng.uniform(0.0, 1.0, rate.shape)
     waves = np.sin(2 * np.pi * (np.arange(frames)[:, None, None] / fps * rate + phase)).sum(-1) / np.sqrt(_WAVES / 2)
@@ -217,7 +217,7 @@ def _draw(prior: HandPrior, frames: int, fps: float, rng: np.random.Generator) -
 
 
 def _apart(skeleton: HandSkeleton, angles: np.ndarray, relaxed: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, A) angles that move towards a relaxed hand around frames with intersecting fingers."""
+    """Return (F, A) angles that approach a relaxed hand around frames in which fingers would intersect."""
     need = np.ones(len(angles))
     for share in SHARES:
         mixed = relaxed + share * (angles - relaxed)
@@ -230,19 +230,19 @@ def _apart(skeleton: HandSkeleton, angles: np.ndarray, relaxed: np.ndarray, fps:
 
 
 def skin_with_hands(person: Person, hands: MovingHands, frames: np.ndarray) -> np.ndarray:
-    """Return the (n, V, 3) skin vertices of a person with moving fingers in these frames."""
+    """Return the (n, V, 3) skin vertices, in the given frames, of a person with moving fingers."""
     body = with_fingers(person.body)
     local = np.concatenate([person.local[frames], hands.rotations()[frames]], axis=1)
     return pose_mesh(body, person.betas, person.orient[frames], local, person.transl[frames])
 
 
 def hidden_of(person: Person, cameras: Cameras, hands: MovingHands) -> np.ndarray:
-    """Return a (C, F, 2, 21) mask of points that the body, a finger or a palm blocks."""
+    """Return a (C, F, 2, 21) mask of the points occluded by the body, a finger or a palm."""
     return hidden_points(person, cameras, hands.points) | hidden_by_hands(cameras.centres, hands.points)
 
 
 def with_true_hands(capture: Capture, cameras: Cameras, hands: MovingHands, hidden: np.ndarray) -> Capture:
-    """Add every hand point in the image, and its ground truth, to a clean capture."""
+    """Add every hand point that is inside the image, and the ground truth, to a clean capture."""
     assert capture.keypoints is not None
     px = project(cameras, hands.points)
     found = np.concatenate([px, np.ones((*px.shape[:-1], 1))], axis=-1)
@@ -254,7 +254,7 @@ def with_true_hands(capture: Capture, cameras: Cameras, hands: MovingHands, hidd
 def with_found_hands(
     capture: Capture, cameras: Cameras, hands: MovingHands, hidden: np.ndarray, fps: float, rng: np.random.Generator
 ) -> Capture:
-    """Add the detected hands to a perturbed capture. ``hidden`` is from ``hidden_of``."""
+    """Add detected hands to a perturbed capture. ``hidden`` comes from ``hidden_of``."""
     assert capture.keypoints is not None
     found = detect_hands(cameras, hands.points, hidden, fps, HandFaults(), rng)
     return replace(capture, keypoints=replace(capture.keypoints, hands=found))

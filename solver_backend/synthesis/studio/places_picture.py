@@ -1,4 +1,4 @@
-"""Draw the markers of a layout with their names on the front and back of the body."""
+"""Draw a layout's markers and their names on the front and back of the body."""
 
 from __future__ import annotations
 
@@ -13,46 +13,46 @@ from solver_backend.camera_calibration.pictures import Canvas
 from solver_backend.synthesis.simulation.keypoint_detector import cross_2d
 from solver_backend.synthesis.studio.z_buffer import rasterise
 
-PIXELS_PER_M, FINER = 400, 3  # Image resolution, and factor of oversampling.
-MARGIN_M = (0.12, 0.1)  # Margin beside and above the body for names, metres.
+PIXELS_PER_M, FINER = 400, 3  # Image resolution, and oversampling factor.
+MARGIN_M = (0.12, 0.1)  # Margins for names beside and above the body, in metres.
 MARKER_PX = 5.0  # Radius of a drawn marker in pixels.
-_AWAY_M = 50.0  # Distance of the viewpoint in metres, so large that lines of sight are parallel.
+_AWAY_M = 50.0  # Distance of the viewpoint in metres. It is large enough for almost parallel lines of sight.
 _SKIN, _FACING, _BEHIND = np.array([0.55, 0.58, 0.62]), (255, 120, 20), (200, 145, 85)
 _INK, _LINE, _PAPER = (30, 30, 30), (90, 90, 90), (255, 255, 255)
 # Direction and strength of the lights.
 _LIGHTS = ((np.array([-0.45, 0.55, 0.7]), 0.62), (np.array([0.87, 0.11, 0.44]), 0.2))
-_TEXT, _TEXT_HIGH_PX = 0.45, 9  # Size of the names and height of their letters.
-_STEP = 4  # Step between grey levels. Fewer levels make a smaller file.
+_TEXT, _TEXT_HIGH_PX = 0.45, 9  # Text size of the names, and height of their letters in pixels.
+_STEP = 4  # Step between grey levels. Fewer levels make the file smaller.
 _REACH_PX = (12, 20, 30, 44, 62, 84)  # Possible distances from a marker to its name in pixels.
 _TURNS = 24
-_CROWDED, _OVER_BODY = 100.0, 35.0  # Distance in pixels that is worth uncovering a pixel, or the body.
-_SWEEPS = 6  # Number of passes in which every name searches a better position.
+_CROWDED, _OVER_BODY = 100.0, 35.0  # Cost of covering markers (per pixel) and the body, as a distance in pixels.
+_SWEEPS = 6  # Number of passes in which every name looks for a better position.
 
 
 @dataclass(frozen=True)
 class _Name:
     text: str
-    marker: np.ndarray  # (2,) position in pixels.
+    marker: np.ndarray  # (2,) marker position in pixels.
     size: tuple[int, int]
 
     def boxes(self) -> np.ndarray:
-        """Return (P, 4) possible boxes of the name in pixels: left, top, right, bottom."""
+        """Return (P, 4) candidate boxes for the name in pixels: left, top, right, bottom."""
         angle = 2.0 * np.pi * np.arange(_TURNS) / _TURNS
         away = np.stack([np.cos(angle), np.sin(angle)], -1)
         half = 0.5 * np.array(self.size) + 2.0
-        # The box touches the circle of each distance from outside.
+        # At each distance, the box touches the circle around the marker from outside.
         to_edge = np.minimum(*(half[k] / np.maximum(np.abs(away[:, k]), 1e-9) for k in (0, 1)))
         middle = np.concatenate([self.marker + away * (reach + to_edge)[:, None] for reach in _REACH_PX])
         return np.concatenate([middle - half, middle + half], axis=1)
 
 
 def places_picture(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return an (h, w, 3) uint8 image of a body at rest, front and back, with a layout's markers.
+    """Draw a body at rest from the front and back, with a layout's markers, as an (h, w, 3) uint8 image.
 
-    Each name is on the side that its marker faces. On the other side the marker shines through.
+    Each name is in the view that its marker faces. In the other view, the marker shines through.
 
     Raises:
-        KeyError: a name belongs to no layout.
+        KeyError: a name is not in any layout.
     """
     places = marker_landmarks(body, names).anchors.sum(axis=1)
     faces_front = skin_normals(body, names)[:, 2] >= 0.0
@@ -90,7 +90,7 @@ def _side(
 
 
 def _shaded(vertices: np.ndarray, faces: np.ndarray, px: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Return the (h, w, 3) uint8 image of the smoothly shaded body on white."""
+    """Return the (h, w, 3) uint8 image of the body with smooth shading on white."""
     fine = (int(FINER * size[0]), int(FINER * size[1]))
     seen = rasterise(px * FINER, _AWAY_M - vertices[:, 2], faces, fine)
     normals = vertex_normals(vertices, faces)
@@ -109,7 +109,7 @@ def _shaded(vertices: np.ndarray, faces: np.ndarray, px: np.ndarray, size: np.nd
 
 
 def _barycentric(corners: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return (P, 3) barycentric coordinates of (P, 2) points in triangles (P, 3, 2), none below 0."""
+    """Return (P, 3) barycentric coordinates of (P, 2) points in triangles (P, 3, 2). Negative ones are set to 0."""
     a, b, c = (corners[:, k] - at for k in range(3))
     share = np.stack([cross_2d(p, q) for p, q in ((b, c), (c, a), (a, b))], -1)
     share = share / np.where(np.abs(total := share.sum(1, keepdims=True)) > 1e-12, total, 1.0)
@@ -117,7 +117,7 @@ def _barycentric(corners: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def _stood(names: list[_Name], markers: np.ndarray, paper: np.ndarray) -> list[np.ndarray]:
-    """Return a (4,) box per name: near its marker, apart from other names, preferably off the body."""
+    """Return a (4,) box for each name: near its marker, away from other names, and preferably off the body."""
     choices = [name.boxes() for name in names]
     own = [_cost(boxes, markers, paper) for boxes in choices]
     at = [int(cost.argmin()) for cost in own]
@@ -129,7 +129,7 @@ def _stood(names: list[_Name], markers: np.ndarray, paper: np.ndarray) -> list[n
 
 
 def _cost(boxes: np.ndarray, markers: np.ndarray, paper: np.ndarray) -> np.ndarray:
-    """Return the cost of each box of one name. ``paper`` (h, w) marks pixels without body."""
+    """Return the cost of each candidate box for one name. ``paper`` (h, w) marks pixels that do not show the body."""
     discs = np.concatenate([markers - MARKER_PX - 1, markers + MARKER_PX + 1], axis=1)
     outside = np.maximum(-boxes[:, :2], 0.0).sum(1) + np.maximum(boxes[:, 2:] - paper.shape[::-1], 0.0).sum(1)
     covered = np.zeros(len(boxes))
@@ -141,7 +141,7 @@ def _cost(boxes: np.ndarray, markers: np.ndarray, paper: np.ndarray) -> np.ndarr
 
 
 def _overlap(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return the side of a square with the overlap area of two boxes."""
+    """Return the side length of a square whose area equals the overlap of two boxes."""
     low, high = np.maximum(boxes[..., :2], others[..., :2]), np.minimum(boxes[..., 2:], others[..., 2:])
     return np.sqrt(np.prod(np.maximum(high - low, 0.0), axis=-1))
 

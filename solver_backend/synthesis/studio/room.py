@@ -1,4 +1,4 @@
-"""Create a room around cameras and person, with furniture that hides some sight lines."""
+"""Create a room around the cameras and the person, with furniture that blocks some lines of sight."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ import numpy as np
 from solver_backend.exchange.lens import normalised, undistort
 from solver_backend.types import Cameras
 
-_MARGIN_M = 0.8  # Distance from people and cameras to the walls in metres.
+_MARGIN_M = 0.8  # Distance in metres from people and cameras to the walls.
 _CLEAR_OF_PERSON_M, _CLEAR_OF_CAMERA_M = 0.55, 0.6
-_TRIES = 60  # Number of positions to try for furniture.
-_PARTS = 10  # Squares along each box edge, small enough for a curved lens.
+_TRIES = 60  # Number of positions tried for furniture.
+_PARTS = 10  # Number of squares along each edge of a box. They are small enough to follow lens distortion.
 
 
 @dataclass(frozen=True)
 class Room:
-    """A box around everything, and the furniture boxes in it."""
+    """A box around everything, and the boxes that represent furniture in it."""
 
-    low: np.ndarray  # (3,) lower corner in metres. z is the floor.
+    low: np.ndarray  # (3,) lower corner in metres. Its z is the floor.
     high: np.ndarray  # (3,) upper corner in metres.
-    walls: bool  # True if walls and ceiling exist.
+    walls: bool  # True if there are walls and a ceiling.
     furniture: np.ndarray  # (N, 4, 3) centre, half sizes, (heading, 0, 0) and colour (0..1) of each piece.
 
     def furniture_mesh(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return (V, 3) vertices and (T, 3) triangles of all furniture."""
+        """Return the (V, 3) vertices and (T, 3) triangles of all furniture."""
         if not len(self.furniture):
             return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
         corner, box = unit_box(_PARTS)
@@ -36,7 +36,7 @@ class Room:
         return np.concatenate(vertices), np.concatenate(faces)
 
     def hides(self, centres: np.ndarray, lines: np.ndarray) -> np.ndarray:
-        """Return an (F, C, K) mask of sight lines that furniture blocks (Kay and Kajiya 1986)."""
+        """Return an (F, C, K) mask of the sight lines that furniture blocks (Kay and Kajiya 1986)."""
         hidden = np.zeros(lines.shape[:3], dtype=bool)
         for middle, half, heading, _ in self.furniture:
             turn = _turn(heading[0])
@@ -51,10 +51,10 @@ class Room:
         return hidden
 
     def seen_by(self, centre: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (h, w) depth in metres along the axis, or inf, and (h, w, 3) normals.
+        """Return the (h, w) depth in metres along the axis, inf where nothing is hit, and the (h, w, 3) normals.
 
-        Rays (h, w, 3) start at the camera's (3,) centre and have length 1 along its axis. A ray from inside a box
-        leaves it through the nearest plane in its direction.
+        The rays (h, w, 3) start at the camera's (3,) centre and have length 1 along its axis. A ray that starts inside
+        a box leaves it through the nearest plane in its direction.
         """
         planes = np.where(ray > 0, self.high, self.low)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -77,7 +77,7 @@ def _turn(angle: float) -> np.ndarray:
 
 
 def pixel_rays(cameras: Cameras, view: int) -> np.ndarray:
-    """Return the (h, w, 3) viewing directions, z = 1, of the pixel centres in the camera's frame."""
+    """Return the (h, w, 3) viewing directions of the pixel centres in the camera's frame, with z = 1."""
     width, height = cameras.image_size[view].tolist()
     u, v = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
     bent = normalised(np.stack([u, v], axis=-1), cameras.K[view])
@@ -86,7 +86,7 @@ def pixel_rays(cameras: Cameras, view: int) -> np.ndarray:
 
 
 def unit_box(parts: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return (V, 3) vertices in -1..1 and (T, 3) triangles of a box, counter-clockwise from outside."""
+    """Return the (V, 3) vertices, in -1..1, and (T, 3) triangles of a box, counter-clockwise from outside."""
     steps = np.linspace(-1.0, 1.0, parts + 1)
     u, v = (grid.ravel() for grid in np.meshgrid(steps, steps))
     first = (np.arange(parts)[:, None] * (parts + 1) + np.arange(parts)).ravel()
@@ -103,7 +103,7 @@ def unit_box(parts: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def furnish(path: np.ndarray, cameras: Cameras, furniture: int, walls: bool, rng: np.random.Generator) -> Room:
-    """Return a room around a person's (F, 3) path with up to ``furniture`` pieces."""
+    """Build a room around a person's (F, 3) path, with up to ``furniture`` pieces in it."""
     points = np.concatenate([path, cameras.centres])
     low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
     low[2], high[2] = 0.0, max(high[2], 2.6)

@@ -1,4 +1,4 @@
-"""Render one camera's frame: surface, label, depth and normal of every pixel, and the sensor images."""
+"""Render a camera's frame: surface, label, depth and normal of every pixel, and the sensor images."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from solver_backend.types import SMPL_JOINTS
 
 @dataclass(frozen=True)
 class Backdrop:
-    """View of a camera without a person, constant in all frames."""
+    """What a camera sees without the person. It is the same in all frames."""
 
     depth: np.ndarray  # (h, w) float32 depth in metres.
     label: np.ndarray  # (h, w) uint8 label.
-    normal: np.ndarray  # (h, w, 3) float32 normal in the world.
-    cosine: np.ndarray  # (h, w) float32 cosine between normal and line of sight.
-    towards: np.ndarray  # (h, w, 3) float32 unit vectors from the surface to the camera in the world.
+    normal: np.ndarray  # (h, w, 3) float32 normal in world axes.
+    cosine: np.ndarray  # (h, w) float32 cosine of the angle between normal and line of sight.
+    towards: np.ndarray  # (h, w, 3) float32 unit vectors from the surface to the camera, in world axes.
 
 
 @dataclass(frozen=True)
 class Seen:
-    """View of a camera in one frame."""
+    """What a camera sees in one frame."""
 
-    depth: np.ndarray  # (h, w) float32 metres along the axis to person or room, without markers. inf without a hit.
+    depth: np.ndarray  # (h, w) float32 depth in metres of person or room, without markers. inf where nothing is hit.
     label: np.ndarray  # (h, w) uint8 label index, including markers.
-    cosine: np.ndarray  # (h, w) float32 cosine between normal and line of sight.
-    normal: np.ndarray | None  # (h, w, 3) float32 unit normals in the world, None unless requested.
+    cosine: np.ndarray  # (h, w) float32 cosine of the angle between normal and line of sight.
+    normal: np.ndarray | None  # (h, w, 3) float32 unit normals in world axes, or None if not requested.
     spheres: Spheres
 
 
 def backdrop(stage: Stage, view: int) -> Backdrop:
-    """Render room and furniture for a camera."""
+    """Render the room and the furniture for a camera."""
     cameras = stage.cameras
     ray = pixel_rays(cameras, view) @ cameras.R[view]
     depth, normal = stage.room.seen_by(cameras.centres[view], ray)
@@ -57,7 +57,7 @@ def backdrop(stage: Stage, view: int) -> Backdrop:
 
 
 def look(stage: Stage, view: int, behind: Backdrop, surface: np.ndarray, frame: int, *, normals: bool = False) -> Seen:
-    """Render the dressed person with (N, 3) vertices in front of a camera's backdrop in one frame."""
+    """Render the dressed person, given (N, 3) vertices, in front of a camera's backdrop in one frame."""
     cameras, costume = stage.cameras, stage.costume
     width, height = cameras.image_size[view].tolist()
     camera, px = in_camera(cameras, view, surface)
@@ -87,24 +87,24 @@ def _units(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 FULL = 65535  # Saturation value of the sensor.
-_ALBEDO = np.array([0.0, 0.55, 0.45, 0.4, 0.25, 0.2, 0.3, 0.9, 0.5, 0.6], np.float32)  # Infrared albedo by label.
+_ALBEDO = np.array([0.0, 0.55, 0.45, 0.4, 0.25, 0.2, 0.3, 0.9, 0.5, 0.6], np.float32)  # Infrared albedo of each label.
 _KERNEL_PX = 2  # Radius of the lens blur in pixels; chosen by hand.
 
 
 @dataclass(frozen=True)
 class InfraredModel:
-    """Brightness of surfaces and errors of the sensor, chosen to resemble figure 5.5 of the thesis."""
+    """Surface brightness and sensor errors, chosen to resemble figure 5.5 of the thesis."""
 
-    flood: float = 9000.0  # Counts of a white surface at 1 m that faces the camera.
-    retro: float = 6.0  # Counts of a retro-reflector at 2 m, relative to ``FULL``.
-    least_retro: float = 1.3  # Lower limit of these, because exposure follows the size of the room.
-    blur_px: float = 0.65  # Standard deviation of the lens blur of retro-reflections.
-    shot_noise: float = 2.0  # Standard deviation at one count. It grows with the square root.
-    read_noise: float = 12.0  # Standard deviation of counts in the dark.
+    flood: float = 9000.0  # Counts from a white surface that faces the camera at a distance of 1 m.
+    retro: float = 6.0  # Counts from a retro-reflector at 2 m, relative to ``FULL``.
+    least_retro: float = 1.3  # Lower limit of this ratio, because the exposure depends on the size of the room.
+    blur_px: float = 0.65  # Standard deviation of the lens blur around retro-reflections.
+    shot_noise: float = 2.0  # Standard deviation at one count. It grows with the square root of the counts.
+    read_noise: float = 12.0  # Standard deviation of the counts in the dark.
 
 
 def sphere_light(spheres: Spheres, shape: tuple[int, int], model: InfraredModel) -> np.ndarray:
-    """Return (h, w) float32 counts reflected by retro-reflective spheres, before saturation."""
+    """Return the (h, w) float32 counts reflected by retro-reflective spheres, before saturation."""
     height, width = shape
     light = np.zeros(height * width, np.float32)
     if not len(spheres.pixel):
@@ -124,9 +124,9 @@ def sphere_light(spheres: Spheres, shape: tuple[int, int], model: InfraredModel)
 
 
 def infrared(seen: Seen, retro: np.ndarray, model: InfraredModel, rng: np.random.Generator) -> np.ndarray:
-    """Return the (h, w) uint16 infrared image of surfaces and retro-reflections.
+    """Return the (h, w) uint16 infrared image, which shows surfaces and retro-reflections.
 
-    ``retro`` is from ``sphere_light``.
+    ``retro`` comes from ``sphere_light``.
     """
     assert len(_ALBEDO) == len(LABELS)
     surface = np.float32(model.flood) * _ALBEDO[seen.label] * np.maximum(seen.cosine, np.float32(0.05)) / seen.depth**2
@@ -138,25 +138,25 @@ def infrared(seen: Seen, retro: np.ndarray, model: InfraredModel, rng: np.random
 
 @dataclass(frozen=True)
 class TimeOfFlightModel:
-    """Errors of a depth sensor as measured for Azure Kinects (Tölgyessy et al. 2021)."""
+    """Depth sensor errors, as measured for Azure Kinects (Tölgyessy et al. 2021)."""
 
     constant_mm: float = 0.8  # Standard deviation at distance 0.
     quadratic_mm: float = 0.55  # Additional standard deviation at 1 m. It grows with the square of the distance.
-    grazing: float = 0.25  # Factor of the noise increase with the tangent of the angle of incidence.
-    edge_m: float = 0.06  # Depth difference of neighbouring pixels at an edge.
-    flying: float = 0.5  # Fraction of edge pixels with a depth between both surfaces.
-    lost: float = 0.25  # Fraction of edge pixels without depth.
+    grazing: float = 0.25  # Rate at which the noise grows with the tangent of the angle of incidence.
+    edge_m: float = 0.06  # Depth difference between neighbouring pixels that makes an edge.
+    flying: float = 0.5  # Fraction of edge pixels whose depth lies between both surfaces.
+    lost: float = 0.25  # Fraction of edge pixels that have no depth.
     range_m: tuple[float, float] = (0.5, 3.86)  # Smallest and largest depth in metres.
-    ring_noise: float = 1.5  # Noise factor in the ring around a marker.
-    surface_radii: float = 2.0 / 3.0  # Mean distance of the reflecting surface in front of a sphere's centre, in radii.
+    ring_noise: float = 1.5  # Noise factor in the ring of pixels around a marker.
+    surface_radii: float = 2.0 / 3.0  # Mean distance from a sphere's centre to the surface that reflects, in radii.
 
     def sigma_m(self, depth: np.ndarray) -> np.ndarray:
-        """Return the standard deviation in metres for a facing surface at depths in metres."""
+        """Return the standard deviation in metres for a surface that faces the sensor, at depths in metres."""
         return 1e-3 * (self.constant_mm + self.quadratic_mm * depth**2)
 
 
 def measure_depth(seen: Seen, retro: np.ndarray, model: TimeOfFlightModel, rng: np.random.Generator) -> np.ndarray:
-    """Return (h, w) uint16 depth in millimetres along the axis, 0 where missing."""
+    """Return the (h, w) uint16 measured depth in millimetres along the axis, 0 where missing."""
     low, high = model.range_m
     true = np.minimum(seen.depth, np.float32(100.0))
     blind = retro >= FULL
@@ -167,7 +167,7 @@ def measure_depth(seen: Seen, retro: np.ndarray, model: TimeOfFlightModel, rng: 
     factor = np.where(ring, np.float32(model.ring_noise), 1.0 + np.float32(model.grazing) * slope)
     sigma = np.float32(1e-3) * (np.float32(model.constant_mm) + np.float32(model.quadratic_mm) * true**2)
     found = true + (sigma * factor).astype(np.float32) * rng.standard_normal(true.shape, np.float32)
-    # There are few edges, so only these are processed one by one.
+    # There are few edge pixels, so random numbers are only drawn for these.
     near, far = _neighbours(true)
     edge = np.flatnonzero(((far - near > np.float32(model.edge_m)) & ~ring).ravel())
     draw, mix = rng.random(len(edge), np.float32), rng.random(len(edge), np.float32)
@@ -181,9 +181,9 @@ def measure_depth(seen: Seen, retro: np.ndarray, model: TimeOfFlightModel, rng: 
 def _with_rings(
     depth: np.ndarray, blind: np.ndarray, spheres: Spheres, before_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return depth with a two-pixel ring around blind patches, and the (h, w) mask of rings.
+    """Add a two-pixel ring around blind patches to a depth image. Return it and the (h, w) mask of the rings.
 
-    A sphere reflects light ``before_m`` in front of its centre.
+    A sphere reflects light at a point ``before_m`` in front of its centre.
     """
     height, width = depth.shape
     owner = np.full(height * width, np.inf, np.float32)
@@ -205,13 +205,13 @@ def _lowest_around(values: np.ndarray) -> np.ndarray:
 
 
 def _neighbours(depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and highest depth of each pixel and its four neighbours."""
+    """Return the lowest and highest depth among each pixel and its four neighbours."""
     padded = np.pad(depth, 1, mode="edge")
     four = (padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:])
     return np.minimum.reduce([depth, *four]), np.maximum.reduce([depth, *four])
 
 
-SECTOR_DEG = 30  # Size of the sectors for counting pose angles, from 0 to 180 degrees.
+SECTOR_DEG = 30  # Width in degrees of the sectors in which joint angles are counted, from 0 to 180 degrees.
 _AT = {name: i for i, name in enumerate(SMPL_JOINTS)}
 _TRUNK = ("neck", "pelvis")
 _LIMBS: dict[str, tuple[tuple[str, str], tuple[str, str]]] = {
@@ -220,11 +220,11 @@ _LIMBS: dict[str, tuple[tuple[str, str], tuple[str, str]]] = {
     "thigh before trunk": (_TRUNK, ("hip", "knee")),
     "arm off trunk": (_TRUNK, ("shoulder", "elbow")),
 }
-"""Angles between two lines, each from one joint to another. Both sides are counted together."""
+"""Angles between two lines, each of which runs from one joint to another. Both sides are counted together."""
 
 
 def views_of(stage: Stage) -> list[int]:
-    """Count how often the person is visible from each of eight directions, from the front to the left."""
+    """Count how often the person is seen from each of eight directions, starting at the front and turning left."""
     angle = direction_seen_from(stage.cameras, stage.person.orient, stage.joints[:, 0]) % (2 * np.pi)
     eighth = np.round(angle / (np.pi / 4)).astype(int) % 8
     return np.bincount(eighth.ravel(), minlength=8).tolist()
@@ -246,7 +246,7 @@ def _line(joints: np.ndarray, start: str, end: str, side: str) -> np.ndarray:
 
 
 def _angle(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return (F,) angles in degrees between two (F, 3) lines."""
+    """Return the (F,) angles in degrees between two (F, 3) lines."""
     return np.rad2deg(np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1)))
 
 

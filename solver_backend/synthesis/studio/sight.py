@@ -1,8 +1,8 @@
-"""Find the points that are visible to cameras in a few matrix products.
+"""Find the points that cameras see, using only a few matrix products.
 
 An ellipsoid of the body or a piece of furniture hides a point if it blocks the line of sight. The line ``t w`` from the
-camera, ``0 <= t <= 1``, enters an ellipsoid ``(x - c)^T B (x - c) = 1`` if ``(w^T B c)^2 > (w^T B w) (c^T B c - 1)``.
-The line enters before its own end if ``w^T B c < w^T B w`` or if the end is inside.
+camera, ``0 <= t <= 1``, intersects an ellipsoid ``(x - c)^T B (x - c) = 1`` if ``(w^T B c)^2 > (w^T B w) (c^T B c -
+1)``. It enters the ellipsoid before its own end if ``w^T B c < w^T B w`` or if the end is inside.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.simulation.keypoint_detector import own_faces, stabbed_faces
 from solver_backend.types import SMPL_JOINTS, Cameras
 
-CLEARANCE_M = 0.035  # Distance (m) from the end of a sight line to its point, which is on or slightly below the skin.
+CLEARANCE_M = 0.035  # Distance (m) from a sight line's end to its point, which is on or slightly below the skin.
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # Row and column of the six entries of a symmetric matrix.
 
 
 def sight_lines(centres: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return (F, C, K, 3) lines from camera centres to just before (F, K, 3) points."""
+    """Return the (F, C, K, 3) lines from camera centres to just before (F, K, 3) points."""
     lines = (points[:, None] - centres[:, None]).astype(np.float32)
     length = np.sqrt(np.einsum("fcki,fcki->fck", lines, lines))
     return lines * np.maximum(1 - CLEARANCE_M / np.maximum(length, 1e-6), 0)[..., None]
@@ -34,7 +34,7 @@ def sight_lines(centres: np.ndarray, points: np.ndarray) -> np.ndarray:
 def hidden_by_ellipsoids(
     centres: np.ndarray, lines: np.ndarray, middle: np.ndarray, shape: np.ndarray, counted: np.ndarray
 ) -> np.ndarray:
-    """Return an (F, C, K) mask of sight lines that an ellipsoid blocks.
+    """Return an (F, C, K) mask of the sight lines that an ellipsoid blocks.
 
     Args:
         centres: (C, 3) camera centres in metres.
@@ -59,31 +59,31 @@ def hidden_by_ellipsoids(
     return found.any(axis=-2).reshape(frames, views, count)
 
 
-_CELLS = 28  # Cells per side of the octahedral map (Engelhardt and Dachsbacher 2008), about 5 degrees.
-_FAR_M = 3.0  # Camera distance of a table in metres. Sight lines from further away are the same. Chosen by hand.
+_CELLS = 28  # Cells per side of the octahedral map (Engelhardt and Dachsbacher 2008), each about 5 degrees wide.
+_FAR_M = 3.0  # Camera distance in metres used for a table. Further away, sight lines are the same. Chosen by hand.
 _GROUPS = (("head",), ("left_wrist", "left_hand"), ("right_wrist", "right_hand"))
 
 
 @dataclass(frozen=True)
 class RigidSight:
-    """Visibility tables of Q points on rigid parts."""
+    """Tables that state from which directions Q points on rigid parts are visible."""
 
     point: np.ndarray  # (Q,) index of each point.
-    bone: np.ndarray  # (Q,) bone that carries each table.
-    table: np.ndarray  # (Q, cells) mask of the directions from which a point is hidden.
-    parts: np.ndarray  # (Q, J) mask of the parts that the table covers.
+    bone: np.ndarray  # (Q,) bone that each table moves with.
+    table: np.ndarray  # (Q, cells) mask of the directions in which a point is hidden.
+    parts: np.ndarray  # (Q, J) mask of the parts that each table accounts for.
 
     def hidden(self, centres: np.ndarray, points: np.ndarray, turn: np.ndarray) -> np.ndarray:
-        """Return an (F, C, Q) mask of points hidden by bones."""
+        """Return an (F, C, Q) mask of the points that bones hide."""
         way = (centres[:, None] - points[:, None, self.point]).astype(np.float32)
         local = np.einsum("fqji,fcqj->fcqi", turn[:, self.bone].astype(np.float32), way, optimize=True)
         return self.table[np.arange(len(self.point)), _cell(local)]
 
 
 def rigid_sight(body: Body, landmarks: Landmarks, counted: np.ndarray) -> RigidSight:
-    """Return the tables for a body's mean shape.
+    """Compute the tables for a body's mean shape.
 
-    Landmarks that only the head or one hand carries have a table. ``counted`` (J, K) is a mask of the points that each
+    Landmarks attached to the head or a single hand get a table. ``counted`` (J, K) is a mask of the points that each
     part can hide.
     """
     face_part = body.weights[body.faces].sum(axis=1).argmax(axis=1)
@@ -113,7 +113,7 @@ def rigid_sight(body: Body, landmarks: Landmarks, counted: np.ndarray) -> RigidS
 
 
 def _directions() -> np.ndarray:
-    """Return (cells, 3) unit vectors to the centres of the octahedral map's cells."""
+    """Return (cells, 3) unit vectors through the centres of the octahedral map's cells."""
     ticks = (np.arange(_CELLS) + 0.5) / _CELLS * 2 - 1
     x, y = (grid.ravel() for grid in np.meshgrid(ticks, ticks, indexing="ij"))
     z = 1 - np.abs(x) - np.abs(y)
@@ -134,7 +134,7 @@ def _folded(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _looking(way: np.ndarray) -> np.ndarray:
-    """Return the (3, 3) rotation to the frame of a camera with a viewing direction."""
+    """Return the (3, 3) rotation to the frame of a camera that looks in a given direction."""
     side = np.cross(way, [0.0, 1.0, 0.0] if abs(way[1]) < 0.9 else [1.0, 0.0, 0.0])
     side /= np.linalg.norm(side)
     return np.stack([side, np.cross(way, side), way])
@@ -142,15 +142,15 @@ def _looking(way: np.ndarray) -> np.ndarray:
 
 _SLAB_M = 0.08  # Length (m) of the slabs into which parts are cut along their longest axis, one ellipsoid each.
 _MOST_SLABS = 8
-_ALONG, _ACROSS = 0.7, 1.03  # Half axes of an ellipsoid relative to its slab, tuned to match sight lines at the mesh.
+_ALONG, _ACROSS = 0.7, 1.03  # Half axes of an ellipsoid relative to its slab, tuned to match the mesh's occlusion.
 _LEAST_M = 0.008
-_DIRECTIONS = 26  # Number of directions in which the ends of a part are searched.
-_SPREAD = 120  # Number of points over the whole skin, in addition to those at the ends of its parts.
+_DIRECTIONS = 26  # Number of directions in which the extreme points of a part are searched.
+_SPREAD = 120  # Number of points spread over the whole skin, in addition to the extreme points of the parts.
 
 
 @dataclass(frozen=True)
 class PosedProxy:
-    """A body proxy in F frames, in world metres."""
+    """A body proxy over F frames, in world metres."""
 
     middle: np.ndarray  # (F, S, 3) centres of the ellipsoids.
     shape: np.ndarray  # (F, S, 3, 3) float32 matrices of the ellipsoids, 1/m^2.
@@ -161,22 +161,22 @@ class PosedProxy:
 @dataclass(frozen=True)
 class _Slab:
     vertices: np.ndarray  # (n,) skin vertices.
-    weight: np.ndarray  # (n,) relative areas with sum 1.
-    axis: np.ndarray  # (3,) direction across the cuts.
+    weight: np.ndarray  # (n,) relative areas, which add up to 1.
+    axis: np.ndarray  # (3,) direction perpendicular to the cuts.
     bone: int
 
 
 @dataclass(frozen=True)
 class BodyProxy:
-    """S ellipsoids and P skin points that represent a body shape."""
+    """S ellipsoids and P skin points that stand for a body shape."""
 
-    landmarks: Landmarks  # Centres of the S ellipsoids, then the P points, without correctives.
-    bone: np.ndarray  # (S,) bone that rotates each ellipsoid.
+    landmarks: Landmarks  # Centres of the S ellipsoids, followed by the P points, without pose correctives.
+    bone: np.ndarray  # (S,) bone that each ellipsoid rotates with.
     shape: np.ndarray  # (S, 3, 3) matrices B of ``x^T B x = 1`` at rest, 1/m^2.
     share: np.ndarray  # (P,) fraction of the skin that each point represents.
 
     def posed(self, person: Person) -> PosedProxy:
-        """Pose the proxy as a person in F frames, world metres."""
+        """Pose the proxy like a person in F frames, in world metres."""
         found, count = person.pose(self.landmarks), len(self.bone)
         turn = found.skeleton.G[:, self.bone].astype(np.float32)
         shape = turn @ self.shape.astype(np.float32) @ np.swapaxes(turn, -1, -2)
@@ -184,7 +184,7 @@ class BodyProxy:
 
 
 def body_proxy(body: Body, betas: np.ndarray) -> BodyProxy:
-    """Return the proxy of a body with (10,) betas, fitted to its skin at rest."""
+    """Return the proxy of a body with (10,) betas, fitted to the skin at rest."""
     slabs, landmarks, share = _plan(body)
     skin = body.v_template + body.shapedirs @ betas
     shapes = np.stack([_ellipsoid(skin[slab.vertices], slab.weight, slab.axis) for slab in slabs])
@@ -193,7 +193,7 @@ def body_proxy(body: Body, betas: np.ndarray) -> BodyProxy:
 
 @lru_cache(maxsize=8)
 def _plan(body: Body) -> tuple[list[_Slab], Landmarks, np.ndarray]:
-    """Return the slabs of a body, and the landmarks and skin fractions of its proxy."""
+    """Return a body's slabs, and the landmarks and skin fractions of its proxy."""
     skin = body.v_template
     sizes = np.repeat(np.linalg.norm(face_normals(skin, body.faces), axis=1) / 6, 3)
     area = np.bincount(body.faces.ravel(), sizes, minlength=len(skin)) + 1e-12
@@ -227,19 +227,19 @@ def _slabs(skin: np.ndarray, area: np.ndarray, chosen: np.ndarray, bone: int) ->
 
 
 def _ellipsoid(points: np.ndarray, weight: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the (3, 3) matrix of a slab's ellipsoid, from a ring's half axes."""
+    """Return the (3, 3) matrix of a slab's ellipsoid, computed from the half axes of a ring."""
     centred = points - weight @ points
     along = centred @ axis
     flat = centred - np.outer(along, axis)
     spread, turn = np.linalg.eigh((flat * weight[:, None]).T @ flat)
     across = np.maximum(_ACROSS * np.sqrt(2 * np.maximum(spread[1:], 0)), _LEAST_M)
-    # The first of the three directions is the axis itself, along which nothing remains.
+    # The first of the three directions is the axis itself, along which no extent is left.
     frame = np.column_stack([axis, turn[:, 1:]])
     return (frame / np.array([max(_ALONG * np.ptp(along), _LEAST_M), *across]) ** 2) @ frame.T
 
 
 def _extremes(skin: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Return the outermost vertices of a part in directions spread over the sphere."""
+    """Return the outermost vertices of a part in directions spread over a sphere."""
     i = np.arange(_DIRECTIONS) + 0.5
     z, turn = 1 - 2 * i / _DIRECTIONS, np.pi * (1 + 5**0.5) * i
     ways = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
@@ -247,7 +247,7 @@ def _extremes(skin: np.ndarray, chosen: np.ndarray) -> np.ndarray:
 
 
 def _spread(skin: np.ndarray, points: np.ndarray, more: int) -> np.ndarray:
-    """Return the points and ``more`` others, each the furthest from all earlier ones."""
+    """Return the given points and ``more`` others, each the furthest from all previous points."""
     off = (_squares(skin, skin[points]) + (skin**2).sum(axis=1)[:, None]).min(axis=1)
     found = points.tolist()
     for _ in range(more):
@@ -262,7 +262,7 @@ def _squares(skin: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 class BodySight:
-    """Visibility of a body's K keypoints. Tables are cached by the ``landmarks`` object."""
+    """Visibility of a body's K keypoints. The tables are cached per ``landmarks`` object."""
 
     def __init__(self, body: Body, betas: np.ndarray, landmarks: Landmarks) -> None:
         self.proxy = body_proxy(body, betas)
@@ -270,7 +270,7 @@ class BodySight:
         self._counted = counted[self.proxy.bone]
 
     def hidden(self, centres: np.ndarray, lines: np.ndarray, points: np.ndarray, posed: PosedProxy) -> np.ndarray:
-        """Return an (F, C, K) mask of keypoints that the body hides from the camera."""
+        """Return an (F, C, K) mask of the keypoints that the body hides from each camera."""
         hidden = hidden_by_ellipsoids(centres, lines, posed.middle, posed.shape, self._counted)
         hidden[..., self._rigid.point] |= self._rigid.hidden(centres, points, posed.turn)
         return hidden
@@ -279,14 +279,14 @@ class BodySight:
 def cast_lines(
     proxy: BodyProxy, person: Person, cameras: Cameras, points: np.ndarray, size: int = 32
 ) -> Iterator[tuple[slice, PosedProxy, np.ndarray]]:
-    """Yield ``size`` frames at a time: slice, posed proxy, and (F, K, 3) sight lines."""
+    """Yield blocks of ``size`` frames: the slice, the posed proxy, and the (F, K, 3) sight lines."""
     for start in range(0, len(points), size):
         chunk = slice(start, start + size)
         yield chunk, proxy.posed(person.part(chunk)), sight_lines(cameras.centres, points[chunk])
 
 
 def own_parts(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return a (K, T) mask of faces in the point's part or parts."""
+    """Return a (K, T) mask of the faces in the part or parts to which each point belongs."""
     own = own_faces(body, names)
     part = body.weights[body.faces].sum(axis=1).argmax(axis=-1)
     for k, name in enumerate(names):
@@ -299,7 +299,7 @@ def own_parts(body: Body, names: tuple[str, ...]) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def _tables(body: Body, landmarks: Landmarks) -> tuple[RigidSight, np.ndarray]:
-    """Return tables of head and hands, and a (J, K) mask of keypoints they can hide."""
+    """Return the tables of head and hands, and a (J, K) mask of the keypoints that they can hide."""
     part = body.weights[body.faces].sum(axis=1).argmax(axis=1)
     own = own_parts(body, landmarks.names)
     counted = np.stack([~own[:, part == bone].any(axis=1) for bone in range(len(body.parents))])

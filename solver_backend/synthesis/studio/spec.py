@@ -1,4 +1,4 @@
-"""Read the description of a data set: motions x people x arrays x looks."""
+"""Read the description of a data set: motions x people x camera arrays x looks."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ LIGHT = ("day", "dim", "night", "random")
 
 @dataclass(frozen=True)
 class StudioLook:
-    """Appearance of a shot. The seed of the shot determines 'random' values."""
+    """Appearance of a shot. Values of 'random' are drawn with the shot's seed."""
 
     name: str
     clothes: str = "suit"  # Key of ``CLOTHES``.
     hair: str = "random"  # Key of ``HAIR``.
-    light: str = "day"  # Key of ``LIGHT``, for colour images. Infrared has separate lights.
-    furniture: int = 0  # Number of pieces around the person, which hide parts of it.
-    room: bool = True  # True for walls and a ceiling, False for only a floor.
+    light: str = "day"  # Key of ``LIGHT``, for colour images. Infrared images have their own lights.
+    furniture: int = 0  # Number of pieces of furniture around the person, which hide parts of the person.
+    room: bool = True  # True for walls and a ceiling, False for a bare floor.
 
 
-_PRESETS: dict[str, dict[str, Any]] = {  # Values of a look by the name of a preset; chosen by hand.
+_PRESETS: dict[str, dict[str, Any]] = {  # Values of each look preset; chosen by hand.
     "suit": {"clothes": "suit", "hair": "short"},
     "bare": {"clothes": "bare", "hair": "none"},
     "everyday": {"clothes": "random", "hair": "random", "furniture": 2},
@@ -53,19 +53,19 @@ _PRESETS: dict[str, dict[str, Any]] = {  # Values of a look by the name of a pre
 
 
 def read_look(description: Any) -> StudioLook:
-    """Return a look from a preset name or an object. Raise ``StudioInvalid``."""
+    """Read a look from a preset name or an object. Raise ``StudioInvalid`` if it is invalid."""
     values = CheckedValues.described(description, "look", StudioLook.__dataclass_fields__, _PRESETS)
     limits = {"clothes": CLOTHES, "hair": HAIR, "light": LIGHT, "furniture": (0, 20)}
     return values.fill(StudioLook, limits, name=values.text("name", "look"))
 
 
 def draw_light(light: str, rng: np.random.Generator) -> str:
-    """Return a light after replacing 'random' by a random choice."""
+    """Return a light, with 'random' replaced by a random choice."""
     drawn = str(rng.choice([name for name in LIGHT if name != "random"]))
     return drawn if light == "random" else light
 
 
-_PERTURBATION_KEYS: dict[str, tuple[str, ...]] = {  # Path in ``Faults`` of each key. 0 disables a fault.
+_PERTURBATION_KEYS: dict[str, tuple[str, ...]] = {  # Path in ``Faults`` for each key. 0 disables a fault.
     "bias_mm": ("detector", "view_bias_mm"),
     **{
         name: ("detector", name)
@@ -91,13 +91,13 @@ PRESETS: dict[str, Faults] = {
     "optical_markers": Faults(markers=replace(OPTICAL_MARKERS, swaps_per_minute=1.0, ghosts=0.001)),
     "depth_markers": Faults(markers=_DEPTH_MARKERS),
 }
-"""Presets of faults. 'detector' is measured, 'optical_markers' comes from the demo recording, and the others are chosen
+"""Fault presets. 'detector' was measured, 'optical_markers' comes from the demo recording, and the others were chosen
 by hand.
 """
 
 
 def read_faults(description: Any) -> Faults:
-    """Return faults from a preset name or an object, which may start from a preset.
+    """Read faults from a preset name or an object, which may extend a preset.
 
     Raises:
         StudioInvalid: a key or preset is unknown, or a value is invalid.
@@ -111,14 +111,14 @@ def read_faults(description: Any) -> Faults:
 
 
 def sizes_of(faults: Faults) -> dict[str, float]:
-    """Return the sizes of faults by description key."""
+    """Return the size of each fault by its key in a description."""
     parts = {"": faults, "detector": faults.detector, "cameras": faults.cameras, "markers": faults.markers}
     return {key: getattr(parts["".join(path[:-1])], path[-1]) for key, path in _PERTURBATION_KEYS.items()}
 
 
 VERSION = 1
-KINDS = ("infrared", "depth", "masks", "normals", "rgb")  # Kinds of images that can be rendered.
-FORMATS = ("pose2sim", "coco", *MARKER_FORMATS, "video", "exr")  # Formats in addition to our own capture.
+KINDS = ("infrared", "depth", "masks", "normals", "rgb")  # Types of images that can be rendered.
+FORMATS = ("pose2sim", "coco", *MARKER_FORMATS, "video", "exr")  # Formats written in addition to our own capture.
 _KEYS = (
     *["version", "name", "seed", "fps", "frames", "motions", "people", "camera_arrays", "looks"],
     *["film", "write", "markers", "joint_set", "perturb", "rgb", "hands"],
@@ -131,52 +131,52 @@ class People:
     """The people in the data set."""
 
     count: int = 1
-    sigma: float = 0.8  # Standard deviation of their shapes, relative to the population.
-    strange: bool = False  # True gives them proportions outside the solver's shape space.
+    sigma: float = 0.8  # Standard deviation of their shapes relative to that of the population.
+    strange: bool = False  # Whether to give them proportions outside the solver's shape space.
 
 
 @dataclass(frozen=True)
 class RgbSettings:
     """Settings of the colour images, which Blender renders."""
 
-    engine: str = "workbench"  # 'workbench' is fast, 'cycles' and 'eevee' light the room.
-    samples: int = 4  # Samples per pixel of 'cycles' and 'eevee'.
+    engine: str = "workbench"  # 'workbench' is fast. 'cycles' and 'eevee' simulate the lighting of the room.
+    samples: int = 4  # Samples per pixel for 'cycles' and 'eevee'.
     blur: float = 0.0  # Exposure time as a fraction of the frame interval.
-    exposure: float = 0.0  # Exposure change in stops. Every shot adds up to half a stop at random.
-    noise: float = 0.01  # Standard deviation of the sensor's noise, relative to full scale.
-    rolling_s: float = 0.0  # Seconds from the first to the last row of a rolling shutter.
+    exposure: float = 0.0  # Exposure change in stops. Each shot also gets a random change of up to half a stop.
+    noise: float = 0.01  # Standard deviation of the sensor noise, relative to full scale.
+    rolling_s: float = 0.0  # Seconds between the first and last row of a rolling shutter.
 
 
-# Range of each number, names of each choice.
+# The range of each number and the names of each choice.
 _RGB_LIMITS = {"engine": ENGINES, "samples": (1, 4096), "blur": (0.0, 1.0), "exposure": (-8.0, 8.0)}
 _RGB_LIMITS |= {"noise": (0.0, 1.0), "rolling_s": (0.0, 1.0)}
 
 
 @dataclass(frozen=True)
 class Spec:
-    """A whole data set."""
+    """The description of a whole data set."""
 
     name: str
     seed: int
     fps: float
     frames: int
-    motions: tuple[str, ...]  # Files, folders, or the included choreography.
+    motions: tuple[str, ...]  # Files, folders, or the built-in choreography.
     people: People
     arrays: tuple[CameraRing, ...]
     looks: tuple[StudioLook, ...]
     film: tuple[str, ...]  # Elements of ``KINDS``.
     write: tuple[str, ...]  # Elements of ``FORMATS``.
-    markers: str  # Marker layout of the person, "" for none.
-    joint_set: JointSet  # Set of the written and solved keypoints. The ground truth has every set.
+    markers: str  # Marker layout that the person wears, or "" for none.
+    joint_set: JointSet  # Joint set of the keypoints that are written and solved. The ground truth contains every set.
     perturb: Faults
-    hands: bool  # True if fingers move and captures contain hands.
+    hands: bool  # True if the fingers move and captures contain hands.
     rgb: RgbSettings
-    folder: Path  # Base of relative paths.
-    text: str  # Description as plain JSON with sorted keys, which identifies a data set.
+    folder: Path  # Folder to which relative paths refer.
+    text: str  # Description as plain JSON with sorted keys, which identifies the data set.
 
 
 def read_spec(path: Path | str) -> Spec:
-    """Read a description. Raise the errors of ``spec_of``, FileMissing or FileDamaged."""
+    """Read a description from a file. Raise FileMissing, FileDamaged or the errors of ``spec_of``."""
     path = Path(path)
     return spec_of(read_json(path), path.resolve().parent)
 
@@ -186,7 +186,7 @@ def spec_of(values: Any, folder: Path = Path()) -> Spec:
 
     Raises:
         StudioInvalid: a key or preset is unknown, a type is wrong, or a value is invalid.
-        MocapError: the capture of an array cannot be read.
+        MocapError: the capture that defines an array cannot be read.
     """
     top = CheckedValues(values, "description", _KEYS)
     if top.whole("version", VERSION, 0, 10**6) != VERSION:
@@ -234,7 +234,7 @@ def _require_sense(spec: Spec) -> Spec:
             where="description: write",
             hint="Leave out 'pose2sim', or film with more cameras.",
         )
-    # A marker's centre is 9.5 mm above the skin, so loose clothes would cover it.
+    # Marker centres are 9.5 mm above the skin, so loose clothes would cover them.
     loose = [look.name for look in spec.looks if look.clothes not in ("suit", "bare")]
     if spec.markers and loose and "markers" in json.loads(spec.text):
         raise StudioInvalid(

@@ -1,4 +1,4 @@
-"""List the shots of a description and set up each one: person, clothes, cameras and room."""
+"""List the shots in a description and set up each one: person, clothes, cameras and room."""
 
 from __future__ import annotations
 
@@ -22,34 +22,34 @@ from solver_backend.synthesis.studio.spec import Spec, StudioLook, draw_light
 from solver_backend.synthesis.studio.z_buffer import in_camera, in_pictures
 from solver_backend.types import NUM_BETAS, Cameras, JointSet
 
-_MOST_BETA = 2.5  # Largest shape coefficient in standard deviations; chosen by hand.
+_MOST_BETA = 2.5  # Largest absolute shape coefficient in standard deviations; chosen by hand.
 CLEARANCE_M = 0.1  # Smallest distance between a camera and the skin in metres.
-_NEAREST = 60  # Number of frames whose skin is checked, those with joints nearest to the camera.
+_NEAREST = 60  # Number of frames in which the skin is checked: those in which a joint is nearest to the camera.
 
 
 @dataclass(frozen=True)
 class Shot:
-    """One take of one person in front of one array."""
+    """One take of one person in front of one camera array."""
 
-    name: str  # Unique name in the data set, and folder name.
+    name: str  # Unique name within the data set, also used for the folder.
     motion: MotionSource
     person: int
     array: CameraRing
     look: StudioLook
 
     def rng(self, spec: Spec, stream: str) -> np.random.Generator:
-        """Return the random generator for one aspect of this shot, by seed and names."""
+        """Return the random generator for one aspect of this shot, seeded by the data set's seed and the names."""
         return seeded(spec.seed, self.name, stream)
 
 
 def seeded(seed: int, *names: str) -> np.random.Generator:
-    """Return a random generator for a seed and names (SHA-256)."""
+    """Return a random generator seeded by a number and names (SHA-256)."""
     digest = hashlib.sha256("\0".join([str(seed), *names]).encode()).digest()
     return np.random.default_rng(np.frombuffer(digest, np.uint32))
 
 
 def list_shots(spec: Spec) -> tuple[Shot, ...]:
-    """Return all shots of a description in order. Raise ``FileMissing``."""
+    """Return all shots in a description, in order. Raise ``FileMissing`` if a motion does not exist."""
     motions, shots = find_motions(list(spec.motions), spec.folder), []
     for motion, person, array, look in product(motions, range(spec.people.count), spec.arrays, spec.looks):
         parts = (motion.name, f"person{person:03d}", array.name, look.name)
@@ -58,7 +58,7 @@ def list_shots(spec: Spec) -> tuple[Shot, ...]:
 
 
 def cast(spec: Spec, person: int) -> tuple[Body, np.ndarray]:
-    """Return the body and (10,) shape of a person, who is the same in every shot."""
+    """Return the body and the (10,) shape of a person. They are the same in every shot."""
     rng = seeded(spec.seed, "person", str(person))
     betas = np.clip(spec.people.sigma * rng.normal(size=NUM_BETAS), -_MOST_BETA, _MOST_BETA)
     return (strange_body(int(rng.integers(2**31))) if spec.people.strange else load_body()), betas
@@ -66,7 +66,7 @@ def cast(spec: Spec, person: int) -> tuple[Body, np.ndarray]:
 
 @dataclass(frozen=True)
 class Stage:
-    """Everything in front of the cameras in F frames."""
+    """Everything in front of the cameras over F frames."""
 
     shot: Shot
     person: Person
@@ -79,7 +79,7 @@ class Stage:
     labels: tuple[str, ...]  # M marker names.
     markers: np.ndarray  # (F, M, 3) marker centres in metres.
     joints: np.ndarray  # (F, 24, 3) joint positions in metres.
-    hands: MovingHands | None = None  # Moving fingers, None if they rest.
+    hands: MovingHands | None = None  # Moving fingers, or None if they are at rest.
 
     @property
     def num_frames(self) -> int:
@@ -87,13 +87,13 @@ class Stage:
         return len(self.person.transl)
 
     def surface(self, frames: np.ndarray) -> np.ndarray:
-        """Return the (n, N, 3) vertices of the dressed person in these frames."""
+        """Return the (n, N, 3) vertices of the dressed person in the given frames."""
         skin = self.person.skin(frames) if self.hands is None else skin_with_hands(self.person, self.hands, frames)
         return self.costume.posed(skin, self.corners)
 
 
 def set_up(spec: Spec, shot: Shot) -> Stage:
-    """Return the stage of a shot. Raise ``MocapError`` if the motion cannot be read."""
+    """Set up the stage for a shot. Raise ``MocapError`` if the motion cannot be read."""
     body, betas = cast(spec, shot.person)
     person = shot.motion.play(body, betas, spec.fps, spec.frames)
     joints = person.landmarks(JointSet.SMPL_24).points
@@ -117,8 +117,8 @@ def require_sight(stage: Stage) -> None:
     """Check that a shot can be rendered.
 
     Raises:
-        NobodySeen: no joint is visible to a camera in any frame.
-        CameraInsideBody: a camera is inside the person or closer than ``CLEARANCE_M``.
+        NobodySeen: no camera sees a joint in any frame.
+        CameraInsideBody: a camera is inside the person or closer to the skin than ``CLEARANCE_M``.
     """
     cameras, seen = stage.cameras, False
     near = np.linalg.norm(stage.joints[:, None] - cameras.centres[None, :, None], axis=-1).min(axis=2)

@@ -1,4 +1,4 @@
-"""Compute a shot's ground truth: keypoints, markers, boxes, contacts and body."""
+"""Compute the ground truth of a shot: keypoints, markers, boxes, contacts and body."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ from solver_backend.synthesis.studio.stage import Stage
 from solver_backend.synthesis.studio.z_buffer import in_pictures
 from solver_backend.types import NUM_BODY_JOINTS, NUM_JOINTS, Cameras, JointSet, Motion
 
-OUTSIDE, SELF_HIDDEN, FURNITURE_HIDDEN, VISIBLE = 0, 1, 2, 3  # Visibility; hidden by the own body or by furniture.
+OUTSIDE, SELF_HIDDEN, FURNITURE_HIDDEN, VISIBLE = 0, 1, 2, 3  # Visibility: hidden by the body or by furniture.
 _SOLE_M, _STANDING_M_S = 0.03, 0.15
-_TURNED_AWAY = -0.4  # Cosine between skin and line of sight at which a limb hides its marker, tuned on rendered images.
+_TURNED_AWAY = -0.4  # Cosine to the line of sight below which a limb hides its marker, tuned on rendered images.
 
 
 @dataclass(frozen=True)
 class Truth:
     """Ground truth for F frames and C cameras."""
 
-    keypoints3d: dict[JointSet, np.ndarray]  # (F, K, 3) positions in metres by joint set.
-    xy: dict[JointSet, np.ndarray]  # (C, F, K, 2) pixels, including hidden points. NaN where projection is impossible.
+    keypoints3d: dict[JointSet, np.ndarray]  # (F, K, 3) positions in metres for each joint set.
+    xy: dict[JointSet, np.ndarray]  # (C, F, K, 2) pixels, also of hidden points. NaN where projection is impossible.
     visibility: dict[JointSet, np.ndarray]  # (C, F, K) uint8, ``OUTSIDE`` to ``VISIBLE``.
     marker_xy: np.ndarray  # (C, F, M, 2) pixels.
-    boxes: np.ndarray  # (C, F, 4) box of the person in px: left, top, right, bottom. NaN without a person.
-    inside: np.ndarray  # (C, F) fraction of the person inside the image.
-    contacts: np.ndarray  # (F, 2) mask of standing left and right foot.
+    boxes: np.ndarray  # (C, F, 4) box around the person in px: left, top, right, bottom. NaN if not visible.
+    inside: np.ndarray  # (C, F) fraction of the person that is inside the image.
+    contacts: np.ndarray  # (F, 2) mask of frames in which the left and right foot stand.
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Return plain arrays by name."""
+        """Return the ground truth as plain arrays by name."""
         result = {"marker_xy": self.marker_xy, "boxes": self.boxes, "inside": self.inside, "contacts": self.contacts}
         for chosen in self.keypoints3d:
             result[f"keypoints3d_{chosen.value}"] = self.keypoints3d[chosen]
@@ -47,7 +47,7 @@ class Truth:
 
 
 def find_truth(stage: Stage, fps: float, *, sight: bool = True) -> Truth:
-    """Compute the ground truth of a shot, without ``sight`` as if nothing hid a point."""
+    """Compute the ground truth of a shot. If ``sight`` is False, no point is hidden."""
     person, cameras = stage.person, stage.cameras
     every, columns = _keypoints(person.body)
     posed = person.pose(every).points
@@ -78,7 +78,7 @@ def true_motion(person: Person, joints: np.ndarray, contacts: np.ndarray, fps: f
 
 @lru_cache(maxsize=8)
 def _keypoints(body: Body) -> tuple[Landmarks, dict[JointSet, list[int]]]:
-    """Return the distinct landmarks of all joint sets, and each set's columns in them."""
+    """Return the distinct landmarks of all joint sets, and the columns of each set among them."""
     parts: list[Landmarks] = []
     known: dict[bytes, int] = {}
     columns: dict[JointSet, list[int]] = {chosen: [] for chosen in JointSet}
@@ -94,9 +94,9 @@ def _keypoints(body: Body) -> tuple[Landmarks, dict[JointSet, list[int]]]:
 
 
 def _boxes(cameras: Cameras, skin: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C, f, 4) boxes of (f, P, 3) points, clipped to the image, and (C, f) fractions inside."""
+    """Return the (C, f, 4) boxes around (f, P, 3) points, clipped to the image, and the (C, f) fractions inside."""
     px = project(cameras, skin)
-    # Axis by axis, because reductions over two neighbours are slow.
+    # Reduce one axis at a time, because reductions over an axis of length two are slow.
     x, y = (np.ascontiguousarray(px[..., i]) for i in (0, 1))
     wide, high = (cameras.image_size[:, i, None, None] - 0.5 for i in (0, 1))
     with np.errstate(invalid="ignore"):
@@ -108,7 +108,7 @@ def _boxes(cameras: Cameras, skin: np.ndarray, share: np.ndarray) -> tuple[np.nd
 
 
 def _contacts(body25: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, 2) contacts: the lowest sole point is slow and near the floor."""
+    """Return (F, 2) contacts. A foot stands if its lowest sole point is slow and near the floor."""
     names = JointSet.BODY_25.keypoints
     standing = []
     for side in ("left", "right"):
@@ -119,10 +119,10 @@ def _contacts(body25: np.ndarray, fps: float) -> np.ndarray:
 
 
 def marker_sight(stage: Stage) -> np.ndarray:
-    """Return (C, F, M) float32, 1 if a marker is visible to a camera, otherwise 0.
+    """Return (C, F, M) float32: 1 where a camera sees a marker, otherwise 0.
 
-    A marker is hidden by its own limb if the limb turns away. Other limbs and furniture block the line of sight. 90 %
-    of the results agree with rendered images.
+    A marker is hidden if the skin at its position turns away from the camera. Other limbs and furniture can block the
+    line of sight. 90 % of the results agree with rendered images.
     """
     cameras, person = stage.cameras, stage.person
     seen = np.zeros((len(cameras), stage.num_frames, len(stage.labels)), np.float32)

@@ -1,4 +1,4 @@
-"""Write a shot's images in a thread with limited memory: ``kind/camera/000000.png``, or ``.exr``."""
+"""Write images of a shot from a thread with limited memory: ``kind/camera/000000.png`` or ``.exr``."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from solver_backend.types import Cameras, Capture, JointSet, Keypoints2D
 
 _MAGIC, _VERSION = 20000630, 2
 _FLOAT, _ZIP = 2, 3
-_LINES = 16  # Lines per block of ZIP compression in OpenEXR.
+_LINES = 16  # Number of lines per ZIP-compressed block in OpenEXR.
 
 
 def exr_bytes(channels: Mapping[str, np.ndarray]) -> bytes:
@@ -58,20 +58,20 @@ def _header(names: list[str], width: int, height: int) -> bytes:
 
 
 def _predicted(raw: bytes) -> bytes:
-    """Return the bytes at even positions, then at odd ones, as differences."""
+    """Return the bytes at even positions, followed by those at odd positions, as differences."""
     data = np.frombuffer(raw, np.uint8)
     parted = np.concatenate([data[0::2], data[1::2]]).astype(np.int16)
     parted[1:] = parted[1:] - parted[:-1] + 128
     return parted.astype(np.uint8).tobytes()
 
 
-EXR = "exr"  # Kind of floating-point images, with the normal as R, G, B and the depth as Z.
+EXR = "exr"  # Kind of floating-point images, which store the normal as R, G, B and the depth as Z.
 _NOISY = ("infrared", "depth")
-_WAITING = 16  # Maximum number of images that may wait to be written.
+_WAITING = 16  # Maximum number of images waiting to be written.
 
 
 class PictureWriter:
-    """Writes images while the next ones are rendered. Compression releases Python's lock."""
+    """Writes images while the next ones are being rendered. Compression releases Python's global lock."""
 
     def __init__(self, folder: Path, cameras: tuple[str, ...]) -> None:
         self._folder, self._cameras = folder, cameras
@@ -91,7 +91,7 @@ class PictureWriter:
             self._pool.shutdown(wait=True, cancel_futures=True)
 
     def __call__(self, kind: str, view: int, frame: int, picture: np.ndarray) -> None:
-        """Accept an image for writing. Raise the error of an earlier one."""
+        """Queue an image for writing. If an earlier image could not be written, raise its error."""
         folder = self._folder / kind / self._cameras[view]
         if frame == 0:
             folder.mkdir(parents=True, exist_ok=True)
@@ -112,7 +112,7 @@ _SKELETON = [[int(point) for point in bone.split("-")] for bone in _BONES.split(
 
 
 def coco_text(cameras: Cameras, truth: Truth, pictures: str, shot: str) -> str:
-    """Return a shot's COCO annotations as JSON, for pictures in a folder."""
+    """Return the COCO annotations of a shot as JSON. ``pictures`` is the folder of the images."""
     chosen = JointSet.COCO_17
     xy, visibility = truth.xy[chosen], truth.visibility[chosen]
     state = np.where(visibility == VISIBLE, 2, np.where(visibility == OUTSIDE, 0, 1))
@@ -155,12 +155,12 @@ fill_large_gaps_with = 'last_value'
 show_interp_indices = true
 make_c3d = false
 """
-"""Settings that Pose2Sim's triangulation step requires, with its defaults."""
-_WRITTEN = {JointSet.COCO_WHOLEBODY_133: 133}  # Number of keypoints in a file if it is smaller than the set's.
+"""Settings that Pose2Sim's triangulation requires, with Pose2Sim's default values."""
+_WRITTEN = {JointSet.COCO_WHOLEBODY_133: 133}  # Number of keypoints in a file if it is less than the joint set's.
 
 
 def write_trial(folder: Path, capture: Capture) -> Path:
-    """Write the keypoints of a capture of several views as a new Pose2Sim trial."""
+    """Write the keypoints of a multi-view capture as a new Pose2Sim trial."""
     cameras, keypoints = capture.require_multiview()
     (folder / "calibration").mkdir(parents=True)
     (folder / "calibration" / "Calib.toml").write_text(pose2sim_toml(cameras, 0.0), encoding="utf-8", newline="\n")
@@ -180,7 +180,7 @@ def write_trial(folder: Path, capture: Capture) -> Path:
 
 
 def frame_text(keypoints: Keypoints2D, view: int, frame: int) -> str:
-    """Return OpenPose's JSON of one frame, with 0 0 0 for a missing keypoint."""
+    """Return one frame in OpenPose's JSON format, in which missing keypoints are 0 0 0."""
     xy, confidence = keypoints.xy[view, frame], keypoints.confidence[view, frame]
     count = _WRITTEN.get(keypoints.joint_set, len(xy))
     rows = np.zeros((count, 3))
@@ -194,7 +194,7 @@ FORMAT, VERSION = "manifold_mocap_studio_scene", 1
 
 
 def write_scene(path: Path, stage: Stage) -> Path:
-    """Write the static parts of a scene, without motion and cameras."""
+    """Write the static parts of a scene, without motion or cameras."""
     costume, room = stage.costume, stage.room
     arrays = {"format": np.array(FORMAT), "version": np.array(VERSION), "base": costume.base.astype(np.int32)}
     arrays |= {"offset_m": costume.offset_m.astype(np.float32), "faces": costume.faces.astype(np.int32)}
@@ -205,7 +205,7 @@ def write_scene(path: Path, stage: Stage) -> Path:
 
 
 def write_body(path: Path, body: Body) -> Path:
-    """Write a body in the format of ``load_body``, with the names of joints outside the SMPL family."""
+    """Write a body in the format that ``load_body`` reads, including the names of joints outside the SMPL family."""
     layout = body.layout
     known = FAMILY.get(layout.num_joints)
     own = known is None or known.joints != layout.joints

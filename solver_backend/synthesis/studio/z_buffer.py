@@ -1,8 +1,8 @@
 """Find the visible triangle at the centre of each pixel, and its depth (z-buffer).
 
-Pixel (0, 0) is the centre of the top-left pixel. Vertices are projected through the lens, and triangles between them
-are straight. This is exact to a hundredth of a pixel for triangles of a few pixels. Inverse depth is linear in the
-image (perspective-correct interpolation).
+Pixel (0, 0) is the centre of the top-left pixel. Vertices are projected through the lens, and the edges between them
+are drawn straight. For triangles of a few pixels, this is accurate to a hundredth of a pixel. Inverse depth is linear
+in the image (perspective-correct interpolation).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from solver_backend.exchange.lens import distort, is_pinhole, pixels
 from solver_backend.synthesis.simulation.keypoint_detector import cross_2d
 from solver_backend.types import Cameras
 
-NEAR_M = 0.02  # Triangles with a closer corner are omitted, metres.
+NEAR_M = 0.02  # Triangles that have a corner closer than this are omitted, metres.
 _WIDEST = 1.2  # Normalised radius beyond which a distortion polynomial is not valid.
 
 
@@ -23,8 +23,8 @@ _WIDEST = 1.2  # Normalised radius beyond which a distortion polynomial is not v
 class ZBuffer:
     """Depth and triangle of each pixel in an image."""
 
-    depth: np.ndarray  # (h, w) float32 metres along the optical axis, inf without a hit.
-    face: np.ndarray  # (h, w) int32 index of the triangle, -1 without a hit.
+    depth: np.ndarray  # (h, w) float32 depth in metres along the optical axis, inf where nothing is hit.
+    face: np.ndarray  # (h, w) int32 index of the triangle, -1 where nothing is hit.
 
 
 def in_camera(cameras: Cameras, view: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -41,7 +41,7 @@ def in_camera(cameras: Cameras, view: int, points: np.ndarray) -> tuple[np.ndarr
 
 
 def in_pictures(px: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Return a (C, ...) mask of pixels (C, ..., 2) inside their camera's image of width and height (C, 2)."""
+    """Return a (C, ...) mask of the pixels (C, ..., 2) that are inside each camera's image, given (C, 2) sizes."""
     with np.errstate(invalid="ignore"):
         return ((px >= -0.5) & (px < sizes.reshape(-1, *[1] * (px.ndim - 2), 2) - 0.5)).all(axis=-1)
 
@@ -49,17 +49,17 @@ def in_pictures(px: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 def rasterise(px: np.ndarray, depth: np.ndarray, faces: np.ndarray, size: tuple[int, int]) -> ZBuffer:
     """Compute the z-buffer of a mesh.
 
-    A pixel belongs to a triangle if all three barycentric coordinates of its centre are at least 0.
+    A pixel belongs to a triangle if all three barycentric coordinates of its centre are non-negative.
 
     Args:
         px: (V, 2) pixels of the corners, NaN where unknown.
         depth: (V,) depths in metres along the optical axis.
-        faces: (T, 3) corners, counter-clockwise from outside.
+        faces: (T, 3) corners, counter-clockwise when seen from outside.
         size: width and height of the image.
     """
     width, height = size
     buffer = ZBuffer(np.full((height, width), np.inf, np.float32), np.full((height, width), -1, np.int32))
-    # Around the image centre, single precision resolves 1/10,000 pixel.
+    # Relative to the image centre, single precision resolves 1/10,000 pixel.
     middle = np.array([width // 2, height // 2], np.float64)
     corners = (px - middle)[faces].astype(np.float32)
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
@@ -99,28 +99,28 @@ def rasterise(px: np.ndarray, depth: np.ndarray, faces: np.ndarray, size: tuple[
     return buffer
 
 
-RADIUS_M = 0.007  # Radius of a common 14 mm marker.
+RADIUS_M = 0.007  # Radius of a typical 14 mm marker.
 _SUBSAMPLES = 5
-_CLEARANCE_M = 0.012  # Objects less than this in front of a sphere's centre are its own base and skin.
+_CLEARANCE_M = 0.012  # Objects that are less than this in front of a sphere's centre are its own base and the skin.
 
 
 @dataclass(frozen=True)
 class Spheres:
-    """M spheres in one image."""
+    """M spheres as seen in one image."""
 
-    px: np.ndarray  # (M, 2) pixels of the centres, NaN if not in front of the camera.
-    depth: np.ndarray  # (M,) depths in metres along the axis.
+    px: np.ndarray  # (M, 2) pixels of the centres, NaN unless in front of the camera.
+    depth: np.ndarray  # (M,) depths in metres along the optical axis.
     radius_px: np.ndarray  # (M,) radii.
-    seen: np.ndarray  # (M,) fraction of the disc that is inside the image and visible, 0..1.
+    seen: np.ndarray  # (M,) fraction of the disc that is inside the image and visible, 0 to 1.
     pixel: np.ndarray  # (P,) flat index of every pixel that a disc touches.
     cover: np.ndarray  # (P,) fraction of the pixel that the visible disc covers.
-    owner: np.ndarray  # (P,) index of the sphere.
+    owner: np.ndarray  # (P,) index of the sphere that each entry belongs to.
 
 
 def see_spheres(cameras: Cameras, view: int, points: np.ndarray, scene_depth: np.ndarray) -> Spheres:
-    """Return a camera's view of spheres at (M, 3) world points in front of a scene with (h, w) depth.
+    """Return how a camera sees spheres at (M, 3) world points in front of a scene of (h, w) depth.
 
-    Each disc is sampled 5 x 5 times per pixel. A sample is hidden if the scene's pixel is clearly nearer.
+    Each disc is sampled 5 x 5 times per pixel. A sample is hidden if the scene is clearly nearer at that pixel.
     """
     camera, px = in_camera(cameras, view, points)
     height, width = scene_depth.shape

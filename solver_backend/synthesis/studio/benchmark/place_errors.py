@@ -1,4 +1,4 @@
-"""Predict a camera array's error of triangulated keypoints at every position on the floor."""
+"""Predict a camera array's keypoint triangulation error at every position on the floor."""
 
 from __future__ import annotations
 
@@ -30,25 +30,25 @@ from solver_backend.synthesis.studio.sight import BodySight, sight_lines
 from solver_backend.synthesis.studio.stage import seeded
 from solver_backend.types import Cameras, JointSet
 
-_POSES, _DRAWS = 5, 8  # Number of poses per position, and of detections per pose.
-_FPS = 30.0  # Frames per second of the simulated person; chosen by hand.
+_POSES, _DRAWS = 5, 8  # Number of poses per position, and of simulated detections per pose.
+_FPS = 30.0  # Frame rate of the simulated person in 1/s; chosen by hand.
 _SET = JointSet.BODY_25
 
 
 @dataclass(frozen=True)
 class PlaceErrors:
-    """Errors over a floor grid with Y rows and X columns."""
+    """Errors on a floor grid of Y rows and X columns."""
 
     array: str
     x_m: np.ndarray  # (X,) positions in metres.
     y_m: np.ndarray  # (Y,) positions in metres.
     error_mm: np.ndarray  # (Y, X) RMS distance from triangulated keypoints to the truth. NaN if most are not found.
-    views: np.ndarray  # (Y, X) mean number of cameras in which a keypoint is visible.
+    views: np.ndarray  # (Y, X) mean number of cameras that see a keypoint.
     cameras: np.ndarray  # (C, 3) camera positions in metres.
 
     @property
     def median_mm(self) -> float | None:
-        """Median over the positions with a located person, None if there is none."""
+        """Median over the positions at which the person was located, or None if there are none."""
         return float(np.nanmedian(self.error_mm)) if np.isfinite(self.error_mm).any() else None
 
 
@@ -62,8 +62,8 @@ def place_errors(
 ) -> PlaceErrors:
     """Predict the error of a camera array over a square floor with sides of ``2 half_m``.
 
-    At each position a person takes some poses of the choreography. A simulated detector observes each pose several
-    times. Keypoints that at least two cameras detect are triangulated as in a solve.
+    At each position, a person takes several poses from the choreography. A simulated detector observes each pose
+    several times. Keypoints detected by at least two cameras are triangulated as in a solve.
     """
     body, betas = load_body(), np.zeros(10)
     person = MotionSource("choreography", None).play(body, betas, _FPS, 180)
@@ -91,7 +91,7 @@ def place_errors(
     views = (confidence > 0).sum(axis=0).reshape(*shape, -1).mean(axis=2)
     error = np.full(shape, np.nan)
     if len(true) > 1:
-        # Estimate the detector's errors from all positions together, as from a whole take.
+        # Estimate the detector's errors from all positions together, as if they were one take.
         located = triangulate(known, xy, confidence).points
         truth = np.concatenate([np.tile(points + move, (_DRAWS, 1, 1)) for move in moves])
         off = np.linalg.norm(located - truth, axis=-1).reshape(*shape, -1)
@@ -104,19 +104,19 @@ def place_errors(
 
 @lru_cache(maxsize=8)
 def _keypoints(body: Body) -> Landmarks:
-    """Return the keypoints, always as the same object, because sight tables are cached for it."""
+    """Return the keypoints. They are always the same object, which serves as the key of the cached sight tables."""
     return keypoint_landmarks(body, _SET)
 
 
 def _look(
     true: Cameras, person: Person, points: np.ndarray, hidden: np.ndarray, faults: Faults, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C, F, K, 2) detections and (C, F, K) confidences for several observations of each pose."""
+    """Observe each pose several times. Return (C, F, K, 2) detections and (C, F, K) confidences."""
     px = project(true, points)
     with np.errstate(invalid="ignore"):
         inside = ((px >= 0) & (px < true.image_size[:, None, None])).all(-1)
     direction = direction_seen_from(true, person.orient, points[:, 0])
-    # Observations are independent: each has a new drift, and no limbs are exchanged.
+    # Observations are independent: each has its own drift. No limbs are swapped.
     detector = replace(faults.detector, swaps_per_minute=0.0, drift_s=1e-3)
     seen = (np.where(inside[..., None], px, -1e6), px_per_mm(true, points), direction, hidden)
     px, scale, way, behind = (np.tile(part, (1, _DRAWS, *[1] * (part.ndim - 2))) for part in seen)
@@ -125,7 +125,7 @@ def _look(
 
 
 def places_text(places: Sequence[PlaceErrors]) -> str:
-    """Return maps as JSON for other programs, with null if the person was not located."""
+    """Return the maps as JSON for other programs, with null where the person was not located."""
     maps = []
     for p in places:
         values = {"camera_array": p.array, "x_m": p.x_m.tolist(), "y_m": p.y_m.tolist(), "cameras": p.cameras.tolist()}

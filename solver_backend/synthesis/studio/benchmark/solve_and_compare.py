@@ -1,4 +1,4 @@
-"""Solve every shot of a data set by every method and compare with the ground truth."""
+"""Solve every shot in a data set by every method, and compare the results with the ground truth."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from solver_backend.metrics import accel_error_m_s2, mpjpe_mm, pa_mpjpe_mm
 from solver_backend.synthesis.studio.data_set import SHOTS, read_data_set
 from solver_backend.types import Capture
 
-YARDSTICK = "triangulation"  # The method without a body: triangulation and a 6 Hz filter.
+YARDSTICK = "triangulation"  # The method that needs no body: triangulation and a 6 Hz filter.
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """One solve of one shot."""
+    """Result of solving one shot once."""
 
     shot: str
     faults: str
@@ -36,7 +36,7 @@ class Verdict:
     pa_mpjpe_mm: float = np.nan
     accel_m_s2: float = np.nan
     seconds: float = np.nan
-    error: str = ""  # Error message, "" if there is a result.
+    error: str = ""  # Error message, or "" if the solve succeeded.
     by_frame_mm: np.ndarray | None = None  # (F,) mean joint error.
     joints: np.ndarray | None = None  # (F, 24, 3) solved joint positions in metres.
 
@@ -49,15 +49,16 @@ def solve_and_compare(
     progress: Progress = silent,
     settings: SolveSettings = SolveSettings(),
 ) -> list[Verdict]:
-    """Solve every shot of a data set by every method, with the error of a failed solve.
+    """Solve every shot in a data set by every method. Failed solves are returned with their errors.
 
     Args:
-        methods: methods of the solver, or 'triangulation'.
-        sources: 'views', 'markers' or both. If empty, the perturbed ones, or views.
+        methods: solver methods, or 'triangulation'.
+        sources: 'views', 'markers' or both. If empty, the sources that have faults are used, or views if there are
+        none.
         faults: 'clean', 'perturbed' or both.
 
     Raises:
-        FileMissing, FileDamaged: there is no data set.
+        FileMissing, FileDamaged: there is no data set, or it is damaged.
         CommandLineInvalid: a method is unknown.
     """
     unknown = sorted(set(methods) - {*METHOD_NAMES, YARDSTICK})
