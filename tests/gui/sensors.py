@@ -66,12 +66,12 @@ def live_panel(user: Any) -> Any:
 
 def a_take(user: Any) -> Any:
     """Show sensors' points, record them, import the take."""
-    mocap().rig.kind, mocap().rig.source = "FOLDER", str(OUT / SENSORS)
+    mocap().sensors.kind, mocap().sensors.source = "FOLDER", str(OUT / SENSORS)
     yield from user.press("mocap.start_sensors(part='TAKE')")
     yield from user.until(lambda: not running().busy or running().run.shown > 1, "sensors are shown", _LONGEST_S)
     yield from user.shot("rig_runs")
     yield from ended(user, "the recording is at its end")
-    assert Path(bpy.path.abspath(mocap().rig.take)).name == "take_01", mocap().rig.take
+    assert Path(bpy.path.abspath(mocap().sensors.take)).name == "take_01", mocap().sensors.take
     yield from user.find("take_01", 0.5)
     yield from user.shot("rig_recorded")
     captures = len(mocap().captures)
@@ -90,28 +90,28 @@ def a_wand(user: Any) -> Any:
     yield from ended(user, "the wand's recording is at its end")
     yield from user.press("mocap.calibrate_sensors()")
     yield from user.solved("what was waved is no wand")
-    assert mocap().rig.calibration == ""
+    assert mocap().sensors.calibration == ""
     yield from user.shot("no_wand")
     yield from user.key("ESC")  # the message stays up until it is dismissed, in Blender 5
-    mocap().rig.wand = str(OUT / WAND)
+    mocap().sensors.wand = str(OUT / WAND)
     yield from user.press("mocap.calibrate_sensors()")
     yield 1.0
     yield from user.shot("calibrating")
     yield from user.solved("the sensors are calibrated")
-    assert Path(bpy.path.abspath(mocap().rig.calibration)).is_file()
+    assert Path(bpy.path.abspath(mocap().sensors.calibration)).is_file()
     yield from user.find("mocap.calibrate_sensors()")
     yield from user.shot("calibrated")
-    user.note(f"said: {mocap().rig.said.splitlines()}")
+    user.note(f"said: {mocap().sensors.findings.splitlines()}")
 
 
 def cameras_that_are_not_there(user: Any) -> Any:
     """Look for cameras where there are none."""
-    mocap().rig.kind = "OAK"
+    mocap().sensors.kind = "OAK"
     user.viewport.tag_redraw()
     yield 0.3
     yield from user.press("mocap.find_sensors()")
     yield from user.solved("cameras are looked for", 60)
-    assert mocap().rig.oaks == ""
+    assert mocap().sensors.oaks == ""
     yield from user.shot("no_cameras")
     yield from user.key("ESC")
     yield from user.narrow(200)

@@ -20,12 +20,12 @@ _SCROLL_WAITS = 12
 _ROW_PX = 20  # Height of a button; the stages stand in two rows where the sidebar is narrow.
 _MARGIN_PX = 12  # From the sidebar's edge to where no list or field takes the wheel for itself.
 _BELOW_EDGE_PX = 30  # From the sidebar's top to where a panel takes the wheel, and not the viewport.
-_LAG = 8  # Moves of the mouse by which a slow screen may lag behind.
+_LAG = 8  # Moves of the mouse and turns of the wheel by which a slow screen may lag behind.
 STAGES = {
     "CAPTURE": (
-        "view_camera", "leave_out", "use_range", "check_cameras", "refine_cameras", "restore_cameras", "import_capture",
-        "demo_capture", "capture_from_videos", "video_step", "label_point", "pick_point", "people", ".reading.",
-        "show_names", "show_residuals", "leave_camera", "import_motion", "show_capture", "person_shown",
+        "cameras[", "view_camera", "leave_out", "use_range", "check_cameras", "refine_cameras", "restore_cameras",
+        "import_capture", "demo_capture", "capture_from_videos", "video_step", "label_point", "pick_point", "people",
+        ".reading.", "show_names", "show_residuals", "leave_camera", "import_motion", "show_capture", "person_shown",
     ),
     "SOLVE CAPTURE": ("mocap.solve()",),
     "SOLVE": ("solve.preset", "solve_all", "calibrate_subject", "solve.estimate_sync", "solve.subject"),
@@ -124,7 +124,7 @@ class User(Hands):
                 continue
             for there in passed[: -_LAG - 1 : -1]:
                 yield from self.move(x, there)
-                if (yield from self._stays(words, x, there)):
+                if (yield from self.stays(words, x, there)):
                     return there
         return None
 
@@ -210,7 +210,7 @@ class User(Hands):
             yield 0.1
             for y in tried:
                 yield from self.move(x, y)
-                if self.under_mouse() or not (yield from self._stays("", x, y)):
+                if self.under_mouse() or not (yield from self.stays("", x, y)):
                     continue
                 yield from self.click(x, y)
                 yield 0.2
@@ -241,7 +241,7 @@ class User(Hands):
         self.note(f"the sidebar is {self.region('UI').width} px wide")
         assert abs(self.region("UI").width - width) <= _NEAR_PX
 
-    def _stays(self, words: str, x: int, y: int) -> Generator[float | None, None, bool]:
+    def stays(self, words: str, x: int, y: int) -> Generator[float | None, None, bool]:
         """Whether the button is still there once Blender has caught up with the mouse."""
         yield 0.15
         yield from self.move(x + 1, y)
@@ -257,9 +257,13 @@ class User(Hands):
         """Turn the wheel, and return whether that moved the panels; a slow screen takes a while to follow."""
         region, before = self.region("UI"), self._offset()
         x, y = region.x + _MARGIN_PX, region.y + region.height - _BELOW_EDGE_PX
+        still, last = 0, before
         for _ in range(abs(lines)):
             self.window.event_simulate(type="WHEELDOWNMOUSE" if lines > 0 else "WHEELUPMOUSE", value="PRESS", x=x, y=y)
             yield None
+            still, last = still + 1 if self._offset() == last else 0, self._offset()
+            if still > _LAG:
+                break  # at the end
         for _ in range(_SCROLL_WAITS if lines else 0):
             yield 0.1
             if self._offset() != before:
