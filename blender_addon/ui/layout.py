@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import textwrap
+import re
 from typing import Any
 
 import blf
@@ -18,6 +18,8 @@ _LONG = ("ENUM", "STRING", "POINTER")
 _TEXT_PT, _MARGIN_PX, _ICON_PX = 11.0, 78.0, 24.0
 """Size of panel text, width of the space around it in a box, and width of an icon, at an interface scale of 1."""
 _MIN_LETTERS = 8  # Letters per line in the narrowest sidebar.
+_PARTS = re.compile(r"\s*(?:\S+?(?:[^\W\d]-(?=[^\W\d])|[\\/](?=\w\w))|\S+)")
+"""Words, with a possible break after a hyphen and after a folder."""
 TALLEST = 1.6  # Height of the button for the next step relative to others.
 
 
@@ -93,16 +95,26 @@ def fits(context: bpy.types.Context, text: str) -> bool:
 
 
 def _lines(context: bpy.types.Context, text: str, *, with_icon: bool) -> list[str]:
-    """Split a text into lines that fit the sidebar, using letter widths."""
+    """Split a text into lines that fit the sidebar, inside a word only if the word is wider than a line."""
     scale = context.preferences.system.ui_scale or 1.0  # 0 without a screen
     blf.size(0, _TEXT_PT * scale)
     room = context.region.width - (_MARGIN_PX + _ICON_PX * with_icon) * scale
-    letters = int(room * len(text) / max(blf.dimensions(0, text)[0], 1.0))
-    for count in range(max(letters, _MIN_LETTERS), _MIN_LETTERS - 1, -1):
-        lines = textwrap.wrap(text, count)
-        if all(blf.dimensions(0, line)[0] <= room for line in lines):
-            return lines or [""]
-    return textwrap.wrap(text, _MIN_LETTERS) or [""]
+
+    def fits_in(line: str) -> bool:
+        return len(line) <= _MIN_LETTERS or blf.dimensions(0, line)[0] <= room
+
+    lines = [""]
+    for part in _PARTS.findall(text):
+        if fits_in(lines[-1] + part):
+            lines[-1] += part
+            continue
+        rest = part.lstrip()
+        while not fits_in(rest):
+            cut = next(count for count in range(len(rest) - 1, 0, -1) if fits_in(rest[:count]))
+            lines.append(rest[:cut])
+            rest = rest[cut:]
+        lines.append(rest)
+    return [line for line in lines if line] or [""]
 
 
 def redraw(*kinds: str) -> None:

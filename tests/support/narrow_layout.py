@@ -15,7 +15,7 @@ import bpy
 from blender_addon.ui.translation import CONTEXT
 
 _TEXT_PT, _PADDING, _ICON, _UNIT = 11.0, 4.0, 22.0, 20.0
-_TABS_AND_MARGINS, _BOX, _CHILD = 55.0, 10.0, 6.0
+TABS_AND_MARGINS, _BOX, _CHILD = 55.0, 10.0, 6.0
 _SPLIT = 0.4
 """Share of a line that a property's name has where names and values are split."""
 _NUMBER, _SLIDER, _MENU = 48.0, 60.0, 28.0
@@ -197,7 +197,7 @@ class NarrowContext:
 
 def draw_panel(panel: type, width: int) -> NarrowLayout:
     """Draw a panel into a sidebar of some width."""
-    inner = width - _TABS_AND_MARGINS - (_CHILD if hasattr(panel, "bl_parent_id") else 0.0)
+    inner = width - TABS_AND_MARGINS - (_CHILD if hasattr(panel, "bl_parent_id") else 0.0)
     layout = NarrowLayout()
     panel.draw(SimpleNamespace(layout=layout), NarrowContext(width))  # type: ignore[attr-defined]
     layout.fit(inner)

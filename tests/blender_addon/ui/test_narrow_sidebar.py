@@ -10,10 +10,12 @@ import pytest
 from blender_addon._exchange.diagnostics import diagnostic
 from blender_addon.body.shape import body_mesh
 from blender_addon.conventions.kept_findings import findings_text
+from blender_addon.ui.layout import wrapped
 from blender_addon.ui.operators.base import current
+from blender_addon.ui.panels.solve import ADDED_BY_DEFAULT
 from blender_addon.ui.translation import german
 from tests.support import narrow_layout
-from tests.support.narrow_layout import draw_panel, text_width
+from tests.support.narrow_layout import NarrowContext, draw_panel, text_width
 from tests.support.shown_panels import panels_of_all_stages
 
 _NARROW, _DEFAULT = 200, 283  # Pixels; the default is Blender's.
@@ -48,6 +50,18 @@ def taken_for_blenders() -> list[str]:
 def test_the_measure_finds_what_is_too_long(mocap) -> None:
     assert 40 < text_width("Some Words") < 90
     assert text_width("Some Words" * 3) == pytest.approx(3 * text_width("Some Words"), rel=0.1)
+
+
+def test_lines_end_between_words(mocap) -> None:
+    layout, context = narrow_layout.NarrowLayout(), NarrowContext(185)
+    wrapped(layout, context, f"{ADDED_BY_DEFAULT}, noise-aware", "INFO")
+    words = [word for line in layout.drawn for word in line.split()]
+    assert {"accelerations,", "standing", "noise-aware"} <= {*words} and len(layout.drawn) > 8
+    wrapped(layout, context, "/a/folder_of/takes/with_a_name_that_is_too_long", "INFO")
+    assert "".join(layout.drawn).endswith("/a/folder_of/takes/with_a_name_that_is_too_long")
+    assert "/a/folder_of/" in layout.drawn
+    layout.fit(185 - narrow_layout.TABS_AND_MARGINS)
+    assert not layout.cut
 
 
 def test_an_empty_scene(mocap) -> None:
