@@ -43,7 +43,6 @@ def run_studio(args: Namespace, progress: Progress) -> CommandResult:
         engine_id(planned["engine"])
     size = f"about {planned['needed_mb']:.0f} MiB on disk"
     notes = [f"{len(planned['shots'])} shots, {planned['pictures']} pictures, {size}."]
-    progress(f"planned, {planned['needed_mb']:.0f} MiB", 1, 1)
     result: CommandResult = {**planned, "outputs": [str(args.out)], "notes": notes}
     if args.plan:
         return result

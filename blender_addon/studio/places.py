@@ -12,9 +12,11 @@ import numpy as np
 
 from .._exchange.errors import FileDamaged, FileMissing
 from .._exchange.json_file import read_json_file
+from .._exchange.solve_settings import METHODS
 from ..conventions.datablocks import shader_of
 
 FORMAT, VERSION = "manifold_mocap_places", 1
+_LABELS = {"triangulation": "Triangulation", **{method.value: method.label for method in METHODS}}
 
 
 @dataclass(frozen=True)
@@ -137,5 +139,5 @@ def _line_of(verdicts: Sequence[Mapping[str, Any]]) -> str:
     for method in dict.fromkeys(v["method"] for v in verdicts):
         errors = [v["mpjpe_mm"] for v in verdicts if v["method"] == method and v["mpjpe_mm"] is not None]
         mean = f"{sum(errors) / len(errors):.1f} mm" if errors else "failed"
-        parts.append(f"{method} {mean}")
+        parts.append(f"{_LABELS.get(method, method)} {mean}")
     return ", ".join(parts) or "one camera cannot triangulate"

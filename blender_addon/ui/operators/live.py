@@ -370,9 +370,9 @@ def calibrate_sensors(self: MocapOperator, context: bpy.types.Context) -> Steps:
     result: SensorsResult = yield Call("sensors calibrate", words, folder, of_capture=False)
     sensors = context.scene.mocap.sensors
     sensors.calibration = stored(Path(result["calibration"]))
-    remarks = [*result.get("findings", ()), *result.get("notes", ())]
-    sensors.findings = "\n".join(str(sentence) for sentence in remarks)
-    look = f". See {counted(len(remarks), 'remark')} in the panel" if remarks else ""
+    notes = [*result.get("findings", ()), *result.get("notes", ())]
+    sensors.findings = "\n".join(str(sentence) for sentence in notes)
+    look = f". See {counted(len(notes), 'note')} in the panel" if notes else ""
     return self.finish(f"The sensors are calibrated{look}", warn=result.get("findings"))
 
 

@@ -92,7 +92,7 @@ def _draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         for name, share in pose.coverage.items():
             layout.progress(factor=share, text=f"{name} {share:.0%}", translate=False)
         if pose.why:
-            wrapped(layout, context, pose.why)
+            wrapped(layout, context, pose.why[:1].upper() + pose.why[1:], "INFO")
     if run.message:
         wrapped(layout, context, run.message, "INFO")
     layout.operator("mocap.live_stop", icon="PAUSE")

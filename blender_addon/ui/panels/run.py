@@ -99,6 +99,8 @@ def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, setting
     if take is not None:
         error = f", {take[ERROR]}" if take.get(ERROR) else ""
         body = "" if settings.review.armature is None else settings.review.armature.name
+        if capture.person is not None and take.name.startswith(capture.person.name):
+            body = body.removesuffix(f" {capture.person.name}")
         named = take.name if take.name.startswith(body) else f"{body}: {take.name}"
         wrapped(column, context, f"{named}{error}", "ACTION")
         _draw_review(column, context, len(doubtful_ranges(take, settings.review.below)))

@@ -10,6 +10,7 @@ import pytest
 
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import write_capture
+from tests.support.narrow_layout import draw_panel
 
 SESSION = Path("multiview", "pose2sim_session")
 PAIR = SESSION / "S00_P01_MultiParticipants" / "S00_P01_T02_Participants1-2"
@@ -49,6 +50,8 @@ def test_everybody_is_solved_and_each_body_has_its_own_review(imported) -> None:
     # Panels and operators follow the body that is active, or whoever is chosen from the list.
     activate(second)
     assert imported.review.armature == second and capture.person.name == "Björn"
+    status = draw_panel(bpy.types.VIEW3D_PT_mocap_run, 600).drawn
+    assert any(line.startswith("S00_P01_T02_Participants1-2: Björn Take") for line in status), status
     activate(first)
     assert imported.review.armature == first and bpy.ops.mocap.pin_pose() == {"FINISHED"}
     assert len(capture.reviews[0].pins) == 1 and not capture.reviews[1].pins

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
+import numpy as np
 import pytest
 
+from blender_addon.solving.live import LivePose
 from blender_addon.ui.operators.base import current
 from blender_addon.ui.operators.live import live
 from solver_backend.camera_calibration.formats import write_calibration
@@ -58,6 +62,15 @@ def test_a_recording_is_shown_recorded_and_imported(rig, mocap):
     assert taken.name == "take_01" and all(device.count() > 0 for device in open_folder(taken).devices)
     assert bpy.ops.mocap.import_capture(filepath=rig.take) == {"FINISHED"}
     assert mocap.capture.file and Path(bpy.path.abspath(mocap.capture.source)) == taken
+
+
+def test_a_missing_pose_has_a_reason(rig, monkeypatch):
+    pose = LivePose(None, None, np.zeros((2, 3)), "no_person", "only 2 points look like a person's markers", math.nan)
+    run = SimpleNamespace(latest=pose, message="", process=SimpleNamespace(cancelling=False))
+    monkeypatch.setattr(live, "run", run)
+    monkeypatch.setattr(live, "of_sensors", True)
+    assert "Only 2 points look like a person's markers" in draw_panel(getattr(bpy.types, PANEL), 600).drawn
+    monkeypatch.undo()
 
 
 @pytest.mark.slow
