@@ -177,7 +177,7 @@ def _turns(curve: np.ndarray, reach: float) -> list[int]:
 
 
 def _vertex(curve: np.ndarray, at: int) -> float:
-    """Return the maximum of the parabola through three values, as an offset from the middle one."""
+    """Return where the parabola through three values has its maximum, as an offset from the middle one."""
     before, here, after = curve[at - 1 : at + 2]
     return float(0.5 * (before - after) / min(before - 2.0 * here + after, -1e-12))
 
@@ -204,8 +204,8 @@ def _strides(
 def mean_cycles(angles: Angles, gait: Gait, fps: float) -> dict[str, Float[np.ndarray, "points 2"]]:
     """Return each angle's mean and standard deviation over all cycles, (101, 2) in degrees.
 
-    Angles of a side are averaged over the cycles of that side, all others over the right foot's cycles. Angles without
-    cycles are omitted.
+    Angles on one side are averaged over that side's cycles, and all others over the right foot's. Angles without cycles
+    are omitted.
     """
     share, times, found = np.linspace(0.0, 1.0, CYCLE_POINTS), np.arange(len(angles.degrees)) / fps, {}
     for k, name in enumerate(angles.names):

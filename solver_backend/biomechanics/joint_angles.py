@@ -1,4 +1,4 @@
-"""Compute joint angles about axes of the two segments, with standard deviations."""
+"""Compute joint angles about the axes of adjacent segments, with standard deviations."""
 
 from __future__ import annotations
 

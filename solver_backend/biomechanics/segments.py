@@ -131,7 +131,7 @@ def anatomical_frames(
       2002, hip).
     - Thorax: y from the midpoint of xiphoid process and T8 to the midpoint of jugular notch and C7 (Wu et al. 2005,
       2.3.1).
-    - Thigh, shank, upper arm, forearm: y along the line of the joint centres, z along the hinge below. The z axes of
+    - Thigh, shank, upper arm, forearm: y along the line of joint centres, z along the hinge below. The z axes of
       forearm and hand point to the right at full supination (Wu et al. 2002, hip and ankle, and 2005, 2.3.4 and 2.3.6).
     - Foot and toes: level and straight ahead, as in the rest pose (Wu et al. 2002, ankle).
 
@@ -237,8 +237,8 @@ class PosedSegments:
 
 
 BENT_DEG, HINGE_DEG = 15.0, 25.0
-"""Smallest mean bend of an elbow that reveals its hinge. Below it, the hinge's rotation from the vertical in the level
-rest pose: 20 to 34 degrees in four arms (``PiG_Motion-FlatFoot-*``, Biomechanical Toolkit's test data)."""
+"""Smallest mean bend of an elbow that reveals its hinge, and otherwise its assumed rotation from the vertical in the
+level rest pose: 20 to 34 degrees in four arms (``PiG_Motion-FlatFoot-*``, Biomechanical Toolkit's test data)."""
 
 
 def _hinge_turn(upper: np.ndarray, forearm: np.ndarray, sign: float) -> np.ndarray:

@@ -37,12 +37,12 @@ class Body:
     posedirs: Float[np.ndarray, "vertices 3 features"]
     """(V, 3, 9 (J - 1)) pose correctives in metres per unit of the feature flatten(R_j - I), j = 1..J-1."""
     J_regressor: Float[np.ndarray, "joints vertices"]
-    """(J, V) vertex weights whose sums give the joints. Rows sum to 1."""
+    """(J, V) vertex weights. The joints are the weighted sums of the vertices. Rows sum to 1."""
     weights: Float[np.ndarray, "vertices joints"]
     """(V, J) skinning weights. Rows sum to 1."""
     layout: BodyLayout
     faces: Int[np.ndarray, "triangles 3"]
-    """(T, 3) vertex indices of each triangle."""
+    """(T, 3) vertex indices of the triangles."""
     hands_mean: Float[np.ndarray, "hand_joints 3"] | None = None
     """(r, 3) axis-angles that SMPL-H and SMPL-X add to the r joints left at rest by a solve. None for flat hands."""
     joints_template: Float[np.ndarray, "joints 3"] = field(init=False)

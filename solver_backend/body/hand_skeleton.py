@@ -115,12 +115,12 @@ class HandSites:
 
     finger: Int[np.ndarray, " sites"]  # (L,) index in ``FINGERS``, unused for the palm.
     segment: Int[np.ndarray, " sites"]  # (L,) 0 for the palm, 1 to 3 for the bones of the finger.
-    offset: Float[np.ndarray, "sites 3"]  # (L, 3) metres from its joint relative to the segment, or from the wrist.
+    offset: Float[np.ndarray, "sites 3"]  # (L, 3) metres from its joint in the segment's axes, or from the wrist.
 
 
 @dataclass(frozen=True)
 class PosedHand:
-    """F poses of a hand relative to the hand itself, with the wrist as origin."""
+    """F poses of a hand in its own axes, with the wrist as origin."""
 
     frames: Float[np.ndarray, "n 5 4 3 3"]  # (F, 5, 4, 3, 3) segment frames, starting with the palm's at zero angles.
     joints: Float[np.ndarray, "n 5 4 3"]  # (F, 5, 4, 3) metres: the joints of each finger, and its tip.
@@ -164,7 +164,7 @@ class HandSkeleton:
         return np.concatenate([np.zeros((1, 3)), chain.reshape(-1, 3)])
 
     def keypoints(self) -> HandSites:
-        """Return the sites at which the ``HAND_POINTS`` are."""
+        """Return the sites of the ``HAND_POINTS``."""
         finger = np.concatenate([[0], np.repeat(np.arange(5), 4)])
         segment = np.concatenate([[0], np.tile(np.arange(4), 5)])
         offset = np.zeros((NUM_HAND_POINTS, 3))

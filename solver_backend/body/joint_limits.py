@@ -81,6 +81,6 @@ def _beyond(angles: Array, low_deg: np.ndarray, high_deg: np.ndarray) -> Array:
 
 _LOW, _HIGH, _TWIST = _table()
 _IS_KNEE = np.array([[float(joint.endswith("knee"))] for joint in SMPL_JOINTS[1 : 1 + NUM_BODY_JOINTS]])
-_DEEPEST_KNEE_DEG = 163.0  # Mean and standard deviation of maximum flexion in 30 adults (Hemmerich et al. 2006).
+_DEEPEST_KNEE_DEG = 163.0  # Mean plus standard deviation of maximum flexion in 30 adults (Hemmerich et al. 2006).
 JOINT_LIMITS: np.ndarray = np.radians(np.stack((_LOW - MARGIN_DEG, _HIGH + MARGIN_DEG), axis=-1))
 """(21, 3, 2) smallest and largest angle of each joint in radians, including the margin."""

@@ -74,7 +74,7 @@ def keypoint_landmarks(body: Body, joint_set: JointSet) -> Landmarks:
 
 
 def keypoint_rules() -> dict[str, tuple[str, Rule]]:
-    """Return side and rule for the keypoints common to all detectors, by name."""
+    """Return the side and rule of each keypoint common to all detectors, by name."""
     return _COMMON
 
 

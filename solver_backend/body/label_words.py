@@ -90,8 +90,8 @@ def sides_of_file(values: dict[str, Any]) -> Sides:
 
 # C7, TH10, HWK7. 1ST and 5th are not vertebrae although an L may precede them.
 _VERTEBRA = r"(?:(?:[CTL]|TH)1?\d|[BHL]W[KS]1?\d)(?!\d|st|nd|rd|th|ST|ND|RD|TH)"
-# A vertebra, the capitals before a capitalised word, a word, capitals, a number; and with capitals before small letters
-# apart: ``KneeMed`` is of two words in the first way, ``KNEin`` in the second.
+# A vertebra, the capitals before a capitalised word, a word, capitals, or a number. The first pattern splits ``KNEin``
+# into ``KN`` and ``Ein``, the second into ``KNE`` and ``in``.
 _TOKENS = tuple(
     re.compile(rf"{_VERTEBRA}|{capitals}|[A-Z]?[a-z]+|[A-Z]+|\d+")
     for capitals in ("[A-Z]+(?=[A-Z][a-z])", "[A-Z]{2,}(?=[a-z])")

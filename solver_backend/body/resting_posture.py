@@ -29,7 +29,7 @@ def rest_rotations(body: Body, root: np.ndarray, local: np.ndarray, parts: tuple
 
     The trunk is upright on the pelvis, the head on the trunk. An upper arm hangs in the direction ``(o, -(max(-g_y, 0)
     + k), max(g_z, 0))`` in the chest's axes (left, up, front), where g is gravity in these axes and o points outwards.
-    It points down while the trunk leans forward, never through or behind it. So do thighs from the pelvis.
+    It points down while the trunk leans forward, never through or behind it. Thighs likewise hang from the pelvis.
 
     Args:
         root: (F, 3, 3) body to world, Z up.

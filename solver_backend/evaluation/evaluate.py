@@ -253,7 +253,7 @@ def _of_reference(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndar
 
 
 def _moved_mpjpe_mm(found: np.ndarray, true: np.ndarray) -> float:
-    """Return the error after one rigid motion of all frames, because each system has its own world."""
+    """Return the error after aligning all frames by one rigid motion, because each system has its own world."""
     both = np.isfinite(true).all(-1) & np.isfinite(found).all(-1)
     if both.sum() < _LEAST_POINTS:
         return float("nan")

@@ -68,7 +68,7 @@ def with_finger_joints(
 
 
 def from_flat(rotations: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """Convert finger rotations relative to a flat hand to the rest pose: ``R_j = F_pᵀ R'_j F_j``.
+    """Convert finger rotations from relative to a flat hand to relative to the rest pose: ``R_j = F_pᵀ R'_j F_j``.
 
     A bone that points along d at rest points along ``F d`` in the flat hand, so its rotation from rest is ``G' F``. The
     wrist, which is the first joint's parent, has no F.

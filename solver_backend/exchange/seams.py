@@ -48,9 +48,9 @@ and other movements by more.
 """
 BLEND_S = 0.25  # Seconds on each side of a seam during which the difference fades, chosen by hand.
 SHORTEST_S = 0.4  # Shortest cycle in seconds, less than two running steps.
-_LEAST_MOTION = 0.5  # Smallest mean joint speed of a cycle relative to the take, to avoid looping a rest.
+_LEAST_MOTION = 0.5  # Smallest mean joint speed of a cycle relative to the take, to avoid looping a pause.
 _VELOCITY_S = 0.1  # Seconds that convert velocity differences to distances, chosen by hand.
-_CONTACT_M = 0.05  # Distance in metres that a foot standing in only one of two frames is equivalent to, chosen by hand.
+_CONTACT_M = 0.05  # Distance in metres charged for a foot that stands in only one of two frames, chosen by hand.
 _SAMPLES = 900  # Largest number of frames compared with each other. Longer takes are subsampled for the first search.
 _FINE_HZ = 50.0
 """Smallest frame rate at which running cycles close: 11 of 12 runs by CMU subject 09 at 60 Hz, and none at 30 Hz."""
@@ -342,7 +342,7 @@ def _lowest(near: np.ndarray) -> np.ndarray:
 
 
 def close_cycle(motion: MotionFile, first: int, last: int, blend_s: float = BLEND_S, *, stay: bool = False) -> Loop:
-    """Close a range of frames to a cycle. The first frame replaces the last one.
+    """Close a range of frames into a cycle. The first frame replaces the last one.
 
     Args:
         blend_s: seconds on each side during which the difference fades, at most half the cycle.

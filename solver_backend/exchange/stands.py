@@ -1,4 +1,4 @@
-"""Find frame ranges in which feet stand, given by slow and low points."""
+"""Find frame ranges in which feet stand, from points that are slow and low."""
 
 from __future__ import annotations
 

@@ -133,7 +133,7 @@ class ClipResult(Remarks):
     motion: str
     frames: int
     fps: float
-    distance_mm: NotRequired[float]  # RMS distance between the limbs and those of the clip.
+    distance_mm: NotRequired[float]  # RMS distance between the limbs and the clip's limbs.
 
 
 class GlovesResult(Remarks):

@@ -8,7 +8,7 @@ from functools import cache
 from typing import Any
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # Numbers of glibc's settings (malloc.h).
-KEPT_BYTES, LARGEST_KEPT_BYTES = 2**31 - 1, 2**30  # Limits at the heap's end: in total, and of one array.
+KEPT_BYTES, LARGEST_KEPT_BYTES = 2**31 - 1, 2**30  # Bytes to keep at the heap's end, and largest array to place there.
 
 
 def keep_freed_memory() -> None:

@@ -35,7 +35,7 @@ FITS_M, CHANCE = 0.12, 0.7
 alignments.
 """
 DOUBTED = 1.5
-"""Factor for the deviations of the lifted pose and of triangulated points to allow for rare large errors. Measured on
+"""Factor applied to the deviations of lifted poses and triangulated points to allow for rare large errors. Measured on
 subjects 08 and 60.
 """
 BETTER = 0.85  # Another alignment replaces the file's frame numbers if its distance is below this share.
@@ -165,7 +165,7 @@ def _surer(
     """Combine one camera's depth with the result's depth, and start from the result's poses.
 
     In frames that have them, the result's poses are the initial values if their depth is more precise than that of the
-    lifted pose. ``trust`` (L,) are factors for the precision of the lifted points.
+    lifted pose. ``trust`` (L,) are factors applied to the precision of the lifted points.
     """
     source, rough = measurements.source, measurements.rough
     assert isinstance(source, OneCamera)

@@ -202,8 +202,8 @@ def learn_subject(problem: Problem, subject: Subject, settings: SolveSettings, p
 
 
 ALONG_SIGHT = 3.0
-"""Factor for the speed limit along a single camera's line of sight. On 48 filmed takes, feet slide by 0.011 instead of
-0.012 cm per frame, also with 2 or 4. With 4, feet in the benchmark's takes sink deeper below the floor."""
+"""Factor applied to the speed limit along a single camera's line of sight. On 48 filmed takes, feet slide by 0.011
+instead of 0.012 cm per frame, also with 2 or 4. With 4, feet in the benchmark's takes sink deeper below the floor."""
 SLOW_SHARE = 0.2  # With one camera, a foot may be planted at up to this share of its high speeds.
 _FOOT_POINTS = ("big_toe", "small_toe", "heel", "HEE", "TOE", "MT1", "MT5", "HAL")  # Foot points, without side.
 _SOLE_POINTS = ("sole_heel", "sole_toe", "sole_inner", "sole_outer")  # Sole points, see ``with_soles``.

@@ -91,7 +91,7 @@ class SkinContacts:
             yield diagnostic("foot_below_floor", size=-100 * float(self.lowest[afloat].min()))
 
     def beside(self, other: SkinContacts) -> SkinContacts:
-        """Combine both. Everything that concerns single frames is taken from this one."""
+        """Append another object's skin points. Everything that concerns single frames is taken from this object."""
         points = ("solid", "held", "added", "anchors", "normals", "offsets")
         joined = {name: np.concatenate([getattr(self, name), getattr(other, name)], axis=1) for name in points}
         count = len(self.landmarks) - len(self.parts)

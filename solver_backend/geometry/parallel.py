@@ -15,7 +15,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 MAX_THREADS = 8  # More threads share a memory bus and gain nothing.
-TORCH_BLOCK = 2  # Factor for block sizes with torch, which splits each operation between threads.
+TORCH_BLOCK = 2  # Factor applied to block sizes with torch, which splits each operation between threads.
 
 
 def map_blocks(

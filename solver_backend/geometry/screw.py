@@ -37,7 +37,7 @@ class ScrewPath:
 
     rotation: Array  # (W·n, 3, 3).
     transl: Array  # (W·n, 3) metres.
-    by_keys: Array  # (W, n, k, 6, 6): left rotations and translations of frames, by those of keys.
+    by_keys: Array  # (W, n, k, 6, 6): derivatives of frames' left rotations and translations w.r.t. those of keys.
 
     @classmethod
     def through(cls, rotation: Array, transl: Array, time: Array) -> ScrewPath:

@@ -166,7 +166,7 @@ SIGMA_M, FREEDOM = 0.03, 3.0
 t-distribution for these distances. If a limb is posed wrongly, all its distances are wrong."""
 GHOST_M, _FARTHEST_M = 0.12, 0.2
 """Distance (m) from all markers at which a point is as likely not a marker, and largest distance that counts."""
-GUESS_WIDER, STEPS = 3.0, 5  # Factor for the network's standard deviation of uncertain markers, and steps per frame.
+GUESS_WIDER, STEPS = 3.0, 5  # Factor applied to the network's deviation of uncertain markers, and steps per frame.
 BAD_FIT_M = 0.06
 """Largest median distance in metres from a body to all markers, or to a limb's markers. Worse fits are not used."""
 _FEWEST = 12  # Smallest number of certain markers in a frame.

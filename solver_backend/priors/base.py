@@ -17,7 +17,7 @@ Poses = Float[Array, "poses joints 3 3"]  # Local rotations of the joints that a
 Codes = Float[Array, "poses d"]
 Energies = Float[Array, " poses"]
 CodeJacobian = Float[Array, "poses joints 3 d"]
-"""Derivatives of the rotations' left tangents by the code."""
+"""Derivatives of the rotations' left tangents w.r.t. the code."""
 
 ORTHONORMAL_WITHIN = 1e-3  # Largest entry of ``R^T R - I`` allowed for a rotation (float32 files round to 1e-7).
 

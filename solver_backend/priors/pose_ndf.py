@@ -179,13 +179,13 @@ class PoseField:
         return PoseField(w0, b0, w1, b1, self.distance.like(x))
 
     def __call__(self, quats: Array) -> Array:
-        """Return the (N,) ``f`` for (N, 21, 4) quaternions."""
+        """Return the (N,) distances ``f`` for (N, 21, 4) quaternions."""
         xp = array_namespace(quats)
         features, _ = self._encode(xp.permute_dims(quats, (1, 0, 2)))
         return self.distance.forward(_side_by_side(features))[0][:, 0]
 
     def with_gradient(self, quats: Array) -> tuple[Array, Array]:
-        """Return the (N,) ``f`` and its (N, 21, 4) derivatives w.r.t. (N, 21, 4) quaternions, in reverse mode."""
+        """Return the (N,) distances ``f`` and their (N, 21, 4) derivatives w.r.t. the quaternions, in reverse mode."""
         xp = array_namespace(quats)
         count = quats.shape[0]
         features, slopes = self._encode(xp.permute_dims(quats, (1, 0, 2)))
@@ -303,10 +303,10 @@ class PoseNDF(PosePrior):
         return self.distance_with_gradient(self.encode(rotations))[0]
 
     def distance_with_gradient(self, z: Array) -> tuple[Array, Array]:
-        """Return the (N,) ``f`` and the (N, 84) ``df/dz`` for (N, 84) unit quaternions.
+        """Return the (N,) distances ``f`` and the (N, 84) ``df/dz`` for (N, 84) unit quaternions.
 
         Raises:
-            PoseInvalid: there are NaN values, another width, or quaternions that are not unit.
+            PoseInvalid: a value is NaN, the width is wrong, or a quaternion is not a unit quaternion.
         """
         check_codes(z, _DIM)
         xp = array_namespace(z)
@@ -317,7 +317,7 @@ class PoseNDF(PosePrior):
         return distance, xp.reshape(gradient, (z.shape[0], _DIM))
 
     def distance_with_tangents(self, rotations: Array) -> tuple[Array, Array]:
-        """Return (N,) ``f`` for (N, 21, 3, 3) poses, and its derivatives w.r.t. left tangents.
+        """Return the (N,) distances ``f`` for (N, 21, 3, 3) poses, and their derivatives w.r.t. left tangents.
 
         ``f(exp([ω_k]x) R_k) ≈ f + Σ_k g_k · ω_k``. Errors: ``check_rotations``.
         """

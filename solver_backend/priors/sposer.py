@@ -28,7 +28,7 @@ def nearer_codes(decode: Callable[[Codes], tuple[Poses, CodeJacobian]], rotation
     missing rotation of each joint's global rotation, ``ℓ log(G*_j G_jᵀ)`` (Levenberg 1944, Marquardt 1963).
 
     Args:
-        decode: maps codes to rotations (N, 21, 3, 3), and their left tangents by the code, (N, 21, 3, d).
+        decode: maps codes to (N, 21, 3, 3) rotations and (N, 21, 3, d) derivatives of their left tangents.
         rotations: (N, 21, 3, 3) local rotations.
         z: (N, d) initial codes.
     """

@@ -367,7 +367,7 @@ def flip_chances(chances: np.ndarray, slants: np.ndarray) -> np.ndarray:
 
 @cache
 def load_limb_slants(path: Path = SLANT_WEIGHTS) -> LimbSlants:
-    """Load the network's weights. Raise the errors of ``read_weights``."""
+    """Load the network's weights. Errors: ``read_weights``."""
     weights = read_weights(path, "limb_slants")
     lifter = load_view_lifter()
     if weights.metadata.get("view_lifter_sha256") != lifter.metadata["sha256"]:

@@ -139,7 +139,7 @@ class PoseMixtureTerm:
         return of_pose.reshape(len(of_pose), -1)
 
     def hessian(self, factors: Array) -> Array:
-        """Return the (F, 3 J, 3 J) ``s Σ_k r_k P_k`` for the n joints plus Q, with J_l taken as the identity."""
+        """Return the (F, 3 J, 3 J) matrices ``s Σ_k r_k P_k`` for the n joints plus Q, taking J_l as the identity."""
         xp, size = array_namespace(factors), len(self.rest_precision)
         flat = constant(self._precisions, factors)
         resting = constant(np.diag(self.rest_precision).reshape(-1), factors)

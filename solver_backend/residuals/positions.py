@@ -110,7 +110,7 @@ class RelativePositionTerm:
 
 
 def without_shift(across: Array, total: Array) -> Array:
-    """Return the (F, n, n) ``Bᵀ S⁻¹ B`` that a common shift removes from the equations of points.
+    """Return the (F, n, n) matrices ``Bᵀ S⁻¹ B`` that a common shift removes from the equations of points.
 
     B is ``across`` (F, 3, n), the sum over the points of information times derivative. S is ``total`` (F, 3, 3), the
     sum of their information.

@@ -98,9 +98,9 @@ def resolve_body(choice: str) -> Path:
 
 
 def load_chosen_body(choice: str) -> Body:
-    """Read the built-in body or an SMPL, SMPL-H or SMPL-X file, given a name or path.
+    """Read the built-in body or an SMPL, SMPL-H or SMPL-X file, given its name or path.
 
-    It raises the errors of ``resolve_body``, ``load_body`` and ``load_smpl_file``.
+    Raises the same errors as ``resolve_body``, ``load_body`` and ``load_smpl_file``.
     """
     path = resolve_body(choice)
     return load_smpl_file(path) if path.suffix.lower() == ".pkl" else load_body(path)

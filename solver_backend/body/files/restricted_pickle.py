@@ -298,7 +298,7 @@ class Machine:
         return UnsafePickle(message, where=self._where, hint=hint)
 
 
-MAX_ELEMENTS = 50_000_000  # In a sparse matrix. The family's largest joint regressor has 0.6 million.
+MAX_ELEMENTS = 50_000_000  # Most elements of a sparse matrix. The family's largest joint regressor has 0.6 million.
 _CHUMPY = frozenset({"chumpy.ch.Ch", "chumpy.reordering.Select"})
 _SPARSE = frozenset({"scipy.sparse.csc.csc_matrix", "scipy.sparse._csc.csc_matrix"})
 _DAMAGE = (OSError, EOFError, ValueError, TypeError, KeyError, IndexError, OverflowError, RecursionError, MemoryError)

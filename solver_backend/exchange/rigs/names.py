@@ -222,7 +222,7 @@ def _by_names(skeleton: Skeleton, chains: list[list[int]]) -> dict[str, list[int
 
 
 def _by_places(skeleton: Skeleton, chains: list[list[int]]) -> dict[str, list[int]]:
-    """Assign five chains to fingers. The thumb points away, and the others follow in order."""
+    """Assign five chains to fingers. The thumb points away from the others, which follow in order."""
     chains = [chain for chain in chains if len(chain) > 1]
     if len(chains) != len(FINGERS):
         return {}

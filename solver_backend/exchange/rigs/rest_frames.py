@@ -110,7 +110,7 @@ def _angles_deg(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def limb_turns(points: np.ndarray, own: np.ndarray, is_arm: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return the (3, 3) rotations from the bones of a limb at rest to those of another figure.
 
-    Each frame M consists of the bone's direction, the hinge, and the normal of both: ``A = M_own M_points^T``.
+    Each frame M consists of the bone's direction, the hinge, and the normal to both: ``A = M_own M_points^T``.
 
     Args:
         points: (3, 3) positions of hip, knee, ankle or shoulder, elbow, wrist on the stage.

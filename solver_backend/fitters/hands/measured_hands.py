@@ -118,7 +118,7 @@ class HandViewTerm:
 
 NOISE_FRAMES, EVERY = 20, 2  # Frames to estimate the noise (at most twice that), and step between these.
 LEAST_POINTS = 8  # A view needs at least this number of points in common with other views to have an offset.
-ALIKE_FRAMES, LEAST_WHOLE = 20.0, 0.2  # Weight of the views' mean offset in frames, least offset by the points' noise.
+ALIKE_FRAMES, LEAST_WHOLE = 20.0, 0.2  # Weight of the views' mean offset in frames, and least offset relative to noise.
 RANGE = (0.25, 4.0)  # Limits of a point's variance relative to the hand's median variance.
 _MEDIAN = 2.0 * float(np.log(2.0))  # Median of a squared 2D Gaussian length, in units of the variance per axis.
 

@@ -342,7 +342,7 @@ def hands_in_views(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Hands, ...
 def solve_hands(
     shown: HandViews | HandClouds, solved: SolvedFrames, fps: float, settings: SolveSettings, progress: Progress
 ) -> tuple[SolvedFrames, SolvedHands | None]:
-    """Solve the hands, and return them with adjusted arms. Return None for hands if the take is too short.
+    """Solve the hands, and return the adjusted arms and the hands, or None for hands if the take is too short.
 
     A body model without fingers has no hands, which a diagnostic reports.
     """

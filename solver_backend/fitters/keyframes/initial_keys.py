@@ -132,7 +132,7 @@ def lost_landmarks(
     Args:
         found: (F, L, 3) landmarks on the body in metres.
         points: (F, L, 3) the same landmarks as measured, NaN where missing.
-        covariance: (F, L, 3, 3) of the measured points in m².
+        covariance: (F, L, 3, 3) covariances of the measured points in m².
         bounds_m: ``DETECTED_M`` or ``WORN_M``.
     """
     lost_m, beside_m = bounds_m

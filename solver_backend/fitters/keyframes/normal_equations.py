@@ -265,7 +265,7 @@ class DataEquations:
     gradient: Array  # (n N + 1, D) gradient w.r.t. the keys.
     _layout: StateLayout
     _windows: list[slice]
-    _matrices: list[Callable[[], Array]]  # For each range of windows: matrices by all n + 1 keys of each window.
+    _matrices: list[Callable[[], Array]]  # For each range of windows: matrices w.r.t. all n + 1 keys of each window.
 
     def normal_equations(self) -> KeyframeNormalEquations:
         """Return the normal equations of all keys, formed on all cores."""
@@ -563,8 +563,8 @@ def _bend(values: Array) -> Array:
 
 
 OFF_MANIFOLD = 1.25
-"""Factor for the reconstruction error on held-out subjects, to tolerate poses off the prior's manifold. Chosen on
-unusual bodies. 1.5 doubles the improvement on dance but loses 1 % on exercises."""
+"""Factor applied to the reconstruction error on held-out subjects, to tolerate poses off the prior's manifold. Chosen
+on unusual bodies. 1.5 doubles the improvement on dance but loses 1 % on exercises."""
 KeyTerm = MotionPrior | ResidualRotationTerm  # A term on keyframes.
 
 

@@ -274,7 +274,7 @@ def joint_covariance(
 
     Args:
         system: normal equations at the solution.
-        inflation: variance factor for noise that is correlated in time.
+        inflation: variance factor due to the noise's correlation in time.
         constant_m: (J,) standard deviation per axis of errors that do not average out, in metres.
         stride: compute the covariance in every n-th frame, and interpolate linearly.
     """
@@ -371,7 +371,7 @@ def _pose_covariance(diagonal: Array, upper: Array, d_pose_d_keys: Array, window
 
 
 def noise_inflation(points: Array, term: DataTerm, scale: float, num_frames: int) -> float:
-    """Return the variance factor for n correlated frames: ``1 + 2 sum_k (1 - k/n) r^k``.
+    """Return the variance factor of n correlated frames: ``1 + 2 sum_k (1 - k/n) r^k``.
 
     r is the lag-one correlation of first-order autoregressive noise, measured on the residuals of inliers. ``points``
     are the (F, L, 3) landmarks of a solution. Reference: Bayley and Hammersley 1946, "The effective number of

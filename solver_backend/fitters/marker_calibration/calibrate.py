@@ -100,7 +100,7 @@ def calibration_equations(
 
 
 def _shared(evidence: PointEvidence, by_pose: Array, by_betas: Array, by_offsets: Array) -> tuple[Array, Array, Array]:
-    """Return Hessian and gradient of shape and offsets, and their coupling with poses."""
+    """Return the Hessian and gradient of shape and offsets, and their coupling with the poses."""
     xp = array_namespace(by_pose)
     count, num = by_pose.shape[:2]
     size = 10 + 3 * num

@@ -94,8 +94,8 @@ def between_ends(frames: np.ndarray, ends: np.ndarray, errors: np.ndarray, lasti
 
 
 LAG_S, LONGER = 0.2, 3.0
-"""Lag in seconds at which the error correlation is measured, and factor for the correlation time in gaps, because the
-fit of visible markers removes slow errors.
+"""Lag in seconds at which the error correlation is measured, and factor applied to the correlation time in gaps,
+because the fit of visible markers removes slow errors.
 """
 CORRELATION = (0.01, 0.98)  # Limits of this correlation.
 
@@ -156,7 +156,7 @@ def filled(
 
 
 def lasting_frames(off: np.ndarray, lag: int) -> float:
-    """Estimate the time constant τ in frames of the errors' correlation."""
+    """Estimate the correlation time τ of the errors in frames."""
     early, late = off[:-lag], off[lag:]
     both = np.isfinite(early) & np.isfinite(late)
     early, late = np.where(both, early, 0.0), np.where(both, late, 0.0)

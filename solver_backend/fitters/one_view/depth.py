@@ -232,8 +232,8 @@ def _extent(xy: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 ALIKE, ACROSS_M, POSE_TURNS = 1.3, 0.02, 0.2
-"""Factor for the lifter's deviations along the line of sight, error per axis across it in metres, and factor that turns
-these deviations into rotations for the size. Chosen by ``python -m tests.benchmarks.one_view_deviations``."""
+"""Factor applied to the lifter's deviations along the line of sight, error per axis across it (m), and factor that
+turns deviations into rotations for the size. Chosen by ``python -m tests.benchmarks.one_view_deviations``."""
 POSE_SIZE = 0.005  # Relative error, due to the lifted pose, of the distance to a person of given size. Chosen by hand.
 TURNS = {
     "pelvis": 0.28, "thorax": 0.58, "head": 0.0, "thigh": 1.28, "shank": 0.62, "foot": 0.2, "toes": 0.0,

@@ -1,4 +1,4 @@
-"""Estimate a person's shape from one view, by limb lengths and soles on the floor."""
+"""Estimate a person's shape from limb lengths and planted soles in one view."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from solver_backend.priors.lifted_take import LEAST_POINTS, LiftedTake
 
 # Chosen on simulated people with motion of subjects 08 and 60, which no result table uses, unless stated otherwise.
 POINT_M, OUTLIER_M = 0.05, 0.12  # Error of a lifted point across the line of sight, and robust scale for this error.
-FOOT_M = 0.016  # The same error for planted feet, which anchor the lifted pose: only the detector's (15.8 mm measured).
+FOOT_M = 0.016  # The same for planted feet, which anchor the lifted pose: the detector's error (15.8 mm measured).
 SOLE_M, OUTLIER_SOLE_M, WIDEST_SOLE_M = 0.012, 0.06, 1.0
 """Error and outlier distance of a planted sole's height in metres, and outlier distance for the first step."""
 ALIKE_S = 0.7  # Time in seconds within which frames have correlated errors and count once.
@@ -221,7 +221,7 @@ def fit_shape(
         shift = shift - solved[..., -1] - solved[..., :-1] @ step
         betas = betas + step
         sole = float(np.median(h[stands]) + betas[-1]) if stands.any() else np.nan
-        # Slope of the stature by each point and each rotation, with the frames' positions eliminated.
+        # Slope of the stature w.r.t. each point and each rotation, with the frames' positions eliminated.
         to_stature = inverse @ by_stature / (body.stature_m + by_stature @ betas)
         moved = (by_betas - np.einsum("flka,fab->flkb", rows, solved[..., :-1])) @ to_stature
         raised = (by_height - np.einsum("fa,fab->fb", up, solved[..., :-1])[:, None]) @ to_stature

@@ -251,7 +251,7 @@ def learn_noise(bundle: Bundle) -> Bundle:
 
 
 def find_standing_feet(bundle: Bundle, sight: np.ndarray | None = None, heights: np.ndarray | None = None) -> Bundle:
-    """Find planted feet, and lock them (see ``find_contacts``)."""
+    """Lock planted feet (see ``find_contacts``)."""
     if not bundle.settings.contacts:
         return bundle
     points, names = to_numpy(bundle.posed.points), bundle.posed.subject.landmarks.names

@@ -70,7 +70,7 @@ def is_calibration_folder(path: Path) -> bool:
 
 
 def holds_cameras(path: Path) -> bool:
-    """Return whether a folder's name suggests a calibration."""
+    """Return whether a folder has a name in ``_CAMERAS`` or the name of a calibration."""
     return path.name.lower() in _CAMERAS or is_calibration_folder(path)
 
 

@@ -184,7 +184,7 @@ FILE = "keypoints.json"
 
 @dataclass(frozen=True)
 class OwnKeypoints:
-    """What the user's names for columns of detections mean."""
+    """Meanings of the user's names for columns of detections."""
 
     landmarks: Mapping[str, str | None]
     """Landmark for each user-defined name, or None for an ignored point. Other names are matched as usual."""

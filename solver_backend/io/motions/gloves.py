@@ -82,7 +82,7 @@ _MANUS_FLEXIONS = {"thumb_mcp_flexion": "Thumb_PIP_Flex", "thumb_ip_flexion": "T
     for finger in FINGERS[1:]
     for joint in ("mcp", "pip", "dip")
 }
-"""MANUS ergonomics angles (degrees) whose definition matches ours. Spreads and thumb base have other zero poses."""
+"""MANUS ergonomics angles (degrees) whose definitions match ours. Spreads and thumb base have other zero poses."""
 
 
 def _read_manus(path: Path, side: str) -> GloveTake:
