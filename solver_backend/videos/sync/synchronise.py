@@ -28,9 +28,10 @@ from solver_backend.videos.video_detections import VideoDetections
 BY_SPEEDS = "keypoint speeds"  # Method for clocks that needs no calibration.
 SPEED_RATE_HZ = 120.0  # Rate at which speeds are compared.
 PIECE_S = 6.0  # Length of a compared piece.
-SPEED_FLOOR_S = 0.002  # Shift of a speed peak by perspective.
-SPEED_CLIP = 4.0  # Clipping limit in standard deviations. With 3, clocks of mostly still takes are 30 % worse.
-SPEED_SMOOTHING_S = 0.04  # Standard deviation of the smoothing, the same for all cameras.
+FLOOR_S = 0.005
+"""Smallest standard deviation of a lag in seconds. Sound needs 3 ms per metre, microphones are some metres apart, and
+perspective shifts the peak of a speed."""
+SMOOTHED = 4.0  # Standard deviation of the smoothing in samples of the compared signals.
 
 
 def clocks_by_speeds(
@@ -46,7 +47,7 @@ def clocks_by_speeds(
         SyncUnknown: two views agree at no lag.
     """
     signals = [speeds(track, when, joint_set) for track, when in zip(tracks, times_s, strict=True)]
-    return clocks_of_signals(names, signals, BY_SPEEDS, reach_s=reach_s, piece_s=PIECE_S, floor_s=SPEED_FLOOR_S)
+    return clocks_of_signals(names, signals, BY_SPEEDS, reach_s=reach_s, piece_s=PIECE_S, floor_s=FLOOR_S)
 
 
 def speeds(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signal:
@@ -56,17 +57,13 @@ def speeds(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signa
     if len(wanted) < 2:
         return Signal(np.zeros((len(wanted), len(columns))), SPEED_RATE_HZ, float(times_s[0]))
     height = at_times(track[:, columns, 1], times_s, wanted)
-    speed = -np.gradient(smoothed(height, SPEED_SMOOTHING_S * SPEED_RATE_HZ), axis=0) * SPEED_RATE_HZ
+    speed = -np.gradient(smoothed(height, SMOOTHED), axis=0) * SPEED_RATE_HZ
     speed = np.where(np.isfinite(speed), speed, 0.0)
-    spread = np.sqrt((speed**2).mean(axis=0))
-    clipped = np.clip(speed, -SPEED_CLIP * spread, SPEED_CLIP * spread)
-    return Signal(clipped - clipped.mean(axis=0), SPEED_RATE_HZ, float(times_s[0]))
+    return Signal(speed - speed.mean(axis=0), SPEED_RATE_HZ, float(times_s[0]))
 
 
 SOUND_RATE_HZ = 2000  # Samples of the onsets per second. Peaks are located between samples.
 BANDS_HZ = ((100.0, 400.0), (400.0, 1600.0), (1600.0, 6400.0))
-SOUND_FLOOR_S = 0.005  # Sound needs 3 ms per metre, and microphones are some metres apart.
-SOUND_SMOOTHING_S = 0.002  # Standard deviation of the loudness smoothing in seconds, chosen by hand.
 
 
 def onsets(sound: Sound) -> Signal:
@@ -80,12 +77,10 @@ def onsets(sound: Sound) -> Signal:
     step = sound.rate_hz // SOUND_RATE_HZ
     frequency = np.fft.rfftfreq(len(samples), 1.0 / sound.rate_hz)
     spectrum = np.fft.rfft(samples)
-    reach = max(round(3 * SOUND_SMOOTHING_S * sound.rate_hz), 1)
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (SOUND_SMOOTHING_S * sound.rate_hz)) ** 2)
     columns = []
     for low, high in BANDS_HZ:
         band = np.fft.irfft(np.where((frequency >= low) & (frequency < high), spectrum, 0.0), len(samples))
-        envelope = np.convolve(np.abs(band), kernel / kernel.sum(), "same")[::step]
+        envelope = smoothed(np.abs(band), SMOOTHED * step)[::step]
         rise = np.diff(np.log(envelope + np.median(envelope) + 1e-9), prepend=0.0)
         rise[0] = 0.0
         columns.append(np.maximum(rise, 0.0))
@@ -215,7 +210,7 @@ def by_sound(found: Sequence[VideoDetections]) -> Clocks:
     for item in found:
         heard = read_sound(item.video)
         signals.append(onsets(replace(heard, start_s=heard.start_s - float(item.times_s[0]))))
-    lags = {"reach_s": REACH_S, "piece_s": PIECE_S, "floor_s": SOUND_FLOOR_S}
+    lags = {"reach_s": REACH_S, "piece_s": PIECE_S, "floor_s": FLOOR_S}
     return clocks_of_signals(tuple(item.name for item in found), signals, "sound", **lags)
 
 

@@ -23,6 +23,7 @@ from solver_backend.videos.sync.clocks import (
     read_clocks,
 )
 from solver_backend.videos.sync.synchronise import (
+    FLOOR_S,
     PIECE_S,
     FilmedTracks,
     by_sound,
@@ -32,7 +33,6 @@ from solver_backend.videos.sync.synchronise import (
     onsets,
     synchronise,
 )
-from solver_backend.videos.sync.synchronise import SOUND_FLOOR_S as FLOOR_S
 from solver_backend.videos.video_detections import VideoDetections
 from tests.support.videos import write_timed_video
 
