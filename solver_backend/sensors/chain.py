@@ -1,4 +1,4 @@
-"""Compute a point cloud from sensors, live with one process per sensor or from a recording folder."""
+"""Compute a point cloud from sensors, either live with one process per sensor or from a recording folder."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ from solver_backend.sensors.fusion.moments import Finding, Gatherer, MarkerTrack
 from solver_backend.types import Cameras, Capture, MarkerCloud
 from solver_backend.videos.sync.clocks import Clocks
 
-KEPT = 4096  # Number of recent latencies in the statistics.
+KEPT = 4096  # Number of recent latencies from which statistics are computed.
 
 
 @dataclass
 class ChainStatistics:
-    """Statistics about moments in constant memory."""
+    """Statistics about moments, which take constant memory."""
 
     moments: int = 0
     points: int = 0
-    skipped: int = 0  # Number of complete moments that were skipped for newer ones.
+    skipped: int = 0  # Number of complete moments skipped in favour of newer ones.
     frames: Counter[str] = field(default_factory=Counter)
-    lost: Counter[str] = field(default_factory=Counter)  # Missing frames by sensor.
+    lost: Counter[str] = field(default_factory=Counter)  # Number of missing frames for each sensor.
     _latency_ms: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT))
     _first_s: float = 0.0
     _last_s: float = 0.0
 
     def add(self, latency_s: float, points: int, now: float) -> None:
-        """Count a moment."""
+        """Add a moment to the statistics."""
         if not self.moments:
             self._first_s = now
         self.moments += 1
@@ -70,19 +70,19 @@ RETRY_S = 1.0  # Seconds between attempts to open a lost sensor.
 
 @dataclass(frozen=True)
 class SensorTask:
-    """Task of one sensor's process. It can be pickled."""
+    """What a sensor's process has to do. It can be pickled."""
 
     device: Device
     cameras: Cameras
     mask: np.ndarray | None = None
-    record: Path | None = None  # Folder of a started recording, or None.
+    record: Path | None = None  # Folder of a recording that has been started, or None.
     kind: str = "raw"
     live: bool = True  # True if the sensor sets the pace. A slow disk then loses frames, and a lost sensor may return.
 
 
 @dataclass(frozen=True)
 class SensorEnd:
-    """Result of one sensor's process."""
+    """Result of a sensor's process."""
 
     frames: int
     cpu_s: float
@@ -91,13 +91,13 @@ class SensorEnd:
 
 
 def run_sensor(task: SensorTask, out: Connection) -> None:
-    """Send the sightings of a sensor until the sensor or the reader ends.
+    """Send a sensor's sightings until the sensor or the reader stops.
 
-    The first message is ``("ready",)``, and the answer is the host time of a replay's start. Further messages are
-    ``("like", SensorFiles)`` once if it is recorded, ``("seen", SensorSightings)`` per frame, ``("trouble", code,
+    The first message is ``("ready",)``. The reader answers with the host time at which a replay starts. Then follow
+    ``("like", SensorFiles)`` once if frames are recorded, ``("seen", SensorSightings)`` per frame, ``("trouble", code,
     sentence)``, and ``("end", SensorEnd)``.
     """
-    with suppress(ValueError):  # the parent ends it, and receives Ctrl-C as well
+    with suppress(ValueError):  # the parent ends the process, and also receives Ctrl-C
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     run = _SensorRun(task, out)
     try:
@@ -139,7 +139,7 @@ class _SensorRun:
                 for frame in device.frames():
                     if self._stop.is_set():
                         return
-                    self._record(frame)  # first, so that unusable frames can be inspected later
+                    self._record(frame)  # recorded first, so that unusable frames can be inspected later
                     self._out.send(("seen", acquisition(frame)))
                     self._frames += 1
                 ended = True
@@ -172,30 +172,30 @@ class _SensorRun:
             self._out.close()
 
 
-WAIT_S = 0.012  # Longest wait in seconds of a moment for its last sensor.
-LISTEN_S = 0.005  # Longest wait in seconds for messages in one step.
-MOST_WAITING = 1  # Number of newest complete moments to fuse. A late moment would delay all later ones.
-MOST_AHEAD = 8  # Maximum number of waiting frames per sensor if all sensors can wait.
+WAIT_S = 0.012  # Longest time in seconds that a moment waits for its last sensor.
+LISTEN_S = 0.005  # Longest time in seconds that one step waits for messages.
+MOST_WAITING = 1  # Number of most recent complete moments that are fused. A late moment would delay all that follow.
+MOST_AHEAD = 8  # Maximum number of frames per sensor that may wait if no sensor is live.
 READY_S, AHEAD_S = 60.0, 0.05
-"""Time limit for starting the sensors, and time from readiness to the start of a replay, in seconds."""
+"""Time limit for starting the sensors, and time from when they are ready to when a replay starts, in seconds."""
 END_S, END_RECORDING_S = 5.0, 15.0
-"""Time limits in seconds for ending a sensor's process without and with a recording, which is completed first. Blender
-waits 20 s for all processes."""
+"""Time limits in seconds for ending a sensor's process without and with a recording, which must be completed first.
+Blender waits 20 s for all processes."""
 
 
 @dataclass(frozen=True)
 class LiveMoment:
-    """Result of one moment."""
+    """Result for one moment."""
 
     tracked: TrackedPoints
-    arrived: float  # Host time of its first frame in seconds.
+    arrived: float  # Host time in seconds at which its first frame arrived.
     seen: tuple[SensorSightings, ...] = ()
 
 
 class MarkerChain:
-    """Runs devices, acquisition and fusion, as a context manager that ends the processes.
+    """Runs devices, acquisition and fusion. As a context manager, it ends their processes.
 
-    If it cannot keep up, it skips moments. If no sensor is live, all sensors wait and every frame is used.
+    If it cannot keep up, it skips moments. If no sensor is live, all sensors wait, and every frame is used.
     """
 
     def __init__(
@@ -214,12 +214,12 @@ class MarkerChain:
         self._waited_for: set[Connection] = set()
         self._ending = False
         self.start = 0.0
-        """Host time of the start in seconds."""
+        """Host time in seconds at which the chain started."""
         self.statistics = ChainStatistics()
         self.ends: dict[str, SensorEnd] = {}
-        """Result of each sensor's process."""
+        """Result of each sensor's process, by sensor name."""
         self.cpu_s = 0.0
-        """Processor time of fusion in seconds."""
+        """Processor time spent on fusion, in seconds."""
 
     @property
     def cameras(self) -> Cameras:
@@ -260,7 +260,7 @@ class MarkerChain:
                 process.join()
 
     def moments(self, until: float = float("inf")) -> Iterator[LiveMoment | Finding]:
-        """Yield moments and sensor diagnostics until all sensors end or a host time (``perf_counter``)."""
+        """Yield moments and sensor diagnostics until all sensors end or a host time (``perf_counter``) is reached."""
         while self._open and time.perf_counter() <= until:
             self._listen(LISTEN_S)
             yield from self._fused(time.perf_counter())
@@ -284,7 +284,7 @@ class MarkerChain:
     def _listen(self, seconds: float) -> None:
         heard = [c for c in self._open if not self._is_ahead(c)]
         if not heard:
-            time.sleep(seconds)  # without connections ``wait`` returns immediately on some systems
+            time.sleep(seconds)  # without connections, ``wait`` returns immediately on some systems
         for connection in wait(heard, seconds) if heard else ():
             assert isinstance(connection, Connection)
             try:
@@ -300,7 +300,7 @@ class MarkerChain:
         return index >= 0 and self._gatherer.waiting(index) >= MOST_AHEAD
 
     def _index(self, name: str) -> int:
-        """Return the index of a sensor in the calibration, or -1 if it is not calibrated."""
+        """Return the index of a sensor in the calibration, or -1 if the sensor is not calibrated."""
         return self.cameras.names.index(name) if name in self.cameras.names else -1
 
     def _take(self, message: tuple[Any, ...], connection: Connection) -> None:
@@ -337,7 +337,7 @@ class MarkerChain:
 
 @dataclass(frozen=True)
 class SensorTake:
-    """Point cloud of a sensor folder."""
+    """The point cloud computed from a sensor folder."""
 
     cloud: MarkerCloud  # Unlabelled points with covariances. The residual is each point's standard deviation.
     frames: dict[str, int]
@@ -351,11 +351,11 @@ def cloud_of(
     clusters: str = "test",
     progress: Progress = silent,
 ) -> SensorTake:
-    """Compute the point cloud of a sensor folder. ``masks`` are from ``masks_of``.
+    """Compute the point cloud from a sensor folder. ``masks`` come from ``masks_of``.
 
     Raises:
         NoMarkers: no sensor saw a marker in any frame.
-        PicturesDiffer: infrared, depth and calibration have different sizes.
+        PicturesDiffer: infrared images, depth images and calibration have different sizes.
         RecordingInvalid: an index cannot be read.
     """
     finders = [Acquisition(folder.cameras, d.name, masks.get(d.name)) for d in folder.devices]
@@ -369,7 +369,7 @@ def cloud_of(
     going = {finder: device.frames() for finder, device in zip(finders, folder.devices, strict=True)}
     clock = dict.fromkeys(going, -np.inf)
     while going:
-        # Ask the sensor that is farthest behind, so that few frames wait.
+        # Read from the sensor that is furthest behind, so that few frames have to wait.
         finder, frame = min(going, key=lambda f: clock[f]), None
         try:
             frame = next(going[finder], None)
@@ -397,14 +397,14 @@ def cloud_of(
 def capture_of(
     folder: SensorFolder, take: SensorTake | None = None, name: str = "", *, progress: Progress = silent
 ) -> Capture:
-    """Return the capture of a folder: unlabelled points, cameras and problems."""
+    """Return the capture computed from a folder: unlabelled points, cameras and problems."""
     take, name = take or cloud_of(folder, progress=progress), name or folder.path.name
     source = (str(folder.path),)
     return Capture(name, cameras=folder.cameras, markers=take.cloud, sources=source, problems=take.findings)
 
 
 def counted(findings: Sequence[Finding]) -> list[Diagnostic]:
-    """Return one diagnostic for each kind of finding, with its first time and its count."""
+    """Return one diagnostic for each kind of finding, which states when it first occurred and how often."""
     alike: dict[str, list[Finding]] = {}
     for finding in findings:
         alike.setdefault(finding.message, []).append(finding)
@@ -421,15 +421,15 @@ def counted(findings: Sequence[Finding]) -> list[Diagnostic]:
 
 
 def masks_of(empty: SensorFolder) -> dict[str, np.ndarray]:
-    """Return each sensor's mask of constant lights from a recording of the empty scene."""
+    """Return each sensor's mask of constant lights, computed from a recording of the empty scene."""
     return {d.name: learned_mask(frame.infrared for frame in d.frames()) for d in empty.devices if d.count()}
 
 
-LARGEST_INTERLEAVE_S = 0.02  # Largest exposure delay in seconds between two sensors. Chosen by hand.
+LARGEST_INTERLEAVE_S = 0.02  # Longest delay in seconds between the exposures of two sensors. Chosen by hand.
 
 
 def triggered(names: tuple[str, ...], interleave_s: float = 0.0) -> Clocks:
-    """Return clocks for one trigger: sensor c's frame t was exposed at ``t + c · interleave``.
+    """Return the clocks of sensors on one trigger: sensor c exposed frame t at ``t + c · interleave``.
 
     Raises:
         CommandLineInvalid: the interleave is negative or too long.

@@ -1,1 +1,1 @@
-"""Locate markers with covariances in one frame of infrared and depth, with NumPy alone."""
+"""Locate markers and their covariances in one infrared and depth frame. This needs only NumPy."""

@@ -1,4 +1,4 @@
-"""Locate the markers in one frame of one sensor, with covariances (thesis 5.3.2)."""
+"""Locate the markers and their covariances in one frame from one sensor (thesis 5.3.2)."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from solver_backend.sensors.acquisition.blobs import (
 from solver_backend.sensors.devices.device import PicturesDiffer, SensorFrame, SensorUnknown
 from solver_backend.types import Cameras
 
-GROUP_M = 128.0  # Larger than any 16-bit depth in millimetres (65.5 m), in metres.
-NORMAL_MAD = 1.4826  # Ratio of a normal distribution's standard deviation to its median absolute deviation.
+GROUP_M = 128.0  # A length in metres that exceeds any 16-bit depth in millimetres (65.5 m).
+NORMAL_MAD = 1.4826  # Ratio between the standard deviation and the median absolute deviation of a normal distribution.
 
 
 @dataclass(frozen=True)
 class Ring:
-    """All ring pixels (R of them)."""
+    """The R ring pixels around all blobs."""
 
     pixel: np.ndarray  # (R,) flat pixel indices.
-    owner: np.ndarray  # (R,) index of the blob.
+    owner: np.ndarray  # (R,) index of the blob that each pixel belongs to.
     depth: np.ndarray  # (R,) depths in metres.
 
 
@@ -40,22 +40,22 @@ class Ring:
 class RingDepths:
     """Ring depths of N blobs."""
 
-    depth: np.ndarray  # (N,) depth in metres along the axis, NaN if too few pixels have one.
-    count: np.ndarray  # (N,) number of consistent depths.
+    depth: np.ndarray  # (N,) depth in metres along the axis, NaN if too few pixels provide one.
+    count: np.ndarray  # (N,) number of depths that agree.
     spread: np.ndarray  # (N,) standard deviation in metres, from the median absolute deviation.
-    rough: np.ndarray  # (N,) ring median in metres. It determines a blob's size even if the depths are inconsistent.
+    rough: np.ndarray  # (N,) median depth of the ring in metres. It sets a blob's size even if the depths disagree.
 
 
 def ring_of(blobs: Blobs, depth_mm: np.ndarray, saturated: np.ndarray, scratch: np.ndarray) -> Ring:
-    """Return the pixels with a depth within ``ring_px`` of each blob's blind patch.
+    """Return the pixels that have a depth and lie within ``ring_px`` of a blob's blind patch.
 
-    Pixels near two blobs belong to the nearer one. Depths are (h, w) uint16, 0 where unknown. Saturated pixels
-    (``saturated``, (P,)) of a blob are blind. If there are none, the pixels without depth are. ``scratch`` (h * w,)
-    int32 has any content and avoids an allocation per frame.
+    Pixels near two blobs belong to the nearer one. Depths are (h, w) uint16, 0 where unknown. A blob's saturated pixels
+    (``saturated``, (P,)) form the blind patch. If there are none, its pixels without depth do. ``scratch`` (h * w,)
+    int32 may have any content. It avoids an allocation per frame.
     """
     flat, (height, width) = depth_mm.reshape(-1), depth_mm.shape
     core = saturated
-    # Without saturation, pixels without depth are blind. A dim blob has depths inside.
+    # Without saturated pixels, those without depth are blind. A dim blob can have depths inside.
     for other in (flat[blobs.pixel] == 0, np.ones(len(core), dtype=bool)):
         without = np.bincount(blobs.owner, core, minlength=blobs.count) == 0
         core = core | (other & without[blobs.owner])
@@ -70,7 +70,7 @@ def ring_of(blobs: Blobs, depth_mm: np.ndarray, saturated: np.ndarray, scratch: 
     else:
         valid = np.flatnonzero(flat[around])
     pixel, owner = around[valid], blob[valid % max(len(blob), 1)]
-    # The last written index remains, which is the nearest blob.
+    # The index written last remains. It belongs to the nearest blob.
     order = np.arange(len(pixel), dtype=np.int32)
     scratch[pixel] = order
     once = scratch[pixel] == order
@@ -80,7 +80,7 @@ def ring_of(blobs: Blobs, depth_mm: np.ndarray, saturated: np.ndarray, scratch: 
 
 @cache
 def _far_first(reach: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return (n, 1) row and column offsets from a pixel to its neighbours, the furthest first."""
+    """Return the (n, 1) row and column offsets from a pixel to its neighbours, furthest first."""
     steps = np.arange(-reach, reach + 1)
     dy, dx = (g.ravel() for g in np.meshgrid(steps, steps, indexing="ij"))
     order = np.argsort(dx * dx + dy * dy, kind="stable")[::-1]
@@ -88,10 +88,11 @@ def _far_first(reach: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def ring_depths(ring: Ring, count: int) -> RingDepths:
-    """Return the depth of each of ``count`` rings, a mean without outliers.
+    """Average each of ``count`` rings without outliers, and return the depths.
 
-    If part of a ring is on another surface, such as an arm in front or the room behind, the closest half of its depths
-    replaces the median. If part of the ring is behind that depth, it is an occluder's depth and the marker has none.
+    If part of a ring lies on another surface, such as an arm in front or the room behind, the centre of the closest
+    half of its depths replaces the median. If part of the ring lies behind the resulting depth, that depth belongs to
+    an occluder and the marker gets none.
 
     Reference: Leys et al. 2013, "Detecting outliers: Do not use standard deviation around the mean, use absolute
     deviation around the median".
@@ -107,7 +108,7 @@ def ring_depths(ring: Ring, count: int) -> RingDepths:
         chosen = np.abs(depth - middle[owner]) <= SETTINGS.two_depths_m
         of_chosen = np.bincount(owner[chosen], minlength=count)
         narrow = _spread(depth[chosen], owner[chosen], middle, of_chosen)
-        # The remainder of a ring on two surfaces must be its larger part.
+        # The part of the ring that is used must be the larger one.
         spread = np.where(two, np.where(of_chosen * 2 > sizes, narrow, np.inf), spread)
     with np.errstate(invalid="ignore"):
         good = np.abs(depth - middle[owner]) <= SETTINGS.mad_limit * spread[owner]
@@ -126,12 +127,12 @@ def _spread(depth: np.ndarray, owner: np.ndarray, middle: np.ndarray, sizes: np.
 
 
 def _sorted_in_groups(values: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """Sort (R,) values from 0 to ``GROUP_M`` by group and value. One sort is faster than two keys."""
+    """Sort (R,) values between 0 and ``GROUP_M`` by group, then value. One sort is faster than a sort by two keys."""
     return values[np.argsort(GROUP_M * group + values)]
 
 
 def _closest_half(depth: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Return the centre of the shortest interval with half of each group (Rousseeuw 1984).
+    """Return the centre of the shortest interval that contains half of each group (Rousseeuw 1984).
 
     ``depth`` is sorted by group and value. ``sizes`` are the (N,) positive group sizes.
     """
@@ -147,7 +148,7 @@ def _closest_half(depth: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 
 
 def sorted_medians(values: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Return the median of each group of sorted values, or NaN for an empty group."""
+    """Return the median of each group of sorted values, or NaN if the group is empty."""
     if not len(values):
         return np.full(len(sizes), np.nan)
     first, last = np.cumsum(sizes) - sizes, len(values) - 1
@@ -156,7 +157,7 @@ def sorted_medians(values: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 
 
 class SensorLens:
-    """One calibrated camera with a table of undistorted pixels."""
+    """A calibrated camera and a table of its undistorted pixels."""
 
     def __init__(self, cameras: Cameras, index: int) -> None:
         one = cameras.subset([index])
@@ -168,7 +169,7 @@ class SensorLens:
         self._table = _undistorted_pixels(one.K.tobytes(), one.distortion.tobytes(), self.size, one.models[0])
 
     def undistorted(self, px: np.ndarray) -> np.ndarray:
-        """Return x/z and y/z of (N, 2) pixels, interpolated in the table. NaN outside the image."""
+        """Return x/z and y/z for (N, 2) pixels by interpolation in the table. NaN outside the image."""
         width, height = self.size
         at = px + 1.0
         with np.errstate(invalid="ignore"):
@@ -182,19 +183,19 @@ class SensorLens:
         return np.where(inside[:, None], (1 - b) * low + b * high, np.nan)
 
     def directions(self, flat: np.ndarray) -> np.ndarray:
-        """Return (N, 3) unit directions in the world from undistorted coordinates."""
+        """Convert undistorted coordinates to (N, 3) unit directions in the world."""
         ray = np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
         return (ray / np.linalg.norm(ray, axis=1, keepdims=True)) @ self.R
 
     def points(self, flat: np.ndarray, depth: np.ndarray) -> np.ndarray:
-        """Return (N, 3) world points from undistorted coordinates and (N,) depths along the axis in metres."""
+        """Convert undistorted coordinates and (N,) depths along the axis in metres to (N, 3) world points."""
         ray = np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
         return (ray * depth[:, None] - self.t) @ self.R
 
     def covariances(
         self, flat: np.ndarray, depth: np.ndarray, sigma_px: np.ndarray, sigma_depth: np.ndarray
     ) -> np.ndarray:
-        """Return (N, 3, 3) world covariances of points (m²) of ``p = z (x, y, 1)``."""
+        """Return the (N, 3, 3) world covariances (m²) of points ``p = z (x, y, 1)``."""
         J = np.zeros((len(depth), 3, 3))
         J[:, 0, 0] = depth / self.focal[0] * sigma_px
         J[:, 1, 1] = depth / self.focal[1] * sigma_px
@@ -206,7 +207,7 @@ class SensorLens:
 
 @lru_cache(maxsize=8)
 def _undistorted_pixels(K: bytes, distortion: bytes, size: tuple[int, int], model: str) -> np.ndarray:
-    """Return the read-only (h + 2, w + 2, 2) table of a lens, with a margin of one pixel."""
+    """Return a lens's read-only (h + 2, w + 2, 2) table, which has a margin of one pixel."""
     width, height = size
     u, v = np.meshgrid(np.arange(-1.0, width + 1.0), np.arange(-1.0, height + 1.0))
     lens = Lens(np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion), size, model)
@@ -215,19 +216,19 @@ def _undistorted_pixels(K: bytes, distortion: bytes, size: tuple[int, int], mode
     return table
 
 
-_STEPS = 6  # Iterations of k-means. Chosen by hand.
+_STEPS = 6  # Number of k-means iterations. Chosen by hand.
 
 
 def split_merged(blobs: Blobs, shapes: Shapes, ring: Ring, radius_px: np.ndarray) -> tuple[Blobs, Ring, np.ndarray]:
-    """Split merged blobs and their rings. Return both and the (N',) mask of parts.
+    """Split merged blobs and their rings. Return both, and the (N',) mask of the parts.
 
-    A disc of radius R has the variance ``R²/4`` along any axis. Two discs at the distance s have ``R²/4 + s²/4`` along
-    the line between them. A blob whose variance exceeds a disc's by the factor ``merged`` is split into as many parts
-    as its area allows, and into more until all parts are round. Parts start at the most distant pixels (Gonzalez 1985),
-    and k-means refines them (Lloyd 1982).
+    A disc of radius R has a variance of ``R²/4`` along any axis. Two discs a distance s apart have ``R²/4 + s²/4``
+    along the line between them. A blob whose variance exceeds a disc's by the factor ``merged`` is split into as many
+    parts as its area allows, and into more until all parts are round. The parts are seeded with the pixels furthest
+    apart (Gonzalez 1985) and refined by k-means (Lloyd 1982).
 
     Args:
-        radius_px: (N,) radius of a single marker's blob, NaN where its depth is unknown.
+        radius_px: (N,) radius of a single marker's blob, or NaN where its depth is unknown.
     """
     limit = SETTINGS.merged * 0.25 * radius_px**2 + SETTINGS.merged_px2
     with np.errstate(invalid="ignore"):
@@ -250,7 +251,7 @@ def split_merged(blobs: Blobs, shapes: Shapes, ring: Ring, radius_px: np.ndarray
 
 
 def _round_parts(blob: Blobs, middle: np.ndarray, fits: int, limit: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return part centres and each pixel's part, with at most ``limit`` px² of variance."""
+    """Split a blob into parts whose variance is at most ``limit`` px². Return their centres and each pixel's part."""
     xy = _xy(blob.pixel, blob.width)
     number = min(max(fits, 2), SETTINGS.most_in_blob)
     while True:
@@ -262,7 +263,7 @@ def _round_parts(blob: Blobs, middle: np.ndarray, fits: int, limit: float) -> tu
 
 
 def _parted(xy: np.ndarray, middle: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return (number, 2) centres of a blob's parts, and the (P,) part of each pixel."""
+    """Return the (number, 2) centres of a blob's parts, and the part that each of the (P,) pixels belongs to."""
     chosen = [int(((xy - middle) ** 2).sum(1).argmax())]
     apart = np.full(len(xy), np.inf)
     while len(chosen) < number:
@@ -290,18 +291,18 @@ def _nearest(xy: np.ndarray, centres: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class SensorSightings:
-    """N markers of one sensor at one time."""
+    """N markers seen by one sensor at one time."""
 
     sensor: int
     time: float
     px: np.ndarray  # (N, 2) centres in pixels.
-    depth: np.ndarray  # (N,) depths of the centres in metres along the axis, NaN where unknown.
-    points: np.ndarray  # (N, 3) world points in metres, NaN without depth.
-    covariance: np.ndarray  # (N, 3, 3) covariances in m², NaN without depth.
+    depth: np.ndarray  # (N,) depths of the centres along the axis in metres, NaN where unknown.
+    points: np.ndarray  # (N, 3) world points in metres, NaN where the depth is unknown.
+    covariance: np.ndarray  # (N, 3, 3) covariances in m², NaN where the depth is unknown.
     origin: np.ndarray  # (3,) position of the sensor.
-    direction: np.ndarray  # (N, 3) unit ray directions in the world.
-    sigma_ray: np.ndarray  # (N,) standard deviation across the rays in radians.
-    finding: str = ""  # Code of a problem in the frame, or an empty text.
+    direction: np.ndarray  # (N, 3) unit directions of the rays in the world.
+    sigma_ray: np.ndarray  # (N,) standard deviation perpendicular to each ray in radians.
+    finding: str = ""  # Code of a problem in the frame, or an empty string.
     number: int = 0
     host_s: float = field(default=0.0, compare=False)
 
@@ -309,18 +310,18 @@ class SensorSightings:
         return len(self.px)
 
 
-SUNLIGHT = "sensor_sunlight"  # Code of a frame without markers because of sunlight, a window or a lamp.
-_MOST_PIXELS = 1e7  # Maximum number of pixels of an image, ten times an Azure Kinect's. Its lens table takes 1 GB.
+SUNLIGHT = "sensor_sunlight"  # Code for a frame without markers because of sunlight, a window or a lamp.
+_MOST_PIXELS = 1e7  # Maximum number of image pixels, ten times an Azure Kinect's. The lens table then takes 1 GB.
 MEDIAN_LOSS = 1.25
-"""Ratio of a median's standard deviation to a mean's. The ring's mean around the median is no worse."""
+"""Ratio between the standard deviations of a median and a mean. A ring's mean near its median is at least as good."""
 
 
 class Acquisition:
-    """Finds markers in the frames of one sensor, except in the ``mask`` of constant lights.
+    """Finds markers in the frames of one sensor. Constant lights in ``mask`` are ignored.
 
     Raises:
-        SensorUnknown: the calibration has no such sensor.
-        CalibrationInvalid: its images are larger than any sensor's.
+        SensorUnknown: the calibration does not contain the sensor.
+        CalibrationInvalid: the images are larger than those of any sensor.
     """
 
     def __init__(self, cameras: Cameras, sensor: str, mask: np.ndarray | None = None) -> None:
@@ -344,7 +345,7 @@ class Acquisition:
         self._scratch = np.zeros(width * height, np.int32)
 
     def __call__(self, frame: SensorFrame) -> SensorSightings:
-        """Return the markers in a frame."""
+        """Return the markers seen in a frame."""
         self._require_size(frame)
         blobs = find_blobs(frame.infrared, threshold_of(frame.infrared), self._mask)
         if blobs is None or not blobs.count:
@@ -388,7 +389,7 @@ class Acquisition:
             rings, rest = ring_depths(of_parts, blobs.count), np.flatnonzero(~parts[: len(whole.depth)])
             for name in ("depth", "count", "spread", "rough"):
                 getattr(rings, name)[rest] = getattr(whole, name)[rest]
-        # If most blobs have saturated pixels, one without them is a fragment with a foreign ring.
+        # If most blobs have saturated pixels, a blob without any is a fragment, and its ring belongs to another blob.
         blind = np.bincount(blobs.owner, saturated, minlength=blobs.count) > 0
         sliver = ~blind & (2 * blind.sum() > blobs.count)
         return shapes, replace(rings, depth=np.where(sliver, np.nan, rings.depth)), parts
@@ -401,7 +402,7 @@ class Acquisition:
             self._halo = max(float(np.median(self._beyond)), 0.0)
 
     def _blob_radius(self, depth: np.ndarray) -> np.ndarray:
-        """Return the radius in pixels of a single marker's blob at depths in metres."""
+        """Return the radius in pixels of a single marker's blob at each depth in metres."""
         return self.lens.focal.mean() * SETTINGS.marker_radius_m / depth + self._halo
 
     def _lifted(self, frame: SensorFrame, shapes: Shapes, rings: RingDepths, parts: np.ndarray) -> SensorSightings:

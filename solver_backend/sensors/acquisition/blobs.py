@@ -11,66 +11,66 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 @dataclass(frozen=True)
 class AcquisitionSettings:
-    """Settings for sensors like an Azure Kinect at 1 to 4 m and markers of 14 mm."""
+    """Settings for sensors like the Azure Kinect at 1 to 4 m, and markers 14 mm in diameter."""
 
-    marker_radius_m: float = 0.007  # Radius of a marker.
+    marker_radius_m: float = 0.007  # Radius of a marker in metres.
     background_quantile: float = 0.99
-    """Quantile of the image that counts as background. Markers cover less than the remainder."""
-    contrast: float = 3.0  # Smallest ratio of a marker's brightness to the background.
+    """Quantile of the image that is taken as the background. Markers cover less than the rest of the image."""
+    contrast: float = 3.0  # Smallest ratio between the brightness of a marker and of the background.
     least_threshold: float = 0.03
-    """Lower limit of the threshold relative to full counts, so that noise in the dark is not a marker."""
+    """Lower limit of the threshold relative to full counts, so that noise in a dark image is not taken for a marker."""
     most_threshold: float = 0.6  # Upper limit of the threshold, because retro-reflections saturate.
-    sample_step: int = 8  # Step of rows and columns for estimating the background.
+    sample_step: int = 8  # Distance between the rows and columns from which the background is estimated.
     mask_contrast: float = 0.5
-    """Fraction of the threshold above which pixels in an empty scene are a lamp or another sensor."""
-    mask_grow_px: int = 3  # Margin of the lamp mask.
+    """Fraction of the threshold above which a pixel in an empty scene shows a lamp or another sensor."""
+    mask_grow_px: int = 3  # Margin added to the lamp mask in pixels.
 
     most_bright: float = 0.04
-    """Largest fraction of bright pixels. Above it the scene is sunlit, and no markers are detected."""
-    most_blobs: int = 400  # Largest number of blobs in a scene without sunlight.
+    """Largest fraction of bright pixels. If it is exceeded, the scene is sunlit and no markers are detected."""
+    most_blobs: int = 400  # Largest number of blobs. A scene with more is sunlit.
     least_pixels: int = 2  # Smallest number of pixels in a blob.
     saturated: float = 0.98
     """Fraction of full counts above which a pixel is saturated. Saturated pixels have no depth."""
 
     ring_px: int = 2  # Width of the ring around the blind patch.
-    least_ring: int = 4  # Minimum number of ring depths that determine a marker's depth.
+    least_ring: int = 4  # Smallest number of ring depths that determines a marker's depth.
     mad_limit: float = 3.0
-    """Largest distance of a used depth from the ring's median, in standard deviations (Leys et al. 2013)."""
+    """Largest distance from the ring's median at which a depth is used, in standard deviations (Leys et al. 2013)."""
     mad_floor_m: float = 0.003  # Smallest standard deviation of a ring (m), so that quantised depths are not outliers.
     two_depths_m: float = 0.010
-    """Standard deviation (m) above which a ring is on two surfaces. The closest half of its depths is then used."""
-    most_spread_m: float = 0.020  # Largest standard deviation of a ring with a depth. Otherwise the marker is a ray.
+    """Standard deviation (m) above which a ring lies on two surfaces. The closest half of its depths is then used."""
+    most_spread_m: float = 0.020  # Largest standard deviation of a ring with a depth. Otherwise, the marker is a ray.
     behind_m: float = 0.030
-    """Depths more than this behind (m) belong to another surface: three standard deviations of a pixel at 3 m."""
-    most_behind: float = 0.1  # Above this fraction behind it, the depth is an occluder's and the marker is a ray.
+    """Depths this far (m) behind the marker belong to another surface: three standard deviations of a pixel at 3 m."""
+    most_behind: float = 0.1  # Largest fraction of these. Beyond it, the depth is an occluder's and the marker a ray.
     surface_radii: float = 2.0 / 3.0
-    """Distance of the reflecting surface from a sphere's centre in radii. 2/3 is the mean over its disc."""
+    """Distance from a sphere's centre to the surface that reflects, in radii. 2/3 is the mean over its disc."""
     range_m: tuple[float, float] = (0.3, 8.0)  # Possible depths of a marker in metres.
 
     halo_px: float = 1.5
-    """Increase of a blob's radius by blur and saturation in pixels, until it is measured on round blobs."""
+    """Growth of a blob's radius by blur and saturation, in pixels. Used until it is measured on round blobs."""
     round: float = 1.35
-    """A blob is round if its variance along its axis exceeds that for a disc of its area by less than this factor."""
-    round_kept: int = 256  # Number of recent round blobs with known depth for the halo.
-    merged: float = 1.6  # A blob is several markers if its variance along its axis exceeds a disc's by this factor ...
-    merged_px2: float = 0.3  # ... and this addition, because a few pixels do not form a smooth disc.
+    """A blob is round if its variance along its longer axis is less than this times that of a disc of equal area."""
+    round_kept: int = 256  # Number of recent round blobs with a known depth from which the halo is measured.
+    merged: float = 1.6  # A blob is several markers if its variance along its axis exceeds a disc's by this factor
+    merged_px2: float = 0.3  # and by this amount, because a few pixels do not form a smooth disc.
     most_in_blob: int = 4  # Maximum number of markers in one blob.
-    too_large: float = 3.5  # Largest area of a part relative to a marker.
-    too_small: float = 0.12  # Smallest area of a part relative to a marker.
+    too_large: float = 3.5  # Largest area of a part relative to a marker's.
+    too_small: float = 0.12  # Smallest area of a part relative to a marker's.
     least_share: float = 0.45
-    """Smallest relative area of a marker with a depth. Otherwise the ring is an occluder's, and the marker is a ray."""
+    """Smallest relative area of a marker with a depth. Below it, the ring is an occluder's and the marker a ray."""
 
     sigma_px: float = 0.08  # Standard deviation of a centroid in pixels.
-    split_sigma_px: float = 0.5  # Additional standard deviation for parts of a split blob.
+    split_sigma_px: float = 0.5  # Additional standard deviation for the parts of a split blob.
     hidden_sigma: float = 0.45  # Additional deviation of a partly hidden disc: this times radius times hidden part.
     depth_constant_m: float = 0.8e-3
-    """Standard deviation of a depth at zero distance, as for Azure Kinects (Tölgyessy et al. 2021)."""
+    """Standard deviation of a depth at distance zero, as measured for Azure Kinects (Tölgyessy et al. 2021)."""
     depth_quadratic: float = 0.55e-3  # Additional standard deviation at 1 m. It grows with the square of the distance.
-    ring_noise: float = 1.5  # Noise factor of depths in a ring.
-    depth_floor_m: float = 0.6e-3  # Common error of a ring's pixels in metres.
+    ring_noise: float = 1.5  # Noise factor for depths in a ring.
+    depth_floor_m: float = 0.6e-3  # Error in metres that all pixels of a ring have in common.
 
     def depth_sigma(self, depth: np.ndarray) -> np.ndarray:
-        """Return the standard deviation of one pixel's depth in metres."""
+        """Return the standard deviation of a single pixel's depth in metres."""
         return self.depth_constant_m + self.depth_quadratic * depth**2
 
 
@@ -78,9 +78,9 @@ SETTINGS = AcquisitionSettings()
 
 
 def connected(pixels: np.ndarray, width: int) -> tuple[np.ndarray, int]:
-    """Return the patch number of each bright pixel (sorted flat indices), and the patch count.
+    """Return the patch number of each bright pixel (sorted flat indices), and the number of patches.
 
-    Runs of pixels that touch a run in the next row, also at corners, belong to one patch.
+    Runs of pixels belong to the same patch if they touch a run in the next row, even at a corner.
     """
     if not len(pixels):
         return np.zeros(0, np.int64), 0
@@ -101,9 +101,9 @@ def connected(pixels: np.ndarray, width: int) -> tuple[np.ndarray, int]:
 
 
 def joined(count: int, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return the connected component of each of ``count`` nodes, and their number.
+    """Return the connected component of each of ``count`` nodes, and the number of components.
 
-    Each node takes the smallest reachable number. Paths to roots are halved (Shiloach and Vishkin 1982).
+    Each node takes the smallest reachable number. Paths to the roots are halved (Shiloach and Vishkin 1982).
     """
     root = np.arange(count)
     while len(a):
@@ -121,10 +121,10 @@ def joined(count: int, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, int]:
 
 @dataclass(frozen=True)
 class Blobs:
-    """N blobs with P pixels."""
+    """N blobs that consist of P pixels."""
 
     pixel: np.ndarray  # (P,) flat pixel indices.
-    owner: np.ndarray  # (P,) index of the blob.
+    owner: np.ndarray  # (P,) index of the blob that each pixel belongs to.
     weight: np.ndarray  # (P,) counts above the threshold.
     count: int
     width: int
@@ -134,14 +134,14 @@ class Blobs:
 class Shapes:
     """Moments of N blobs."""
 
-    centre: np.ndarray  # (N, 2) centre in px, weighted by counts above the threshold.
+    centre: np.ndarray  # (N, 2) centre in px, weighted by the counts above the threshold.
     area: np.ndarray  # (N,) area in pixels.
     middle: np.ndarray  # (N, 2) unweighted centre in px.
     long: np.ndarray  # (N,) variance along the longer axis in px².
 
 
 def find_blobs(infrared: np.ndarray, threshold: float, mask: np.ndarray | None) -> Blobs | None:
-    """Return the blobs of (h, w) counts outside ``mask``, None for sunlight."""
+    """Return the blobs in (h, w) counts outside ``mask``, or None if the scene is sunlit."""
     flat = infrared.reshape(-1)
     pixel = np.flatnonzero(flat > infrared.dtype.type(threshold))
     if mask is not None:
@@ -172,19 +172,19 @@ def shapes_of(blobs: Blobs) -> Shapes:
     some = np.maximum(area, 1.0)
     middle = np.stack([total(x.astype(float)), total(y.astype(float))], axis=1) / some[:, None]
     dx, dy = x - middle[owner, 0], y - middle[owner, 1]
-    # A pixel is a square with variance 1/12.
+    # A pixel is a square, whose variance is 1/12.
     xx, yy, xy = total(dx * dx) / some + 1 / 12, total(dy * dy) / some + 1 / 12, total(dx * dy) / some
     half, apart = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
     return Shapes(centre, area, middle, half + apart)
 
 
 def full_counts(infrared: np.ndarray) -> float:
-    """Return the saturation counts of an image, the largest value of its type."""
+    """Return the counts at which an image saturates, which is the largest value of its type."""
     return float(np.iinfo(infrared.dtype).max)
 
 
 def threshold_of(infrared: np.ndarray) -> float:
-    """Return the counts of a bright pixel: ``contrast`` times the background, within limits."""
+    """Return the counts from which a pixel is bright: ``contrast`` times the background, within limits."""
     full, step = full_counts(infrared), SETTINGS.sample_step
     sample = infrared[step // 2 :: step, step // 2 :: step].ravel()
     rank = int(SETTINGS.background_quantile * (len(sample) - 1))
@@ -193,7 +193,7 @@ def threshold_of(infrared: np.ndarray) -> float:
 
 
 def learned_mask(pictures: Iterable[np.ndarray]) -> np.ndarray:
-    """Return the (h, w) mask of lamps in images of the empty scene, with a margin."""
+    """Return the (h, w) mask of the lamps in images of an empty scene, with a margin."""
     brightest: np.ndarray | None = None
     for picture in pictures:
         brightest = picture.copy() if brightest is None else np.maximum(brightest, picture)

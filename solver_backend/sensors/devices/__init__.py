@@ -1,1 +1,1 @@
-"""Read sensors through one interface: recordings, studio renderings, and connected devices."""
+"""Read all sensors through one interface: recordings, studio renderings, and connected devices."""

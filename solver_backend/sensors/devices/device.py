@@ -1,4 +1,4 @@
-"""Define the interface and the errors of all sensors."""
+"""Define the interface and the errors that all sensors share."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from solver_backend.exchange.errors import MocapError
 
 @dataclass(frozen=True)
 class SensorFrame:
-    """Images of one sensor at one time. Infrared and depth are pixel-aligned."""
+    """A sensor's images at one time. Infrared and depth are pixel-aligned."""
 
     sensor: str
     infrared: np.ndarray  # (h, w) uint8 or uint16 counts.
     depth: np.ndarray | None
-    """(h, w) uint16 depth in millimetres along the optical axis, 0 where unknown. None for a sensor without depth."""
-    device_s: float  # Exposure centre in seconds on the device's clock. Sensors on one trigger share it.
-    host_s: float  # Arrival in seconds on the host's monotonic clock (``time.perf_counter``).
-    number: int = 0  # Frame number from the device. Gaps are lost frames.
+    """(h, w) uint16 depth in millimetres along the optical axis, 0 where unknown. None if the sensor has no depth."""
+    device_s: float  # Centre of the exposure in seconds on the device's clock, which sensors on one trigger share.
+    host_s: float  # Arrival time in seconds on the host's monotonic clock (``time.perf_counter``).
+    number: int = 0  # Frame number assigned by the device. Gaps mean lost frames.
 
 
 class OpenedDevice:
-    """Base class of devices. ``with`` opens and closes them."""
+    """Base class of devices. A ``with`` statement opens and closes them."""
 
     def __enter__(self) -> Self:
         self.open()
@@ -36,40 +36,40 @@ class OpenedDevice:
         self.close()
 
     def open(self) -> None:
-        """Start. Raise ``MocapError`` if the device is missing or unusable."""
+        """Start the device. Raise ``MocapError`` if it is missing or unusable."""
 
     def close(self) -> None:
-        """Stop. Can be called several times, and from another thread. The default does nothing."""
+        """Stop the device. May be called several times, and from another thread. The default does nothing."""
 
 
 class Device(OpenedDevice, ABC):
-    """A sensor with a name in the calibration."""
+    """A sensor that has a name in the calibration."""
 
     name: str
 
     @abstractmethod
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield frames until the device ends, and drop frames that arrive too fast."""
+        """Yield frames until the device ends. Frames that arrive too fast are dropped."""
 
     def starting(self, start: float) -> Self:
-        """Return the sensor with its time 0 at the host time ``start``."""
+        """Return a sensor whose time 0 is the host time ``start``."""
         return self
 
 
 class SensorFailed(MocapError):
-    """A sensor was lost, or its data cannot be used."""
+    """A sensor was lost, or its data is unusable."""
 
 
 class SensorUnknown(MocapError):
-    """The kind of sensor is unknown, or the calibration has no such sensor."""
+    """The sensor type is unknown, or the calibration does not contain the sensor."""
 
 
 class PicturesDiffer(MocapError):
-    """The infrared images, depth images and calibration of a sensor have different sizes."""
+    """A sensor's infrared images, depth images and calibration have different sizes."""
 
 
 class RecordingInvalid(MocapError):
-    """The folder is not a sensor recording, or is damaged."""
+    """The folder is not a sensor recording, or the recording is damaged."""
 
 
 class NoMarkers(MocapError):

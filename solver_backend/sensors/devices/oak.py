@@ -1,4 +1,4 @@
-"""Read infrared, depth and colour of OAK-D and OAK-4 cameras with depthai 3."""
+"""Read infrared, depth and colour images from OAK-D and OAK-4 cameras with depthai 3."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ QUIET = {"DEPTHAI_INSTALL_SIGNAL_HANDLER": "0", "DEPTHAI_LEVEL": "off"}
 
 
 def depthai() -> Any:
-    """Import ``depthai`` of version 3 or later. Raise BackendMissing without it."""
+    """Import ``depthai`` version 3 or later. Raise BackendMissing if it is not installed."""
     for name, value in QUIET.items():
         os.environ.setdefault(name, value)
     try:
@@ -55,12 +55,12 @@ def depthai() -> Any:
 
 
 def listed_oaks() -> list[str]:
-    """Return the sorted identifiers of OAKs that are plugged in or on the network."""
+    """Return the sorted identifiers of all OAKs on USB or in the network."""
     return sorted(str(info.getDeviceId()) for info in depthai().Device.getAllAvailableDevices())
 
 
 def open_oak(identifier: str, name: str) -> Any:
-    """Connect to a device. Raise ``SensorFailed`` if the device is missing or in use."""
+    """Connect to a device. Raise ``SensorFailed`` if it is missing or in use."""
     dai = depthai()
     try:
         return dai.Device(dai.DeviceInfo(identifier))
@@ -71,12 +71,12 @@ def open_oak(identifier: str, name: str) -> Any:
         raise SensorFailed(message, where=f"sensor {name}", hint=hint) from error
 
 
-ROLES = ("master", "slave")  # Roles on the sync wire.
+ROLES = ("master", "slave")  # Roles on the synchronisation wire.
 
 
 @dataclass
 class OakPipeline(OpenedDevice, ABC):
-    """One OAK with a pipeline of a subclass that runs from ``open`` to ``close``."""
+    """An OAK whose pipeline, built by a subclass, runs from ``open`` to ``close``."""
 
     name: str
     identifier: str  # Device identifier, IP address or USB port.
@@ -85,14 +85,14 @@ class OakPipeline(OpenedDevice, ABC):
 
     @abstractmethod
     def _build(self, dai: Any, device: Any, pipeline: Any) -> Any:
-        """Add the nodes, and return their output queue."""
+        """Add the nodes to the pipeline, and return their output queue."""
 
     @abstractmethod
     def _role(self) -> str:
-        """Return the role on the sync wire. Names that are not in ``ROLES`` mean no role."""
+        """Return the role on the synchronisation wire. A name that is not in ``ROLES`` means no role."""
 
     def open(self) -> None:
-        """Connect and start. Raise SensorFailed, or SensorUnknown if cameras or lights are missing."""
+        """Connect and start. Raise SensorFailed, or SensorUnknown if the device lacks cameras or lights."""
         if self._pipeline is not None:
             return
         dai, device = depthai(), open_oak(self.identifier, self.name)
@@ -120,7 +120,7 @@ class OakPipeline(OpenedDevice, ABC):
             raise SensorFailed("The sensor is not open.", where=f"sensor {self.name}", hint="Open it first.")
 
     def close(self) -> None:
-        """Stop. Can be called several times."""
+        """Stop the pipeline. May be called several times."""
         pipeline, self._pipeline, self._queue = self._pipeline, None, None
         if pipeline is not None:
             pipeline.stop()
@@ -128,16 +128,16 @@ class OakPipeline(OpenedDevice, ABC):
 
 INFRARED, DEPTH = "infrared", "depth"
 WAIT_S = 0.0005  # Seconds between checks of an empty queue.
-LARGEST_JUMP_S = 10.0  # Forward clock step in seconds that means a reset. Any backward step does.
+LARGEST_JUMP_S = 10.0  # Smallest forward clock step in seconds that means a reset. Any backward step also does.
 
 
 def paired(
     dai: Any, pipeline: Any, infrared: Any, depth: Any, fps: float, queue: int, *, blocking: bool = False
 ) -> Any:
-    """Return a queue of infrared and depth images that the host pairs by exposure.
+    """Return a queue of infrared and depth images that the host pairs by exposure time.
 
-    Images that differ by half a frame belong to two exposures. ``blocking`` drops nothing, for recordings. Otherwise
-    the oldest pair is dropped.
+    Images more than half a frame apart come from different exposures. With ``blocking``, no pair is dropped, which
+    suits recordings. Otherwise, the oldest pair is dropped when the queue is full.
     """
     sync = pipeline.create(dai.node.Sync)
     sync.setRunOnHost(True)
@@ -153,11 +153,11 @@ def paired(
 def paired_frames(
     dai: Any, name: str, queue: Any, running: Callable[[], bool], silent_s: float, by_ptp: bool = False
 ) -> Iterator[SensorFrame]:
-    """Yield frames from a queue while the device is ``running``. It is lost after ``silent_s``.
+    """Yield frames from a queue while ``running``. After ``silent_s`` without a frame, the device is lost.
 
     Raises:
-        SensorFailed: the device was lost or silent, or its clock was reset.
-        PicturesDiffer: infrared and depth have different sizes.
+        SensorFailed: the device was lost or sent nothing, or its clock was reset.
+        PicturesDiffer: infrared and depth images have different sizes.
     """
     where, last_s, heard_s = f"sensor {name}", -np.inf, time.perf_counter()
     while True:
@@ -195,7 +195,7 @@ def paired_frames(
 
 
 def _exposure_s(dai: Any, picture: Any, by_ptp: bool, where: str) -> float:
-    """Return the exposure centre in seconds on the host's clock or on the PTP clock."""
+    """Return the centre of the exposure in seconds on the host's clock or on the PTP clock."""
     middle = dai.CameraExposureOffset.MIDDLE
     if not by_ptp:
         return float(picture.getTimestamp(middle).total_seconds())
@@ -207,22 +207,22 @@ def _exposure_s(dai: Any, picture: Any, by_ptp: bool, where: str) -> float:
 
 
 SYNCS = ("none", "master", "slave", "ptp")
-"""Synchronisation: none, sending or receiving pulses on the wire (M8 or FSIN), or network clock (OAK-4 on Ethernet)."""
-SIZES = ((640, 400), (1280, 800))  # Image sizes of the mono cameras in pixels.
+"""Synchronisation: none, sending or receiving pulses by wire (M8 or FSIN), or network clock (OAK-4 on Ethernet)."""
+SIZES = ((640, 400), (1280, 800))  # Possible image sizes of the mono cameras in pixels.
 
 
 @dataclass(frozen=True)
 class OakSettings:
-    """Settings of one OAK with two mono cameras and an infrared flood light."""
+    """Settings for an OAK with two mono cameras and an infrared flood light."""
 
-    fps: float = 60.0  # Frames per second. 640 x 400 with depth reaches 60, 1280 x 800 about 30.
-    size: tuple[int, int] = (640, 400)  # Width and height of infrared and depth in pixels.
-    exposure_us: int = 800  # Exposure in microseconds. A hand at 5 m/s moves 4 mm in 800.
-    iso: int = 200  # Low, so that only reflectors are bright.
-    flood: float = 1.0  # Infrared flood light, 0 to 1. Retro-reflective markers need it.
+    fps: float = 60.0  # Frame rate in 1/s. With depth, 640 x 400 reaches 60, and 1280 x 800 about 30.
+    size: tuple[int, int] = (640, 400)  # Width and height of infrared and depth images in pixels.
+    exposure_us: int = 800  # Exposure time in microseconds. In 800 µs, a hand at 5 m/s moves 4 mm.
+    iso: int = 200  # Sensitivity. A low value keeps everything but reflectors dark.
+    flood: float = 1.0  # Strength of the infrared flood light, 0 to 1. Retro-reflective markers need it.
     sync: str = "none"  # One of ``SYNCS``.
-    silent_s: float = 5.0  # Seconds without a frame after which the device counts as lost.
-    queue: int = 4  # Number of frames that may wait for the host. Older ones are dropped.
+    silent_s: float = 5.0  # Seconds without a frame after which the device is considered lost.
+    queue: int = 4  # Number of frames that may wait for the host. When it is exceeded, the oldest is dropped.
 
     def __post_init__(self) -> None:
         if self.sync not in SYNCS:
@@ -242,7 +242,7 @@ class OakSettings:
 
 @dataclass
 class Oak(OakPipeline, Device):
-    """The stereo cameras of one OAK, with infrared and depth on the left image's pixels."""
+    """The stereo cameras of an OAK. Infrared and depth use the pixels of the left image."""
 
     settings: OakSettings = field(default_factory=OakSettings)
 
@@ -255,7 +255,7 @@ class Oak(OakPipeline, Device):
         return paired(dai, pipeline, *self._cameras(dai, pipeline), self.settings.fps, self.settings.queue)
 
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield frames until the device is closed. Errors are as in ``paired_frames``."""
+        """Yield frames until the device is closed. Raises the errors of ``paired_frames``."""
         self._require_open()
         running, by_ptp = self._pipeline.isRunning, self.settings.sync == "ptp"
         yield from paired_frames(depthai(), self.name, self._queue, running, self.settings.silent_s, by_ptp)
@@ -273,7 +273,7 @@ class Oak(OakPipeline, Device):
             message = f"{device.getProductName()} has no infrared light to illuminate the markers."
             hint = "Use a Pro model, or a ring of infrared lights with --flood 0."
             raise SensorUnknown(message, where=f"sensor {self.name}", hint=hint)
-        # Markers could be confused with the dots.
+        # The dots could be mistaken for markers.
         device.setIrLaserDotProjectorIntensity(0.0)
 
     def _cameras(self, dai: Any, pipeline: Any) -> tuple[Any, Any]:
@@ -292,10 +292,10 @@ class Oak(OakPipeline, Device):
 
 
 def oak_cameras(oaks: Sequence[Oak]) -> Cameras:
-    """Return the rectified left mono cameras with factory calibration, all at the origin.
+    """Return the rectified left mono cameras as calibrated in the factory, all at the origin.
 
     Raises:
-        SensorFailed, CalibrationMissing: a device is missing, or has no calibration.
+        SensorFailed, CalibrationMissing: a device is missing or not calibrated.
     """
     dai = depthai()
     K = [_intrinsics(dai, oak) for oak in oaks]
@@ -321,10 +321,10 @@ KINDS = ("oak",)
 
 
 def device_named(text: str, settings: OakSettings = OakSettings()) -> Oak:
-    """Return the closed device for ``KIND:ID`` or ``KIND:ID=NAME``.
+    """Return the device named ``KIND:ID`` or ``KIND:ID=NAME``, without opening it.
 
     Raises:
-        SensorUnknown: the kind is unknown, or there is no identifier.
+        SensorUnknown: the type is unknown, or the identifier is missing.
     """
     kind, _, rest = text.partition(":")
     identifier, _, name = rest.partition("=")
@@ -337,21 +337,21 @@ def device_named(text: str, settings: OakSettings = OakSettings()) -> Oak:
     return Oak(name or identifier, identifier, settings)
 
 
-TICKS = 90_000  # Ticks of a file's clock per second.
+TICKS = 90_000  # Ticks per second of a video file's clock.
 PICTURE_WAIT_S = 0.001  # Seconds between checks of an empty queue.
-CLOCKS = "clocks.json"  # File with the clocks of the videos, see ``Clocks``.
+CLOCKS = "clocks.json"  # File that stores the clocks of the videos, see ``Clocks``.
 
 
 @dataclass(frozen=True)
 class ColourPicture:
-    """One compressed image."""
+    """A compressed image."""
 
     jpeg: bytes
-    time_s: float  # Exposure centre in seconds on the clock of all cameras.
+    time_s: float  # Centre of the exposure in seconds on the clock that all cameras share.
 
 
 class ColourSource(Protocol):
-    """A camera with compressed images, such as ``OakColour``."""
+    """A camera that delivers compressed images, such as ``OakColour``."""
 
     name: str
     size: tuple[int, int]
@@ -362,7 +362,7 @@ class ColourSource(Protocol):
         ...
 
     def pictures(self) -> Iterator[ColourPicture | None]:
-        """Yield images as they arrive, None while there is none, until the device ends."""
+        """Yield images as they arrive, and None while there are none, until the device ends."""
         ...
 
     def close(self) -> None:
@@ -372,7 +372,7 @@ class ColourSource(Protocol):
 
 @dataclass
 class OakColour(OakPipeline):
-    """The colour camera of one OAK, which compresses each image separately (MJPEG)."""
+    """The colour camera of an OAK. Every image is compressed separately (MJPEG)."""
 
     size: tuple[int, int] = (1920, 1080)
     fps: float = 60.0
@@ -394,7 +394,7 @@ class OakColour(OakPipeline):
         return encoder.out.createOutputQueue(maxSize=int(self.fps), blocking=False)
 
     def pictures(self) -> Iterator[ColourPicture | None]:
-        """Yield images as they arrive, else None. Raise SensorFailed for a lost device."""
+        """Yield images as they arrive, otherwise None. Raise SensorFailed if the device is lost."""
         self._require_open()
         middle = depthai().CameraExposureOffset.MIDDLE
         while self._pipeline is not None and self._pipeline.isRunning():
@@ -406,9 +406,9 @@ class OakColour(OakPipeline):
 
 
 class ColourFile:
-    """A fragmented MP4 that grows during the recording, and is readable after an interruption.
+    """A fragmented MP4 file that grows during the recording and stays readable if it is interrupted.
 
-    Images keep their times after ``begin_s`` on the shared clock. ``fps`` is nominal.
+    Images keep their times relative to ``begin_s`` on the shared clock. ``fps`` is nominal.
     """
 
     def __init__(self, path: Path, size: tuple[int, int], fps: float, begin_s: float) -> None:
@@ -422,7 +422,7 @@ class ColourFile:
         self._stream, self._last = stream, -1
 
     def add(self, picture: ColourPicture) -> None:
-        """Append an image that is later than the last one. Raise OutputNotWritable."""
+        """Append an image, which must be later than the last one. Raise OutputNotWritable if that fails."""
         at = round((picture.time_s - self.begin_s) * TICKS)
         if at <= self._last or at < 0:
             return
@@ -447,12 +447,12 @@ class ColourFile:
 def record_colour(
     sources: Mapping[str, ColourSource], folder: Path, size: tuple[int, int], fps: float, seconds: float
 ) -> dict[str, int]:
-    """Write ``NAME.mp4`` per camera from their first common exposure, and count frames.
+    """Write ``NAME.mp4`` for each camera, starting at the first common exposure. Return the frame counts.
 
     Raises:
-        OutputExists: a video exists already.
+        OutputExists: a video already exists.
         OutputNotWritable: the disk is full.
-        SensorFailed: a camera delivers no image, or was lost.
+        SensorFailed: a camera was lost or delivered no images.
     """
     for name in sources:
         check_output(folder / f"{name}.mp4", overwrite=False)
@@ -509,7 +509,7 @@ def _until(
 
 
 class OakPictures:
-    """Live images of a camera with exposure times, on a clock that devices and host share."""
+    """Live images from a camera with exposure times, on a clock shared by the devices and the host."""
 
     def __init__(self, camera: ColourSource) -> None:
         self._camera = camera
@@ -536,7 +536,7 @@ class OakPictures:
 
 
 def _decoded(jpeg: bytes) -> np.ndarray:
-    """Decode a JPEG to an (H, W, 3) RGB image."""
+    """Decode a JPEG file to an (H, W, 3) RGB image."""
     codec: Any = library().CodecContext.create("mjpeg", "r")
     [frame, *_] = [*codec.decode(library().Packet(jpeg)), *codec.decode(None)]
     return frame.to_ndarray(format="rgb24")

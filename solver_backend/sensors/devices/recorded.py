@@ -35,39 +35,39 @@ from solver_backend.types import Cameras
 
 FORMAT, VERSION = "manifold_mocap_sensors", 1
 ABOUT, CALIBRATION, INDEX, FRAMES = SENSOR_RECORDING, "calibration.toml", "index.csv", "frames.bin"
-KINDS = ("raw", "png")  # Image formats: 'raw' is fast and large, 'png' slow and about 2.5 times smaller.
+KINDS = ("raw", "png")  # Image formats: 'raw' is fast and large, 'png' is slow and about 2.5 times smaller.
 HEADER = "number,device_s,host_s\n"
 
 
 @dataclass(frozen=True)
 class SensorFiles:
-    """One sensor in a recording."""
+    """A sensor in a recording."""
 
     name: str
     width: int
     height: int
-    infrared: str  # 'uint8' or 'uint16'.
+    infrared: str  # Data type: 'uint8' or 'uint16'.
     depth: bool
 
     @property
     def infrared_bytes(self) -> int:
-        """Bytes per infrared image."""
+        """Number of bytes per infrared image."""
         return self.width * self.height * np.dtype(self.infrared).itemsize
 
     @property
     def frame_bytes(self) -> int:
-        """Bytes per frame in ``frames.bin``."""
+        """Number of bytes per frame in ``frames.bin``."""
         return self.infrared_bytes + (2 * self.width * self.height if self.depth else 0)
 
     @staticmethod
     def of(frame: SensorFrame) -> SensorFiles:
-        """Return the properties of a frame's sensor."""
+        """Return the properties of the sensor that took a frame."""
         height, width = frame.infrared.shape
         return SensorFiles(frame.sensor, width, height, str(frame.infrared.dtype), frame.depth is not None)
 
 
 LARGEST_NUMBER = 1e11
-"""Largest frame number, or time in seconds, in an index. Larger values lose microseconds by rounding."""
+"""Largest frame number, or time in seconds, in an index. Rounding would make larger times inexact by microseconds."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class RecordingAbout:
     sensors: tuple[SensorFiles, ...]
 
     def text(self) -> str:
-        """Return the text of the file."""
+        """Return the content of the file as text."""
         values: dict[str, object] = {"format": FORMAT, "version": VERSION, "kind": self.kind, "fps": self.fps}
         values["sensors"] = [
             {"name": s.name, "size": [s.width, s.height], "infrared": s.infrared, "depth": s.depth}
@@ -89,7 +89,7 @@ class RecordingAbout:
 
 
 def read_about(folder: Path) -> RecordingAbout:
-    """Read the description of a recording. Raise RecordingInvalid."""
+    """Read the description of a recording. Raise RecordingInvalid if it is invalid."""
     path = folder / ABOUT
     values = read_json(path)
     try:
@@ -116,7 +116,7 @@ def _sensor(item: Any) -> SensorFiles:
 
 
 def read_index(path: Path) -> np.ndarray:
-    """Return (F, 3) rows of frame number, device and host time. Raise RecordingInvalid."""
+    """Return (F, 3) rows of frame number, device time and host time. Raise RecordingInvalid."""
     try:
         lines = read_text(path).splitlines(keepends=True)
         whole = [line for line in lines[1:] if line.endswith("\n") and line.strip()]
@@ -133,15 +133,15 @@ def read_index(path: Path) -> np.ndarray:
 
 
 WAITING = 8  # Maximum number of frames that may wait to be written. Chosen by hand.
-SPARE_BYTES = 64 << 20  # Recording ends when the disk has less free space, which other programs need. Chosen by hand.
+SPARE_BYTES = 64 << 20  # Recording ends if the disk has less free space, which other programs need. Chosen by hand.
 _ASK_EVERY = 32  # Number of frames between checks of the free space. Chosen by hand.
 
 
 class Recording:
-    """Folder of a recording with its description and the poses of its sensors.
+    """The folder of a recording, which contains a description and the poses of the sensors.
 
     Raises:
-        OutputExists: there is already a recording.
+        OutputExists: the folder already contains a recording.
     """
 
     def __init__(self, folder: Path, kind: str, fps: float, cameras: Cameras, *, overwrite: bool = False) -> None:
@@ -156,7 +156,7 @@ class Recording:
             raise _not_writable(folder, error) from error
 
     def add(self, sensor: SensorFiles) -> None:
-        """Create a sensor's folder and add the sensor to the description."""
+        """Create a folder for a sensor and add the sensor to the description."""
         self._about = replace(self._about, sensors=(*self._about.sensors, sensor))
         try:
             (self.folder / sensor.name).mkdir(exist_ok=True)
@@ -172,9 +172,9 @@ def _not_writable(folder: Path, error: OSError) -> OutputNotWritable:
 
 
 class SensorRecorder:
-    """Writes the frames of one sensor in a thread, and counts dropped ones.
+    """Writes the frames of one sensor in a thread, and counts dropped frames.
 
-    ``patient`` waits for the disk instead, for sources that can wait.
+    If ``patient``, it waits for the disk and drops nothing. This suits sources that can wait.
     """
 
     def __init__(self, folder: Path, sensor: SensorFiles, kind: str, *, patient: bool = False) -> None:
@@ -182,23 +182,23 @@ class SensorRecorder:
         self._queue: queue.Queue[SensorFrame | None] = queue.Queue(WAITING)
         self.written, self.dropped = 0, 0
         self.ended = ""
-        """Reason of an early end, "" while recording."""
+        """Reason why the recording ended early, or "" while it is running."""
         self._thread = threading.Thread(target=self._run, name=f"record {sensor.name}", daemon=True)
         self._thread.start()
 
     def __call__(self, frame: SensorFrame) -> None:
-        """Queue a frame. The frame is dropped if the disk is too slow or the frame's size differs."""
+        """Queue a frame. It is dropped if the disk is too slow or if its size differs."""
         if self.ended:
             return
         try:
-            if SensorFiles.of(frame) != self._sensor:  # a file contains frames of one size
+            if SensorFiles.of(frame) != self._sensor:  # all frames in a file have the same size
                 raise queue.Full
             self._queue.put(frame, block=self._patient)
         except queue.Full:
             self.dropped += 1
 
     def close(self) -> None:
-        """Write the waiting frames, and stop."""
+        """Write the remaining frames, then stop."""
         if self._thread.is_alive():
             self._queue.put(None)
             self._thread.join()
@@ -240,10 +240,10 @@ class SensorRecorder:
 def due_frames(
     times: np.ndarray, start: float | None, *, repeat: bool = False
 ) -> Iterator[tuple[int, int, float, float]]:
-    """Yield index, lap, device time and host time of frames at (F,) seconds on the device's clock.
+    """Yield index, lap, device time and host time of each frame, given (F,) seconds on the device's clock.
 
-    ``start`` is the host time (``time.perf_counter``) of time 0. None yields all frames at once. ``repeat`` starts
-    again after the end, with continuing time.
+    ``start`` is the host time (``time.perf_counter``) that corresponds to time 0. With None, all frames are yielded at
+    once. With ``repeat``, playback restarts after the end, and the time continues.
     """
     if not len(times):
         return
@@ -261,7 +261,7 @@ def due_frames(
             if due > now:
                 time.sleep(due - now)
             last = not repeat and at + 1 == len(times)
-            # A late frame is skipped, because a sensor would already have the next one.
+            # A late frame is skipped, because a real sensor would already have delivered the next one.
             if last or now < due + period:
                 yield at, lap, device, due
         at += 1
@@ -273,33 +273,33 @@ def due_frames(
 
 @dataclass
 class ReplayedSensor(Device):
-    """One sensor in a folder."""
+    """A sensor whose frames are read from a folder."""
 
     name: str
     folder: Path
     start: float | None = field(default=None, kw_only=True)
-    """Host time of time 0. None yields frames without waiting."""
+    """Host time that corresponds to time 0. None yields frames without waiting."""
     repeat: bool = field(default=False, kw_only=True)
-    zero: float = field(default=0.0, kw_only=True)  # Device time that counts as 0.
+    zero: float = field(default=0.0, kw_only=True)  # Device time that is treated as 0.
 
     def starting(self, start: float) -> Self:
-        """Return the sensor at its recorded rate, with time 0 at the host time ``start``."""
+        """Return a sensor that plays at its recorded rate, with time 0 at the host time ``start``."""
         return replace(self, start=start)
 
     @abstractmethod
     def index(self) -> np.ndarray:
-        """Return (F, 3) index rows of complete frames: number, device and host time."""
+        """Return (F, 3) index rows of all complete frames: number, device time and host time."""
 
     @abstractmethod
     def pictures(self, at: int) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return infrared and depth of a frame. Raise ``SensorFailed`` if one is missing or damaged."""
+        """Return the infrared and depth images of a frame. Raise ``SensorFailed`` if one is missing or damaged."""
 
     def count(self) -> int:
-        """Return the number of frames. Errors are as in ``index``."""
+        """Return the number of frames. Raises the errors of ``index``."""
         return len(self.index())
 
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield the frames. Errors are as in ``index`` and ``pictures``."""
+        """Yield the frames. Raises the errors of ``index`` and ``pictures``."""
         rows = self.index()
         count = int(rows[-1, 0] - rows[0, 0]) + 1 if len(rows) else 0
         for at, lap, device, host in due_frames(rows[:, 1] - self.zero, self.start, repeat=self.repeat):
@@ -310,13 +310,13 @@ class ReplayedSensor(Device):
 
 @dataclass
 class RecordedSensor(ReplayedSensor):
-    """One sensor of a recording."""
+    """A sensor in a recording."""
 
     sensor: SensorFiles
     kind: str
 
     def index(self) -> np.ndarray:
-        """Return the rows of complete frames (see ``ReplayedSensor``)."""
+        """Return the rows of all complete frames (see ``ReplayedSensor``)."""
         rows = read_index(self.folder / INDEX)
         if self.kind == "raw":
             path = self.folder / FRAMES
@@ -324,14 +324,14 @@ class RecordedSensor(ReplayedSensor):
         return rows
 
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield the frames. Raise ``SensorFailed`` if the image file is missing."""
+        """Yield the frames. Raise ``SensorFailed`` if the file with the images is missing."""
         if self.kind == "raw" and not (self.folder / FRAMES).is_file():
             message = f"The file {FRAMES} is missing, or is not a regular file."
             raise SensorFailed(message, where=str(self.folder), hint="Copy the file from the recording again.")
         yield from super().frames()
 
     def pictures(self, at: int) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return infrared and depth of a frame (see ``ReplayedSensor``)."""
+        """Return the infrared and depth images of a frame (see ``ReplayedSensor``)."""
         if self.kind == "png":
             return _png_pair(self.folder / "infrared", self.folder / "depth", at, has_depth=self.sensor.depth)
         shape, pixels = (self.sensor.height, self.sensor.width), self.sensor.height * self.sensor.width
@@ -345,12 +345,12 @@ class RecordedSensor(ReplayedSensor):
 
 @dataclass
 class StudioSensor(ReplayedSensor):
-    """One camera of a studio shot."""
+    """A camera in a studio shot."""
 
     fps: float
 
     def index(self) -> np.ndarray:
-        """Return the rows (see ``ReplayedSensor``)."""
+        """Return the index rows (see ``ReplayedSensor``)."""
         number = np.arange(len(list((self.folder / "infrared" / self.name).glob("*.png"))))
         if not len(number):
             hint = 'In the description of the data set, set "film": ["infrared", "depth"]. Then make the shot again.'
@@ -359,7 +359,7 @@ class StudioSensor(ReplayedSensor):
         return np.stack([number, number / self.fps, np.full(len(number), np.nan)], axis=1)
 
     def pictures(self, at: int) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return infrared and depth of a frame (see ``ReplayedSensor``)."""
+        """Return the infrared and depth images of a frame (see ``ReplayedSensor``)."""
         infrared, depth = (self.folder / what / self.name for what in ("infrared", "depth"))
         return _png_pair(infrared, depth, at, has_depth=depth.is_dir())
 
@@ -373,29 +373,29 @@ def _png_pair(infrared: Path, depth: Path, at: int, *, has_depth: bool) -> tuple
         raise SensorFailed(message, where=error.where, hint=hint) from error
 
 
-STUDIO_SHOT = ("clean.npz", "infrared")  # Names in the folder of a studio shot.
+STUDIO_SHOT = ("clean.npz", "infrared")  # File and folder that identify a studio shot.
 OTHER_CLOCK_S = 0.5
-"""Largest difference between sensor clocks in seconds. Beyond it, the host's clock relates them."""
+"""Largest difference between sensor clocks in seconds. If it is exceeded, sensors are aligned by the host's clock."""
 
 
 @dataclass(frozen=True)
 class SensorFolder:
-    """Sensors of a folder in the order of the calibration."""
+    """The sensors in a folder, in the order of the calibration."""
 
     path: Path
     cameras: Cameras
     devices: tuple[ReplayedSensor, ...]
     fps: float
-    missing: tuple[str, ...] = ()  # Calibrated sensors that are not in the folder.
+    missing: tuple[str, ...] = ()  # Calibrated sensors that the folder does not contain.
 
 
 def open_folder(path: Path, calibration: Path | None = None) -> SensorFolder:
-    """Open a recording or a studio shot's folder, with its own or the given calibration.
+    """Open a recording or a studio shot, with its own calibration or the given one.
 
     Raises:
-        RecordingInvalid: the folder is neither, or is damaged.
+        RecordingInvalid: the folder is neither of these, or is damaged.
         CalibrationMissing, CalibrationInvalid: there is no calibration, or it is invalid.
-        SensorUnknown: the calibration has none of the sensors.
+        SensorUnknown: the calibration contains none of the sensors.
     """
     if (path / ABOUT).is_file():
         return _recording(path, calibration)
@@ -425,7 +425,7 @@ def _recording(path: Path, calibration: Path | None) -> SensorFolder:
 
 
 def _zeros(indices: list[np.ndarray]) -> list[float]:
-    """Return each sensor's time zero: a common time, or the host's for sensors with other clocks."""
+    """Return the time zero of each sensor: a common time, or the host's for sensors on different clocks."""
     firsts = np.array([rows[0, 1:] if len(rows) else (np.nan, np.nan) for rows in indices])
     if not np.isfinite(firsts).any():
         return [0.0] * len(indices)
@@ -441,7 +441,7 @@ def _shot(path: Path, calibration: Path | None) -> SensorFolder:
     cameras = read_calibration(calibration).cameras if calibration else clean.cameras
     if cameras is None:
         raise CalibrationMissing("The shot has no cameras.", where=str(path), hint="Render the shot again.")
-    if clean.fps <= 0.0:  # it has no measurements
+    if clean.fps <= 0.0:  # it contains no measurements
         raise RecordingInvalid(
             "The shot states no frame rate.", where=str(path / STUDIO_SHOT[0]), hint="Make it again."
         )
@@ -452,7 +452,7 @@ def _shot(path: Path, calibration: Path | None) -> SensorFolder:
 
 
 def _named(cameras: Cameras, found: set[str], path: Path) -> tuple[list[str], tuple[str, ...]]:
-    """Return the calibrated sensors that were found, and those that are missing."""
+    """Return the calibrated sensors that were found and those that are missing."""
     names = [name for name in cameras.names if name in found]
     if not names:
         there = ", ".join(sorted(found)) or "nothing"

@@ -1,4 +1,4 @@
-"""Fuse the sightings of all sensors into moments, and track the points as a marker cloud."""
+"""Fuse the sightings from all sensors into moments, and track the points to build a marker cloud."""
 
 from __future__ import annotations
 
@@ -21,45 +21,45 @@ from solver_backend.videos.detect.detect_videos import least_cost_assignment
 
 @dataclass(frozen=True)
 class FusionSettings:
-    """Constants of the fusion."""
+    """Constants used for fusion."""
 
-    radius_m: float = 0.01  # Radius of the published clusters in metres (Noise-In, Bias-Out, appendix K).
+    radius_m: float = 0.01  # Radius of clusters in the published method, in metres (Noise-In, Bias-Out, appendix K).
     calibration_m: float = 0.0012
-    """Standard deviation per axis of a sensor's calibration in metres. It affects tests, not results."""
-    joined: float = 16.27  # Largest χ² between two sightings of one marker: 0.999 with three degrees of freedom.
+    """Standard deviation per axis of a sensor's calibration in metres. It affects tests but not results."""
+    joined: float = 16.27  # Largest χ² between two sightings of the same marker: 0.999 with three degrees of freedom.
     joined_ray: float = 13.82  # Largest χ² between a point and a ray: 0.999 with two degrees of freedom.
     joined_rays: float = 6.63
-    """Largest χ² between two rays: 0.99 with one degree of freedom, because rays often intersect by chance."""
-    reach_m: float = 0.05  # Largest distance between two sightings of one marker in metres, however uncertain they are.
+    """Largest χ² between two rays: 0.99 with one degree of freedom. It is strict because rays often meet by chance."""
+    reach_m: float = 0.05  # Largest distance in metres between two sightings of one marker, even if they are uncertain.
     closest_m: float = 0.028
-    """Smallest distance between two markers in metres. Of two closer points, only the more certain one remains."""
+    """Smallest distance between two markers in metres. If two points are closer, only the more certain one is kept."""
     ray_range_m: tuple[float, float] = (0.3, 6.0)
-    """Distance range from either sensor to the intersection of two rays in metres."""
-    least_angle: float = 0.17  # Smallest angle in radians between two rays that determine a point.
+    """Range of distances in metres from either sensor to the intersection of two rays."""
+    least_angle: float = 0.17  # Smallest angle in radians between two rays at which they determine a point.
 
     acceleration_m_s2: float = 40.0  # Standard deviation of a marker's acceleration between frames.
-    start_speed_m_s: float = 2.0  # Standard deviation of a new marker's speed.
-    follow: float = 16.27  # Largest χ² between a point and its track.
+    start_speed_m_s: float = 2.0  # Standard deviation of a new marker's speed per axis.
+    follow: float = 16.27  # Largest χ² between a point and the track it continues.
     lost_s: float = 0.12  # Seconds without a point after which a track ends.
 
-    hit_alone: float = 0.8  # Increase of a track's log-odds of being a marker if one sensor sees it.
+    hit_alone: float = 0.8  # Increase in a track's log-odds of being a marker if one sensor sees it.
     hit_together: float = 3.0  # Increase if two or more sensors see it.
-    hit_rays: float = 1.0  # Increase if only two rays intersect.
+    hit_rays: float = 1.0  # Increase if it is only the intersection of two rays.
     miss: float = 1.0  # Decrease if no sensor sees it.
-    start: float = -2.0  # Log-odds of a new point.
+    start: float = -2.0  # Initial log-odds of a new point.
     most: float = 6.0  # Largest log-odds.
 
 
 SETTINGS = FusionSettings()
 
-_NEVER = 1e6  # Cost of an impossible pair, larger than any sum of possible ones.
+_NEVER = 1e6  # Cost of an impossible pair, which exceeds any sum of possible ones.
 
 
 def matched(a: np.ndarray, b: np.ndarray, cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Select most candidate pairs (a, b) with the smallest ``Σ cost``, each name once.
+    """Select as many candidate pairs (a, b) as possible with the smallest ``Σ cost``, using each name once.
 
-    Names are not negative, and costs are far below 1e6. Candidates are divided into components that share no name. The
-    Hungarian method solves components with several pairs (Kuhn 1955).
+    Names are not negative, and costs are far below 1e6. The candidates are divided into components that share no name.
+    Components that contain several pairs are solved by the Hungarian method (Kuhn 1955).
     """
     if not len(a):
         return a, b
@@ -89,14 +89,15 @@ def matched(a: np.ndarray, b: np.ndarray, cost: np.ndarray) -> tuple[np.ndarray,
 
 
 Rays = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Origin (3,), unit directions (R, 3) and standard deviations (R,) in radians of one sensor's rays."""
+"""Origin (3,), unit directions (R, 3) and standard deviations (R,) in radians of the rays from one sensor."""
 
 
 def met_rays(rays: list[Rays]) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, 3) points and covariances where only two sensors' rays intersect.
+    """Return (N, 3) points and their covariances where rays from exactly two sensors intersect.
 
-    A point is the midpoint of the shortest line between two rays (Hartley and Sturm 1997), if the rays' errors explain
-    that line. Neither ray may intersect a third one, because all but one of several intersections are ghosts.
+    A point is the midpoint of the shortest line between two rays (Hartley and Sturm 1997), provided that the errors of
+    the rays explain the length of that line. Neither ray may meet a third one, because at most one of several
+    intersections is real.
     """
     begin = np.cumsum([0, *(len(direction) for _, direction, _ in rays)])
     found = [
@@ -145,12 +146,12 @@ class FusedPoints:
     time: float
     points: np.ndarray  # (N, 3) world positions in metres.
     covariance: np.ndarray  # (N, 3, 3) covariances in m².
-    depths: np.ndarray  # (N,) number of sensors that saw each point with depth.
-    rays: np.ndarray  # (N,) number of sensors that saw each point without depth.
+    depths: np.ndarray  # (N,) number of sensors that saw each point and its depth.
+    rays: np.ndarray  # (N,) number of sensors that saw each point but not its depth.
 
 
 def fuse(sightings: list[SensorSightings], clusters: str = "test") -> FusedPoints:
-    """Fuse the sightings of one moment, within covariances or within ``radius_m``."""
+    """Fuse the sightings of one moment, either by their covariances or within ``radius_m``."""
     time = float(np.mean([s.time for s in sightings])) if sightings else 0.0
     if clusters == "radius":
         return _within_radius(time, sightings)
@@ -172,7 +173,7 @@ def fuse(sightings: list[SensorSightings], clusters: str = "test") -> FusedPoint
 
 
 class _Clusters:
-    """Points in information form, ``Λ = Σ⁻¹`` and ``η = Λ p``."""
+    """Clusters in information form, ``Λ = Σ⁻¹`` and ``η = Λ p``."""
 
     def __init__(self) -> None:
         self.information = np.zeros((0, 3, 3))
@@ -180,7 +181,7 @@ class _Clusters:
         self.depths, self.rays = np.zeros(0, int), np.zeros(0, int)
 
     def estimates(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return (K, 3) points and (K, 3, 3) covariances."""
+        """Return the (K, 3) points and (K, 3, 3) covariances."""
         covariance = np.linalg.inv(self.information)
         return (covariance @ self.vector[..., None])[..., 0], covariance
 
@@ -206,7 +207,7 @@ class _Clusters:
         self.rays = np.concatenate([self.rays, np.zeros(int(own.sum()), int)])
 
     def join_rays(self, seen: SensorSightings, rows: np.ndarray) -> np.ndarray:
-        """Add a sensor's rays to the clusters that they pass, and return a mask of the others."""
+        """Add a sensor's rays to the clusters they pass. Return a mask of the remaining rays."""
         origin, direction, sigma = seen.origin, seen.direction[rows], seen.sigma_ray[rows]
         rest = np.ones(len(direction), dtype=bool)
         if not len(self.vector) or not len(direction):
@@ -219,10 +220,10 @@ class _Clusters:
         off, far = across[i, j], along[i, j]
         flat = np.eye(3) - direction[j, :, None] * direction[j, None, :]
         width = (sigma[j] * far) ** 2 + SETTINGS.calibration_m**2
-        # With a standard deviation of a metre along the ray, only the distance across it is tested.
+        # A standard deviation of a metre along the ray restricts the test to the distance from the ray.
         both = spread[i] + width[:, None, None] * flat + direction[j, :, None] * direction[j, None, :]
         square = chi_square(off, both)
-        # A sensor's rays cannot be markers that it also sees with depth.
+        # A ray cannot show a marker that the same sensor also sees with depth.
         near = np.flatnonzero(square < SETTINGS.joined_ray)
         own = seen.points[np.isfinite(seen.depth)]
         mine = (((at[i[near]][:, None] - own) ** 2).sum(-1) < SETTINGS.radius_m**2).any(1)
@@ -253,7 +254,7 @@ def chi_square(off: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 
 def _within_radius(time: float, sightings: list[SensorSightings]) -> FusedPoints:
-    """Return the mean of each group within ``radius_m``, as published, and its covariance."""
+    """Return the mean and covariance of each group within ``radius_m``, as in the published method."""
     deep = [np.isfinite(s.depth) for s in sightings]
     points = np.concatenate([np.zeros((0, 3)), *(s.points[d] for s, d in zip(sightings, deep, strict=True))])
     covariance = np.concatenate([np.zeros((0, 3, 3)), *(s.covariance[d] for s, d in zip(sightings, deep, strict=True))])
@@ -270,13 +271,13 @@ def _within_radius(time: float, sightings: list[SensorSightings]) -> FusedPoints
 
 SILENT_S = 0.25  # Seconds without a frame after which a sensor counts as silent. The others then continue.
 JUMP_S = 0.5
-"""Largest difference between time steps of sensor and host in seconds. Beyond it, the host's step is used."""
-WAITING, MOST_FINDINGS = 30, 1000  # Maximum number of frames per queue, and of findings. Older ones are dropped.
+"""Largest difference between the time steps of sensor and host in seconds. Beyond it, the host's step is used."""
+WAITING, MOST_FINDINGS = 30, 1000  # Maximum numbers of frames per queue and of findings. Older ones are dropped.
 
 
 @dataclass(frozen=True)
 class Finding:
-    """An event of a sensor."""
+    """An event that concerns a sensor."""
 
     kind: str  # 'sensor_silent', 'sensor_back', 'time_jumped', 'sunlight', 'recording_ended', or an error code.
     sensor: int
@@ -285,14 +286,14 @@ class Finding:
 
     @property
     def message(self) -> str:
-        """Text of the finding."""
+        """Text that describes the finding."""
         return sentence(self.found)
 
 
 class Gatherer:
-    """Joins frames that sensors took at the same time, within half of ``period_s``.
+    """Groups frames that sensors took at the same time, to within half of ``period_s``.
 
-    A moment waits for its last sensor for at most ``wait_s`` on the host's clock. None means no limit.
+    A moment waits for its last sensor for at most ``wait_s`` on the host's clock, or without limit if it is None.
     """
 
     def __init__(self, names: tuple[str, ...], period_s: float, wait_s: float | None = None) -> None:
@@ -303,11 +304,11 @@ class Gatherer:
         self._expected = [True] * len(names)
         self._ended = [False] * len(names)
         self._gone: float | None = None
-        """Time of the last moment."""
+        """Time of the most recent moment."""
         self.findings: list[Finding] = []
 
     def push(self, seen: SensorSightings) -> None:
-        """Add a frame. A frame without valid times is reported and dropped."""
+        """Add a frame. If its times are invalid, it is reported and dropped."""
         if not (math.isfinite(seen.time) and math.isfinite(seen.host_s)):
             self._report("time_jumped", seen, "sensor_time_wrong", problem="missing")
             return
@@ -319,7 +320,7 @@ class Gatherer:
         if seen.finding:
             self._report("sunlight", seen, seen.finding)
         if self._gone is not None and seen.time < self._gone + 0.5 * self._period:
-            return  # too late for its moment
+            return  # its moment has already been completed
         self._queues[index].append(seen)
         if len(self._queues[index]) > WAITING:
             self._queues[index].popleft()
@@ -342,15 +343,15 @@ class Gatherer:
         return seen
 
     def waiting(self, index: int) -> int:
-        """Return the number of frames of a sensor that wait for the others."""
+        """Return the number of frames from a sensor that are waiting for the others."""
         return len(self._queues[index])
 
     def ended(self, index: int) -> None:
-        """Mark a sensor as having no more frames."""
+        """Note that a sensor will deliver no more frames."""
         self._ended[index] = True
 
     def moments(self, now: float | None = None) -> list[list[SensorSightings]]:
-        """Return the moments that are complete or have waited long enough at the host time ``now``."""
+        """Return the moments that are complete, or that have waited long enough at the host time ``now``."""
         found = []
         while (moment := self._next(now)) is not None:
             found.append(moment)
@@ -371,7 +372,7 @@ class Gatherer:
         waited = now is not None and self._wait is not None and now - min(h.host_s for h in heads) > self._wait
         if lacking and not waited:
             return None
-        # Take the earliest frame whatever its time is, because very large times lose half a period in rounding.
+        # Always take the earliest frame, because rounding errors of very large times can exceed half a period.
         moment = [min((queue for queue in self._queues if queue), key=lambda queue: queue[0].time).popleft()]
         others = (queue for queue in self._queues if queue and queue[0].sensor != moment[0].sensor)
         moment += [queue.popleft() for queue in others if queue[0].time < first + 0.5 * self._period]
@@ -385,18 +386,18 @@ class Gatherer:
         del self.findings[:-MOST_FINDINGS]
 
 
-_LONGEST_STEP_S = 0.5  # Time step in seconds after which tracks restart. Chosen by hand.
+_LONGEST_STEP_S = 0.5  # Time step in seconds above which tracks restart. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class TrackedPoints:
-    """N points at one time and their tracks."""
+    """N points at one time, and the tracks they belong to."""
 
     time: float
-    points: np.ndarray  # (N, 3) world positions in metres, measured in this frame.
+    points: np.ndarray  # (N, 3) world positions in metres, as measured in this frame.
     covariance: np.ndarray  # (N, 3, 3) covariances in m².
-    track: np.ndarray  # (N,) track number, constant while a marker is visible.
-    score: np.ndarray  # (N,) log-odds that the track is a marker. Ghosts are below 0.
+    track: np.ndarray  # (N,) track number, which is constant while a marker stays visible.
+    score: np.ndarray  # (N,) log-odds that the track is a marker. They are negative for ghosts.
 
 
 class MarkerTracks:
@@ -407,7 +408,7 @@ class MarkerTracks:
         self.clear()
 
     def clear(self) -> None:
-        """Delete all tracks. Their numbers are not reused."""
+        """Delete all tracks. Their numbers are never reused."""
         self._time: float | None = None
         self._state = np.zeros((0, 6))
         self._covariance = np.zeros((0, 6, 6))
@@ -415,7 +416,7 @@ class MarkerTracks:
         self._score, self._unseen_s = np.zeros(0), np.zeros(0)
 
     def update(self, found: FusedPoints) -> TrackedPoints:
-        """Assign the points of a moment to tracks. Tracks restart if time does not advance."""
+        """Assign the points of a moment to tracks. If time does not advance, all tracks restart."""
         dt = 0.0 if self._time is None else found.time - self._time
         if self._time is not None and not 0.0 < dt <= _LONGEST_STEP_S:
             self.clear()
@@ -479,18 +480,18 @@ class MarkerTracks:
 
 
 _MOST_UNSEEN, _PAUSE = 20, 36_000
-"""Maximum number of frames of a take: this many per moment with markers, plus a constant. More frames mean wrong times.
-Milliseconds instead of seconds would need 6 GB for three moments. Chosen by hand."""
+"""Maximum number of frames in a take: this many per moment that has markers, plus a constant. More frames mean that the
+times are wrong. With milliseconds in place of seconds, three moments would need 6 GB. Chosen by hand."""
 
 
 def build_cloud(moments: Sequence[TrackedPoints], fps: float) -> MarkerCloud:
-    """Build a take with equal frame intervals.
+    """Build a marker cloud with equal frame intervals.
 
-    A track is a marker if its log-odds ever exceeded 0. It takes the first free column. The cloud's residual is each
-    point's standard deviation, ``√(tr Σ / 3)``.
+    A track is a marker if its log-odds ever exceeded 0. It takes the first free column. The cloud's residual is the
+    standard deviation of each point, ``√(tr Σ / 3)``.
 
     Raises:
-        RecordingInvalid: the moments are so far apart that few frames would have one.
+        RecordingInvalid: the moments are so far apart that most frames would be empty.
     """
     if not sum(len(moment.points) for moment in moments):
         return MarkerCloud(np.full((0, 0, 3), np.nan), fps)
@@ -520,7 +521,7 @@ def build_cloud(moments: Sequence[TrackedPoints], fps: float) -> MarkerCloud:
 
 
 def _columns(rows: np.ndarray, track: np.ndarray, count: int) -> np.ndarray:
-    """Return the column of each of ``count`` tracks, the first one without a current track."""
+    """Return a column for each of ``count`` tracks: the first one that no current track uses."""
     first, last = np.full(count, np.iinfo(int).max), np.full(count, -1)
     np.minimum.at(first, track, rows)
     np.maximum.at(last, track, rows)

@@ -1,1 +1,1 @@
-"""Calibrate sensors from a waved wand: a marker on a stick, or a bar with three lights."""
+"""Calibrate sensors by waving a wand: a marker on a stick, or a bar with three lights."""

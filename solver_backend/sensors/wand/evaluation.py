@@ -1,4 +1,4 @@
-"""Report a wand calibration with values, warnings, lines and a page."""
+"""Report the result of a wand calibration: values, warnings, text lines and a page."""
 
 from __future__ import annotations
 
@@ -16,41 +16,41 @@ from solver_backend.sensors.wand.gamma import Ground
 from solver_backend.sensors.wand.views import LEAST_IN_CELL, Coverage, Moments, Wand, WandView
 from solver_backend.videos.sync.clocks import Clocks
 
-GOOD_PX, LATE_S = 1.0, 0.001  # Larger errors in pixels and delays in seconds are reported. Chosen by hand.
+GOOD_PX, LATE_S = 1.0, 0.001  # Errors (pixels) and delays (seconds) above these are reported. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class WandOptions:
-    """Options of a wand calibration."""
+    """Options for a wand calibration."""
 
-    wand: Wand | None = None  # Wand with three lights. None for one marker with depth.
-    clocks: Clocks | None = None  # Clocks of a trigger. None estimates them from the wand's movement.
-    every_sensor: bool = False  # Use only moments that all sensors saw, as published. Otherwise two sensors suffice.
+    wand: Wand | None = None  # The wand if it has three lights. None for a single marker with depth.
+    clocks: Clocks | None = None  # Clocks given by a trigger. None estimates them from the wand's motion.
+    every_sensor: bool = False  # Use only moments that all sensors saw, as published. Otherwise, two sensors suffice.
 
 
 @dataclass(frozen=True)
 class WandCalibration:
-    """Result of a calibration, in the first sensor's axes or in the world of a Γ."""
+    """Result of a wand calibration, in the first sensor's axes or in the world of a Γ."""
 
     array: CalibratedCameras
     clocks: Clocks
-    together: np.ndarray  # (C, C) number of common moments of two sensors.
+    together: np.ndarray  # (C, C) number of moments that each pair of sensors has in common.
     moments: int
     held_out_px: float  # RMS reprojection error in held-out time ranges.
     length_rmse_m: np.ndarray
-    """(3,) RMS error of the distances between lights in those ranges. NaN without lights."""
-    depth_rmse_m: float  # Standard deviation of measured depths about the marker. NaN without depth.
+    """(3,) RMS error of the distances between lights in those ranges. NaN for a single marker."""
+    depth_rmse_m: float  # Standard deviation of measured depths from the marker's. NaN without depth.
     coverage: Coverage
 
     def sensor_line(self, c: int) -> str:
-        """Describe one sensor's error, position and standard deviations."""
+        """Describe a sensor's error, position and standard deviations."""
         array = self.array
         x, y, z = np.round(array.cameras.centres[c], 3) + 0.0
         spread = f"± {1e3 * array.centre_sigma_m[c]:.1f} mm, ± {np.degrees(array.turn_sigma[c]):.3f}°"
         return f"{array.camera_rmse_px[c]:.2f} px, at ({x:.3f}, {y:.3f}, {z:.3f}) m {spread}"
 
     def lines(self) -> list[str]:
-        """Return a line per result."""
+        """Return one line of text per result."""
         array, cameras = self.array, self.array.cameras
         held_out = f", {self.held_out_px:.2f} px held out" if np.isfinite(self.held_out_px) else ""
         how = f"by {array.method} at {self.moments} moments"
@@ -69,7 +69,7 @@ class WandCalibration:
         return lines + [f"  finding     {sentence(found)}" for found in array.findings]
 
     def as_dict(self) -> dict[str, object]:
-        """Return the result as JSON values, or None for unknown numbers."""
+        """Return the result as JSON values, in which unknown numbers are None."""
         array = self.array
         of_cameras: dict[str, Iterable[object]] = {"name": array.cameras.names, "rmse_px": array.camera_rmse_px}
         of_cameras |= {"centre_sigma_mm": 1e3 * array.centre_sigma_m, "turn_sigma_deg": np.degrees(array.turn_sigma)}
@@ -85,7 +85,7 @@ class WandCalibration:
 
 
 def in_world(found: WandCalibration, ground: Ground) -> WandCalibration:
-    """Transform the result to the world of a Γ."""
+    """Transform the result to the world that a Γ defines."""
     array = moved_world(found.array, ground.R, ground.t)
     note = diagnostic("world_origin", source="gamma", clouds=ground.frames, sigma_deg=np.degrees(ground.tilt_sigma))
     array = replace(array, notes=(found.array.notes[0], note), findings=(*array.findings, *ground.findings))
@@ -95,7 +95,7 @@ def in_world(found: WandCalibration, ground: Ground) -> WandCalibration:
 def findings_of(
     views: Sequence[WandView], array: CalibratedCameras, clocks: Clocks, options: WandOptions
 ) -> tuple[Diagnostic, ...]:
-    """Return the warnings about a calibration."""
+    """Return warnings about the calibration."""
     found = [item for view in views for item in view.findings]
     for view in views:
         if view.crowded:
@@ -113,7 +113,7 @@ def findings_of(
 def notes_of(
     moments: Moments, together: np.ndarray, names: tuple[str, ...], options: WandOptions
 ) -> tuple[Diagnostic, ...]:
-    """Return the notes about a calibration."""
+    """Return notes about the calibration."""
     i, j = np.unravel_index(np.argmin(together + 1e9 * np.eye(len(names))), together.shape)
     wand = "a marker and its depth"
     if options.wand is not None:
@@ -126,7 +126,7 @@ def notes_of(
 
 
 def wand_page(found: WandCalibration, ground: Ground | None = None) -> str:
-    """Return the report as HTML, with up and floor if there was a Γ."""
+    """Return the report as HTML. It includes the up axis and the floor if there was a Γ."""
     array, names = found.array, found.array.cameras.names
     head = [
         Tile("Held-out error", number(found.held_out_px, 2), "px", "in time ranges that were not fitted"),

@@ -1,4 +1,4 @@
-"""Find up, floor and origin from three floor markers in the form of a Γ."""
+"""Find the up axis, floor and origin from three markers that form a Γ on the floor."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from solver_backend.sensors.wand.views import points_files, read_table
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Float
 
-LENGTH_TOLERANCE_M = 0.025  # Largest difference between an edge and its given length, in metres.
+LENGTH_TOLERANCE_M = 0.025  # Largest difference between the length of an edge and its given length, in metres.
 ANGLE_TOLERANCE_DEG = 5.0  # Largest deviation of the corner from a right angle.
-LEAST_RATIO = 1.15  # Smallest ratio of the long edge to the short one.
-LEAST_FRAMES = 5  # Minimum number of moments with the Γ. Chosen by hand.
-MOST_POINTS = 24  # Maximum number of points in a frame. Cover the lamps if there are more.
-FRAMES_PER_NEWS = 3.0  # Number of consecutive frames with correlated errors. Chosen by hand.
-SHARED_SIGMA_M = 0.5e-3  # Constant marker error in a well calibrated array, in metres.
+LEAST_RATIO = 1.15  # Smallest ratio between the long and the short edge.
+LEAST_FRAMES = 5  # Minimum number of moments in which the Γ is seen. Chosen by hand.
+MOST_POINTS = 24  # Maximum number of points in a frame. If there are more, lamps should be covered.
+FRAMES_PER_NEWS = 3.0  # Number of consecutive frames whose errors are correlated. Chosen by hand.
+SHARED_SIGMA_M = 0.5e-3  # Marker error in metres that does not average out, in a well calibrated array.
 _ROUNDS = 20  # Maximum number of iterations. Chosen by hand.
 
 
@@ -38,11 +38,11 @@ class GammaInvalid(MocapError):
 
 @dataclass(frozen=True)
 class Gamma:
-    """A Γ with three markers."""
+    """A Γ made of three markers."""
 
-    long_m: float = 0.6  # Distance between marker centres on the long edge in metres.
+    long_m: float = 0.6  # Distance in metres between the marker centres on the long edge.
     short_m: float = 0.4
-    height_m: float = 0.007  # Height of the marker centres above the floor. It is their radius if they lie on it.
+    height_m: float = 0.007  # Height of the marker centres above the floor in metres: their radius if they lie on it.
 
     def __post_init__(self) -> None:
         if not (self.short_m > 0.05 and self.long_m < 5.0 and -0.1 < self.height_m < 0.5):
@@ -58,16 +58,16 @@ class Gamma:
 
 @dataclass(frozen=True)
 class Ground:
-    """Transform ``x_new = R x_old + t`` to a world with Z up and the floor at zero.
+    """Transform ``x_new = R x_old + t`` to a world with Z up and the floor at zero height.
 
-    X points along the short edge, Y opposite to the long one.
+    X points along the short edge, and Y points opposite to the long edge.
     """
 
     R: Float[np.ndarray, "3 3"]
     t: Float[np.ndarray, " 3"]  # (3,) translation in metres.
-    tilt_sigma: float  # Standard deviation of up in radians, in its worse direction.
+    tilt_sigma: float  # Standard deviation of the up axis in radians, in its less certain direction.
     markers: Float[np.ndarray, "3 3"]
-    """(3, 3) positions in metres in the old world: corner, end of the long edge, end of the short edge."""
+    """(3, 3) positions in metres in the old world: corner, end of the long edge, and end of the short edge."""
     frames: int
     findings: tuple[Diagnostic, ...] = ()
 
@@ -75,13 +75,14 @@ class Ground:
 def ground_from_gamma(
     clouds: Sequence[Float[np.ndarray, "points 3"]], gamma: Gamma, sensors: Float[np.ndarray, "sensors 3"]
 ) -> Ground:
-    """Return up, floor and origin from the robust mean of points that fit the Γ.
+    """Return the up axis, floor and origin from the robust mean of points that fit the Γ.
 
-    Clouds are the (N, 3) points of one moment in metres, including other points. Up is ``u × v / |u × v|`` with the
-    long edge u and the short edge v. The (C, 3) sensors are above the floor, so a mirrored Γ is detected.
+    Each cloud contains the (N, 3) points of one moment in metres and may include other points. Up is ``u × v / |u ×
+    v|`` for the long edge u and the short edge v. The (C, 3) sensors must be above the floor, which reveals a mirrored
+    Γ.
 
     Raises:
-        GammaNotFound: too few clouds contain it.
+        GammaNotFound: too few clouds contain the Γ.
     """
     padded = _padded(clouds)
     found, triples = _triples(padded, gamma)
@@ -109,7 +110,7 @@ def ground_from_gamma(
 
 
 def _padded(clouds: Sequence[np.ndarray]) -> np.ndarray:
-    """Return (F, N, 3) clouds padded with NaN. Clouds with too many points are empty."""
+    """Pad clouds with NaN to (F, N, 3). Clouds that have too many points become empty."""
     sizes = [len(cloud) if len(cloud) <= MOST_POINTS else 0 for cloud in clouds]
     padded = np.full((len(clouds), max(sizes, default=0), 3), np.nan)
     for f, size in enumerate(sizes):
@@ -118,13 +119,13 @@ def _padded(clouds: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _triples(clouds: np.ndarray, gamma: Gamma) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (F,) mask of clouds with a Γ, and its (F, 3, 3) corner and ends."""
+    """Find the Γ in each cloud. Return the (F,) mask of clouds that contain it, and the (F, 3, 3) corners and ends."""
     F, N, _ = clouds.shape
     found, triples = np.zeros(F, bool), np.full((F, 3, 3), np.nan)
     if N < 3:
         return found, triples
     cosine = np.sin(np.radians(ANGLE_TOLERANCE_DEG))
-    # Process one corner at a time, because all of them would need N times the memory.
+    # Process one corner at a time, because all corners at once would need N times the memory.
     best = np.full(F, np.inf)
     for corner in range(N):
         arm = clouds - clouds[:, corner : corner + 1]
@@ -144,7 +145,7 @@ def _triples(clouds: np.ndarray, gamma: Gamma) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _averaged(triples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the robust (3, 3) mean of (F, 3, 3) positions, and the means' covariances."""
+    """Return the robust (3, 3) mean of (F, 3, 3) positions, and the covariances of the means."""
     mean = np.median(triples, axis=0)
     spread = np.maximum(1.4826 * np.median(np.linalg.norm(triples - mean, axis=-1), axis=0) / 1.54, 1e-5)
     weight = np.ones(triples.shape[:2])
@@ -158,7 +159,7 @@ def _averaged(triples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _tilt_sigma(u: np.ndarray, v: np.ndarray, covariance: np.ndarray) -> float:
-    """Return the deviation of the direction of ``u × v`` in radians."""
+    """Return the standard deviation of the direction of ``u × v`` in radians."""
     w = np.cross(u, v)
     by_marker = (skew(v) - skew(u), -skew(v), skew(u))
     total = sum(J @ S @ J.T for J, S in zip(by_marker, covariance, strict=True))
@@ -167,18 +168,18 @@ def _tilt_sigma(u: np.ndarray, v: np.ndarray, covariance: np.ndarray) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(across @ np.asarray(total) @ across)[-1]) / np.linalg.norm(w))
 
 
-MEETING_PX = 4.0  # Two camera rays intersect if their midpoint is within this distance of both pixels.
-MOST_MOMENTS = 300  # Maximum number of moments to use, spread over the recording.
+MEETING_PX = 4.0  # Two camera rays intersect if their midpoint projects to within this distance of both pixels.
+MOST_MOMENTS = 300  # Maximum number of moments used, spread over the recording.
 
 
 def gamma_clouds(folder: Path, cameras: Cameras) -> list[np.ndarray]:
-    """Return the points of each moment from the tables in a folder, in metres in the cameras' world.
+    """Read the tables in a folder. Return the points of each moment in metres, in the cameras' world.
 
-    A cloud has the points of one sensor with depth, or all intersections of the rays of two cameras. Most of these are
-    false, and the edge lengths of the Γ select the true ones.
+    A cloud contains the points that one sensor saw with depth, or all intersections between the rays of two cameras.
+    Most of these intersections are false. The edge lengths of the Γ select the true ones.
 
     Raises:
-        FileMissing, CalibrationMismatch: there is no table, or the calibration has no such sensor.
+        FileMissing, CalibrationMismatch: there is no table, or the calibration does not contain the sensor.
     """
     files = points_files(folder)
     if not files:
@@ -203,10 +204,10 @@ def gamma_clouds(folder: Path, cameras: Cameras) -> list[np.ndarray]:
 def _depth_clouds(
     cameras: Cameras, camera: int, times: np.ndarray, px: np.ndarray, depth_m: np.ndarray
 ) -> list[np.ndarray]:
-    """Return the (N, 3) points in metres of each moment of one sensor.
+    """Return the (N, 3) points in metres that one sensor saw at each moment.
 
-    Rows are times, pixels and depths along the axis in metres. Rows with equal times are one moment. Rows without a
-    positive depth are skipped.
+    Each row contains a time, a pixel and a depth along the axis in metres. Rows with equal times form one moment. Rows
+    without a positive depth are skipped.
     """
     known = np.isfinite(px).all(1) & (px >= 0).all(1) & (depth_m > 0)
     times, px, depth_m = times[known], px[known], depth_m[known]
@@ -219,7 +220,7 @@ def _depth_clouds(
 
 
 def _meetings(cameras: Cameras, lights: dict[int, np.ndarray]) -> list[np.ndarray]:
-    """Return up to (9, 3) intersections of the rays of two cameras at each common time."""
+    """Return up to nine (9, 3) intersections between the rays of two cameras at each time they have in common."""
     clouds: list[np.ndarray] = []
     for a, b in combinations(sorted(lights), 2):
         times, first, second = np.intersect1d(lights[a][:, 0], lights[b][:, 0], return_indices=True)
@@ -230,7 +231,7 @@ def _meetings(cameras: Cameras, lights: dict[int, np.ndarray]) -> list[np.ndarra
 
 
 def _of_pair(pair: Cameras, px: np.ndarray) -> list[np.ndarray]:
-    """Intersect every spot of one camera with every spot of the other, from (2, F, 3, 2) pixels."""
+    """Intersect every spot in one camera with every spot in the other, given (2, F, 3, 2) pixels."""
     flat = undistort(pair, px)
     i, j = (grid.ravel() for grid in np.meshgrid(range(3), range(3), indexing="ij"))
     both = np.stack([flat[0][:, i], flat[1][:, j]])

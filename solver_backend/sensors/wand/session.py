@@ -54,31 +54,31 @@ from solver_backend.types.shapes import Float
 from solver_backend.videos.sync.clocks import Clocks, SyncUnknown, at_times, clocks_of_signals, convolved
 from solver_backend.videos.sync.synchronise import ROLLING_SHUTTER, in_step
 
-SIGMA_PX = 0.3  # Standard deviation in pixels of a light or marker position. It sets the robust scales.
+SIGMA_PX = 0.3  # Standard deviation in pixels of a detected light or marker. It sets the robust scales.
 STEPS, TOLERANCE = 60, 1e-6
-HELD_OUT_BLOCKS = 10  # Number of time ranges in a recording. Every fifth one is held out.
+HELD_OUT_BLOCKS = 10  # Number of time ranges into which a recording is divided. Every fifth one is held out.
 
 
 @dataclass(frozen=True)
 class WandTask:
-    """Problem that the bundle adjustment solves."""
+    """Input of the bundle adjustment."""
 
-    cameras: Cameras  # C cameras with lenses and initial poses.
-    lights: np.ndarray  # (K, 3) metres about the wand's centre, zero for a single marker.
+    cameras: Cameras  # C cameras with their lenses and initial poses.
+    lights: np.ndarray  # (K, 3) positions in metres relative to the wand's centre, zero for a single marker.
     find_delays: bool
-    delays: np.ndarray  # (C,) delays in seconds, known or initial.
+    delays: np.ndarray  # (C,) known or initial delays in seconds.
 
 
 def cameras_at(views: Sequence[WandView], poses: Sequence[tuple[np.ndarray, np.ndarray]]) -> Cameras:
-    """Return the cameras of views with the given poses."""
+    """Return the cameras that belong to the views, at the given poses."""
     R, t = np.stack([R for R, _ in poses]), np.stack([t for _, t in poses])
     return build_cameras([view.name for view in views], [view.lens for view in views], R, t)
 
 
 def adjusted(task: WandTask, moments: Moments) -> tuple[Adjusted, np.ndarray]:
-    """Minimise the error of a rigid wand or a marker. Return the result and the used moments.
+    """Minimise the reprojection error of a rigid wand or a marker. Return the result and the moments that were used.
 
-    The world has the first sensor's axes. One marker does not determine the scale (see ``depth_scale``).
+    The world has the first sensor's axes. A single marker does not determine the scale (see ``depth_scale``).
 
     Reference: Triggs et al. 2000.
     """
@@ -102,26 +102,26 @@ def adjusted(task: WandTask, moments: Moments) -> tuple[Adjusted, np.ndarray]:
 
 
 def triangulated(cameras: Cameras, moments: Moments, delays: np.ndarray) -> np.ndarray:
-    """Triangulate the lights with known delays to (M, K, 3) positions in metres."""
+    """Triangulate the lights, whose delays are known. Return (M, K, 3) positions in metres."""
     px = in_step_px(moments, delays)
     flat = undistort(cameras, px)
     return intersected(cameras.R, cameras.t, flat.reshape(len(cameras), -1, 2)).reshape(*px.shape[1:3], 3)
 
 
 def in_step_px(moments: Moments, delays: np.ndarray) -> np.ndarray:
-    """Return (C, M, K, 2) pixels corrected for the views' delays, ``px - v δ``."""
+    """Correct pixels for the delays of the views, ``px - v δ``. Return (C, M, K, 2) pixels."""
     return moments.px - moments.velocity * delays[:, None, None, None] if delays.any() else moments.px
 
 
 def held_out(count: int) -> np.ndarray:
-    """Return the (M,) mask of held-out moments, in separate time ranges."""
+    """Return the (M,) mask of the held-out moments, which form separate time ranges."""
     return np.arange(count) * HELD_OUT_BLOCKS // max(count, 1) % 5 == 2
 
 
-LEAST_TOGETHER = 20  # Minimum number of common moments of a sensor pair.
-HYPOTHESES = 200  # Number of samples of three point pairs.
+LEAST_TOGETHER = 20  # Minimum number of moments that a pair of sensors must have in common.
+HYPOTHESES = 200  # Number of random samples of three point pairs.
 _REFINEMENTS = 15  # Number of reweighted alignments. Chosen by hand.
-START_SIGMA_PX = 2.0  # Initial scale of the distance from an epipolar line in pixels.
+START_SIGMA_PX = 2.0  # Initial scale in pixels of the distances from epipolar lines.
 
 
 def robust_umeyama(
@@ -129,10 +129,10 @@ def robust_umeyama(
 ) -> tuple[Pose, np.ndarray]:
     """Return the rigid transform from source to target points (n, 3), and the (n,) mask of inliers.
 
-    Samples of three pairs give hypotheses. Cauchy's penalty of ``|R x + t - y| / σ`` selects one and refines it.
-    ``sigma`` (n,) are the standard deviations of the pair distances. Lengths are in metres.
+    Samples of three pairs provide hypotheses. One of them is selected and refined with Cauchy's penalty on ``|R x + t -
+    y| / σ``. ``sigma`` (n,) are the standard deviations of the distances between paired points. Lengths are in metres.
 
-    Reference: Umeyama 1991, Fischler and Bolles 1981 (the samples).
+    Reference: Umeyama 1991, Fischler and Bolles 1981 (random samples).
     """
     picks = np.stack([rng.permutation(len(source))[:3] for _ in range(HYPOTHESES)])
     _, R, t = umeyama(source[picks], target[picks])
@@ -151,7 +151,7 @@ def _poses_by_depth(
 ) -> list[Pose]:
     """Estimate each sensor's pose relative to the first from (C, M, 3) marker positions in metres.
 
-    Points are in each sensor's axes, NaN where missing, with standard deviations (C, M).
+    Positions are in each sensor's axes, NaN where missing. Their standard deviations are (C, M).
     """
 
     def pair(i: int, j: int, both: np.ndarray) -> tuple[Pose, int]:
@@ -165,9 +165,9 @@ def _poses_by_depth(
 def _poses_by_lights(
     names: Sequence[str], flat: np.ndarray, focal_px: float, wand: Wand, rng: np.random.Generator
 ) -> list[Pose]:
-    """Return each camera's pose relative to the first, in metres by the wand's lengths.
+    """Return each camera's pose relative to the first. The wand's lengths set the scale in metres.
 
-    ``flat`` are (C, M, 3, 2) undistorted normalised coordinates of the lights in order, NaN where missing.
+    ``flat`` contains (C, M, 3, 2) undistorted normalised coordinates of the ordered lights, NaN where missing.
     """
 
     def pair(i: int, j: int, both: np.ndarray) -> tuple[Pose, int]:
@@ -182,7 +182,7 @@ def _poses_by_lights(
 
 
 def _require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None:
-    """Raise WandInvalid if the short part of (3,) distances differs by 10 %."""
+    """Raise WandInvalid if the short part of the (3,) measured distances deviates from the wand's by 10 %."""
     share = float(min(measured_m[:2]) / measured_m[:2].sum())
     if abs(share / wand.short_share - 1.0) > 0.1:
         message = f"The middle light divides the wand at {share:.3f}, but the lengths give {wand.short_share:.3f}."
@@ -200,14 +200,14 @@ def _chained(names: Sequence[str], places: np.ndarray, pair: Pair) -> list[Pose]
         raise WandNotSeen(message, where=", ".join(names), hint=hint) from error
 
 
-SENSOR_BIAS_M = 2e-3  # Common depth error of one sensor in metres, in addition to the measured scatter.
-ROUNDS = 20  # Reweighting iterations. Chosen by hand.
+SENSOR_BIAS_M = 2e-3  # Error in metres that all depths of a sensor have in common, in addition to the measured scatter.
+ROUNDS = 20  # Number of reweighting iterations. Chosen by hand.
 
 
 def depth_scale(cameras: Cameras, at: np.ndarray, depth_m: np.ndarray) -> tuple[float, float, float]:
-    """Return the scale ``s`` of ``min Σ ρ((d - s z) / σ(d))``, its deviation, and scatter.
+    """Return the scale ``s`` that solves ``min Σ ρ((d - s z) / σ(d))``, its standard deviation, and the scatter.
 
-    ``at`` (M, 3) is the marker in the world of the images, ``depth_m`` (C, M) its measured depths along the axes.
+    ``at`` (M, 3) is the marker in the world of the images. ``depth_m`` (C, M) are its measured depths along the axes.
 
     Reference: Beaton and Tukey 1974 (iterative reweighting, here with Cauchy's weights).
     """
@@ -228,11 +228,11 @@ def depth_scale(cameras: Cameras, at: np.ndarray, depth_m: np.ndarray) -> tuple[
     return scale, float(np.sqrt((shared**2).sum() + alone) / (weight * z * z).sum()), rmse
 
 
-MOST_PX = 8.0  # Largest usable median reprojection error in pixels. Chosen by hand.
+MOST_PX = 8.0  # Largest median reprojection error in pixels of a usable calibration. Chosen by hand.
 
 
 def require_fit(found: Adjusted) -> None:
-    """Raise ``WandInvalid`` if the median reprojection error of an adjustment exceeds ``MOST_PX``."""
+    """Raise ``WandInvalid`` if the median reprojection error after the adjustment exceeds ``MOST_PX``."""
     usual = float(np.nanmedian(np.linalg.norm(found.error, axis=-1)))
     if not usual < MOST_PX:
         message = f"The sensors contradict each other. The median reprojection error is {usual:.0f} px."
@@ -242,7 +242,7 @@ def require_fit(found: Adjusted) -> None:
 
 
 def metric(found: Adjusted, moments: Moments, options: WandOptions) -> tuple[CalibratedCameras, float]:
-    """Return the calibration in metres with standard deviations, and the scatter of the depths."""
+    """Return the calibration in metres with standard deviations, and the scatter of the measured depths."""
     array = result_of("wand", found)
     if options.wand is not None:
         return array, float("nan")
@@ -255,11 +255,11 @@ def metric(found: Adjusted, moments: Moments, options: WandOptions) -> tuple[Cal
 def _held_out_errors(
     task: WandTask, found: Adjusted, moments: Moments, options: WandOptions
 ) -> tuple[float, np.ndarray]:
-    """Return errors in held-out time ranges in pixels, and of the (3,) lengths in metres."""
+    """Return the error in held-out time ranges in pixels, and the errors of the (3,) lengths in metres."""
     out = held_out(moments.px.shape[1])
     if out.sum() < LEAST_TOGETHER or (~out).sum() < LEAST_TOGETHER:
         return float("nan"), np.full(3, np.nan)
-    # A sensor's delay is a single number, so it may come from the whole recording.
+    # A sensor's delay is a single number, so it may be estimated from the whole recording.
     refit = replace(task, cameras=found.cameras, delays=found.delays, find_delays=False)
     fitted, _ = adjusted(refit, moments.where(~out))
     kept = moments.where(out)
@@ -271,13 +271,13 @@ def _held_out_errors(
     return px, np.sqrt(np.nanmean((distances(at) - options.wand.distances_m) ** 2, axis=0))
 
 
-RATE_HZ = 120.0  # Sampling rate of the compared speeds.
+RATE_HZ = 120.0  # Rate in Hz at which speeds are sampled for comparison.
 PIECE_S, FLOOR_S = 6.0, 0.004  # Length of compared pieces, and shift of a speed peak by perspective, in seconds.
-CLIP_SIGMAS = 3.0  # Clipping limit of speeds in standard deviations. Chosen by hand.
-SMOOTHING_S = 0.06  # Standard deviation of the smoothing of the wand's path in seconds.
-SLOWEST_M_S = 0.05  # Speed in m/s below which the wand counts as still.
-LEAST_CORRELATION = 0.5  # Smallest correlation of two speeds that is used.
-MOST_MOMENTS = 900  # Maximum number of moments to solve, spread over the recording.
+CLIP_SIGMAS = 3.0  # Speeds are clipped at this many standard deviations. Chosen by hand.
+SMOOTHING_S = 0.06  # Standard deviation in seconds of the filter that smooths the wand's path.
+SLOWEST_M_S = 0.05  # Speed in m/s below which the wand is considered still.
+LEAST_CORRELATION = 0.5  # Smallest correlation between two speeds that is used.
+MOST_MOMENTS = 900  # Maximum number of moments that are solved, spread over the recording.
 
 
 def flat_of(view: WandView) -> np.ndarray:
@@ -286,10 +286,10 @@ def flat_of(view: WandView) -> np.ndarray:
 
 
 def coarse_clocks(views: Sequence[WandView], wand: Wand | None, reach_s: float) -> Clocks:
-    """Estimate the clocks to about a frame from the wand's speed, which does not depend on the axes.
+    """Estimate the clocks to within about a frame from the wand's speed, which is the same in all axes.
 
-    Views have their lights in the wand's order. ``wand`` provides distances if there is no depth. If speeds show no
-    offset, the clocks are equal and have a note.
+    The lights in each view are in the wand's order. ``wand`` provides distances if there is no depth. If the speeds
+    show no clear offset, the clocks are assumed equal and a note is added.
     """
     names, signals = tuple(view.name for view in views), [_speed(view, wand) for view in views]
     lags = {"reach_s": reach_s, "piece_s": PIECE_S, "floor_s": FLOOR_S, "least": LEAST_CORRELATION}
@@ -303,7 +303,7 @@ def coarse_clocks(views: Sequence[WandView], wand: Wand | None, reach_s: float) 
 
 
 def common_moments(views: Sequence[WandView], clocks: Clocks) -> Moments:
-    """Sample all views at the frames of the first one, and keep moments that at least two views saw."""
+    """Sample all views at the frame times of the first one, and keep the moments that at least two views saw."""
     wanted = clocks.from_video(0, views[0].times_s)
     columns = []
     for c, view in enumerate(views):
@@ -318,7 +318,7 @@ def common_moments(views: Sequence[WandView], clocks: Clocks) -> Moments:
 
 
 def _speed(view: WandView, wand: Wand | None) -> Signal:
-    """Return the logarithm of the wand's smoothed speed at regular times, 0 where unknown."""
+    """Return the logarithm of the wand's smoothed speed at regular times, or 0 where it is unknown."""
     flat = flat_of(view)
     if wand is not None:
         middle = middle_from_lights(wand, flat)
@@ -343,26 +343,26 @@ def _speed(view: WandView, wand: Wand | None) -> Signal:
     return Signal(np.clip(loud, -CLIP_SIGMAS * spread, CLIP_SIGMAS * spread)[:, None], RATE_HZ, float(view.times_s[0]))
 
 
-MOST_CROWDED = 0.5  # A recording is rejected if a larger fraction of its frames has other lights. Chosen by hand.
-REACH_S = 6.5  # Largest clock offset to test in seconds.
-LATE_FRAMES = 0.25  # Delay relative to a frame above which moments are sampled again. Chosen by hand.
+MOST_CROWDED = 0.5  # A recording is rejected if a larger fraction of its frames shows other lights. Chosen by hand.
+REACH_S = 6.5  # Largest clock offset tested, in seconds.
+LATE_FRAMES = 0.25  # Delay in frames above which moments are sampled again. Chosen by hand.
 
 
 def calibrate_by_wand(
     views: Sequence[WandView], options: WandOptions = WandOptions(), progress: Progress = silent
 ) -> WandCalibration:
-    """Calibrate the sensor poses from a wand that all sensors saw.
+    """Calibrate the poses of sensors from a wand that all of them saw.
 
-    The clocks are given, or estimated from speed and refined by the adjustment. Poses of sensor pairs come from aligned
-    points, or from essential matrices and wand lengths, and are chained. Finally a sparse bundle adjustment refines
-    all.
+    The clocks are either given, or estimated from the wand's speed and refined by the adjustment. The relative pose of
+    two sensors comes from aligned points, or from an essential matrix and the wand's lengths. These poses are chained.
+    Finally, a sparse bundle adjustment refines everything.
 
     Raises:
-        WandNotSeen: a sensor, or all others together, never saw it with another one.
-        WandAmbiguous: most frames have other lights.
-        WandInvalid: the wand differs from the given one.
+        WandNotSeen: a sensor saw it in too few frames, or too rarely together with another one.
+        WandAmbiguous: most frames show other lights.
+        WandInvalid: the wand differs from the given description.
 
-    Reference: thesis 5.3.2, "Spatial Alignment", Gossard et al. 2024 (three lights without depth).
+    Reference: thesis 5.3.2, "Spatial Alignment"; Gossard et al. 2024 (three lights without depth).
     """
     names = tuple(view.name for view in views)
     _require_seen(views)
@@ -371,7 +371,7 @@ def calibrate_by_wand(
     clocks = coarse_clocks(views, options.wand, REACH_S) if options.clocks is None else options.clocks
     of_clocks = clocks.findings
     interval_s = float(np.median(np.diff(views[0].times_s)))
-    # Small given offsets are treated as image delays. Larger ones are interpolated between frames.
+    # Small given offsets are treated as image delays. For larger ones, positions are interpolated between frames.
     known = -clocks.offset_s if np.abs(clocks.offset_s).max() < LATE_FRAMES * interval_s else np.zeros(len(names))
     sampled = replace(clocks, offset_s=clocks.offset_s + known)
     moments = _moments(views, sampled, options)
@@ -416,7 +416,7 @@ def _require_seen(views: Sequence[WandView]) -> None:
 
 
 def _with_lights(view: WandView, wand: Wand) -> WandView:
-    """Return the view with its lights in the wand's order."""
+    """Return a view whose lights are in the wand's order."""
     order, sure = identified(wand, flat_of(view), SIGMA_PX / float(view.lens.K[0, 0]))
     seen = np.isfinite(view.px).all((1, 2))
     if sure.sum() < (1.0 - MOST_CROWDED) * seen.sum():
@@ -457,7 +457,7 @@ def _task(views: Sequence[WandView], moments: Moments, options: WandOptions, del
 
 
 def _later(clocks: Clocks, found: Adjusted) -> Clocks:
-    """Add delays δ to the clocks. A late sensor shows at t what happened at ``t + δ``."""
+    """Add delays δ to the clocks. At time t, a late sensor shows what happened at ``t + δ``."""
     count = len(found.cameras)
     variance = np.diag(found.covariance).reshape(count, CAMERA_PARAMETERS)[:, -1]
     covariance = np.zeros((count, 2, 2))

@@ -1,4 +1,4 @@
-"""Read wand recordings, identify the wand's lights in each view, and measure the image coverage."""
+"""Read wand recordings, identify the wand's lights in each view, and measure how much of each image is covered."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from solver_backend.types.shapes import Bool, Float, Int
 
 
 class WandNotSeen(MocapError):
-    """A sensor never saw the wand, or never at the same time as another sensor."""
+    """A sensor never saw the wand, or never saw it at the same time as another sensor."""
 
 
 class WandAmbiguous(MocapError):
-    """More than one wand, or another light, was visible."""
+    """More than one wand was visible, or another light."""
 
 
 class WandInvalid(MocapError):
@@ -39,7 +39,7 @@ class WandInvalid(MocapError):
 
 
 class TimesInvalid(MocapError):
-    """The timestamps of a recording do not increase."""
+    """The timestamps in a recording do not increase."""
 
 
 LARGEST_LEFT_OUT = 0.2  # A recording is rejected if a larger fraction of its rows goes back in time. Chosen by hand.
@@ -47,16 +47,16 @@ LARGEST_LEFT_OUT = 0.2  # A recording is rejected if a larger fraction of its ro
 
 @dataclass(frozen=True)
 class WandView:
-    """One sensor's recording of a wand with K lights."""
+    """What one sensor recorded of a wand with K lights."""
 
     name: str
     lens: Lens
-    times_s: Float[np.ndarray, " frames"]  # (F,) increasing seconds on the sensor's clock.
+    times_s: Float[np.ndarray, " frames"]  # (F,) increasing times in seconds on the sensor's clock.
     px: Float[np.ndarray, "frames lights 2"]
-    """(F, K, 2) pixels, NaN where a light is missing and in frames with other lights."""
+    """(F, K, 2) pixels, NaN where a light is missing and in frames that show other lights."""
     depth_m: Float[np.ndarray, "frames lights"] | None = None
-    """(F, K) depth in metres along the optical axis, NaN where unknown. None for a sensor without depth."""
-    crowded: int = 0  # Number of frames with other lights.
+    """(F, K) depth in metres along the optical axis, NaN where unknown. None if the sensor has no depth."""
+    crowded: int = 0  # Number of frames that show other lights.
     findings: tuple[Diagnostic, ...] = ()
 
     def __post_init__(self) -> None:
@@ -67,7 +67,7 @@ class WandView:
 
     @property
     def depth_or_nan(self) -> np.ndarray:
-        """(F, K) depth in metres, all NaN for a sensor without depth."""
+        """(F, K) depth in metres. All values are NaN if the sensor has no depth."""
         return np.full(self.px.shape[:2], np.nan) if self.depth_m is None else self.depth_m
 
     def __len__(self) -> int:
@@ -76,25 +76,25 @@ class WandView:
 
 @dataclass(frozen=True)
 class Moments:
-    """C views at M common times."""
+    """C views at M times they have in common."""
 
-    times_s: Float[np.ndarray, " moments"]  # (M,) seconds on the first view's clock.
+    times_s: Float[np.ndarray, " moments"]  # (M,) times in seconds on the first view's clock.
     px: Float[np.ndarray, "views moments lights 2"]  # (C, M, K, 2) pixels, NaN where missing.
-    velocity: Float[np.ndarray, "views moments lights 2"]  # (C, M, K, 2) px/s, NaN where unknown.
+    velocity: Float[np.ndarray, "views moments lights 2"]  # (C, M, K, 2) velocity in px/s, NaN where unknown.
     depth_m: Float[np.ndarray, "views moments lights"]  # (C, M, K) depths in metres, NaN where unknown.
 
     @property
     def seen(self) -> Bool[np.ndarray, "views moments"]:
-        """(C, M) mask of moments in which the whole wand is visible."""
+        """(C, M) mask of the moments in which a view shows the whole wand."""
         return np.isfinite(self.px).all((-1, -2))
 
     def where(self, chosen: np.ndarray) -> Moments:
-        """Select moments by a mask or by indices."""
+        """Select moments by a mask or by their indices."""
         return Moments(self.times_s[chosen], self.px[:, chosen], self.velocity[:, chosen], self.depth_m[:, chosen])
 
 
 def with_growing_times(view: WandView) -> WandView:
-    """Remove rows with decreasing time. Raise TimesInvalid for impossible times."""
+    """Remove rows in which time decreases. Raise TimesInvalid if the times are impossible."""
     times = view.times_s
     before = np.r_[-np.inf, np.maximum.accumulate(np.where(np.isfinite(times), times, -np.inf))[:-1]]
     good = np.isfinite(times) & (times > before)
@@ -116,16 +116,16 @@ def with_growing_times(view: WandView) -> WandView:
     return replace(view, times_s=times[good], px=view.px[good], depth_m=depth, findings=findings)
 
 
-SURE_SHARE = 0.43  # Largest fraction of the visible wand for the shorter part at which its ends can be distinguished.
+SURE_SHARE = 0.43  # Largest share of the shorter part in the visible wand at which the ends can be told apart.
 STRAIGHT, STRAIGHT_SIGMAS = 0.03, 4.0
-"""Largest distance from the middle light to the line through the others: as a fraction of the visible wand, or as a
-multiple of the standard deviation of a pixel position."""
-SHORTEST_M, LONGEST_M = 0.02, 5.0  # Limits of the distances between neighbouring lights in metres. Chosen by hand.
+"""Largest distance from the middle light to the line through the other two: as a fraction of the visible wand, or in
+standard deviations of a pixel position."""
+SHORTEST_M, LONGEST_M = 0.02, 5.0  # Limits in metres for the distance between neighbouring lights. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class Wand:
-    """A wand with three lights and the distances between neighbouring lights in metres."""
+    """A wand with three lights. The distances between neighbouring lights are in metres."""
 
     first_m: float
     second_m: float
@@ -144,12 +144,12 @@ class Wand:
 
     @property
     def short_share(self) -> float:
-        """Length of the shorter part relative to the wand."""
+        """Length of the shorter part as a fraction of the wand."""
         return min(self.first_m, self.second_m) / (self.first_m + self.second_m)
 
     @property
     def lights(self) -> Float[np.ndarray, "3 3"]:
-        """(3, 3) positions of the lights in metres, on the X axis about their mean."""
+        """(3, 3) positions of the lights in metres, on the X axis and relative to their mean."""
         x = np.array([0.0, self.first_m, self.first_m + self.second_m])
         return np.stack([x - x.mean(), np.zeros(3), np.zeros(3)], axis=1)
 
@@ -160,21 +160,21 @@ class Wand:
 
 
 def distances(lights: Float[np.ndarray, "*batch 3 axes"]) -> Float[np.ndarray, "*batch 3"]:
-    """Return the distances first to middle, middle to third, and first to third of ordered lights."""
+    """For ordered lights, return the distances first to middle, middle to third, and first to third."""
     return np.linalg.norm(lights[..., [1, 2, 2], :] - lights[..., [0, 1, 0], :], axis=-1)
 
 
 def identified(wand: Wand, flat: Float[np.ndarray, "frames 3 2"], sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return (F, 3) indices of the wand's lights, and the (F,) mask of certain frames.
+    """Return the (F, 3) indices of the wand's lights, and the (F,) mask of frames in which they are certain.
 
-    The middle light is between the others. The end of the shorter part is nearer to it, unless perspective reverses
-    this for a wand that points at the camera. ``flat`` are undistorted normalised coordinates in any order, NaN if
-    there are fewer, with the standard deviation ``sigma``.
+    The middle light lies between the other two. The end of the shorter part is nearer to it, unless the wand points at
+    the camera and perspective reverses this. ``flat`` are undistorted normalised coordinates in any order, whose
+    standard deviation is ``sigma``. They are NaN if fewer than three lights are visible.
     """
     rows = np.arange(len(flat))
     known = np.isfinite(flat).all((-1, -2))
     spots = np.where(known[:, None, None], flat, 0.0)
-    # The middle of three points on a line is opposite to the longest distance.
+    # The middle one of three points on a line is opposite the longest distance.
     across = np.linalg.norm(spots[:, [1, 2, 0]] - spots[:, [2, 0, 1]], axis=-1)
     middle = np.argmax(across, axis=1)
     ends = (middle[:, None] + np.array([1, 2])) % 3
@@ -193,16 +193,16 @@ def identified(wand: Wand, flat: Float[np.ndarray, "frames 3 2"], sigma: float) 
 
 
 def in_order(px: Float[np.ndarray, "frames 3 2"], order: np.ndarray, sure: np.ndarray) -> np.ndarray:
-    """Return (F, 3, 2) spots in the wand's order, NaN in uncertain frames."""
+    """Return (F, 3, 2) spots in the wand's order, with NaN in uncertain frames."""
     return np.where(sure[:, None, None], np.take_along_axis(px, order[..., None], axis=1), np.nan)
 
 
 def middle_from_lights(wand: Wand, flat: Float[np.ndarray, "frames 3 2"]) -> Float[np.ndarray, "frames 3"]:
-    """Return the (F, 3) middle light in a camera's axes in metres, from single images.
+    """Return the (F, 3) position of the middle light in camera axes in metres, from each image separately.
 
-    The lights are on a line, ``z₂ r₂ = (1 - q) z₁ r₁ + q z₃ r₃`` with ``q = d₁₂ / d₁₃``. The null vector of the three
-    rays gives the ratios of the depths, and the wand's length gives the scale. Depths are approximate. ``flat`` are
-    undistorted normalised coordinates in the wand's order, NaN where missing.
+    The lights lie on a line, so ``z₂ r₂ = (1 - q) z₁ r₁ + q z₃ r₃`` with ``q = d₁₂ / d₁₃``. The null vector of the
+    three rays gives the ratios between the depths, and the wand's length gives the scale. The depths are approximate.
+    ``flat`` are undistorted normalised coordinates in the wand's order, NaN where missing.
     """
     known = np.isfinite(flat).all((-1, -2))
     spots = np.where(known[:, None, None], flat, np.array([[-0.1, 0.0], [0.0, 0.0], [0.2, 0.0]]))
@@ -216,17 +216,17 @@ def middle_from_lights(wand: Wand, flat: Float[np.ndarray, "frames 3 2"]) -> Flo
     return np.where(known[:, None], (size * z[:, 1])[:, None] * rays[:, 1], np.nan)
 
 
-EXACT_SHARE = 0.01  # A time closer to a frame than this fraction of the interval uses that frame.
-LONGEST_GAP = 1.5  # Longest interval for interpolation, in usual intervals.
+EXACT_SHARE = 0.01  # If a time is closer to a frame than this fraction of the interval, the frame itself is used.
+LONGEST_GAP = 1.5  # Longest interval across which values are interpolated, in usual intervals.
 
 
 def values_and_velocities(
     values: np.ndarray, times_s: np.ndarray, wanted_s: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values of a track at other times, and the rates of change at the nearest frames.
+    """Return the values of a track at other times, and its rates of change at the nearest frames.
 
-    Values (F, ...) at increasing seconds are interpolated by Hermite's cubic with central differences as slopes, unless
-    a frame has that time (Catmull and Rom 1974). Results are NaN if a required frame is missing.
+    Between frames, values (F, ...) at increasing times in seconds are interpolated by cubic Hermite polynomials whose
+    slopes are central differences (Catmull and Rom 1974). Results are NaN if a required frame is missing.
     """
     count = len(times_s)
     shape = (len(wanted_s), *values.shape[1:])
@@ -242,7 +242,7 @@ def values_and_velocities(
     column = (slice(None), *[None] * (values.ndim - 1))
     slope = _slopes(values, times_s, usual)
     s, width = share[column], gap[column]
-    # Hermite's cubic of both frames' values and slopes. At regular spacing it is Catmull and Rom's.
+    # Cubic Hermite polynomial from the values and slopes at both frames. For equal intervals, it is Catmull and Rom's.
     low, high = values[after - 1], values[after]
     between = (
         (1 + 2 * s) * (1 - s) ** 2 * low
@@ -255,7 +255,7 @@ def values_and_velocities(
 
 
 def _slopes(values: np.ndarray, times_s: np.ndarray, usual: float) -> np.ndarray:
-    """Return (F, ...) central differences, NaN at ends, in gaps, and next to missing frames."""
+    """Return (F, ...) central differences, with NaN at the ends, in gaps and next to missing frames."""
     slope = np.full(values.shape, np.nan)
     if len(values) < 3:
         return slope
@@ -266,26 +266,26 @@ def _slopes(values: np.ndarray, times_s: np.ndarray, usual: float) -> np.ndarray
     return slope
 
 
-COLUMNS, ROWS = 6, 4  # Number of cells per image.
-LEAST_IN_CELL = 5  # Minimum number of sightings in a covered cell. Chosen by hand.
-CELL_M = 0.5  # Edge length in metres of a cell of the volume.
+COLUMNS, ROWS = 6, 4  # Number of cells across and down an image.
+LEAST_IN_CELL = 5  # Number of sightings from which a cell counts as covered. Chosen by hand.
+CELL_M = 0.5  # Edge length in metres of the cells into which space is divided.
 _ACROSS, _DOWN = ("left", "middle", "right"), ("top", "middle", "bottom")
 
 
 @dataclass
 class Coverage:
-    """Counts of wand sightings in each image and in space, which grow with each call of ``add``."""
+    """Number of wand sightings in each part of the images and of space. Each call of ``add`` increases them."""
 
     names: tuple[str, ...]
     size_px: Int[np.ndarray, "views 2"]  # (C, 2) image width and height.
-    pictures: np.ndarray = field(init=False)  # (C, ROWS, COLUMNS) numbers of sightings.
-    volume: set[tuple[int, ...]] = field(init=False, default_factory=set)  # Cells where the wand was located.
+    pictures: np.ndarray = field(init=False)  # (C, ROWS, COLUMNS) number of sightings.
+    volume: set[tuple[int, ...]] = field(init=False, default_factory=set)  # Cells in which the wand was located.
 
     def __post_init__(self) -> None:
         self.pictures = np.zeros((len(self.names), ROWS, COLUMNS), dtype=np.int64)
 
     def add(self, px: Float[np.ndarray, "views moments 2"], at: Float[np.ndarray, "moments 3"] | None = None) -> None:
-        """Count the (C, M, 2) wand pixels, NaN where missing, and known (M, 3) positions."""
+        """Count the (C, M, 2) wand pixels, NaN where missing, and the (M, 3) positions where known."""
         view, moment = np.nonzero(np.isfinite(px).all(-1))
         share = px[view, moment] / self.size_px[view]
         cell = np.clip((share * [COLUMNS, ROWS]).astype(int), 0, [COLUMNS - 1, ROWS - 1])
@@ -295,29 +295,29 @@ class Coverage:
 
     @property
     def shares(self) -> Float[np.ndarray, " views"]:
-        """(C,) fraction of covered cells in each image."""
+        """(C,) fraction of cells covered in each image."""
         return (self.pictures >= LEAST_IN_CELL).mean(axis=(1, 2))
 
     @property
     def volume_m3(self) -> float:
-        """Volume of the cells where the wand was, in m³."""
+        """Volume in m³ of the cells in which the wand was located."""
         return len(self.volume) * CELL_M**3
 
     def next_place(self) -> str:
-        """Return the least covered part of the least covered image, or an empty text."""
+        """Return the least covered part of the least covered image, or an empty string if all are covered."""
         open_cells = self.pictures < LEAST_IN_CELL
         if not open_cells.any():
             return ""
         c = int(np.argmax(open_cells.sum(axis=(1, 2))))
         rows, columns = np.nonzero(open_cells[c])
-        # Count uncovered cells in thirds of the image.
+        # Count the uncovered cells in each third of the image.
         parts = 3 * (rows * 3 // ROWS) + columns * 3 // COLUMNS
         down, across = divmod(int(np.bincount(parts, minlength=9).argmax()), 3)
         place = "middle" if down == across == 1 else f"{_DOWN[down]} {_ACROSS[across]}"
         return f"Wave in the {place} of the view of {self.names[c]}. {1 - self.shares[c]:.0%} of it is not covered."
 
     def lines(self) -> list[str]:
-        """Return a row per sensor with its image cells: ``#`` covered, ``+`` seen, ``.`` not covered."""
+        """Return one row per sensor that shows its image cells: ``#`` covered, ``+`` seen, ``.`` not covered."""
         rows = []
         for name, grid, share in zip(self.names, self.pictures, self.shares, strict=True):
             marks = ["".join("#" if n >= LEAST_IN_CELL else "+" if n else "." for n in row) for row in grid]
@@ -326,17 +326,17 @@ class Coverage:
 
 
 def is_sensor_folder(path: Path) -> bool:
-    """Return whether a folder is a sensor recording or a studio shot."""
+    """Return whether a folder contains a sensor recording or a studio shot."""
     return (path / ABOUT).is_file() or all((path / name).exists() for name in STUDIO_SHOT)
 
 
 def sensor_views(
     folder: SensorFolder, masks: Mapping[str, np.ndarray] = MappingProxyType({}), progress: Progress = silent
 ) -> list[WandView]:
-    """Return the views of one marker. Frames with several markers are crowded.
+    """Return the sensors' views of a single marker. Frames that show several markers count as crowded.
 
     Raises:
-        PicturesDiffer: infrared, depth and calibration have different sizes.
+        PicturesDiffer: infrared images, depth images and calibration have different sizes.
         RecordingInvalid, SensorFailed: the recording is damaged.
         TimesInvalid: a sensor's times do not increase.
     """
@@ -358,7 +358,7 @@ def sensor_views(
 
 
 def sensor_clouds(path: Path, cameras: Cameras, empty: Path | None = None) -> list[np.ndarray]:
-    """Return the (N, 3) points in metres of frames with three or more, by sensor."""
+    """For each sensor, return the (N, 3) points in metres of all frames that show three or more."""
     folder, masks = open_folder(path), {} if empty is None else masks_of(open_folder(empty))
     clouds = []
     for name in folder.cameras.names:
@@ -372,7 +372,7 @@ def sensor_clouds(path: Path, cameras: Cameras, empty: Path | None = None) -> li
 def sightings_of(
     folder: SensorFolder, cameras: Cameras, name: str, masks: Mapping[str, np.ndarray] = MappingProxyType({})
 ) -> Iterator[SensorSightings]:
-    """Yield the sightings of one sensor, none if the folder lacks the sensor."""
+    """Yield the sightings of one sensor, or nothing if the folder does not contain the sensor."""
     device = next((device for device in folder.devices if device.name == name), None)
     if device is None:
         return
@@ -386,17 +386,17 @@ LIGHTS_COLUMNS, DEPTH_COLUMNS = 7, 4
 
 
 def points_files(folder: Path) -> list[Path]:
-    """Return the tables in a folder in natural order of their names."""
+    """Return the tables in a folder, sorted by name in natural order."""
     return sorted(folder.glob("*.csv"), key=lambda path: natural_key(path.name)) if folder.is_dir() else []
 
 
 def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -> list[WandView]:
-    """Return the views of a folder with ``NAME.csv`` per sensor, and lenses next to them.
+    """Read a folder that contains ``NAME.csv`` and a lens for each sensor. Return the views.
 
     Raises:
         FileMissing: there is no table.
-        CalibrationMissing: a sensor has no lens.
-        FileDamaged: a row has neither format, or the tables have different formats.
+        CalibrationMissing: the lens of a sensor is missing.
+        FileDamaged: a row has neither format, or the formats of the tables differ.
     """
     files = points_files(folder)
     if not files:
@@ -409,7 +409,7 @@ def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -
 
 
 def lens_beside(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
-    """Return a sensor's lens, from ``lenses`` or a file next to the table."""
+    """Return a sensor's lens from ``lenses`` or from a file next to the table."""
     name = path.stem
     if lenses is not None and name in lenses:
         return lenses[name]
@@ -421,7 +421,7 @@ def lens_beside(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
 
 
 def read_table(path: Path) -> tuple[np.ndarray, bool]:
-    """Return a table's rows (moments or markers), and whether they have depth."""
+    """Return the rows of a table (moments or markers), and whether they include depth."""
     text = read_text(path)
     first = text.split("\n", 1)[0].strip().lstrip("\ufeff").replace(" ", "").lower()
     with_depth = first == DEPTH_HEADER
@@ -441,7 +441,7 @@ def read_table(path: Path) -> tuple[np.ndarray, bool]:
 
 
 def _view(path: Path, lens: Lens) -> WandView:
-    """Return the view in a table. Times with several rows of a marker are crowded."""
+    """Return the view stored in a table. Times for which a marker has several rows count as crowded."""
     table, with_depth = read_table(path)
     if not with_depth:
         px = table[:, 1:].reshape(-1, 3, 2)
@@ -458,11 +458,11 @@ def _view(path: Path, lens: Lens) -> WandView:
 def wand_views(
     folder: Path, lenses: Path | None, *, lights: bool, empty: Path | None = None, progress: Progress = silent
 ) -> list[WandView]:
-    """Return the views of a wand, with ``lenses`` or the lens files next to the tables.
+    """Return the views of a wand. The lenses come from ``lenses`` or from files next to the tables.
 
     Raises:
         FileMissing: there is no recording.
-        CommandLineInvalid: the recording is of the other kind of wand.
+        CommandLineInvalid: the recording shows the other type of wand.
     """
     if not folder.exists():
         raise FileMissing("There is no such folder.", where=str(folder))
