@@ -9,6 +9,9 @@ import blf
 import bpy
 
 from .._exchange.plain_text import plain
+from .._exchange.reading_settings import ROWS
+from .._exchange.setting import settings_of_class
+from .._exchange.solve_settings import SolveSettings
 from .translation import CONTEXT
 
 _NARROW_PX = 280  # Below this width there is no room for labels and values in one row.
@@ -20,6 +23,12 @@ _TEXT_PT, _MARGIN_PX, _ICON_PX = 11.0, 78.0, 24.0
 _MIN_LETTERS = 8  # Letters per line in the narrowest sidebar.
 _PARTS = re.compile(r"\s*(?:\S+?(?:[^\W\d]-(?=[^\W\d])|[\\/](?=\w\w))|\S+)")
 """Words, with a possible break after a hyphen and after a folder."""
+_CONTROLS = {
+    option: row.control or f"*{row.label}*"
+    for row in (*ROWS.values(), *settings_of_class(SolveSettings).values())
+    for option in row.options
+}
+"""Control in the panel of each command line option."""
 TALLEST = 1.6  # Height of the button for the next step relative to others.
 
 
@@ -70,7 +79,12 @@ def draw_button(layout: bpy.types.UILayout, operator: str, icon: str, scale: flo
 def wrapped(
     layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE", *, alert: bool = False
 ) -> None:
-    """Draw a text, which may come from a file, on as many lines as needed, with an icon on the first."""
+    """Draw a text, which may come from a file, on as many lines as needed, with an icon on the first.
+
+    Command line options become their control, except next to a command in backticks.
+    """
+    if "`" not in text:
+        text = re.sub(r"(?<!\w)--[a-z-]+", lambda option: _CONTROLS.get(option[0], option[0]), text)
     column = layout.column(align=True)
     column.alert = alert
     column.scale_y = 0.8

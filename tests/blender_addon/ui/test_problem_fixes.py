@@ -12,10 +12,11 @@ import pytest
 from blender_addon._exchange.diagnostics import Diagnostic, diagnostic
 from blender_addon.ui.operators.capture import fix_of
 from blender_addon.ui.operators.import_results import take_capture
+from blender_addon.ui.panels.parts import draw_finding
 from blender_addon.ui.setting_properties import READING_ROWS
 from blender_addon.ui.translation import german
 from solver_backend.synthesis.embedded.demo import demo_capture
-from tests.support.narrow_layout import draw_panel
+from tests.support.narrow_layout import NarrowContext, NarrowLayout, draw_panel
 from tests.support.trial_files import write_trial
 
 WIDE = 400
@@ -33,6 +34,19 @@ def half_size(tmp_path: Path) -> Path:
     people = [((some.xy + 0.5) * 0.5 - 0.5, some.confidence)]
     write_trial(tmp_path / "half", cameras=cameras, people=people, names=cameras.names, calibrated=cameras.names)
     return tmp_path / "half"
+
+
+def test_remedies_name_controls_of_the_panel(mocap) -> None:
+    notes = [
+        diagnostic("unit_read", unit="m", source="file"),
+        diagnostic("person_seen_too", person="B", seen=9, views=2.0),
+        diagnostic("points_without_label", count=2, total=40),
+    ]
+    layout = NarrowLayout()
+    for note in notes:
+        draw_finding(layout, NarrowContext(1600), note)
+    unit, person, labels = layout.drawn
+    assert "*Unit*" in unit and "use the list of people" in person and "`markers label`" in labels
 
 
 @pytest.mark.slow
