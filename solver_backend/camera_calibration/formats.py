@@ -1,4 +1,4 @@
-"""Write boards, and calibrations in the formats of other programs."""
+"""Write boards, and write calibrations in other programs' formats."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from solver_backend.types import Cameras
 
 
 def pose2sim_toml(cameras: Cameras, rmse_px: float | None = None, *, scale: float = 1.0, tool: str = "") -> str:
-    """Return a calibration in the format of Pose2Sim, anipose and this product.
+    """Return a calibration in the format shared by Pose2Sim, anipose and this product.
 
     Args:
-        scale: units of length per metre: 1 for Pose2Sim, 1000 for FreeMoCap.
+        scale: length units per metre: 1 for Pose2Sim, 1000 for FreeMoCap.
     """
     parts = []
     for c, name in enumerate(cameras.names):
@@ -36,7 +36,7 @@ def pose2sim_toml(cameras: Cameras, rmse_px: float | None = None, *, scale: floa
 
 
 def caliscope_toml(cameras: Cameras, rmse_px: float | None = None) -> str:
-    """Return caliscope's ``camera_array.toml``. Cameras are numbered in their order."""
+    """Return the contents of caliscope's ``camera_array.toml``. Cameras are numbered in order."""
     parts = []
     for c, model in enumerate(cameras.models):
         values = {"cam_id": c, "rotation_count": 0, "error": float(f"{rmse_px or 0.0:.6g}"), "ignore": False}
@@ -47,7 +47,7 @@ def caliscope_toml(cameras: Cameras, rmse_px: float | None = None) -> str:
 
 
 def board_toml(board: Board) -> str:
-    """Return the board as TOML text for ``board_named``."""
+    """Return the board as TOML text that ``board_named`` can read."""
     values: dict[str, Any] = {"kind": board.kind, "columns": board.columns, "rows": board.rows}
     values["square_mm"] = float(f"{board.square_m * 1000:.6g}")
     if board.kind == "charuco":
@@ -63,7 +63,7 @@ def _toml(value: Any) -> str:
     if isinstance(value, str):
         escaped = value.replace("\\", "\\\\").replace('"', '\\"')
         return f'"{"".join(c for c in escaped if c.isprintable())}"'
-    plain = (value + 0).tolist() if isinstance(value, np.ndarray) else value  # without negative zeros
+    plain = (value + 0).tolist() if isinstance(value, np.ndarray) else value  # avoid negative zeros
     return repr(plain).lower()
 
 
@@ -77,7 +77,7 @@ def _lens_values(cameras: Cameras, c: int) -> dict[str, Any]:
 
 
 def coefficients(cameras: Cameras, index: int) -> np.ndarray:
-    """Return the coefficients that the lens needs: 4 for a fisheye, otherwise 5 or 8."""
+    """Return as many coefficients as the lens needs: 4 for a fisheye lens, otherwise 5 or 8."""
     return LENS_MODELS[cameras.models[index]].listed(cameras.distortion[index])
 
 
@@ -85,16 +85,16 @@ def _model(name: str) -> dict[str, Any]:
     return {} if name in ("opencv", "fisheye") else {"distortion_model": name}
 
 
-LEAST_TERMS = 4  # Fewest terms of a written COLMAP model. Simpler models have one focal length or no tangential terms.
+LEAST_TERMS = 4  # Minimum number of terms in written COLMAP models. Simpler models lack fy or tangential terms.
 
 
 def colmap_texts(cameras: Cameras) -> dict[str, str]:
-    """Return the texts of COLMAP's three files by name, in metres, without points.
+    """Return the contents of COLMAP's three files by name, in metres and without points.
 
-    COLMAP's pixel (0.5, 0.5) is the centre of the first pixel, so its principal point differs by half a pixel. Lenses
-    are OPENCV (k1 k2 p1 p2), FULL_OPENCV (k1 k2 p1 p2 k3 k4 k5 k6) or OPENCV_FISHEYE.
+    In COLMAP, the centre of the first pixel is (0.5, 0.5), so its principal points differ by half a pixel. Lens models
+    are OPENCV (k1 k2 p1 p2), FULL_OPENCV (k1 k2 p1 p2 k3 k4 k5 k6) and OPENCV_FISHEYE.
 
-    Reference: COLMAP, "Output Format" (text).
+    Reference: COLMAP, "Output Format" (text files).
     """
     lenses = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
     images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# (an empty line for the image's points)"]
@@ -112,7 +112,7 @@ def colmap_texts(cameras: Cameras) -> dict[str, str]:
 
 
 def _lens(model: str, terms: np.ndarray, camera: str) -> tuple[str, np.ndarray]:
-    """Return COLMAP's name of a lens with two focal lengths, and its coefficients."""
+    """Return COLMAP's name for a lens model with two focal lengths, and its coefficients."""
     for name, focals, places in LENS_MODELS[model].colmap:
         if focals == 2 and len(places) >= LEAST_TERMS and not np.delete(terms, places).any():
             return name, terms[list(places)]
@@ -121,7 +121,7 @@ def _lens(model: str, terms: np.ndarray, camera: str) -> tuple[str, np.ndarray]:
 
 
 def opencv_yaml(cameras: Cameras) -> str:
-    """Return one OpenCV file for all cameras, with lengths in metres."""
+    """Return a single OpenCV file for all cameras, with lengths in metres."""
     lines = ["%YAML:1.0", "---"]
     for c, name in enumerate(cameras.names):
         key = re.sub(r"[^A-Za-z0-9_]", "_", name)
@@ -151,10 +151,10 @@ _INTRINSIC = (
 
 
 def qualisys_xml(cameras: Cameras, rmse_px: float | None = None) -> str:
-    """Return Qualisys' XML in mm and 1/64 px, with camera axes right, up and backward.
+    """Return Qualisys' XML in mm and 1/64 px. Camera axes point right, up and backward.
 
     Raises:
-        CalibrationInvalid: a lens has more than k1 k2 p1 p2 k3, or is a fisheye.
+        CalibrationInvalid: a lens uses more coefficients than k1 k2 p1 p2 k3, or is a fisheye lens.
     """
     root = ElementTree.Element("calibration", source="Manifold MoCap", type="regular")
     group = ElementTree.SubElement(root, "cameras")
@@ -185,7 +185,7 @@ def qualisys_xml(cameras: Cameras, rmse_px: float | None = None) -> str:
 
 
 TOOL = "Manifold MoCap"
-# Formats that consist of one text file.
+# Formats that consist of a single text file.
 _TEXTS: dict[str, Callable[[Cameras, float | None], str]] = {
     "pose2sim": lambda cameras, rmse: pose2sim_toml(cameras, rmse, tool=TOOL),
     "anipose": lambda cameras, rmse: pose2sim_toml(cameras, rmse),
@@ -194,11 +194,11 @@ _TEXTS: dict[str, Callable[[Cameras, float | None], str]] = {
     "qualisys": qualisys_xml,
     "opencv": lambda cameras, rmse: opencv_yaml(cameras),
 }
-FORMATS = (*_TEXTS, "colmap")  # Lengths are in metres, except for FreeMoCap and Qualisys (mm).
+FORMATS = (*_TEXTS, "colmap")  # Lengths are in metres, but in mm for FreeMoCap and Qualisys.
 
 
 def format_of(path: Path) -> str:
-    """Return the format for a file name: Pose2Sim for TOML, a COLMAP folder without suffix."""
+    """Choose the format by file name: Pose2Sim for TOML, and a COLMAP folder if there is no suffix."""
     name = path.name.lower()
     if name.endswith((".qca.txt", ".qca")):
         return "qualisys"
@@ -212,10 +212,10 @@ def format_of(path: Path) -> str:
 def write_calibration(
     path: Path, cameras: Cameras, kind: str | None = None, rmse_px: float | None = None, *, overwrite: bool = False
 ) -> str:
-    """Write cameras to a file, or a folder for COLMAP, and return the format's name.
+    """Write cameras to a file, or to a folder for COLMAP. Return the name of the format.
 
     Args:
-        kind: one of ``FORMATS``, by default chosen from the file name.
+        kind: one of ``FORMATS``. The default depends on the file name.
     """
     kind = kind or format_of(path)
     if kind not in FORMATS:

@@ -1,4 +1,4 @@
-"""Draw images with NumPy: lines, dots, boxes, text and other images."""
+"""Draw lines, dots, boxes, text and images with NumPy."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from solver_backend.io.png import png_bytes
 
 
 def opencv() -> Any:
-    """Import ``cv2`` from the extra ``capture``. Raise ``BackendMissing`` if that fails."""
+    """Import ``cv2``, which the ``capture`` extra installs. Raise ``BackendMissing`` if that fails."""
     try:
         return import_module("cv2")
     except ImportError as error:
@@ -25,7 +25,7 @@ def opencv() -> Any:
         raise BackendMissing(message, hint=hint) from error
 
 
-SIDE = 768  # Longer side of a drawn image in pixels.
+SIDE = 768  # Length of the longer side of a drawn image in pixels.
 PAPER, INK = (30, 32, 36), (225, 225, 225)
 Colour = tuple[int, int, int]  # RGB.
 _STROKES = (
@@ -42,24 +42,24 @@ _STROKES = (
     "+2226 0444|%0640 0101 4545|(30212536|)10212516|_0747|/0640|'2021|?011030414224 2626|=0343 0545|<420446|>024406|"
     "*2226 0345 0543|[30202636|]10202616"
 )
-"""Strokes of each letter as points of a grid, x from 0 to 4 and y from 0 to 8. The base line is at 6."""
+"""Strokes of each letter as points on a grid, x from 0 to 4 and y from 0 to 8. The base line is at 6."""
 _LETTERS = {
     entry[0]: [
         np.array([[int(n) for n in pair] for pair in zip(s[::2], s[1::2], strict=True)]) for s in entry[1:].split()
     ]
     for entry in _STROKES.split("|")
 }
-_CELL_PX, _ADVANCE = 3.2, 5.6  # Pixels per grid cell at size 1, and cells from letter to letter.
+_CELL_PX, _ADVANCE = 3.2, 5.6  # Pixels per grid cell at size 1, and cells from one letter to the next.
 
 
 class Canvas:
-    """RGB image to draw on, with pixels from the top left."""
+    """An RGB image to draw on. Coordinates are pixels from the top left corner."""
 
     def __init__(self, width: int = SIDE, height: int = SIDE) -> None:
         self.rgb = np.full((height, width, 3), PAPER, dtype=np.uint8)
 
     def line(self, points: np.ndarray, colour: Colour, width: float = 1, *, closed: bool = False) -> None:
-        """Draw lines through (N, 2) points, interrupted at NaN."""
+        """Draw lines through (N, 2) points. NaN interrupts a line."""
         points = np.asarray(points, dtype=np.float64)
         ends = np.concatenate([points[1:], points[:1]]) if closed else points[1:]
         for a, b in zip(points, ends, strict=False):
@@ -73,12 +73,12 @@ class Canvas:
                 self._stroke(place, place, colour, radius)
 
     def box(self, x: float, y: float, width: float, height: float, colour: Colour) -> None:
-        """Fill a rectangle."""
+        """Draw a filled rectangle."""
         top, left = max(round(y), 0), max(round(x), 0)
         self.rgb[top : max(round(y + height), 0), left : max(round(x + width), 0)] = colour
 
     def text(self, x: float, y: float, words: str, colour: Colour = INK, size: float = 0.5) -> None:
-        """Write text with its base line starting at (x, y). Characters beyond ASCII become '?'."""
+        """Write text whose base line starts at (x, y). Non-ASCII characters become '?'."""
         cell = _CELL_PX * size
         for place, letter in enumerate(words):
             for stroke in [] if letter == " " else _LETTERS.get(letter, _LETTERS["?"]):
@@ -86,11 +86,11 @@ class Canvas:
                 self.line(shown, colour, 0.5 + size)
 
     def text_width(self, words: str, size: float = 0.5) -> float:
-        """Return the width of text in pixels."""
+        """Return the width of a text in pixels."""
         return _ADVANCE * _CELL_PX * size * len(words)
 
     def picture(self, x: float, y: float, width: float, height: float, rgb: np.ndarray) -> None:
-        """Fit an image into a rectangle, with its aspect ratio."""
+        """Fit an image into a rectangle, preserving its aspect ratio."""
         scale = min(width / rgb.shape[1], height / rgb.shape[0])
         size = max(1, int(rgb.shape[1] * scale)), max(1, int(rgb.shape[0] * scale))
         small = np.round(_resized(_resized(rgb.astype(np.float32), size[1], 0), size[0], 1)).astype(np.uint8)
@@ -98,13 +98,13 @@ class Canvas:
         self.rgb[top : top + size[1], left : left + size[0]] = small
 
     def save(self, path: Path) -> Path:
-        """Write a PNG, replacing an existing file, and return its path."""
+        """Write a PNG, replacing any existing file, and return its path."""
         with atomic_output(path, overwrite=True) as place:
             place.write_bytes(png_bytes(self.rgb))
         return path
 
     def _stroke(self, a: np.ndarray, b: np.ndarray, colour: Colour, radius: float) -> None:
-        """Draw a segment with round ends, anti-aliased by the distance of each pixel."""
+        """Draw a line segment with round ends, anti-aliased using each pixel's distance."""
         last = np.array(self.rgb.shape[1::-1]) - 1
         low = np.clip(np.floor(np.minimum(a, b) - radius - 1), 0, last + 1).astype(int)
         high = np.clip(np.ceil(np.maximum(a, b) + radius + 1), -1, last).astype(int) + 1
@@ -120,7 +120,7 @@ class Canvas:
 
 
 def _resized(picture: np.ndarray, size: int, axis: int) -> np.ndarray:
-    """Return the means of an image over equal parts of an axis, from its running sum."""
+    """Return the means of an image over equal parts of an axis, computed from its cumulative sum."""
     count = picture.shape[axis]
     total = np.insert(np.cumsum(picture, axis=axis), 0, 0.0, axis=axis)
     at = np.linspace(0.0, count, size + 1)

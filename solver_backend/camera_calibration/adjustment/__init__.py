@@ -1,1 +1,1 @@
-"""Adjust lenses, poses, boards and points by least squares, using only NumPy."""
+"""Adjust lens parameters, poses, boards and points by least squares, using only NumPy."""

@@ -1,4 +1,4 @@
-"""Adjust lenses, camera poses, boards and points together by Levenberg-Marquardt.
+"""Adjust lens parameters, camera poses, boards and points jointly by Levenberg-Marquardt.
 
 Reference: Triggs et al. 2000, "Bundle adjustment: a modern synthesis", sec. 6.1.
 """
@@ -17,17 +17,17 @@ from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float, Int
 
 CAMERA_PARAMETERS = 6 + PARAMETERS + 1
-"""Unknowns of a camera: rotation (3, rad), translation (3, m), ``PARAMETERS`` of the lens and its delay (s)."""
+"""Unknowns of a camera: rotation (3, rad), translation (3, m), the lens ``PARAMETERS`` and its delay (s)."""
 PLACE_SIGMA_M = 0.003  # Standard deviation of a measured position, in metres.
 
 
 @dataclass(frozen=True)
 class BodySightings(Rows):
-    """N observed points of bodies in images."""
+    """N observed points on bodies in images."""
 
     camera: Int[np.ndarray, " n"]  # (N,) index of the camera.
     body: Int[np.ndarray, " n"]  # (N,) index of the body.
-    local: Float[np.ndarray, "n 3"]  # (N, 3) metres in the body's axes. Zero for a single point.
+    local: Float[np.ndarray, "n 3"]  # (N, 3) positions in metres in the body's axes. Zero for a single point.
     px: Float[np.ndarray, "n 2"]  # (N, 2) pixels.
     sigma: Float[np.ndarray, " n"]  # (N,) standard deviation in pixels.
     velocity: Float[np.ndarray, "n 2"] | None = None  # (N, 2) image velocities in px/s, needed to estimate delays.
@@ -38,20 +38,20 @@ class Bodies(Rows):
     """Poses of B bodies (boards or single points), ``x_world = R x_local + t``."""
 
     R: Float[np.ndarray, "bodies 3 3"]
-    t: Float[np.ndarray, "bodies 3"]  # (B, 3) metres.
+    t: Float[np.ndarray, "bodies 3"]  # (B, 3) translations in metres.
     known: Float[np.ndarray, "bodies 3"] | None = None  # (B, 3) measured positions in metres, NaN where unknown.
 
 
 @dataclass(frozen=True)
 class Held:
-    """Expected poses of C cameras from an earlier calibration."""
+    """Expected poses of C cameras, taken from an earlier calibration."""
 
     cameras: Cameras
     turn_sigma: float
     centre_sigma_m: float
 
     def step_from(self, cameras: Cameras) -> Float[np.ndarray, "cameras 6"]:
-        """Return the (C, 6) steps ``(ω, τ)`` from the expected poses, in standard deviations."""
+        """Return the (C, 6) steps ``(ω, τ)`` away from the expected poses, in standard deviations."""
         turn = log_so3(cameras.R @ np.swapaxes(self.cameras.R, 1, 2))
         moved: np.ndarray = cameras.R @ (cameras.centres - self.cameras.centres)[..., None]
         shift = -moved[..., 0]
@@ -59,41 +59,41 @@ class Held:
 
     @property
     def scale(self) -> Float[np.ndarray, " 6"]:
-        """(6,) standard deviations of a step."""
+        """(6,) standard deviations of a step's components."""
         return np.repeat([self.turn_sigma, self.centre_sigma_m], 3)
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Unknowns in addition to the bodies."""
+    """What the adjustment estimates in addition to the bodies."""
 
-    poses: Bool[np.ndarray, " cameras"]  # (C,) cameras with an unknown pose.
+    poses: Bool[np.ndarray, " cameras"]  # (C,) mask of the cameras whose poses are unknown.
     lens: Bool[np.ndarray, "cameras 12"] | None = None
-    """(C, 12) mask of unknown parameters of each lens, None if all are fixed. The ratio of fx and fy is constant."""
+    """(C, 12) mask of the unknown parameters of each lens, None if all are fixed. The ratio of fx to fy is constant."""
     lens_sigma: Float[np.ndarray, "cameras 12"] | None = None  # (C, 12) expected deviations. None for no limit.
-    delays: Bool[np.ndarray, " cameras"] | None = None  # (C,) cameras with an unknown delay. None for no camera.
+    delays: Bool[np.ndarray, " cameras"] | None = None  # (C,) mask of cameras with unknown delays. None for no camera.
     held: Held | None = None  # Expected poses. A camera far from its expected pose is released (Cauchy).
 
 
 @dataclass(frozen=True)
 class Adjusted:
-    """Solution of the adjustment."""
+    """Result of the adjustment."""
 
     cameras: Cameras
     bodies: Bodies
-    error: Float[np.ndarray, "n 2"]  # (N, 2) px, projected minus seen. NaN behind a camera.
-    covariance: Float[np.ndarray, "numbers numbers"]  # (19 C, 19 C) of ``CAMERA_PARAMETERS``, in a fixed world.
+    error: Float[np.ndarray, "n 2"]  # (N, 2) projected minus observed px. NaN behind a camera.
+    covariance: Float[np.ndarray, "numbers numbers"]  # (19 C, 19 C) over ``CAMERA_PARAMETERS``, in a fixed world.
     delays: Float[np.ndarray, " cameras"]  # (C,) delay of each camera's images in seconds.
     seen: BodySightings
 
     @property
     def rmse_px(self) -> float:
-        """Root mean squared error in pixels."""
+        """Root mean square error in pixels."""
         return float(np.sqrt(np.nanmean((self.error**2).sum(-1))))
 
 
 def median_by_camera(far: Float[np.ndarray, " n"], seen: BodySightings, count: int) -> Float[np.ndarray, " cameras"]:
-    """Return each camera's median reprojection error, NaN without points in front."""
+    """Return each camera's median reprojection error, or NaN if no points are in front of the camera."""
     parts = (far[(seen.camera == c) & ~np.isnan(far)] for c in range(count))
     return np.array([np.median(part) if len(part) else np.nan for part in parts])
 
@@ -119,9 +119,10 @@ def adjust(
 
     Args:
         delays: (C,) initial delays in seconds, zero by default.
-        gauge: number of directions without effect, which the covariance excludes: 6, or 7 with a free scale.
+        gauge: number of directions that do not affect the errors and are excluded from the covariance: 6, or 7 if the
+            scale is free.
 
-    References: Triggs et al. 2000; Levenberg 1944, Marquardt 1963; Black and Rangarajan 1996 (the penalty).
+    References: Triggs et al. 2000; Levenberg 1944, Marquardt 1963; Black and Rangarajan 1996 (penalty).
     """
     free, columns = _free_matrix(unknowns)
     now = _BundleState(cameras, bodies, np.zeros(len(cameras)) if delays is None else delays)
@@ -149,14 +150,14 @@ def adjust(
 
 @dataclass(frozen=True)
 class _BundleState:
-    """Cameras, bodies and (C,) delays at one step."""
+    """Cameras, bodies and (C,) delays at one step of the adjustment."""
 
     cameras: Cameras
     bodies: Bodies
     delays: np.ndarray
 
     def moved(self, by_cameras: np.ndarray, by_bodies: np.ndarray) -> _BundleState:
-        """Return the state after a step of all cameras (19C,) and bodies."""
+        """Return the state after a step of all cameras (19C,) and all bodies."""
         step = by_cameras.reshape(len(self.cameras), CAMERA_PARAMETERS)
         turn = exp_so3(step[:, :3])
         t = (turn @ self.cameras.t[..., None])[..., 0] + step[:, 3:6]
@@ -173,18 +174,18 @@ class _Task:
     seen: BodySightings
     unknowns: Unknowns
     scale: float
-    columns: np.ndarray  # ``CAMERA_PARAMETERS`` that are unknown for any camera.
-    turning: slice  # Rotation parameters among a body's six. Single points do not rotate.
+    columns: np.ndarray  # ``CAMERA_PARAMETERS`` that are unknown for at least one camera.
+    turning: slice  # Rotation parameters among a body's six. Single points have no rotation.
 
     def whole(self, values: np.ndarray) -> np.ndarray:
-        """Expand values of the unknown parameters to (19C, ...), zero for the others."""
+        """Expand values of the unknown parameters to (19C, ...), with zeros for all others."""
         C = len(self.start)
         full = np.zeros((C, CAMERA_PARAMETERS, *values.shape[1:]))
         full[:, self.columns] = values.reshape(C, len(self.columns), *values.shape[1:])
         return full.reshape(C * CAMERA_PARAMETERS, *values.shape[1:])
 
     def in_cameras(self, now: _BundleState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (N, 3) points in camera axes, their vectors from the body's origin, and pixels."""
+        """Return the (N, 3) points in camera axes, the vectors to them from the body's origin, and their pixels."""
         seen, bodies, cameras = self.seen, now.bodies, now.cameras
         arm = (bodies.R[seen.body] @ seen.local[..., None])[..., 0]
         world = arm + bodies.t[seen.body]
@@ -195,19 +196,19 @@ class _Task:
         return x_cam, arm, target
 
     def errors(self, now: _BundleState) -> np.ndarray:
-        """Return (N, 2) px errors, projected minus observed, NaN behind a camera."""
+        """Return (N, 2) errors in px, projected minus observed, NaN behind a camera."""
         x_cam, _, target = self.in_cameras(now)
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             return pixels_of(now.cameras, self.seen.camera, x_cam) - target
 
     def of_camera(self, by_pose: np.ndarray, by_lens: np.ndarray, by_delay: np.ndarray) -> np.ndarray:
-        """Return (N, 2, columns) derivatives of the pixels by each camera's unknowns."""
+        """Return the (N, 2, columns) derivatives of the pixels with respect to each camera's unknowns."""
         if self.columns.max(initial=0) < 6:
             return by_pose[..., self.columns]
         return np.concatenate([by_pose, by_lens, by_delay], axis=-1)[..., self.columns]
 
     def lens_change(self, cameras: Cameras) -> np.ndarray:
-        """Return the (C, 12) changes of the lenses in ``PARAMETERS``."""
+        """Return the (C, 12) changes of the lens ``PARAMETERS``."""
         before, after = (c.K[:, [0, 1], [0, 1]] for c in (self.start, cameras))
         centre = (cameras.K[:, :2, 2] - self.start.K[:, :2, 2]) / before
         bent = cameras.distortion - self.start.distortion
@@ -229,7 +230,7 @@ class _Task:
 
 @dataclass(frozen=True)
 class _Equations:
-    """Normal equations: ``U`` of cameras, ``V`` of bodies, and ``W`` that couples them."""
+    """Normal equations: ``U`` for cameras, ``V`` for bodies, and ``W``, which couples them."""
 
     U: np.ndarray
     V: np.ndarray
@@ -281,7 +282,7 @@ class _Equations:
         return cls(U, V, pair.reshape(B, C * P, J_body.shape[-1]), by_camera.ravel(), by_body)
 
     def solved(self, free: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the damped step of all cameras (CP,) and bodies (B, 6), or (B, 3)."""
+        """Return the damped step of all cameras (CP,) and of all bodies, (B, 6) or (B, 3)."""
         V_inverse, W, S, g = self._reduced(free, damping)
         diagonal = np.einsum("ii->i", S)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(free.T @ self.U @ free), 1e-12))
@@ -302,7 +303,7 @@ class _Equations:
         return V_inverse, W, S, g
 
     def covariance(self, free: np.ndarray, gauge: int) -> np.ndarray:
-        """Return the (CP, CP) inverse without the ``gauge`` smallest eigenvalues."""
+        """Return the (CP, CP) inverse, in which the ``gauge`` smallest eigenvalues are omitted."""
         _, _, S, _ = self._reduced(free, 0.0)
         if not len(S):
             return np.zeros_like(self.U)
@@ -315,7 +316,7 @@ class _Equations:
 
 
 def _free_matrix(unknowns: Unknowns) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (C P, Q) matrix from unknowns to camera parameters, and the P unknown parameters."""
+    """Return the (C P, Q) matrix from unknowns to camera parameters, and the P parameters that are unknown."""
     C = len(unknowns.poses)
     late = np.zeros(C, bool) if unknowns.delays is None else unknowns.delays
     lens = np.zeros((C, PARAMETERS), bool) if unknowns.lens is None else unknowns.lens
@@ -332,7 +333,7 @@ def _free_matrix(unknowns: Unknowns) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sums(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
-    """Return the sums (count, ...) of values (N, ...) in each group."""
+    """Return the sums (count, ...) of the values (N, ...) in each group."""
     total = np.zeros((count, *values.shape[1:]))
     order = np.argsort(group, kind="stable")
     firsts = np.flatnonzero(np.diff(group[order], prepend=-1))

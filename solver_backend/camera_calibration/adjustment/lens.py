@@ -1,4 +1,4 @@
-"""Model a lens, and estimate it from images of a plane."""
+"""Model a lens, and estimate its parameters from images of a plane."""
 
 from __future__ import annotations
 
@@ -14,40 +14,40 @@ from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float, Int
 
-PARAMETERS = 12  # Parameters of a lens: ln fx, ln fy, cx/f, cy/f and eight coefficients.
+PARAMETERS = 12  # Number of lens parameters: ln fx, ln fy, cx/f, cy/f and eight coefficients.
 
 
 @dataclass(frozen=True)
 class FittedLens:
-    """Distortion model with fitted coefficients. The others are zero."""
+    """Distortion model and the indices of its fitted coefficients. All others are zero."""
 
     name: str
-    distortion_model: str  # Name in ``Cameras``.
+    distortion_model: str  # Name of the model in ``Cameras``.
     fitted: tuple[int, ...]
 
 
 LENS_MODELS = {
     name: FittedLens(name, model.name, fitted) for model in lens.LENS_MODELS.values() for name, fitted in model.fits
 }
-"""Ordered by the number of coefficients. ``pinhole5`` has k1 k2 p1 p2 k3, and ``rational8`` also k4 k5 k6."""
+"""Ordered by the number of coefficients. ``pinhole5`` has k1 k2 p1 p2 k3, and ``rational8`` adds k4 k5 k6."""
 
 
 @dataclass(frozen=True)
 class Lens:
-    """Intrinsics of one camera in one mode."""
+    """Intrinsics of a camera in one recording mode."""
 
-    K: Float[np.ndarray, "3 3"]  # (3, 3) in pixels.
+    K: Float[np.ndarray, "3 3"]  # (3, 3) intrinsic matrix in pixels.
     distortion: Float[np.ndarray, " 8"]  # (8,) coefficients as in ``Cameras``.
     image_size: tuple[int, int]  # Width and height in pixels.
     distortion_model: str = lens.DEFAULT_MODEL
 
     def as_camera(self) -> Cameras:
-        """Return a camera with this lens at the origin, looking along Z."""
+        """Return a camera that has this lens and looks along Z from the origin."""
         return build_cameras(("camera",), [self], np.eye(3)[None], np.zeros((1, 3)))
 
 
 def build_cameras(names: Sequence[str], lenses: Sequence[Lens], R: np.ndarray, t: np.ndarray) -> Cameras:
-    """Return the cameras with C lenses and poses R (C, 3, 3) and t (C, 3)."""
+    """Return cameras with the C given lenses and the poses R (C, 3, 3) and t (C, 3)."""
     K, distortion = (np.stack([getattr(lens, key) for lens in lenses]) for key in ("K", "distortion"))
     size = np.array([lens.image_size for lens in lenses])
     return Cameras(tuple(names), K, distortion, R, t, size, tuple(lens.distortion_model for lens in lenses))
@@ -60,16 +60,16 @@ def lens_of(cameras: Cameras, index: int) -> Lens:
 
 
 def lens_mask(fitted: Sequence[int] | np.ndarray = (), *, centre: bool = False) -> Bool[np.ndarray, " 12"]:
-    """Return a mask of ``PARAMETERS`` with the fitted parameters, optionally with the centre."""
+    """Return a mask of ``PARAMETERS`` that selects the fitted coefficients and optionally the centre."""
     mask = np.zeros(PARAMETERS, bool)
     mask[:2], mask[2:4], mask[[4 + i for i in fitted]] = True, centre, True
     return mask
 
 
 def rough_lens(image_size: tuple[int, int], focal_share: float = 0.9) -> Lens:
-    """Guess a lens from the image size: ``f = share · longer side``.
+    """Guess the intrinsics from the image size: ``f = share · longer side``.
 
-    The main cameras of phones have shares of 0.75 to 1.0, webcams of 0.7 to 0.9.
+    For the main cameras of phones, the share is 0.75 to 1.0. For webcams, it is 0.7 to 0.9.
     """
     width, height = image_size
     f = focal_share * max(image_size)
@@ -88,17 +88,18 @@ def moved(cameras: Cameras, step: Float[np.ndarray, "cameras 12"]) -> Cameras:
 def project_local(
     cameras: Cameras, which: Int[np.ndarray, " n"], x_cam: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2 3"], Float[np.ndarray, "n 2 12"]]:
-    """Project points in camera axes, with derivatives by the point and by the lens.
+    """Project points given in camera axes. Also return the derivatives with respect to the point and the lens.
 
     Args:
-        cameras: C cameras. Their poses are not used.
-        which: (N,) camera of each point.
-        x_cam: (N, 3) positions in metres. Points behind the camera give NaN.
+        cameras: C cameras, whose poses are ignored.
+        which: (N,) index of the camera for each point.
+        x_cam: (N, 3) positions in metres. Points behind the camera result in NaN.
 
     Returns:
-        Pixels (N, 2), and their derivatives by the point (N, 2, 3) in px/m and by ``PARAMETERS`` (N, 2, 12).
+        Pixels (N, 2), and their derivatives with respect to the point (N, 2, 3) in px/m and to ``PARAMETERS`` (N, 2,
+        12).
 
-    Reference: OpenCV 4, "Camera Calibration and 3D Reconstruction" (the lens). The derivatives were derived by hand.
+    Reference: OpenCV 4, "Camera Calibration and 3D Reconstruction" (lens model). The derivatives were derived by hand.
     """
     px, x, y, z, bent_x, bent_y, (xx, cross, yy) = _projected(cameras, which, x_cam)
     K = cameras.K[which]
@@ -115,7 +116,7 @@ def project_local(
 def pixels_of(
     cameras: Cameras, which: Int[np.ndarray, " n"], x_cam: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n 2"]:
-    """Return only the (N, 2) pixels of ``project_local``."""
+    """Return the (N, 2) pixels that ``project_local`` returns, without derivatives."""
     return _projected(cameras, which, x_cam)[0]
 
 
@@ -129,7 +130,7 @@ def _projected(cameras: Cameras, which: np.ndarray, x_cam: np.ndarray) -> tuple[
 
 
 def _distorted(cameras: Cameras, which: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[Any, ...]:
-    """Return distorted coordinates (N,) and the entries of their derivative."""
+    """Return the distorted coordinates (N,) and the entries of their Jacobian."""
     groups = cameras_by_model(cameras.models)
     if len(groups) == 1:
         return distorted(x, y, cameras.distortion[which], cameras.models[:1])
@@ -142,7 +143,7 @@ def _distorted(cameras: Cameras, which: np.ndarray, x: np.ndarray, y: np.ndarray
 
 
 def _by_coefficients(cameras: Cameras, which: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return the (N, 2, 8) derivatives of distorted coordinates by the coefficients."""
+    """Return the (N, 2, 8) derivatives of distorted coordinates with respect to the coefficients."""
     J = np.zeros((len(x), 2, PARAMETERS - 4))
     for model, views in cameras_by_model(cameras.models):
         at = np.isin(which, views)
@@ -151,19 +152,19 @@ def _by_coefficients(cameras: Cameras, which: np.ndarray, x: np.ndarray, y: np.n
 
 
 def homogeneous(xy: np.ndarray) -> np.ndarray:
-    """Append the coordinate 1 to points (..., d)."""
+    """Append a coordinate of 1 to points (..., d)."""
     return np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
 
 
 def dlt_rows(points: Float[np.ndarray, "n d"], image: Float[np.ndarray, "n 2"]) -> np.ndarray:
-    """Return (n, 2, 3 d + 3) equations of each point for its projection matrix."""
+    """Return the (n, 2, 3 d + 3) equations that the points impose on a projection matrix."""
     h = homogeneous(points)
     none = np.zeros_like(h)
     return np.stack([np.hstack([h, none, -image[:, :1] * h]), np.hstack([none, h, -image[:, 1:] * h])], axis=1)
 
 
 def homography(plane: Float[np.ndarray, "n 2"], image: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "3 3"]:
-    """Return the matrix H with ``image ~ H plane`` by the normalised direct linear transform.
+    """Return the matrix H in ``image ~ H plane``, computed by the normalised direct linear transform.
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", algorithm 4.2.
     """
@@ -175,7 +176,7 @@ def homography(plane: Float[np.ndarray, "n 2"], image: Float[np.ndarray, "n 2"])
 def focal_from_homographies(
     homographies: Float[np.ndarray, "views 3 3"], centre: Float[np.ndarray, " 2"]
 ) -> float | None:
-    """Return the focal length in px that makes the boards' axes orthogonal, or None.
+    """Return the focal length in px that makes the axes of the boards orthogonal, or None.
 
     The (2,) principal point is known, so ``ω = diag(1/f², 1/f², 1)`` with ``h1ᵀ ω h2 = 0`` and ``h1ᵀ ω h1 = h2ᵀ ω h2``.
 
@@ -194,7 +195,7 @@ def focal_from_homographies(
 def planar_pose(
     plane: Float[np.ndarray, "n 2"], normalised: Float[np.ndarray, "n 2"]
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
-    """Return rotation and translation from board to camera (Zhang 2000, sec. 3.1)."""
+    """Return the rotation and translation from board to camera (Zhang 2000, sec. 3.1)."""
     H = homography(plane, normalised)
     H = H / np.sqrt(np.linalg.norm(H[:, 0]) * np.linalg.norm(H[:, 1]))
     if H[2, 2] < 0:
@@ -204,7 +205,7 @@ def planar_pose(
 
 
 def _centred(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Normalise points to zero mean and mean distance √2, and return the (3, 3) matrix."""
+    """Normalise points to zero mean and a mean distance of √2. Also return the (3, 3) matrix that does so."""
     mean = points.mean(0)
     scale = np.sqrt(2.0) / max(float(np.linalg.norm(points - mean, axis=1).mean()), 1e-12)
     return (points - mean) * scale, np.array([[scale, 0, -scale * mean[0]], [0, scale, -scale * mean[1]], [0, 0, 1.0]])

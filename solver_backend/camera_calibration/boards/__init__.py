@@ -1,1 +1,1 @@
-"""Describe, print and find calibration boards."""
+"""Describe, print and detect calibration boards."""

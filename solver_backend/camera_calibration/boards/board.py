@@ -1,4 +1,4 @@
-"""Describe a calibration board, and find it in images."""
+"""Describe a calibration board, and detect it in images."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from solver_backend.types.shapes import Float, Int
 
 KINDS = ("charuco", "checkerboard", "rings")
 DEFAULT_DICTIONARY = "DICT_4X4_100"
-MARKER_SHARE = 0.75  # Default side of a marker, in squares.
+MARKER_SHARE = 0.75  # Default side length of a marker, in squares.
 EXAMPLE = "charuco:5x7:35mm, checkerboard:8x5:60mm, rings:4x11:40mm, or a board.toml"
-_UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}  # Metres in each unit of a square.
+_UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}  # Size of each length unit in metres.
 _LENGTH = re.compile(r"(\d+(?:\.\d+)?)(mm|cm|m|in)")
 
 
 @dataclass(frozen=True)
 class Board:
-    """Flat board. Its first point is the origin, with X to the right and Y down for the viewer."""
+    """A flat board. Its first point is the origin. For the viewer, X points right and Y down."""
 
     kind: str
-    columns: int  # Squares from left to right, or rings in a row.
+    columns: int  # Number of squares from left to right, or of rings in a row.
     rows: int  # Squares from top to bottom, or rows of rings. Every other row of rings is shifted by half a distance.
-    square_m: float  # Side of a square, or distance of two rings in a row.
+    square_m: float  # Side length of a square, or distance between rings in a row.
     marker_m: float = 0.0
-    dictionary: str = DEFAULT_DICTIONARY  # OpenCV's name of the Charuco board's marker dictionary.
+    dictionary: str = DEFAULT_DICTIONARY  # OpenCV's name for the marker dictionary of a Charuco board.
     inverted: bool = False
 
     def __post_init__(self) -> None:
@@ -49,7 +49,7 @@ class Board:
 
     @property
     def points(self) -> Float[np.ndarray, "points 3"]:
-        """(N, 3) metres: inner corners row by row, or centres of rings. Z is 0."""
+        """(N, 3) positions in metres: inner corners row by row, or centres of rings. Z is 0."""
         if self.kind == "rings":
             row, column = np.divmod(np.arange(self.columns * self.rows), self.columns)
             x, y = (2 * column + row % 2) * self.square_m / 2, row * self.square_m / 2
@@ -60,12 +60,12 @@ class Board:
 
     @property
     def ends_differ(self) -> bool:
-        """True if a half turn changes the board's appearance, so that cameras agree on its ends."""
+        """True if the board looks different after a half turn, so that cameras agree about its ends."""
         return self.kind == "charuco" or (self.columns + self.rows) % 2 == 1
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """Width and height of the pattern in metres."""
+        """Width and height of the printed pattern in metres."""
         if self.kind == "rings":
             return (self.columns + 0.5) * self.square_m, (self.rows + 1) * self.square_m / 2
         return self.columns * self.square_m, self.rows * self.square_m
@@ -76,10 +76,10 @@ class Board:
 
 
 def board_named(text: str) -> Board:
-    """Return the board for text such as ``charuco:5x7:35mm``, or for a TOML file.
+    """Return the board described by text such as ``charuco:5x7:35mm`` or by a TOML file.
 
-    The fields after the kind may have any order: columns x rows, side lengths of squares and then of markers, a
-    dictionary's name, and ``inverted``. Raise ``JobInvalid`` if a field is unknown, missing or impossible.
+    The fields after the type may come in any order: columns x rows, side lengths (first of squares, then of markers),
+    the name of a dictionary, and ``inverted``. Raise ``JobInvalid`` if a field is unknown, missing or impossible.
     """
     if text.lower().endswith(".toml"):
         return _from_table(read_toml(Path(text)), text)
@@ -110,7 +110,7 @@ def board_named(text: str) -> Board:
 
 
 def _from_table(table: dict[str, Any], where: str) -> Board:
-    """Return the board from this product's file, or from caliscope's ``charuco.toml``."""
+    """Read the board from a table in this product's format, or in that of caliscope's ``charuco.toml``."""
     try:
         if "board" in table:
             given = dict(table["board"])
@@ -125,23 +125,23 @@ def _from_table(table: dict[str, Any], where: str) -> Board:
         raise JobInvalid(message, where=where, hint=f"Write {EXAMPLE}.") from error
 
 
-FEWEST_POINTS = 6  # Fewest points of a usable sighting.
-SMALLEST_SPACING_PX = 8.0  # Smallest distance of neighbouring points in a usable sighting, in pixels.
+FEWEST_POINTS = 6  # Minimum number of points in a usable sighting.
+SMALLEST_SPACING_PX = 8.0  # Smallest distance in pixels between neighbouring points in a usable sighting.
 
 
 @dataclass(frozen=True)
 class BoardSighting:
-    """Board found in one image."""
+    """A board detected in one image."""
 
     ids: Int[np.ndarray, " points"]  # (n,) indices of the board's points.
-    px: Float[np.ndarray, "points 2"]  # (n, 2) pixels. (0, 0) is the middle of the first pixel.
-    sharpness: float  # Spread of the Laplacian by that of the grey values on the board: 1 in focus, 0.1 blurred.
+    px: Float[np.ndarray, "points 2"]  # (n, 2) pixels. (0, 0) is the centre of the first pixel.
+    sharpness: float  # Spread of the Laplacian relative to the board's grey values: 1 in focus, 0.1 blurred.
     spacing_px: float
-    mirrored: bool = False  # The image shows the board mirrored, like a selfie camera.
+    mirrored: bool = False  # True if the image shows the board mirrored, as selfie cameras do.
 
 
 class BoardDetector:
-    """Detector of one board. Raises ``JobInvalid`` for an unsuitable dictionary."""
+    """Detects a given board. Raises ``JobInvalid`` if its dictionary is unsuitable."""
 
     def __init__(self, board: Board) -> None:
         self.board, self._cv2 = board, opencv()
@@ -150,7 +150,7 @@ class BoardDetector:
         self._points = {"charuco": self._charuco, "rings": self._rings, "checkerboard": self._checkerboard}[board.kind]
 
     def find(self, grey: np.ndarray) -> BoardSighting | None:
-        """Return the board in a grey image (H, W) uint8, or None."""
+        """Return the board found in a grey image (H, W) uint8, or None."""
         picture = 255 - grey if self.board.inverted else grey
         found, mirrored = self._points(picture), False
         if found is None and self.board.kind == "charuco":
@@ -206,7 +206,7 @@ class BoardDetector:
 
 
 def charuco_boards(board: Board) -> list[Any]:
-    """Return the board as OpenCV draws it now and before version 4.6."""
+    """Return the board as drawn by the present OpenCV and by versions before 4.6."""
     cv2 = opencv()
     number = getattr(cv2.aruco, board.dictionary, None)
     if number is None:
@@ -222,14 +222,14 @@ def charuco_boards(board: Board) -> list[Any]:
 
 
 def _refined(cv2: Any, picture: np.ndarray, px: np.ndarray, window: int) -> np.ndarray:
-    """Refine (n, 2) corners with the grey values within ``window`` px."""
+    """Refine (n, 2) corners using the grey values within ``window`` px."""
     until = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
     start = np.ascontiguousarray(px, dtype=np.float32).reshape(-1, 1, 2)
     return cv2.cornerSubPix(picture, start, (window, window), (-1, -1), until).reshape(-1, 2).astype(np.float64)
 
 
 def _spacing(board: Board, ids: np.ndarray, px: np.ndarray) -> float:
-    """Return the median distance of neighbouring points in px."""
+    """Return the median distance between neighbouring points in px."""
     points = board.points[ids, :2]
     apart = np.linalg.norm(points[:, None] - points[None], axis=-1)
     near = (apart > 0) & (apart < 1.01 * board.square_m)
@@ -254,9 +254,10 @@ def _first_square_is_light(picture: np.ndarray, px: np.ndarray, size: tuple[int,
 
 
 def point_velocities(sightings: Mapping[int, BoardSighting], frame: int, fps: float) -> Float[np.ndarray, "points 2"]:
-    """Return (n, 2) velocities in px/s of the points in a frame.
+    """Return the (n, 2) velocities in px/s of the points in a frame.
 
-    A point without neighbours gets the median of the others. NaN if no neighbouring frame has the board.
+    Points that neighbouring frames do not show get the median velocity of the others. All are NaN if no neighbouring
+    frame shows the board.
     """
     here = sightings[frame]
     steps = np.full((2, len(here.ids), 2), np.nan)

@@ -1,4 +1,4 @@
-"""Find footage of a board in folders, and find the board in its images, which OpenCV reads."""
+"""Find board footage in folders, and detect the board in its images, which are read with OpenCV."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from solver_backend.io.footage import VIDEOS, is_picture, is_video, join_chapter
 
 _LENS = ("intrinsics", "intrinsic", "lens", "lenses")
 _EXTRINSIC = ("extrinsics", "extrinsic", "calibration", "board", "rig")  # The last one is a name that users choose.
-_LEVELS = 2  # Depth of the search for these folders.
-Sightings = dict[int, BoardSighting]  # Detections of the board in one camera's images, by frame number.
+_LEVELS = 2  # Number of folder levels searched for these folders.
+Sightings = dict[int, BoardSighting]  # Sightings of the board in one camera's images, by frame number.
 
 
 @dataclass(frozen=True)
 class BoardFootage:
-    """Video or image folder of each camera."""
+    """Video or image folder of each camera that shows a board."""
 
     lens: dict[str, Path]
-    extrinsic: dict[str, Path]  # Footage of the board seen by several cameras at once. May be empty.
+    extrinsic: dict[str, Path]  # Footage in which several cameras saw the board at once. May be empty.
 
     @property
     def moving(self) -> bool:
-        """True if the cameras filmed videos, which have delays."""
+        """True if the cameras recorded videos, which can be delayed."""
         return all(path.suffix.lower() in VIDEOS for path in self.extrinsic.values())
 
 
 def board_footage(folder: Path) -> BoardFootage:
-    """Return the footage in ``intrinsics/`` and ``extrinsics/``, or else the videos."""
+    """Find the footage in ``intrinsics/`` and ``extrinsics/``. Without these folders, use the videos in ``folder``."""
     if not folder.is_dir():
         raise FileMissing("There is no such folder.", where=str(folder))
     lens, extrinsic = (_below(folder, names, _LEVELS) for names in (_LENS, _EXTRINSIC))
@@ -58,11 +58,12 @@ def _below(folder: Path, names: tuple[str, ...], levels: int) -> dict[str, Path]
 def board_cameras(folder: Path, *, nested: bool = True) -> dict[str, Path]:
     """Return the footage of each camera in a folder.
 
-    A camera is a video, a folder with images or one video, or a folder that contains one such folder. ``int_cam01_img``
-    is camera ``cam01``, and chapters of an action camera are one video. A folder is skipped if another has its camera.
+    A camera is a video, a folder that contains images or one video, or a folder that contains one such folder.
+    ``int_cam01_img`` is camera ``cam01``, and the chapters of an action camera form one video. If two folders have the
+    same camera, only one is used.
 
     Args:
-        nested: also look into the folder within a camera's folder.
+        nested: also look into a folder inside a camera's folder.
     """
     found = {_camera_name(path): path for path in recordings_beside(folder).values()}
     for path in entries(folder):
@@ -94,12 +95,12 @@ def _camera_name(path: Path) -> str:
 
 
 def recordings_beside(folder: Path) -> dict[str, Path]:
-    """Return the recordings in a folder by name, given by their first chapters."""
+    """Return the recordings in a folder by name. Each is given by its first chapter."""
     return {parts[0].stem: parts[0] for parts in join_chapters(filter(is_video, entries(folder)))}
 
 
 def entries(folder: Path) -> list[Path]:
-    """Return the visible paths in a folder in natural order, or none."""
+    """Return the visible paths in a folder in natural order, or an empty list if it does not exist."""
     try:
         shown = [path for path in folder.iterdir() if not path.name.startswith(".")]
         return sorted(shown, key=lambda path: natural_key(path.name))
@@ -108,7 +109,7 @@ def entries(folder: Path) -> list[Path]:
 
 
 def grey_frames(path: Path) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield frame numbers from 0, and grey images (H, W) uint8."""
+    """Yield the frame number, starting at 0, and the grey image (H, W) uint8 of each frame."""
     if not path.exists():
         raise FileMissing("The path is not a video, a picture or a folder of pictures.", where=str(path))
     any_frame = False
@@ -144,7 +145,7 @@ def _of_video(path: Path) -> Iterator[tuple[int, np.ndarray]]:
 
 
 def find_boards(path: Path, board: Board) -> tuple[Sightings, tuple[int, int]]:
-    """Return the board's sightings in footage by frame, and width and height of the images."""
+    """Return the sightings of the board in footage by frame, and the width and height of the images."""
     detector = BoardDetector(board)
     found: Sightings = {}
     size = (0, 0)
@@ -158,7 +159,7 @@ def find_boards(path: Path, board: Board) -> tuple[Sightings, tuple[int, int]]:
 def find_together(
     footage: BoardFootage, names: Sequence[str], board: Board, progress: Progress
 ) -> tuple[list[Sightings], list[tuple[int, int]]]:
-    """Return the result of ``find_boards`` for each camera, nothing without footage."""
+    """Run ``find_boards`` for each camera. A camera without footage has an empty result."""
     seen, sizes = [], []
     for done, name in enumerate(names):
         progress(f"Board before {name}", done, len(names))

@@ -1,4 +1,4 @@
-"""Draw a board on a page and write it as PDF or SVG."""
+"""Draw a board on a page, and write it as PDF or SVG."""
 
 from __future__ import annotations
 
@@ -21,40 +21,40 @@ PAPERS = {
     "letter": (215.9, 279.4),
     "tabloid": (279.4, 431.8),
 }
-"""Width and height in mm, portrait."""
-MARGIN_MM, FOOT_MM, RULER_MM = 10.0, 22.0, 100.0  # Margin, height of the foot and length of the ruler, in mm.
-RING = (0.36, 0.18)  # Outer and inner radius of a ring, in distances between two rows (half of ``square``).
-_CORNERS = 96  # Corners of a drawn circle. Its error is then 4 µm at a radius of 7 mm.
+"""Width and height in mm, in portrait format."""
+MARGIN_MM, FOOT_MM, RULER_MM = 10.0, 22.0, 100.0  # Margin, height of the footer and length of the ruler, in mm.
+RING = (0.36, 0.18)  # Outer and inner radius of a ring, relative to the distance between rows (half of ``square``).
+_CORNERS = 96  # Number of corners of a drawn circle. The error is then 4 µm at a radius of 7 mm.
 
 
 @dataclass(frozen=True)
 class Polygon:
-    """Filled polygon."""
+    """A filled polygon."""
 
-    points: np.ndarray  # (n, 2) mm from the page's top left corner, Y down.
+    points: np.ndarray  # (n, 2) mm from the top left corner of the page, Y down.
     white: bool = False
 
 
 @dataclass(frozen=True)
 class Page:
-    """Printed page, in mm from its top left corner."""
+    """A page to print. Positions are in mm from its top left corner."""
 
     size: tuple[float, float]
     polygons: tuple[Polygon, ...]
-    lines: np.ndarray  # (n, 2, 2) ends of the ruler's lines.
+    lines: np.ndarray  # (n, 2, 2) end points of the lines in the ruler.
     text: str
-    text_place: tuple[float, float]  # Left end of the base line.
+    text_place: tuple[float, float]  # Left end of the text's base line.
 
 
 def board_page(board: Board, paper: str = "fit") -> Page:
-    """Return the page of a board with a ruler of 100 mm to check the printer's scale.
+    """Draw the page for a board, with a 100 mm ruler to check the printer's scale.
 
     Args:
-        paper: a name in ``PAPERS``, or 'fit' for a page as large as needed. The page is rotated if needed.
+        paper: a name in ``PAPERS``, or 'fit' for a page that is just large enough. The page is rotated if necessary.
 
     Raises:
         JobInvalid: the paper is unknown, or the board does not fit on it.
-        BackendMissing: a Charuco board needs OpenCV for its markers.
+        BackendMissing: OpenCV, which draws the markers of a Charuco board, is not installed.
     """
     width, height = (1000.0 * length for length in board.size_m)
     needed = max(width, RULER_MM) + 2 * MARGIN_MM, height + 2 * MARGIN_MM + FOOT_MM
@@ -117,12 +117,12 @@ def _rectangle(x: float, y: float, width: float, height: float) -> Polygon:
     return Polygon(np.array([[x, y], [x + width, y], [x + width, y + height], [x, y + height]]))
 
 
-POINTS_PER_MM = 72.0 / 25.4  # PDF units per millimetre (1/72 inch).
-_THIN_MM, _TEXT_MM = 0.15, 2.8  # Width of a thin line and height of the text, in mm. Chosen by hand.
+POINTS_PER_MM = 72.0 / 25.4  # Number of PDF units (1/72 inch) per millimetre.
+_THIN_MM, _TEXT_MM = 0.15, 2.8  # Width of a thin line, and text height, in mm. Chosen by hand.
 
 
 def svg(page: Page) -> str:
-    """Return the page as SVG in millimetres."""
+    """Return the page as an SVG file in millimetres."""
     width, height = page.size
     shapes = []
     for part in page.polygons:
@@ -141,7 +141,7 @@ def svg(page: Page) -> str:
 
 
 def pdf(page: Page) -> bytes:
-    """Return the page as PDF 1.4. A matrix converts millimetres with Y down to points with Y up.
+    """Return the page as a PDF 1.4 file. A matrix converts millimetres with Y down to points with Y up.
 
     Reference: ISO 32000-1, 7.5 (file structure), 8.5 (paths).
     """

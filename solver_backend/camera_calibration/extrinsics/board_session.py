@@ -1,4 +1,4 @@
-"""Calibrate cameras from footage of a board."""
+"""Calibrate cameras from footage of a calibration board."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.small_matrices import unit
 from solver_backend.types import Cameras
 
-FEWEST_TOGETHER = 2  # Fewest common board sightings of a usable camera pair.
-OUTLIER_SIGMAS = 6.0  # Larger errors are excluded from the second adjustment, in median errors.
-ZOOM_GAIN = 0.25  # A camera has another zoom if a free focal length reduces the error by this share. Chosen by hand.
-UNKNOWN_VELOCITY = 10.0  # Factor on the deviation of points without a velocity while delays are estimated.
+FEWEST_TOGETHER = 2  # Minimum number of sightings that a usable pair of cameras has in common.
+OUTLIER_SIGMAS = 6.0  # Larger errors are excluded from the second adjustment, in multiples of the median error.
+ZOOM_GAIN = 0.25  # A camera was zoomed if a free focal length reduces the error by this fraction. Chosen by hand.
+UNKNOWN_VELOCITY = 10.0  # Factor on the deviation of points whose velocity is unknown, while delays are estimated.
 
 
 @dataclass(frozen=True)
 class BoardCalibration:
     """Result of a board calibration."""
 
-    adjusted: Adjusted  # Cameras and the board's poses in the first camera's axes.
+    adjusted: Adjusted  # Cameras and board poses in the first camera's axes.
     moments: tuple[int, ...]
-    left_out: int  # Number of excluded sightings.
+    left_out: int  # Number of sightings that were excluded.
 
 
 def calibrate_from_board(
@@ -49,14 +49,14 @@ def calibrate_from_board(
     free_lenses: bool = False,
     fps: float | None = None,
 ) -> BoardCalibration:
-    """Estimate camera poses from a board: chain the pairs, then adjust all cameras together.
+    """Estimate camera poses from a board: chain pairs of cameras, then adjust all cameras jointly.
 
     Args:
-        sightings: sightings of each camera by the number of the synchronous frame.
-        fps: frames per second, to estimate each camera's delay relative to the first. None for no delays.
+        sightings: each camera's sightings by the number of the synchronised frame.
+        fps: frame rate in 1/s, from which each camera's delay relative to the first is estimated. None ignores delays.
 
     Raises:
-        CalibrationInvalid: cameras never see the board together, or the board's ends look the same.
+        CalibrationInvalid: the cameras never see the board at the same time, or its two ends look the same.
     """
     if not board.ends_differ:
         message = f"The {board} looks the same after half a turn, so its orientation is ambiguous."
@@ -85,10 +85,10 @@ def calibrate_from_board(
 
 
 def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
-    """Report each camera whose lens has another zoom or mode.
+    """Report each camera whose zoom or recording mode seems to differ from that of its lens calibration.
 
-    A lens is reported if a free focal length differs by more than 3 % and five standard deviations, and reduces the
-    error by a quarter.
+    A camera is reported if freeing the focal length changes it by more than 3 % and five standard deviations, and
+    reduces the error by a quarter.
     """
     adjusted, names = solved.adjusted, solved.adjusted.cameras.names
     stated = adjusted.cameras
@@ -110,7 +110,7 @@ def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
 
 
 def lens_unknowns(lenses: Sequence[Lens]) -> Unknowns:
-    """Return the unknowns of all poses and lenses. Zero coefficients stay zero."""
+    """Treat all poses and lens parameters as unknown. Coefficients that are zero stay zero."""
     fitted = [np.flatnonzero(lens.distortion) for lens in lenses]
     default = LENS_MODELS["radial2"].fitted
     free = np.stack([lens_mask(used if len(used) else default, centre=True) for used in fitted])
@@ -118,7 +118,7 @@ def lens_unknowns(lenses: Sequence[Lens]) -> Unknowns:
 
 
 def poses_seen(board: Board, seen: Mapping[int, BoardSighting], lens: Lens) -> dict[int, Pose]:
-    """Return the board's pose in camera axes for each frame with a sighting."""
+    """Return the board's pose in camera axes for each frame that shows the board."""
     if not seen:
         return {}
     R, t = lens_fit.board_poses(board, list(seen.values()), lens)
@@ -133,9 +133,9 @@ def placed_boards(
     moments: Sequence[int],
     fps: float | None,
 ) -> tuple[Bodies, BodySightings]:
-    """Return the board's poses, each from the camera that sees most of it, and all sightings.
+    """Return the board's poses, each from the camera that sees the board best, and all sightings.
 
-    With ``fps``, points have velocities. Points without one get a small weight.
+    With ``fps``, points have velocities. Points whose velocity is unknown get a small weight.
     """
     number = {frame: i for i, frame in enumerate(moments)}
     best: dict[int, tuple[int, Pose]] = {}
@@ -160,12 +160,12 @@ def placed_boards(
 def board_world(
     bodies: Bodies, moments: Sequence[int | str], origin: int, first: int = 0
 ) -> tuple[np.ndarray, np.ndarray, Diagnostic]:
-    """Return rotation and translation to the world of the board in a frame, and a note.
+    """Return the rotation and translation to the world that the board defines in one frame, and a note.
 
     Args:
-        moments: frames of the bodies.
-        origin: frame in which the board is on the floor.
-        first: index of the body in the first frame.
+        moments: frame of each body.
+        origin: frame in which the board lies on the floor.
+        first: index of the body in the first of these frames.
     """
     if origin not in moments:
         hint = f"Choose a frame with the board. The first one is {moments[0]}, and the last one {moments[-1]}."
@@ -178,11 +178,12 @@ def board_world(
 def widen_by_halves(
     found: CalibratedCameras, lenses: Sequence[Lens], board: Board, seen: Sequence[Mapping[int, BoardSighting]]
 ) -> CalibratedCameras:
-    """Widen standard deviations to the difference between two halves of the footage.
+    """Widen standard deviations to match the difference between two halves of the footage.
 
-    Errors of the corners in one image are correlated (lens model, flatness, print), so the covariance for independent
-    corners is too small. A half has twice the variance of the whole, and the difference of two halves has four times
-    the variance, so ``σ = |difference| / 2``. All cameras have the same ratio to the covariance. Lenses are fixed.
+    The errors of corners in the same image are correlated (lens model, flatness, print), so a covariance for
+    independent corners is too small. A half has twice the variance of the whole, and the difference between two halves
+    has four times that of the whole, so ``σ = |difference| / 2``. The same ratio to the covariance is used for all
+    cameras. Lenses are fixed.
     """
     moments = sorted(set().union(*seen))
     halves: list[Cameras] = []
@@ -202,7 +203,7 @@ def widen_by_halves(
 
 
 def _difference(one: Cameras, other: Cameras) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (C,) differences in metres and radians of two aligned camera arrays."""
+    """Align two camera arrays and return their (C,) differences in metres and in radians."""
     arm = np.linalg.norm(other.centres - other.centres.mean(0), axis=1).mean()
     ends = [
         (c.centres[:, None] + arm * np.concatenate([np.zeros((1, 3)), np.eye(3)]) @ c.R).reshape(-1, 3)
@@ -218,24 +219,24 @@ def _ratio(difference: np.ndarray, sigma: np.ndarray) -> float:
     return max(1.0, 0.5 * float(np.sqrt((difference**2).mean())) / max(claimed, 1e-12))
 
 
-GOOD_RMSE_PX = 1.0  # Largest error of a good board calibration in pixels. Chosen by hand.
-LATE_S = 0.005  # Smallest reported delay of a camera, in seconds. Chosen by hand.
+GOOD_RMSE_PX = 1.0  # Largest error of a good board calibration, in pixels. Chosen by hand.
+LATE_S = 0.005  # Smallest camera delay that is reported, in seconds. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class BoardOptions:
-    """Options of a board calibration."""
+    """Options for a board calibration."""
 
     models: tuple[str, ...] = tuple(LENS_MODELS)  # Lens models to choose from.
-    fps: float | None = None  # Frames per second of the videos for the poses, needed to estimate delays.
-    origin_frame: int | None = None  # Frame with the board on the floor, which defines origin and axes of the world.
-    refine_lenses: bool = False  # Adjust lenses together with the poses.
+    fps: float | None = None  # Frame rate in 1/s of the videos for the poses, needed to estimate delays.
+    origin_frame: int | None = None  # Frame in which the board lies on the floor and defines the origin and axes.
+    refine_lenses: bool = False  # Adjust lens parameters together with the poses.
 
 
 def calibrate_lenses(
     footage: dict[str, Path], board: Board, options: BoardOptions = BoardOptions(), progress: Progress = silent
 ) -> dict[str, CameraLens]:
-    """Return each camera's lens."""
+    """Estimate the lens parameters of each camera."""
     lenses = {}
     for done, (name, path) in enumerate(footage.items()):
         progress(f"Lens of {name}", done, len(footage))
@@ -261,7 +262,7 @@ def calibrate_by_board(
     *,
     coverage: Path | None = None,
 ) -> CalibratedCameras:
-    """Calibrate cameras with a board that was carried through their views."""
+    """Calibrate cameras with a board that somebody carried through their views."""
     names = tuple(footage.extrinsic)
     if len(names) < 2:
         message = f"{len(names)} cameras filmed the board, but two are needed."
@@ -300,9 +301,9 @@ def _measured_lenses(
     options: BoardOptions,
     progress: Progress,
 ) -> dict[str, CameraLens]:
-    """Measure each unknown lens in its intrinsic footage, or otherwise in the footage for the poses.
+    """Measure each unknown lens from its intrinsic footage, or else from the footage for the poses.
 
-    All of them have the distortion model of the known lenses, or the model with the best prediction.
+    All lenses get the distortion model of the known lenses, or the model that predicts best.
     """
     wanted = [name for name in footage.extrinsic if name not in known]
     found = calibrate_lenses({n: footage.lens[n] for n in wanted if n in footage.lens}, board, options, progress)

@@ -22,50 +22,50 @@ from solver_backend.geometry.small_matrices import unit
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Float
 
-NOISE_SHARE = 0.5 / 640.0  # Error of a tracked point per axis, relative to the image width.
+NOISE_SHARE = 0.5 / 640.0  # Error per axis of a tracked point, relative to the image width.
 KEY_SHARE = 0.03  # Median shift of the background between two keyframes, relative to the image width.
-LONGEST_FRAMES, LEAST_SHARED = 10, 0.7  # Most frames to the next keyframe, and share of its points that both must show.
-FEWEST = 20  # Fewest points that two frames must share.
-MOST_TOGETHER = 60  # Keyframes in the final adjustment. With more, the windows' poses are kept.
-LEAST_PARALLAX = np.radians(1.5)  # Smallest median angle between the rays of a point in the first two keyframes.
-FLAT = 1.15  # Ratio of the points' distances below which a zoom looks like an approach.
-NEAREST = 24  # Posed keyframes that show the next one's points. Tracks are rarely longer. Chosen by hand.
-FAR = 1e12  # Distance of points that show rotations alone, in first baselines.
-WINDOW = 6  # Keyframes adjusted together after each new one.
-OUTLIER = 3.0  # Error of a wrong point, in standard deviations of the noise.
+LONGEST_FRAMES, LEAST_SHARED = 10, 0.7  # Most frames to the next keyframe, and share of its points both must show.
+FEWEST = 20  # Minimum number of points that two frames must share.
+MOST_TOGETHER = 60  # Number of keyframes in the final adjustment. If there are more, the windows' poses are kept.
+LEAST_PARALLAX = np.radians(1.5)  # Smallest median angle between the two rays to a point from the first two keyframes.
+FLAT = 1.15  # Ratio between point distances below which zooming in looks like moving closer.
+NEAREST = 24  # Number of posed keyframes searched for the points of the next. Tracks are rarely longer. Chosen by hand.
+FAR = 1e12  # Distance of points that only reveal rotation, in units of the first baseline.
+WINDOW = 6  # Number of keyframes adjusted together after each new one.
+OUTLIER = 3.0  # Error above which a point is wrong, in standard deviations of the noise.
 EXPLAINED = 0.7
-"""Smallest share of all tracked positions that a path explains. In simulations a true path with one of twenty tracks
-drifting explains 0.89. A path with an error of 15 % because the camera zooms explains 0.56."""
-AGREEING = 0.7  # Share of its keyframes that must agree on a point.
-BLOCK = 32  # Frames posed together.
-_STEPS = 12  # Steps to estimate a pose. Chosen by hand.
+"""Smallest fraction of all tracked positions that a path must explain. In simulations, a true path explains 0.89 if one
+of twenty tracks drifts. A path whose error is 15 % because the camera zooms explains 0.56."""
+AGREEING = 0.7  # Fraction of the keyframes showing a point that must agree on it.
+BLOCK = 32  # Number of frames posed together.
+_STEPS = 12  # Number of steps used to estimate a pose. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class FoundPath:
-    """Poses of a camera in F frames, in a world of unknown scale and orientation."""
+    """Poses of a camera in F frames. The scale and orientation of the world are arbitrary."""
 
-    R: Float[np.ndarray, "frames 3 3"]  # World to camera.
+    R: Float[np.ndarray, "frames 3 3"]  # Rotations from world to camera.
     t: Float[np.ndarray, "frames 3"]
-    error_px: float  # Median distance of the points from their projections.
-    explained: float  # Share of the tracked positions that the path explains within the noise, in 0..1.
+    error_px: float  # Median distance between points and their projections.
+    explained: float  # Fraction of tracked positions explained by the path to within the noise, 0 to 1.
 
 
 @dataclass(frozen=True)
 class Tracks:
-    """Points that are tracked through F frames, in memory proportional to F."""
+    """Points tracked through F frames. The memory needed is proportional to F."""
 
-    names: tuple[np.ndarray, ...]  # (n,) increasing numbers of the tracks in each frame.
-    px: tuple[np.ndarray, ...]  # (n, 2) their pixels.
+    names: tuple[np.ndarray, ...]  # (n,) increasing track numbers in each frame.
+    px: tuple[np.ndarray, ...]  # (n, 2) pixels of these tracks.
 
     @classmethod
     def of(cls, xy: Float[np.ndarray, "frames points 2"]) -> Tracks:
-        """Return the tracks of a table with NaN where a point is not tracked."""
+        """Convert a table in which untracked points are NaN."""
         known = np.isfinite(xy).all(-1)
         return cls(tuple(np.flatnonzero(row) for row in known), tuple(p[row] for p, row in zip(xy, known, strict=True)))
 
     def table(self, frames: Sequence[int]) -> np.ndarray:
-        """Return the (N, P, 2) tracks visible in N frames, NaN where a track is not visible."""
+        """Return a (N, P, 2) table of the tracks visible in N frames, NaN where a track is not visible."""
         names = np.unique(np.concatenate([self.names[n] for n in frames]))
         found = np.full((len(frames), len(names), 2), np.nan)
         for row, n in enumerate(frames):
@@ -74,16 +74,17 @@ class Tracks:
 
 
 def estimate_path(camera: Cameras, tracks: Tracks, progress: Progress = silent) -> FoundPath | None:
-    """Estimate the path of a camera from tracks in px. Return None if it fails.
+    """Estimate a camera's path from tracks in px, or return None if that fails.
 
-    The first two keyframes with enough parallax give the first pose. Each further keyframe is added with its points and
-    adjusted with the last ones. Without known points, before the camera moves, a rotation alone must explain a
-    keyframe's tracks. Finally all keyframes are adjusted, and the frames between them are posed with the points.
+    The first two keyframes that have enough parallax provide the first relative pose. Each further keyframe is added
+    together with its points, and adjusted with the most recent ones. As long as the camera has not moved, no points are
+    known, and a pure rotation must explain a keyframe's tracks. Finally, all keyframes are adjusted, and the points
+    provide the poses of the frames in between.
 
     Args:
-        camera: one camera, for its lens.
+        camera: a single camera, for its lens.
 
-    References: Hartley and Zisserman 2004, ch. 9 and 18, and Mouragnon et al. 2006 (local bundle adjustment).
+    References: Hartley and Zisserman 2004, ch. 9 and 18; Mouragnon et al. 2006 (local bundle adjustment).
     """
     if not any(len(px) for px in tracks.px):
         return None
@@ -128,7 +129,7 @@ def estimate_path(camera: Cameras, tracks: Tracks, progress: Progress = silent) 
     R, t = (np.stack([poses[int(key)][part] for key in nearest]) for part in (0, 1))
     still = np.isin(nearest, sorted(turned))
     seen, tracked, offs, depths = np.zeros(count, dtype=int), 0, list[np.ndarray](), list[np.ndarray]()
-    for first in range(0, count, BLOCK):  # with the points of these frames only, which bounds memory
+    for first in range(0, count, BLOCK):  # load only the points of these frames, to limit memory
         part = np.arange(first, min(first + BLOCK, count))
         reach = range(max(0, nearest[first] - NEAREST), min(len(keys), nearest[part[-1]] + NEAREST + 1))
         table = x.table([*part, *at[reach.start : reach.stop]])
@@ -137,7 +138,7 @@ def estimate_path(camera: Cameras, tracks: Tracks, progress: Progress = silent) 
         known = {key: poses[key] for key in reach}
         X = _points(known, in_keys, noise, turned)
         depths.append(X[np.isfinite(X).all(-1), 2])
-        for key in sorted({-1, *nearest[part[still[part]]].tolist()}):  # -1 for the frames with known points
+        for key in sorted({-1, *nearest[part[still[part]]].tolist()}):  # -1 stands for frames in which points are known
             chosen = nearest[part] == key if key >= 0 else ~still[part]
             rows, points = part[chosen], X if key < 0 else _far_points(known, key, in_keys, noise)
             R[rows], t[rows], off = _posed(R[rows], t[rows], points, shown[chosen], noise)
@@ -146,7 +147,7 @@ def estimate_path(camera: Cameras, tracks: Tracks, progress: Progress = silent) 
         tracked += int((np.isfinite(shown).all(-1) & (np.isfinite(in_keys).all(-1).sum(axis=0) >= 2)).sum())
     errors = np.concatenate(offs)
     error = float(np.median(errors)) if len(errors) else np.inf
-    # Rejected points count here. Without them, the rest would fit a wrong path.
+    # Rejected points must count here. Otherwise, the remaining points would support a wrong path.
     explained = float(seen.sum() / max(tracked, 1))
     if explained < EXPLAINED or seen.min() < FEWEST // 2 or _is_flat(np.concatenate(depths)):
         return None
@@ -155,9 +156,9 @@ def estimate_path(camera: Cameras, tracks: Tracks, progress: Progress = silent) 
 
 
 def _key_pictures(tracks: Tracks, apart_px: float) -> list[int]:
-    """Return keyframes between which the background moves by about ``apart_px``.
+    """Choose keyframes between which the background moves by about ``apart_px``.
 
-    Tracks end, so keyframes are also close enough to share most of their points.
+    Because tracks end, keyframes are also chosen close enough to share most of their points.
     """
     keys = [0]
     for frame in range(1, len(tracks.px)):
@@ -172,7 +173,7 @@ def _key_pictures(tracks: Tracks, apart_px: float) -> list[int]:
 
 
 def _first_pair(x: Tracks, keys: list[int], start: int, noise: float) -> tuple[int, int, np.ndarray, np.ndarray] | None:
-    """Return a keyframe, the later one with the most parallax, and the later one's pose."""
+    """Return a keyframe, the later keyframe that has the most parallax to it, and the latter's pose."""
     rng, best = np.random.default_rng(0), (0.0, start, 0, np.eye(3), np.zeros(3))
     for key in range(start + 1, len(keys)):
         table = x.table([keys[start], keys[key]])
@@ -191,7 +192,7 @@ def _first_pair(x: Tracks, keys: list[int], start: int, noise: float) -> tuple[i
 
 
 def _is_flat(depth: np.ndarray) -> bool:
-    """Return whether all points are equally far from the first camera, which hides zoom."""
+    """Return whether all points are about equally far from the first camera, so that zooming would go unnoticed."""
     far, near = np.percentile(depth, [90.0, 10.0]) if len(depth) else (0.0, 1.0)
     return bool(far < FLAT * near)
 
@@ -200,7 +201,7 @@ Poses = dict[int, tuple[np.ndarray, np.ndarray]]
 
 
 def _points(poses: Poses, x: np.ndarray, noise: float, but: Collection[int] = ()) -> np.ndarray:
-    """Return (P, 3) points on which the posed keyframes except ``but`` agree, else NaN."""
+    """Return the (P, 3) points on which the posed keyframes, except those in ``but``, agree. NaN elsewhere."""
     x = x[[row for row, key in enumerate(sorted(poses)) if key not in but]]
     if len(x) < 2:
         return np.full((x.shape[1], 3), np.nan)
@@ -212,7 +213,7 @@ def _points(poses: Poses, x: np.ndarray, noise: float, but: Collection[int] = ()
 
 
 def _far_points(poses: Poses, key: int, x: np.ndarray, noise: float) -> np.ndarray:
-    """Return (P, 3) far points on the rays of a keyframe. They show only rotations."""
+    """Return (P, 3) distant points along the rays of a keyframe. They only reveal rotations."""
     R, t = _stacked(poses)
     centres = -np.einsum("nba,nb->na", R, t)
     here = centres[sorted(poses).index(key)]
@@ -226,13 +227,13 @@ def _far_points(poses: Poses, key: int, x: np.ndarray, noise: float) -> np.ndarr
 
 
 def _stacked(poses: Poses) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotations (n, 3, 3) and translations (n, 3) of keyframes in increasing order."""
+    """Return the rotations (n, 3, 3) and translations (n, 3) of the keyframes in increasing order."""
     R, t = (np.stack([poses[key][part] for key in sorted(poses)]) for part in (0, 1))
     return R, t
 
 
 def _off(R: np.ndarray, t: np.ndarray, X: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return (n, P) normalised reprojection errors, infinity behind a camera, NaN where unknown."""
+    """Return the (n, P) normalised reprojection errors, infinite behind a camera and NaN where unknown."""
     y = np.einsum("nab,pb->npa", R, X) + t[:, None]
     ahead = y[..., 2] > 1e-3
     off = np.linalg.norm(y[..., :2] / np.where(ahead, y[..., 2], 1.0)[..., None] - x, axis=-1)
@@ -242,9 +243,10 @@ def _off(R: np.ndarray, t: np.ndarray, X: np.ndarray, x: np.ndarray) -> np.ndarr
 def _posed(
     R: np.ndarray, t: np.ndarray, X: np.ndarray, x: np.ndarray, noise: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return frame poses (n, 3, 3), (n, 3) from known points, and (n, P) errors.
+    """Return the poses (n, 3, 3), (n, 3) of frames from known points, and the (n, P) errors.
 
-    The cost is ``Σ ρ(|π(R X + t) - x| / σ)`` with the Geman-McClure penalty ρ. Its scale decreases to the noise level.
+    The cost is ``Σ ρ(|π(R X + t) - x| / σ)``, where ρ is the Geman-McClure penalty. Its scale decreases to the noise
+    level.
     """
     known = np.isfinite(x).all(-1) & np.isfinite(X).all(-1)
     X0, x0 = np.nan_to_num(X), np.nan_to_num(x)
@@ -268,7 +270,7 @@ def _posed(
 
 
 def _adjusted(camera: Cameras, poses: Poses, window: list[int], keys: list[int], tracks: Tracks, noise: float) -> Poses:
-    """Return the adjusted poses of a window. Its first two keyframes fix the scale."""
+    """Return the adjusted poses of the keyframes in a window. Its first two keyframes fix the scale."""
     R, t = (np.stack([poses[key][part] for key in window]) for part in (0, 1))
     cameras = build_cameras([str(key) for key in window], [lens_of(camera, 0)] * len(window), R, t)
     sigma_px = noise * float(np.sqrt(camera.K[0, 0, 0] * camera.K[0, 1, 1]))

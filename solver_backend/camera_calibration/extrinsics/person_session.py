@@ -25,36 +25,37 @@ from solver_backend.io.recognition.gravity import upright_from_person
 from solver_backend.io.recognition.person_scale import scale_from_length, scale_from_stature
 from solver_backend.types import Cameras, Keypoints2D
 
-START_FRAMES, FINAL_FRAMES = 60, 160  # Most frames, spread over the take, for the initial poses and for the adjustment.
-FRAMES_ALIKE = 10  # Frames with correlated detector errors, which count as one. Chosen on the benchmark's true cameras.
-LEAST_CONFIDENCE = 0.3  # Smallest confidence of a keypoint that is used.
-START_SIGMA_PX = 6.0  # Expected keypoint error at the start, in px.
-LEAST_MOMENTS = 30  # Fewest frames with a person. With too few, many camera poses fit.
-FEWEST_COMMON = 60  # Fewest common keypoints of two cameras.
+START_FRAMES, FINAL_FRAMES = 60, 160  # Maximum number of frames for initial poses and for the adjustment.
+FRAMES_ALIKE = 10  # Frames with correlated detector errors, which count as one. Chosen on true benchmark cameras.
+LEAST_CONFIDENCE = 0.3  # Smallest confidence at which a keypoint is used.
+START_SIGMA_PX = 6.0  # Initial estimate of the keypoint error, in px.
+LEAST_MOMENTS = 30  # Minimum number of frames that show a person. With too few, many camera poses fit.
+FEWEST_COMMON = 60  # Minimum number of keypoints that two cameras have in common.
 FOCAL_SIGMA = 0.15  # Relative standard deviation of a guessed focal length.
 
 
 @dataclass(frozen=True)
 class PersonCalibration:
-    """Cameras estimated from a person, in the first camera's axes and an arbitrary length unit."""
+    """Cameras estimated from a person, in the first camera's axes and in an arbitrary length unit."""
 
-    adjusted: Adjusted  # Cameras, points (as bodies) and errors.
-    sigma_px: float  # Keypoint error per axis in px, measured from the residuals.
-    frames: np.ndarray  # (F,) frames that were used.
-    points: np.ndarray  # (F, K, 3) keypoints at these frames, NaN where fewer than two views saw them.
+    adjusted: Adjusted  # Cameras, points (stored as bodies) and errors.
+    sigma_px: float  # Keypoint error per axis in px, estimated from the residuals.
+    frames: np.ndarray  # (F,) indices of the frames used.
+    points: np.ndarray  # (F, K, 3) keypoints in these frames, NaN where fewer than two views saw them.
     inlier_share: float
 
 
 def calibrate_from_person(
     names: Sequence[str], lenses: Sequence[Lens], keypoints: Keypoints2D, *, free_focal: bool = False
 ) -> PersonCalibration:
-    """Estimate camera poses from one person's keypoints, starting with the best pair.
+    """Estimate camera poses from one person's keypoints, starting with the best pair of cameras.
 
     Raises:
-        NoDetections: no two cameras have enough in common.
-        CalibrationInvalid: a camera does not fit.
+        NoDetections: no two cameras have enough keypoints in common.
+        CalibrationInvalid: a camera does not fit the others.
 
-    References: Snavely, Seitz and Szeliski 2006, "Photo tourism", sec. 4 (camera after camera); Puwein et al. 2014,
+    References: Snavely, Seitz and Szeliski 2006, "Photo tourism", sec. 4 (adding cameras one by one); Puwein et al.
+        2014,
     "Joint camera pose estimation and 3D human pose estimation in a multi-camera setup" (joints as points).
     """
     rng = np.random.default_rng(0)
@@ -71,7 +72,7 @@ def calibrate_from_person(
 def refined_by_person(
     cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False, progress: Progress = silent
 ) -> PersonCalibration:
-    """Adjust an earlier calibration to one person's keypoints. The world may drift a little."""
+    """Adjust an existing calibration to one person's keypoints. The world may drift slightly."""
     return _finished(_FlatViews.of(cameras, keypoints, FINAL_FRAMES), cameras, START_SIGMA_PX, free_focal, progress)
 
 
@@ -86,10 +87,10 @@ def _finished(
 
 @dataclass(frozen=True)
 class _FlatViews:
-    """Keypoints of C views over F frames as N = F K points."""
+    """Keypoints in C views over F frames, flattened to N = F K points."""
 
-    lenses: Cameras  # Their poses are not used.
-    xy: np.ndarray  # (C, N, 2) px, NaN where not used.
+    lenses: Cameras  # C cameras, whose poses are ignored.
+    xy: np.ndarray  # (C, N, 2) px, NaN where a point is not used.
     confidence: np.ndarray  # (C, N).
     frames: np.ndarray
     keypoints: int
@@ -110,7 +111,7 @@ class _FlatViews:
         return 2.0 * START_SIGMA_PX / float(self.lenses.K[c, 0, 0])
 
     def numbers(self, cameras: Cameras) -> list[int]:
-        """Return the indices of the cameras' views."""
+        """Return the indices of the views that belong to the cameras."""
         return [self.lenses.names.index(name) for name in cameras.names]
 
     def best_pair(self, rng: np.random.Generator) -> Cameras:
@@ -169,16 +170,16 @@ class _FlatViews:
         return adjust(cameras, bodies, sightings, unknowns, progress=progress, **options), used
 
     def points(self, found: Adjusted, numbers: np.ndarray) -> np.ndarray:
-        """Return the adjusted keypoints (F, K, 3), NaN if fewer than two cameras see them."""
+        """Return the adjusted keypoints (F, K, 3), NaN if fewer than two cameras saw them."""
         points = np.full((self.xy.shape[1], 3), np.nan)
         points[numbers] = found.bodies.t
         return points.reshape(len(self.frames), self.keypoints, 3)
 
 
 def sample_person(keypoints: Keypoints2D, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return up to F spread frames with two views, their (C, F K, 2) px and confidence.
+    """Choose up to F frames with at least two views, spread over the take. Return them, (C, F K, 2) px and confidence.
 
-    Keypoints below ``LEAST_CONFIDENCE`` are NaN.
+    Keypoints whose confidence is below ``LEAST_CONFIDENCE`` are NaN.
     """
     useful = np.flatnonzero(((keypoints.confidence >= LEAST_CONFIDENCE).sum(2) > 3).sum(0) >= 2)
     if not len(useful):
@@ -191,12 +192,12 @@ def sample_person(keypoints: Keypoints2D, most: int) -> tuple[np.ndarray, np.nda
 
 
 def keypoint_sigma(confidence: np.ndarray, sigma_px: float = START_SIGMA_PX) -> np.ndarray:
-    """Return the deviation in px of keypoints, ``sigma_px`` for a confidence of 1."""
+    """Return the standard deviation of each keypoint in px. It is ``sigma_px`` at a confidence of 1."""
     return sigma_px / np.sqrt(np.clip(confidence, 0.1, 1.0))
 
 
 def _sigma(found: Adjusted) -> float:
-    """Estimate the standard deviation per axis in px from the median distance (Rayleigh)."""
+    """Estimate the standard deviation per axis in px from the median distance (Rayleigh distribution)."""
     off = np.linalg.norm(found.error, axis=-1)
     known = off[np.isfinite(off)]
     if not len(known):
@@ -209,9 +210,9 @@ JUMP = 0.5  # Largest movement per frame, relative to a person's height. Chosen 
 
 
 def main_person(detections: Detections, fps: float) -> Keypoints2D:
-    """Select the largest and most confident detection in every view and frame.
+    """Select the person who is largest and most confident in each view and frame.
 
-    If it is more than half a body height from the last one, the nearest detection is selected instead.
+    If that detection is more than half a body height from the previous one, the nearest detection is selected instead.
     """
     xy, confidence, hands = detections.xy, detections.confidence, detections.hands
     known = confidence > 0
@@ -231,11 +232,11 @@ def main_person(detections: Detections, fps: float) -> Keypoints2D:
     return Keypoints2D(xy, confidence, detections.joint_set, fps, None if hands is None else hands[view, frame, chosen])
 
 
-SURE_TILT = np.radians(2.0)  # Largest standard deviation of a reliable up axis, in radians. Chosen by hand.
-WALKED_M = 0.6  # Shortest path of the feet that determines floor and cameras, in metres.
+SURE_TILT = np.radians(2.0)  # Largest standard deviation at which the up axis is reliable, in radians. Chosen by hand.
+WALKED_M = 0.6  # Shortest path of the feet that determines the floor and the cameras, in metres.
 LEAST_GAIN = 0.03
 """Smallest relative gain of refined cameras. True cameras gain 1.3 % (120 frames), slightly wrong ones 28 %."""
-MOVED_SIGMAS = 3.0  # A larger displacement in standard deviations means that a camera has moved. Chosen by hand.
+MOVED_SIGMAS = 3.0  # Displacement in standard deviations above which a camera counts as moved. Chosen by hand.
 _ARMS, _ROUNDS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), 60
 
 
@@ -248,12 +249,12 @@ def calibrate_by_person(
     known_length: tuple[str, str, float] | None = None,
     free_focal: bool = False,
 ) -> CalibratedCameras:
-    """Calibrate cameras in metres with Z up from one person's keypoints alone.
+    """Calibrate cameras in metres with Z up from the keypoints of one person alone.
 
     Args:
-        others: the same keypoints for other camera clocks. The clocks with the largest share of inliers are used.
+        others: the same keypoints, resampled with other camera clocks. The clocks that give most inliers are used.
         stature_m: stature of the person in metres.
-        known_length: two keypoints and their distance in metres, instead of the stature.
+        known_length: two keypoints and the distance between them in metres, as an alternative to the stature.
         free_focal: also estimate focal lengths.
     """
     solved = _best_of(names, lenses, (keypoints, *others), free_focal)
@@ -287,7 +288,7 @@ def calibrate_by_person(
 def _best_of(
     names: Sequence[str], lenses: Sequence[Lens], readings: Sequence[Keypoints2D], free_focal: bool
 ) -> PersonCalibration:
-    """Return the calibration with most inliers. If all fail, raise the first error."""
+    """Return the calibration that has the most inliers. If all fail, raise the first error."""
     found, failed = list[PersonCalibration](), list[MocapError]()
     for keypoints in readings:
         try:
@@ -300,9 +301,9 @@ def _best_of(
 
 
 def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False) -> CalibratedCameras:
-    """Fit an earlier calibration to a take, or keep it if it fits equally well.
+    """Fit an existing calibration to a take, or keep it if it already fits equally well.
 
-    Cameras that did not move keep their poses, so that moved ones are visible, see ``align_cameras``.
+    Cameras that have not moved keep their poses, so that those that have moved stand out, see ``align_cameras``.
     """
     solved = refined_by_person(cameras, keypoints, free_focal=free_focal)
     found = _result("refine", solved)
@@ -340,18 +341,18 @@ def _moved(refined: CalibratedCameras, cameras: Cameras) -> tuple[Diagnostic, ..
 
 
 def align_cameras(cameras: Cameras, to: Cameras) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return rotation, translation and scale that align cameras with others robustly.
+    """Return the rotation, translation and scale that robustly align cameras with others.
 
-    Each camera is represented by its centre and two points on its axes, at the distance between cameras. Reweighted
-    least squares minimise the sum of distances, then the sum of their square roots, so that a moved camera does
-    not affect the others.
+    Each camera is represented by its centre and two points on its axes, at a distance comparable to that between
+    cameras. Reweighted least squares minimises first the sum of distances, then the sum of their square roots, so that
+    a camera that moved does not affect the others.
     """
     arm = np.linalg.norm(to.centres - to.centres.mean(0), axis=1).mean()
     theirs = to.centres[:, None] + arm * _ARMS @ to.R
     s = arm / np.linalg.norm(cameras.centres - cameras.centres.mean(0), axis=1).mean()
     R, t, weight = np.eye(3), np.zeros(3), np.ones(len(cameras))
     for number in range(_ROUNDS):
-        # Axis points use the last scale, because otherwise no camera would fit exactly.
+        # Place the points on the axes at the previous scale, because otherwise no camera would fit exactly.
         own = cameras.centres[:, None] + arm / s * _ARMS @ cameras.R
         s, R, t = umeyama(own.reshape(-1, 3), theirs.reshape(-1, 3), np.repeat(weight, 3), with_scale=True)
         off = np.sqrt(((s * own @ R.T + t - theirs) ** 2).sum((-1, -2)))

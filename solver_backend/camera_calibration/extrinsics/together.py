@@ -1,4 +1,4 @@
-"""Calibrate cameras from clicked points alone, or together with board footage and a take."""
+"""Calibrate cameras from clicked points, alone or together with board footage and a take."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from solver_backend.geometry.alignment import nearest_rotation, umeyama
 from solver_backend.io.files import read_text
 from solver_backend.types import Cameras, Keypoints2D
 
-CLICK_SIGMA_PX = 1.5  # Standard deviation of a click, in px.
-FLAT = 0.02  # Points are in a plane if they leave it by less than this, relative to their spread. Chosen by hand.
+CLICK_SIGMA_PX = 1.5  # Standard deviation of a clicked position, in px.
+FLAT = 0.02  # Points lie in a plane if they deviate by less than this, relative to their spread. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class Clicks:
-    """Clicked points."""
+    """Clicked points, and the positions of some of them."""
 
-    px: dict[str, dict[str, tuple[float, float]]]  # Pixels by camera and point.
-    places: dict[str, tuple[float, float, float]]  # Known positions in metres by point.
+    px: dict[str, dict[str, tuple[float, float]]]  # Pixels for each camera and point.
+    places: dict[str, tuple[float, float, float]]  # Known position of each point in metres.
 
 
 def read_clicks(path: Path) -> Clicks:
-    """Read a table of clicks (``point,camera,x,y``) and positions (``point,world,x,y,z``)."""
+    """Read a table that contains clicks (``point,camera,x,y``) and positions (``point,world,x,y,z``)."""
     px: dict[str, dict[str, tuple[float, float]]] = {}
     places: dict[str, tuple[float, float, float]] = {}
     try:
@@ -65,10 +65,10 @@ def read_clicks(path: Path) -> Clicks:
 
 
 def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> CalibratedCameras:
-    """Calibrate cameras in the world of known points, with other points in two views.
+    """Calibrate cameras in the world of the known points. Other points count if two views show them.
 
     Args:
-        clicks: at least four known points per camera, or six that are not in one plane.
+        clicks: per camera, at least four known points in a plane, or six that are not in a plane.
         lenses: lens of each camera.
     """
     names = tuple(clicks.px)
@@ -94,14 +94,14 @@ def _points_of(clicks: Clicks) -> list[str]:
 
 
 def click_tables(cameras: Cameras, clicks: Clicks) -> tuple[np.ndarray, np.ndarray]:
-    """Return clicks (C, P, 2) in px and known positions (P, 3), NaN where missing."""
+    """Return the clicks (C, P, 2) in px and the known positions (P, 3), NaN where missing."""
     points, nowhere = _points_of(clicks), (np.nan, np.nan, np.nan)
     xy = [[clicks.px.get(name, {}).get(p, nowhere[:2]) for p in points] for name in cameras.names]
     return np.array(xy).reshape(len(cameras), -1, 2), np.array([clicks.places.get(p, nowhere) for p in points])
 
 
 def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return a camera's pose from known points, with a homography if they are in a plane."""
+    """Return a camera's pose from known points, by a homography if they lie in a plane."""
     seen = [p for p in clicks.px[name] if p in clicks.places]
     world = np.array([clicks.places[p] for p in seen]).reshape(-1, 3)
     px = np.array([clicks.px[name][p] for p in seen]).reshape(-1, 2)
@@ -130,7 +130,7 @@ def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tu
 
 
 def _far_clicks(found: Adjusted, points: tuple[int | str, ...]) -> tuple[Diagnostic, ...]:
-    """Report each click that is far from its predicted position."""
+    """Report each click that is far from the position predicted for it."""
     far, seen, names = np.linalg.norm(found.error, axis=-1), found.seen, found.cameras.names
     bar = max(6.0 * CLICK_SIGMA_PX, 5.0 * float(np.median(far)))
     return tuple(
@@ -139,25 +139,25 @@ def _far_clicks(found: Adjusted, points: tuple[int | str, ...]) -> tuple[Diagnos
     )
 
 
-LEAST_PLACES = 3  # Fewest known positions that determine a world.
+LEAST_PLACES = 3  # Minimum number of known positions that determine a world.
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Observations of one source."""
+    """Observations that come from one source."""
 
     name: str
     bodies: Bodies
     seen: BodySightings
-    alike: float = 1.0  # Number of sightings with correlated errors, which reduces their weight.
-    metric: bool = False  # The source determines the scale.
-    labels: tuple[int | str, ...] = ()  # Frame numbers of a board's poses, or names of points.
+    alike: float = 1.0  # Number of sightings that share correlated errors, which reduces their weight.
+    metric: bool = False  # True if the source determines the scale.
+    labels: tuple[int | str, ...] = ()  # Frame numbers of the board's poses, or names of points.
 
 
 def board_evidence(
     cameras: Cameras, board: Board, sightings: Sequence[Mapping[int, BoardSighting]], fps: float | None = None
 ) -> Evidence:
-    """Return observations of a moving board, with poses from the camera that sees it best."""
+    """Return the observations of a moving board. Its poses come from the camera that sees it best."""
     poses = [poses_seen(board, seen, lens_of(cameras, c)) for c, seen in enumerate(sightings)]
     moments = tuple(sorted(set().union(*(p.keys() for p in poses))))
     if not moments:
@@ -167,14 +167,14 @@ def board_evidence(
 
 
 def person_evidence(cameras: Cameras, keypoints: Keypoints2D) -> Evidence:
-    """Return the observations of one person's keypoints as single points."""
+    """Return the observations of one person's keypoints, treated as single points."""
     frames, xy, confidence = person_session.sample_person(keypoints, person_session.FINAL_FRAMES)
     bodies, seen, _ = two_views.point_bodies(cameras, xy, person_session.keypoint_sigma(confidence))
     return Evidence("person", bodies, seen, alike=float(min(person_session.FRAMES_ALIKE, len(frames))))
 
 
 def clicks_evidence(cameras: Cameras, clicks: Clicks) -> Evidence:
-    """Return the observations of clicked points, with their known positions."""
+    """Return the observations of clicked points, including their known positions."""
     xy, known = click_tables(cameras, clicks)
     bodies, seen, used = two_views.point_bodies(cameras, xy, np.full(xy.shape[:2], CLICK_SIGMA_PX), known)
     labels = tuple(_points_of(clicks)[i] for i in used)
@@ -182,7 +182,7 @@ def clicks_evidence(cameras: Cameras, clicks: Clicks) -> Evidence:
 
 
 def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Cameras:
-    """Return the cameras in the world of the known positions, or unchanged if there are none."""
+    """Transform cameras to the world of the known positions. Without any, return them unchanged."""
     xy, known = click_tables(cameras, clicks)
     if not np.isfinite(known).any():
         return cameras
@@ -197,31 +197,32 @@ def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Camera
     return two_views.in_other_world(cameras, np.asarray(R), np.asarray(t), float(scale))
 
 
-HELD_REACH_M = 3.0  # Distance in metres at which the rotation of a held camera has the deviation of its centre.
-CONTRADICTION = 2.0  # Ratio of a camera's error in one source, with and without the others, that is a contradiction.
-LEAST_CONTRADICTION_PX = 3.0  # Smaller errors do not affect a take.
-WORST_SHARE = 0.6  # Smallest growth of a reported error relative to the largest, as a moved camera affects others.
-FREEDOM = 1.2  # Correction of the residuals for lost degrees of freedom, as in ``person_session``.
+HELD_REACH_M = 3.0  # Distance in metres at which a held camera's rotation deviates as much as its centre.
+CONTRADICTION = 2.0  # A camera's error with the other sources, relative to without them, that means a contradiction.
+LEAST_CONTRADICTION_PX = 3.0  # Smaller errors have no effect on a take.
+WORST_SHARE = 0.6  # Smallest error growth that is reported, relative to the largest. A moved camera affects others.
+FREEDOM = 1.2  # Correction of the residuals for the lost degrees of freedom, as in ``person_session``.
 LEAST_SIGMA_PX = 0.05  # Smallest standard deviation of a source, in pixels. Chosen by hand.
-_ROBUST = 3.0  # A residual loses weight beyond this number of standard deviations. Chosen by hand.
+_ROBUST = 3.0  # Residuals lose weight beyond this number of standard deviations. Chosen by hand.
 
 
 def calibrate_together(
     start: Cameras, sources: Sequence[Evidence], *, hold_m: float | None = None, origin_frame: int | None = None
 ) -> CalibratedCameras:
-    """Calibrate cameras from all sources together, with the covariance of all.
+    """Calibrate cameras from all sources jointly. The covariance also reflects all sources.
 
-    The first adjustment uses the expected noise of the sources, the second one the noise of their residuals. The world
-    is defined by known positions, the board at ``origin_frame``, or the initial cameras.
+    The first adjustment assumes the expected noise of each source. The second one uses the noise of the residuals. The
+    world is defined by the known positions, by the board at ``origin_frame``, or by the initial cameras.
 
     Args:
-        start: C cameras near the solution, in the world of known positions if there are any.
-        hold_m: use the initial cameras as a source with this standard deviation of their centres, in metres.
+        start: C cameras close to the solution. If there are known positions, these define the world.
+        hold_m: treat the initial cameras as a source whose centres have this standard deviation in metres.
 
     Raises:
-        CalibrationInvalid: there is no source, a camera is in none, or no camera sees the board at ``origin_frame``.
+        CalibrationInvalid: there is no source, no source includes a camera, or no camera sees the board at
+            ``origin_frame``.
 
-    References: Triggs et al. 2000, Foerstner 1979 (variance components).
+    References: Triggs et al. 2000; Foerstner 1979 (variance components).
     """
     if not sources:
         raise CalibrationInvalid("There are no observations to use.", hint="Give a board, a take or clicked points.")
@@ -276,19 +277,19 @@ def _joined(sources: Sequence[Evidence]) -> tuple[Bodies, BodySightings]:
 
 
 def _errors(found: Adjusted, sources: Sequence[Evidence]) -> Iterator[tuple[Evidence, np.ndarray]]:
-    """Yield each source with the (N,) reprojection errors of its points in px."""
+    """Yield each source and the (N,) reprojection errors of its points in px."""
     ends = np.cumsum([len(e.seen.px) for e in sources])[:-1]
     return zip(sources, np.split(np.linalg.norm(found.error, axis=-1), ends), strict=True)
 
 
 def _measured(found: Adjusted, sources: Sequence[Evidence]) -> list[float]:
-    """Return the ratio of each source's errors to its stated standard deviations."""
+    """Return the ratio between each source's errors and its stated standard deviations."""
     factors = (FREEDOM * float(np.nanmedian(far / e.seen.sigma)) / 1.1774 for e, far in _errors(found, sources))
     return [max(s, LEAST_SIGMA_PX / float(e.seen.sigma.min())) for e, s in zip(sources, factors, strict=True)]
 
 
 def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after: np.ndarray) -> list[Diagnostic]:
-    """Report the cameras with the largest increase of their (C,) errors in the common adjustment."""
+    """Report the cameras whose (C,) errors increased most in the joint adjustment."""
     grown = np.nan_to_num(after - before)
     far = (after > np.maximum(CONTRADICTION * before, LEAST_CONTRADICTION_PX)) & (grown > WORST_SHARE * grown.max())
     found = []
@@ -299,7 +300,7 @@ def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after
 
 
 def _by_camera(found: Adjusted, sources: Sequence[Evidence]) -> list[np.ndarray]:
-    """Return the (C,) median error of each source in px, NaN for cameras without observations."""
+    """For each source, return the (C,) median errors in px. Cameras without observations have NaN."""
     return [bundle.median_by_camera(far, e.seen, len(found.cameras)) for e, far in _errors(found, sources)]
 
 

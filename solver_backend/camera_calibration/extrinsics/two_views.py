@@ -1,4 +1,4 @@
-"""Estimate camera poses from two views, from known points, and along chains of pairs."""
+"""Estimate camera poses from two views, from known points, and along chains of camera pairs."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from solver_backend.geometry.small_matrices import unit
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float
 
-HYPOTHESES, RESECTION_HYPOTHESES = 400, 300  # Number of samples, of eight points in two views and of six known points.
-COMPARED_POINTS = 600  # Most points for comparing samples.
-_REFINEMENTS, _RESECTION_REFINEMENTS = 6, 5  # Most rounds of reweighting. Chosen by hand.
+HYPOTHESES, RESECTION_HYPOTHESES = 400, 300  # Number of samples of eight points in two views, and of six known points.
+COMPARED_POINTS = 600  # Maximum number of points on which samples are compared.
+_REFINEMENTS, _RESECTION_REFINEMENTS = 6, 5  # Maximum number of reweighting rounds. Chosen by hand.
 ImagePoints = Float[np.ndarray, "n 2"]  # Undistorted normalised coordinates.
 Pose = tuple[np.ndarray, np.ndarray]  # Rotation (3, 3) and translation (3,).
 Solution = TypeVar("Solution")
@@ -31,7 +31,7 @@ Solution = TypeVar("Solution")
 def _improved(
     best: Solution, refit: Callable[[Solution], Solution], cost: Callable[[Solution], float], rounds: int
 ) -> Solution:
-    """Fit again, reweighted by the last solution, as long as the cost decreases."""
+    """Repeat a fit, reweighted by the previous solution, as long as the cost decreases."""
     for _ in range(rounds):
         other = refit(best)
         if cost(other) >= cost(best):
@@ -43,17 +43,18 @@ def _improved(
 def essential_matrix(
     first: ImagePoints, second: ImagePoints, scale: float, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "3 3"], Bool[np.ndarray, " n"]]:
-    """Return E with ``x2ᵀ E x1 = 0``, and a mask of inliers.
+    """Return E such that ``x2ᵀ E x1 = 0``, and a mask of inliers.
 
-    Samples of eight points give hypotheses. The one with the lowest Cauchy penalty of Sampson distances is refined.
+    Samples of eight points provide hypotheses. The one whose Sampson distances have the lowest Cauchy penalty is
+    refined.
 
     Args:
         first: at least eight points.
         second: the same points in the other view.
-        scale: normalised distance at which a point loses its weight.
+        scale: normalised distance above which a point loses weight.
 
     References: Hartley 1997, "In defense of the eight-point algorithm"; Torr and Zisserman 2000, "MLESAC"; Hartley and
-    Zisserman 2004, eq. 11.9 (the Sampson distance).
+    Zisserman 2004, eq. 11.9 (Sampson distance).
     """
     spread = float(np.sqrt((first**2).mean() + (second**2).mean()))
     rows = homogeneous(second / spread)[:, :, None] * homogeneous(first / spread)[:, None, :]
@@ -81,7 +82,7 @@ def essential_matrix(
 def sampson_distance(
     E: Float[np.ndarray, "m 3 3"], first: ImagePoints, second: ImagePoints
 ) -> Float[np.ndarray, "m n"]:
-    """Return the normalised first-order distance of pairs of points from satisfying E.
+    """Return the first-order distance, in normalised coordinates, by which pairs of points violate E.
 
     Reference: Hartley and Zisserman 2004, eq. 11.9.
     """
@@ -95,7 +96,7 @@ def sampson_distance(
 def pose_from_essential(
     E: Float[np.ndarray, "3 3"], first: ImagePoints, second: ImagePoints
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
-    """Return the second camera's rotation and unit translation with points in front.
+    """Return the second camera's rotation and unit translation for which the points are in front of both cameras.
 
     Reference: Hartley and Zisserman 2004, result 9.19.
     """
@@ -115,7 +116,7 @@ def pose_from_essential(
 def intersected(
     R: Float[np.ndarray, "views 3 3"], t: Float[np.ndarray, "views 3"], xy: Float[np.ndarray, "views n 2"]
 ) -> Float[np.ndarray, "n 3"]:
-    """Return the points nearest to the rays of all views, NaN with fewer than two.
+    """Return the points nearest to the rays from all views, or NaN for fewer than two rays.
 
     Reference: Slabaugh, Schafer and Livingston 2001, "Optimal ray intersection".
     """
@@ -134,10 +135,10 @@ def intersected(
 def point_bodies(
     cameras: Cameras, xy: np.ndarray, sigma: np.ndarray, known: np.ndarray | None = None
 ) -> tuple[Bodies, BodySightings, np.ndarray]:
-    """Return points with two cameras or known positions, and their sightings.
+    """Return the points that two cameras see or whose positions are known, and their sightings.
 
     Args:
-        xy: (C, P, 2) keypoints in px, NaN where unseen.
+        xy: (C, P, 2) keypoints in px, NaN where not visible.
         sigma: (C, P) standard deviations in px.
         known: (P, 3) positions in metres, NaN where unknown.
     """
@@ -153,7 +154,7 @@ def point_bodies(
 
 
 def _essential(F: np.ndarray, spread: float) -> np.ndarray:
-    """Return the (m, 3, 3) nearest essential matrices of coordinates divided by ``spread``."""
+    """Return the nearest (m, 3, 3) essential matrices, for coordinates divided by ``spread``."""
     scale = np.diag([1.0 / spread, 1.0 / spread, 1.0])
     U, _, Vt = np.linalg.svd(scale @ F @ scale)
     return U @ (np.array([1.0, 1.0, 0.0])[:, None] * Vt)
@@ -162,15 +163,15 @@ def _essential(F: np.ndarray, spread: float) -> np.ndarray:
 def resected_pose(
     points: Float[np.ndarray, "n 3"], xy: Float[np.ndarray, "n 2"], scale: float, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"], float]:
-    """Return rotation, translation, and the share of points within three scales.
+    """Return the rotation, the translation, and the fraction of points within three scales.
 
-    Samples of six points give hypotheses by the direct linear transform. The one with the lowest Cauchy penalty is
-    refined.
+    Samples of six points provide hypotheses by the direct linear transform. The one that has the lowest Cauchy penalty
+    is refined.
 
     Args:
-        points: at least six points that are not in one plane.
+        points: at least six points that do not lie in a plane.
         xy: normalised coordinates.
-        scale: normalised distance at which a point loses its weight.
+        scale: normalised distance above which a point loses weight.
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 7.1.
     """
@@ -209,11 +210,11 @@ def _distance(pose: Pose, points: np.ndarray, xy: np.ndarray) -> tuple[np.ndarra
     return np.where(ahead, np.linalg.norm(px - xy, axis=1), 1e3), np.abs(depth)
 
 
-BOARD_REACH_M = 0.5  # Length that corresponds to a rotation of one radian, in metres. Chosen by hand.
+BOARD_REACH_M = 0.5  # Length in metres that is weighted like a rotation of one radian. Chosen by hand.
 
 
 def composed(a: Pose, b: Pose) -> Pose:
-    """Return the composition of two poses: first b, then a."""
+    """Compose two poses: first b, then a."""
     return a[0] @ b[0], a[0] @ b[1] + a[1]
 
 
@@ -223,10 +224,10 @@ def inverted(a: Pose) -> Pose:
 
 
 def relative_pose(first: Sequence[Pose], second: Sequence[Pose]) -> Pose:
-    """Return the pose from the first to the second camera that best fits all common frames.
+    """Return the pose from the first to the second camera that best fits all frames they have in common.
 
-    Each frame proposes ``T_second T_first⁻¹``. The proposal closest to the others (median) is used. This rejects the
-    wrong one of a flat board's two poses.
+    Each frame proposes ``T_second T_first⁻¹``. The proposal closest to all others (median) is used. This rejects the
+    wrong one of the two poses that a flat board allows.
     """
     proposals = [composed(b, inverted(a)) for a, b in zip(first, second, strict=True)]
     R, t = np.stack([p[0] for p in proposals]), np.stack([p[1] for p in proposals])
@@ -236,15 +237,15 @@ def relative_pose(first: Sequence[Pose], second: Sequence[Pose]) -> Pose:
 
 
 Pair = Callable[[int, int, np.ndarray], tuple[Pose, int]]
-"""Returns the pose from camera i to j from a mask of common frames, and the number of inliers."""
+"""From a mask of common frames, returns the pose from camera i to camera j and the number of inliers."""
 
 
 def chained(names: Sequence[str], seen: np.ndarray, fewest: int, pair: Pair) -> list[Pose]:
-    """Return each camera's pose relative to the first, along a tree of overlapping pairs.
+    """Return each camera's pose relative to the first, chained along a tree of overlapping pairs.
 
     Args:
-        seen: (C, M) mask of the frames that each camera sees.
-        fewest: smallest number of common frames of a usable pair.
+        seen: (C, M) mask of the frames in which each camera sees the object.
+        fewest: minimum number of frames that a usable pair has in common.
 
     Reference: Prim 1957 (maximum spanning tree).
     """
@@ -268,14 +269,14 @@ def chained(names: Sequence[str], seen: np.ndarray, fewest: int, pair: Pair) -> 
 
 @dataclass(frozen=True)
 class CalibratedCameras:
-    """C cameras in metres, Z up."""
+    """C calibrated cameras in metres, Z up."""
 
     cameras: Cameras
     method: str
     rmse_px: float
-    camera_rmse_px: Float[np.ndarray, " cameras"]  # (C,) root mean squared error of each camera.
+    camera_rmse_px: Float[np.ndarray, " cameras"]  # (C,) root mean square error of each camera.
     centre_sigma_m: Float[np.ndarray, " cameras"]  # (C,) standard deviation of each camera's centre in metres.
-    turn_sigma: Float[np.ndarray, " cameras"]  # (C,) standard deviation of its direction in radians.
+    turn_sigma: Float[np.ndarray, " cameras"]  # (C,) standard deviation of each direction in radians.
     delays_s: Float[np.ndarray, " cameras"]  # (C,) delay of each camera's frames in seconds.
     findings: tuple[Diagnostic, ...] = ()
     notes: tuple[Diagnostic, ...] = ()
@@ -283,11 +284,12 @@ class CalibratedCameras:
 
 
 def result_of(method: str, found: Adjusted, *, measured: bool = False) -> CalibratedCameras:
-    """Return the calibration of an adjustment, with the covariance of the camera centres.
+    """Convert the result of an adjustment to a calibration. The covariance gives the deviations of the centres.
 
     Args:
-        measured: true if the standard deviations of the sightings come from residuals. Otherwise the covariance is
-            scaled to the residuals.
+        measured: True if the standard deviations of the sightings were estimated from residuals. Otherwise, the
+            covariance is
+            scaled to match the residuals.
     """
     camera_of, noise_px = found.seen.camera, found.seen.sigma
     C = len(found.cameras)
@@ -302,12 +304,12 @@ def result_of(method: str, found: Adjusted, *, measured: bool = False) -> Calibr
 
 
 def in_other_world(cameras: Cameras, R: np.ndarray, t: np.ndarray, scale: float = 1.0) -> Cameras:
-    """Return the cameras in another world, ``x_new = scale R x_old + t``."""
+    """Transform cameras to another world, ``x_new = scale R x_old + t``."""
     turned = cameras.R @ R.T
     return replace(cameras, R=turned, t=scale * cameras.t - (turned @ t[:, None])[..., 0])
 
 
 def moved_world(calibration: CalibratedCameras, R: np.ndarray, t: np.ndarray, scale: float = 1.0) -> CalibratedCameras:
-    """Return the calibration in another world, ``x_new = scale R x_old + t``."""
+    """Transform a calibration to another world, ``x_new = scale R x_old + t``."""
     cameras = in_other_world(calibration.cameras, R, t, scale)
     return replace(calibration, cameras=cameras, centre_sigma_m=scale * calibration.centre_sigma_m)

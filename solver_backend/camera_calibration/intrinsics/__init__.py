@@ -1,1 +1,1 @@
-"""Estimate focal length, principal point and distortion of a camera from images of a board."""
+"""Estimate a camera's focal length, principal point and distortion from images of a board."""

@@ -1,4 +1,4 @@
-"""Read, store and find the lenses of cameras."""
+"""Read, store and look up the lens parameters of cameras."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FORMAT, VERSION = "manifold-mocap-lenses", 1
 
 
 def read_lenses(path: Path) -> dict[str, Lens]:
-    """Read a library of lenses by name, empty without a file."""
+    """Read a lens library as a mapping from names to lenses. It is empty if there is no file."""
     if not path.exists():
         return {}
     table = read_json(path)
@@ -42,7 +42,7 @@ def read_lenses(path: Path) -> dict[str, Lens]:
 
 
 def keep_lenses(path: Path, lenses: dict[str, Lens], errors_px: dict[str, float] | None = None) -> None:
-    """Add lenses to a library. Lenses of the same name are replaced."""
+    """Add lenses to a library. Lenses that have the same name are replaced."""
     kept = sorted((read_lenses(path) | lenses).items())
     entries = {name: {key: np.asarray(value).tolist() for key, value in vars(lens).items()} for name, lens in kept}
     for name, error in (errors_px or {}).items():
@@ -52,7 +52,7 @@ def keep_lenses(path: Path, lenses: dict[str, Lens], errors_px: dict[str, float]
 
 
 def lens_named(lenses: dict[str, Lens], name: str, image_size: tuple[int, int] | None, where: str) -> Lens:
-    """Return a lens by name, for images of a given size."""
+    """Look up a lens by name, for images of a given size."""
     if name not in lenses:
         hint = f"Known lenses: {', '.join(lenses) or 'none'}."
         raise CalibrationMissing(f"There is no lens '{name}'.", where=where, hint=hint)
@@ -83,7 +83,7 @@ def _lens(entry: Any, where: str) -> Lens:
 
 
 def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
-    """Return the lenses of cameras from a library of lenses or a calibration."""
+    """Look up the lenses of cameras in a lens library or a calibration."""
     if path.is_file() and path.suffix.lower() == ".json" and FORMAT in read_text(path, LARGEST_TEXT)[:200]:
         library = read_lenses(path)
         found = {name: lens_named(library, name, None, str(path)) for name in names}
@@ -99,29 +99,29 @@ def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
     return found
 
 
-GUESSED_SIGMA = 0.15  # Relative deviation of a guessed focal length. Phones film at 0.75 to 1.0 of the longer side.
-EQUIVALENT_SIGMA = 0.08  # The same for a 35 mm equivalent, which refers to the whole sensor. A video shows a part.
-FILM_DIAGONAL_MM = 43.27  # Diagonal of 36 x 24 mm, the reference of equivalents (CIPA DCG-001).
-PLAUSIBLE_SHARE = (0.2, 20.0)  # Focal lengths of a fisheye and a telescope, relative to the longer image side.
+GUESSED_SIGMA = 0.15  # Relative deviation of a guessed focal length. For phones, it is 0.75 to 1.0 of the longer side.
+EQUIVALENT_SIGMA = 0.08  # The same for a 35 mm equivalent. It refers to the whole sensor, but videos show a part.
+FILM_DIAGONAL_MM = 43.27  # Diagonal of 36 x 24 mm, to which equivalents refer (CIPA DCG-001).
+PLAUSIBLE_SHARE = (0.2, 20.0)  # Focal lengths of a fisheye and a telephoto lens, relative to the longer image side.
 EXAMPLE = "26mm (35 mm equivalent) or 1450px"
 _FOCAL = re.compile(r"\s*([0-9]+(?:\.[0-9]+)?)\s*(mm|px)\s*")
 
 
 @dataclass(frozen=True)
 class FocalLength:
-    """Focal length and its uncertainty."""
+    """A focal length and its uncertainty."""
 
     px: float
-    sigma: float  # Standard deviation as a share, 0 if known.
+    sigma: float  # Relative standard deviation, 0 if the focal length is known.
     source: str
 
     def lens(self, image_size: tuple[int, int]) -> Lens:
-        """Return a lens without distortion and with a centred principal point."""
+        """Return a lens that has no distortion and whose principal point is the image centre."""
         return rough_lens(image_size, self.px / max(image_size))
 
 
 def find_focal_length(given: str, footage: Path, image_size: tuple[int, int]) -> FocalLength:
-    """Return the focal length from text such as ``EXAMPLE``, or from the file, or a guess."""
+    """Find the focal length in text such as ``EXAMPLE`` or in the file, or guess it."""
     if given:
         return _given(given, image_size)
     recorded = recorded_focal_mm(footage)

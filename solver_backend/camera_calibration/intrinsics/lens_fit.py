@@ -1,4 +1,4 @@
-"""Fit a camera's lens to board images: choose the images, the lens model and its parameters."""
+"""Fit a lens model to images of a board: choose the images, the model and its parameters."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.types.shapes import Float
 
-FEWEST_VIEWS = 3  # Fewest images of a board to fit a lens.
-CORNER_SIGMA_PX = 0.3  # Expected corner error in px, which sets the scale of the penalty.
+FEWEST_VIEWS = 3  # Minimum number of board images to which a lens is fitted.
+CORNER_SIGMA_PX = 0.3  # Expected error of a corner in px, which sets the scale of the penalty.
 
 
 @dataclass(frozen=True)
 class LensFit:
-    """Lens with its errors in the fitted images."""
+    """A lens and its errors in the images to which it was fitted."""
 
     lens: Lens
     model: FittedLens
     rmse_px: float
-    view_rmse_px: Float[np.ndarray, " views"]  # (V,) root mean squared error of each image.
+    view_rmse_px: Float[np.ndarray, " views"]  # (V,) root mean square error in each image.
     focal_sigma_px: float
 
 
@@ -51,12 +51,12 @@ def fitted_lens(
     start: Lens | None = None,
     steps: int = 60,
 ) -> LensFit:
-    """Fit focal lengths, centre, coefficients and board poses to V images of a board.
+    """Fit focal lengths, principal point, coefficients and board poses to V images of a board.
 
-    The ratio of fx and fy does not change.
+    The ratio of fx to fy stays constant.
 
     Args:
-        start: initial lens, if it has the model's distortion. By default it is found from the homographies.
+        start: initial lens, whose distortion must be that of the model. By default, it is estimated from homographies.
 
     Reference: Zhang 2000, "A flexible new technique for camera calibration", sec. 3.
     """
@@ -68,7 +68,7 @@ def fitted_lens(
         start = _start(board, views, image_size)
     lens = Lens(start.K, start.distortion, image_size, model.distortion_model)
     free = lens_mask(model.fitted, centre=True)[None]
-    sigma = np.repeat([1.0, 0.1, 2.0], [2, 2, 8])[None]  # weak, so that richer models do not fold where nothing is seen
+    sigma = np.repeat([1.0, 0.1, 2.0], [2, 2, 8])[None]  # weak, so that rich models do not fold where nothing is seen
     found = _adjusted(board, views, lens, Unknowns(np.zeros(1, bool), free, sigma), steps)
     focal = np.sqrt(np.diag(found.covariance))[6] * found.cameras.K[0, 0, 0]
     focal_sigma = float(focal * found.rmse_px / np.sqrt(2) / CORNER_SIGMA_PX)
@@ -78,7 +78,7 @@ def fitted_lens(
 
 
 def board_poses(board: Board, views: Sequence[BoardSighting], lens: Lens) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotations (V, 3, 3) and translations (V, 3) from board to camera."""
+    """Return the rotations (V, 3, 3) and translations (V, 3) from board to camera."""
     poses = []
     for view in views:
         flat = undistort(lens.as_camera(), view.px[None])[0]
@@ -110,18 +110,18 @@ def _adjusted(board: Board, views: Sequence[BoardSighting], lens: Lens, unknowns
     return adjust(lens.as_camera(), Bodies(R, t), seen, unknowns, steps=steps, **options)
 
 
-FOLDS = 4  # Number of groups of images for cross-validation.
-GAIN = 0.03  # A richer model must predict better by this share.
-BAD_VIEW = 4.0  # An image is skipped if its error is this many times the median, and above half a pixel.
-TILT_DEG, FEWEST_TILTED = 15.0, 5  # Smallest angle of a tilted board, and number of such images that needs no warning.
+FOLDS = 4  # Number of groups of images used for cross-validation.
+GAIN = 0.03  # Fraction by which a richer model must predict better.
+BAD_VIEW = 4.0  # An image is skipped if its error exceeds half a pixel and this multiple of the median.
+TILT_DEG, FEWEST_TILTED = 15.0, 5  # Smallest angle of a tilted board, and number of tilted images below which to warn.
 
 
 @dataclass(frozen=True)
 class CameraLens:
-    """Lens of one camera, and the images that it was fitted to."""
+    """The lens of one camera, and the images to which it was fitted."""
 
     fit: LensFit  # Fit of the chosen model to all images.
-    held_out_px: dict[str, float]  # Root mean squared error of held-out images by the model's name.
+    held_out_px: dict[str, float]  # Root mean square error in held-out images, by model name.
     frames: tuple[int, ...]
     views: tuple[BoardSighting, ...]
     left_out: tuple[int, ...]
@@ -129,7 +129,7 @@ class CameraLens:
 
     @property
     def lens(self) -> Lens:
-        """Fitted lens."""
+        """The fitted lens."""
         return self.fit.lens
 
     @property
@@ -145,7 +145,7 @@ def camera_lens(
     models: Sequence[str] = tuple(LENS_MODELS),
     name: str = "camera",
 ) -> CameraLens:
-    """Fit a lens to the sightings of one camera, excluding images with large errors."""
+    """Fit a lens to one camera's sightings. Images with large errors are excluded."""
     frames = selected_views(board, sightings, image_size)
     kept = list(frames)
     while True:
@@ -165,15 +165,15 @@ def camera_lens(
 def chosen_lens(
     board: Board, views: Sequence[BoardSighting], image_size: tuple[int, int], models: Sequence[str]
 ) -> tuple[LensFit, dict[str, float]]:
-    """Choose a lens model by cross-validation and fit it. Also return each model's error.
+    """Choose a lens model by cross-validation and fit it. Also return the error of each model.
 
-    Image i belongs to group i mod 4, so that each group spans the recording. With fewer than twelve images, each one is
-    a group. A richer model is chosen only if it predicts better by 3 %.
+    Image i belongs to group i mod 4, so that each group covers the whole recording. If there are fewer than twelve
+    images, each one forms a group. A richer model is chosen only if its predictions are better by 3 %.
 
     Reference: Geisser 1975 (cross-validation).
     """
     first = fitted_lens(board, views, image_size, LENS_MODELS[models[0]])
-    if len(views) <= FEWEST_VIEWS:  # too few to hold one out
+    if len(views) <= FEWEST_VIEWS:  # too few to hold any out
         return first, {models[0]: first.rmse_px}
     held_out = {name: _held_out(board, views, image_size, LENS_MODELS[name], first.lens) for name in models}
     finite = {name: value for name, value in held_out.items() if np.isfinite(value)}
@@ -206,9 +206,10 @@ def _held_out(
 
 
 def choose_family(lenses: Mapping[str, CameraLens], models: Sequence[str]) -> str | None:
-    """Return the model that predicts best for all cameras, or None if a camera lacks it.
+    """Return the distortion model that predicts best for all cameras, or None if no model suits every camera.
 
-    The evidence of a camera is ``-n log σ`` if its best model predicts corners of n images to σ px, with normal errors.
+    A camera's evidence is ``-n log σ``, where its best model predicts corners in n images to within σ px, assuming
+    normal errors.
     """
     costs: dict[str, float] = {}
     for family in sorted({LENS_MODELS[name].distortion_model for name in models}):
@@ -221,7 +222,7 @@ def choose_family(lenses: Mapping[str, CameraLens], models: Sequence[str]) -> st
 
 
 def in_family(board: Board, lens: CameraLens, family: str, models: Sequence[str]) -> CameraLens:
-    """Return a camera's lens with the best model of a family, fitted to the same images."""
+    """Return a camera's lens under the best model in a family, fitted to the same images."""
     allowed = [name for name in models if LENS_MODELS[name].distortion_model == family]
     if lens.lens.distortion_model == family or not allowed:
         return lens
@@ -229,15 +230,15 @@ def in_family(board: Board, lens: CameraLens, family: str, models: Sequence[str]
     return replace(lens, fit=fit, held_out_px={**lens.held_out_px, **held_out})
 
 
-MOST_VIEWS = 40  # Most images to fit a lens to.
-BLUR_SHARE = 0.4  # An image less sharp than this share of the camera's 80 % quantile is skipped.
-CELLS = (8, 6)  # Cells of the image, across and down, for counting corners.
+MOST_VIEWS = 40  # Maximum number of images to which a lens is fitted.
+BLUR_SHARE = 0.4  # An image is skipped if its sharpness is below this fraction of the camera's 80 % quantile.
+CELLS = (8, 6)  # Number of cells across and down the image in which corners are counted.
 
 
 def selected_views(board: Board, sightings: Mapping[int, BoardSighting], image_size: tuple[int, int]) -> list[int]:
-    """Select sharp images one by one, each with the largest difference from the earlier ones.
+    """Select sharp images one by one, each as different as possible from those already selected.
 
-    The difference is the distance between the positions of the board's corners, in image heights.
+    The difference is the distance between the positions of the board corners, in image heights.
 
     Reference: Gonzalez 1985 (farthest point first).
     """
@@ -259,7 +260,7 @@ def selected_views(board: Board, sightings: Mapping[int, BoardSighting], image_s
 
 
 def coverage(sightings: Sequence[BoardSighting], image_size: tuple[int, int]) -> np.ndarray:
-    """Return the number of corners in each cell of the image, (down, across)."""
+    """Return the number of corners in each cell of the image, as (down, across)."""
     across, down = CELLS
     count = np.zeros((down, across), dtype=int)
     for view in sightings:
@@ -272,7 +273,7 @@ def coverage(sightings: Sequence[BoardSighting], image_size: tuple[int, int]) ->
 def advice(
     sightings: Sequence[BoardSighting], image_size: tuple[int, int], tilted: int, camera: str
 ) -> tuple[Diagnostic, ...]:
-    """Recommend images to film again. ``tilted`` is the number of images with a tilted board."""
+    """Recommend images to film in addition. ``tilted`` is the number of images that show a tilted board."""
     seen = coverage(sightings, image_size) > 0
     down, across = seen.shape[0] // 3, seen.shape[1] // 4
     parts = {"left": seen[:, :across], "right": seen[:, -across:], "top": seen[:down], "bottom": seen[-down:]}
@@ -303,7 +304,7 @@ _CELL, _CORNER = (58, 92, 74), (236, 112, 70)
 
 
 def write_coverage(sightings: Sequence[BoardSighting], image_size: tuple[int, int], path: Path) -> None:
-    """Write a PNG of all corners in the camera's image, with covered cells in green."""
+    """Write a PNG that shows all corners in the camera's image. Covered cells are green."""
     scale = WIDTH / image_size[0]
     canvas = Canvas(WIDTH, max(1, round(image_size[1] * scale)))
     wide, high = np.array(canvas.rgb.shape[1::-1]) / CELLS

@@ -163,8 +163,7 @@ def detect_videos(
     file name consists of the video name and a hash of the video's bytes and the detector.
 
     Args:
-        jobs: number of simultaneous processes, or 0 for one per core. If there are fewer videos than cores, they share
-        the cores.
+        jobs: number of simultaneous processes, or 0 for one per core. Fewer videos than cores share the cores.
         cameras: camera names. The default is the video names.
         show: called now and then with the most recent images.
 

@@ -174,8 +174,7 @@ def chosen_detector(
 
     Args:
         name: one of ``DETECTORS``, or the path of a model: RTMPose, RTMO, YOLO-pose or MoveNet in ONNX format,
-        MediaPipe
-            in LiteRT format, or a description of any other model.
+            MediaPipe in LiteRT format, or a description of any other model.
         python: interpreter to use. The default is MediaPipe's environment if there is one. For models, and for the
             MediaPipe included in the extension, the default is our own interpreter.
         hands: also detect hands if the detector supports it. The included detector only detects bodies.

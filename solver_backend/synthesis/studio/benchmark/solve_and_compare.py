@@ -53,8 +53,7 @@ def solve_and_compare(
 
     Args:
         methods: solver methods, or 'triangulation'.
-        sources: 'views', 'markers' or both. If empty, the sources that have faults are used, or views if there are
-        none.
+        sources: 'views', 'markers' or both. If empty, the sources with faults are used, or views if there are none.
         faults: 'clean', 'perturbed' or both.
 
     Raises:
