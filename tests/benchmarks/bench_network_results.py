@@ -25,7 +25,7 @@ from tests.benchmarks.one_view_takes import HELD_OUT, TUNING, short_take
 from tests.support.limb_errors import LIMBS, TOES, limb_errors
 from tests.support.one_view_people import betas_of_stature, filmed
 from tests.support.simulated_network import SimulatedResult, simulate_network
-from tests.support.standing_people import standing, with_flat_feet
+from tests.support.standing_people import grounded
 
 JUMPS = ("asfamc/49_02", "asfamc/49_06", "asfamc/49_11")  # Takes that leave the floor for a part of the time.
 STANDING_M_S, STANDING_M = 0.1, 0.03  # Largest speed of a standing foot, and largest height above its lowest position.
@@ -66,7 +66,7 @@ def network_takes(clips: tuple[tuple[str, str, int], ...], seed: int) -> Iterato
         clip, rng = short_take(file, start), np.random.default_rng(1000 * seed + number)
         stature = rng.uniform(1.5, 1.95)
         person = cast_person(clip, rng, body, betas=betas_of_stature(body, rng, stature))
-        person = standing(with_flat_feet(person, clip.fps).touching_the_floor(clip.fps), clip.fps)
+        person = grounded(person, clip.fps)
         joint_set = (JointSet.BODY_25, JointSet.COCO_17)[(number + seed) % 2]
         height, angle = rng.uniform(1.0, 2.0), rng.uniform(0.0, 2.0 * np.pi)
         views = [

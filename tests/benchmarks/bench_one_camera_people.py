@@ -20,7 +20,7 @@ from solver_backend.types import JointSet
 from tests.benchmarks.metric import Metric
 from tests.benchmarks.one_view_takes import HELD_OUT, JUMPS, UNSEEN_CLASS, short_take
 from tests.support.one_view_people import PersonTake, betas_of_stature, figures, filmed
-from tests.support.standing_people import standing, with_flat_feet
+from tests.support.standing_people import grounded
 
 STATURES_M = (1.45, 1.55, 1.65, 1.75, 1.85, 1.95, 2.05)
 CAMERA_HEIGHTS_M = (0.6, 1.0, 1.5, 2.1, 2.8)
@@ -56,6 +56,6 @@ def people_takes(clips: tuple[tuple[str, str, int], ...], seed: int = 0) -> Iter
         take = short_take(file, start)
         rng = np.random.default_rng(100 * seed + number)
         person = cast_person(take, rng, body, betas=betas_of_stature(body, rng, stature))
-        person = standing(with_flat_feet(person, take.fps).touching_the_floor(take.fps), take.fps)
+        person = grounded(person, take.fps)
         height, joint_set = CAMERA_HEIGHTS_M[number % 5], JOINT_SETS[number % 2]
         yield filmed(f"{subject}_{stature:.2f}m_at_{height}m", person, take.fps, height, joint_set, rng)

@@ -1,4 +1,4 @@
-"""Correct a simulated person: planted feet do not slide over the floor, and they are flat."""
+"""Correct a simulated person: planted feet are flat, touch the floor and do not slide over it."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.exchange.rigs.rest_frames import swing
-from solver_backend.exchange.stands import steps
+from solver_backend.exchange.stands import standing_runs, steps
 from solver_backend.fitters.one_view.shape import foot_vertices
+from solver_backend.fitters.one_view.steady import RELEASE_S, legs, released, with_ankle_moved
 from solver_backend.synthesis.simulation.cast import Person
 
 TOUCH_M = 0.005  # Height above the lowest vertex at which a vertex touches the floor by 1/e.
@@ -16,6 +17,12 @@ SLIDES_M_S = 0.2  # Speed of the touching skin at which a frame has a quarter of
 
 SLOW_M_S, LOW_M = 0.3, 0.02  # Largest speed and height of a planted foot.
 FLAT = np.radians(8.0)  # Tilt at which a frame has a quarter of its weight.
+
+
+def grounded(person: Person, fps: float) -> Person:
+    """Return the person with all corrections of this file."""
+    touching = with_flat_feet(person, fps).touching_the_floor(fps)
+    return standing(with_feet_on_the_floor(touching, fps), fps)
 
 
 def with_flat_feet(person: Person, fps: float) -> Person:
@@ -41,6 +48,29 @@ def with_flat_feet(person: Person, fps: float) -> Person:
             normal = ((1.0 + (tilt / FLAT) ** 2)[:, None] ** -2.0 * up).sum(axis=0)
         turn = swing(np.array([[0.0, 1.0, 0.0]]), normal[None] / np.linalg.norm(normal))[0]
         local[:, ankle - 1] = local[:, ankle - 1] @ turn
+    return replace(person, local=local)
+
+
+def with_feet_on_the_floor(person: Person, fps: float) -> Person:
+    """Return the person with legs bent so that the lowest vertex of each planted foot is on the floor.
+
+    A body that repeats the rotations of an actor with other proportions keeps planted feet up to 20 mm above the floor.
+    Feet keep their orientation, and the correction fades before and after a stand.
+    """
+    body, local, skin = person.body, person.local, person.skin(np.arange(len(person.transl)))
+    rest = np.asarray(body.rest_joints(person.betas))
+    for side, chain in zip(("left", "right"), legs(body), strict=True):
+        foot = skin[:, foot_vertices(body, side)]
+        way, seconds = steps(foot.mean(axis=1, keepdims=True), fps)
+        low = foot[..., 2].min(axis=1)
+        planted = np.zeros(len(low), dtype=bool)
+        for first, stop in standing_runs(
+            (np.linalg.norm(way, axis=-1) < SLOW_M_S * seconds)[:, 0] & (low < LOW_M), fps
+        ):
+            planted[first:stop] = True
+        if planted.any():
+            move = released(-low[:, None] * [0.0, 0.0, 1.0], planted, round(RELEASE_S * fps))
+            local = with_ankle_moved(person.orient, local, rest, body.parents, chain, move)
     return replace(person, local=local)
 
 

@@ -95,7 +95,7 @@ def stand_on_floor(solved: SolvedFrames, sight: np.ndarray, fps: float) -> Solve
     below the floor are also lifted. No foot moves by more than ``MOST_M`` relative to the body.
     """
     body, stands = solved.subject.body, solved.contacts
-    chains = _legs(body)
+    chains = legs(body)
     if stands is None or not stands.any() or len(stands) < 3 or len(chains) < len(_SIDES):
         return solved
     root, local, transl = (to_numpy(part) for part in (solved.frames.root, solved.frames.local, solved.frames.transl))
@@ -123,19 +123,19 @@ def stand_on_floor(solved: SolvedFrames, sight: np.ndarray, fps: float) -> Solve
         runs = true_runs(stands[:, side])
         moves[:, side, :2] = -_slides(foot + shift[:, None], runs)
         moves[:, side, 2] = -low[:, side] - rise
-        moves[:, side] = _released(moves[:, side], stands[:, side], round(RELEASE_S * fps))
+        moves[:, side] = released(moves[:, side], stands[:, side], round(RELEASE_S * fps))
         moves[:, side, 2] = np.maximum(moves[:, side, 2], -low[:, side] - rise)
     transl = transl + shift
     rest = np.asarray(body.rest_joints(betas))
     length = np.linalg.norm(moves, axis=-1, keepdims=True)
     moves *= np.minimum(1.0, MOST_M / np.maximum(length, 1e-9))
     for side, chain in enumerate(chains):
-        local = _with_ankle_moved(root, local, rest, body.parents, chain, moves[:, side])
+        local = with_ankle_moved(root, local, rest, body.parents, chain, moves[:, side])
     like = solved.frames.transl
     return replace(solved, frames=PosedFrames(*(constant(part, like) for part in (root, local, transl))))
 
 
-def _legs(body: Body) -> list[tuple[int, int, int]]:
+def legs(body: Body) -> list[tuple[int, int, int]]:
     """Return (hip, knee, ankle) for each side that has these joints."""
     names = body.layout.joints
     wanted = [[f"{side}_{part}" for part in ("hip", "knee", "ankle")] for side in _SIDES]
@@ -177,7 +177,7 @@ def _stands_around(stands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.maximum.accumulate(np.where(stands, number, -1)), after
 
 
-def _released(moves: np.ndarray, stands: np.ndarray, frames: int) -> np.ndarray:
+def released(moves: np.ndarray, stands: np.ndarray, frames: int) -> np.ndarray:
     """Return (F, 3) corrections that fade out over some frames before and after the contacts."""
     number, count = np.arange(len(moves)), len(moves)
     before, after = _stands_around(stands)
@@ -189,7 +189,7 @@ def _released(moves: np.ndarray, stands: np.ndarray, frames: int) -> np.ndarray:
     return np.where(stands[:, None], moves, total)
 
 
-def _with_ankle_moved(
+def with_ankle_moved(
     root: np.ndarray,
     local: np.ndarray,
     rest: np.ndarray,

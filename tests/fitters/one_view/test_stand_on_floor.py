@@ -20,8 +20,10 @@ from solver_backend.fitters.pipeline import solve
 from solver_backend.fitters.problem import SolvedFrames
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.load import load_capture
+from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.types import JointSet
 from tests.support.recordings import ABSENT, BALANCING_TRIAL, recordings_folder
+from tests.support.standing_people import with_feet_on_the_floor
 
 FRAMES, FPS = 40, 30.0
 LEVEL = np.tile([0.0, 1.0, 0.0], (FRAMES, 1))
@@ -55,6 +57,19 @@ def test_floating_and_sinking_soles_stand_on_the_floor() -> None:
     for above in (0.03, -0.03):
         for foot in soles(stand_on_floor(solved(above), LEVEL, FPS)):
             assert np.abs(foot[..., 2].min(axis=1)).max() < 1e-3
+
+
+def test_both_feet_of_a_simulated_person_touch_the_floor() -> None:
+    take = solved(0.0, lifted=0.05)
+    frames = take.frames
+    person = Person(take.subject.body, np.zeros(10), frames.root, frames.local, frames.transl)
+    before, after = (
+        soles(take),
+        soles(replace(take, frames=replace(frames, local=with_feet_on_the_floor(person, FPS).local))),
+    )
+    assert before[1][..., 2].min() > 0.012
+    for foot in after:
+        assert np.abs(foot[..., 2].min(axis=1)).max() < 1e-3
 
 
 def test_a_slide_of_standing_feet_is_taken_out() -> None:
