@@ -416,9 +416,11 @@ def _solve_body(
         return found
 
     full, (solved, convergence) = problem, solve_once(problem)
-    for layer in problem.measurements.layers:
+    for layer in (problem.measurements.source, *problem.measurements.layers):
         full = layer.blocks(full, solved, settings)
-    if full.measurements.landmarks is not problem.measurements.landmarks:
+    if full.measurements.landmarks is not problem.measurements.landmarks or (
+        full.measurements.source is not problem.measurements.source
+    ):
         solved, convergence = solve_once(full)
     return full, solved, convergence
 

@@ -49,9 +49,9 @@ class Layer(SolvedLayer):
         return FrameObjective(())
 
     def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
-        """Return the problem with the landmarks that the layer adds after a first solve.
+        """Return the problem with the landmarks or the source that the layer changes after a first solve.
 
-        A problem whose landmarks have changed is solved again.
+        A changed problem is solved again.
         """
         return problem
 

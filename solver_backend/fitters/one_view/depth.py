@@ -297,6 +297,20 @@ class OneCamera(PointSource):
         """Return the terms for the floor and the lifted pose."""
         return FrameObjective(self.floor, relative=(self.lifted,))
 
+    def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
+        """Return the problem with the person's size from the solved poses, if a calibrated floor shows it.
+
+        Detections and planted feet correct lifted poses, for example legs that are bent too little. Networks' poses
+        have their own size (``with_network_results``).
+        """
+        has_poses = any(layer.terms().relative for layer in problem.measurements.layers)
+        if settings.betas is not None or self.heights is None or self.open.up_from_person or has_poses:
+            return problem
+        root, local = (to_numpy(part) for part in (solved.frames.root, solved.frames.local))
+        R, _ = self.views.cameras.subset([self.views.cameras.names.index(self.open.camera)]).poses(0, len(root))
+        view = replace(self.take.view, root=R @ root)
+        return replace(problem, measurements=self.sized_by(replace(self.take, view=view, local=local)))
+
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:

@@ -8,6 +8,9 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import Landmarks
+from solver_backend.exchange.progress import silent
+from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.fitters.model.subject import PosedFrames
 from solver_backend.fitters.one_view.shape import (
     ALIKE_S,
     SeenShape,
@@ -18,7 +21,8 @@ from solver_backend.fitters.one_view.shape import (
     standing_soles,
     with_soles,
 )
-from solver_backend.fitters.pipeline import solve
+from solver_backend.fitters.pipeline import prepare, solve
+from solver_backend.fitters.problem import SolvedFrames
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.lifted_take import LiftedTake
 from solver_backend.priors.view_lifter import LiftedView
@@ -43,6 +47,28 @@ def person_who_stands(stature: float, joint_set: JointSet, height: float) -> Per
     still = replace(take, rotations=rotations, root=np.tile(take.root.mean(axis=0), (90, 1)))
     person = cast_person(still, rng, body, betas=betas_of_stature(body, rng, stature))
     return filmed("stands", person.touching_the_floor(take.fps), take.fps, height, joint_set, rng)
+
+
+def test_the_size_follows_the_solved_poses_unless_the_shape_is_given() -> None:
+    body, rng, take = load_body(), np.random.default_rng(1), walk(60)
+    bend = np.zeros((60, 22, 3))
+    bend[:, 1:3, 0] = bend[:, 7:9, 0] = -0.9
+    bend[:, 4:6, 0] = 1.8
+    rotations = take.rotations.copy()
+    rotations[:, 1:3] = np.eye(3)
+    squats = replace(take, rotations=rotations @ exp_so3(bend), root=np.tile(take.root.mean(axis=0), (60, 1)))
+    person = cast_person(squats, rng, body, betas=betas_of_stature(body, rng, 1.9)).touching_the_floor(FPS)
+    capture = filmed("squats", person, FPS, 1.4, JointSet.BODY_25, rng).capture
+    settings = SolveSettings()
+    problem = prepare(capture, settings, silent)
+    known = problem.measurements.known_person
+    assert known is not None and body.stature_of(known.betas) < 1.75  # The lifted legs are bent too little.
+    true = SolvedFrames(known, PosedFrames(person.orient, person.local, person.transl))
+    again = problem.measurements.source.blocks(problem, true, settings)
+    assert again.measurements.known_person is not None
+    assert abs(body.stature_of(again.measurements.known_person.betas) / 1.9 - 1.0) < 0.02
+    given = replace(settings, betas=tuple(person.betas))
+    assert problem.measurements.source.blocks(problem, true, given) is problem
 
 
 @pytest.mark.parametrize(
