@@ -21,8 +21,8 @@ _LONG = ("ENUM", "STRING", "POINTER")
 _TEXT_PT, _MARGIN_PX, _ICON_PX = 11.0, 78.0, 24.0
 """Size of panel text, width of the space around it in a box, and width of an icon, at an interface scale of 1."""
 _MIN_LETTERS = 8  # Letters per line in the narrowest sidebar.
-_PARTS = re.compile(r"\s*(?:\S+?(?:[^\W\d]-(?=[^\W\d])|[\\/](?=\w\w))|\S+)")
-"""Words, with a possible break after a hyphen and after a folder."""
+_PARTS = re.compile(r"\s*(?:\S+?(?:[^\W\d]-(?=[^\W\d])|[\\/](?=\w\w)|_(?=\w{6}))|\S+)")
+"""Words, with a possible break after a hyphen, a folder, and a part of a long file name."""
 _CONTROLS = {
     option: row.control or f"*{row.label}*"
     for row in (*ROWS.values(), *settings_of_class(SolveSettings).values())
@@ -34,7 +34,9 @@ TALLEST = 1.6  # Height of the button for the next step relative to others.
 
 def is_narrow(context: bpy.types.Context, limit_px: float = _NARROW_PX) -> bool:
     """Return whether the sidebar is too narrow for labels and values in one row."""
-    return context.region.width < limit_px * (context.preferences.system.ui_scale or 1.0)
+    return context.region.width < int(
+        limit_px * (context.preferences.system.ui_scale or 1.0)
+    )  # Blender's widths are whole
 
 
 def is_slim(context: bpy.types.Context) -> bool:

@@ -51,6 +51,7 @@ def steps(user: Any) -> Any:
     assert user.clicks <= _CLICKS, user.clicks
     yield 1.0
     yield from user.shot("solved")
+    yield from user.press("mocap.hide_cube()")
     body, scene = mocap().review.armature, bpy.context.scene
     user.look_at(body.pose.bones["pelvis"].head, 3.0)
     for frame in np.linspace(scene.frame_start, scene.frame_end, 3).astype(int).tolist():

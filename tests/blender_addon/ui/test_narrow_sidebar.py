@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any, cast
 
 import bpy
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from blender_addon._exchange.diagnostics import diagnostic
 from blender_addon.body.shape import body_mesh
 from blender_addon.conventions.kept_findings import findings_text
-from blender_addon.ui.layout import wrapped
+from blender_addon.ui.layout import is_narrow, wrapped
 from blender_addon.ui.operators.base import current
 from blender_addon.ui.panels.solve import ADDED_BY_DEFAULT
 from blender_addon.ui.translation import german
@@ -62,6 +63,16 @@ def test_lines_end_between_words(mocap) -> None:
     assert "/a/folder_of/" in layout.drawn
     layout.fit(185 - narrow_layout.TABS_AND_MARGINS)
     assert not layout.cut
+
+
+def test_blenders_own_width_is_wide_at_any_scale() -> None:
+    for scale in (1.0, 1.0416666, 1.25, 1.5, 2.0):
+        preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=scale))
+        widths = (int(280 * scale) - 1, int(280 * scale))
+        contexts = [
+            cast(Any, SimpleNamespace(region=SimpleNamespace(width=w), preferences=preferences)) for w in widths
+        ]
+        assert [is_narrow(context) for context in contexts] == [True, False], scale
 
 
 def test_an_empty_scene(mocap) -> None:
