@@ -1,1 +1,1 @@
-"""Implement the command line. Each verb calls one function of other packages."""
+"""Implement the command line. Each verb calls one function in another package."""

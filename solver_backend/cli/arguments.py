@@ -1,4 +1,4 @@
-"""Build settings and captures from a parsed command line of the solver."""
+"""Build settings and captures from the solver's parsed command line."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ if TYPE_CHECKING:
     from solver_backend.types import Capture
 
 EVERYBODY = "all"
-"""Value of ``--person`` for all people in a capture."""
+"""Value of ``--person`` that selects all people in a capture."""
 
 
 def given_settings(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the solver settings in parsed arguments, by name."""
+    """Return the solver settings given in the parsed arguments, by name."""
     return {**PRESETS.get(getattr(args, "preset", None) or "", {}), **_given(args, settings_of_class(SolveSettings))}
 
 
 def given_reading(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the reading options in parsed arguments, by name."""
+    """Return the reading options given in the parsed arguments, by name."""
     return {name: tuple(value) if is_list(value) else value for name, value in _given(args, READING_ROWS).items()}
 
 
 def given_world(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the world settings in parsed arguments, by name."""
+    """Return the world settings given in the parsed arguments, by name."""
     return _given(args, settings_of_class(WorldSettings))
 
 
@@ -43,7 +43,7 @@ def _given(args: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
 
 
 def reading(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the arguments of ``load_capture`` from parsed arguments."""
+    """Convert parsed arguments to the arguments of ``load_capture``."""
     from solver_backend.job import joint_set_named, positive_fps
 
     convert = {"fps": positive_fps, "joint_set": joint_set_named}
@@ -51,12 +51,12 @@ def reading(args: argparse.Namespace) -> dict[str, Any]:
     if args.sync is not None:
         options["sync"] = args.sync
     if getattr(args, "resolve", None):
-        options["frames"] = None  # the frames are then those to solve again
+        options["frames"] = None  # here, the option selects the frames to solve again
     return options
 
 
 def load(path: Path, options: dict[str, Any], progress: Progress) -> Capture:
-    """Read a capture, with all people if the person is ``EVERYBODY``."""
+    """Read a capture. If the person is ``EVERYBODY``, read all people."""
     from solver_backend.io.load import load_capture
 
     person = options.get("person")
@@ -70,7 +70,7 @@ def loaded(args: argparse.Namespace, progress: Progress) -> Capture:
 
 
 def calibration_of(path: Path, names: Sequence[str], called: str, hint: str) -> Calibration:
-    """Return the calibration of these cameras in that order. Reject others with a hint."""
+    """Read the calibration of these cameras and put it in their order. Reject other cameras with a hint."""
     from solver_backend.io.calibration.read import read_calibration
     from solver_backend.io.calibration.search import ordered
     from solver_backend.io.camera_names import listing, match_names
@@ -84,7 +84,7 @@ def calibration_of(path: Path, names: Sequence[str], called: str, hint: str) -> 
 
 
 def trials_of(path: Path) -> list[Path]:
-    """Return the recordings in a session folder, none for any other path."""
+    """Return the recordings in a session folder, or none for any other path."""
     if not path.is_dir():
         return []
     from solver_backend.io.detections.search import camera_sources, trials_below

@@ -1,4 +1,4 @@
-"""Run the verb ``live cameras``: estimate poses from running cameras, one line per pose."""
+"""Run the verb ``live cameras``: estimate poses from live cameras, and write one line per pose."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from solver_backend.videos.detect.detector import DetectorProcess, chosen_detect
 from solver_backend.videos.streaming.moments import LiveMoments, PictureSource, ReplayedVideo, Webcam
 from solver_backend.videos.streaming.recording import ViewsRecording, motion_of, run_recorded
 
-MOST_CAMERAS = 4  # More cameras do not improve one person's pose, but take time. Chosen by hand.
-_SWITCH_S = 5e-4  # Seconds after which one thread yields to another, chosen by hand.
+MOST_CAMERAS = 4  # More cameras take time without improving a single person's pose. Chosen by hand.
+_SWITCH_S = 5e-4  # Seconds after which a thread yields to another. Chosen by hand.
 
 
 def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Run until the cameras end, the time is over, or a signal arrives, and keep recordings."""
+    """Run until the cameras end, the time is up or a signal arrives. Recordings are kept."""
     if not 2 <= len(args.sources) <= MOST_CAMERAS:
         message = f"Live poses need 2 to {MOST_CAMERAS} cameras, not {len(args.sources)}."
         raise CommandLineInvalid(message, hint="Name a video, webcam:NUMBER or oak:ID for each.")
@@ -55,7 +55,7 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         session = ViewsSession(cameras, joint_set_of(live.about), betas, world, args.up_axis)
         session.warm_up()
         settle_memory()
-        # Threads that pass images to detectors wait this long for a computing fit. Python's default is 5 ms, six times.
+        # Threads that pass images to detectors wait this long six times while a fit computes. Python's default is 5 ms.
         stack.callback(sys.setswitchinterval, sys.getswitchinterval())
         sys.setswitchinterval(_SWITCH_S)
         if args.record is not None:
@@ -72,7 +72,7 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
-    """Return unopened cameras or videos for texts ``[NAME=]SOURCE``."""
+    """Return cameras or videos for texts ``[NAME=]SOURCE``, without opening them."""
     found: list[PictureSource] = []
     for number, text in enumerate(texts):
         name, _, source = text.rpartition("=") if not Path(text).exists() else ("", "", text)
@@ -95,7 +95,7 @@ def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
 def _lines(
     live: LiveMoments, session: ViewsSession, recorder: Recorder[...] | None, args: argparse.Namespace
 ) -> Iterator[LiveLine]:
-    """Yield a line for each time stamp until the time is over. Each is recorded first."""
+    """Yield a line for each moment until the time is up. Each line is recorded first."""
     for moment in live.moments():
         for line in [moment] if isinstance(moment, dict) else run_recorded(session, moment, recorder):
             if "event" not in line:

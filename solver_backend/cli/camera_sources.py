@@ -1,4 +1,4 @@
-"""Calibrate cameras and lenses from board footage, a capture, bare detections, or clicks."""
+"""Calibrate cameras and lenses from board footage, a capture, uncalibrated detections, or clicks."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from solver_backend.io.load import load_capture
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
 _WORLD_OPTIONS = {"person": {"stature"}, "refine": {"stature", "scale", "level"}}
-"""World settings that a method uses. The other methods use only the scale."""
+"""World settings that each method uses. The other methods only use the scale."""
 
 
 def calibrated(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
-    """Compute the calibration that the command line requests."""
+    """Run the calibration that the command line requests."""
     by = {"board": _by_board, "person": _by_person, "points": _by_points, "refine": _refined, "together": _together}
     world = given_world(args)
     useless = sorted(set(world) - _WORLD_OPTIONS.get(args.method, {"scale"}))
@@ -46,13 +46,13 @@ def calibrated(args: argparse.Namespace, progress: Progress) -> CalibratedCamera
 
 
 def capture_of(args: argparse.Namespace, progress: Progress, path: Path | None = None) -> Capture:
-    """Read the capture in the arguments or at ``path``, with the reading options."""
+    """Read the capture given in the arguments, or at ``path``, with the reading options."""
     given = args.capture if "capture" in args else args.source
     return load_capture(path or given, **reading(args), progress=progress)
 
 
 def calibrated_lenses(args: argparse.Namespace, progress: Progress) -> dict[str, CameraLens]:
-    """Calibrate the lens of each camera that recorded a board."""
+    """Estimate the lens parameters of each camera that recorded a board."""
     board, options = _board_options(args)
     footage = board_footage(args.source)
     lenses = board_session.calibrate_lenses(footage.lens or footage.extrinsic, board, options, progress)
@@ -94,7 +94,7 @@ def _by_person(args: argparse.Namespace, progress: Progress) -> CalibratedCamera
 
 
 def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
-    """Return names, lenses and keypoints of a person, and whether lenses are approximate."""
+    """Return camera names, lenses and keypoints of a person, and whether the lenses are approximate."""
     try:
         cameras, keypoints = capture_of(args, progress).require_multiview()
     except (CalibrationMissing, CalibrationMismatch):
@@ -106,7 +106,7 @@ def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str]
 
 
 def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
-    """Return the values of ``_person`` for the largest person of uncalibrated detections."""
+    """Return what ``_person`` returns, for the largest person in uncalibrated detections."""
     sources = camera_sources(args.source)
     levels = levels_above(args.source)
     config = read_config(levels)
@@ -140,7 +140,7 @@ def _refined(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
 
 
 def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
-    """Adjust an earlier calibration to a board, a take and clicks together."""
+    """Adjust an existing calibration to a board, a take and clicks jointly."""
     if args.footage is None and args.take is None and args.clicks is None:
         hint = "Give at least one of --footage, --take and --clicks."
         raise CommandLineInvalid("--from together needs a source.", hint=hint)

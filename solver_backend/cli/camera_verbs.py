@@ -1,4 +1,4 @@
-"""Run the camera verbs: boards, calibrations and their checks."""
+"""Run the camera verbs: print boards, and compute and check calibrations."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from solver_backend.exchange.progress import Progress
 
 
 def board(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write a board to print and, next to it, the file that describes it."""
+    """Write a board to print, and next to it the file that describes the board."""
     from solver_backend.camera_calibration.boards.board import board_named
     from solver_backend.camera_calibration.boards.page import board_page, pdf, svg
     from solver_backend.camera_calibration.formats import board_toml
@@ -36,7 +36,7 @@ def board(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Calibrate or refine cameras from a board, a person or points, and write them."""
+    """Calibrate or refine cameras from a board, a person or points, and write the result."""
     import numpy as np
 
     from solver_backend.camera_calibration.formats import write_calibration
@@ -73,17 +73,17 @@ def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _format_of_output(args: argparse.Namespace) -> str:
-    """Return the format of the calibration to write, and check that the file can be written."""
+    """Return the format in which to write the calibration, and check that the file can be written."""
     from solver_backend.camera_calibration.formats import format_of
 
     kind = args.format or format_of(args.out)
-    if kind != "colmap":  # its output is a folder
+    if kind != "colmap":  # the output in COLMAP's format is a folder
         check_output(args.out, overwrite=args.overwrite)
     return kind
 
 
 def _lenses(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Calibrate only the lenses and add them to a library."""
+    """Estimate only the lens parameters, and add them to a library."""
     from solver_backend.camera_calibration.intrinsics.known_lenses import keep_lenses
     from solver_backend.cli.camera_sources import calibrated_lenses
 
@@ -107,7 +107,7 @@ def _lenses(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def check_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Report whether a capture's calibration fits the keypoints."""
+    """Report whether the calibration of a capture fits its keypoints."""
     from solver_backend.camera_calibration.calibration_check import check_calibration
     from solver_backend.cli.camera_sources import capture_of
 
@@ -128,7 +128,7 @@ def check_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def fit_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write a capture's corrected, scaled and levelled cameras."""
+    """Correct, scale and level the cameras of a capture, and write them."""
     from solver_backend.camera_calibration.formats import write_calibration
     from solver_backend.cli.camera_sources import capture_of
     from solver_backend.io.recognition.world_fit import check_world
@@ -150,7 +150,7 @@ def fit_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Calibrate sensors from a wand, align them with the floor by a Γ, and write them."""
+    """Calibrate sensors from a wand, align them with the floor using a Γ, and write them."""
     from solver_backend.camera_calibration.formats import write_calibration
     from solver_backend.sensors.chain import triggered
     from solver_backend.sensors.wand.evaluation import WandOptions, in_world

@@ -1,4 +1,4 @@
-"""Run the verbs that cut, loop, mirror, join and retime motions. Each writes a new file."""
+"""Run the verbs that cut, loop, mirror, join and retime motions. Each one writes a new file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def trim(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def loop(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Find the best cycle and close it."""
+    """Find the best cycle in a motion and close it."""
     motion = _read(args, args.motion)
     progress("Comparing frames", 0, 1)
     found = seams.find_loop(motion, args.shortest, args.blend, stay=args.in_place)
@@ -31,12 +31,12 @@ def loop(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def mirror(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Exchange left and right."""
+    """Swap left and right."""
     return _write(args, clips.mirror(_read(args, args.motion)))
 
 
 def join(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Append a second motion to the first one."""
+    """Append a second motion to the first."""
     first, second = _read(args, args.motion), _read(args, args.second)
     joined, seam = seams.join(first, second, args.blend)
     notes = (row for note in seams.join_notes(first, second) for row in rows("note", note))
@@ -44,7 +44,7 @@ def join(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def retime(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Change the playing speed at the same frame rate."""
+    """Change the playback speed without changing the frame rate."""
     motion = _read(args, args.motion)
     if (args.speed is None) == (args.seconds is None):
         raise CommandLineInvalid("Give --speed or --seconds.", where=args.verb)
@@ -55,17 +55,17 @@ def retime(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def resample(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Change the frame rate and keep the speed."""
+    """Change the frame rate without changing the speed."""
     return _write(args, clips.resample(_read(args, args.motion), args.fps))
 
 
 def in_place(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Remove the travel on the ground."""
+    """Remove movement along the ground."""
     return _write(args, clips.in_place(_read(args, args.motion)))
 
 
 def root_motion(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Add the travel on the ground as the path of a root bone."""
+    """Add a root bone that carries the movement along the ground."""
     return _write(args, clips.root_motion(_read(args, args.motion)))
 
 

@@ -1,4 +1,4 @@
-"""Describe markers and a calibrated person as text and as plain values."""
+"""Describe markers and a calibrated person, both as text and as plain values."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from solver_backend.io.motions.motion_checks import odd_shape
 from solver_backend.io.recognition.marker_labels import subjects_of
 from solver_backend.types import MarkerCloud, MarkerSubject
 
-MOST_LISTED = 8  # Maximum number of markers in a line, chosen by hand.
+MOST_LISTED = 8  # Maximum number of markers listed in a line. Chosen by hand.
 
 
 def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
-    """Return lines and JSON values: subjects, known labels and gaps."""
+    """Return lines of text and JSON values that describe subjects, known labels and gaps."""
     labels = cloud.labels or ()
     named, hands = [label for label in labels if not is_unnamed(label)], hand_labels(labels)
     names = name_markers([label for label in named if label not in hands], places_by_side(cloud))
@@ -80,7 +80,7 @@ def _resting(cloud: MarkerCloud, known: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def describe_person(person: MarkerSubject) -> tuple[str, dict[str, Any]]:
-    """Return text and JSON values of a calibrated person: shape and marker positions."""
+    """Describe a calibrated person as text and JSON values: the shape and the marker positions."""
     away = 1000 * np.linalg.norm(person.offsets, axis=-1)
     sigma = 1000 * person.sigma_m
     doubts = [*exchanged_in(person), *doubts_of(person), *odd_shape(person.betas)]
@@ -94,7 +94,7 @@ def describe_person(person: MarkerSubject) -> tuple[str, dict[str, Any]]:
         "diagnostics": [item.as_dict() for item in doubts],
     }
     free = [" (free along the limb)" if _is_free(place) else "" for place in person.places]
-    # A marker on a bone has no nominal position.
+    # Markers attached to a bone have no nominal position.
     named = [m for m in np.argsort(-away, kind="stable") if not person.places[m].startswith(ON_BONE)]
     far = ", ".join(f"{person.labels[m]} {away[m]:.0f} mm{free[m]}" for m in named[:5])
     loose = ", ".join(f"{person.labels[m]} {sigma[m]:.1f} mm" for m in np.argsort(-sigma, kind="stable")[:5])
@@ -124,7 +124,7 @@ def _faults(cloud: MarkerCloud) -> dict[str, list[str]]:
 
 
 def _gaps(cloud: MarkerCloud) -> list[dict[str, Any]]:
-    """Return each marker with gaps, including those at the ends, and its percentage of missing frames."""
+    """Return each marker that has gaps, even at the ends, and the percentage of frames it is missing in."""
     seen = np.isfinite(cloud.positions).all(-1)
     labels = cloud.labels or tuple(f"*{number}" for number in range(1, seen.shape[1] + 1))
     starts = (~seen[:1]).sum(axis=0) + (~seen[1:] & seen[:-1]).sum(axis=0)

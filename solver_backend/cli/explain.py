@@ -13,20 +13,20 @@ from solver_backend.exchange.errors import CommandLineInvalid, MocapError
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.verb import suggest
 
-_LIKENESS = 0.85  # Smallest similarity of a suggested code. Codes share many words.
+_LIKENESS = 0.85  # Smallest similarity at which a code is suggested. Many codes share words.
 _PARTS = (
     "sensors.devices.device", "sensors.wand.gamma", "sensors.wand.views", "synthesis.studio.checked_values",
     "videos.detect.detector", "videos.files.video", "videos.pipeline.layout", "videos.sync.clocks",
 )  # fmt: skip
-"""Modules that define errors."""
+"""Modules in which errors are defined."""
 _VALUE = re.compile(r"\{(\w+)[^}]*\}")
 
 
 def explain(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Explain a code from a report, the panel or ``--json``. Without a code, list all of them.
+    """Explain a code shown in a report, the panel or ``--json``. Without a code, list all codes.
 
     Raises:
-        CommandLineInvalid: no diagnostic and no error has this code. The hint is the most similar code.
+        CommandLineInvalid: no diagnostic or error has this code. The hint suggests the most similar code.
     """
     table, named = load_table(), list_errors()
     if not args.code:
@@ -43,7 +43,7 @@ def explain(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def list_errors() -> dict[str, type[MocapError]]:
-    """Return the errors that can end a verb of the solver, by code."""
+    """Return the errors that can end a solver verb, by code."""
     for name in _PARTS:
         import_module(f"solver_backend.{name}")
     kinds = sorted((kind for kind in _kinds(MocapError) if "code" in vars(kind)), key=lambda kind: kind.code)

@@ -1,4 +1,4 @@
-"""Open the source of a live run: points, a motion, another program, or a phone's face."""
+"""Open the source of a live run: points, a motion, another program, or a face from a phone."""
 
 from __future__ import annotations
 
@@ -32,22 +32,22 @@ from solver_backend.live.session import LiveSession, person_fit, with_display
 from solver_backend.live.vmc_source import BonesOnBody, FrameAssembly, pose_lines
 
 FOREIGN_CLIPS = (".bvh", ".mvnx")
-"""Suffixes of motions with other skeletons, which are fitted by our body before they are replayed."""
+"""Suffixes of motions with other skeletons. Our body is fitted to them before they are replayed."""
 
 
 @dataclass(frozen=True)
 class LiveSource:
-    """Source of the lines of a live run."""
+    """Source that provides the lines of a live run."""
 
     lines: Iterator[LiveLine]
     proportions: Proportions
     recorder: Recorder[...] | None = None
-    summary: Callable[[], dict[str, object]] = field(default=dict)  # Returns plain values about the source at the end.
-    others: tuple[Recorder[...], ...] = ()  # Further recordings.
+    summary: Callable[[], dict[str, object]] = field(default=dict)  # Returns plain values about the source at its end.
+    others: tuple[Recorder[...], ...] = ()  # Recorders of additional data.
 
 
 def open_source(args: argparse.Namespace, progress: Progress) -> LiveSource:
-    """Return the source that the arguments name, ready to start."""
+    """Return the source that the arguments select, ready to start."""
     if is_address(args.source):
         if args.repeat or args.fast:
             raise CommandLineInvalid("--fast and --repeat need a file, but the source is another program. Omit them.")
@@ -87,7 +87,7 @@ def _refuse_ending(path: Path | None, what: str, ending: str) -> None:
 
 
 def _poses(args: argparse.Namespace) -> LiveSource:
-    """Return the poses that other programs send to a port."""
+    """Return a source of poses that other programs send to a port."""
     _refuse_ending(args.record, "Poses can only be recorded as a motion", ".npz")
     address, assembly = read_address(args.source), FrameAssembly()
     onto = BonesOnBody(load_body(), None if args.subject is None else read_subject(args.subject).betas)
@@ -117,11 +117,11 @@ def _face(args: argparse.Namespace) -> LiveSource:
 
 
 def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
-    """Return the points of a take, or of input lines, with a fit that converts them to poses."""
+    """Return a source of points from a take or from input lines. A fit converts them to poses."""
     network, fit = person_fit(args.subject)
     if args.source == "-":
         session, fps = LiveSession(network, fit, unit=args.unit, up_axis=args.up_axis), args.fps
-        # Use a separate descriptor, so that a waiting read does not delay the end of the process.
+        # Use a separate descriptor, so that a pending read does not keep the process from ending.
         frames = from_lines(os.fdopen(os.dup(sys.stdin.fileno()), "rb"), args.fps or 120.0)
         frames = frames if args.fast else read_ahead(frames)
     else:
@@ -145,7 +145,7 @@ def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
 
 
 def _with_points(session: LiveSession, lines: Iterator[Any], keep_up: Any, *, shown: bool) -> Iterator[LiveLine]:
-    """Yield lines with poses, the number of dropped frames, and an event at the first drop."""
+    """Yield lines that contain poses and the number of dropped frames, and an event at the first drop."""
     named = False
     for line in lines:
         if "frame" not in line:
@@ -160,12 +160,12 @@ def _with_points(session: LiveSession, lines: Iterator[Any], keep_up: Any, *, sh
 
 
 def make_ready(session: LiveSession) -> None:
-    """Prepare everything that would delay the first frames."""
+    """Do everything in advance that would otherwise delay the first frames."""
     session.warm_up()
     settle_memory()
 
 
 def settle_memory() -> None:
-    """Exclude all present objects from garbage collection, which would delay frames."""
+    """Exclude all existing objects from garbage collection, which would delay frames."""
     gc.collect()
     gc.freeze()

@@ -26,7 +26,7 @@ from solver_backend.live.session import LiveStatistics
 
 
 def live(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Run until the source ends. Invalid input does not end the run."""
+    """Run until the source ends. Invalid input does not stop the run."""
     if args.parent_pipe and args.source == "-":
         raise CommandLineInvalid("--parent-pipe cannot be used when the points come from standard input.")
     if args.send is not None:
@@ -43,16 +43,16 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def live_text(args: argparse.Namespace, data: Mapping[str, object]) -> str:
-    """Return the result of a live run as text."""
+    """Describe the result of a live run as text."""
     return f"{args.verb}: {', '.join(f'{name} {value}' for name, value in data.items())}"
 
 
 class LiveOutput:
-    """The outputs of a live run, as a context manager.
+    """The outputs of a live run, used as a context manager.
 
     Args:
-        proportions: layout and rest joints of the person, for sending and counting poses, or None.
-        recorders: the first one records this run, and its file is reported.
+        proportions: layout and rest joints of the person, needed to send and count poses, or None.
+        recorders: the first one records this run. Its file is reported.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class LiveOutput:
         """Send and write lines until the source ends or a signal arrives.
 
         Args:
-            hold: delays later signals until recordings are written.
+            hold: postpones further signals until the recordings have been written.
         """
         try:
             for line in lines if self._sender is None else self._sender.watched(lines):
@@ -97,12 +97,12 @@ class LiveOutput:
                         line = {**line, "rate_hz": round(self.statistics.rate_hz, 1)}
                 self.lines.write(line)
             hold()
-        except Cancelled:  # the usual end of a live run. Recordings are kept
+        except Cancelled:  # the usual way to end a live run. Recordings are kept
             self.lines.end_line()
             self.stopped = True
 
     def finish(self) -> dict[str, object]:
-        """Return plain values about the finished run, such as its recordings.
+        """Finish the run and return plain values about it, such as the recordings.
 
         Raises:
             OutputNotWritable: lines were lost.
@@ -113,9 +113,9 @@ class LiveOutput:
 
 
 def recorded(recorder: Recorder[...] | None) -> dict[str, str]:
-    """Return the files of a finished recorder.
+    """Return the files that a finished recorder has written.
 
-    ``recovered`` is the recording of an earlier run that was killed. ``not_recorded`` is a file without content.
+    ``recovered`` is the recording of an earlier run that was killed. ``not_recorded`` is a file that would be empty.
     """
     if recorder is None:
         return {}
@@ -125,9 +125,9 @@ def recorded(recorder: Recorder[...] | None) -> dict[str, str]:
 
 
 class Lines:
-    """A file of JSON lines, or the process's standard output, to which verbs do not print.
+    """A file of JSON lines, or the standard output of the process, to which verbs themselves print nothing.
 
-    Each line is written in one piece, and a write failure does not end the run.
+    Each line is written in a single call. A write failure does not stop the run.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -143,15 +143,15 @@ class Lines:
         self._file = AppendedFile(handle, "standard output")
 
     def write(self, line: Mapping[str, object]) -> None:
-        """Write a line. On a full disk the line is lost and counted."""
+        """Write a line. If the disk is full, the line is lost and counted."""
         self._file.append(json.dumps(as_plain(line), allow_nan=False).encode() + b"\n")
 
     def end_line(self) -> None:
-        """End a line that a signal may have truncated."""
+        """Complete a line that a signal may have truncated."""
         self._file.append(b"\n")
 
     def require_whole(self) -> None:
-        """Raise ``OutputNotWritable`` if a line was lost."""
+        """Raise ``OutputNotWritable`` if any line was lost."""
         self._file.require_whole("Free disk space for the file of --lines. The file of --record is not affected.")
 
     def __enter__(self) -> Lines:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run a command line, by default the process's own, and return its exit code."""
+    """Run a command line, by default that of the process. Return the exit code."""
     argv = sys.argv[1:] if argv is None else argv
     open_standard_streams()
     report = Report(sys.stdout, sys.stderr, as_json="--json" in argv)
@@ -53,15 +53,15 @@ def main(argv: list[str] | None = None) -> int:
                 raise
             except OSError:
                 return _report_as_text(named)
-    except BrokenPipeError:  # the reader of our lines has ended, so no program waits for the result
+    except BrokenPipeError:  # whoever read our lines has ended, so nothing waits for the result
         _silence(sys.stdout)
         return ExitCode.CANCELLED
-    except SystemExit as done:  # argparse has printed its help or the version
+    except SystemExit as done:  # argparse has printed help or the version
         return int(done.code or 0)
 
 
 def _run_blender_half(argv: list[str], report: Report) -> int:
-    """Run the add-on's command line as a separate program, and return its exit code."""
+    """Run the add-on's command line as a separate program. Return its exit code."""
     if find_spec("blender_addon") is None:
         hint = "Run it with the package blender_addon, or inside Blender: blender --command manifold_mocap"
         return report.error(
@@ -85,21 +85,21 @@ def _show(report: Report, outcome: Outcome) -> int:
 
 
 def _report_as_text(error: MocapError) -> int:
-    """Report an error as text if standard output must not contain JSON lines."""
+    """Report an error as text, for runs in which standard output must not contain JSON lines."""
     _silence(sys.stdout)
     return Report(sys.stderr, sys.stderr, as_json=False).error(error)
 
 
 def _run(argv: list[str], progress: Progress, cancellation: Cancellation) -> Outcome:
     args = parse(argv)
-    import logging  # not needed for help
+    import logging  # not needed for printing help
 
     if args.parent_pipe:
         cancel_at_end_of(sys.stdin.fileno())
     err: Any = LenientStream(sys.stderr)
     level = logging.INFO if args.verbose else logging.WARNING
     logging.basicConfig(level=level, format="%(levelname)s: %(message)s", stream=err)
-    with redirect_stdout(err):  # output of libraries must not mix with the result
+    with redirect_stdout(err):  # anything that libraries print must not mix with the result
         verb = VERBS[args.verb]
         check_outputs(verb, args)
         outcome = function_of(args.verb)(args, cancellation.watched(progress))
@@ -107,12 +107,12 @@ def _run(argv: list[str], progress: Progress, cancellation: Cancellation) -> Out
 
 
 def function_of(name: str) -> Callable[..., Any]:
-    """Import and return the function of a verb."""
+    """Import the function that runs a verb."""
     return VERBS[name].load("solver_backend.cli")
 
 
 def _silence(stream: TextIO) -> None:
-    """Discard the rest of a stream's buffer, because flushing it at exit would fail again."""
+    """Discard what is left in a stream's buffer, because flushing it at exit would fail again."""
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     except (OSError, ValueError):

@@ -17,11 +17,12 @@ if TYPE_CHECKING:
     from solver_backend.types import Capture
 
 CONTENTS = {"cleaned": "cleaned_markers", "solved": "markers"}
-"""Arrays of a motion file: measured markers with gaps filled and swaps corrected, or markers of the solved body."""
+"""Marker arrays in a motion file: measured markers with gaps filled and swaps corrected, or those of the solved body.
+"""
 
 
 def label(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Label the points of a take, and write them as markers or as our capture."""
+    """Label the points of a take. Write the result as markers or in our capture format."""
     from solver_backend.cli.arguments import loaded
     from solver_backend.exchange.errors import NoDetections
     from solver_backend.fitters.label_after import labelled_as_person
@@ -78,7 +79,7 @@ def _write(path: Path, labelled: Capture, *, overwrite: bool) -> None:
 
 
 def summary(take: LabelledTake) -> dict[str, object]:
-    """Return plain values about a labelled take, with each tracklet's label."""
+    """Return plain values about a labelled take, including the label of each tracklet."""
     import numpy as np
 
     from solver_backend.labelling.outputs import GHOST, MARKERS
@@ -101,7 +102,7 @@ def summary(take: LabelledTake) -> dict[str, object]:
 
 
 def export_markers(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write the markers of a motion in the format that the file suffix names."""
+    """Write the markers of a motion in the format given by the file suffix."""
     from solver_backend.io.markers.read import write_markers
     from solver_backend.types import MarkerCloud
 
@@ -116,7 +117,7 @@ def export_markers(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def marker_places(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Draw a layout's markers on the body and write the image."""
+    """Draw a layout's markers on the body, and write the image."""
     from solver_backend.body.files.choices import load_chosen_body
     from solver_backend.body.marker_layouts import load_layouts
     from solver_backend.io.png import png_bytes
@@ -133,10 +134,10 @@ def marker_places(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _markers(path: Path, contents: str) -> tuple[Any, tuple[str, ...], float]:
-    """Return positions (F, M, 3) in metres, labels and frames per second.
+    """Return the positions (F, M, 3) in metres, the labels and the frame rate in 1/s.
 
     Raises:
-        MotionInvalid: the motion was not solved from markers, or lacks the requested contents.
+        MotionInvalid: the motion was not solved from markers, or does not contain the requested markers.
     """
     from solver_backend.exchange.motion_file import FORMAT, STORED, VERSION
     from solver_backend.exchange.plausible import require_rate

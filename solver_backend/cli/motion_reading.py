@@ -1,4 +1,4 @@
-"""Read motions of other programs as motions of our body."""
+"""Convert motions from other programs to motions of our body."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ from solver_backend.io.motions.network_results import is_network_result, read_ne
 from solver_backend.types import Motion, SkeletonMotion
 from solver_backend.types.network_result import CAMERA_TO_Z_UP, NUM_TURNED, NetworkResult
 
-_FAR_MM = 20.0  # Smallest mean distance of a joint from its source that causes a note, chosen by hand.
-_RAISED_M = 0.02  # Smallest change of a motion's height in metres that causes a note, chosen by hand.
-_STRANGE = 5.0  # Size of a rare shape coefficient in standard deviations, chosen by hand.
-_FITS_MM = 12.0  # Largest limb distance from the skeleton at which a rare shape fits it, chosen by hand.
-_LOOSE = ("_toe", "head")  # Joints whose positions are not fitted.
+_FAR_MM = 20.0  # Smallest mean distance between a joint and its source that causes a note. Chosen by hand.
+_RAISED_M = 0.02  # Smallest change in a motion's height in metres that causes a note. Chosen by hand.
+_STRANGE = 5.0  # Magnitude of an unusual shape coefficient in standard deviations. Chosen by hand.
+_FITS_MM = 12.0  # Largest limb distance from the skeleton at which an unusual shape still fits. Chosen by hand.
+_LOOSE = ("_toe", "head")  # Joints whose positions are excluded from the fit.
 
 
 def any_motion(path: Path, choice: str, *, keep_shape: bool = True, fps: float | None = None) -> Motion:
-    """Read a motion file, an AMASS file or a network result as a motion of a body.
+    """Read a motion file, an AMASS file or a network result as a motion of the chosen body.
 
-    A body with finger joints keeps the fingers of an AMASS file.
+    The fingers in an AMASS file are kept if the body has finger joints.
 
     Args:
         choice: name or path of the body.
-        keep_shape: use the shape coefficients of an AMASS file, which belong to the body of its fit.
-        fps: frame rate that replaces the one in an AMASS file.
+        keep_shape: use the shape coefficients in an AMASS file, which refer to the body it was fitted with.
+        fps: frame rate that replaces the one stated in an AMASS file.
 
     Raises:
-        MotionInvalid: the file has none of these formats.
+        MotionInvalid: the file is in none of these formats.
     """
     if is_network_result(path):
         return network_motion(read_network_result(path), load_chosen_body(choice))[0]
@@ -75,16 +75,16 @@ def any_motion(path: Path, choice: str, *, keep_shape: bool = True, fps: float |
 
 @dataclass(frozen=True)
 class ForeignMotion:
-    """A clip of another skeleton on our body."""
+    """A clip of another skeleton, transferred to our body."""
 
     source: SkeletonMotion  # The clip as stored in its file.
-    roles: dict[str, str]  # Joints of the clip by role.
-    done: ImportedMotion  # Result on our body.
-    diagnostics: tuple[Diagnostic, ...]  # Diagnostics of the file and the fit.
+    roles: dict[str, str]  # Joints of the clip, by role.
+    done: ImportedMotion  # The result on our body.
+    diagnostics: tuple[Diagnostic, ...]  # Diagnostics from reading the file and from the fit.
 
     @property
     def limbs_mm(self) -> float:
-        """RMS distance between the limb joints of body and skeleton."""
+        """RMS distance between the limb joints of the body and of the skeleton."""
         return _limbs_mm(self.done)
 
 
@@ -98,15 +98,15 @@ def read_foreign_motion(
     keep_height: bool = False,
     fps: float | None = None,
 ) -> ForeignMotion:
-    """Read a clip of another skeleton and fit our body to it.
+    """Read a clip of another skeleton, and fit our body to it.
 
     Args:
-        path: BVH, MVNX, ASF or AMC, or C3D with rotations.
+        path: a BVH, MVNX, ASF or AMC file, or a C3D file that contains rotations.
         body: name or path of the body.
-        unit: length unit of the clip. If empty, it is estimated from the legs.
+        unit: length unit of the clip. If empty, it is estimated from the leg length.
         up_axis: axis that points up in the clip. If empty, it is detected.
-        keep_height: do not move the lowest soles to the floor.
-        fps: frame rate of an AMC file, which does not state it.
+        keep_height: do not move the lowest sole to the floor.
+        fps: frame rate of an AMC file, which does not store it.
     """
     progress("reading the clip", 0, 1)
     source, roles, found = read_foreign_clip(path, unit, up_axis, fps)
@@ -118,7 +118,7 @@ def read_foreign_motion(
 
 
 def network_of_bvh(path: Path, body: str, progress: Progress) -> NetworkResult:
-    """Return a BVH of SAM3DBody-cpp d9a5143 as a network result."""
+    """Read a BVH file written by SAM3DBody-cpp d9a5143 as a network result."""
     motion = read_foreign_motion(path, body, progress, up_axis="y", keep_height=True).done.motion
     turns = np.concatenate([motion.global_orient, motion.body_pose], axis=1).reshape(motion.num_frames, -1, 3)
     local = np.asarray(exp_so3(turns[:, :NUM_TURNED]))

@@ -1,4 +1,4 @@
-"""Run the verbs that write motions from clips, gloves, Pose-NDF and props."""
+"""Run the verbs that create motions from clips, gloves, Pose-NDF and props."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ PROPS_FORMAT, PROPS_VERSION = "manifold_mocap_props", 1
 
 
 def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write the motion of another skeleton as a motion of our body, with the shape of its bones."""
+    """Convert a motion of another skeleton to our body, whose shape is fitted to the skeleton's bones."""
     of_skeletons = {"--unit": args.unit, "--up-axis": args.up_axis, "--keep-height": args.keep_height}
     if is_network_result(args.clip):
         _refuse_unused(args.clip, of_skeletons)
@@ -71,7 +71,7 @@ def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _refuse_unused(clip: Path, options: dict[str, object]) -> None:
-    """Raise an error that names an option of another kind of clip."""
+    """Raise an error that names an option meant for another type of clip."""
     for name, value in options.items():
         if value:
             raise CommandLineInvalid(
@@ -80,7 +80,7 @@ def _refuse_unused(clip: Path, options: dict[str, object]) -> None:
 
 
 def _amass(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write AMASS poses on our mean shape, because their shape coefficients differ."""
+    """Apply AMASS poses to our mean shape, because the shape coefficients of the two bodies differ."""
     progress("reading the clip", 0, 1)
     clip = any_motion(args.clip, args.body, keep_shape=False, fps=args.fps)
     write_motion(args.out, clip, overwrite=args.overwrite, name=args.clip.stem)
@@ -93,7 +93,7 @@ def _amass(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _network(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write one person of a network result as a motion of our body."""
+    """Convert one person in a network result to a motion of our body."""
     people = read_network_result(args.clip)
     settings = SolveSettings(body=args.body)
     made, found = network_motion(
@@ -107,7 +107,7 @@ def _network(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def add_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write a motion with fingers from glove recordings, synchronised with it."""
+    """Add the fingers from glove recordings to a motion, after synchronising the two."""
     motion, body = any_motion(args.motion, args.body), load_chosen_body(args.body)
     found: list[Diagnostic] = []
     lines = [f"Motion {args.motion.stem}: {motion.num_frames} frames at {motion.fps:g} Hz"]
@@ -138,7 +138,7 @@ def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def complete(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Estimate unknown joint rotations."""
+    """Estimate the joint rotations that are unknown."""
     missing, settings = tuple(args.missing), CompleteSettings(seed=args.seed)
     missing_joints(missing)
     return _by_pose_ndf(
@@ -147,7 +147,7 @@ def complete(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def fit_keypoints(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Fit poses and one shape to keypoints (Tiwari et al. 2022, eqs. 10 and 11)."""
+    """Fit poses and a common shape to keypoints (Tiwari et al. 2022, eqs. 10 and 11)."""
     capture = load(args.capture, {}, progress)
     settings = KeypointSettings(args.manifold, not args.constant, robust_scale=20.0, iterations=30)
     return _by_pose_ndf(
@@ -192,7 +192,7 @@ def _by_pose_ndf(args: argparse.Namespace, work: Callable[[Any, Any], Motion]) -
 
 
 def export_props(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write the props of a motion as JSON: markers, poses and deviations in metres, Z up."""
+    """Write the props in a motion as JSON: markers, poses and deviations in metres, Z up."""
     from solver_backend.exchange.motion_file import read_motion
 
     motion = read_motion(args.motion)

@@ -1,4 +1,4 @@
-"""Hold the result of a verb as text for users and as values for programs."""
+"""Store the result of a verb, both as text for users and as values for programs."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ from solver_backend.exchange.diagnostics import Diagnostic, notes_in, sentence, 
 from solver_backend.exchange.verb_results import Remarks
 
 Data = TypeVar("Data", bound=Mapping[str, object], covariant=True)
-"""Type of an outcome's data: one of ``exchange.verb_results``, or any plain values."""
+"""Type of an outcome's data: one of ``exchange.verb_results``, or plain values of any kind."""
 
 
 @dataclass(frozen=True)
 class Outcome(Generic[Data]):
     """The result of a verb."""
 
-    text: str  # Text for people, printed to standard output.
-    data: Data  # Plain JSON values of the result event, for programs.
+    text: str  # Text for users, printed to standard output.
+    data: Data  # Plain JSON values for programs, sent in the result event.
     summary: tuple[str, ...] = ()
-    """Text for people on standard error: every warning, and a last summary line."""
+    """Text for users on standard error: all warnings, and a summary in the last line."""
 
     def written(self, key: str, path: Path) -> Outcome[dict[str, object]]:
-        """Add a file that the verb wrote, as a last line and under a key."""
+        """Add a file written by the verb, both as a final line of text and under a key."""
         return Outcome("\n".join([self.text, *rows("written", path)]), {key: str(path), **self.data}, self.summary)
 
 
 def rows(word: str, *items: object) -> list[str]:
-    """Return a line of text per item, such as a file or a diagnostic, that starts with ``word``."""
+    """Return one line of text per item, such as a file or a diagnostic. Each starts with ``word``."""
     return [f"  {word:<11} {sentence(item) if isinstance(item, Diagnostic) else item}" for item in items]
 
 
 def found_lines(found: Sequence[Diagnostic]) -> list[str]:
-    """Return diagnostics as lines of text, warnings first."""
+    """Return diagnostics as lines of text. Warnings come first."""
     return rows("warning", *warnings_in(found)) + rows("note", *notes_in(found))
 
 
@@ -48,7 +48,7 @@ def found_data(found: Sequence[Diagnostic]) -> Remarks:
 
 
 def findings_data(found: Sequence[Diagnostic]) -> dict[str, object]:
-    """Return diagnostics of cameras as JSON values."""
+    """Return diagnostics about cameras as JSON values."""
     return {"findings": sentences(found), "diagnostics": [item.as_dict() for item in found]}
 
 

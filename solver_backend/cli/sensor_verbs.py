@@ -1,4 +1,4 @@
-"""Run the verbs of recorded sensors and OAK cameras."""
+"""Run the verbs for recorded sensors and OAK cameras."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
 
 
 def sensors_record(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Record all frames of a source."""
+    """Record every frame of a source."""
     findings = []
     with chain_of(args, folder_of(args), args.out, live=False) as chain:
         for moment in chain.moments():
@@ -62,7 +62,7 @@ def sensors_record(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None, *, live: bool) -> MarkerChain:
-    """Return the chain of a folder, at its recorded rate or with all frames at full speed."""
+    """Return a chain that reads a folder, either at its recorded rate or all frames at full speed."""
     masks, recording = mask_of(args), None
     devices = [replace(device, repeat=live and args.repeat) for device in folder.devices]
     if record is not None:
@@ -75,17 +75,17 @@ def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None
 
 
 def folder_of(args: argparse.Namespace, path: Path | None = None) -> SensorFolder:
-    """Open the sensor folder that the arguments name."""
+    """Open the sensor folder given in the arguments."""
     return open_folder(args.source if path is None else path, args.calibration)
 
 
 def mask_of(args: argparse.Namespace) -> dict[str, Any]:
-    """Return each sensor's mask of bright areas, or none without an empty scene."""
+    """Return each sensor's mask of bright areas, or no masks if there is no recording of the empty scene."""
     return {} if args.empty is None else masks_of(folder_of(args, args.empty))
 
 
 def chain_summary(chain: MarkerChain) -> dict[str, object]:
-    """Return plain values about a finished chain."""
+    """Return plain values about a chain that has finished."""
     ends = {
         name: {"frames": end.frames, "cpu_s": round(end.cpu_s, 3), "written": end.written, "dropped": end.dropped}
         for name, end in chain.ends.items()
@@ -100,10 +100,10 @@ def oaks(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Record infrared and depth from OAK cameras, and report the visible markers meanwhile."""
+    """Record infrared and depth images from OAK cameras, and report the visible markers at the same time."""
     oaks, cameras = oak_devices(args)
     recording = Recording(args.folder, "raw", args.fps, cameras, overwrite=args.overwrite)
-    # Start slaves first, so that they wait when the master begins.
+    # Start slaves first, so that they are waiting when the master starts.
     tasks = [SensorTask(oak, cameras, record=args.folder) for oak in reversed(oaks)]
     findings, points, begin = [], [], 0.0
     with MarkerChain(tasks, args.fps, recording=recording) as chain:
@@ -129,15 +129,15 @@ def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def not_recorded(counts: Mapping[str, int]) -> list[Diagnostic]:
-    """Return a warning about each camera without a recorded frame."""
+    """Return a warning for each camera from which no frame was recorded."""
     reason = "no frame of it was recorded"
     return [diagnostic("sensor_failed", cameras=[name], reason=reason) for name, count in counts.items() if not count]
 
 
 def oak_devices(args: argparse.Namespace) -> tuple[list[Oak], Cameras]:
-    """Return the unopened cameras in the arguments, pulse sender first, and calibration."""
+    """Return the unopened cameras given in the arguments, pulse sender first, and their calibration."""
     given = _named(args)
-    oak.depthai()  # report it once now, instead of in each camera's process
+    oak.depthai()  # fail here once, not in each camera's process
     roles = {"wire": ("master", "slave")}.get(args.sync, (args.sync, args.sync))
     oaks = [
         Oak(name, identifier, OakSettings(args.fps, exposure_us=args.exposure, flood=args.flood, sync=roles[c > 0]))
@@ -147,10 +147,10 @@ def oak_devices(args: argparse.Namespace) -> tuple[list[Oak], Cameras]:
 
 
 def _named(args: argparse.Namespace) -> dict[str, str]:
-    """Return the identifiers of the cameras by name.
+    """Return the camera identifiers by name.
 
     Raises:
-        SensorUnknown: a camera is of another kind, or has no identifier.
+        SensorUnknown: a camera is of another type, or its identifier is missing.
     """
     given = [device_named(text if ":" in text else f"oak:{text}") for text in args.oak]
     found = {oak.name: oak.identifier for oak in given}
@@ -168,7 +168,7 @@ def record_colour(args: argparse.Namespace, progress: Progress) -> Outcome:
     }
     progress("Colour of OAKs", 0, 1)
     with ExitStack() as stack:
-        # Slaves first, so that they wait when the master begins.
+        # Start slaves first, so that they are waiting when the master starts.
         for camera in reversed(list(cameras.values())):
             stack.enter_context(camera)
         size = next(iter(cameras.values())).size

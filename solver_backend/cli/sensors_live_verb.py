@@ -1,4 +1,4 @@
-"""Run ``sensors live``: points, poses or wand coverage, one line per moment."""
+"""Run ``sensors live``: write points, poses or wand coverage, one line per moment."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from solver_backend.sensors.chain import LiveMoment, MarkerChain, SensorTask, ca
 from solver_backend.sensors.devices.recorded import Recording, open_folder
 from solver_backend.sensors.wand.views import Coverage
 
-COVERAGE_INTERVAL_S = 0.5  # Seconds between reports of the wand's coverage, chosen by hand.
+COVERAGE_INTERVAL_S = 0.5  # Seconds between reports of the wand coverage. Chosen by hand.
 
 
 def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Run until the sensors end, the time is over, or a signal arrives, and keep recordings."""
+    """Run until the sensors end, the time is up or a signal arrives. Recordings are kept."""
     _check(args)
     session = None
-    if args.poses:  # created before the sensors start, because it takes time
+    if args.poses:  # this takes time, so do it before the sensors start
         session = LiveSession(*person_fit(args.subject), unit="m", up_axis="z")
         make_ready(session)
     output = LiveOutput(args, None if session is None else session.proportions)
@@ -62,13 +62,13 @@ def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         data["recorded" if written else "not_recorded"] = str(args.record)
         if written and args.solve is not None and not output.stopped:
             data["solved"] = _solved(args.record, args.solve, progress, overwrite=args.overwrite)
-    data |= output.finish()  # last, so that lines lost on a full disk do not prevent solving the recording
-    # Standard output may contain points for another program, so nothing else is printed there.
+    data |= output.finish()  # done last, so that the recording can be solved even if lines were lost on a full disk
+    # Another program may be reading points from standard output, so nothing else is printed there.
     return Outcome("" if args.lines is None else live_text(args, data), data)
 
 
 def _check(args: argparse.Namespace) -> None:
-    """Reject contradictory options before any sensor is opened."""
+    """Reject contradictory options before opening any sensor."""
     if (args.source is None) == (args.oak is None):
         raise CommandLineInvalid("Give either FOLDER or cameras with --oak ID=NAME.")
     if args.subject is not None and not args.poses:
@@ -99,7 +99,7 @@ def _chain(args: argparse.Namespace) -> MarkerChain:
 def _moments(
     chain: MarkerChain, write: Callable[[dict[str, object]], None], until: float | None, progress: Progress
 ) -> Iterator[LiveMoment]:
-    """Yield moments until the time is over. Sensor events are written immediately."""
+    """Yield moments until the time is up. Sensor events are written immediately."""
     for moment in chain.moments(float("inf") if until is None else until):
         progress("Live", 0, 1)
         if isinstance(moment, LiveMoment):
@@ -116,7 +116,7 @@ def _frame(moment: LiveMoment) -> PointFrame:
 
 
 def _waved(chain: MarkerChain, moments: Iterator[LiveMoment]) -> Iterator[LiveLine]:
-    """Yield lines with the image coverage and the wand's next position, ``COVERAGE_INTERVAL_S`` apart."""
+    """Every ``COVERAGE_INTERVAL_S``, yield a line with the image coverage and where to move the wand next."""
     cameras = chain.cameras
     coverage, reported, number, moment = Coverage(cameras.names, cameras.image_size), 0.0, 0, None
     for moment in moments:

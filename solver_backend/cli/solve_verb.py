@@ -1,4 +1,4 @@
-"""Run the verb ``solve``: one motion, or several for people, jobs or trials in turn."""
+"""Run the verb ``solve``: solve one motion, or several for people, jobs or trials one after another."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Solve a capture, or several, and write the motion and the requested report."""
+    """Solve one or more captures, and write the motions and the requested reports."""
     jobs = _jobs(args)
     keep_freed_memory()
     if len(jobs) > 1 or jobs[0].person == EVERYBODY:
@@ -51,7 +51,7 @@ def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 @contextmanager
 def _stretches(scheduler: str | None, tls: Path | None) -> Iterator[Stretches]:
-    """Yield the solver of a long take's segments, in this process or on a cluster."""
+    """Yield the solver for the segments of a long take, which runs in this process or on a cluster."""
     from solver_backend.fitters.keyframes.optimise import in_turn
 
     if scheduler is None:
@@ -75,7 +75,7 @@ def _check(job: Job) -> None:
 
 
 def _resolve_alone(job: Job, progress: Progress) -> Outcome[SolveResult]:
-    """Solve frames of a motion again without its recording, for AMASS motions or ours."""
+    """Solve frames of a motion again without its recording. This works for AMASS motions and for ours."""
     from solver_backend.cli.motion_reading import any_motion
     from solver_backend.fitters.pipeline import resolve_motion
     from solver_backend.io.motions.motion_checks import check_motion
@@ -145,7 +145,7 @@ def _solve_one(
 
 
 def _starts(job: Job, progress: Progress) -> tuple[Motion | None, list[StartingResult]]:
-    """Return the earlier motion and the network results of ``[CAMERA=]FILE``."""
+    """Read the earlier motion, and the network results given as ``[CAMERA=]FILE``."""
     if not job.start_from:
         return None, []
     from solver_backend.cli.motion_reading import network_of_bvh
@@ -171,10 +171,10 @@ def _starts(job: Job, progress: Progress) -> tuple[Motion | None, list[StartingR
 def _finish(
     job: Job, motion: Motion, found: Sequence[Diagnostic], solve_s: float, write: Callable[[Motion], object]
 ) -> Outcome[SolveResult]:
-    """Write a motion with its diagnostics, and return the outcome.
+    """Write a motion including its diagnostics, and return the outcome.
 
     Raises:
-        WarningsRefused: the job is strict, and there are warnings.
+        WarningsRefused: the job is strict, and the solve raised warnings.
     """
     found = refuse_errors(found, job.settings.accept, str(job.capture))
     warnings = [sentence(item, motion.fps) for item in warnings_in(found)]
@@ -198,7 +198,7 @@ def _finish(
 
 
 def _write_both(job: Job, capture: Capture, motion: Motion, progress: Progress) -> None:
-    """Write the motion and its report together. The motion is written even if the report fails."""
+    """Write the motion and its report at the same time. The motion is written even if the report fails."""
     from solver_backend.io.native.motion_file import write_motion
 
     if job.report is None:
@@ -209,12 +209,12 @@ def _write_both(job: Job, capture: Capture, motion: Motion, progress: Progress) 
         with atomic_files([job.out, job.report], overwrite=job.overwrite) as (out, page):
             try:
                 _write_page(page, job, capture, motion, progress)
-            except BaseException as error:  # raised after the motion is saved
+            except BaseException as error:  # raised after the motion has been saved
                 page.unlink(missing_ok=True)
                 failure = error
             write_motion(out, motion, name=job.out.stem)
     except OutputExists:
-        if not job.out.exists():  # another program has created this file meanwhile
+        if not job.out.exists():  # otherwise, another program has created this file in the meantime
             write_motion(job.out, motion)
         raise
     if failure is not None:
@@ -228,17 +228,17 @@ def _write_page(page: Path, job: Job, capture: Capture, motion: Motion, progress
     progress("Writing the report", 0, 1)
     fit = None
     if job.resolve is None and capture.cameras is not None and capture.keypoints is not None:
-        with suppress(MocapError):  # too few common detections to compare the cameras
+        with suppress(MocapError):  # there may be too few common detections to compare the cameras
             fit = check_calibration(capture.cameras, capture.keypoints, progress)
     page.write_text(report_html(capture, motion, fit), encoding="utf-8", newline="\n")
     progress("Writing the report", 1, 1)
 
 
 def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[TakesResult]:
-    """Solve jobs one after another, for all people if requested, despite failures.
+    """Solve jobs one after another, for all people if requested. A failure does not stop the others.
 
-    The result has ``takes``, each as reported by ``solve``, and ``failed`` with capture, person and the error's fields.
-    If all fail, the first error is raised.
+    The result contains ``takes``, each as reported by ``solve``, and ``failed``, with the capture, the person and the
+    error's fields. If all jobs fail, the first error is raised.
     """
     ended: list[tuple[Job, str, Outcome[SolveResult] | MocapError]] = []
     for number, job in enumerate(jobs):
@@ -299,7 +299,7 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[Ta
 
 
 def _meetings(ended: Sequence[tuple[Job, str, object]]) -> Iterator[tuple[int, list[Motion]]]:
-    """Yield the index of people who came close to others, and the others' motions."""
+    """Yield the index of each person who came close to others, and the motions of these others."""
     from solver_backend.fitters.other_skin import only_close
     from solver_backend.io.native.motion_file import read_motion
 
@@ -324,7 +324,7 @@ def _meetings(ended: Sequence[tuple[Job, str, object]]) -> Iterator[tuple[int, l
 
 
 def _parts(job: Job, progress: Progress) -> Iterator[tuple[Job, Capture]]:
-    """Yield jobs with their captures, either for one person or for all people with separate files."""
+    """Yield jobs and their captures, either for one person or for all people, who get separate files."""
     if job.person == EVERYBODY and job.resolve is not None:
         raise CommandLineInvalid("Only one person can be solved again at a time.", hint="--person NAME")
     if job.person != EVERYBODY:
@@ -350,7 +350,7 @@ def _own_files(job: Job, person: str) -> Job:
 
 
 def _jobs(args: argparse.Namespace) -> list[Job]:
-    """Return the jobs in the arguments: job files, the trials of a session, or the options as one job."""
+    """Return the jobs given in the arguments: job files, the trials of a session, or a single job from the options."""
     if args.job is not None:
         given = [
             name for name in VERBS["solve"].given(args) if name not in ("job", "allow_outside", "scheduler", "tls")
@@ -363,7 +363,7 @@ def _jobs(args: argparse.Namespace) -> list[Job]:
         raise CommandLineInvalid("solve needs a capture and --out, or --job.", hint="solve CAPTURE --out MOTION.npz")
     options = {item.name: getattr(args, item.name, None) for item in fields(Job)}
     given = {name: tuple(value) if is_list(value) else value for name, value in options.items() if value is not None}
-    read = {name: value for name, value in reading(args).items() if name != "sync"}  # a setting of the solve
+    read = {name: value for name, value in reading(args).items() if name != "sync"}  # which is a setting of the solve
     settings = SolveSettings.from_dict(given_settings(args))
     job: dict[str, Any] = {**given, **read, "settings": settings, "resolve": _resolve(args)}
     each: list[dict[str, Any]] = [{"capture": t, **_files_of_trial(args, t)} for t in trials_of(args.capture)]

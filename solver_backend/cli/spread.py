@@ -1,6 +1,6 @@
-"""Solve the segments of a long take on a Dask cluster (Rocklin 2015), optionally.
+"""Solve the segments of a long take on a Dask cluster (Rocklin 2015), which is optional.
 
-Dask pickles everything that it sends, so a scheduler must be trusted as much as this machine.
+Dask pickles everything that it sends, so a scheduler must be as trustworthy as this machine.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from solver_backend.priors.base import PosePrior
 logger = logging.getLogger("solver_backend")
 _CONNECT_S, _POLL_S = 10.0, 0.05
 _RETRIES = 2
-"""Maximum number of attempts at a segment after its worker died, chosen by hand."""
+"""Maximum number of further attempts at a segment whose worker died. Chosen by hand."""
 
 
 class VersionsDiffer(Exception):
-    """A worker has another program version."""
+    """A worker runs a different version of the program."""
 
 
 class ClusterStretches:
     """Solves segments on a cluster, or in this process if the cluster fails.
 
     Args:
-        address: address of the scheduler, or name of a file that contains it.
+        address: address of the scheduler, or the name of a file that contains it.
 
     Raises:
         SchedulerUnsafe: the scheduler is on another host without TLS, or certificates are missing.
@@ -51,7 +51,7 @@ class ClusterStretches:
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         try:
             self._client = Client(**where, timeout=_CONNECT_S, set_as_default=False)
-        except Exception as error:  # network, protocol or message errors of another version
+        except Exception as error:  # network, protocol or message errors caused by another version
             message = f"No scheduler answers: {type(error).__name__}: {error}."
             hint = "Start one with 'dask scheduler', or leave out --scheduler."
             raise CommandLineInvalid(message, where=address, hint=hint) from error
@@ -59,7 +59,7 @@ class ClusterStretches:
         """Number of segments that workers have solved."""
 
     def __call__(self, stretches: Sequence[Stretch], alive: Callable[[], None]) -> list[KeySolution]:
-        """Return the solution of each segment. A single segment is solved here."""
+        """Return the solution of each segment. A single segment is solved in this process."""
         if len(stretches) < 2:
             return in_turn(stretches, alive)
         model = stretches[0].model
@@ -76,7 +76,7 @@ class ClusterStretches:
         self._client.close(timeout=2)
 
     def _sent_ahead(self, common: tuple[Subject, PosePrior]) -> Any:
-        """Send the data that all segments share, which is most of the data, to the workers."""
+        """Send the data that all segments share, which is most of the data, to the workers in advance."""
         try:
             return self._client.scatter(common, broadcast=True, hash=False)
         except Exception:

@@ -1,4 +1,4 @@
-"""Run the studio verbs: make data sets, compare solves and predict camera errors."""
+"""Run the studio verbs: make data sets, compare solves, and predict camera errors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from solver_backend.synthesis.studio.spec import read_faults, read_spec
 
 
 def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Make a data set, or report its size."""
+    """Make a data set, or only report its size."""
     spec = read_spec(args.description)
     begin = data_set.open_data_set if args.claim else data_set.check_data_set
     found = begin(spec, args.out) if args.plan or args.claim else data_set.plan(spec)
@@ -39,7 +39,7 @@ def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
     records = data_set.make_data_set(spec, args.out, progress, args.shot)
     data["frames"] = sum(record["frames"] for record in records)
     made = f"made {len(records)} of {len(found.shots)} shots, {data['frames']} frames"
-    if data["frames"] < spec.frames * len(records):  # a motion is shorter
+    if data["frames"] < spec.frames * len(records):  # a motion is shorter than requested
         made += f" of {spec.frames * len(records)} requested, because some motions are shorter"
     if args.shot:
         return Outcome(made, data)
@@ -48,7 +48,7 @@ def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def studio_benchmark(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Solve a data set by several methods, compare with its ground truth, and write a page."""
+    """Solve a data set by several methods, compare the results with the ground truth, and write a page."""
     spec, _ = data_set.read_data_set(args.data_set)
     settings = SolveSettings() if args.settings is None else _settings(args.settings)
     verdicts = solve_and_compare(args.data_set, args.methods, args.inputs, args.faults, progress, settings)
@@ -69,7 +69,7 @@ def studio_benchmark(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def studio_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Map the errors over the floor for the camera arrays in a description."""
+    """For each camera array in a description, map the errors over the floor."""
     spec = read_spec(args.description)
     faults = {f", {name}": read_faults(name) for name in args.faults} or {"": spec.perturb}
     places = [

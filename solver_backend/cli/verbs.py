@@ -1,4 +1,4 @@
-"""Run the capture verbs, with imports inside each verb for a quick start."""
+"""Run the capture verbs. Each verb imports what it needs, so that the program starts quickly."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from solver_backend.types import Capture
 
 
 def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Calibrate a person from one or several marker takes and write the subject file."""
+    """Calibrate a person from one or more marker takes, and write the subject file."""
     captures = [load(path, reading(args), progress) for path in args.captures]
     from solver_backend.cli.describe_markers import describe_person
     from solver_backend.fitters.label_after import person_of_nameless
@@ -43,7 +43,7 @@ def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write the landmark of each marker label to a file for editing."""
+    """Write which landmark each marker label belongs to, as a file for editing."""
     capture = loaded(args, progress)
     if capture.markers is None or capture.markers.labels is None:
         raise MarkersUnknown("The capture has no labelled markers.", where=capture.name, hint="Choose a labelled take.")
@@ -54,7 +54,7 @@ def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def info(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Report the contents of a capture, the reader's assumptions and its problems."""
+    """Report the contents of a capture, what the reader assumed, and problems."""
     capture = loaded(args, progress)
     text, data = describe_capture(capture)
     if args.report is None:
@@ -66,9 +66,9 @@ def info(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write any capture to a file of this program, or one file per trial.
+    """Write any capture to a file in our format, or one file per trial.
 
-    A folder of videos is processed by the default detector. A sensor recording becomes a marker capture.
+    Videos in a folder are processed with the default detector. A sensor recording becomes a marker capture.
     """
     trials = trials_of(args.capture)
     if not trials:
@@ -108,7 +108,7 @@ def _converted(args: argparse.Namespace, progress: Progress) -> Capture:
 
 
 def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Refine camera poses from the people in the views, and write the capture with them."""
+    """Refine camera poses from the people in view, and write the capture with the new poses."""
     capture = loaded(args, progress)
     from solver_backend.cameras.refinement import refine_calibration
 
@@ -136,7 +136,7 @@ def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def bodies(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """List the bodies that can be chosen by name, and their folder."""
+    """List the bodies that can be chosen by name, and the folder that contains them."""
     from solver_backend.body.files.choices import list_bodies
     from solver_backend.exchange.body_choice import bodies_folder
 
@@ -160,7 +160,7 @@ def demo_capture(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def evaluate(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Compare a motion with the ground truth, and with triangulation if there are views."""
+    """Compare a motion with the ground truth. If there are views, also compare it with triangulation."""
     from solver_backend.evaluation.evaluate import evaluate as compare
     from solver_backend.io.native.motion_file import read_motion
 

@@ -120,7 +120,7 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _summary(found: dict[str, tuple[Diagnostic, ...]], failed: list[str]) -> tuple[str, ...]:
-    """Return a line per warning, and a last line with the takes to check."""
+    """Return one line per warning, and a final line that lists the takes to check."""
     if len(found) + len(failed) == 1:
         return tuple(line for items in found.values() for line in summarise(items))
     doubtful = {name: summarise(items)[:-1] for name, items in found.items()}
@@ -130,10 +130,10 @@ def _summary(found: dict[str, tuple[Diagnostic, ...]], failed: list[str]) -> tup
 
 
 def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | None:
-    """Return the capture of the only take in a folder of videos, None without videos.
+    """Return the capture of the only take in a folder of videos, or None if there are no videos.
 
     Args:
-        out: folder for detections and clocks.
+        out: folder for the detections and clocks.
     """
     from solver_backend.videos.detect.detector import chosen_detector
 
@@ -148,7 +148,7 @@ def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | 
 
 
 def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Measure a detector's standard deviation by confidence on captures with known cameras."""
+    """Measure a detector's standard deviation at each confidence, on captures with known cameras."""
     import json
 
     from solver_backend.io.load import load_capture
@@ -170,7 +170,7 @@ def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def find_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Detect the hands of a capture's person in its footage."""
+    """Detect the hands of a capture's person in the footage."""
     from solver_backend.io.load import load_capture
     from solver_backend.videos.detect.detector import chosen_hand_detector
 
