@@ -116,6 +116,7 @@ def _stored_size(tkhd: memoryview, stsd: memoryview) -> tuple[int, int]:
     return (height, width) if rotated else (width, height)
 
 
+CODEC_BLOCK = 16  # Size in pixels of the blocks to which H.264 fills up images.
 VIDEOS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".wmv")
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 SENSOR_RECORDING = "recording.json"  # File that describes a folder of infrared and depth sensor recordings.
@@ -159,7 +160,8 @@ def with_sizes_of(
     """Convert a calibration to the pixel coordinates of the detections.
 
     A camera without a stated image size uses the size of its video. If the video and the calibration have the same
-    aspect ratio and the detections fit only the video, the calibration is scaled. Other differences are reported.
+    aspect ratio and the detections fit only the video, the calibration is scaled. Other differences are reported,
+    unless a codec filled up the images on the right and at the bottom.
     """
     cameras, notes, problems = calibration.cameras, list(calibration.notes), list(calibration.problems)
     guessed: list[str] = []
@@ -173,7 +175,10 @@ def with_sizes_of(
                 sizes[c] = header.size
                 cameras = replace(cameras, image_size=sizes)
             continue
-        if header is None or header.size == size:
+        if header is None or size in (
+            header.size,
+            tuple(-(-side // CODEC_BLOCK) * CODEC_BLOCK for side in header.size),
+        ):
             continue
         if _made_for_video(size, header.size, detections.xy[c]):
             cameras = resized(cameras, c, header.size)

@@ -104,7 +104,7 @@ if a network labelled the points), 3D keypoints of networks up to 25."""
 ALWAYS_MM, WHILE_MM, WHILE_S = 20.0, 50.0, 0.3
 """Suspicious median residual (mm) of one marker, residual (mm) in some frames, and duration (s) of such frames. Good
 markers in 60 recordings have medians up to 19, and 50 for at most 0.24 s."""
-STANDS_OUT = 2.0  # Ratio to the take's residual from which a distant marker is reported separately.
+STANDS_OUT = 2.0  # Ratio to the residual of the others from which a marker or a camera is reported.
 _WAIST = ("LFWT", "RFWT", "LBWT", "RBWT")
 _HIPS = (("=pelvis",), ("~mid_hip",), ("=left_hip", "=right_hip"), ("~left_hip", "~right_hip"), _WAIST, _WAIST[:2])
 HIPS_STILL_M, HIPS_BESIDE_M = 2e-4, 0.1
@@ -384,7 +384,6 @@ def without_explained(
 
 BRIEF_S = 0.2  # Longest gap in seconds that is interpolated without a warning. People who leave are absent for longer.
 UNSURE_SHARE = 0.05  # Largest fraction of unsure frames for a note. More cause a warning.
-DISAGREES = 1.6  # Ratio of a camera's median residual at the person, in metres, to the median of the others.
 SELDOM_PERCENT, OUTLIER_PERCENT = 50.0, 20.0
 """Smallest percentage of a keypoint's frames with two detections, and largest percentage of outliers in one view."""
 
@@ -448,7 +447,7 @@ def _cameras(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> 
         others = others[np.isfinite(others)]
         percent = 100 * float(seen[c].mean())
         usual = float(quantile(others, 0.5, axis=0) * px_m[c]) if others.size else float("nan")
-        if medians[c] > DISAGREES * usual:
+        if medians[c] > STANDS_OUT * usual:
             yield diagnostic("camera_disagrees", cameras=[name], size=medians[c], usual=usual)
         if percent < SELDOM_PERCENT:
             yield diagnostic("camera_sees_little", cameras=[name], percent=percent)

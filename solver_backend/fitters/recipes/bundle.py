@@ -11,7 +11,7 @@ import numpy as np
 
 from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL, UNCOVERED, StateLayout
 from solver_backend.exchange.contact_parts import CONTACT_PARTS, FEET
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.freed_memory import give_back_freed_memory
@@ -272,6 +272,8 @@ def touching_parts(
 
 
 PEOPLE = "other people"  # Name of these surfaces in diagnostics.
+_PEOPLE_CONTRADICTED = diagnostic("surface_contradicted", surface=PEOPLE, severity=Severity.NOTE)
+"""A note, because people who do not touch often contradict contacts, and the user can change nothing."""
 ROUNDS = 2  # Passes with skin contacts. Parts that had sunk touch the floor only after the first one.
 
 
@@ -305,12 +307,12 @@ def hold_skin(bundle: Bundle) -> Bundle:
         held, works = _hold_outside(bundle, surfaces, people)
         if held.skin is None or not contradicts(works, 2.0 * (held.data_cost - bundle.data_cost)):
             if people is not others:
-                refused = (*refused, diagnostic("surface_contradicted", surface=PEOPLE))
+                refused = (*refused, _PEOPLE_CONTRADICTED)
             return replace(held, notes=(*refused, *held.notes))
         if people is None:
             refused = (diagnostic("surface_contradicted", surface=name),)
     if others is not None:
-        refused = (*refused, diagnostic("surface_contradicted", surface=PEOPLE))
+        refused = (*refused, _PEOPLE_CONTRADICTED)
     return replace(bundle, notes=refused)
 
 

@@ -21,8 +21,9 @@ from solver_backend.types import Motion
 OUTSIDE_DEG, OUTSIDE_SHARE = 45.0, 0.01
 """Degrees beyond a joint's range and margin, and the fraction of frames that causes a warning. In CMU motions, one
 joint exceeds it in 0.1 % of the frames. One clip in 73, with a badly converted skeleton, reaches this fraction."""
-LARGEST_BETA = 4.0
-"""Largest SMPL shape coefficient in standard deviations. One in 16,000 people has a larger one."""
+LARGEST_BETA = 6.0
+"""Largest SMPL shape coefficient in standard deviations. Solves of 50 good captures reach 5.7, the largest with small
+children (``bench good_captures``)."""
 FASTEST_M_S = 20.0  # Largest pelvis speed in m/s. The fastest runners reach 12.5 m/s.
 
 AnyMotion = Motion | AmassClip | BvhClip

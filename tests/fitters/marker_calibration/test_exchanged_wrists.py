@@ -85,7 +85,7 @@ def test_what_a_calibration_exchanges_and_an_odd_shape_are_said():
     said = [*exchanged_in(person), *doubts_of(person)]
     assert [item.code for item in said] == codes
     assert "C7 and T4 in take 2" in words(said)[1] and "LSHO in take 3" in words(said)[2]
-    _, data = describe_person(replace(person, betas=np.full(10, 5.0)))
+    _, data = describe_person(replace(person, betas=np.full(10, 6.5)))
     assert [item["code"] for item in data["diagnostics"]] == [*codes, "shape_odd"]
 
 

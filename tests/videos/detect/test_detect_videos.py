@@ -10,10 +10,12 @@ import pytest
 
 import solver_backend.videos.detect.detect_videos as detecting
 from research.simulation.filming import around
+from solver_backend.agreement.reading import Detections
 from solver_backend.cli.main import main
 from solver_backend.exchange.diagnostics import Where
 from solver_backend.exchange.errors import CalibrationMismatch, Cancelled, CaptureInvalid, NoDetections
 from solver_backend.io.calibration.entry import Calibration
+from solver_backend.io.footage import VideoHeader, with_sizes_of
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.png import read_png
 from solver_backend.types import JointSet
@@ -335,3 +337,13 @@ def test_a_damaged_file_of_detections_is_detected_again(tmp_path: Path, changed:
     np.savez(path, **arrays)
     with pytest.raises(CaptureInvalid, match=f"{words}.*Detect the video again"):
         read_detections(path, tmp_path / "v.mp4")
+
+
+def test_images_that_a_codec_filled_up_are_no_other_size() -> None:
+    """A calibration on decoded blocks of 16 pixels has 1088 rows for a video of 1080."""
+    points = np.full((2, 3, 1, 17, 2), 100.0)
+    seen = Detections(("a", "b"), points, np.ones(points.shape[:-1]), JointSet.COCO_17)
+    for height, codes in ((1088, []), (1096, ["video_size_differs"] * 2)):
+        made = with_sizes_of(calibrated(1920, height), [VideoHeader(30.0, 3, (1920, 1080))] * 2, seen)
+        assert [item.code for item in made.problems] == codes
+        np.testing.assert_array_equal(made.cameras.image_size, [[1920, height]] * 2)
