@@ -124,7 +124,7 @@ def sensor_array(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
     else:
         draw_field(column, sensors, "oaks", "CAMERA_DATA", "ID=front ID=left")
         column.operator("mocap.find_sensors", icon="VIEWZOOM")
-        draw_field(column, sensors, "sync")
+        draw_settings(column, context, sensors, "sync")
     _draw_calibration(layout.box(), context, sensors)
     _draw_take(layout, sensors)
 

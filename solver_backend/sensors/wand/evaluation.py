@@ -115,9 +115,9 @@ def notes_of(
 ) -> tuple[Diagnostic, ...]:
     """Return notes about the calibration."""
     i, j = np.unravel_index(np.argmin(together + 1e9 * np.eye(len(names))), together.shape)
-    wand = "a marker and its depth"
+    wand = "marker"
     if options.wand is not None:
-        wand = f"a wand of {options.wand.first_m:.3f} and {options.wand.second_m:.3f} m"
+        wand = f"wand of {options.wand.first_m:.3f} and {options.wand.second_m:.3f} m"
     figures = {"wand": wand, "moments": moments.px.shape[1], "together": together[i, j]}
     return (
         diagnostic("calibration_evidence", evidence="wand", cameras=[names[i], names[j]], **figures),

@@ -110,6 +110,7 @@ def test_a_waved_wand_calibrates(rig, tmp_path):
         write_calibration(tmp_path / "wand" / f"{name}.toml", cameras.subset([c]))
     rig.wand = str(tmp_path / "wand")
     assert bpy.ops.mocap.calibrate_sensors() == {"FINISHED"}
+    assert rig.findings.startswith("The marker was visible"), rig.findings
     first = Path(bpy.path.abspath(rig.calibration))
     assert first.name == "sensor_array_01.toml" and first.is_file()
     assert bpy.ops.mocap.calibrate_sensors() == {"FINISHED"}
