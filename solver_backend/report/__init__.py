@@ -1,1 +1,1 @@
-"""Write one self-contained page about a solve: quality, frames to check, settings."""
+"""Write a self-contained page about a solve: its quality, frames to check, and settings."""

@@ -1,4 +1,4 @@
-"""Write the sections with ISB joint angles, their standard deviations, and the gait."""
+"""Write the sections about ISB joint angles, their standard deviations, and gait."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LEAD = (
 
 
 def biomechanics_sections(motion: Motion) -> str:
-    """Return the angles and gait of a motion of the neutral body, or empty text for other bodies."""
+    """Show angles and gait if the motion is of the neutral body. For other bodies, return an empty string."""
     body = load_body()
     motion = without_fingers(motion, body)
     if motion.body != body.id or motion.body_layout != SMPL:
@@ -36,7 +36,7 @@ def biomechanics_sections(motion: Motion) -> str:
 
 
 def _support_section(motion: Motion, body: Body) -> str:
-    """Return floor contacts and balance, or empty text for a motion that is not on the floor z = 0."""
+    """Show floor contacts and balance, or return an empty string if the motion is not on the floor z = 0."""
     if (support := find_support(motion, body)) is None:
         return ""
     shares = {part: 100.0 * float((chance > 0.5).mean()) for part, chance in support.probability.items()}

@@ -1,4 +1,4 @@
-"""Write the sections with images of the body: poses of the take, and the markers on the body."""
+"""Write the sections that show the body: poses from the take, and the markers on the body."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from solver_backend.report.markup import figure, number, section, text
 from solver_backend.report.plots import WIDTH, draw_line, moments
 from solver_backend.types import Motion
 
-TONES = 4  # Number of shades of the body, by the angle between surface and viewer.
-BEHIND_M = 0.03  # A marker this far behind the visible surface is on the other side, metres.
-CELL_PX = 1.98  # Size of a raster cell in a drawing, pixels.
-FAR_M = 2.0  # Height of the body in the drawing without a floor, metres. Chosen by hand.
-MARGIN_M = 0.1  # Margin around the body, metres. Chosen by hand.
+TONES = 4  # Number of shades in which the body is drawn, by the angle between surface and viewer.
+BEHIND_M = 0.03  # Markers this far behind the visible surface, in metres, are on the other side.
+CELL_PX = 1.98  # Size of a raster cell in a drawing, in pixels.
+FAR_M = 2.0  # Height of the body in the drawing without a floor, in metres. Chosen by hand.
+MARGIN_M = 0.1  # Margin around the body in metres. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class SurfaceView:
-    """View of the body from one side: a raster of the surface nearest to the viewer."""
+    """The body seen from one side, as a raster of the surface nearest to the viewer."""
 
     title: str
-    side: float  # 1 from the front, -1 from behind.
-    cell_m: float  # Size of a cell in metres.
+    side: float  # 1 as seen from the front, -1 from behind.
+    cell_m: float  # Cell size in metres.
     low: np.ndarray  # (2,) lower corner of the raster in metres.
-    depth: np.ndarray  # (H, W) depth in metres towards the viewer, -inf outside the body. The first row is the lowest.
-    tone: np.ndarray  # (H, W) brightness 0..1, from the angle between surface and viewer.
+    depth: np.ndarray  # (H, W) depth towards the viewer in metres, -inf outside the body. The first row is the lowest.
+    tone: np.ndarray  # (H, W) brightness 0..1, which depends on the angle between surface and viewer.
 
     @classmethod
     def of(cls, title: str, side: float, vertices: np.ndarray, faces: np.ndarray, cell_m: float = 0.006) -> SurfaceView:
@@ -43,7 +43,7 @@ class SurfaceView:
         facing = normal[:, 2] / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
         corners, facing = corners[facing > 0], facing[facing > 0]
         longest = np.linalg.norm(np.roll(corners, 1, axis=1) - corners, axis=-1).max(axis=1)
-        fineness = np.ceil(longest / cell_m).astype(int)  # Steps along the edges: one per cell or more.
+        fineness = np.ceil(longest / cell_m).astype(int)  # Number of steps along the edges, at least one per cell.
         points, tones = [], []
         for fine in np.unique(fineness):
             steps = [(i, j, fine - i - j) for i in range(fine + 1) for j in range(fine + 1 - i)]
@@ -54,7 +54,7 @@ class SurfaceView:
         low = points[:, :2].min(0) - MARGIN_M
         size = np.ceil((points[:, :2].max(0) + MARGIN_M - low) / cell_m).astype(int)
         column, row = ((points[:, :2] - low) / cell_m).astype(int).T
-        order = np.argsort(points[:, 2], kind="stable")  # of several at one position, the nearest is written last
+        order = np.argsort(points[:, 2], kind="stable")  # among points in the same cell, the nearest is written last
         depth, tone = np.full(size[::-1], -np.inf), np.zeros(size[::-1])
         depth[row[order], column[order]] = points[order, 2]
         tone[row[order], column[order]] = tones[order]
@@ -66,12 +66,12 @@ class SurfaceView:
         return CELL_PX * self.depth.shape[0], CELL_PX * self.depth.shape[1]
 
     def place(self, point: np.ndarray) -> tuple[float, float]:
-        """Return the position of a body point (3,) in the drawing."""
+        """Return the position in the drawing of a point (3,) on the body."""
         x, y = (point[:2] * [self.side, 1.0] - self.low) * CELL_PX / self.cell_m
         return round(float(x), 1), round(float(self.size_px[0] - y), 1)
 
     def faces_viewer(self, point: np.ndarray) -> bool:
-        """Return whether a point (3,) is on this side of the body, or outside its outline."""
+        """Return whether a point (3,) is on the visible side of the body, or outside its outline."""
         column, row = ((point[:2] * [self.side, 1.0] - self.low) / self.cell_m).astype(int)
         height, width = self.depth.shape
         if not (0 <= row < height and 0 <= column < width):
@@ -79,7 +79,7 @@ class SurfaceView:
         return bool(point[2] * self.side > self.depth[row, column] - BEHIND_M)
 
     def silhouette(self) -> list[str]:
-        """Return the body as one path of horizontal strokes per shade."""
+        """Return the body as one path of horizontal strokes for each shade."""
         rows = self.depth.shape[0]
         there = np.isfinite(self.depth)
         level = np.minimum((self.tone * TONES).astype(int), TONES - 1)
@@ -94,14 +94,14 @@ class SurfaceView:
         return paths
 
 
-POSES = 6  # Number of drawn poses, one in each equal part of the take, where hands and feet reach furthest.
-POSE_CELL_M = 0.012  # Cell size of their raster in metres.
-TURNED_DEG = 30.0  # Angle between the viewer and the person's mean forward direction.
-CAPTION, MOST_SCALE = 18.0, 1.0  # Height of the captions, and largest scale of a drawing.
+POSES = 6  # Number of poses drawn. Each equal part of the take provides the one in which hands and feet reach furthest.
+POSE_CELL_M = 0.012  # Cell size of their rasters in metres.
+TURNED_DEG = 30.0  # Angle between the viewing direction and the person's mean forward direction.
+CAPTION, MOST_SCALE = 18.0, 1.0  # Height of the captions, and largest scale of the drawings.
 
 
 def poses_section(motion: Motion) -> str:
-    """Draw the solved body in some frames from one direction, with the floor."""
+    """Draw the solved body and the floor in several frames from the same direction."""
     body = load_body()
     if motion.body != body.id or not motion.num_frames:
         return ""
@@ -143,7 +143,7 @@ def poses_section(motion: Motion) -> str:
 
 
 def rest_pose_section(motion: Motion) -> str:
-    """Draw the body in the rest pose with its markers at their found and at their expected positions."""
+    """Draw the body in its rest pose, with both the found and the expected marker positions."""
     body = load_body()
     if motion.offsets is None or motion.layout is None or motion.marker_labels is None or motion.body != body.id:
         return ""
@@ -164,7 +164,7 @@ def rest_pose_section(motion: Motion) -> str:
 
 
 def rest_markers(body: Body, motion: Motion, offsets: np.ndarray) -> np.ndarray:
-    """Return (M, 3) marker positions (m) on the rest pose, with offsets from nominal ones."""
+    """Return the (M, 3) marker positions (m) on the rest pose, given offsets from the nominal ones."""
     assert motion.layout is not None
     still = np.broadcast_to(np.eye(3), (1, NUM_BODY_JOINTS, 3, 3))
     landmarks = marker_landmarks(body, motion.layout)

@@ -1,4 +1,4 @@
-"""Write the sections about a single camera and about hands, with drawings of joints."""
+"""Write the sections about a single camera and about hands, which include drawings of joints."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from solver_backend.report.markup import facts, figure, heat_table, section, tex
 from solver_backend.report.plots import WIDTH, Projection, draw_line, moments, strip_plot
 from solver_backend.types import Capture, Motion
 
-MOMENTS = 4  # Number of drawn frames, one in each equal part of the take, where depth is most uncertain.
+MOMENTS = 4  # Number of frames drawn. Each equal part of the take provides the one whose depth is most uncertain.
 ROW, MARGIN, CAPTION = 230.0, 8.0, 20.0
-"""Height of a row of drawings, its margin and the line of text above it, in drawing units."""
+"""Height of a row of drawings, margin, and height of the line of text above the row, in drawing units."""
 ELLIPSE = 5.991**0.5
-"""Standard deviations of an ellipse with 95 % of a 2D normal distribution (chi square, 2 degrees of freedom)."""
-OPEN_CODES = ("limb_depth_open",)  # Diagnostics that report limbs with ambiguous depth.
+"""Standard deviations of an ellipse that covers 95 % of a 2D normal distribution (chi square, 2 degrees of freedom)."""
+OPEN_CODES = ("limb_depth_open",)  # Diagnostics which state that a limb's depth is ambiguous.
 TRUNK = "pelvis"
 _LEAD = (
     "Ellipses are 95 % confidence regions: coloured for hands, feet and head, grey for the pelvis. The "
@@ -38,7 +38,7 @@ def _ellipse(view: Projection, centre: np.ndarray, covariance: np.ndarray, kind:
 
 
 def one_view_section(capture: Capture, motion: Motion) -> str:
-    """Draw the camera's view and the side view, and list the frames with a limb of ambiguous depth."""
+    """Draw the camera's view and a side view, and list the frames in which the depth of a limb is ambiguous."""
     if not capture.is_one_view or capture.cameras is None or motion.joint_covariance is None:
         return ""
     assert capture.keypoints is not None
@@ -56,7 +56,7 @@ def one_view_section(capture: Capture, motion: Motion) -> str:
 
 
 def open_limbs(motion: Motion) -> dict[str, np.ndarray]:
-    """Return for each limb the (F,) mask of the frames with a depth reported as ambiguous."""
+    """For each limb, return the (F,) mask of the frames in which its depth was reported as ambiguous."""
     found = {part: np.zeros(motion.num_frames, dtype=bool) for part in LIMB_ENDS.values()}
     for item in recorded_diagnostics(motion):
         part = item.values.get("part")
@@ -67,7 +67,7 @@ def open_limbs(motion: Motion) -> dict[str, np.ndarray]:
 
 
 def sight_sigma_m(motion: Motion, centres: np.ndarray) -> np.ndarray:
-    """Return (F, J) deviations of the joints along the line of sight in metres."""
+    """Return the (F, J) standard deviations of the joints along the line of sight, in metres."""
     assert motion.joint_covariance is not None
     away = motion.joints - centres[:, None]
     sight = away / np.linalg.norm(away, axis=-1, keepdims=True)
@@ -110,7 +110,7 @@ def _axes(sight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _corners(points: np.ndarray, covariance: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lower and upper bounds on each axis, in metres, of a person with the ellipses."""
+    """Return the lower and upper bounds of a person including the ellipses along each axis, in metres."""
     flat, reach = points @ axes.T, ELLIPSE * np.sqrt(np.einsum("ka,jab,kb->jk", axes, covariance, axes))
     return (flat - reach).min(axis=0), (flat + reach).max(axis=0)
 
@@ -141,15 +141,15 @@ def _limb_of(joint: str) -> str:
 
 HAND_MOMENTS = 3  # Number of frames in which the hands are drawn.
 _JOINTS = 3  # Number of joints per finger in a motion.
-_FIST_DEG = 180.0  # Sum of knuckle and middle joint flexion in a complete curl. A fist has 90° each.
+_FIST_DEG = 180.0  # Sum of knuckle and middle joint flexion in a full curl. In a fist, each is 90°.
 _SURE_MM, _UNSURE_MM = 3.0, 20.0
-"""Standard deviations (mm) of finger joints where the tint of a table cell starts and where it is full."""
+"""Standard deviations (mm) of finger joints at which the tint of a table cell starts and at which it is full."""
 _SIZE, _SPAN_M = 150.0, 0.24
-"""Size of a hand's image in drawing units, and its extent in metres. A long hand has 0.21."""
+"""Size of a hand's drawing in drawing units, and of the area it covers in metres. A long hand measures 0.21."""
 
 
 def hands_section(motion: Motion) -> str:
-    """Show the state, flexion and curl over time of each finger, and images of the hands."""
+    """Show the state, flexion and curl of each finger over time, and drawings of the hands."""
     names = motion.body_layout.joints
     if not all(f"{side}_{finger}{k + 1}" in names for side in SIDES for finger in FINGERS for k in range(_JOINTS)):
         return ""
@@ -178,7 +178,7 @@ def hands_section(motion: Motion) -> str:
 
 
 def _bends_deg(wrists: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Return (F, 2, 5, 2) finger flexion in degrees from wrists and finger joints."""
+    """Return the (F, 2, 5, 2) finger flexion in degrees from the wrists and finger joints."""
     start = np.broadcast_to(wrists[:, :, None, None], (*joints.shape[:3], 1, 3))
     bones = np.diff(np.concatenate([start, joints], axis=3), axis=3)
     before, after = bones[..., :-1, :], bones[..., 1:, :]
@@ -225,7 +225,7 @@ def _rows(motion: Motion) -> list[tuple[str, object]]:
 
 
 def _pictures(motion: Motion, wrists: np.ndarray, columns: np.ndarray, seen: np.ndarray) -> str:
-    """Return both hands in their most certain frames, from the back and from the side, as SVG."""
+    """Draw both hands in the frames in which they are most certain, from the back and from the side, as SVG."""
     frames = moments(seen.sum(axis=(1, 2)), HAND_MOMENTS)
     drawn = []
     for row, frame in enumerate(frames):
@@ -241,17 +241,17 @@ def _pictures(motion: Motion, wrists: np.ndarray, columns: np.ndarray, seen: np.
 
 
 def _own_axes(wrist: np.ndarray, joints: np.ndarray, side: int) -> np.ndarray:
-    """Return (5, 4, 3) finger chains from the wrist in metres: along the palm, across it, out of its back."""
+    """Return (5, 4, 3) finger chains from the wrist in metres: along the palm, across it, and out of its back."""
     chains = np.concatenate([np.broadcast_to(wrist, (5, 1, 3)), joints], axis=1) - wrist
     along = _unit(chains[2, 1])
     back = np.cross(chains[4, 1], chains[1, 1]) * (1.0 if side else -1.0)
     back = _unit(back - (back @ along) * along)
-    # Seen from its back with fingers up, a right hand has its thumb on the left.
+    # Seen from the back with its fingers up, a right hand has its thumb on the left.
     return chains @ np.stack([along, np.cross(along, back), back], axis=1)
 
 
 def _hand(chains: np.ndarray, left: float, top: float, style: str, seen: np.ndarray) -> list[str]:
-    """Return the lines of a hand with (5, 4, 2) chains. Resting fingers are faint."""
+    """Return the lines of a hand, given its (5, 4, 2) chains. Fingers at rest are faint."""
     scale = _SIZE / _SPAN_M
     parts = []
     for finger, chain in enumerate(chains):

@@ -1,4 +1,4 @@
-"""Write a capture's page before its solve: cameras, person, floor and corrections."""
+"""Write a page about a capture before it is solved: cameras, person, floor and corrections."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from solver_backend.report.sections import diagnostics_section
 from solver_backend.report.statistics import detected_share, located_share, seen_by_views, share
 from solver_backend.types import Capture
 
-MOST_FRAMES = 400  # Maximum number of frames to triangulate for the page, spread over the take.
+MOST_FRAMES = 400  # Maximum number of frames triangulated for the page, spread over the take.
 
 
 def write_capture_report(path: Path | str, capture: Capture, *, overwrite: bool = False) -> Path:
-    """Write one self-contained HTML page about a capture, completely or not at all."""
+    """Write a self-contained HTML page about a capture, completely or not at all."""
     return write_text(path, capture_html(capture), overwrite=overwrite)
 
 
 def capture_html(capture: Capture) -> str:
-    """Return the page of a capture."""
+    """Return the page about a capture as HTML."""
     rows = np.unique(np.linspace(0, capture.num_frames - 1, min(capture.num_frames, MOST_FRAMES)).astype(int))
     views = _shared_views(capture, rows)
     found = by_gravity(capture_diagnostics(capture))
@@ -53,7 +53,7 @@ class _SharedViews(NamedTuple):
 
 
 def _shared_views(capture: Capture, rows: np.ndarray) -> _SharedViews | None:
-    """Return points (N, K, 3), and (C, N, K) detections, inliers and residuals in pixels."""
+    """Return the points (N, K, 3), and the (C, N, K) detections, inliers and residuals in pixels."""
     if (several := capture.several_views) is None:
         return None
     cameras, keypoints = several[0], several[1].at(rows)

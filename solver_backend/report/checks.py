@@ -1,4 +1,4 @@
-"""Check a capture and its solve, and return the diagnostics, the most severe first."""
+"""Check a capture and its solve, and return the diagnostics, most severe first."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ from solver_backend.report.statistics import KeypointResiduals, detected_share, 
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, MARKER_GHOST, Capture, JointSet, Motion
 
 BELOW_FLOOR_M, ABOVE_FLOOR_M = 0.05, 0.25
-"""Suspicious heights of a foot joint below and above the floor, metres."""
+"""Heights of a foot joint below and above the floor that are suspicious, in metres."""
 DRIFT_M, DRIFT_ENDS_S = 0.5, 0.5
-"""Smallest height change of the lowest joint in a drift (m), and duration (s) of the two ends that are compared."""
-STEADY = 0.3  # Smallest fraction of the change that the median speed explains in a drift. Steps are sudden.
-_LEAST_STANCES = 0.1  # Smallest fraction of frames in which a foot is still on the ground, for stances to count.
+"""Smallest height change (m) of the lowest joint that counts as a drift, and duration (s) of the two ends compared."""
+STEADY = 0.3  # Smallest fraction of the change that the median speed must explain in a drift. Steps are sudden.
+_LEAST_STANCES = 0.1  # Smallest fraction of frames in which a foot stands still on the ground, for stances to count.
 SKATING_CM_S, _SLIDING_HZ = 15.0, 30.0
-"""Speed (cm/s) of feet on the floor that counts as skating, and sampling rate (Hz) that excludes the noise of fast
+"""Speed (cm/s) above which feet on the floor are skating, and sampling rate (Hz), which suppresses the noise in fast
 recordings.
 """
-_ON_FLOOR_SHARE = 0.02  # Fraction of the frames with the lowest feet, which determine the floor.
+_ON_FLOOR_SHARE = 0.02  # Fraction of frames in which the feet are lowest. These determine the floor.
 
 
 def _feet(capture: Capture, motion: Motion) -> Iterator[Diagnostic]:
@@ -45,7 +45,7 @@ def _feet(capture: Capture, motion: Motion) -> Iterator[Diagnostic]:
     if feet is None or rests(motion, "left_foot", "right_foot"):
         return
     lowest = feet[..., 2].min(axis=1)
-    if centres_of(motion) or capture.is_one_view:  # several cameras can see a climbing person. A suit's floor may sink
+    if centres_of(motion) or capture.is_one_view:  # several cameras can see a climber. A suit's floor may sink
         yield from _drift(motion, feet)
     below, usual = -float(lowest.min()), float(np.median(lowest))
     if usual < -BELOW_FLOOR_M:
@@ -58,24 +58,24 @@ def _feet(capture: Capture, motion: Motion) -> Iterator[Diagnostic]:
         yield diagnostic("feet_off_floor", severity=severity, size=100 * usual, way="above")
     every = max(1, round(motion.fps / _SLIDING_HZ))
     skating = foot_skating_cm_per_frame(feet[::every]) * motion.fps / every
-    if skating > SKATING_CM_S and usual > -BELOW_FLOOR_M:  # otherwise they seem to be on the floor all the time
+    if skating > SKATING_CM_S and usual > -BELOW_FLOOR_M:  # otherwise they always seem to be on the floor
         yield diagnostic("feet_slide", size=skating)
 
 
 def joints_of(motion: Motion, *names: str) -> np.ndarray | None:
-    """Return (F, N, 3) joints by name, or None if the motion's body lacks one."""
+    """Return the (F, N, 3) positions of the named joints, or None if the motion's body does not have them all."""
     known = motion.body_layout.joints
     return motion.joints[:, [known.index(name) for name in names]] if set(names) <= set(known) else None
 
 
 def rests(motion: Motion, *names: str) -> bool:
-    """Return whether one of these joints is at rest in any frame."""
+    """Return whether any of these joints is at rest in any frame."""
     columns = [motion.body_layout.joints.index(name) for name in names]
     return motion.resting is not None and bool(motion.resting[:, columns].any())
 
 
 def _drift(motion: Motion, feet: np.ndarray) -> Iterator[Diagnostic]:
-    # The lowest joint's height changes between the ends of the take, but a floor does not move.
+    # The height of the lowest joint changes between the ends of the take, although a floor does not move.
     lowest, ends = motion.joints[..., 2].min(axis=1), max(1, round(DRIFT_ENDS_S * motion.fps))
     change = float(lowest[-ends:].min() - lowest[:ends].min())
     if len(lowest) <= 2 * ends or abs(change) <= DRIFT_M:
@@ -86,10 +86,10 @@ def _drift(motion: Motion, feet: np.ndarray) -> Iterator[Diagnostic]:
 
 
 def _is_moving_in_stances(feet: np.ndarray, fps: float, change: float) -> bool:
-    """Return whether standing feet follow the take's height change, as in a drift.
+    """Return whether standing feet follow the height change of the take, as in a drift.
 
-    During stances a foot is still on stairs, but moves with the body in a drift. Without stances, nothing distinguishes
-    them.
+    During a stance, a foot on stairs is still, whereas in a drift it moves with the body. Without stances, the two
+    cannot be distinguished.
     """
     lower = feet[..., 2].argmin(axis=1)[:, None]
     way, seconds = steps(feet[..., :2], fps)
@@ -99,22 +99,22 @@ def _is_moving_in_stances(feet: np.ndarray, fps: float, change: float) -> bool:
 
 
 FAR_MM, CENTRES_FAR_MM = 10.0, 30.0
-"""Suspicious median residuals (mm) of markers and joint centres. 60 recordings of other laboratories have 0.1 to 5 (7
-if a network labelled the points), 3D keypoints of networks up to 25."""
+"""Median residuals (mm) of markers and joint centres that are suspicious. 60 recordings from other laboratories have
+0.1 to 5 (7 if a network labelled the points), and 3D keypoints from networks have up to 25."""
 ALWAYS_MM, WHILE_MM, WHILE_S = 20.0, 50.0, 0.3
-"""Suspicious median residual (mm) of one marker, residual (mm) in some frames, and duration (s) of such frames. Good
-markers in 60 recordings have medians up to 19, and 50 for at most 0.24 s."""
-STANDS_OUT = 2.0  # Ratio to the residual of the others from which a marker or a camera is reported.
+"""Suspicious values: median residual (mm) of a single marker, residual (mm) in some frames, and duration (s) of those
+frames. In 60 recordings, good markers have medians up to 19, and exceed 50 for at most 0.24 s."""
+STANDS_OUT = 2.0  # Ratio to the residual of the others above which a marker or a camera is reported.
 _WAIST = ("LFWT", "RFWT", "LBWT", "RBWT")
 _HIPS = (("=pelvis",), ("~mid_hip",), ("=left_hip", "=right_hip"), ("~left_hip", "~right_hip"), _WAIST, _WAIST[:2])
 HIPS_STILL_M, HIPS_BESIDE_M = 2e-4, 0.1
-"""Largest movement of the hip centre if positions are relative to it (rounding in files), and smallest movement of
-another point in that case, both in metres."""
-USELESS = 5.0  # Factor on these limits at which a result is useless.
+"""Largest movement of the hip centre if positions are relative to it (caused by rounding in files), and smallest
+movement of another point in that case, both in metres."""
+USELESS = 5.0  # Factor on these limits above which a result is useless.
 
 
 def marker_plausibility(motion: Motion) -> Iterator[Diagnostic]:
-    """Yield diagnostics about the distance between the body and all markers, or single markers."""
+    """Yield diagnostics if all markers or single markers are too far from the body."""
     error = motion.marker_residual_mm
     if error is None or motion.marker_labels is None or not isinstance(motion.provenance.get("markers"), list):
         return
@@ -128,7 +128,7 @@ def marker_plausibility(motion: Motion) -> Iterator[Diagnostic]:
 
 
 def _side_by_name(places: tuple[str, ...]) -> Iterator[Diagnostic]:
-    """Yield a diagnostic if only labels determine the side of a single limb."""
+    """Yield a diagnostic if only labels tell which side a single limb belongs to."""
     named = [place for place in places if place[:1] in ("L", "R") and not is_joint_centre(place)]
     if len(named) < len(places) or not of_one_limb(named, load_layouts()):
         return
@@ -139,7 +139,7 @@ def _side_by_name(places: tuple[str, ...]) -> Iterator[Diagnostic]:
 
 
 def useless(is_useless: bool) -> Severity:
-    """Return the severity of an error, which rejects the result, or of a warning."""
+    """Return the severity of an error, which rejects the result, or else of a warning."""
     return Severity.ERROR if is_useless else Severity.WARNING
 
 
@@ -150,7 +150,7 @@ def centres_of(motion: Motion) -> bool:
 
 
 def hips_never_move(capture: Capture, motion: Motion) -> bool:
-    """Return whether the centre of pelvis or hips is constant in all frames while other points move."""
+    """Return whether the centre of the pelvis or hips is constant in all frames while other points move."""
     cloud = capture.markers
     if cloud is None or cloud.labels is None or motion.marker_labels is None or motion.layout is None:
         return False
@@ -169,11 +169,11 @@ def hips_never_move(capture: Capture, motion: Motion) -> bool:
 
 
 def _far_markers(motion: Motion, usual: float, scale: float) -> Iterator[Diagnostic]:
-    """Yield diagnostics about markers that are always or temporarily far from their positions.
+    """Yield diagnostics about markers that are always or temporarily far from their expected positions.
 
     Args:
         usual: median residual of the take in millimetres.
-        scale: factor on the limits.
+        scale: factor applied to the limits.
     """
     assert motion.marker_residual_mm is not None and motion.marker_labels is not None
     thrown_out = 0 if motion.marker_flags is None else motion.marker_flags & MARKER_GHOST
@@ -188,30 +188,30 @@ def _far_markers(motion: Motion, usual: float, scale: float) -> Iterator[Diagnos
             yield diagnostic("marker_far", markers=[label], frames=runs, size=largest)
 
 
-STATURES_M = (1.0, 2.2)  # Range of recorded people in metres: children of four years to the tallest athletes.
+STATURES_M = (1.0, 2.2)  # Range of recorded people in metres, from four-year-old children to the tallest athletes.
 IMPOSSIBLE_STATURES_M = (0.65, 2.8)
-"""Limits beyond toddlers and the tallest man on record (2.72 m). Outside them the scale is wrong by half or more."""
-LEAST_AGREEMENT_PERCENT = 75.0  # Smallest percentage of inliers. Below it the report's tile is red.
+"""Limits beyond toddlers and the tallest man on record (2.72 m). Outside them, the scale is wrong by half or more."""
+LEAST_AGREEMENT_PERCENT = 75.0  # Smallest percentage of inliers. If lower, the report shows a red tile.
 LEAST_VIEWS_PERCENT = 75.0
-"""Smallest percentage of views with the person among all that should show the person. Real captures reach 100 %."""
+"""Smallest percentage of the views that should show the person which actually do. Real captures reach 100 %."""
 USELESS_VIEWS_PERCENT, USELESS_VIEWS = 62.5, 2.75
-"""Percentage and number of agreeing views. A result below both is useless. Two of four can agree by chance (cameras
-started seconds apart: 56 %, 2.2 views). Two of three or three of five rarely do. With two cameras, less than 75 %
-leaves half of the frames to one of them (the demo with one camera mirrored: 65 %, 201 mm error)."""
+"""Percentage and number of agreeing views. A result that is below both is useless. Two of four views can agree by
+chance (cameras started seconds apart: 56 %, 2.2 views). Two of three or three of five rarely do. With two cameras, less
+than 75 % leaves half of the frames to one of them (the demo with one camera mirrored: 65 %, 201 mm error)."""
 AGREES_SHARE = 0.06
-"""Largest median distance of a view that agrees with the body, relative to the person's extent in the image. Detectors
-have errors of 0.8 to 1.5 %."""
+"""Largest median distance at which a view agrees with the body, relative to the person's extent in the image. Detector
+errors are 0.8 to 1.5 %."""
 DETECTOR_SHARE, USELESS_SHARE = 0.04, 0.1
-"""Median distances relative to the person's extent that exceed any detector's, and that make a result useless."""
+"""Median distances relative to the person's extent: above any detector's errors, and so large the result is useless."""
 TILT_DEGREES, LEANS_DEGREES, TILT_SIGMAS = 8.0, 25.0, 3.0
-"""Suspicious angles between a person's stance and the world's up direction: in degrees for joint centres and for views,
-and in standard deviations. Levelled takes stay within 5 degrees, but people who dance or climb stairs lean by 19
-(``bench_good_captures``)."""
-STANDS_SHARE = 0.5  # Smallest fraction of frames with a person within 45° of upright, as evidence of up.
+"""Angles between a person's stance and the world's up direction that are suspicious: in degrees for joint centres, in
+degrees for views, and in standard deviations. Levelled takes stay within 5 degrees, but people who dance or climb
+stairs lean by 19 (``bench_good_captures``)."""
+STANDS_SHARE = 0.5  # Smallest fraction of frames within 45° of upright that serves as evidence of up.
 
 
 def _stature(motion: Motion) -> Iterator[Diagnostic]:
-    # Use the legs, because every body of the family has the same leg joints.
+    # Use the legs, because all bodies of the family have the same leg joints.
     leg = joints_of(motion, "left_hip", "left_knee", "left_ankle")
     if leg is None:
         return
@@ -224,28 +224,28 @@ def _stature(motion: Motion) -> Iterator[Diagnostic]:
 
 @dataclass(frozen=True)
 class ViewAgreement:
-    """Views that show the person at the body's position."""
+    """Views that show the person where the body is."""
 
-    counted: np.ndarray  # (C, F) mask of views that show the person, or somebody else at the person's position.
+    counted: np.ndarray  # (C, F) mask of views that show the person, or somebody else where the person should be.
     agrees: np.ndarray  # (C, F) mask of views that show the person.
 
     @property
     def percent(self) -> float:
-        """Percentage of the views that agree, NaN if no person is visible."""
+        """Percentage of views that agree, or NaN if no person is visible."""
         return 100.0 * self.agrees.sum() / self.counted.sum() if self.counted.any() else float("nan")
 
     @property
     def views(self) -> float:
-        """Mean number of views that agree, over frames with a person."""
+        """Mean number of agreeing views, over the frames that show a person."""
         return float(self.agrees.sum() / max(1, self.counted.any(0).sum()))
 
 
 def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> ViewAgreement:
-    """Return the views that agree with the body, per frame.
+    """For each frame, return the views that agree with the body.
 
-    A view of other people counts against the person only if they are at the person's position while two views show the
-    person, and if no view shows both. People who come and go or occlude the person do not count. Interpolated frames
-    and views that the user excluded do not count either.
+    A view that shows other people counts against the person only if they are where the person should be, at least two
+    views show the person, and no view shows both. People who come and go or who occlude the person do not count.
+    Neither do interpolated frames or views that the user excluded.
     """
     assert capture.cameras is not None and capture.keypoints is not None
     px = _body_px(capture, motion)
@@ -263,7 +263,7 @@ def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResidual
             with np.errstate(invalid="ignore"):
                 there = apart < extents / 2
             others |= inside & present & there & ~(seen & present & ~there).any(axis=0)
-    others &= seen.sum(0) >= 2  # otherwise the body is interpolated, and the visible person may be another one
+    others &= seen.sum(0) >= 2  # otherwise the body is interpolated, and the visible person may be a different one
     settings = motion.provenance.get("settings")
     texts = settings.get("leave_out", ()) if isinstance(settings, dict) else ()
     taken = ~left_out_views(texts or (), capture.cameras.names, motion.num_frames)
@@ -271,7 +271,7 @@ def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResidual
 
 
 def _body_px(capture: Capture, motion: Motion) -> np.ndarray:
-    """Return (C, F, K, 2) projected keypoints of the body, or detections if the motion has no keypoints."""
+    """Return the body's (C, F, K, 2) projected keypoints, or the detections if the motion has no keypoints."""
     assert capture.cameras is not None and capture.keypoints is not None
     if motion.keypoints3d is None:
         return np.where(capture.keypoints.confidence[..., None] > 0, capture.keypoints.xy, np.nan)
@@ -279,14 +279,14 @@ def _body_px(capture: Capture, motion: Motion) -> np.ndarray:
 
 
 def _middles(px: np.ndarray) -> np.ndarray:
-    """Return the (C, F, 2) centroids of the known points among (C, F, K, 2) pixels, with NaN without any."""
+    """Return the (C, F, 2) centroids of the known points among (C, F, K, 2) pixels, NaN if there are none."""
     known = np.isfinite(px).all(-1, keepdims=True)
     count = known.sum(-2)
     return np.where(count > 0, np.where(known, px, 0.0).sum(-2) / np.maximum(count, 1), np.nan)
 
 
 def _extents(px: np.ndarray) -> np.ndarray:
-    """Return the (C, F) diagonal of the box around (C, F, K, 2) pixels, with NaN if too few are known."""
+    """Return the (C, F) diagonals of the boxes around (C, F, K, 2) pixels, NaN if too few are known."""
     known = np.isfinite(px)
     size = np.where(known, px, -np.inf).max(-2) - np.where(known, px, np.inf).min(-2)
     return np.where(known.all(-1).sum(-1) >= MIN_POINTS, np.hypot(size[..., 0], size[..., 1]), np.nan)
@@ -319,7 +319,7 @@ _STANCE = JointSet.COCO_17
 
 
 def _tilt(motion: Motion) -> Iterator[Diagnostic]:
-    """Yield a diagnostic if a person's stance, from trunk, balance and feet, is tilted from Z."""
+    """Yield a diagnostic if a person's stance, judged by trunk, balance and feet, is tilted relative to Z."""
     limbs = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
     names = [f"{side}_{limb}" for limb in limbs for side in ("left", "right")]
     joints = joints_of(motion, *names)
@@ -337,7 +337,7 @@ def _tilt(motion: Motion) -> Iterator[Diagnostic]:
     except NoDetections:
         return
     tilt, sigma = np.degrees(np.arccos(np.clip(upright.R[2, 2], -1.0, 1.0))), np.degrees(upright.tilt_sigma)
-    if centres_of(motion):  # a sinking suit has no reliable floor, so the body must also lean
+    if centres_of(motion):  # the floor is unreliable if a suit sinks, so the body must lean too
         mean = along.mean(axis=0)
         lean = np.degrees(np.arccos(np.clip(mean[2] / max(float(np.linalg.norm(mean)), 1e-9), -1.0, 1.0)))
         tilt = tilt if lean > max(TILT_DEGREES, 0.5 * tilt) else 0.0
@@ -345,16 +345,16 @@ def _tilt(motion: Motion) -> Iterator[Diagnostic]:
         yield diagnostic("person_tilted", size=float(tilt), sigma=float(sigma))
 
 
-MOST_FRAMES = 0.9  # Fraction of the take with a correction from which the correction explains the camera.
-LEAST_OTHERS = 3  # Number of other cameras that a comparison needs without the corrected one.
+MOST_FRAMES = 0.9  # If a correction applies to this fraction of the take, it explains the camera's warnings.
+LEAST_OTHERS = 3  # Number of other cameras needed for a comparison without the corrected one.
 
 
 def without_explained(
     found: Iterable[Diagnostic], num_frames: int, capture: Capture | None = None
 ) -> Iterator[Diagnostic]:
-    """Remove the reader's warnings about cameras that the solve corrected.
+    """Remove the reader's warnings about cameras that the solve has corrected.
 
-    Comparisons with a corrected camera are also removed. Focal lengths are compared again without it.
+    Comparisons with a corrected camera are also removed. The focal lengths are compared again without that camera.
     """
     found, table = tuple(found), load_table()
     roles = {item.code: entry.role for item in found if (entry := table.get(item.code))}
@@ -382,14 +382,14 @@ def without_explained(
             yield item
 
 
-BRIEF_S = 0.2  # Longest gap in seconds that is interpolated without a warning. People who leave are absent for longer.
-UNSURE_SHARE = 0.05  # Largest fraction of unsure frames for a note. More cause a warning.
+BRIEF_S = 0.2  # Longest gap in seconds that is interpolated without a warning. People who walk away are absent longer.
+UNSURE_SHARE = 0.05  # Largest fraction of unsure frames that only causes a note. More frames cause a warning.
 SELDOM_PERCENT, OUTLIER_PERCENT = 50.0, 20.0
 """Smallest percentage of a keypoint's frames with two detections, and largest percentage of outliers in one view."""
 
 
 def capture_diagnostics(capture: Capture) -> tuple[Diagnostic, ...]:
-    """Return the diagnostics of the capture's reader."""
+    """Return the diagnostics that the capture's reader raised."""
     return (*capture.notes, *capture.problems)
 
 
@@ -399,10 +399,10 @@ def recorded_diagnostics(motion: Motion) -> tuple[Diagnostic, ...]:
 
 
 def by_gravity(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Return each diagnostic once, errors and warnings before notes.
+    """Return each diagnostic once, with errors and warnings before notes.
 
-    Two are equal if their codes, names and named values are equal. Figures that are computed again differ in the last
-    digit.
+    Two diagnostics are equal if their codes, names and named values are equal. When figures are computed again, they
+    differ in the last digit.
     """
     first: dict[object, Diagnostic] = {}
     for item in found:
@@ -414,7 +414,7 @@ def by_gravity(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     return tuple(sorted(first.values(), key=lambda item: ("error", "warning", "note").index(item.severity)))
 
 
-_MOST_UNSEEN = 0.5  # Fraction of frames in which a late or leaving person may be missing without a warning.
+_MOST_UNSEEN = 0.5  # Fraction of frames in which a person who arrives late or leaves may be missing without a warning.
 
 
 def _flagged(capture: Capture, motion: Motion) -> Iterator[Diagnostic]:
@@ -441,7 +441,7 @@ def _cameras(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> 
     medians = residuals.by_camera
     depth = np.einsum("ci,fi->cf", capture.cameras.R[:, 2], motion.joints[:, 0]) + capture.cameras.t[:, 2, None]
     px_m = capture.cameras.K[:, 0, 0] / np.maximum(quantile(depth, 0.5, axis=1), 1e-3)
-    distances = medians / px_m  # detector errors are proportional to the person's size in the image
+    distances = medians / px_m  # detector errors scale with the person's size in the image
     for c, name in enumerate(capture.cameras.names):
         others = np.delete(distances, c)
         others = others[np.isfinite(others)]
@@ -469,14 +469,14 @@ def _keypoints(capture: Capture, residuals: KeypointResiduals) -> Iterator[Diagn
 
 
 def run_checks(capture: Capture, motion: Motion, residuals: KeypointResiduals | None) -> Iterator[Diagnostic]:
-    """Yield the diagnostics of all checks. ``residuals`` is None without detections."""
+    """Yield the diagnostics of all checks. ``residuals`` is None if there are no detections."""
     yield from check_motion(motion)
     yield from _flagged(capture, motion)
     yield from _stature(motion)
     if residuals is not None:
         yield from _residual(capture, motion, residuals)
         yield from _views(capture, motion, residuals)
-    if residuals is not None or centres_of(motion):  # marker recordings are level
+    if residuals is not None or centres_of(motion):  # the floor is always level in marker recordings
         yield from _tilt(motion)
     yield from marker_plausibility(motion)
     if hips_never_move(capture, motion):
@@ -489,10 +489,10 @@ def run_checks(capture: Capture, motion: Motion, residuals: KeypointResiduals | 
 
 
 def diagnose(capture: Capture, motion: Motion, residuals: KeypointResiduals | None = None) -> tuple[Diagnostic, ...]:
-    """Return all diagnostics, the most severe first, or the stored ones of a motion.
+    """Return all diagnostics, most severe first. If the motion stores them, return those.
 
     Args:
-        residuals: residuals of the motion in the capture, computed if None.
+        residuals: residuals of the motion in the capture. They are computed if None.
     """
     capture = capture.named
     residuals = residuals or residuals_of(capture, motion)

@@ -1,4 +1,4 @@
-"""Write the page of a labelled take: fraction and confidence of labels, ranges to check."""
+"""Write the page about a labelled take: fraction and confidence of labels, and ranges to check."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def _by_marker(take: LabelledTake) -> str:
 
 
 def _stretches(take: LabelledTake, fps: float) -> str:
-    """List the least certain label ranges, the longest unknown ones first."""
+    """List the least certain label ranges. Unknown ranges come first, the longest one at the top."""
     t = take.tracklets
     length = t.last - t.first + 1
     doubt = (1.0 - np.nan_to_num(take.stretch_confidence)) * length

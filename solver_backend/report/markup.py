@@ -1,4 +1,4 @@
-"""Build HTML in small pieces, and escape all text from people and files."""
+"""Build HTML in small pieces, and escape all text that comes from users and files."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from solver_backend.exchange.plain_text import plain
 
 
 def text(value: object) -> str:
-    """Return any value as text that is safe in HTML."""
+    """Return any value as text that is safe to insert into HTML."""
     return escape(plain(str(value), keep="\n\t"))
 
 
 def number(value: float, digits: int = 1) -> str:
-    """Format a number. NaN becomes a dash."""
+    """Format a number. NaN is shown as a dash."""
     return f"{value:.{digits}f}" if np.isfinite(value) else "–"
 
 
 def section(title: str, body: str, lead: str = "", identifier: str = "") -> str:
-    """Return a section with a heading and a sentence that explains it."""
+    """Return a section with a heading and an introductory sentence."""
     lead_html = f'<p class="lead">{lead}</p>' if lead else ""
     return f'<section id="{text(identifier)}"><h2>{text(title)}</h2>{lead_html}{body}</section>'
 
 
 def figure(kind: str, width: float, height: float, parts: Iterable[str]) -> str:
-    """Return SVG parts as a figure. ``kind`` is a class in the style sheet."""
+    """Wrap SVG parts in a figure. ``kind`` is a class in the style sheet."""
     svg = f'<svg viewBox="0 0 {width:g} {height:g}" role="img">{"".join(parts)}</svg>'
     return f'<figure class="{kind}">{svg}</figure>'
 
 
 @dataclass(frozen=True)
 class Tile:
-    """One key figure."""
+    """A key figure."""
 
     label: str
     value: str
@@ -45,7 +45,7 @@ class Tile:
 
 
 def tiles(items: Iterable[Tile]) -> str:
-    """Return key figures side by side."""
+    """Return key figures arranged side by side."""
     cells = (
         f'<div class="tile {item.level}"><div class="label">{text(item.label)}</div>'
         f'<div class="value">{text(item.value)}<span class="unit"> {text(item.unit)}</span></div>'
@@ -56,7 +56,7 @@ def tiles(items: Iterable[Tile]) -> str:
 
 
 def facts(rows: Iterable[tuple[str, object]]) -> str:
-    """Return a table with two columns: name and value."""
+    """Return a table of names and values in two columns."""
     body = "".join(f"<tr><th>{text(name)}</th><td>{text(value)}</td></tr>" for name, value in rows)
     return f'<table class="facts">{body}</table>'
 
@@ -71,13 +71,13 @@ def heat_table(
     digits: int = 1,
     total: bool = False,
 ) -> str:
-    """Return a table with tinted cells.
+    """Return a table whose cells are tinted.
 
     Args:
-        values: (R, C) numbers. NaN becomes a dash.
+        values: (R, C) numbers. NaN is shown as a dash.
         strength: (R, C) tint of each cell in 0..1.
-        unit: unit in the tooltip of each cell.
-        total: True if the last row and column are sums.
+        unit: unit shown in the tooltip of each cell.
+        total: True if the last row and the last column contain sums.
     """
     head = "".join(f"<th>{text(name)}</th>" for name in columns)
     lines = []
@@ -92,7 +92,7 @@ def heat_table(
 
 
 def tints(errors: np.ndarray, usual: float) -> np.ndarray:
-    """Return tints of errors by ratio, from 0 at half the usual error to 1 at twice."""
+    """Return tints for errors by their ratio to the usual error, from 0 at half of it to 1 at twice."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.clip(0.5 + 0.5 * np.log2(errors / usual), 0.0, 1.0)
 

@@ -1,4 +1,4 @@
-"""Write the whole page: head, key figures, sections."""
+"""Write the whole page: head, key figures and sections."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def write_report(
     *,
     overwrite: bool = False,
 ) -> Path:
-    """Write a self-contained HTML page about a solve. An error leaves no partial file."""
+    """Write a self-contained HTML page about a solve. If an error occurs, no partial file is left."""
     return write_text(path, report_html(capture, motion, calibration), overwrite=overwrite)
 
 
 def report_html(capture: Capture, motion: Motion, calibration: CameraFits | None = None) -> str:
-    """Return the page of a solve, with the fit of the cameras if it was checked.
+    """Return the page about a solve. It includes the fit of the cameras if that was checked.
 
     Raises:
         MotionInvalid: the motion does not belong to the capture.
@@ -88,9 +88,9 @@ def page_of(title: str, subtitle: str, body: str) -> str:
 
 
 def _policy(style: str, script: str) -> str:
-    """Return a policy that allows only the page's own style and script, and no requests.
+    """Return a content policy that allows only the page's own style and script, and no requests.
 
-    Inline ``style`` attributes contain the fractions of coloured cells, which no hash can allow.
+    Inline ``style`` attributes store the fractions of coloured cells, which a hash cannot allow.
     """
     hashes = [b64encode(sha256(part.encode()).digest()).decode() for part in (style, script)]
     return (

@@ -1,4 +1,4 @@
-"""Draw the page's figures as inline SVG: curves, strips, floor plan and space."""
+"""Draw the page's figures as inline SVG: curves, strips, the floor plan and a view of the space."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from solver_backend.types import Cameras, JointSet
 
 WIDTH, LEFT, RIGHT, TOP, BOTTOM = 960.0, 46.0, 8.0, 8.0, 22.0
 MAX_POINTS = 1200
-"""Maximum number of points per line. Longer takes show the lowest and highest value of each block."""
+"""Maximum number of points per line. For longer takes, the lowest and highest values of each block are drawn."""
 MAX_READABLE = 6000
-"""Maximum number of frames of a plot that contains its values for the read-out under the pointer."""
+"""Maximum number of frames in a plot that includes its values, which are shown under the pointer."""
 
 
 @dataclass(frozen=True)
 class PlotCurve:
-    """One curve."""
+    """A curve in a plot."""
 
     values: np.ndarray  # (F,) numbers. NaN interrupts the curve.
     label: str
-    style: str = "a"  # CSS class: 'a' and 'b' for left and right, 'quiet' for the background, 'truth' dashed.
+    style: str = "a"  # CSS class: 'a' and 'b' for left and right, 'quiet' for the background, 'truth' for dashed.
 
 
 @dataclass(frozen=True)
 class Shade:
-    """A frame range to check."""
+    """A frame range that should be checked."""
 
     first: int
     last: int
@@ -48,7 +48,7 @@ def time_plot(
     marks: np.ndarray | None = None,
     from_zero: bool = False,
 ) -> str:
-    """Plot curves over seconds, with shaded ranges behind them and ticks (keyframes) below."""
+    """Plot curves over time in seconds, with shaded ranges behind them and tick marks (keyframes) below."""
     (width, height), frames = size, len(lines[0].values)
     low, high, steps = _vertical_axis(lines, from_zero)
     x = _Scale(0.0, max(frames - 1, 1), LEFT, width - RIGHT)
@@ -68,7 +68,7 @@ def time_plot(
 
 
 def strip_plot(rows: Sequence[tuple[str, np.ndarray]], fps: float, *, shades: Sequence[Shade] = ()) -> str:
-    """Plot a strip of cells per row of (F,) values in 0..1, with shaded ranges above."""
+    """Plot each row of (F,) values in 0..1 as a strip of cells, with shaded ranges above."""
     row_height, left, frames = 20.0, 130.0, len(rows[0][1])
     height = TOP + row_height * len(rows) + BOTTOM
     x = _Scale(0.0, float(frames), left, WIDTH - RIGHT)
@@ -95,7 +95,7 @@ class _Scale:
 
 
 def nice_steps(low: float, high: float, count: int = 4) -> list[float]:
-    """Return about ``count`` round numbers that cover the range."""
+    """Return about ``count`` round numbers that cover a range."""
     raw = max(high - low, 1e-9) / count
     power = 10.0 ** np.floor(np.log10(raw))
     step = next(m * power for m in (1, 2, 2.5, 5, 10) if m * power >= raw * 0.999)
@@ -122,7 +122,7 @@ def _shade(shade: Shade, x: _Scale, height: float) -> str:
 
 
 def thinned(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return frame numbers and values to draw: all, or the lowest and highest of each block."""
+    """Return the frame numbers and values to draw: all of them, or the lowest and highest of each block."""
     frames = np.arange(len(values))
     if len(values) <= MAX_POINTS:
         return frames, values
@@ -151,7 +151,7 @@ def _path(values: np.ndarray, x: _Scale, y: _Scale) -> str:
 
 
 def _runs(values: np.ndarray) -> list[tuple[int, int, int]]:
-    """Return (first, stop, tenths) of runs with equal tint. Long takes are first averaged over cells."""
+    """Return (first, stop, tenths) for each run of equal tint. Long takes are first averaged over cells."""
     size = max(1, int(np.ceil(len(values) / MAX_POINTS)))
     starts = np.arange(0, len(values), size)
     tenths = np.array([round(10 * float(np.mean(values[s : s + size]))) for s in starts])
@@ -163,7 +163,7 @@ def _runs(values: np.ndarray) -> list[tuple[int, int, int]]:
 def _reading(
     lines: Sequence[PlotCurve], fps: float, unit: str, digits: int, width: float, left: float = LEFT
 ) -> dict[str, object]:
-    """Return the data of the read-out under the pointer."""
+    """Return the data needed to show values under the pointer."""
     frames = len(lines[0].values)
     data: dict[str, object] = {"frames": frames, "fps": fps, "unit": unit, "left": left, "right": width - RIGHT}
     if frames <= MAX_READABLE:
@@ -180,13 +180,13 @@ def _figure(parts: list[str], width: float, height: float, reading: dict[str, ob
     return f'<figure data-plot="{packed}">{drawing}<div class="reading"></div></figure>'
 
 
-SIZE = 420.0  # Width and height of the plan, CSS pixels. Chosen by hand.
-PLAN_MARGIN = 34.0  # Margin around the drawing, CSS pixels. Chosen by hand.
-Place = Callable[[np.ndarray], tuple[float, float]]  # Maps world metres to the drawing.
+SIZE = 420.0  # Width and height of the plan in CSS pixels. Chosen by hand.
+PLAN_MARGIN = 34.0  # Margin around the drawing in CSS pixels. Chosen by hand.
+Place = Callable[[np.ndarray], tuple[float, float]]  # Maps metres in the world to the drawing.
 
 
 def plan(cameras: Cameras | None, way: np.ndarray) -> str:
-    """Draw the floor plan as SVG with a one-metre grid, world +Y up, and the person's (N, 2) path."""
+    """Draw a floor plan as SVG, with a one-metre grid, world +Y up, and the person's (N, 2) path."""
     centres = np.empty((0, 2)) if cameras is None else cameras.centres[:, :2]
     everything = np.concatenate([way, centres, way.mean(axis=0) + [[-1.0, -1.0], [1.0, 1.0]]])
     middle = (everything.min(axis=0) + everything.max(axis=0)) / 2
@@ -214,13 +214,13 @@ def draw_line(kind: str, a: Sequence[float] | np.ndarray, b: Sequence[float] | n
 
 
 def moments(worth: np.ndarray, count: int) -> list[int]:
-    """Return the frame with the largest of (F,) values in each equal part of a take."""
+    """Split a take into equal parts and return the frame with the largest of the (F,) values in each."""
     parts = [part for part in np.array_split(np.arange(len(worth)), count) if len(part)]
     return [int(part[worth[part].argmax()]) for part in parts]
 
 
 def _grid(low: np.ndarray, high: np.ndarray, at: Place) -> tuple[list[str], float]:
-    """Return the floor's grid lines between two corners (2,), and their spacing."""
+    """Return grid lines for the floor between two corners (2,), and their spacing."""
     span = float((high - low).max())
     step = 1.0 if span <= 14 else nice_steps(0.0, span, 8)[1]
     parts = []
@@ -247,7 +247,7 @@ def _draw_wedge(cameras: Cameras, c: int, length: float, at: Place) -> str:
 
 SPACE_WIDTH, TALLEST, SPACE_MARGIN = 860.0, 560.0, 30.0
 TURN_DEG, DOWN_DEG = 25.0, 22.0
-"""Viewing direction: rotated from world +Y, and downwards."""
+"""Viewing direction: rotation away from world +Y, and angle downwards."""
 MOMENTS = 3  # Number of frames in which the person is drawn.
 _CHAINS = (("shoulder", "elbow", "wrist"), ("shoulder", "hip", "knee", "ankle", "big_toe"))
 _BONES = tuple((f"{s}_{a}", f"{s}_{b}") for s in ("left", "right") for chain in _CHAINS for a, b in pairwise(chain))
@@ -255,10 +255,10 @@ _BONES += (("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"))
 
 
 def space_drawing(cameras: Cameras | None, points: np.ndarray, joint_set: JointSet | None) -> str:
-    """Draw cameras and (F, P, 3) points as SVG, without perspective.
+    """Draw cameras and (F, P, 3) points as SVG in a parallel projection.
 
     Args:
-        joint_set: joint set of the points, for drawing bones. None for markers.
+        joint_set: joint set of the points, whose bones are drawn. None for markers.
     """
     known = points[np.isfinite(points).all(-1)]
     centres = np.empty((0, 3)) if cameras is None else cameras.centres
@@ -285,9 +285,9 @@ def space_drawing(cameras: Cameras | None, points: np.ndarray, joint_set: JointS
 class Projection:
     """A parallel projection from metres to a drawing."""
 
-    axes: np.ndarray  # (2, 3) directions to the right and up.
-    middle: np.ndarray  # (2,) coordinates in metres along the axes of the point at ``centre``.
-    centre: np.ndarray  # (2,) position in drawing units.
+    axes: np.ndarray  # (2, 3) directions that point right and up in the drawing.
+    middle: np.ndarray  # (2,) coordinates along the axes, in metres, of the point drawn at ``centre``.
+    centre: np.ndarray  # (2,) position of that point in drawing units.
     scale: float  # Drawing units per metre.
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
@@ -300,7 +300,7 @@ class Projection:
 
 
 def _space_projection(everything: np.ndarray) -> tuple[Projection, float]:
-    """Return a projection that shows all points, and the height of its drawing."""
+    """Return a projection in which all points are visible, and the height of its drawing."""
     turn, down = np.radians([TURN_DEG, DOWN_DEG])
     right = np.array([np.cos(turn), np.sin(turn), 0.0])
     up = np.array([-np.sin(turn) * np.sin(down), np.cos(turn) * np.sin(down), np.cos(down)])
@@ -313,7 +313,7 @@ def _space_projection(everything: np.ndarray) -> tuple[Projection, float]:
 
 
 def _draw_pyramid(view: Projection, cameras: Cameras, c: int, size: float) -> str:
-    """Draw the viewing pyramid of a camera, a line down to the floor, and the camera's name."""
+    """Draw a camera's viewing pyramid, a vertical line to the floor, and the camera's name."""
     (w, h), K = cameras.image_size[c].astype(float), cameras.K[c]
     pixels = np.array([[0, 0, 1], [w, 0, 1], [w, h, 1], [0, h, 1]])
     rays = pixels @ np.linalg.inv(K).T

@@ -1,4 +1,4 @@
-"""Write the page's sections, one function each. A section without data is empty."""
+"""Write the page's sections, one function each. If there are no data, a section is empty."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ SHADES_KEY = (
 
 
 def far_from(motion: Motion) -> str:
-    """Return the meaning of an unsure frame as text."""
+    """Return text that explains what an unsure frame means."""
     return "far from the detections" if motion.markers is None else "far from the markers"
 
 
 def why_interpolated(motion: Motion) -> str:
-    """Return the reason for interpolated frames as text."""
+    """Return text that explains why frames were interpolated."""
     if motion.markers is not None:
         return "too few visible markers"
     is_one = motion.reprojection_px is not None and len(motion.reprojection_px) == 1
@@ -39,12 +39,12 @@ def why_interpolated(motion: Motion) -> str:
 
 
 def shades_key(motion: Motion) -> str:
-    """Return the legend of shaded plots."""
+    """Return the legend for shaded plots."""
     return SHADES_KEY.format(far=far_from(motion), interpolated=why_interpolated(motion))
 
 
 def shades_of(motion: Motion) -> list[Shade]:
-    """Return the flagged frame ranges of a motion."""
+    """Return the frame ranges of a motion that are flagged."""
     if motion.flags is None:
         return []
     kinds = ((FLAG_UNSURE, "unsure", f"{far_from(motion)} or very uncertain"), (FLAG_UNSEEN, "unseen", "interpolated"))
@@ -56,7 +56,7 @@ def shades_of(motion: Motion) -> list[Shade]:
 
 
 def diagnostics_section(found: Sequence[Diagnostic], fps: float) -> str:
-    """Show warnings and notes."""
+    """Show the warnings and notes."""
     good = '<li class="good">OK: there are no warnings.</li>'
     warnings = "".join(_item(item, "bad", fps) for item in warnings_in(found))
     notes = "".join(_item(item, "note", fps) for item in notes_in(found))
@@ -71,7 +71,7 @@ def _item(found: Diagnostic, level: str, fps: float) -> str:
 
 
 def reprojection_section(capture: Capture, residuals: KeypointResiduals | None) -> str:
-    """Show the reprojection error and the agreement of each camera and keypoint."""
+    """Show the reprojection error and the agreement for each camera and keypoint."""
     if residuals is None or capture.cameras is None or capture.keypoints is None:
         return ""
     cameras = [*capture.cameras.names, "all"]
@@ -103,7 +103,7 @@ def _with_margins(inner: np.ndarray, rows: np.ndarray, columns: np.ndarray, tota
 
 
 def missing_section(capture: Capture, motion: Motion) -> str:
-    """Show the detections of each camera per frame."""
+    """Show how much each camera detects in each frame."""
     seen, located = detected_share(capture), located_share(capture)
     if seen is None or located is None:
         return ""
@@ -117,7 +117,7 @@ def missing_section(capture: Capture, motion: Motion) -> str:
 
 
 def residual_sections(motion: Motion, residuals: KeypointResiduals | None) -> str:
-    """Plot the residuals of detections and markers over time, with flagged frames and keyframes."""
+    """Plot the residuals of detections and markers over time, including flagged frames and keyframes."""
     shown = ""
     if residuals is not None:
         curves = residuals.by_frame(0.5), residuals.by_frame(0.9)
@@ -140,7 +140,7 @@ def _residual_section(motion: Motion, curves: tuple[np.ndarray, np.ndarray], uni
 
 
 def angles_section(capture: Capture, motion: Motion) -> str:
-    """Plot joint angles of both sides, with the ground truth if known."""
+    """Plot the joint angles of both sides, and the ground truth if it is known."""
     truth = _truth_joints(capture, motion)
     both = [
         ("Knee flexion", "°", angles.knee_flexion_deg),
@@ -171,7 +171,7 @@ def _small_plot(title: str, unit: str, lines: list[PlotCurve], motion: Motion) -
 
 
 def truth_section(capture: Capture, motion: Motion, figures: list[str]) -> str:
-    """Show the errors against the ground truth of a synthetic capture."""
+    """Show the errors relative to the ground truth of a synthetic capture."""
     solved, truth, names = motion.beside_truth(capture.truth.get("joints", np.zeros(0)))
     if not names:
         return ""
@@ -198,7 +198,7 @@ def _truth_joints(capture: Capture, motion: Motion) -> np.ndarray | None:
 
 
 def uncertainty_section(motion: Motion) -> str:
-    """Plot the standard deviations of joints over time."""
+    """Plot the joints' standard deviations over time."""
     if motion.joint_sigma is None:
         return ""
     sigma = 1000.0 * np.asarray(motion.joint_sigma, dtype=np.float64)
@@ -220,7 +220,7 @@ def uncertainty_section(motion: Motion) -> str:
 
 
 def scene_section(capture: Capture, motion: Motion) -> str:
-    """Draw the scene from above, and show the shape of the body."""
+    """Draw the scene from above, and show the body shape."""
     way = np.linalg.norm(np.diff(motion.joints[:, 0, :2], axis=0), axis=-1).sum()
     rows: list[tuple[str, object]] = [
         ("body", motion.body),
@@ -242,7 +242,7 @@ def scene_section(capture: Capture, motion: Motion) -> str:
 
 
 def provenance_section(capture: Capture, motion: Motion) -> str:
-    """Show settings, sources and versions of the solve."""
+    """Show the settings, sources and versions used for the solve."""
     provenance = motion.provenance
     settings = provenance.get("settings")
     rows: list[tuple[str, object]] = [("capture", capture.name)]
@@ -254,7 +254,7 @@ def provenance_section(capture: Capture, motion: Motion) -> str:
 
 
 def marker_section(motion: Motion) -> str:
-    """Show each marker's residual and its percentage of frames."""
+    """Show each marker's residual and the percentage of frames in which it is visible."""
     error = motion.marker_residual_mm
     if error is None or motion.marker_labels is None:
         return ""
@@ -290,7 +290,7 @@ def _shares(motion: Motion, seen: np.ndarray) -> tuple[np.ndarray, list[str]]:
 
 
 def gaps_section(motion: Motion) -> str:
-    """Show the missing markers per frame."""
+    """Show how many markers are missing in each frame."""
     if motion.marker_residual_mm is None or motion.marker_labels is None:
         return ""
     seen = np.isfinite(motion.marker_residual_mm)
@@ -302,7 +302,7 @@ def gaps_section(motion: Motion) -> str:
 
 
 def props_section(motion: Motion) -> str:
-    """Plot each prop's deviations over time, and show how often its markers are visible."""
+    """Plot the deviations of each prop over time, and show how often its markers are visible."""
     lead = (
         "Props are objects with markers that the person does not wear. They are solved as rigid bodies. The "
         "curves are the standard deviations of the origin and of the rotation about its least certain axis."
@@ -322,7 +322,7 @@ def props_section(motion: Motion) -> str:
 
 
 def calibration_section(capture: Capture, fit: CameraFits | None) -> str:
-    """Show the fit of the cameras, nothing if it was not checked."""
+    """Show how well the cameras fit, or nothing if that was not checked."""
     if fit is None or capture.cameras is None:
         return ""
     names = capture.cameras.names

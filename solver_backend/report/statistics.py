@@ -1,4 +1,4 @@
-"""Compute the page's figures: residuals and shares of detections."""
+"""Compute the figures on the page: residuals and fractions of detections."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from solver_backend.metrics import reprojection_px
 from solver_backend.types import Capture, Motion
 
 RAYLEIGH_MEDIAN = 1.1774
-"""Median length of a 2D error with a standard deviation of 1 per coordinate: ``sqrt(2 ln 2)`` (Rayleigh 1880)."""
+"""Median length of a 2D error whose coordinates have a standard deviation of 1: ``sqrt(2 ln 2)`` (Rayleigh 1880)."""
 
 
 @dataclass(frozen=True)
 class KeypointResiduals:
-    """Distances between detections and solved keypoints for C views, F frames and K keypoints."""
+    """Distances between detected and solved keypoints for C views, F frames and K keypoints."""
 
-    error_px: np.ndarray  # (C, F, K) distances in pixels, NaN without a detection.
-    limit_px: np.ndarray  # (K,) limit beyond which the solver counts a detection as an outlier, pixels.
+    error_px: np.ndarray  # (C, F, K) distances in pixels, NaN where nothing is detected.
+    limit_px: np.ndarray  # (K,) distance in pixels above which the solver treats a detection as an outlier.
 
     @property
     def by_camera_and_keypoint(self) -> np.ndarray:
-        """(K, C) medians over the frames in pixels."""
+        """(K, C) medians over the frames, in pixels."""
         return quantile(self.error_px, 0.5, axis=1).T
 
     @property
@@ -39,11 +39,11 @@ class KeypointResiduals:
         return quantile(self.error_px.reshape(-1, self.error_px.shape[-1]), 0.5, axis=0)
 
     def by_frame(self, q: float) -> np.ndarray:
-        """(F,) quantile over cameras and keypoints in pixels."""
+        """Return the (F,) quantiles over cameras and keypoints, in pixels."""
         return quantile(np.moveaxis(self.error_px, 1, 0).reshape(self.error_px.shape[1], -1), q, axis=1)
 
     def agreement_percent(self, axis: int | tuple[int, ...]) -> np.ndarray:
-        """Return the percentage of detections within the limit, over the given axes."""
+        """Return the percentage of detections within the limit, computed over the given axes."""
         return share(self.error_px <= self.limit_px, np.isfinite(self.error_px), axis)
 
     @property
@@ -53,10 +53,10 @@ class KeypointResiduals:
 
 
 def residuals_of(capture: Capture, motion: Motion) -> KeypointResiduals | None:
-    """Return the residuals of a solve, or None without detections in images.
+    """Return the residuals of a solve, or None if there are no detections in images.
 
     Raises:
-        MotionInvalid: the frames, views or keypoints of motion and capture differ.
+        MotionInvalid: motion and capture differ in their frames, views or keypoints.
     """
     if motion.num_frames != capture.num_frames:
         what = f"The motion has {motion.num_frames} frames, but the capture has {capture.num_frames}."
@@ -78,7 +78,7 @@ def residuals_of(capture: Capture, motion: Motion) -> KeypointResiduals | None:
 
 
 def _limit_px(motion: Motion, error: np.ndarray) -> np.ndarray:
-    """Return the solver's (K,) outlier limits in pixels, twice the robust scale."""
+    """Return the (K,) outlier limits of the solver in pixels, which are twice the robust scale."""
     sigma = np.asarray(motion.provenance.get("sigma_px", ()), dtype=np.float64)
     settings = motion.provenance.get("settings", {})
     usual = SolveSettings().robust_scale
@@ -90,21 +90,21 @@ def _limit_px(motion: Motion, error: np.ndarray) -> np.ndarray:
 
 
 def share(yes: np.ndarray, of: np.ndarray, axis: int | tuple[int, ...]) -> np.ndarray:
-    """Return the percentage of the cases ``of`` that are also in ``yes``, or NaN without cases."""
+    """Return the percentage of cases in ``of`` that are also in ``yes``, or NaN if there are no cases."""
     total = np.asarray(of.sum(axis=axis))
     return np.where(total > 0, 100.0 * (yes & of).sum(axis=axis) / np.maximum(total, 1), np.nan)
 
 
 def detected_share(capture: Capture) -> np.ndarray | None:
-    """Return the (C, F) fraction of keypoints that each camera detects in each frame, 0..1."""
+    """Return the (C, F) fraction of keypoints that each camera detects in each frame, 0 to 1."""
     return None if capture.keypoints is None else (capture.keypoints.confidence > 0).mean(axis=-1)
 
 
 def located_share(capture: Capture) -> np.ndarray | None:
-    """Return the (F,) fraction of keypoints detected by two cameras, or by the only camera."""
+    """Return the (F,) fraction of keypoints detected by at least two cameras, or by the only camera."""
     return None if capture.keypoints is None else capture.placed.mean(axis=-1)
 
 
 def seen_by_views(capture: Capture) -> str:
-    """Return the name of ``located_share`` for the report."""
+    """Return the name under which the report shows ``located_share``."""
     return "Seen by the camera" if capture.least_views == 1 else "Seen by two or more"
