@@ -1,11 +1,11 @@
-"""Bake solved motions into an animated, skinned body in Blender.
+"""Bake solved motions as an animated, skinned body in Blender.
 
-Importing the package does no work. Blender calls ``register`` and ``unregister``.
+Importing the package does nothing else. Blender calls ``register`` and ``unregister``.
 """
 
 
 def register() -> None:
-    """Register all classes and handlers in the table of ``registration.py``."""
+    """Register all classes and handlers listed in ``registration.py``."""
     import gc
 
     # Registering many classes would trigger Python's garbage collector several times.

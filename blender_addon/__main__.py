@@ -1,4 +1,4 @@
-"""Command line of the add-on, which runs without Blender's window: ``python -m blender_addon``."""
+"""The add-on's command line, which runs without Blender's window: ``python -m blender_addon``."""
 
 from ._exchange.early_signals import end_by_signals
 

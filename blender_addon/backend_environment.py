@@ -15,12 +15,12 @@ from .errors import SolverMissing
 PACKAGE = "solver_backend"
 _BUNDLED = "backend"
 _ROOM_FOR_BYTE_CODE = 32 * 2**20
-"""Free disk space in bytes that compiled Python files need, several times their real size. Chosen by hand."""
+"""Free disk space in bytes to leave for compiled Python files. They are several times smaller. Chosen by hand."""
 _ADDON = Path(__file__).resolve().parent
 
 
 def backend_folder() -> Path:
-    """Return the folder of the solver's package, in the installed extension or the source tree."""
+    """Return the folder of the solver package, in the installed extension or in the source tree."""
     for folder in (_ADDON / _BUNDLED, _ADDON.parent):
         if (folder / PACKAGE / "__main__.py").is_file():
             return folder
@@ -29,16 +29,16 @@ def backend_folder() -> Path:
 
 @cache
 def included_wheels() -> Path | None:
-    """Return the folder of the included detector's unpacked wheels, None without a detector.
+    """Return the folder that contains the included detector's unpacked wheels, or None if no detector is included.
 
-    The result is cached, because panels ask at every redraw. Installing another zip loads this module again.
+    The result is cached, because panels ask for it at every redraw. Installing another zip loads this module again.
     """
     spec = find_spec("ai_edge_litert") if (backend_folder() / "detector").is_dir() else None
     return None if spec is None or spec.origin is None else Path(spec.origin).parents[1]
 
 
 def backend_command(python: Path | None = None) -> list[str]:
-    """Return the command that starts the solver, without its arguments."""
+    """Return the command that starts the solver, without any arguments for the solver."""
     executable = Path(python or sys.executable)
     if not executable.is_file():
         raise SolverMissing(
@@ -50,11 +50,11 @@ def backend_command(python: Path | None = None) -> list[str]:
 
 
 def environment_for_child(python: Path | None = None, inherited: Mapping[str, str] | None = None) -> dict[str, str]:
-    """Return the environment of a solver process for a Python, None for Blender's Python.
+    """Return the environment of a solver process that runs in ``python``, or in Blender's Python if None.
 
-    ``PYTHONPATH`` contains only the solver. As in Blender, other Python settings are dropped, and the working folder is
-    not searched for modules. On a nearly full disk no byte code is written, because Python 3.11 would leave a truncated
-    file that breaks every later start. The included detector's wheels only fit Blender's own Python.
+    ``PYTHONPATH`` contains only the solver. As in Blender, all other Python settings are dropped, and the working
+    folder is not searched for modules. If the disk is nearly full, no byte code is written, because Python 3.11 would
+    leave a truncated file that breaks every later start. The included detector's wheels fit only Blender's own Python.
     """
     base = os.environ if inherited is None else inherited
     kept = {name: value for name, value in base.items() if not name.upper().startswith("PYTHON")}

@@ -6,7 +6,7 @@ from ._exchange.errors import BackendMissing, ErrorEvent, ExitCode, MocapError
 
 
 class Broken:
-    """Mixin for errors that the user's input did not cause."""
+    """Mixin for errors that are not caused by the user's input."""
 
     exit_code = ExitCode.FAILED
 

@@ -1,3 +1,3 @@
-"""The user interface in Blender: operators, panels, menus, and the table that registers them."""
+"""The user interface in Blender: operators, panels, menus, and the table from which they are registered."""
 
-ADDON = __name__.rpartition(".")[0]  # Package name of the add-on. An installed extension has another name.
+ADDON = __name__.rpartition(".")[0]  # Package name of the add-on. It differs in an installed extension.

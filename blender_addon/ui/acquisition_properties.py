@@ -16,7 +16,7 @@ _SUBJECT = "Calibrated person (leave blank to learn the body shape while the per
 
 
 class SendingProperties:
-    """Mixin for the settings of runs that can send their poses."""
+    """Mixin for the settings of runs that can send their poses to other programs."""
 
     send: switch("Send", "Also send every pose to another program over VMC")
     send_to: text("Send To", "Address of the other program, vmc://HOST:PORT", str(VmcAddress()))
@@ -48,12 +48,12 @@ class MocapLive(SendingProperties, bpy.types.PropertyGroup):
 
 
 def sending_options(properties: Any) -> list[str]:
-    """Return the options that send a live run's poses, empty unless the user enabled sending."""
+    """Return the options that send a live run's poses, or an empty list unless the user enabled sending."""
     return ["--send", str(allowed_address(properties.send_to, SENT))] if properties.send else []
 
 
 def allowed_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
-    """Return the address in a text. Reject remote ones without online access."""
+    """Parse an address. Reject remote addresses if online access is off."""
     address = read_address(text, schemes)
     if not address.is_local and not bpy.app.online_access:
         hint = "Allow Online Access in the preferences (System), or use 127.0.0.1."
@@ -91,10 +91,10 @@ class MocapSensors(SendingProperties, bpy.types.PropertyGroup):
     subject: path("Subject", _SUBJECT)
     record: switch("Record", "Save the sensor images to solve them later, 90 MB per second and sensor", on=True)
     take: path("Take", "Recording of the sensors to solve", folder=True)
-    findings: str  # Results of the calibration, one sentence per line.
+    findings: str  # Calibration results, one sentence per line.
 
     def sensors(self) -> list[str]:
-        """Return the sensors as command-line words, empty if the user has not chosen any."""
+        """Return the sensors as command-line arguments, or an empty list if the user has not chosen any."""
         calibration = _paths("--calibration", self.calibration)
         if self.kind == "FOLDER":
             return [*_paths(self.source), *calibration] if self.source else []
@@ -129,11 +129,11 @@ class MocapBenchmarkRow(bpy.types.PropertyGroup):
     """Accuracy of one camera array in a benchmark."""
 
     array: str
-    faults: str  # Label of the simulated errors.
+    faults: str  # Description of the simulated errors.
     reached: str  # Mean joint error of each method.
-    median_mm: float  # Median error of triangulated keypoints on the floor, -1 if none could be triangulated.
+    median_mm: float  # Median error of keypoints triangulated on the floor, or -1 if none could be triangulated.
     page: str
-    places: str  # File with the errors by floor position.
+    places: str  # File that stores the error at each floor position.
 
 
 class MocapStudio(bpy.types.PropertyGroup):
@@ -167,8 +167,8 @@ class MocapStudio(bpy.types.PropertyGroup):
     methods: flags("Methods", "Solve the simulated take by each of these methods", _METHODS, "triangulation", "global")
     against: flags("Compare With", "Additional camera arrays in the comparison", PRESET_ARRAYS)
     fewer: switch("One Camera Fewer", "Also evaluate the array without its last camera")
-    planned: str  # Size of the checked data set, "" after a setting has changed.
+    planned: str  # Size of the data set after the check, or "" once a setting has changed.
     planned_file: str
     planned_out: str
     rows: Items[MocapBenchmarkRow]
-    shown_mm: bpy.props.FloatVectorProperty(size=2)  # Errors at the ends of the colour scale of the map.
+    shown_mm: bpy.props.FloatVectorProperty(size=2)  # Errors at the two ends of the map's colour scale.

@@ -1,6 +1,6 @@
-"""Create captures for bodies that have none: baked, imported or appended.
+"""Create captures for bodies that have none: baked, imported or appended bodies.
 
-The body's take and the cameras in its collection provide the data of such a capture.
+Such a capture gets its data from the body's take and from the cameras in the body's collection.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from bpy.app.handlers import persistent
 from ..conventions.file_paths import file_of, stored
 from .tags import tag_of
 
-_counts: dict[str, int] = {}  # Number of objects at the last update of each scene.
+_counts: dict[str, int] = {}  # Number of objects in each scene at its last update.
 
 
 def adopt(scene: bpy.types.Scene) -> int:
@@ -29,7 +29,7 @@ def adopt(scene: bpy.types.Scene) -> int:
 
 
 def adopt_beside(scene: bpy.types.Scene, shown: bpy.types.PropertyGroup) -> None:
-    """Adopt bodies such as a replaced one, and keep the current capture."""
+    """Adopt new bodies, for instance one that replaces another, and keep the current capture."""
     index = next((index for index, capture in enumerate(scene.mocap.captures) if capture == shown), -1)
     adopt(scene)
     scene.mocap.show(index)
@@ -95,7 +95,7 @@ def _is_from(capture: bpy.types.PropertyGroup, source: Path) -> bool:
 
 
 def _collection_of(scene: bpy.types.Scene, body: bpy.types.Object) -> bpy.types.Collection | None:
-    """Return the smallest collection with the body and, if possible, the cameras."""
+    """Return the smallest collection that contains the body and, if possible, the cameras."""
     from ..scene.cameras import CAMERA_NAME
 
     holding = [child for child in scene.collection.children_recursive if body.name in child.all_objects]
@@ -106,7 +106,7 @@ def _collection_of(scene: bpy.types.Scene, body: bpy.types.Object) -> bpy.types.
 
 @persistent
 def on_load(*_: object) -> None:
-    """Adopt the bodies of a file that was opened."""
+    """Adopt the bodies in a newly opened file."""
     _counts.clear()
     for scene in bpy.data.scenes:
         settle(scene)

@@ -18,7 +18,7 @@ _BONE_ITEMS = (
     ("NONE", "Nothing", "Do not use this marker in the solve"),
     *((joint, joint.replace("_", " ").capitalize(), f"The bone {joint}") for joint in JOINTS[:-2]),
 )
-"""Bones for markers, without the ends of the hands, whose rotation markers do not determine."""
+"""Bones that a marker can belong to. Ends of hands are missing, because markers do not determine their rotation."""
 _NAME_ITEMS = (
     ("NONE", "No Marker", "The point is not a marker of the person"),
     *((name, name, f"The point is {name}") for name in MARKERS),
@@ -26,7 +26,7 @@ _NAME_ITEMS = (
 
 
 class MocapCamera(bpy.types.PropertyGroup):
-    """A camera of the capture."""
+    """One camera of the capture."""
 
     use: switch("Use", "Include this camera in the next solve", on=True)
     seen_percent: float
@@ -40,14 +40,14 @@ class MocapCamera(bpy.types.PropertyGroup):
 
 
 class MocapLeftOut(bpy.types.PropertyGroup):
-    """A range of scene frames in which one camera is excluded. Its name is the camera's name."""
+    """A range of scene frames in which one camera is excluded. The range has the camera's name."""
 
     first: int
     last: int
 
 
 class MocapMarker(bpy.types.PropertyGroup):
-    """A marker of the capture. Its name is its label."""
+    """One marker of the capture. Its name is its label."""
 
     meaning: str  # One of ``panels.capture.MEANINGS``.
     gaps: int
@@ -56,24 +56,24 @@ class MocapMarker(bpy.types.PropertyGroup):
 
     @property
     def place(self) -> str | None:
-        """Bone name as in a layout file, None if the user has not set one."""
+        """Bone name as written in layout files, or None if the user has not chosen a bone."""
         return {"AUTO": None, "NONE": ""}.get(self.bone, f"@{self.bone}")
 
 
 class MocapPointLabel(bpy.types.PropertyGroup):
-    """A label that the user gave to a point. Its name is the track's label."""
+    """A label that the user assigned to a point. Its name is the track's label."""
 
     point: int  # Column number in the recording.
     frame: int  # Frame number in the recording.
-    marker: str  # Empty for a point that is not a marker of the person.
+    marker: str  # Empty if the point is not one of the person's markers.
 
 
 class MocapPin(bpy.types.PropertyGroup):
     """A pose that the solver must keep."""
 
     frame: int  # Scene frame of the pose.
-    subframe: float  # Fractional offset from this frame, which a new frame rate may cause.
-    job_values: str  # Pose in the form of a job file.
+    subframe: float  # Fractional offset from this frame. It can arise when the frame rate changes.
+    job_values: str  # The pose as written in job files.
 
 
 def _recolour(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
@@ -111,7 +111,7 @@ class MocapReview(bpy.types.PropertyGroup):
 
     @property
     def take(self) -> bpy.types.Action | None:
-        """Take that the body plays, from its action or the NLA."""
+        """Take that the body plays, found in its action or in the NLA."""
         from ..animation.curves import current_action
 
         armature = self.armature
@@ -130,11 +130,11 @@ def _show_person(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> N
 
 
 class MocapPerson(bpy.types.PropertyGroup):
-    """One of several people in a capture. The user may change the name."""
+    """One of several people in a capture. The user can rename the person."""
 
     key: str  # Name in the capture file.
-    frames: int  # Frames with two or more views of this person.
-    views: float  # Average number of views.
+    frames: int  # Number of frames in which at least two cameras see this person.
+    views: float  # Average number of cameras that see this person.
     review: MocapReview
 
 
@@ -145,11 +145,11 @@ def _colour_markers(self: bpy.types.PropertyGroup, context: bpy.types.Context) -
 
 
 class MocapCapture(bpy.types.PropertyGroup):
-    """A capture of the scene."""
+    """One capture in the scene."""
 
-    source: str  # Path of the recording, a file or folder.
+    source: str  # Path of the recording (a file or a folder).
     file: str  # Capture file made from the recording.
-    original: str  # Capture file with the original calibration, if the calibration was refined.
+    original: str  # Capture file with the original calibration, set if the calibration was refined.
     frames: int
     fps: float
     frame_start: int = 1
@@ -175,18 +175,18 @@ class MocapCapture(bpy.types.PropertyGroup):
     left_out: Items[MocapLeftOut]
     checked: str  # Results of the calibration check, one per line.
     check_findings: str  # JSON text of the diagnostics of the calibration check.
-    findings: str  # JSON text of the diagnostics of the reading.
+    findings: str  # JSON text of the diagnostics from reading the capture.
     collection_tag: str
     floor_tag: str
     floor = TaggedObject("floor_tag")
     review: MocapReview
     people: Items[MocapPerson]
     person_shown: bpy.props.IntProperty(update=_show_person)
-    person_active: str  # Name of the object that was active when a person was chosen.
+    person_active: str  # Name of the object that was active when the user chose a person.
 
     @property
     def collection(self) -> bpy.types.Collection | None:
-        """The capture's collection, None if it was deleted."""
+        """The capture's collection, or None if it was deleted."""
         return find_collection(self.id_data, self.collection_tag)
 
     @collection.setter
@@ -195,11 +195,11 @@ class MocapCapture(bpy.types.PropertyGroup):
 
     @property
     def takes_network(self) -> bool:
-        """True if a solve can use a network's result, which requires a single camera."""
+        """True if a solve can use a network's result. This requires a single camera."""
         return len(self.cameras) == 1
 
     def refined_text(self) -> str:
-        """Return a text with the errors before and after refinement, "" for the original calibration."""
+        """Return a text with the errors before and after refinement, or "" for the original calibration."""
         pairs = [(item.before_px, item.after_px) for item in self.cameras if item.after_px > 0]
         if not self.original or not pairs:
             return ""
@@ -207,7 +207,7 @@ class MocapCapture(bpy.types.PropertyGroup):
         return f"{before:.1f} px before, {after:.1f} px after"
 
     def leave_out(self, scene_fps: float) -> list[str]:
-        """Return excluded cameras and frame ranges in the form of the solver setting."""
+        """Return the excluded cameras and frame ranges in the format of the solver setting."""
         unused = [item.name for item in self.cameras if not item.use]
         ratio = self.fps / scene_fps if self.fps else 1.0
         ranges: list[str] = []
@@ -229,26 +229,26 @@ class MocapCapture(bpy.types.PropertyGroup):
 
     @property
     def suspect_cameras(self) -> set[str]:
-        """Names of the cameras in problems and in the findings of the calibration check."""
+        """Names of the cameras mentioned in the problems and in the results of the calibration check."""
         return {name for item in (*self.problems, *findings_in(self.check_findings)) for name in item.where.cameras}
 
     @property
     def measured(self) -> str:
-        """Source of the takes: the capture file, or the motion if there is no capture."""
+        """Source of the takes: the capture file, or the motion file if there is no capture."""
         return self.file or (self.source if self.review.armature is not None else "")
 
     def review_of(self, person: int) -> MocapReview:
-        """Return a person's review by index, or the capture's review if it shows one person."""
+        """Return the review of the person with this index, or the capture's review if it shows only one person."""
         return self.people[person].review if 0 < person < len(self.people) else self.review
 
     @property
     def reviews(self) -> list[MocapReview]:
-        """The review of each person."""
+        """The reviews of all people."""
         return [self.review_of(person) for person in range(max(1, len(self.people)))]
 
     @property
     def person_index(self) -> int:
-        """Index of the person with the active body, or of the person chosen last."""
+        """Index of the person whose body is active, or of the person chosen last."""
         active = active_object(self.id_data)
         if active is not None and active.name_full != self.person_active:
             for person, review in enumerate(self.reviews):
@@ -258,11 +258,11 @@ class MocapCapture(bpy.types.PropertyGroup):
 
     @property
     def person(self) -> MocapPerson | None:
-        """The current person, None if the capture shows only one."""
+        """The current person, or None if the capture shows only one."""
         return self.people[self.person_index] if len(self.people) else None
 
     def person_named(self, key: str) -> int:
-        """Return the index of a person by their name in the capture file, 0 if there is none."""
+        """Return the index of the person who has this name in the capture file, or 0."""
         return next((index for index, person in enumerate(self.people) if person.key == key), 0)
 
     def owns(self, obj: bpy.types.Object) -> bool:

@@ -14,13 +14,13 @@ from .._exchange.setting import settings_of_class
 from .._exchange.solve_settings import SolveSettings
 from .translation import CONTEXT
 
-_NARROW_PX = 280  # Below this width there is no room for labels and values in one row.
-_SLIM_PX = 240  # Below this width there is no room for two labelled numbers in one row.
+_NARROW_PX = 280  # Sidebar width below which a label and its value do not fit in one row.
+_SLIM_PX = 240  # Sidebar width below which two labelled numbers do not fit in one row.
 _LONG = ("ENUM", "STRING", "POINTER")
-"""Property types whose values are words. Numbers and switches show their label in their own field."""
+"""Property types with text values. Numbers and switches show their label inside their own field."""
 _TEXT_PT, _MARGIN_PX, _ICON_PX = 11.0, 78.0, 24.0
-"""Size of panel text, width of the space around it in a box, and width of an icon, at an interface scale of 1."""
-_MIN_LETTERS = 8  # Letters per line in the narrowest sidebar.
+"""Size of panel text, total margin around it in a box, and icon width, all at an interface scale of 1."""
+_MIN_LETTERS = 8  # Letters per line in the narrowest possible sidebar.
 _PARTS = re.compile(r"\s*(?:\S+?(?:[^\W\d]-(?=[^\W\d])|[\\/](?=\w\w)|_(?=\w{6}))|\S+)")
 """Words, with a possible break after a hyphen, a folder, and a part of a long file name."""
 _CONTROLS = {
@@ -28,12 +28,12 @@ _CONTROLS = {
     for row in (*ROWS.values(), *settings_of_class(SolveSettings).values())
     for option in row.options
 }
-"""Control in the panel of each command line option."""
-TALLEST = 1.6  # Height of the button for the next step relative to others.
+"""The control in the panel that each command-line option stands for."""
+TALLEST = 1.6  # Height of the button for the next step, relative to other buttons.
 
 
 def is_narrow(context: bpy.types.Context, limit_px: float = _NARROW_PX) -> bool:
-    """Return whether the sidebar is too narrow for labels and values in one row."""
+    """Return whether the sidebar is too narrow for a label and its value in one row."""
     return context.region.width < int(
         limit_px * (context.preferences.system.ui_scale or 1.0)
     )  # Blender's widths are whole
@@ -45,7 +45,7 @@ def is_slim(context: bpy.types.Context) -> bool:
 
 
 def draw_settings(layout: bpy.types.UILayout, context: bpy.types.Context, settings: Any, *names: str) -> None:
-    """Draw settings with their labels on the left, or above the values in a narrow sidebar."""
+    """Draw settings with labels on their left, or above them in a narrow sidebar."""
     narrow = is_narrow(context)
     layout.use_property_split = not narrow
     layout.use_property_decorate = False
@@ -61,7 +61,7 @@ def draw_settings(layout: bpy.types.UILayout, context: bpy.types.Context, settin
         column = layout.column(align=True)
         column.label(text=prop.name, text_ctxt=CONTEXT)
         if prop.type == "ENUM" and prop.is_enum_flag:
-            column.prop(settings, name, expand=True)  # an empty text would also remove the labels of the items
+            column.prop(settings, name, expand=True)  # an empty text would also hide the labels of the choices
         else:
             column.prop(settings, name, text="")
 
@@ -81,9 +81,9 @@ def draw_button(layout: bpy.types.UILayout, operator: str, icon: str, scale: flo
 def wrapped(
     layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE", *, alert: bool = False
 ) -> None:
-    """Draw a text, which may come from a file, on as many lines as needed, with an icon on the first.
+    """Draw a text on as many lines as it needs, with an icon on the first. The text may come from a file.
 
-    Command line options become their control, except next to a command in backticks.
+    Command-line options are replaced by their controls, unless the text contains a command in backticks.
     """
     if "`" not in text:
         text = re.sub(r"(?<!\w)--[a-z-]+", lambda option: _CONTROLS.get(option[0], option[0]), text)
@@ -95,7 +95,7 @@ def wrapped(
 
 
 def draw_lines(layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "DOT") -> None:
-    """Wrap and draw each line of a text. Errors are red."""
+    """Wrap and draw each line of a text. Errors are drawn in red."""
     for line in text.splitlines():
         wrapped(layout, context, line, icon, alert=icon == "ERROR")
 
@@ -111,8 +111,8 @@ def fits(context: bpy.types.Context, text: str) -> bool:
 
 
 def _lines(context: bpy.types.Context, text: str, *, with_icon: bool) -> list[str]:
-    """Split a text into lines that fit the sidebar, inside a word only if the word is wider than a line."""
-    scale = context.preferences.system.ui_scale or 1.0  # 0 without a screen
+    """Split a text into lines that fit the sidebar. Words are split only if they are wider than a line."""
+    scale = context.preferences.system.ui_scale or 1.0  # 0 if Blender runs without a screen
     blf.size(0, _TEXT_PT * scale)
     room = context.region.width - (_MARGIN_PX + _ICON_PX * with_icon) * scale
 
@@ -134,7 +134,7 @@ def _lines(context: bpy.types.Context, text: str, *, with_icon: bool) -> list[st
 
 
 def redraw(*kinds: str) -> None:
-    """Redraw the regions of these kinds in every 3D viewport."""
+    """Redraw the regions of the given kinds in every 3D viewport."""
     for window in bpy.context.window_manager.windows if bpy.context.window_manager else ():
         for area in window.screen.areas:
             for region in area.regions if area.type == "VIEW_3D" else ():

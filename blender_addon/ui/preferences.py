@@ -1,4 +1,4 @@
-"""Preferences: the Pythons of the solver and the detector, and the Acquire tab."""
+"""Preferences: the Pythons that run the solver and the detector, and the switch of the Acquire tab."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from ..conventions.file_paths import file_of
 from . import ADDON
 from .setting_properties import path, switch
 
-_tested: dict[str, str] = {}  # Versions in the Pythons of detectors that were tested, by path.
+_tested: dict[str, str] = {}  # Package versions in each detector Python that was tested, by path.
 _WHOLE: dict[str, Any] = {"options": set()}
 
 
 class MocapPreferences(bpy.types.AddonPreferences):
-    """Settings of the user instead of a file."""
+    """Settings that belong to the user and not to a file."""
 
     bl_idname = ADDON
 
@@ -38,7 +38,7 @@ class MocapPreferences(bpy.types.AddonPreferences):
     failed: str
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the Pythons with their tests and results."""
+        """Draw the chosen Pythons, their test buttons and the test results."""
         column = self.layout.column()
         column.label(text="The solver runs in Blender's own Python. Nothing needs to be installed.", icon="INFO")
         column.separator()
@@ -63,40 +63,40 @@ class MocapPreferences(bpy.types.AddonPreferences):
 
 
 def shows_acquisition(context: bpy.types.Context) -> bool:
-    """Return whether the Acquire tab is shown, always without preferences."""
+    """Return whether the Acquire tab is shown. It always is if there are no preferences."""
     preferences = preferences_of(context)
     return preferences is None or preferences.acquisition
 
 
 def draw_acquisition(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the switch of the Acquire tab, if there are preferences."""
+    """Draw the switch of the Acquire tab if there are preferences."""
     preferences = preferences_of(context)
     if preferences is not None:
         layout.prop(preferences, "acquisition")
 
 
 def chosen_python(context: bpy.types.Context, name: str = "python") -> Path | None:
-    """Return the Python that the user chose for the solver or the ``detector``, or None."""
+    """Return the Python that the user chose for the solver, or for the ``detector``, or None."""
     path = getattr(preferences_of(context), name, "")
     return Path(path) if path else None
 
 
 def detector_python(context: bpy.types.Context) -> Path | None:
-    """Return the Python with MediaPipe: the chosen one, or the one that was set up."""
+    """Return the Python that runs MediaPipe: the chosen one, or else the one that was set up."""
     from ..solving.pythons import made_python
 
     return chosen_python(context, "detector") or made_python()
 
 
 def litert_python(context: bpy.types.Context) -> Path | None:
-    """Return the Python with LiteRT: the one that was set up, or the chosen one."""
+    """Return the Python that runs LiteRT: the one that was set up, or else the chosen one."""
     from ..solving.pythons import made_litert_python
 
     return made_litert_python() or chosen_python(context, "detector")
 
 
 def uses_included(context: bpy.types.Context) -> bool:
-    """Return whether the included MediaPipe is used, which Blender's Python runs."""
+    """Return whether the included MediaPipe is used, which runs in Blender's Python."""
     from ..backend_environment import included_wheels
     from ..solving.pythons import made_python
 
@@ -106,7 +106,7 @@ def uses_included(context: bpy.types.Context) -> bool:
 
 
 def detector_for(context: bpy.types.Context) -> Path | None:
-    """Return the Python of the chosen detector, None if there is none or the solver's Python runs it."""
+    """Return the Python of the chosen detector, or None if there is none or the solver's Python runs it."""
     videos = context.scene.mocap.videos
     if uses_included(context):
         return None
@@ -116,9 +116,9 @@ def detector_for(context: bpy.types.Context) -> Path | None:
 
 
 def lacks_detector(context: bpy.types.Context) -> bool:
-    """Return whether the chosen detector has no Python. ONNX models run in the solver's Python.
+    """Return whether the chosen detector still needs a Python. ONNX models run in the solver's Python.
 
-    Blender's Python also runs LiteRT models if the extension includes LiteRT.
+    LiteRT models run in Blender's Python if the extension includes LiteRT.
     """
     from ..backend_environment import included_wheels
 
@@ -131,7 +131,7 @@ def lacks_detector(context: bpy.types.Context) -> bool:
 
 
 def detector_text(context: bpy.types.Context) -> str:
-    """Return a sentence about the detector, using only what is known without starting it."""
+    """Return a sentence about the detector, based only on what is known without starting it."""
     if lacks_detector(context):
         return "No detector is set up. Press Set Up Detector, or install the zip that includes one"
     if uses_included(context):
@@ -143,10 +143,10 @@ def detector_text(context: bpy.types.Context) -> str:
 
 
 def _is_litert(videos: bpy.types.PropertyGroup) -> bool:
-    """Return whether the chosen model, or the model that a description names, needs LiteRT."""
+    """Return whether the chosen model, or the model named in a description, needs LiteRT."""
     model = videos.model
     if model.lower().endswith(".json"):
-        from .._exchange.json_file import read_json_file  # registering loads no JSON
+        from .._exchange.json_file import read_json_file  # so that registering does not load JSON
 
         with suppress(MocapError):
             described = read_json_file(file_of(model), LARGEST_DESCRIPTION)
@@ -155,7 +155,7 @@ def _is_litert(videos: bpy.types.PropertyGroup) -> bool:
 
 
 def note_detector(context: bpy.types.Context, python: Path, packages: Path | None = None) -> str:
-    """Start a detector's Python, and store and return its versions."""
+    """Start a detector's Python, then store and return its package versions."""
     from ..solving.pythons import probe_detector
 
     found = _tested[str(python)] = f"Detector: {probe_detector(python, packages)}"
@@ -163,6 +163,6 @@ def note_detector(context: bpy.types.Context, python: Path, packages: Path | Non
 
 
 def preferences_of(context: bpy.types.Context) -> MocapPreferences | None:
-    """Return the preferences, None if the add-on runs from the source tree."""
+    """Return the preferences, or None if the add-on runs from the source tree."""
     addon = context.preferences.addons.get(ADDON)
     return None if addon is None else addon.preferences

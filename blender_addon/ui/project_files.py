@@ -1,8 +1,8 @@
-"""Keep captures and takes with their .blend file, under relative paths.
+"""Keep captures and takes next to their .blend file, under relative paths.
 
-Files are copied before the .blend file is written. Afterwards the originals in the session folder of an unsaved scene
-are removed, but never a file of another .blend file. If writing fails, paths are restored and copies are removed. After
-*Save Copy* only the paths are restored, because the new paths are valid in the copy.
+Files are copied before the .blend file is written. After it has been written, the originals in an unsaved scene's
+session folder are removed, but never a file that another .blend file uses. If writing fails, paths are restored and
+copies are removed. After *Save Copy* only the paths are restored, because the new paths are valid in the copy.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ RELATIVE = (
     if "is_path_supports_blend_relative" in bpy.types.Property.bl_rna.properties
     else set()
 )
-"""Option of path properties that accept ``//``. Before Blender 4.5 all path properties do."""
+"""Option that allows ``//`` in path properties. Before Blender 4.5 all path properties allow it."""
 
 
 def files_folder(scene: bpy.types.Scene) -> Path:
-    """Return the folder of captures and takes, created if needed.
+    """Return the folder for captures and takes. Create it if needed.
 
-    This is the folder in the scene's settings, or ``mocap`` in the folder of the .blend file. An unsaved file uses a
-    session folder of the user until it is saved.
+    It is the folder chosen in the scene's settings, or else ``mocap`` in the folder of the .blend file. An unsaved file
+    uses a session folder in the user's directory until it is saved.
     """
     settings = scene.mocap
     if settings.folder and (bpy.data.filepath or not settings.folder.startswith("//")):
@@ -49,7 +49,7 @@ def files_folder(scene: bpy.types.Scene) -> Path:
 
 
 def usable(folder: Path) -> Path:
-    """Return a writable folder of captures or takes, created if needed."""
+    """Return a writable folder for captures or takes. Create it if needed."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe(folder)
@@ -63,7 +63,7 @@ def usable(folder: Path) -> Path:
 
 
 def waits_for_saving(scene: bpy.types.Scene) -> str:
-    """Return the session folder of an unsaved scene, "" if takes are in their final folder."""
+    """Return an unsaved scene's session folder, or "" if takes are already in their final folder."""
     settings = scene.mocap
     if bpy.data.filepath or (settings.folder and not settings.folder.startswith("//")):
         return ""
@@ -80,9 +80,9 @@ def _new_session() -> Path:
 class _Link:
     """A path stored in the open file."""
 
-    owner: Any  # Settings of a scene, or an action of the file.
+    owner: Any  # Settings of a scene, or an action in the file.
     key: str
-    follows: bool  # True if the file moves with the .blend file. The user's own files do not.
+    follows: bool  # True if the target moves with the .blend file. The user's own files do not move.
 
     @property
     def text(self) -> str:
@@ -100,14 +100,14 @@ class _Link:
 
 @dataclass
 class Journey:
-    """Changes of one save."""
+    """Changes made by one save."""
 
     before: list[tuple[_Link, str]] = field(default_factory=list)  # Changed links and their earlier paths.
-    copied: dict[Path, Path] = field(default_factory=dict)  # New path of each copied file, by its earlier path.
+    copied: dict[Path, Path] = field(default_factory=dict)  # New path of each copied file, keyed by its earlier path.
     made: list[Path] = field(default_factory=list)  # Copies that did not exist before.
 
     def relink(self, link: _Link, text: str) -> None:
-        """Change a link, and remember its earlier path."""
+        """Change a link and remember its earlier path."""
         if link.text != text:
             self.before.append((link, link.text))
             link.write(text)
@@ -127,34 +127,34 @@ class Journey:
                 path.parent.rmdir()
 
     def arrive(self) -> None:
-        """Remove the originals of files copied from session folders, and record their new paths."""
+        """Remove the originals of files copied from session folders, and record the new paths."""
         gone = {old: new for old, new in self.copied.items() if old.is_relative_to(sessions_folder())}
         if not gone or following.solver_reads:
             return
         note_moved(gone)
         for path in gone:
-            with suppress(OSError):  # a file that cannot be removed remains as a second copy
+            with suppress(OSError):  # a file that cannot be removed stays as a second copy
                 path.unlink()
         folders = {folder for path in gone for folder in (path.parent, path.parent.parent)} - {sessions_folder()}
         for folder in sorted(folders, key=lambda folder: -len(folder.parts)):
-            with suppress(OSError):  # not empty
+            with suppress(OSError):  # the folder is not empty
                 folder.rmdir()
 
 
 @dataclass
 class Following:
-    """The current save, and the failure of the last save."""
+    """State of the current save, and the failure of the last save."""
 
     journey: Journey | None = None
     failure: str = ""
-    solver_reads: bool = False  # True while the solver may read the session folder. Then no file is removed.
+    solver_reads: bool = False  # True while the solver may read the session folder, so that no file is removed.
 
 
 following = Following()
 
 
 def follow(target: Path) -> Journey:
-    """Copy the scene's files to a .blend file's folder and link them, or change nothing."""
+    """Copy the scene's files to a .blend file's folder and link the copies. On failure, change nothing."""
     journey, base = Journey(), target.parent
     try:
         links = list(_links())
@@ -179,7 +179,7 @@ def follow(target: Path) -> Journey:
 
 
 def bring_home() -> None:
-    """Move files that were written to a session folder after the scene was saved."""
+    """Move files that were written to a session folder after the scene had been saved."""
     if bpy.data.filepath:
         follow(Path(bpy.data.filepath)).arrive()
 
@@ -189,7 +189,7 @@ def before_save(target: str = "", *_: object) -> None:
     """Copy captures and takes to the .blend file's folder, or report the failure."""
     following.journey, following.failure = None, ""
     if not target or not isinstance(target, str):
-        return  # the startup file
+        return  # the start-up file
     try:
         following.journey = follow(Path(target))
     except MocapError as error:
@@ -199,7 +199,7 @@ def before_save(target: str = "", *_: object) -> None:
 
 @persistent
 def after_save(target: str = "", *_: object) -> None:
-    """Clear the session folder, or restore the links if a copy was saved."""
+    """Clear the session folder, or restore the links if the user saved a copy."""
     journey, following.journey = following.journey, None
     if journey is None:
         return
@@ -220,22 +220,22 @@ def after_failed_save(*_: object) -> None:
         journey.back()
 
 
-_MOST_FOLDERS = 20_000  # Largest number of folders that are searched. Chosen by hand.
+_MOST_FOLDERS = 20_000  # Largest number of folders to search. Chosen by hand.
 
 
 def missing_links() -> list[_Link]:
-    """Return the links of captures and takes to files that no longer exist."""
-    made = ("folder", "results", "session")  # they are created when needed
+    """Return the links to files of captures and takes that no longer exist."""
+    made = ("folder", "results", "session")  # these are created when needed
     return [link for link in _links() if link.text and link.key not in made and not file_of(link.text).exists()]
 
 
 def relink(folder: Path) -> tuple[int, list[Path]]:
-    """Link missing files to files with the same names below a folder.
+    """Link missing files to files of the same names below a folder.
 
-    A candidate must be in the folder itself, or in a folder with the name of the missing file's folder. If there are
-    several candidates, the one with the most equal parent folders is linked, or none if two are equally good. If
-    several missing files have the same candidate, only the best one is linked, and none if another link already has
-    this file.
+    A candidate must be in the folder itself, or in a folder named like the missing file's folder. Of several
+    candidates, the one that shares the most parent folder names is linked, or none if two share equally many. If
+    several missing files have the same candidate, only the best match is linked, and none if another link already
+    points to this file.
 
     Returns:
         The number of links that were changed, and the paths that are still missing.
@@ -244,7 +244,7 @@ def relink(folder: Path) -> tuple[int, list[Path]]:
     for place, folders, files in islice(os.walk(folder), _MOST_FOLDERS):
         for name in (*folders, *files):
             there.setdefault(name, []).append(Path(place, name))
-    claims: dict[Path, dict[Path, int]] = {}  # equal parts of each missing path by the file that fits it
+    claims: dict[Path, dict[Path, int]] = {}  # number of equal path parts, by candidate file and missing path
     for path in {file_of(link.text) for link in links}:
         fits = [new for new in there.get(path.name, ()) if new.parent == folder or new.parent.name == path.parent.name]
         alike = sorted(((_equal_parts(path, new), new) for new in fits), reverse=True)
@@ -263,7 +263,7 @@ def relink(folder: Path) -> tuple[int, list[Path]]:
 
 
 def _equal_parts(path: Path, other: Path) -> int:
-    """Return the number of equal parts at the ends of two paths."""
+    """Return how many trailing parts two paths have in common."""
     parts = zip(reversed(path.parts), reversed(other.parts), strict=False)
     return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], parts))
 
@@ -292,7 +292,7 @@ def _links() -> Iterator[_Link]:
 
 
 def _destinations(paths: list[Path], base: Path) -> dict[Path, Path]:
-    """Return the new paths of files. A folder with other files of the same names gets a number."""
+    """Return the new path of each file. If a folder already has other files of these names, its name gets a number."""
     groups: dict[Path, tuple[Path, set[Path]]] = {}
     for path in paths:
         root = _root(path, base)
@@ -308,7 +308,7 @@ def _destinations(paths: list[Path], base: Path) -> dict[Path, Path]:
 
 
 def _root(path: Path, base: Path) -> tuple[Path, Path] | None:
-    """Return the new and current root folder of a file, None if the file is not moved."""
+    """Return a file's new and current root folders, or None if the file does not move."""
     sessions = sessions_folder()
     if path.is_relative_to(sessions) and len(path.relative_to(sessions).parts) > 1:
         return base / BESIDE, sessions / path.relative_to(sessions).parts[0]
@@ -327,7 +327,7 @@ def _old_base() -> Path | None:
 
 
 def _is_kept(link: _Link, path: Path) -> bool:
-    """Return whether a link is a folder relative to the .blend file, which moves with it."""
+    """Return whether a link is a folder relative to the .blend file. Such a folder moves with the file."""
     base = _old_base()
     return link.key == "folder" and link.text.startswith("//") and (base is None or path.is_relative_to(base))
 

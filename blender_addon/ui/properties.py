@@ -1,4 +1,4 @@
-"""Define all data of the add-on in a scene, in one pointer: ``scene.mocap``."""
+"""Define all data that the add-on stores in a scene, under one pointer: ``scene.mocap``."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 AUTO = "AUTO"
 STAGES = items_of("stage")
-"""Stages of the work in order. The panels show one stage at a time."""
+"""Workflow stages in order. The panels show one stage at a time."""
 SCENE_SETUP = choice("Scene Set-Up", "Source of the scene's frame rate, range, resolution and camera", "scene_setup")
 STEPS = {
     "detect": ("Keypoints", "Detect people in every image"),
@@ -50,7 +50,7 @@ STEPS = {
     "calibrate": ("Calibration", "Calibrate the cameras with the board or the person"),
     "capture": ("Capture", "Combine the detections of all cameras, and check the fit"),
 }
-"""Label and description of the steps from videos to a capture, in order."""
+"""Label and description of each step from videos to a capture, in order."""
 _UNITS = {"m": "Metres", "cm": "Centimetres", "mm": "Millimetres", "inch": "Inches"}
 _UNIT_ITEMS = (
     (AUTO, "From the File", "Unit stated in the calibration"),
@@ -78,7 +78,7 @@ class MocapReading(ReadingProperties, bpy.types.PropertyGroup):
     up_axis: listed("up_axis", _UP_ITEMS)
 
     def arguments(self) -> list[str]:
-        """Return the options of the solver's command line."""
+        """Return the matching options of the solver's command line."""
         chosen = {name: getattr(self, name) for name in ("joint_set", "unit", "up_axis")}
         return reading_options(self, {name: value for name, value in chosen.items() if value != AUTO})
 
@@ -102,11 +102,11 @@ class MocapSolve(SolveProperties, bpy.types.PropertyGroup):
     )
 
     def acts(self, name: str) -> bool:
-        """Return whether a setting affects the chosen method."""
+        """Return whether the chosen method uses a setting."""
         return ROWS[name].acts_in(self.method if self.preset == "CUSTOM" else DEFAULTS["method"])
 
     def values(self) -> dict[str, Any]:
-        """Return the job file's settings: the preset's or user's, and all non-default ones."""
+        """Return the settings for the job file: those of the preset or the user, and all non-default ones."""
         acting = tuple(name for name in CHOSEN_BY_PRESETS if self.acts(name))
         method = panel_values(self, acting) if self.preset == "CUSTOM" else PRESETS[self.preset.lower()]
         others = panel_values(self, tuple(name for name in ROWS if name not in CHOSEN_BY_PRESETS))
@@ -114,11 +114,11 @@ class MocapSolve(SolveProperties, bpy.types.PropertyGroup):
 
 
 class MocapVideoPicture(bpy.types.PropertyGroup):
-    """Image of a step. Its name is its path."""
+    """An image that a step created. Its name is its path."""
 
 
 class MocapVideoStep(bpy.types.PropertyGroup):
-    """A finished step. Its name is the solver's name for the step."""
+    """A finished step. Its name is the one that the solver uses."""
 
     notes: str  # One sentence per line.
     warnings: str  # One sentence per line.
@@ -135,7 +135,7 @@ _DETECTORS = (
 class MocapVideos(
     properties_of(settings_of_class(VideoSettings), defaults_of_class(VideoSettings)), bpy.types.PropertyGroup
 ):
-    """Settings for captures from videos, and the finished steps."""
+    """Settings for captures from videos, and the steps that are finished."""
 
     folder: path(
         "Videos",
@@ -154,16 +154,16 @@ class MocapVideos(
     model: path("Model", "Pose model (.onnx or .tflite), or a .json file that describes one")
     hands: path("Hand Model", "MediaPipe's hand_landmark_full.tflite (leave blank to solve only the body)")
     fingers: switch("Fingers", "Find hands with the included detector and solve the fingers", on=True)
-    results: str  # Folder of detections, delays, calibration and capture.
+    results: str  # Folder that contains the detections, delays, calibration and capture.
     steps: Items[MocapVideoStep]
 
     def detector_arguments(self) -> list[str]:
-        """Return the options that choose the detector."""
+        """Return the command-line options that choose the detector."""
         model = str(file_of(self.model)) if self.detector == "model" else self.detector
         return ["--detector", model, "--people", str(self.people)]
 
     def arguments(self) -> list[str]:
-        """Return the options of the solver's command line."""
+        """Return the matching options of the solver's command line."""
         options = [*self.detector_arguments(), "--sync", self.clocks, "--cameras", self.cameras]
         options += ["--board", self.board] if self.board else []
         options += ["--lenses", str(file_of(self.lenses))] if self.lenses else []
@@ -172,7 +172,7 @@ class MocapVideos(
         return [*options, "--stature", f"{self.stature:.4f}"] if self.stature > 0 else options
 
     def take_steps(self, folder: str) -> None:
-        """Show the steps with results in a folder. Open steps stay open."""
+        """Show the steps that have results in a folder. Steps that the user expanded stay expanded."""
         from ..solving.take_paths import read_road
 
         opened = {step.name for step in self.steps if step.open}
@@ -203,12 +203,12 @@ def _map_target(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> No
     try:
         if self.target is not None:
             show_map(self, map_rig(self.target, user_presets_folder()))
-    except MocapError as error:  # a damaged preset of the user
+    except MocapError as error:  # one of the user's presets is damaged
         self.warnings = str(error)
 
 
 def show_map(settings: bpy.types.PropertyGroup, rig_map: RigMap) -> None:
-    """Write a map into the table, with a row for each role of a person."""
+    """Fill the table with a map, one row for each role that a person can have."""
     import json
 
     from .._exchange.rigs.skeleton import JOINT_OF, order_of
@@ -223,7 +223,7 @@ def show_map(settings: bpy.types.PropertyGroup, rig_map: RigMap) -> None:
 
 
 class MocapRole(bpy.types.PropertyGroup):
-    """A role of the bone map."""
+    """One role in the bone map."""
 
     bone: text("Bone", "Bone of the rig in this role (leave blank if there is none)")
 
@@ -237,7 +237,7 @@ def _set_automatic_scale(settings: bpy.types.PropertyGroup, on: bool) -> None:
 
 
 class MocapRetarget(bpy.types.PropertyGroup):
-    """Settings of the retargeting."""
+    """Settings for retargeting."""
 
     actor: bpy.props.PointerProperty(
         description="Armature that provides the motion (leave blank to use the solved body)", **_ACTOR
@@ -262,14 +262,14 @@ class MocapRetarget(bpy.types.PropertyGroup):
         get=lambda settings: not settings.scale,
         set=_set_automatic_scale,
     )
-    label: str  # Name of the preset in the table.
+    label: str  # Name of the preset that the table shows.
     table: Items[MocapRole]
     warnings: str  # One sentence per line.
-    map_text: str  # JSON text of the whole map with its switches and map pose.
+    map_text: str  # JSON text of the whole map, including its switches and map pose.
 
 
 def _show_look(settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    from ..body.looks import bodies_of, show_look  # which need NumPy, while registering must not
+    from ..body.looks import bodies_of, show_look  # they need NumPy, which registering must not load
 
     for mesh in bodies_of(settings.id_data):
         show_look(mesh, settings.look)
@@ -285,21 +285,21 @@ _LOOKS = (
 
 
 class MocapSettings(bpy.types.PropertyGroup):
-    """All settings and data of one scene."""
+    """All of the add-on's settings and data in one scene."""
 
     folder: path(
         "Folder", "Folder of captures and takes (leave blank to use 'mocap' next to the .blend file)", folder=True
     )
-    exported: str  # Description of the last export's files and folder.
+    exported: str  # Description of the files and the folder of the last export.
     session: str  # Folder of the takes until the scene is saved.
     look: choice("Look", "Clothing or colours of all bodies in this scene", _LOOKS, update=_show_look)
     stage: choice("Stage", "Group of panels to show", STAGES)
     reading: MocapReading
     captures: Items[MocapCapture]
     blank: MocapCapture
-    shown: int  # Index of the capture that was imported or chosen last.
+    shown: int  # Index of the capture that was last imported or chosen.
     shown_active: str  # Name of the object that was active at that time.
-    held: int = -1  # Index of the capture that a running solve belongs to.
+    held: int = -1  # Index of the capture that the current solve belongs to.
     solve: MocapSolve
     live: MocapLive
     sensors: MocapSensors
@@ -309,7 +309,7 @@ class MocapSettings(bpy.types.PropertyGroup):
 
     @property
     def capture_index(self) -> int:
-        """Index of the capture with the active object, or of the capture chosen last, -1 without captures."""
+        """Index of the capture that owns the active object, or else of the one chosen last. -1 without captures."""
         last = len(self.captures) - 1
         if self.held >= 0:
             return min(self.held, last)
@@ -332,5 +332,5 @@ class MocapSettings(bpy.types.PropertyGroup):
         return self.capture.review_of(self.capture.person_index)
 
     def show(self, index: int) -> None:
-        """Make a capture the current one until an object of another capture becomes active."""
+        """Make a capture the current one until an object from another capture becomes active."""
         self.shown, self.shown_active = index, active_name(self.id_data)

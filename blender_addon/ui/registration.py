@@ -115,7 +115,7 @@ TABLE: tuple[Registrable, ...] = (
     *(_listed(getattr(bpy.types, name), run.draw_rate_button) for name in run.HEADERS),
     (command.register, command.unregister),
 )
-"""Classes and pairs of functions in the order of registration."""
+"""Classes and pairs of functions, in registration order."""
 
 
 def register() -> None:

@@ -24,7 +24,7 @@ from ..scene.session import alone, go_to_frame
 from ..solving.take_paths import capture_folder, next_take, safe_name
 from .project_files import files_folder, usable
 
-_SAMPLES, _REST_M = 8, 1e-3  # Frames in which an object must rest, and the movement that counts as rest.
+_SAMPLES, _REST_M = 8, 1e-3  # Frames checked for movement, and the largest movement in metres that is ignored.
 
 
 def prepare_job(
@@ -33,10 +33,10 @@ def prepare_job(
     of: bpy.types.PropertyGroup | None = None,
     person: int | None = None,
 ) -> tuple[JobFile, Path]:
-    """Write the files of a person's job, and return the job and its path.
+    """Write the files for a person's job, and return the job and its path.
 
-    ``frames`` is a range to solve again. Raises ``MocapError`` if takes cannot be written, or a file in the settings
-    does not exist.
+    ``frames`` is a range to solve again. Raises ``MocapError`` if takes cannot be written, or if a file named in the
+    settings does not exist.
     """
     settings, capture = scene.mocap.solve, scene.mocap.capture if of is None else of
     person = capture.person_index if person is None else person
@@ -86,7 +86,7 @@ def _take_folder(scene: bpy.types.Scene, capture: bpy.types.PropertyGroup, sourc
 
 
 def portable_job(job: JobFile, folder: Path) -> JobFile:
-    """Return a job with paths relative to its folder where possible, so that the folder can be moved."""
+    """Return a job whose paths are relative to its folder where possible, so that the folder can be moved."""
 
     def portable(path: Path | None) -> Any:
         return path and Path(portable_path(path, folder))
@@ -98,7 +98,7 @@ def portable_job(job: JobFile, folder: Path) -> JobFile:
 
 
 def capture_file(capture: bpy.types.PropertyGroup) -> Path:
-    """Return the file of a capture. Raises ``TakeMissing`` if it no longer exists."""
+    """Return the path of a capture's file. Raises ``TakeMissing`` if it no longer exists."""
     path = file_of(capture.measured)
     if not path.is_file():
         raise TakeMissing("The capture file no longer exists.", where=str(path), hint="Import it again.")
@@ -106,7 +106,7 @@ def capture_file(capture: bpy.types.PropertyGroup) -> Path:
 
 
 def write_layout(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
-    """Write the bones that the user assigned to markers, and return the file or None."""
+    """Write which bones the user assigned to which markers. Return the file, or None if there are none."""
     places = {item.name: item.place for item in capture.marker_items if item.place is not None}
     values = {"format": "manifold_mocap_labels", "version": 1, "places": places}
     return _write(path, values) if places else None
@@ -120,9 +120,9 @@ def _write_labels(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
 def _write_mesh(
     scene: bpy.types.Scene, chosen: bpy.types.Object, armature: bpy.types.Object | None, motion: Path
 ) -> Path:
-    """Write an object as the viewport shows it, in metres relative to the body, and return its OBJ file.
+    """Write an object as shown in the viewport, in metres relative to the body, and return its OBJ file.
 
-    Raises ``JobInvalid`` if the viewport does not show the object, or if it has no faces or moves.
+    Raises ``JobInvalid`` if the object is hidden in the viewport, has no faces, or moves.
     """
     label, depsgraph = f"{chosen.name} in the field Contact Mesh", bpy.context.evaluated_depsgraph_get()
     if chosen not in [*scene.objects]:
@@ -149,7 +149,7 @@ def _write_mesh(
 
 
 def _shown_mesh(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (V, 3) world positions and (T, 3) triangles of an evaluated object."""
+    """Return an evaluated object's vertices (V, 3) in world coordinates and its triangles (T, 3)."""
     shown = obj.evaluated_get(depsgraph)
     mesh = shown.to_mesh()
     try:
@@ -162,7 +162,7 @@ def _shown_mesh(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[
 
 
 def _moves(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
-    """Return whether physics moves an object, or a vertex moves in ``_SAMPLES`` frames of the scene."""
+    """Return whether physics moves an object, or whether a vertex moves during ``_SAMPLES`` frames of the scene."""
     if obj.rigid_body is not None and obj.rigid_body.type == "ACTIVE":
         return True
     seen = list[np.ndarray]()
@@ -179,7 +179,7 @@ def _write(path: Path, values: dict[str, Any]) -> Path:
 
 
 def _file_of(settings: bpy.types.PropertyGroup, name: str, remedy: str) -> Path | None:
-    """Return the file in a property, None if it is empty. A missing file is an error."""
+    """Return the file named in a property, or None if the property is empty. A missing file is an error."""
     if not getattr(settings, name):
         return None
     path, label = file_of(getattr(settings, name)), settings.bl_rna.properties[name].name
@@ -190,7 +190,7 @@ def _file_of(settings: bpy.types.PropertyGroup, name: str, remedy: str) -> Path 
 
 
 def folder_of_takes(scene: bpy.types.Scene, preferred: Path) -> Path:
-    """Return a writable folder for takes, by preference the chosen one."""
+    """Return a writable folder for takes, if possible the preferred one."""
     try:
         return usable(preferred)
     except OutputNotWritable:

@@ -22,11 +22,11 @@ from .translation import CONTEXT
 
 DEFAULTS = defaults_of_class(SolveSettings)
 ROWS = {name: row for name, row in settings_of_class(SolveSettings).items() if row.in_panel}
-"""Solver settings that have a property. Sliders, cameras and markers provide the others."""
+"""Solver settings that become properties. Sliders, cameras and markers supply the other settings."""
 READING_ROWS = {name: row for name, row in ALL_READING_ROWS.items() if row.in_panel}
-"""Reading settings with a property that needs only their row."""
+"""Reading settings whose property needs nothing but their row."""
 CHOSEN_BY_PRESETS = tuple(name for name, row in ROWS.items() if row.group == METHOD)
-"""Settings that the user can change only with the preset Custom."""
+"""Settings that the user can change only while the preset is Custom."""
 _PLAIN = {
     bool: bpy.props.BoolProperty,
     int: bpy.props.IntProperty,
@@ -35,12 +35,12 @@ _PLAIN = {
 }
 _TEXTS = Path(__file__).with_name("choices.txt")
 FOLDER = "FOLDER"
-"""Value of ``Setting.metavar`` for folder paths."""
+"""Value of ``Setting.metavar`` that marks a folder path."""
 if TYPE_CHECKING:
     Item = TypeVar("Item", covariant=True)
 
     class Items(Protocol[Item]):
-        """Annotation of a collection property."""
+        """Type annotation of a collection property."""
 
         def add(self) -> Item: ...
         def remove(self, index: int) -> None: ...
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 else:
 
     class Items:
-        """Run-time version of ``Items``.
+        """The class that replaces ``Items`` at run time.
 
         ``typing`` caches generics, and a cached Blender class makes the interpreter hang.
         """
@@ -62,7 +62,7 @@ else:
 
 
 class PropertyRow(NamedTuple):
-    """A setting that only the add-on has, as the annotation of its property."""
+    """A setting that only the add-on has, written as the annotation of its property."""
 
     setting: Setting
     default: Any
@@ -74,24 +74,24 @@ def _row(kind: Kind, label: str, description: str, default: Any, more: dict[str,
 
 
 def switch(label: str, description: str, *, on: bool = False, **more: Any) -> PropertyRow:
-    """Return a row with two states."""
+    """Return the row of an on/off setting."""
     return _row("switch", label, description, on, more)
 
 
 def text(label: str, description: str, default: str = "", **more: Any) -> PropertyRow:
-    """Return a row with a text."""
+    """Return the row of a text setting."""
     return _row("text", label, description, default, more)
 
 
 def path(label: str, description: str, *, folder: bool = False, **more: Any) -> PropertyRow:
-    """Return a row with a file or folder path."""
+    """Return the row of a file or folder setting."""
     return _row("file", label, description, "", more, metavar=FOLDER if folder else "")
 
 
 def number(
     label: str, description: str, default: float, low: float, high: float, unit: str = "", **more: Any
 ) -> PropertyRow:
-    """Return a row with a number within limits, an integer if its default is one."""
+    """Return the row of a number within limits. The number is an integer if its default is."""
     kind = "whole" if isinstance(default, int) else "number"
     shown: dict[str, Any] = {"unit": unit} if unit else {}
     if unit == "m":
@@ -100,13 +100,13 @@ def number(
 
 
 def choice(label: str, description: str, choices: str | Sequence[Any], default: str = "", **more: Any) -> PropertyRow:
-    """Return a row with choices, by default the first, or a name in ``choices.txt``."""
+    """Return the row of a setting with choices (or their name in ``choices.txt``). The first is the default."""
     items = _choices(choices)
     return _row("choice", label, description, default or items[0].value, more, choices=items)
 
 
 def flags(label: str, description: str, choices: str | Sequence[Any], *chosen: str, **more: Any) -> PropertyRow:
-    """Return a row with several choices, some enabled by default."""
+    """Return the row of a setting that allows several choices at once, with those that are enabled by default."""
     return _row("texts", label, description, chosen, more, choices=_choices(choices))
 
 
@@ -116,7 +116,7 @@ def _choices(choices: str | Sequence[Any]) -> tuple[Choice, ...]:
 
 
 def items_of(name: str) -> tuple[tuple[str, str, str], ...]:
-    """Return a property's choices from ``choices.txt``: the identifier, label and tooltip of each."""
+    """Return the identifier, label and tooltip of each choice of a property in ``choices.txt``."""
     text = _TEXTS.read_text(encoding="utf-8")
     rows = text.partition(f"[{name}]\n")[2].partition("\n\n")[0].splitlines()
     parts = [row.removesuffix(" =").split(" = ") for row in rows]
@@ -126,8 +126,8 @@ def items_of(name: str) -> tuple[tuple[str, str, str], ...]:
 def prepare(cls: Any) -> Any:
     """Prepare a class for registration: create its properties and set our translation context.
 
-    Annotations become properties, including annotations of mixins. A ``PropertyRow`` becomes a labelled property. An
-    annotation such as ``frames: int = 1`` becomes a property without a label, which operators hide.
+    Annotations become properties, including those that a mixin defines. A ``PropertyRow`` becomes a labelled property.
+    An annotation such as ``frames: int = 1`` becomes a property without a label, which operators hide.
     """
     if issubclass(cls, bpy.types.Operator | bpy.types.Panel | bpy.types.Menu):
         cls.bl_translation_context = CONTEXT
@@ -164,24 +164,24 @@ def _property(cls: Any, name: str, hint: Any, hidden: dict[str, Any]) -> Any:
 
 
 def properties_of(rows: Mapping[str, Setting], defaults: Mapping[str, Any], **more: Any) -> Any:
-    """Return a mixin with the properties of settings, and further arguments for each property."""
+    """Return a mixin with one property per setting. Further arguments apply to each property."""
     made = {name: _make_property(row, defaults[name], **more) for name, row in rows.items()}
     return type("SettingProperties", (), {"__annotations__": made})
 
 
 def names_of(group: str) -> tuple[str, ...]:
-    """Return the settings of a group that have a property."""
+    """Return the settings in a group that have a property."""
     return tuple(name for name, row in ROWS.items() if row.group == group)
 
 
 def listed(name: str, items: Any) -> Any:
-    """Return the property of a reading setting as a list of choices."""
+    """Return a reading setting's property as a list of choices."""
     row = ALL_READING_ROWS[name]
     return bpy.props.EnumProperty(name=row.label, description=row.description, items=items, translation_context=CONTEXT)
 
 
 def _make_property(row: Setting, default: Any, **more: Any) -> Any:
-    """Return the property of a setting, with further arguments. Empty text and 0 mean no value."""
+    """Return the property for a setting, with further arguments. Empty text and 0 mean that no value is set."""
     words: dict[str, Any] = {"name": row.label, "description": row.description, "translation_context": CONTEXT} | more
     if row.kind == "switch":
         return bpy.props.BoolProperty(**words, default=default)
@@ -189,8 +189,8 @@ def _make_property(row: Setting, default: Any, **more: Any) -> Any:
         items = [(choice.value, choice.label, choice.description) for choice in row.choices]
         if row.kind == "texts":
             return bpy.props.EnumProperty(**words, items=items, options={"ENUM_FLAG"}, default=set(default or ()))
-        # Blender saves the number of a choice. By default it is the place, which changes with the list. Its buttons
-        # hold the number in single precision, which keeps 24 bits: a click on a larger one would set another number.
+        # Blender saves the number of a choice, by default its position, which changes with the list. Buttons store
+        # the number in single precision, which keeps 24 bits. With a larger number, a click would set another one.
         numbered = [(*item, zlib.crc32(item[0].encode()) >> 8) for item in items]
         return bpy.props.EnumProperty(**words, items=numbered, default=default)
     if row.kind == "file":
@@ -213,7 +213,7 @@ def _make_property(row: Setting, default: Any, **more: Any) -> Any:
 
 
 def reset_unknown(group: Any) -> None:
-    """Reset choices that an opened file contains but this version lacks."""
+    """Reset choices that an opened file contains but this version does not have."""
     for name, prop in group.bl_rna.properties.items()[1:]:  # The first one is the type.
         if prop.type == "ENUM" and prop.enum_items_static and not prop.is_enum_flag and not getattr(group, name):
             group.property_unset(name)
@@ -225,7 +225,7 @@ def reset_unknown(group: Any) -> None:
 
 
 def panel_values(properties: Any, names: tuple[str, ...] = tuple(ROWS)) -> dict[str, Any]:
-    """Return solver settings in the form of a job file, without empty texts."""
+    """Return the solver settings as a job file stores them, without empty texts."""
     values: Mapping[str, Any] = {name: getattr(properties, name) for name in names}
     # Blender's numbers are in single precision: 0.1 is 0.10000000149.
     plain = {name: round(value, 4) if isinstance(value, float) else value for name, value in values.items()}
@@ -234,7 +234,7 @@ def panel_values(properties: Any, names: tuple[str, ...] = tuple(ROWS)) -> dict[
 
 
 def reading_options(properties: Any, listed: Mapping[str, str]) -> list[str]:
-    """Return the solver's options for reading settings and list choices that are not default."""
+    """Return the solver's options for all reading settings and list choices that differ from their defaults."""
     plain = {name: _plain(row, getattr(properties, name)) for name, row in READING_ROWS.items()}
     return options_of(plain | dict(listed))
 

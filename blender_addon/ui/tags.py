@@ -9,19 +9,19 @@ from secrets import token_hex
 
 import bpy
 
-TAG = "mocap_tag"  # Custom property of an object or a collection. Captures keep its value.
-_names: dict[str, str] = {}  # Last known object name of each tag, tried first as a scene may have thousands of objects.
+TAG = "mocap_tag"  # Custom property of an object or a collection. Captures store its value.
+_names: dict[str, str] = {}  # Last known object name per tag, tried first as a scene may have thousands of objects.
 
 
 def tag_of(owner: bpy.types.ID | None) -> str:
-    """Return the tag of an object or collection, "" without one."""
+    """Return the tag of an object or collection, or "" if it has none."""
     if owner is None:
         return ""
     return owner.get(TAG, "" if owner.library is None else owner.name_full)
 
 
 def give_tag(owner: bpy.types.ID | None) -> str:
-    """Return the tag of an object or collection, and create it if needed. Return "" for None."""
+    """Return the tag of an object or collection, creating it if needed. Return "" for None."""
     tag = tag_of(owner)
     if owner is not None and not tag:
         tag = owner[TAG] = token_hex(16)
@@ -42,25 +42,25 @@ def _find_object(scene: bpy.types.Scene, tag: str) -> bpy.types.Object | None:
 
 
 def find_collection(scene: bpy.types.Scene, tag: str) -> bpy.types.Collection | None:
-    """Return a scene's collection with a tag, None if it was deleted."""
+    """Return the scene collection that has a tag, or None if it was deleted."""
     return next((child for child in scene.collection.children_recursive if tag_of(child) == tag), None) if tag else None
 
 
 def active_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """Return the active object of a scene, from the window's view layer if the scene is shown."""
+    """Return a scene's active object, taken from the window's view layer if the window shows the scene."""
     shown = getattr(bpy.context, "scene", None) == scene
     layer = bpy.context.view_layer if shown else scene.view_layers[0]
     return layer.objects.active if layer is not None else None
 
 
 def active_name(scene: bpy.types.Scene) -> str:
-    """Return the full name of a scene's active object, "" without one."""
+    """Return the full name of a scene's active object, or "" if there is none."""
     active = active_object(scene)
     return "" if active is None else active.name_full
 
 
 class TaggedObject:
-    """Property that finds an object by its tag. It may prefer the active object or its armature."""
+    """Property that finds an object by its tag. It can prefer the active object or its armature."""
 
     def __init__(self, key: str, *, prefer_active: bool = False) -> None:
         self._key, self._prefer_active = key, prefer_active

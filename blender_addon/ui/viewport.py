@@ -1,4 +1,4 @@
-"""Draw marker names, cameras and confidence in viewport and timeline."""
+"""Draw marker names, cameras and confidence in the viewport and on the timeline."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ if TYPE_CHECKING:
 
     from ..review.ghost import Ghost
 
-_OFFSET_PX, _SIZE_PX = 7, 11  # Distance of a name from its point, and its height, in pixels.
+_OFFSET_PX, _SIZE_PX = 7, 11  # Distance between a point and its name, and the height of the name, in pixels.
 _PLAIN, _UNKNOWN = (0.9, 0.9, 0.95, 1.0), (1.0, 0.5, 0.2, 1.0)
 GOOD, SUSPECT, UNUSED = (0.25, 0.8, 0.35, 1.0), (1.0, 0.5, 0.2, 1.0), (0.5, 0.5, 0.5, 0.6)
-"""Colours of cameras."""
+"""Colours of cameras, by how they are used."""
 _WIDTH_PX, _CONTROL_PX = 2.0, 1.5
 _EDGES = (0, 1, 1, 2, 2, 3, 3, 0)
-"""Corners of the image at the ends of each edge."""
-_OFF_SKIN_M, _OPACITY = 0.002, 0.9  # Distance of the colours from the skin, so that the skin does not cover them.
-_AMBIENT = 0.4  # Brightness of skin seen edge-on, 0 to 1, which makes its shape visible.
+"""Image corners that each drawn edge connects, in pairs."""
+_OFF_SKIN_M, _OPACITY = 0.002, 0.9  # Gap in metres that keeps the skin from hiding its colours, and their opacity.
+_AMBIENT = 0.4  # Brightness of skin seen edge-on (0 to 1). It makes the body's shape visible.
 _BAND_PX = 5.0  # Height of a band on the timeline in pixels.
 
 
 def draw_names() -> None:
-    """Draw the names of the markers. Unknown names are orange."""
+    """Draw the marker names. Unknown names are orange."""
     for capture in bpy.context.scene.mocap.captures:
         if capture.show_names and capture.cloud is not None and capture.cloud.visible_get():
             _draw_names(bpy.context, capture)
@@ -49,7 +49,7 @@ def _draw_names(context: bpy.types.Context, capture: bpy.types.PropertyGroup) ->
 
 
 def name_places(context: bpy.types.Context, cloud: bpy.types.Object) -> dict[str, tuple[float, float]]:
-    """Return the region positions of the current frame's markers by label, in pixels."""
+    """Return the position in the region of each marker in the current frame, in pixels, by label."""
     from bpy_extras.view3d_utils import location_3d_to_region_2d
     from mathutils import Vector
 
@@ -64,7 +64,7 @@ def name_places(context: bpy.types.Context, cloud: bpy.types.Object) -> dict[str
 
 
 def colour_markers(scene: bpy.types.Scene) -> None:
-    """Colour the markers by their distance from the take, or with their plain colour."""
+    """Colour the markers by their distance from the take, or in their plain colour."""
     capture, take = scene.mocap.capture, scene.mocap.review.take
     if capture.cloud is None:
         return
@@ -77,7 +77,7 @@ def colour_markers(scene: bpy.types.Scene) -> None:
         try:
             motion = read_motion(take_file(take, "motion_file"))
         except MocapError:
-            motion = None  # the take's file is missing
+            motion = None  # the take's file no longer exists
     grade_markers(capture.cloud, motion)
 
 
@@ -101,7 +101,7 @@ def _draw_cameras() -> None:
 
 
 def shaded_cameras(context: bpy.types.Context) -> Iterator[tuple[bpy.types.Object, tuple[float, ...]]]:
-    """Yield the cameras to outline and their colours, without the scene's camera."""
+    """Yield the cameras to outline and their colours. The scene's camera is left out."""
     for capture in context.scene.mocap.captures:
         for item in capture.cameras if capture.show_agreement else ():
             camera = item.object
@@ -110,20 +110,20 @@ def shaded_cameras(context: bpy.types.Context) -> Iterator[tuple[bpy.types.Objec
 
 
 def shade_of(capture: bpy.types.PropertyGroup, item: bpy.types.PropertyGroup) -> tuple[float, ...]:
-    """Return the colour of a camera: unused, suspect (after a problem or check), or good."""
+    """Return a camera's colour: unused, suspect (after a problem or check) or good."""
     if not item.use:
         return UNUSED
     return SUSPECT if item.name in capture.suspect_cameras else GOOD
 
 
 def outline(camera: bpy.types.Object, scene: bpy.types.Scene) -> list[Vector]:
-    """Return the end points of a camera's lines in the world."""
+    """Return the end points of a camera's lines in world coordinates."""
     corners = [camera.matrix_world @ corner for corner in camera.data.view_frame(scene=scene)]
     place = camera.matrix_world.translation
     return [corners[i] for i in _EDGES] + [end for corner in corners for end in (place, corner)]
 
 
-weights: dict[tuple[str, int], np.ndarray] = {}  # Joint weights of skins by mesh name and number of vertices.
+weights: dict[tuple[str, int], np.ndarray] = {}  # Joint weights of skins, by mesh name and number of vertices.
 
 
 def _reviews_of(scene: bpy.types.Scene) -> list[bpy.types.PropertyGroup]:
@@ -152,7 +152,7 @@ def _draw_skin(context: bpy.types.Context, armature: bpy.types.Object, skin: bpy
     posed = skin.evaluated_get(context.evaluated_depsgraph_get())
     count, joints = len(skin.data.vertices), layout_of(armature.data.bones).joints
     if len(posed.data.vertices) != count:
-        return  # a modifier of the user changes the vertices, which have no weights then
+        return  # one of the user's modifiers changes the vertices, so the weights no longer match
     key = (skin.data.name_full, count)
     if key not in weights:
         weights[key] = joint_weights(skin, joints)
@@ -176,7 +176,7 @@ def _draw_bands() -> None:
 
 
 def _draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
-    """Draw an evaluated mesh slightly in front of its surface, with (V, 3) vertex colours."""
+    """Draw an evaluated mesh slightly in front of its surface, in (V, 3) vertex colours."""
     import numpy as np
 
     from ..body.mesh import positions
@@ -197,7 +197,7 @@ def _draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
 
 
 def _draw_skin_of(points: np.ndarray, colours: np.ndarray, triangles: np.ndarray, world: Matrix | None = None) -> None:
-    """Draw (V, 3) points with (V, 4) colours where no object occludes them."""
+    """Draw (V, 3) points in (V, 4) colours where no object occludes them."""
     import gpu
 
     gpu.state.blend_set("ALPHA")
@@ -213,7 +213,7 @@ def _draw_skin_of(points: np.ndarray, colours: np.ndarray, triangles: np.ndarray
 
 
 def has_grey_controls(context: bpy.types.Context, armature: bpy.types.Object) -> bool:
-    """Return whether Blender draws a body's controls in grey."""
+    """Return whether Blender draws a body's control bones in grey."""
     overlay, shown = context.space_data.overlay, armature.data.show_bone_custom_shapes
     if not (shown and overlay.show_overlays and overlay.show_bones and armature.visible_get()):
         return False
@@ -238,11 +238,11 @@ def _draw_controls() -> None:
 
 
 ghosts: list[Ghost] = []
-"""Ghost that the viewports show. The list has at most one element."""
+"""The ghost that the viewports show. The list has at most one element."""
 
 
 def ghost_of(review: bpy.types.PropertyGroup) -> Ghost | None:
-    """Return the ghost of a body, unless it shows the current take or a deleted one."""
+    """Return a body's ghost, unless it shows the current take or a deleted one."""
     armature, take = review.armature, review.take
     shown = next((ghost for ghost in ghosts if armature is not None and ghost.armature == armature.session_uid), None)
     if shown is None or take is None or shown.take == take.session_uid:
@@ -276,7 +276,7 @@ HANDLERS = (
 
 
 def colour_bones(scene: bpy.types.Scene) -> None:
-    """Colour the bones of the bodies by confidence, or remove the colours."""
+    """Colour the bodies' bones by confidence, or remove these colours."""
     from ..review.ranges import paint_bones
 
     for review in _reviews_of(scene):

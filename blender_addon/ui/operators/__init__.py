@@ -1,1 +1,1 @@
-"""Operators, which read properties, call one function and report its result."""
+"""Operators. Each reads properties, calls one function and reports its result."""

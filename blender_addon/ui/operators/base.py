@@ -1,4 +1,4 @@
-"""Define conditions, undo steps, solver runs and file choosers of operators."""
+"""Define the conditions, undo steps, solver runs and file choosers that operators share."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ if TYPE_CHECKING:
 
     Operator, FileHandler = bpy.types.Operator, bpy.types.FileHandler
 else:
-    Operator = FileHandler = object  # Blender's own is a second base of each class, not above its mixin
+    Operator = FileHandler = object  # each class gets Blender's own as a second base, not above its mixin
 
 UNDOABLE, INTERNAL, OPENS, PRESETS = {"REGISTER", "UNDO"}, {"INTERNAL"}, {"REGISTER"}, {"PRESET"}
-"""Values of ``bl_options``."""
+"""Sets of ``bl_options``."""
 _INTERVAL_S = 0.1
 _REDRAW_S = 1.0
-"""Minimum seconds between redraws of the progress, because slow drawing takes time from the solver."""
+"""Minimum seconds between two drawings of the progress. Drawing is slow and takes time from the solver."""
 
 
 @dataclass(frozen=True)
 class Need:
-    """A condition of an operator, and the message that is shown while it is not met."""
+    """A condition for running an operator, and the message to show while the condition is not met."""
 
     message: str
     is_met: Callable[[bpy.types.Context], Any]
@@ -63,14 +63,14 @@ Answer = set[str] | str | None
 
 
 class MocapOperator(Operator):
-    """Mixin for operators that change the scene in one undo step.
+    """Mixin for operators that change the scene in a single undo step.
 
     The identifier comes from the class name and the tooltip from the docstring. Modules that do the work are imported
-    in methods, because registering must not load arrays or the solver.
+    inside methods, because registering must not load arrays or the solver.
     """
 
     bl_options = UNDOABLE
-    needs = tuple[Need, ...]()  # annotations of mixins would be evaluated for every class
+    needs = tuple[Need, ...]()  # annotations on a mixin would be evaluated again for every class
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
@@ -93,11 +93,11 @@ class MocapOperator(Operator):
             return {"CANCELLED"}
 
     def work(self, context: bpy.types.Context) -> Answer:
-        """Do the work. A ``MocapError`` is reported."""
+        """Do the work. If it raises a ``MocapError``, the error is reported."""
         raise NotImplementedError
 
     def answer(self, found: Answer) -> set[str]:
-        """Report a message as information, and return the set that Blender expects."""
+        """Report a message as information and return the set that Blender expects."""
         return found if isinstance(found, set) else self.finish(found or "")
 
     def finish(self, message: str = "", *, warn: Any = False) -> set[str]:
@@ -128,9 +128,9 @@ def operator(
 ) -> Callable[..., Any]:
     """Return a decorator that turns a function into the operator ``MOCAP_OT_<function>``.
 
-    The function receives the operator, which has the properties, and the context. Its docstring is the tooltip. A
-    generator becomes the ``steps`` of a ``SolverOperator``, which can start while no other run is active. Without
-    ``waits`` it can always start.
+    The function receives the operator, which stores the properties, and the context. Its docstring becomes the tooltip.
+    A generator function becomes the ``steps`` of a ``SolverOperator``. Such an operator can start only while no other
+    run is active, unless ``waits`` is False.
     """
 
     def make(work: Callable[..., Any]) -> type:
@@ -150,7 +150,7 @@ def operator(
 
 
 class ViewportDrop(FileHandler):
-    """Mixin for handlers of files dropped on the 3D viewport."""
+    """Mixin for classes that handle files dropped on the 3D viewport."""
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
@@ -160,7 +160,7 @@ class ViewportDrop(FileHandler):
 def choose_file(suffixes: Sequence[str], *, several: bool = False) -> Any:
     """Return a mixin with the properties of Blender's file browser.
 
-    With ``several``, several files, a folder or dropped files are accepted.
+    With ``several``, the user can choose several files or a folder, or drop files.
     """
     hidden = {"options": {"HIDDEN", "SKIP_SAVE"}}
     path: dict[str, Any] = {"options": {"HIDDEN", "SKIP_SAVE"} | RELATIVE}
@@ -175,13 +175,13 @@ def choose_file(suffixes: Sequence[str], *, several: bool = False) -> Any:
 
 
 def chosen_files(operator: bpy.types.Operator) -> list[Path]:
-    """Return the chosen or dropped files, or the chosen file or folder."""
+    """Return the chosen or dropped files. If there are none, return the single chosen file or folder."""
     several = [absolute(operator.directory) / item.name for item in operator.files if item.name]
     return several or [absolute(operator.filepath or operator.directory)]
 
 
 def is_chosen(operator: bpy.types.Operator) -> bool:
-    """Return whether the operator already has a file, so that it needs no file browser."""
+    """Return whether the operator already has a file and so needs no file browser."""
     return bool(operator.files) or bool(operator.filepath and absolute(operator.filepath).exists())
 
 
@@ -192,7 +192,7 @@ class Current:
         self.run: Run | None = None
         self.last: Run | None = None
         self.about: tuple[str, str] = ("", "")
-        """Scene and capture file of the last run, where its result is shown."""
+        """Scene and capture file of the last run. Its result is shown there."""
 
     @property
     def busy(self) -> bool:
@@ -200,11 +200,11 @@ class Current:
         return self.run is not None
 
     def finish(self) -> None:
-        """Make the active run the last run."""
+        """Make the active run the last one."""
         self.run, self.last, following.solver_reads = None, self.run, False
 
     def lose(self, scene: bpy.types.Scene, error: MocapError) -> None:
-        """Kill the run, and keep the reason for the scene that started it."""
+        """Kill the run, and store the reason for the scene that started it."""
         if self.run is not None:
             self.run.process.kill()
             self.run.error = error.as_event()
@@ -212,14 +212,14 @@ class Current:
             self.about = _subject(scene)
 
     def abandon(self) -> None:
-        """Kill and forget all runs, because the file or the add-on is closed."""
+        """Kill and forget all runs, because the file or the add-on is being closed."""
         if self.run is not None:
             self.run.process.kill()
         self.finish()
         self.last = None
 
     def last_for(self, scene: bpy.types.Scene, verbs: tuple[str, ...]) -> Run | None:
-        """Return the last run if it ran one of these verbs for this scene and its current capture."""
+        """Return the last run if it ran one of these verbs for this scene's current capture."""
         if self.busy or self.last is None or self.last.verb not in verbs or self.about != _subject(scene):
             return None
         return self.last
@@ -234,7 +234,7 @@ def _subject(scene: bpy.types.Scene) -> tuple[str, str]:
 
 @persistent
 def after_load(*_: object) -> None:
-    """Forget the runs of the previous file, and reset choices that this version does not have."""
+    """Forget the previous file's runs, and reset choices that this version does not have."""
     for scene in bpy.data.scenes:
         reset_unknown(scene.mocap)
     current.abandon()
@@ -242,21 +242,21 @@ def after_load(*_: object) -> None:
 
 
 class Call(NamedTuple):
-    """Command line of one run."""
+    """Command line of a run."""
 
     verb: str
     words: Sequence[str]
-    folder: Path  # Working folder, which also contains the log.
-    through_blender: bool = False  # Run a verb of the add-on's command line in a second Blender.
-    of_capture: bool = True  # The result belongs to the capture that was current when the run started.
-    watch: Callable[[], None] = lambda: None  # Function that is called regularly during the run.
-    solves: bool = True  # The verb in a second Blender starts the solver, so it receives the chosen Python.
+    folder: Path  # Working folder, which also holds the log.
+    through_blender: bool = False  # True to run a verb of the add-on's command line in a second Blender.
+    of_capture: bool = True  # True if the result belongs to the capture that was current at the start of the run.
+    watch: Callable[[], None] = lambda: None  # Function to call regularly during the run.
+    solves: bool = True  # True if the verb in a second Blender starts the solver and so needs the chosen Python.
 
 
 Steps = Generator["Call | Run", Any, Answer]
-"""Steps of an operator. They yield one run, receive the result or a ``RunFailed``, and return the answer.
+"""Steps of an operator. They yield a run, receive its result or a ``RunFailed``, and return the answer.
 
-After a failure, the returned text describes the finished parts of the run.
+After a failure, the returned text says which parts of the run were finished.
 """
 
 
@@ -265,19 +265,19 @@ class RunFailed(Exception):
 
 
 def options(**values: Any) -> list[str]:
-    """Return command-line options, without values that are None, False or empty."""
+    """Return command-line options for all values except those that are None, False or empty."""
     given = {f"--{name.replace('_', '-')}": value for name, value in values.items() if value not in (None, False, "")}
     return [word for name, value in given.items() for word in ([name] if value is True else [name, str(value)])]
 
 
 SHORT = 600
-"""Longest take in frames to edit in this process. A second Blender takes seconds to start."""
+"""Length in frames up to which takes are edited in this process, because a second Blender takes seconds to start."""
 
 
 def works_here(objects: Sequence[bpy.types.Object], frames: float = SHORT + 1) -> bool:
-    """Return whether work on objects runs in this process instead of a second Blender.
+    """Return whether work on objects runs in this process instead of in a second Blender.
 
-    True if the work is short, there is no window, a run is active, or the objects need this file.
+    It does if the work is short, if there is no window, if a run is active, or if the objects depend on this file.
     """
     from ...scene.session import needs_this_file
 
@@ -285,9 +285,9 @@ def works_here(objects: Sequence[bpy.types.Object], frames: float = SHORT + 1) -
 
 
 class SolverOperator(MocapOperator):
-    """Mixin for modal operators with ``steps`` that wait for a run while Blender remains usable.
+    """Mixin for modal operators whose ``steps`` wait for a run while Blender stays usable.
 
-    Escape passes through, so only the Cancel button ends a run.
+    Escape is passed on to Blender, so only the Cancel button ends a run.
     """
 
     needs = tuple[Need, ...]([IDLE])
@@ -295,7 +295,7 @@ class SolverOperator(MocapOperator):
     _watch = staticmethod(lambda: None)
 
     def steps(self, context: bpy.types.Context) -> Steps:
-        """Yield the run, bring its result into the scene, and report a ``MocapError``."""
+        """Yield the run, then bring its result into the scene. If this raises a ``MocapError``, it is reported."""
         raise NotImplementedError
 
     def work(self, context: bpy.types.Context) -> Answer:
@@ -330,7 +330,7 @@ class SolverOperator(MocapOperator):
         return self.follow(context, start(verb, arguments, chosen_python(context), folder))
 
     def follow(self, context: bpy.types.Context, run: Run) -> set[str]:
-        """Follow a run until it ends. Without a window, block until then."""
+        """Follow a run until it ends. Block if there is no window."""
         current.run = run
         following.solver_reads = True
         if bpy.app.background:
@@ -345,7 +345,7 @@ class SolverOperator(MocapOperator):
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         run = current.run
-        if run is None:  # abandoned
+        if run is None:  # the run was abandoned
             self._stop(context)
             _show(context, None)
             return {"CANCELLED"}
@@ -366,7 +366,7 @@ class SolverOperator(MocapOperator):
         self._stop(context)
 
     def _ended(self, context: bpy.types.Context) -> set[str]:
-        """Bring the result into the scene that started the run, even if another scene is shown now."""
+        """Bring the result into the scene that started the run, even if the window shows another scene by now."""
         scene, shown, window = bpy.data.scenes.get(self._scene), context.scene, context.window
         elsewhere = window if scene is not None and scene != shown else None
         if elsewhere is not None:
@@ -400,20 +400,20 @@ class SolverOperator(MocapOperator):
         return {"CANCELLED"}
 
     def resume(self, result: Any) -> Answer:
-        """Pass a result or a ``RunFailed`` to the steps, and return their answer."""
+        """Pass a result or a ``RunFailed`` on to the steps, and return their answer."""
         try:
             self._steps.throw(result) if isinstance(result, RunFailed) else self._steps.send(result)
         except StopIteration as end:
             return end.value
         except RunFailed:
-            pass  # nothing can be rescued
+            pass  # nothing can be saved any more
         return None
 
     def _stop(self, context: bpy.types.Context) -> None:
         if self._timer is not None:
             context.window_manager.event_timer_remove(self._timer)
             self._timer = None
-        self._steps.close()  # removes temporary files, which fails while a process has one open
+        self._steps.close()  # this removes temporary files, which fails while a process has one open
 
 
 @operator("Cancel", Need("Nothing is running", lambda context: current.busy), options=INTERNAL)
@@ -433,7 +433,7 @@ def dismiss(self: Any, context: bpy.types.Context) -> None:
 
 
 def _show(context: bpy.types.Context, status: str | None) -> None:
-    """Redraw the sidebars. Write a line into the status bar, or clear it."""
+    """Redraw the sidebars. Write a line into the status bar, or clear the bar if the line is None."""
     for window in context.window_manager.windows if not bpy.app.background else ():
         window.workspace.status_text_set(status)
     redraw("UI")

@@ -1,4 +1,4 @@
-"""Correct a capture: cameras, calibration, labels and diagnostics."""
+"""Correct a capture: its cameras, calibration and labels, and problems found by diagnostics."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def show_capture(self: Any, context: bpy.types.Context) -> None:
 
 
 def _show_detections(scene: bpy.types.Scene, camera: bpy.types.Object | None) -> None:
-    """Show the detections of one camera with the floor as wireframe, or of all cameras."""
+    """Show the detections of one camera and draw the floor as a wireframe, or show the detections of all cameras."""
     capture = scene.mocap.capture
     for item in capture.cameras:
         if item.detections is not None:
@@ -150,7 +150,7 @@ def _show_detections(scene: bpy.types.Scene, camera: bpy.types.Object | None) ->
         capture.floor.display_type = "TEXTURED" if camera is None else "WIRE"
 
 
-_REACH_PX = 25.0  # Maximum distance in pixels between a click and a point. Chosen by hand.
+_REACH_PX = 25.0  # Largest distance between a click and a point in pixels. Chosen by hand.
 _SHOWN = Need(MARKERS.message, lambda context: context.scene.mocap.capture.cloud is not None)
 
 
@@ -166,7 +166,7 @@ class MOCAP_OT_pick_point(MocapOperator, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Select the point nearest to the click. The user can move the view before clicking."""
+        """Select the point nearest to the click. The user can still move the view before clicking."""
         is_click = event.type == "LEFTMOUSE" and event.value == "PRESS"
         if not is_click and event.type not in ("ESC", "RIGHTMOUSE"):
             return {"PASS_THROUGH"}
@@ -190,7 +190,7 @@ def _pick(context: bpy.types.Context, event: bpy.types.Event) -> bool:
 def choose_nearest(
     capture: bpy.types.PropertyGroup, places: dict[str, tuple[float, float]], x: float, y: float
 ) -> bool:
-    """Select the point nearest to a region position. Return whether one is within reach."""
+    """Select the point nearest to a position in the region. Return False if none is within reach."""
     apart = {label: ((px - x) ** 2 + (py - y) ** 2) ** 0.5 for label, (px, py) in places.items()}
     label = min(apart, key=lambda name: apart[name], default=None)
     if label is None or apart[label] > _REACH_PX:
@@ -256,7 +256,7 @@ class MOCAP_OT_read_again(MocapOperator, bpy.types.Operator):
         group = _group_of(context, self.option)
         try:
             setattr(group, self.option, type(getattr(group, self.option))(self.value))
-        except (AttributeError, TypeError, ValueError):  # the option or its value comes from a file
+        except (AttributeError, TypeError, ValueError):  # the option or its value was read from a file
             return self.give_up(f"Reading Options have no {self.option} '{self.value}'", "ERROR")
         source = context.scene.mocap.capture.source
         started = bpy.ops.mocap.import_capture("INVOKE_DEFAULT", filepath=source)
@@ -274,9 +274,9 @@ class Fix:
 
     operator: str  # ``bl_idname`` of the operator.
     text: str
-    values: tuple[tuple[str, str], ...] = ()  # Properties of the operator.
+    values: tuple[tuple[str, str], ...] = ()  # Property values of the operator.
     is_choice: bool = False
-    """True if only the user can decide, because the fix undoes a correction or suits one of two causes."""
+    """True if only the user can decide, because the fix undoes a correction or fits just one of two possible causes."""
 
 
 def _again(text: str, option: str, value: str, *, is_choice: bool = True) -> Fix:
@@ -301,14 +301,14 @@ _FIXES = {
     _again("Read at {video:g} fps", "fps", "{video:g}"): "frame_rate_contradicts",
     _again("Frames 0-{first_end}", "frames", "0 {first_end}"): "takes_joined",
 }
-"""Diagnostic codes that each fix resolves. Texts and values may contain the diagnostic's values."""
+"""Each fix and the diagnostic codes that it resolves. Its texts and values may refer to values of the diagnostic."""
 _FIX_OF = {code: fix for fix, codes in _FIXES.items() for code in codes.split()}
 _LEFT_OUT = ("contradicts", "camera_sees_little", "image_mirrored", "delay_beyond", "camera_sees_elsewhere")
-"""Codes of diagnostics about a camera that makes the solve worse."""
+"""Codes of the diagnostics that mean that a camera makes the solve worse."""
 
 
 def fix_of(found: Diagnostic) -> Fix | None:
-    """Return the fix of a diagnostic, None if it has no button."""
+    """Return the fix for a diagnostic, or None if it has no button."""
     if found.code in _LEFT_OUT and found.where.cameras:
         camera = found.where.cameras[0]
         return Fix("mocap.leave_camera_out", f"Leave Out {camera}", (("camera", camera),))
@@ -318,12 +318,12 @@ def fix_of(found: Diagnostic) -> Fix | None:
     try:
         values = tuple((name, value.format(**found.values).lower()) for name, value in fix.values)
         return replace(fix, text=fix.text.format(**found.values), values=values)
-    except (KeyError, TypeError, ValueError):  # a file with other values
+    except (KeyError, TypeError, ValueError):  # the file contains other values
         return None
 
 
 def reading_fixes(error: ErrorEvent) -> tuple[Fix, ...]:
-    """Return the fixes of a failed reading."""
+    """Return the fixes offered when a reading fails."""
     if error.get("code") != "frame_count_mismatch":
         return ()
     trim = (_again("Cut to the Shortest", "trim", "on"),) if "--trim" in error["hint"] else ()

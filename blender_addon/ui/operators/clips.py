@@ -1,4 +1,4 @@
-"""Edit takes as clips, each a take with a new file, and mark takes and poses as assets."""
+"""Edit takes as clips, each stored as a take in a new file, and mark takes and poses as assets."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .takes import take_named
 if TYPE_CHECKING:
     from ..._exchange.motion_file import MotionFile
 
-_UNDO = {"UNDO"}  # No Adjust Last Operation panel, because every run writes a file.
+_UNDO = {"UNDO"}  # Without the Adjust Last Operation panel, because each run writes a file.
 
 
 def ask(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -35,7 +35,7 @@ ALONE = Need("A layer plays on top of this take. Bake it into the take, or push 
 
 
 def _add(context: bpy.types.Context, word: str, edit: Any, *, with_place: bool = False) -> str:
-    """Add an edited copy of the current take, and return a message."""
+    """Add an edited copy of the current take and return a message."""
     from ...scene.clips import add_clip
 
     review = context.scene.mocap.review
@@ -66,7 +66,7 @@ def trim_take(self: Any, context: bpy.types.Context) -> str:
 
 
 def range_of_take(take: bpy.types.Action, scene_range: Any) -> tuple[int, int]:
-    """Return the first and last frame of a take, counted from 0, within a range of scene frames.
+    """Return the first and last frame of a take, counted from 0, that lie within a range of scene frames.
 
     Raises:
         MotionInvalid: the take has no frame in the range.
@@ -84,7 +84,7 @@ def range_of_take(take: bpy.types.Action, scene_range: Any) -> tuple[int, int]:
 
 
 _SHORTEST = number("Shortest Cycle", "Reject cycles that take less time than this, in seconds", 0.4, 0.1, 60)
-"""Shortest cycle in seconds, see ``seams.SHORTEST_S``."""
+"""Shortest cycle in seconds (see ``seams.SHORTEST_S``)."""
 _STAY = switch("In Place", "Remove the travel and the turn of the cycle")
 
 
@@ -117,7 +117,7 @@ def _draw_other(self: Any, context: bpy.types.Context) -> None:
 
 
 _BLEND = number("Blend Time", "Seconds on each side of the seam over which the difference fades", 0.25, 0, 5)
-"""Blend time in seconds, see ``seams.BLEND_S``."""
+"""Blend time in seconds (see ``seams.BLEND_S``)."""
 
 
 @operator("Join", TAKE, EDITABLE, ALONE, options=_UNDO, invoke=ask, draw=_draw_other, name=str, blend_s=_BLEND)
@@ -144,7 +144,7 @@ def join_takes(self: Any, context: bpy.types.Context) -> str:
 
 
 _SPEED = number("Speed", "Factor, such as 2 for twice as fast", 1.0, 0.05, 20)
-"""Speed factor, with limits chosen by hand."""
+"""Speed factor. Limits chosen by hand."""
 
 
 @operator("Retime", TAKE, EDITABLE, ALONE, options=_UNDO, invoke=ask, speed=_SPEED)
@@ -163,7 +163,7 @@ def _ask_rate(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> 
 
 
 _FPS = number("Frame Rate", "Frames per second of the new take", 30.0, 1, 1000)
-"""Frame rate in frames per second, with limits chosen by hand."""
+"""Frame rate in frames per second. Limits chosen by hand."""
 
 
 @operator("Resample", TAKE, EDITABLE, ALONE, options=_UNDO, invoke=_ask_rate, fps=_FPS)
@@ -211,7 +211,7 @@ def mark_pose(self: Any, context: bpy.types.Context) -> str:
 
 
 def _file_asset(self: Any, context: bpy.types.Context, action: bpy.types.Action, catalog: tuple[str, str]) -> str:
-    """Render an asset's preview, add it to a catalog, and return a message."""
+    """Render an asset's preview, add the asset to a catalog, and return a message."""
     from ...body.shape import body_mesh
     from ...render.asset import add_catalog, show_preview
 

@@ -1,4 +1,4 @@
-"""Export the take and its markers to files, and send the take to another program while it plays."""
+"""Export a take and its markers to files, and send a take to another program during playback."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ _ENDINGS = ", ".join(f".{ending}" for ending in MARKER_FORMATS)
 
 
 class ChoosesOutput(ExportHelper):
-    """Mixin for operators with a file browser that asks before it replaces a file."""
+    """Mixin for operators whose file browser asks before it replaces a file."""
 
     @property
     def filename_ext(self) -> str:
         raise NotImplementedError
 
     def browse(self, context: bpy.types.Context, event: bpy.types.Event, name: str) -> set[str]:
-        """Open the file browser with a file name."""
+        """Open the file browser with a suggested file name."""
         self.overwrite = True
         if not self.filepath:
             self.filepath = f"{bpy.path.clean_name(name)}{self.filename_ext}"
         return ExportHelper.invoke(self, context, event)
 
     def output(self) -> Path:
-        """Return the chosen path. A relative path in an unsaved file is an error."""
+        """Return the chosen path. Raise an error if it is relative and the .blend file is unsaved."""
         if self.filepath.startswith("//") and not bpy.data.filepath:
             message = "A path that starts with // needs a saved file."
             raise OutputNotWritable(message, where=self.filepath, hint="Save the file, or enter the full path.")
@@ -115,7 +115,7 @@ class MOCAP_OT_export_take(
         return self.browse(context, event, name)
 
     def steps(self, context: bpy.types.Context) -> Steps:
-        """Export a file with only the body, in a second Blender or in this process."""
+        """Export a file that contains only the body, in a second Blender or in this process."""
         from dataclasses import asdict, replace
         from tempfile import TemporaryDirectory
 
@@ -147,7 +147,7 @@ class MOCAP_OT_export_take(
 
 
 def exported_armature(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Return the active armature, the active mesh's armature, or otherwise the shown body."""
+    """Return the active armature, or the active mesh's armature, or otherwise the displayed body."""
     active = context.object
     armature = active if active is None or active.type == "ARMATURE" else active.find_armature()
     return context.scene.mocap.review.armature if armature is None else armature
@@ -189,7 +189,7 @@ def draw_export_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
 
 
 class CurrentSending:
-    """The take sender of this Blender. There is at most one."""
+    """The sender that transmits a take from this Blender. There is at most one."""
 
     def __init__(self) -> None:
         self.sender: TakeSender | None = None

@@ -41,7 +41,7 @@ _NAMED = ("known", "unknown", "computed", "doubled")
 
 
 def _take_markers(capture: bpy.types.PropertyGroup, result: CaptureSummary, stage: CaptureStage) -> None:
-    """Store the marker object, and the meaning and gaps of each label from a ``convert`` result."""
+    """Store the marker object, and the meaning and gaps of each label, from a ``convert`` result."""
     names = result.get("marker_names") or {}
     capture.markers = result["markers"] or 0
     capture.subjects = ", ".join(names.get("subjects", ()))
@@ -55,7 +55,7 @@ def _take_markers(capture: bpy.types.PropertyGroup, result: CaptureSummary, stag
     labels = labels_of(capture.cloud)
     for index in reversed(range(len(capture.point_labels))):
         item = capture.point_labels[index]
-        if not (item.point < len(labels) and labels[item.point] == item.name):  # it was read again as another recording
+        if not (item.point < len(labels) and labels[item.point] == item.name):  # read again as another recording
             capture.point_labels.remove(index)
     for label in labels:
         item, gap = capture.marker_items.add(), gaps.get(label, {})
@@ -64,11 +64,11 @@ def _take_markers(capture: bpy.types.PropertyGroup, result: CaptureSummary, stag
         item.gaps, item.missing_percent = gap.get("gaps", 0), gap.get("missing_percent", 0.0)
 
 
-_HEIGHTS = 2.2  # Viewing distance of a body relative to its height.
+_HEIGHTS = 2.2  # Viewing distance from a body, in body heights.
 
 
 def take_capture(scene: bpy.types.Scene, result: CaptureResult, source: Path | None = None) -> CaptureStage:
-    """Set up a capture from a ``convert`` result, and store its diagnostics."""
+    """Set up a capture from a ``convert`` result and store its diagnostics."""
     file = read_capture(Path(result["capture"]))
     settings, path = scene.mocap, Path(result["capture"])
     refused: tuple[str, ...] = ()
@@ -124,7 +124,7 @@ def _existing(capture: bpy.types.PropertyGroup, stage: CaptureStage) -> list[bpy
 
 
 def bring_capture(context: bpy.types.Context, result: CaptureResult, source: Path) -> CaptureStage:
-    """Set up a recording's capture, and show it."""
+    """Set up the capture of a recording and show it."""
     stage = take_capture(context.scene, result, source)
     context.scene.mocap.capture.source = stored(source)
     present_capture(context, stage)
@@ -132,7 +132,7 @@ def bring_capture(context: bpy.types.Context, result: CaptureResult, source: Pat
 
 
 def present_capture(context: bpy.types.Context, stage: CaptureStage) -> None:
-    """Open the Solve stage, and frame the cameras or the markers in the viewport."""
+    """Open the Solve stage and frame the cameras or the markers in the viewport."""
     context.scene.mocap.stage = "SOLVE"
     space = context.space_data
     if space is None or space.type != "VIEW_3D":
@@ -176,10 +176,10 @@ def take_motion(
     result: SolveResult | None = None,
     tell: Callable[[str], None] | None = None,
 ) -> bpy.types.Action:
-    """Add a solved motion to its person's body in the capture ``of``, by default in the current capture.
+    """Add a solved motion to its person's body in the capture ``of``, or else in the current capture.
 
-    ``again`` is a range that was solved again, and all other frames keep their edits. ``result`` contains the take's
-    error and warnings. ``tell`` receives a sentence if a user's action moves to the NLA.
+    ``again`` is a range that was solved again. All other frames keep their edits. ``result`` contains the take's error
+    and warnings. ``tell`` receives a sentence if one of the user's actions moves to the NLA.
     """
     scene, settings = context.scene, context.scene.mocap
     motion = read_motion(files.motion)
@@ -228,7 +228,7 @@ def _show_looks(scene: bpy.types.Scene) -> None:
 
 
 def error_text(result: SolveResult) -> str:
-    """Return the median error of a solve with its unit, "" if it is unknown."""
+    """Return the median error of a solve with its unit, or "" if the error is unknown."""
     for key, unit in (("marker_median_mm", "mm"), ("reprojection_median_px", "px")):
         if result.get(key) is not None:
             return f"{result[key]:.1f} {unit}"
@@ -242,7 +242,7 @@ def add_motion(
     capture: Path | None = None,
     body: Path | None = None,
 ) -> BakedTake:
-    """Add a motion from a file with a new body. A new scene selects only this body."""
+    """Add a motion from a file on a new body. In a new scene, select only this body."""
     motion = read_motion(file)
     figure = read_body(body or body_path_of(motion.provenance), motion.body_layout)
     source = read_capture(capture) if capture else None
@@ -267,12 +267,12 @@ def add_motion(
 
 
 def takes_over(scene: bpy.types.Scene, setup: str) -> bool:
-    """Return whether a scene adopts the recording's set-up, by the user's choice in ``SCENE_SETUP``."""
+    """Return whether a scene adopts the recording's set-up, as chosen by the user in ``SCENE_SETUP``."""
     return setup == "TAKE" or (setup == "NEW" and is_untouched(scene))
 
 
 def set_up_said(scene: bpy.types.Scene, *, take_over: bool) -> str:
-    """Return a sentence about the scene's set-up."""
+    """Return a sentence that describes the scene's set-up."""
     rate = f"{scene_frame_rate(scene):g} fps"
     if take_over:
         return f"The scene was set to {rate}, frames {scene.frame_start} to {scene.frame_end}"

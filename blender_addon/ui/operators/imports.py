@@ -1,4 +1,4 @@
-"""Import captures, and motions of files, other armatures and gloves, by panel, menu or drop."""
+"""Import captures, and motions from files, other armatures and gloves, by panel, menu or drag and drop."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from ...scene.bake import BakeSettings
 
 THROUGH_BLENDER = (".fbx", ".glb", ".gltf", ".vrm", ".vrma", ".blend")
-"""File types that a second Blender imports, so that the open file stays unchanged."""
+"""File types that are imported in a second Blender, so that the open file stays unchanged."""
 NETWORKS = (".pt", ".pth", ".pkl", ".pickle", ".joblib", ".npy", ".json")
-"""File types of networks that estimate a person from one video."""
+"""File types in which networks store the person that they estimated from one video."""
 MOTIONS = (".npz", ".bvh", ".amc", ".asf", ".mvnx", ".c3d", *NETWORKS, *THROUGH_BLENDER)
 GLOVES = (".bvh", ".csv", ".npz", *THROUGH_BLENDER)
 
@@ -34,7 +34,7 @@ GLOVES = (".bvh", ".csv", ".npz", *THROUGH_BLENDER)
 def _bring(
     self: Any, context: bpy.types.Context, clip: Path, name: str, settings: Callable[[], BakeSettings], *more: str
 ) -> Steps:
-    """Fit a clip to our body, write a motion file named ``name``, and bake it on a new body."""
+    """Fit a clip to our body, write it to a motion file named ``name``, and bake that on a new body."""
     from ...scene.session import undisturbed
     from .import_results import add_motion, frame_body
 
@@ -53,13 +53,13 @@ def _bring(
 
 
 def remarks(result: Remarks) -> tuple[str, ...]:
-    """Return the problems and notes about a clip, problems first and without duplicates."""
+    """Return the problems and then the notes about a clip, without duplicates."""
     return tuple(dict.fromkeys((*result.get("problems", ()), *result.get("notes", ()))))
 
 
 _ARMATURE = text("Armature", "Armature of an FBX, glTF or Blender file, if several move")
 _TIMES = -1e6, 1e6
-"""Limits of accepted times in seconds."""
+"""Limits for accepted times, in seconds."""
 
 
 class MOCAP_OT_import_motion(SolverOperator, bpy.types.Operator, base.choose_file(MOTIONS), ImportHelper):
@@ -79,7 +79,7 @@ class MOCAP_OT_import_motion(SolverOperator, bpy.types.Operator, base.choose_fil
     floor: switch("Floor", "Add a floor with tiles of one metre", on=True)
 
     def steps(self, context: bpy.types.Context) -> Steps:
-        """Bake one of our motions immediately, or fit a clip first."""
+        """Bake a motion in our format immediately. Fit any other clip to the body first."""
         from ..._exchange.motion_file import is_motion
         from ...scene.bake import BakeSettings
         from .import_results import takes_over
@@ -116,7 +116,7 @@ def draw_import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
 
 
 def foreign_actor(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Return the armature chosen as actor, or the active armature, unless it is one of our bodies."""
+    """Return the armature chosen as actor, or else the active armature, unless it is one of our bodies."""
     from ...retarget.rig_actor import is_actor
 
     settings = context.scene.mocap.retarget
@@ -133,7 +133,7 @@ def motion_from_rig(self: Any, context: bpy.types.Context) -> Steps:
     from ...scene.bake import BakeSettings
 
     rig = foreign_actor(context)
-    assert rig is not None  # see its need
+    assert rig is not None  # guaranteed by the operator's need
     start = round(float(played_frames(rig)[1][0]))
     skeleton = skeleton_of_rig(rig, context.scene)
     path = next_path(usable(files_folder(context.scene)), f"{safe_name(skeleton.name)} skeleton", ".npz")
@@ -209,7 +209,7 @@ class MOCAP_OT_import_capture(
         root = capture_root(chosen)
         folder = usable(capture_folder(files_folder(context.scene), root))
         if not settings.capture.file:
-            settings.capture.source = stored(root)  # so that Read Again works if reading fails
+            settings.capture.source = stored(root)  # lets Read Again work if reading fails
         out = options(out=folder if is_session(root) else folder / "capture.npz", overwrite=True)
         words = [str(root), *out, *settings.reading.arguments(), f"--sync={settings.solve.sync}"]
         result = yield Call("convert", words, folder, of_capture=False)

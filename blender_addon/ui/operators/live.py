@@ -1,4 +1,4 @@
-"""Live runs and the sensor array: pose bodies, characters and faces from incoming points or poses."""
+"""Live runs and the sensor array. They pose bodies, characters and faces from incoming points or poses."""
 
 from __future__ import annotations
 
@@ -31,28 +31,28 @@ if TYPE_CHECKING:
     from ...scene.live_figure import LiveFace, LiveFigure
     from ...solving.live import LiveRun
 
-_INTERVAL_S = 1 / 60  # Seconds between polls. Including the poll this allows more than 30 poses per second.
-_PANELS_S = 0.25  # Seconds between redraws of the panels, enough for reading.
+_INTERVAL_S = 1 / 60  # Seconds between polls. Even with the time of a poll, this allows more than 30 poses per second.
+_PANELS_S = 0.25  # Seconds between redraws of the panels. The values stay readable.
 
 
 class CurrentLive:
-    """The live run of this Blender, and the objects that it moves. There is at most one."""
+    """The live run in this Blender, and the objects that it moves. There is at most one run."""
 
     def __init__(self) -> None:
         self.run: LiveRun | None = None
         self.figure: LiveFigure | None = None
         self.on_recorded: Callable[[str], None] | None = None
-        """Function that receives the recording's path at the end."""
+        """Function that receives the path of the recording when the run ends."""
         self.face: LiveFace | None = None
         self.character: LiveRig | None = None
         self.area = 0
-        """Address of the viewport that started the run, until the first pose is framed there."""
+        """Address of the viewport that started the run. It is reset once the first pose has been framed there."""
         self.of_sensors = False
-        """True if the current or last run belongs to the sensor array instead of the Live panel."""
+        """True if the current or last run belongs to the sensor array and not to the Live panel."""
         self._panels_drawn = 0.0
         self.failure = ""
         self.recorded = ""
-        """Recording of the last run, as the scene stores paths."""
+        """Recording of the last run, as a path in the form that the scene stores."""
 
     @property
     def busy(self) -> bool:
@@ -71,9 +71,9 @@ class CurrentLive:
         own_face: bool = False,
         character: Callable[[BodyFile], LiveRig] | None = None,
     ) -> None:
-        """Show a run in a scene. If the body or the rig cannot be created, stop the run.
+        """Show a run in a scene. Stop the run if the body or the rig cannot be created.
 
-        ``fingers`` is set for poses with fingers. With ``own_face`` the live body's face follows the received values.
+        ``fingers`` is True if the poses include fingers. With ``own_face``, the live body shows the received face.
         """
         import numpy as np
 
@@ -101,7 +101,7 @@ class CurrentLive:
             bpy.app.timers.register(self.tick, first_interval=_INTERVAL_S)
 
     def tick(self) -> float | None:
-        """Show the latest pose. Return the seconds until the next poll, or None at the end."""
+        """Show the latest pose. Return the seconds until the next poll, or None at the end of the run."""
         run, figure = self.run, self.figure
         if run is None or figure is None:
             return None
@@ -131,7 +131,7 @@ class CurrentLive:
         return None if self.run is None else _INTERVAL_S
 
     def _frame(self, figure: LiveFigure) -> None:
-        """Frame the first pose in the viewport that started the run."""
+        """Frame the first pose in the viewport from which the run was started."""
         from .import_results import frame_body
 
         address, self.area = self.area, 0
@@ -161,7 +161,7 @@ class CurrentLive:
             on_recorded(recorded)
 
     def abandon(self) -> None:
-        """Kill the run when the file or the add-on is closed."""
+        """Kill the run, because the file or the add-on is being closed."""
         if bpy.app.timers.is_registered(self.tick):
             bpy.app.timers.unregister(self.tick)
         if self.run is not None:
@@ -243,7 +243,7 @@ def _has_poses(scene: bpy.types.Scene) -> bool:
 
 
 def replays_motion(scene: bpy.types.Scene) -> bool:
-    """Return whether the source is a motion file, which has a body and is not recorded again."""
+    """Return whether the source is a motion file. Such a file defines its own body and is not recorded again."""
     from ..._exchange.motion_file import is_motion
 
     source = _source_of(scene)
@@ -254,7 +254,7 @@ def _file_or_program(context: bpy.types.Context) -> LiveRun:
     scene, settings = context.scene, context.scene.mocap.live
     if settings.kind == "VMC":
         address = allowed_address(settings.listen, tuple(PORTS))
-        if address.scheme in FACES:  # a face is not sent on, and has no body
+        if address.scheme in FACES:  # a face is not forwarded and has no body
             return _start(context, "live stream", [str(address)], "", ".csv" if settings.record else None)
         source, suffix = str(address), ".npz"
     else:
@@ -290,7 +290,7 @@ def _start(
     name: str = "live",
     **more: float,
 ) -> LiveRun:
-    """Start a live run. ``suffix`` is the ending of its recording, None for no recording."""
+    """Start a live run. ``suffix`` is the file suffix of its recording, or None if nothing is recorded."""
     from ...solving.live import start_live
 
     folder = usable(files_folder(context.scene))
@@ -300,7 +300,7 @@ def _start(
 
 
 def _video(text: str) -> str:
-    """Return ``[NAME=]VIDEO`` with the absolute path of the video."""
+    """Return ``[NAME=]VIDEO`` with an absolute video path."""
     name, equals, path = text.rpartition("=") if not absolute(text).exists() else ("", "", text)
     return f"{name}{equals}{absolute(path)}"
 

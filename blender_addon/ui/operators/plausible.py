@@ -1,4 +1,4 @@
-"""Make a range plausible with Pose-NDF: denoise it, complete a limb, or fill it."""
+"""Make a frame range plausible with Pose-NDF: denoise it, complete a limb, or fill it in."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from .clips import ALONE, ask, range_of_take
 if TYPE_CHECKING:
     from ..._exchange.motion_file import MotionFile
 
-_SHORTEST = 3  # Smallest number of frames in a range, so that there are frames between its ends.
+_SHORTEST = 3  # Smallest number of frames in a range. At least one frame must lie between the two ends.
 
 
 def _reposed(
     context: bpy.types.Context, word: str, words_of: Callable[[MotionFile], tuple[str, list[str]]], *, fades: bool
 ) -> Steps:
-    """Let the solver find poses for the range to review, and add a copy of the current take with them.
+    """Let the solver find poses for the range to review, and add them in a copy of the current take.
 
-    ``words_of`` returns the verb and its options for the motion of the range. With ``fades``, this motion includes the
+    ``words_of`` returns the verb and its options for the motion in the range. With ``fades``, this motion includes the
     frames before and after the range in which the new poses fade in and out.
     """
     from tempfile import TemporaryDirectory

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def actor_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """Return the armature with the motion: the chosen one, or the solved body."""
+    """Return the armature that provides the motion: the chosen one, or else the solved body."""
     chosen = scene.mocap.retarget.actor
     return scene.mocap.review.armature if chosen is None or scene.objects.get(chosen.name) != chosen else chosen
 
@@ -126,7 +126,7 @@ def _actor(scene: bpy.types.Scene) -> tuple[Actor, TakeTiming, tuple[str, ...]]:
 
 
 def chosen_target(context: bpy.types.Context) -> bpy.types.Object:
-    """Return the rig to animate. A missing target, or the actor as target, is an error."""
+    """Return the rig to animate. It is an error if no target is chosen, or if the target is the actor."""
     rig = context.scene.mocap.retarget.target
     if rig is not None and rig == actor_object(context.scene):
         raise MapInvalid("Actor and target are the same armature.", hint="Choose two in the Retarget panel.")
@@ -137,7 +137,7 @@ def chosen_target(context: bpy.types.Context) -> bpy.types.Object:
 
 
 def table_map(context: bpy.types.Context) -> RigMap:
-    """Return the map in the table, with the user's corrections."""
+    """Return the map shown in the table, with the user's corrections."""
     import json
     from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Review and correct a take: ranges, pins, confidence, report, feet, gaps and limbs."""
+"""Review and correct a take: its frame ranges, pins, confidence, report, feet, gaps and limbs."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from ..viewport import colour_bones
 from .base import BODY, EDITABLE, OPENS, TAKE, Need, Steps, operator, works_here
 from .takes import edit_aside
 
-_MARGIN = 5  # Scene frames added on both sides of a range to review, where the new solve must match.
-MARK = "gap"  # Start of the names of our timeline markers.
+_MARGIN = 5  # Scene frames added on both sides of a range to review. The new solve must match the take there.
+MARK = "gap"  # Start of the name of each timeline marker that we create.
 _GAP, _TO_REVIEW = f"{MARK} interpolated", f"{MARK} review"
 _SAMPLES = 16
-"""Number of frames used to measure the height of the soles. Chosen by hand."""
-_NOTHING_MEASURED = 1e-6  # Maximum confidence of an interpolated frame, 0 to 1.
+"""Number of frames in which the height of the soles is measured. Chosen by hand."""
+_NOTHING_MEASURED = 1e-6  # Largest confidence (0 to 1) that an interpolated frame can have.
 
 
 @operator("Next Range to Review", TAKE, backwards=bool)
@@ -172,7 +172,7 @@ def select_body(self: Any, context: bpy.types.Context) -> None:
 
 
 def start_cube(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """Return the cube of Blender's start-up scene if it is visible and was not moved, otherwise None."""
+    """Return the cube in Blender's start-up scene if it is visible and has not been moved, or None."""
     cube = scene.objects.get("Cube")
     if cube is None or cube.type != "MESH" or cube.animation_data or cube.location.length or not cube.visible_get():
         return None
@@ -209,7 +209,7 @@ def open_report(self: Any, context: bpy.types.Context) -> set[str]:
 
 
 def _select_alone(context: bpy.types.Context, obj: bpy.types.Object) -> None:
-    """Change to object mode, and unhide and select only this object. A hidden collection is an error."""
+    """Switch to object mode, then unhide and select only this object. Raise an error if its collection is hidden."""
     if context.view_layer.objects.get(obj.name) == obj:
         obj.hide_set(False)
         obj.hide_viewport = obj.hide_select = False
@@ -248,7 +248,7 @@ _ON_BODY = Need(
     lambda context: ROOT_MOTION not in context.scene.mocap.review.take,
 )
 _SLIDE = number("Longest Slide", "Largest slide to correct in mm, as longer ones are intentional", 100.0, 1, 500)
-"""Longest movement in millimetres of a planted foot that is corrected."""
+"""Largest slide of a planted foot that is corrected, in millimetres."""
 
 
 @operator("Lock Feet", _FOREIGN, TAKE, _ON_BODY, EDITABLE, waits=False, slide_mm=_SLIDE)

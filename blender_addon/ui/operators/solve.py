@@ -1,4 +1,4 @@
-"""Solve captures, ranges and whole scenes, and calibrate the person who wears the markers."""
+"""Solve captures, frame ranges and whole scenes, and calibrate the person who wears the markers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 def _write_job(
     context: bpy.types.Context, frames: SceneRange | None, *of: Any
 ) -> tuple[Path, SolveFiles, tuple[int, int] | None]:
-    """Write the job of a capture. Return the job's path, its files, and the frames to solve again."""
+    """Write the job file of a capture. Return its path, the files of the solve, and the frames to solve again."""
     from ..._exchange.job_file import write_job
     from ...animation.takes import SolveFiles
     from ..scene_job import portable_job, prepare_job
@@ -40,7 +40,7 @@ def _write_job(
 
 
 def _solve(self: Any, context: bpy.types.Context, frames: SceneRange | None) -> Steps:
-    """Solve a take, or a range of its frames again. The motion is used even if the report fails."""
+    """Solve a take, or solve a range of its frames again. The motion is used even if writing the report fails."""
     from ...animation.takes import SolvedAgain
     from .import_results import take_motion
 
@@ -69,7 +69,7 @@ def _ask_about_edits(self: Any, context: bpy.types.Context, event: bpy.types.Eve
     try:
         frames = edited_in_range(context)
     except MocapError:
-        frames = []  # the solve reports the error
+        frames = []  # the solve reports this error
     if not frames:
         return self.execute(context)
     self.edited = f"{counted(len(frames), 'frame')} edited by hand: {spans(frames)}"
@@ -112,7 +112,7 @@ def resolve_range(self: Any, context: bpy.types.Context) -> Steps:
 
 
 def edited_in_range(context: bpy.types.Context) -> list[int]:
-    """Return the scene frames in the chosen range that were edited by hand and are not pinned."""
+    """Return the scene frames in the chosen range that were edited by hand but are not pinned."""
     from ...review.ranges import capture_frame, scene_frame
     from ...scene.hand_edits import edited_frames
 
@@ -132,7 +132,7 @@ def runs(frames: list[int]) -> list[tuple[int, int]]:
 
 
 def spans(frames: list[int]) -> str:
-    """Return frames as ranges in text form, such as "50-52, 60"."""
+    """Return frames as text with ranges, such as "50-52, 60"."""
     return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in runs(frames))
 
 
@@ -151,7 +151,7 @@ def solve_all(self: Any, context: bpy.types.Context) -> Steps:
 
     def bake(motion: Path, result: SolveResult | None = None) -> None:
         files = by_motion[motion]
-        captures = context.scene.mocap.captures  # undo may have replaced the former ones
+        captures = context.scene.mocap.captures  # undo may have replaced the earlier reference
         capture = next((item for item in captures if file_of(item.file) == files.capture), None)
         take_motion(context, files, capture, result=result, tell=self.tell)
 
@@ -188,7 +188,7 @@ def calibrate_subject(self: Any, context: bpy.types.Context) -> Steps:
 
 
 def calibrated(result: PersonResult) -> str:
-    """Return a line of text about the results of a subject calibration."""
+    """Return one line of text about the results of a subject calibration."""
     markers = result["markers"]
     label, worst = max(markers.items(), key=lambda item: item[1]["offset_mm"])
     name = label.rpartition(":")[2]

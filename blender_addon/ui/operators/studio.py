@@ -1,4 +1,4 @@
-"""The studio: make data sets with ground truth, and predict a camera array's accuracy."""
+"""The studio: make data sets with ground truth, and predict the accuracy of camera arrays."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _BENCHMARK_FRAMES, _BENCHMARK_FPS = 90, 30
 _FIXED = ("capture", "cameras")
 _AS_IT_STANDS = {"name": "my cameras", "stand": "aim"}
 _BENCHMARK_WIDTH = 400
-"""Width in pixels of the widest benchmark image. Simulated errors are in millimetres and do not depend on it."""
+"""Width of the widest benchmark image in pixels. Simulated errors are in millimetres and do not depend on it."""
 
 
 def _film(description: Path, out: Path, *more: str) -> Call:
@@ -58,7 +58,7 @@ def check_data_set(self: Any, context: bpy.types.Context) -> Steps:
     """Check the settings, and report the number of images and the disk space."""
     settings = context.scene.mocap.studio
     out = absolute(settings.out) if settings.out else _next_folder(context.scene, "data_set")
-    if settings.planned:  # nothing has changed, so an unfinished run can continue
+    if settings.planned:  # nothing has changed since, so an unfinished run can continue
         out = file_of(settings.planned_out)
     description = _next_folder(context.scene, "data_set").with_name("data_set.json")
     path = _write_description(data_set_description(context), description)
@@ -129,7 +129,7 @@ def _size(mebibytes: float) -> str:
 
 
 def data_set_description(context: bpy.types.Context) -> dict[str, Any]:
-    """Return the description of a data set from the panel's settings."""
+    """Return the description of a data set, made from the panel's settings."""
     settings = context.scene.mocap.studio
     if not settings.film:
         raise CommandLineInvalid("No kind of image is selected.", hint="Choose at least one kind of image.")
@@ -152,7 +152,7 @@ def data_set_description(context: bpy.types.Context) -> dict[str, Any]:
 
 
 def benchmark_description(context: bpy.types.Context) -> dict[str, Any]:
-    """Return the description of a benchmark: one person for three seconds, and the arrays to compare."""
+    """Return the description of a benchmark: one person for three seconds, and the camera arrays to compare."""
     settings = context.scene.mocap.studio
     if settings.faults.endswith("_markers"):
         hint = "Choose Detector, Good Detector or Jitter under Faults."

@@ -1,4 +1,4 @@
-"""Takes of a body: show, delete, thin, push to the NLA, and follow the scene's frame rate."""
+"""Manage a body's takes: show, delete, thin, push to the NLA, and follow the scene's frame rate."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def relink_files(self: Any, context: bpy.types.Context) -> str | set[str]:
 
 
 def takes_of_person(settings: bpy.types.PropertyGroup) -> list[bpy.types.Action]:
-    """Return the takes of the current person in the current capture."""
+    """Return the current person's takes in the current capture."""
     from ...animation.takes import takes_of
 
     capture = settings.capture
@@ -102,7 +102,7 @@ def takes_of_person(settings: bpy.types.PropertyGroup) -> list[bpy.types.Action]
 
 
 def take_named(settings: bpy.types.PropertyGroup, name: str) -> bpy.types.Action:
-    """Return the current person's take with this name."""
+    """Return the current person's take that has this name."""
     action = next((take for take in takes_of_person(settings) if take.name == name), None)
     if action is None:
         raise TakeMissing(f"There is no take '{name}' of this person in this capture.")
@@ -114,7 +114,7 @@ def _draw_limit(self: Any, context: bpy.types.Context) -> None:
     self.layout.prop(self, "tolerance_mm" if self.by == "TOLERANCE" else "keys_per_second")
 
 
-# Options of the reduction, with their defaults and limits.
+# Options for thinning a take, with their defaults and limits.
 _THINNING: dict[str, Any] = {
     "by": choice("Keep by", "Rule that decides how many keys remain", "thin_take.by", "TOLERANCE"),
     "tolerance_mm": number("Tolerance", "Largest distance of a joint from the full take, in mm", 10.0, 0.5, 500),
@@ -127,8 +127,8 @@ def edit_aside(
 ) -> Generator[Call, Any, dict[str, Any]]:
     """Edit a copy of the current take in a second Blender, and play the new action.
 
-    The result has no action if there was nothing to edit. ``switch`` contains IK or FK and the switches of limbs. Their
-    keys in the take are replaced, unless the take's keys were changed in the meantime.
+    The result contains no action if there was nothing to edit. ``switch`` names IK or FK and then the switches of
+    limbs. Their keys are replaced in the take, unless the take's keys have changed in the meantime.
     """
     from tempfile import TemporaryDirectory
 
@@ -142,13 +142,13 @@ def edit_aside(
     from ...scene.session import save_alone
 
     scene, review = context.scene, context.scene.mocap.review
-    body, take = review.armature.session_uid, review.take.session_uid  # the user may rename both meanwhile
+    body, take = review.armature.session_uid, review.take.session_uid  # the user may rename both in the meantime
     with TemporaryDirectory() as folder:
         source, out = Path(folder, "take.blend"), Path(folder, "edited.blend")
         files = {key: str(take_file(review.take, key)) for key in PATHS if review.take.get(key)}
-        mesh = body_mesh(review.armature)  # whose soles keep the feet on the floor
+        mesh = body_mesh(review.armature)  # its soles keep the feet on the floor
         save_alone(source, review.armature, [mesh] if mesh else [], scene, files=files, switch=[*switch])
-        lane = f'["{CONTACT}"]'  # which the user may edit meanwhile
+        lane = f'["{CONTACT}"]'  # the user may edit this lane in the meantime
         keys = keys_of(review.take, lane)
         words = [str(source), f"--armature={review.armature.name}", "--own", *options(out=out, **limit)]
         result: Any = yield Call("edit", words, Path(folder), through_blender=True, solves=False)
@@ -236,7 +236,7 @@ def follow_rate(self: Any, context: bpy.types.Context) -> str:
 
 
 def takes_of_captures(scene: bpy.types.Scene) -> list[bpy.types.Action]:
-    """Return all takes of a scene's captures."""
+    """Return the takes of all captures in a scene."""
     from ...animation.curves import is_take
     from ...animation.takes import takes_of
 

@@ -31,7 +31,7 @@ _LAST = list(STEPS)[-1]
 
 
 def _run_steps(self: Any, context: bpy.types.Context, until: str, redo: str = "") -> Steps:
-    """Run steps on the scene's video folder, and show each finished step."""
+    """Run steps in the scene's video folder, and show each step when it is finished."""
     from .import_results import bring_capture
 
     videos = context.scene.mocap.videos
@@ -60,13 +60,13 @@ def _run_steps(self: Any, context: bpy.types.Context, until: str, redo: str = ""
 
 
 class _ShownSteps:
-    """The steps of a run from videos, as the panel shows them."""
+    """The steps of a run from videos, as shown in the panel."""
 
     def __init__(self, context: bpy.types.Context) -> None:
         self._context, self._seen = context, 0
 
     def update(self, takes: Sequence[TakeOfVideos] = ()) -> None:
-        """Read the reports of the steps if they have changed. With several takes, show the last one."""
+        """Read the steps' reports if they have changed. If there are several takes, show the last one."""
         videos = self._context.scene.mocap.videos
         folders = [Path(take["folder"]) for take in takes] or _with_reports(file_of(videos.results))
         latest = max(folders, key=_changed, default=None)
@@ -95,7 +95,7 @@ class MOCAP_OT_capture_from_videos(
         draw_video_settings(self.layout, context)
 
     def steps(self, context: bpy.types.Context) -> Steps:
-        """Start with the folder of the chosen file, or with one video."""
+        """Start with the folder that contains the chosen file, or with a single video."""
         chosen = absolute(self.filepath or self.directory)
         if self.files and self.files[0].name and self.directory:
             chosen = absolute(self.directory) / self.files[0].name
@@ -130,7 +130,7 @@ def open_video_picture(self: Any, context: bpy.types.Context) -> set[str]:
 
 
 class MOCAP_FH_videos(base.ViewportDrop, bpy.types.FileHandler):
-    """Imports videos dropped on the 3D viewport. One video stands for its folder."""
+    """Imports videos dropped on the 3D viewport. A single video stands for its folder."""
 
     bl_idname = "MOCAP_FH_videos"
     bl_label = "Capture from videos"
@@ -139,7 +139,7 @@ class MOCAP_FH_videos(base.ViewportDrop, bpy.types.FileHandler):
 
 
 def draw_video_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the settings of videos that apply: cameras, person, delays and detector."""
+    """Draw the video settings that currently apply: cameras, person, delays and detector."""
     videos = context.scene.mocap.videos
     names = ["cameras"]
     names += ["board"] if videos.cameras != "person" else []
@@ -177,10 +177,10 @@ def draw_import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     self.layout.operator("mocap.capture_from_videos", text="Motion Capture from Videos (folder)")
 
 
-SET_UP_DETECTOR = "set-up-detector"  # Name of a run that is not a verb of the solver.
+SET_UP_DETECTOR = "set-up-detector"  # Name of a run that is not a solver verb.
 _HAND_MODEL = "hand_landmark_full.tflite"
 _POSE_MODELS = tuple(f"pose_landmark_{size}.tflite" for size in ("full", "heavy", "lite"))
-"""Models in MediaPipe's npm package. The first existing model is chosen."""
+"""Models in MediaPipe's npm package. The first one that exists is chosen."""
 _ABOUT = {
     "mediapipe": "MediaPipe 0.10.21 and its dependencies, 150 MB, are installed from",
     "litert": "Google's LiteRT and NumPy, 60 MB, are installed from",
@@ -190,7 +190,7 @@ _MODELS = (
     "and @mediapipe/hands (.tgz) into the folder of the wheels.",
 )
 _WIDTH_PX = 520
-"""Width of the dialog, enough for the path of the folder."""
+"""Width of the dialog in pixels, wide enough for the folder's path."""
 
 
 class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):

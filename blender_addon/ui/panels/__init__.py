@@ -1,1 +1,1 @@
-"""The sidebar tab, in the order of the work: Capture, Cameras, Solve, Review, Export."""
+"""The sidebar tab, in workflow order: Capture, Cameras, Solve, Review, Export."""

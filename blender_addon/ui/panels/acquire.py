@@ -79,7 +79,7 @@ def _draw_sending(layout: bpy.types.UILayout, settings: Any) -> None:
 
 def _draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     run = running.run
-    assert run is not None  # drawn only during a run
+    assert run is not None  # this is drawn only during a run
     pose = run.latest
     text, icon = ("Starting", "TIME") if pose is None else _STATES.get(pose.state, (pose.state, "DOT"))
     layout.label(text="Stopping" if run.process.cancelling else text, text_ctxt=CONTEXT, icon=icon)
@@ -99,7 +99,7 @@ def _draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 def timing_lines(pose: LivePose) -> list[str]:
-    """Return lines about a pose: rate and latency, lag, dropped frames, and views."""
+    """Return text lines about a pose: its rate, latency, lag, dropped frames and views."""
     lines = [] if math.isnan(pose.rate_hz) else [f"{pose.rate_hz:.0f} poses/s, {pose.latency_ms:.0f} ms each"]
     lines += [] if math.isnan(pose.lag_ms) else [f"{max(pose.lag_ms, 0.0):.0f} ms behind"]
     lines += [f"{pose.dropped} frames dropped"] if pose.dropped else []
@@ -151,7 +151,7 @@ def _draw_take(layout: bpy.types.UILayout, sensors: MocapSensors) -> None:
     layout.operator("mocap.start_sensors", text=PARTS["TAKE"][0], icon="PLAY").part = "TAKE"
     column = layout.column(align=True)
     draw_field(column, sensors, "take", "FILE_FOLDER", "Take")
-    if sensors.take:  # its points become a capture, which the top panel solves
+    if sensors.take:  # the take's points become a capture, which the top panel can solve
         column.operator("mocap.import_capture", text="Import Take", icon="IMPORT").filepath = sensors.take
 
 

@@ -23,8 +23,8 @@ MEANINGS = {
     "doubled": "DUPLICATE",
     "unlabelled": "DOT",
 }
-"""Icons for the meanings of marker labels."""
-_FEW_PERCENT = 60  # Cameras that see the person in fewer frames than this percentage are red, chosen by hand.
+"""Icon of each meaning that a marker label can have."""
+_FEW_PERCENT = 60  # Cameras that see the person in a smaller percentage of frames are red. Chosen by hand.
 
 
 @panel("Capture", "CAPTURE")
@@ -134,7 +134,7 @@ def markers(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 def summarise(capture: MocapCapture) -> list[str]:
-    """Return lines about a capture's markers: numbers by meaning, subjects and gaps."""
+    """Return text lines about a capture's markers: their number by meaning, the subjects and the gaps."""
     items = list(capture.marker_items)
     counts = {kind: sum(item.meaning == kind for item in items) for kind in MEANINGS}
     lines = [", ".join(f"{count} {kind}" for kind, count in counts.items() if count)]

@@ -14,7 +14,7 @@ from ..operators.retarget import actor_object
 from ..translation import CONTEXT
 from .parts import draw_progress, panel
 
-_LEFT, _RIGHT = "left", "right"  # Prefixes of roles with two sides.
+_LEFT, _RIGHT = "left", "right"  # Prefixes of roles that exist on both sides.
 
 
 @panel("Export", "DELIVER", order=5, needs=BODY.is_met)
@@ -96,7 +96,7 @@ def bone_table(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     for role, row in rows.items():
         side, _, part = role.partition("_")
         if side == _RIGHT and f"{_LEFT}_{part}" in rows:
-            continue  # drawn in the row of its left
+            continue  # this role is drawn in the row of its left counterpart
         pair = [row, *(rows[name] for name in [f"{_RIGHT}_{part}"] if side == _LEFT and name in rows)]
         column.label(text=(part if len(pair) > 1 else role).replace("_", " "), translate=False)
         line = column.row(align=True)

@@ -1,4 +1,4 @@
-"""Parts of panels: the decorator, progress, diagnostics and their buttons."""
+"""Building blocks of panels: the decorator, the progress, and diagnostics with their buttons."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..translation import CONTEXT
 
 Draw = Callable[[bpy.types.UILayout, bpy.types.Context], None]
 ACQUIRE = "ACQUIRE"
-"""The tab of devices and rendered captures, which the preferences enable."""
+"""The tab for devices and rendered captures. The user enables it in the preferences."""
 
 
 def panel(
@@ -32,9 +32,9 @@ def panel(
     needs: Callable[[bpy.types.Context], Any] = lambda context: True,
     draw_header: Draw | None = None,
 ) -> Callable[[Draw], Any]:
-    """Return a decorator that makes the panel ``VIEW3D_PT_mocap_<function>`` from a function.
+    """Return a decorator that turns a function into the panel ``VIEW3D_PT_mocap_<function>``.
 
-    ``stage`` is one of ``properties.STAGES`` or ``ACQUIRE``, "" for all stages, and ``parent`` is the enclosing panel.
+    ``stage`` is one of ``properties.STAGES``, ``ACQUIRE``, or "" for all stages. ``parent`` is the enclosing panel.
     """
 
     def poll(cls: type, context: bpy.types.Context) -> bool:
@@ -68,14 +68,14 @@ def panel(
 
 
 def draw_solve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the solve button, with the person's name if there are several people."""
+    """Draw the solve button. It shows the person's name if there are several people."""
     person = context.scene.mocap.capture.person
     label: dict[str, Any] = {} if person is None else {"text": f"Solve {person.name}", "translate": False}
     draw_button(layout, "mocap.solve", "PLAY", **label)
 
 
 def draw_progress(layout: bpy.types.UILayout, verbs: tuple[str, ...]) -> bool:
-    """Draw a note if a run of these verbs is active. Return whether one is."""
+    """Draw a note if a run of one of these verbs is active. Return whether there is such a run."""
     run = current.run
     if run is None or run.verb not in verbs:
         return False
@@ -84,7 +84,7 @@ def draw_progress(layout: bpy.types.UILayout, verbs: tuple[str, ...]) -> bool:
 
 
 def draw_failure(layout: bpy.types.UILayout, context: bpy.types.Context, verbs: tuple[str, ...]) -> None:
-    """Draw the error of the last run and the buttons that resolve it, if it ran one of these verbs."""
+    """Draw the last run's error and the buttons that resolve it, if the run used one of these verbs."""
     run = current.last_for(context.scene, verbs)
     if run is None or run.error is None:
         return
@@ -109,7 +109,7 @@ def draw_fix(layout: bpy.types.UILayout, fix: Fix, text: str = "", icon: str = "
 
 
 def draw_finding(layout: bpy.types.UILayout, context: bpy.types.Context, found: Diagnostic, take: str = "") -> None:
-    """Draw a diagnostic and its fix, with the name of its take if there are several."""
+    """Draw a diagnostic and its fix. Add the name of its take if there are several takes."""
     is_warning = bool(warnings_in([found]))
     wrapped(layout, context, take + sentence(found), "ERROR" if is_warning else "DOT", alert=is_warning)
     if is_warning and (fix := fix_of(found)) is not None:
@@ -117,7 +117,7 @@ def draw_finding(layout: bpy.types.UILayout, context: bpy.types.Context, found: 
 
 
 def draw_waiting(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the session folder of an unsaved file."""
+    """Draw a note that names an unsaved file's session folder."""
     if folder := waits_for_saving(context.scene):
         text = f"This file is not saved. Its takes are in {folder} until you save it."
         wrapped(layout, context, text, "INFO")

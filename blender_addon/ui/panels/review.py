@@ -20,7 +20,7 @@ from .parts import panel
 
 _CURL, _SPREAD = 0, 2  # Axes of a finger control.
 _SLIDER, _NARROW_SLIDER = 0.75, 0.82
-"""Width of a limb's slider as a fraction of the row, in a wide and a narrow sidebar. The button gets the rest."""
+"""Width of a limb's slider as a fraction of the row, in a wide and in a narrow sidebar. The button fills the rest."""
 
 
 @panel("Review", "EDIT", order=4, needs=BODY.is_met)
@@ -159,7 +159,7 @@ def clips(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 def _has_sliders(context: bpy.types.Context) -> bool:
-    from ...body.shape import body_mesh  # which loads NumPy, as registering must not
+    from ...body.shape import body_mesh  # this loads NumPy, which registering must not do
 
     armature = context.scene.mocap.review.armature
     return armature is not None and body_mesh(armature) is not None
@@ -171,7 +171,7 @@ def shape(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     from ...body.shape import body_mesh, effect_of, sliders
 
     mesh = body_mesh(context.scene.mocap.review.armature)
-    assert mesh is not None  # see needs
+    assert mesh is not None  # guaranteed by the panel's needs
     if looks_of(mesh):
         layout.column(align=True).prop(context.scene.mocap, "look", expand=True, text_ctxt=CONTEXT)
         if context.scene.mocap.look not in looks_of(mesh):

@@ -1,4 +1,4 @@
-"""The top of both tabs: stages, active run or failure, summary and next step."""
+"""The top of both tabs: stages, the active run or its failure, a summary and the next step."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from .videos import draw_live_picture
 
 _READ = ("convert", "dataset demo", "from-videos", "motion convert")
 VERBS = (*_READ, "solve", "markers calibrate", "cameras refine", "cameras check", "markers export", "export", "edit")
-"""Verbs of this tab. Every stage shows their failures."""
+"""Verbs that belong to this tab. Their failures are shown in every stage."""
 HEADERS = ("VIEW3D_HT_header", "DOPESHEET_HT_header", "GRAPH_HT_header", "RENDER_PT_format")
-"""Editor headers that animators see, and the panel with Blender's frame rate."""
+"""Headers of the editors that animators use, and the panel that shows Blender's frame rate."""
 
 
 @panel("Stages", order=-1, header=False)
@@ -50,7 +50,7 @@ def acquisition_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> N
 
 def _draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     run = current.run
-    assert run is not None  # drawn only during a run
+    assert run is not None  # this is drawn only during a run
     column = layout.column(align=True)
     on_the_bar = fits(context, run.headline)
     column.progress(factor=run.share, text=run.headline if on_the_bar else f"{run.share:.0%}", translate=False)
@@ -80,7 +80,7 @@ def _draw_rate(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 def draw_rate_button(self: bpy.types.Header | bpy.types.Panel, context: bpy.types.Context) -> None:
-    """Draw the button that adapts takes to a changed frame rate."""
+    """Draw the button that adapts takes to a new frame rate."""
     if context.scene is None or not _needs_new_rate(context.scene):
         return
     row = self.layout.row()

@@ -1,4 +1,4 @@
-"""Panels about a solve: preset, person, settings and result."""
+"""Panels for solving: preset, person, settings and result."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def solve_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
 
 
 _PUBLICATIONS = {"bundlemocap++": "10.1016/j.cviu.2024.104190", "noise-aware": "10.48550/arXiv.2309.14330"}
-"""DOI of each method's publication, as in ``CITATION.cff``."""
+"""DOI of each method's publication, as given in ``CITATION.cff``."""
 
 
 @panel("Explain Method", "SOLVE", parent="solve", closed=True, needs=CAPTURE.is_met)
@@ -92,7 +92,7 @@ def explain_method(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
 
 
 def _draw_value(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, name: str) -> None:
-    """Draw a setting's value in the preset, which may differ from the user's value."""
+    """Draw the value that the preset gives to a setting, which may differ from the user's value."""
     prop = settings.bl_rna.properties[name]
     value = PRESETS[settings.preset.lower()].get(name, prop.default)
     row = layout.row()

@@ -17,11 +17,11 @@ from ..properties import STEPS, MocapVideoStep
 from ..translation import CONTEXT
 from .parts import draw_failure, draw_progress, panel
 
-_SIZE = 11.0  # Size of an image in heights of a button.
+_SIZE = 11.0  # Image height in button heights.
 
 
 class Previews:
-    """Images of files as icons. An image is loaded once, and again when its file changes."""
+    """Image files shown as icons. An image is loaded once, and again if its file changes."""
 
     def __init__(self) -> None:
         self._shown: bpy.utils.previews.ImagePreviewCollection | None = None
@@ -38,11 +38,11 @@ class Previews:
 
     @property
     def loaded(self) -> tuple[str, ...]:
-        """Paths and file times of the loaded images."""
+        """Paths and modification times of the loaded images."""
         return () if self._shown is None else tuple(self._shown)
 
     def icon(self, path: Path) -> int:
-        """Return the icon of an image, 0 if it cannot be shown."""
+        """Return the icon that shows an image, or 0 if the image cannot be shown."""
         if self._shown is None:
             return 0
         try:
@@ -60,7 +60,7 @@ previews = Previews()
 
 
 def draw_live_picture(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the newest image of the running detection."""
+    """Draw the latest image from the running detection."""
     run, results = current.run, context.scene.mocap.videos.results
     if run is None or run.verb != "from-videos" or not results:
         return
