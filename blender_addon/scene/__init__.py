@@ -1,1 +1,1 @@
-"""Captures and takes in Blender: cameras, footage, detections, floor, and the bake."""
+"""Captures and takes in Blender: cameras, footage, detections, floor, and the baked body."""

@@ -1,4 +1,4 @@
-"""Bake a motion and its capture into a scene, as a new body or a new take of an existing body."""
+"""Bake a motion and its capture into a scene, on a new body or as a new take of an existing one."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from .limb_modes import pose_from_ends
 from .overlay import PointLook, create_point_overlay
 from .props import create_props
 
-_KEYPOINT_LOOK = PointLook(0.014, (KEYPOINT_COLOUR,))  # Radius in metres, and colour, chosen by hand.
+_KEYPOINT_LOOK = PointLook(0.014, (KEYPOINT_COLOUR,))  # Radius in metres and colour. Chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -40,11 +40,11 @@ class BakeSettings:
 
     frame_start: int = 1  # Scene frame of the take's first frame.
     set_scene: bool = True
-    """Set the scene's frame rate, range and camera. Otherwise keys are placed by time at the scene's frame rate."""
-    scene_fps: float | None = None  # Frame rate for ``set_scene``, None for the motion's rate.
+    """Set the scene's frame rate, range and camera. If False, keys are placed by time at the scene's frame rate."""
+    scene_fps: float | None = None  # Frame rate for ``set_scene``, or None for the motion's rate.
     keys_per_second: float | None = None
-    """Average number of keys to keep per second, joined by smooth curves. None writes a key on every frame."""
-    tolerance_mm: float | None = None  # Keep as few keys as possible with every joint within this distance.
+    """Average number of keys to keep per second, connected by smooth curves. None writes a key at every frame."""
+    tolerance_mm: float | None = None  # Keep as few keys as possible so that no joint moves farther than this.
     asset: bool = False  # Mark the action as an asset.
     floor: bool = True  # Add a floor.
     backgrounds: bool = True  # Show footage behind the cameras.
@@ -52,19 +52,19 @@ class BakeSettings:
 
 @dataclass(frozen=True)
 class BakedTake:
-    """Objects of one take."""
+    """Objects that belong to one take."""
 
     collection: bpy.types.Collection
-    body: bpy.types.Collection  # Collection of the armature and the mesh.
+    body: bpy.types.Collection  # Collection that contains the armature and the mesh.
     armature: bpy.types.Object
     mesh: bpy.types.Object
     action: bpy.types.Action
     cameras: tuple[bpy.types.Object, ...]
     overlays: tuple[bpy.types.Object, ...]
-    props: tuple[bpy.types.Object, ...]  # Empties, each with the mesh of its markers as its child.
+    props: tuple[bpy.types.Object, ...]  # Empties. The mesh of each prop's markers is the child of its empty.
     floor: bpy.types.Object | None
     timing: TakeTiming
-    notes: tuple[str, ...]  # Notes for the user, one sentence each.
+    notes: tuple[str, ...]  # Messages for the user, one sentence each.
 
 
 def bake_take(
@@ -128,7 +128,7 @@ def _differences(motion: MotionFile, capture: CaptureFile | None) -> list[str]:
     return notes
 
 
-FEW = " reduced keys"  # Suffix of the names of takes that Reduce Keys makes.
+FEW = " reduced keys"  # Suffix of the name of each take that Reduce Keys creates.
 
 
 def add_take(
@@ -141,10 +141,10 @@ def add_take(
     frame_start: int,
     suffix: str = "",
 ) -> tuple[bpy.types.Object, bpy.types.Action]:
-    """Add a solved motion as a new action to the existing or a new body.
+    """Add a solved motion as a new action, to an existing body or to a new one.
 
-    An existing ``armature`` gets the motion's shape. A motion of another body gets a new armature in the collection
-    ``parent``, with ``suffix`` in its name, such as the person.
+    An existing ``armature`` gets the motion's shape. If the motion needs another body, a new armature is created in the
+    collection ``parent``. Its name ends in ``suffix``, for instance the person's name.
     """
     require_body(motion, body)
     motion = with_own_hands(motion, body)
@@ -174,7 +174,7 @@ def thinned_take(
     tolerance_mm: float | None = None,
     progress: Progress = silent,
 ) -> bpy.types.Action:
-    """Add a copy of the current take with fewer keys, limited as in ``bake_action``, and play it."""
+    """Add a copy of the current take with fewer keys (see ``bake_action`` for the limits), and play it."""
     motion = read_motion(take_file(take, "motion_file"))
     with without_layers(armature):
         edited = played_channels(scene, armature, take_times(take, motion), progress)
@@ -192,7 +192,7 @@ def add_edited_take(
     tolerance_mm: float | None = None,
     progress: Progress = silent,
 ) -> bpy.types.Action:
-    """Add a take from (F, 3 + 4 J) channels, with another take's files and person, and play it."""
+    """Add a take made from (F, 3 + 4 J) channels, with the files and person of another take, and play it."""
     motion = read_motion(take_file(take, "motion_file"))
     body = read_body(body_path_of(motion.provenance), motion.body_layout)
     require_body(motion, body)
@@ -220,7 +220,7 @@ def keep_edits(
     first: int,
     last: int,
 ) -> bpy.types.Action:
-    """Play a take with frames first to last as solved and all others as edited."""
+    """Play a take whose frames first to last come from the solve and all others from the edited take."""
     rate, start = laid_rate(solved), float(solved["frame_start"])
     step = rate / float(solved["fps"])
     merged = former.copy()
@@ -237,14 +237,14 @@ def keep_edits(
         if key != PLACE:
             merged[key] = value
     name = solved.name
-    show_take(armature, merged)  # before the solved one is removed, which it replaces below layers
+    show_take(armature, merged)  # this must precede the removal of the solved take, which it replaces below layers
     bpy.data.actions.remove(solved)
     merged.name, merged.use_fake_user = name, True
     return merged
 
 
 def plays_body(armature: bpy.types.Object, motion: MotionFile, body: BodyFile) -> bool:
-    """Return whether an armature can play a motion, with fingers if it moves them."""
+    """Return whether an armature can play a motion, including its fingers if the motion moves them."""
     action, layout = current_action(armature), layout_of(armature.data.bones)
     is_same = action is None or str(action.get("body", "")) in ("", motion.body)
     return is_same and layout.num_joints >= min(motion.body_layout.num_joints, body.layout.num_joints)

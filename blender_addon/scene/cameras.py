@@ -1,7 +1,7 @@
-"""Create Blender cameras at the capture's cameras, with their footage behind the view.
+"""Create Blender cameras from the capture's cameras, and show their footage in the background.
 
-A Blender camera is a pinhole and shows the undistorted image, but the footage behind it is distorted. With a strongly
-distorting lens the image's corners are off, while the detections and the body are correct.
+A Blender camera is a pinhole and shows an undistorted image, but the footage behind it is distorted. If the lens
+distorts strongly, the corners of the footage do not match, while the detections and the body are correct.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ _IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".tga", "
 
 @dataclass(frozen=True)
 class Footage:
-    """Footage of one camera."""
+    """Footage recorded by one camera."""
 
-    files: tuple[Path, ...]  # The video, or the images in order.
+    files: tuple[Path, ...]  # The video file, or the images in order.
 
     @property
     def is_video(self) -> bool:
@@ -39,7 +39,7 @@ class Footage:
 
 
 def find_footage(path: Path | None) -> Footage | None:
-    """Return the footage at the path of a video or image folder, None if it does not exist."""
+    """Return the footage found at the path of a video or image folder, or None if the path does not exist."""
     if path is None:
         return None
     if os.path.isfile(path) and path.suffix.lower() in _VIDEOS | _IMAGES:
@@ -51,10 +51,10 @@ def find_footage(path: Path | None) -> Footage | None:
 
 
 def near_footage(capture: CaptureFile, folders: Sequence[Path]) -> tuple[CaptureFile, tuple[str, ...]]:
-    """Return the capture without footage outside the user's folders, and messages.
+    """Return the capture without footage outside the user's folders, and messages about what was removed.
 
-    Another person's capture may name any file of this machine, or a server that would receive the user's name. Paths
-    are compared as text, so that no file is accessed before it is allowed.
+    Another person's capture may name any file on this machine, or a server that would then receive the user's name.
+    Paths are compared as text, so that no file is accessed before it is allowed.
     """
     cameras, refused = [], []
     for camera in capture.cameras:
@@ -70,7 +70,7 @@ def near_footage(capture: CaptureFile, folders: Sequence[Path]) -> tuple[Capture
 
 
 def _lies_in(path: Path, folder: Path) -> bool:
-    """Return whether a path is in a folder, comparing only the text of both paths."""
+    """Return whether a path is inside a folder. Only the text of both paths is compared."""
     full, base = (os.path.normcase(os.path.abspath(p)) for p in (path, folder))
     if any(text.startswith(("\\\\", "//")) for text in (str(path), full)) and not base.startswith(("\\\\", "//")):
         return False
@@ -84,7 +84,7 @@ def _natural(path: Path) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (0, part) for part in re.split(r"(\d+)", path.name.lower())]
 
 
-FOOTAGE_RATE = "footage_fps"  # Custom property of a camera: images per second of its footage.
+FOOTAGE_RATE = "footage_fps"  # Custom property of a camera: the frame rate of its footage, in images per second.
 _LAID, _START, _OFFSET, _COUNT = "footage_scene_fps", "footage_start", "footage_offset", "footage_count"
 _OFFSET_PATH = "background_images[0].image_user.frame_offset"
 
@@ -96,12 +96,12 @@ def _remember_footage(camera: bpy.types.Camera, fps: float) -> None:
 
 
 def laid_footage_rate(camera: bpy.types.Camera) -> float:
-    """Return the scene frame rate for which the footage is placed."""
+    """Return the scene frame rate for which the footage was placed."""
     return float(camera[_LAID])
 
 
 def lay_footage(camera: bpy.types.Camera, timing: TakeTiming) -> None:
-    """Show the footage image at the time of each scene frame."""
+    """Show at each scene frame the footage image that was recorded at that time."""
     user, count = camera.background_images[0].image_user, int(camera[_COUNT])
     rate = camera[FOOTAGE_RATE] / timing.scene_fps
     camera[_LAID] = timing.scene_fps
@@ -116,11 +116,11 @@ def lay_footage(camera: bpy.types.Camera, timing: TakeTiming) -> None:
     driver.expression = f"min(floor({at}*{rate:.9g}+0.5),{count - 1})-{at}+{int(camera[_OFFSET])}"
 
 
-CAMERA_NAME = "capture_camera"  # Custom property of a camera's data: its name in the capture.
+CAMERA_NAME = "capture_camera"  # Custom property of a camera's data: the camera's name in the capture.
 
 
 def create_camera(source: CameraFile, collection: bpy.types.Collection) -> bpy.types.Object:
-    """Create a camera with the capture's name, and store its image size in custom properties."""
+    """Create a camera with its name from the capture, and store its image size in custom properties."""
     data = bpy.data.cameras.new(source.name)
     lens = lens_from_intrinsics(source.K, source.image_size)
     data.sensor_fit, data.sensor_width, data.lens = "HORIZONTAL", SENSOR_WIDTH_MM, lens.focal_mm
@@ -136,7 +136,7 @@ def create_camera(source: CameraFile, collection: bpy.types.Collection) -> bpy.t
 
 
 def look_through(scene: bpy.types.Scene, camera: bpy.types.Object, *, scale: float = 1.0) -> None:
-    """Make a camera the scene's camera, with its pixel aspect and image size."""
+    """Make a camera the scene's camera, and adopt its pixel aspect and image size."""
     width, height = camera.data["image_size"]
     scene.camera = camera
     scene.render.resolution_x, scene.render.resolution_y = int(width), int(height)
@@ -145,7 +145,7 @@ def look_through(scene: bpy.types.Scene, camera: bpy.types.Object, *, scale: flo
 
 
 def add_background(camera: bpy.types.Object, source: CameraFile, fps: float, timing: TakeTiming) -> str:
-    """Show footage behind the camera's view, and return a message if it is missing."""
+    """Show footage in the camera's background. Return a message if the footage is missing."""
     footage = find_footage(source.footage)
     if footage is None:
         return "" if source.footage is None else f"Camera {source.name}: no video or images at {source.footage}."

@@ -1,4 +1,4 @@
-"""Show a capture before its solve: cameras, detections and floor."""
+"""Show a capture before it is solved: cameras, detections and floor."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from .cameras import FOOTAGE_RATE, add_background, create_camera, look_through
 from .overlay import Players, create_marker_cloud, create_view_overlay, grade_markers
 from .point_player import MODIFIER, RADIUS, player_of
 
-_LINE_M = 0.015  # Width of a grid line in metres, chosen by hand.
+_LINE_M = 0.015  # Width of a grid line in metres. Chosen by hand.
 _MOST_TILES = 200
-"""Maximum number of tiles per side, chosen by hand. Longer floors get larger tiles: 20 km of 1 m tiles take 3 GB."""
+"""Most tiles per side. Larger floors get larger tiles, because 20 km of 1 m tiles take 3 GB. Chosen by hand."""
 
 
 def create_floor(points: np.ndarray, collection: bpy.types.Collection, *, margin_m: float = 2.0) -> bpy.types.Object:
-    """Create a floor of 1 m tiles under (..., 3) points in metres, with a margin."""
+    """Create a floor of 1 m tiles under (..., 3) points, extended by a margin in metres."""
     flat = points.reshape(-1, 3)[:, :2]
     flat = flat[np.isfinite(flat).all(axis=1)]
     low = np.floor(flat.min(axis=0) - margin_m) if len(flat) else np.array([-2.0, -2.0])
@@ -50,7 +50,7 @@ def _tiles(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
     i, j = np.meshgrid(np.arange(columns - 1), np.arange(rows - 1), indexing="ij")
     first = i * rows + j
     faces = np.stack([first, first + rows, first + rows + 1, first + 1], axis=-1).reshape(-1, 4)
-    # Lines and tiles alternate, and even intervals are lines.
+    # Lines and tiles alternate. Even intervals are lines.
     return vertices, faces, ((i % 2 == 0) | (j % 2 == 0)).reshape(-1)
 
 
@@ -61,20 +61,20 @@ def _steps(low: float, high: float, tile: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class CaptureStage:
-    """Objects of one capture."""
+    """Objects that belong to one capture."""
 
     collection: bpy.types.Collection
     cameras: tuple[bpy.types.Object, ...]
     overlays: tuple[bpy.types.Object, ...]
     floor: bpy.types.Object
     timing: TakeTiming
-    notes: tuple[str, ...]  # Notes for the user, one sentence each.
+    notes: tuple[str, ...]  # Messages for the user, one sentence each.
 
 
 def set_stage(
     scene: bpy.types.Scene, capture: CaptureFile, *, frame_start: int, take_over: bool = True
 ) -> CaptureStage:
-    """Set up a capture and keep a scene's contents, or take over its settings."""
+    """Set up a capture. Keep the scene's settings, or take over those of the recording."""
     frames = max(1, capture.num_frames)
     timing = set_up_time(scene, frames, capture.fps, frame_start, capture.fps if take_over else None)
     collection = child_collection(capture.name, scene.collection)
@@ -91,7 +91,7 @@ def set_stage(
 def create_cameras(
     capture: CaptureFile, parent: bpy.types.Collection, timing: TakeTiming, *, backgrounds: bool = True
 ) -> tuple[tuple[bpy.types.Object, ...], tuple[str, ...]]:
-    """Create a capture's cameras with footage, and notes about what is missing."""
+    """Create a capture's cameras with their footage. Return them and notes about missing footage."""
     if not capture.cameras:
         return (), ()
     folder = child_collection("Cameras", parent)
@@ -111,7 +111,7 @@ def create_detections(
     folder: bpy.types.Collection,
     motion: MotionFile | None = None,
 ) -> tuple[bpy.types.Object, ...]:
-    """Create the detections of each camera, and the markers, coloured by a motion's residuals."""
+    """Create the detections of each camera and the markers. Markers are coloured by a motion's residuals."""
     overlays = []
     if capture.markers is not None and capture.markers.size:
         cloud = create_marker_cloud(capture.markers, capture.marker_labels, capture.fps, timing, folder)
@@ -138,7 +138,7 @@ def _ground_points(capture: CaptureFile) -> np.ndarray:
 def replace_stage(
     scene: bpy.types.Scene, stage: CaptureStage, former: list[bpy.types.Object | None], collection: bpy.types.Collection
 ) -> CaptureStage:
-    """Update the former stage's objects to a new stage, and keep the user's changes."""
+    """Update the previous stage's objects to match a new stage, and keep the user's changes."""
     new = [*stage.cameras, *stage.overlays, stage.floor]
     kept = [_kept(scene, old, obj, collection) for old, obj in zip(former, new, strict=True)]
     for child in stage.collection.children:
@@ -166,7 +166,7 @@ def _kept(
             old[key] = value
         old.modifiers[MODIFIER].node_group = player_of(new)
         set_input(old.modifiers[MODIFIER], RADIUS, get_input(new.modifiers[MODIFIER], RADIUS))
-        old.parent = old.parent or new.parent  # a deleted camera has left its detections
+        old.parent = old.parent or new.parent  # detections lose their parent if the user deletes its camera
     for child in new.children:
         child.parent = old
     if scene.camera == new:

@@ -1,4 +1,4 @@
-"""Takes as clips: the motion that a take plays, new takes from edited motions, and poses as assets."""
+"""Takes as clips: read the motion that a take plays, add takes from edited motions, and save poses as assets."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from ..conventions.timing import TakeTiming, scene_frame_rate, show_frame
 from .hand_edits import played_channels, seen_channels, take_times
 from .limb_modes import sample_bones
 
-_MOVED_M = 1e-3  # Joint distance from the motion file in metres above which observations are dropped.
+_MOVED_M = 1e-3  # If a joint is farther than this from the motion file (in metres), observations are dropped.
 
 
 def played_motion(
     scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action, *, with_place: bool = False
 ) -> MotionFile:
-    """Return the motion of a body's take on the armature's joints, with all edits below the user's layers.
+    """Return the motion that a body's take plays on the armature's joints, with all edits below the user's layers.
 
-    Keys of the root control move the motion. ``with_place`` also applies an unkeyed root transform. A body that moved
-    away from the motion file loses the observations of cameras and markers.
+    Keys on the root control move the motion. ``with_place`` also applies a root transform that is not keyed. If the
+    body has moved away from the motion file, the observations from cameras and markers are dropped.
     """
     motion = read_motion(take_file(take, "motion_file"), whole=True)
     layout = layout_of(armature.data.bones)
@@ -65,13 +65,13 @@ def _keys_root(take: bpy.types.Action) -> bool:
 
 
 def _root_ways(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray) -> np.ndarray:
-    """Return the (F, 4, 4) root control transforms relative to rest, in the armature's frame."""
+    """Return (F, 4, 4) transforms of the root control relative to its rest pose, in the armature's frame."""
     rest = np.array(armature.data.bones[ROOT].matrix_local, np.float64)
     return sample_bones(armature, scene, (ROOT,), times)[ROOT] @ np.linalg.inv(rest)
 
 
 def on_layout(motion: MotionFile, layout: BodyLayout) -> MotionFile:
-    """Return a motion on the joints of a layout. Missing fingers rest."""
+    """Convert a motion to the joints of a layout. Fingers missing from the motion stay at rest."""
     if motion.body_layout.joints == layout.joints:
         return motion
     own, columns = motion.body_layout.joints, list[int]()
@@ -95,9 +95,9 @@ def add_clip(
     *,
     with_place: bool = False,
 ) -> bpy.types.Action:
-    """Add a take of an edited motion with its own motion file, and play it.
+    """Add a take that plays an edited motion, stored in its own motion file, and play it.
 
-    An unkeyed root control keeps its transform. See ``played_motion`` for ``with_place``.
+    If the root control is not keyed, it keeps its transform. See ``played_motion`` for ``with_place``.
     """
     source = take_file(take, "motion_file")
     motion = edit(played_motion(scene, armature, take, with_place=with_place))
@@ -113,14 +113,14 @@ def add_clip(
     if PERSON in take:
         action[PERSON] = take[PERSON]
     if root is not None:
-        root.matrix_basis = place  # before the take is shown, which stores it as the take's place
+        root.matrix_basis = place  # must precede showing the take, which stores this as its place
     show_take(armature, action)
     show_frame(scene)
     return action
 
 
 def add_pose(scene: bpy.types.Scene, armature: bpy.types.Object) -> bpy.types.Action:
-    """Add an action of one frame with a body's current pose, marked as an asset."""
+    """Add a one-frame action with a body's current pose, marked as an asset."""
     action = bpy.data.actions.new(f"{armature.name} pose")
     slot = action.slots.new(id_type="OBJECT", name=armature.name) if hasattr(action, "slots") else None
     target = curve_target(action, slot)

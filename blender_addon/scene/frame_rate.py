@@ -13,11 +13,11 @@ from .cameras import FOOTAGE_RATE, laid_footage_rate, lay_footage
 from .point_player import last_row_frame, played_rate, player_of, set_played_rate
 
 _AT_THE_END = 1.0
-"""Tolerance in scene frames between the end of the scene's range and of its contents, because ends are rounded up."""
+"""Tolerance in scene frames between the end of the scene's range and the end of its contents, which is rounded up."""
 
 
 def needs_relaying(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = ()) -> bool:
-    """Return whether a scene's contents were placed for another frame rate."""
+    """Return whether a scene's contents were placed for a different frame rate."""
     rate = scene_frame_rate(scene)
     laid = [
         *(laid_rate(action) for action in (*played_takes(scene), *takes)),
@@ -28,7 +28,7 @@ def needs_relaying(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = (
 
 
 def relay(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = ()) -> float:
-    """Move a scene's contents to its frame rate, and return the ratio of durations."""
+    """Adapt a scene's contents to its frame rate, and return the ratio of the durations."""
     rate = scene_frame_rate(scene)
     actions = list({action.name_full: action for action in (*played_takes(scene), *takes)}.values())
     overlays = list(_overlays(scene))

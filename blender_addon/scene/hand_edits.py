@@ -1,4 +1,4 @@
-"""Hand edits of a take: differences between the body's pose and its motion file."""
+"""Find hand edits in a take: differences between the body's pose and its motion file."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from ..conventions.timing import TakeTiming
 from .limb_modes import own_channels, sample_bones
 
 _TURN = 2.5e-3
-"""Frobenius norm of a rotation difference that counts as an edit, 0.1 degrees. Rounding and IK stay ten times lower."""
-_MOVE_M = 5e-4  # Smallest pelvis movement in metres that counts as an edit.
+"""Frobenius norm from which a rotation difference is an edit (0.1 degrees). Rounding and IK cause a tenth of it."""
+_MOVE_M = 5e-4  # Smallest pelvis movement in metres that is an edit.
 
 
 def edited_frames(
     scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action, first: int, last: int
 ) -> np.ndarray:
-    """Return the take's frames between first and last (counted from 0) that edits have changed."""
+    """Return the take's frames from first to last (counted from 0) that were edited."""
     motion = read_motion(take_file(take, "motion_file"))
     frames = np.arange(max(first, 0), min(last, motion.num_frames - 1) + 1)
     if not len(frames):
@@ -46,15 +46,15 @@ def edited_frames(
 
 
 def take_times(take: bpy.types.Action, motion: MotionFile) -> np.ndarray:
-    """Return the take's (F,) frames as scene frames."""
+    """Return the (F,) scene frames at which the take's frames are played."""
     return TakeTiming(float(take["frame_start"]), laid_rate(take)).scene_frames(motion.num_frames, motion.fps)
 
 
 def played_channels(
     scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray, progress: Progress = silent
 ) -> np.ndarray:
-    """Return (F, 3 + 4 J) channels of the pose that a body plays at (F,) scene frames."""
-    own = armature.animation_data.action  # a take on the NLA is sampled, as its strip may be moved
+    """Return (F, 3 + 4 J) channels of the pose that a body plays at each of (F,) scene frames."""
+    own = armature.animation_data.action  # a take on the NLA is sampled, because its strip may have been moved
     curves = {(c.data_path, c.array_index): c for c in (action_curves(own) if own is not None and is_take(own) else ())}
     if not _poses_from_ends(armature, curves):
         places = pose_columns(layout_of(armature.data.bones))
@@ -79,7 +79,7 @@ def _baked_channels(take: bpy.types.Action, motion: MotionFile, armature: bpy.ty
 
 
 def _poses_from_ends(armature: bpy.types.Object, curves: dict[tuple[str, int], bpy.types.FCurve]) -> bool:
-    """Return whether a control poses any limb or finger in any frame, or a joint has no curve."""
+    """Return whether a control poses any limb or finger in any frame, or whether a joint has no curve."""
     if any((path, 0) not in curves for path, _, _ in pose_columns(layout_of(armature.data.bones))):
         return True
     if _turns_finger_controls(armature, curves):
@@ -107,7 +107,7 @@ def _turns_finger_controls(armature: bpy.types.Object, curves: dict[tuple[str, i
 def seen_channels(
     scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray | None, progress: Progress = silent
 ) -> np.ndarray:
-    """Return (F, 3 + 4 J) channels of evaluated poses, now or at scene frames."""
+    """Return (F, 3 + 4 J) channels of evaluated poses, at scene frames or in the current frame."""
     bones = armature.data.bones
     pelvis, *others = layout_of(bones).joints
     seen = _sample_without_root(armature, scene, (pelvis, *others), times, progress)
@@ -124,7 +124,7 @@ def _sample_without_root(
     times: np.ndarray | None,
     progress: Progress = silent,
 ) -> dict[str, np.ndarray]:
-    """Return ``sample_bones`` without the root control's motion of the whole take."""
+    """Return ``sample_bones`` without the motion that the root control adds to the whole take."""
     seen = sample_bones(armature, scene, (ROOT, *names), times, progress)
     back = np.array(armature.data.bones[ROOT].matrix_local, np.float64) @ np.linalg.inv(seen[ROOT])
     return {name: back @ seen[name] for name in names}

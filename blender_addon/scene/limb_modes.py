@@ -1,4 +1,4 @@
-"""Switch a limb's motion between FK and IK. Keys change, but the motion does not."""
+"""Switch a limb between FK and IK. The keys change, but the motion does not."""
 
 from __future__ import annotations
 
@@ -26,27 +26,27 @@ from ..animation.curves import (
 from ..body.controls.limbs import ROOT, Limb, has_limbs, limb_paths, show_limb, switch_path
 from .session import sample_poses
 
-_SAME = 1e-3  # Scene frames within which two keys are on the same frame.
+_SAME = 1e-3  # Two keys closer than this, in scene frames, are on the same frame.
 
 
 @dataclass(frozen=True)
 class Channels:
-    """Channels of an armature."""
+    """Channels of an armature, to key or to set."""
 
     armature: bpy.types.Object
-    target: CurveTarget | None  # Curves of the played action, None for the pose.
-    times: np.ndarray | None  # (F,) scene frames of the action, None for the pose.
+    target: CurveTarget | None  # Curves of the action that is played, or None to set the pose.
+    times: np.ndarray | None  # (F,) scene frames in the action, or None to set the pose.
 
     def set_location(self, bone: str, values: np.ndarray) -> None:
-        """Key or set a bone's (F, 3) location."""
+        """Key or set a bone's location (F, 3)."""
         self._put(bone, "location", values)
 
     def set_rotation(self, bone: str, R: np.ndarray) -> None:
-        """Key or set a bone's (F, 3, 3) rotation as quaternions with continuous signs."""
+        """Key or set a bone's rotation (F, 3, 3), as quaternions with continuous signs."""
         self._put(bone, "rotation_quaternion", sign_continuous(quat_from_matrix(R)[:, None])[:, 0])
 
     def set_switch(self, limb: Limb, value: float) -> None:
-        """Key or set a limb's switch to one value throughout."""
+        """Key or set a limb's switch to the same value in every frame."""
         self.armature.pose.bones[ROOT][limb.switch] = value
         if self.target is not None and self.times is not None:
             remove_curves(self.target, switch_path(limb))
@@ -67,7 +67,7 @@ class Channels:
 
 
 def channels_of(armature: bpy.types.Object) -> Channels:
-    """Return the channels of an armature's action or pose. A linked action is an error."""
+    """Return the channels of an armature's action, or of its pose. A linked action is an error."""
     action = current_action(armature)
     if action is None:
         return Channels(armature, None, None)
@@ -79,28 +79,28 @@ def channels_of(armature: bpy.types.Object) -> Channels:
 
 
 def frames_of(action: bpy.types.Action) -> np.ndarray:
-    """Return an action's (F,) scene frames: a take's frames, or otherwise all whole frames."""
+    """Return the (F,) scene frames of an action: the take's frames, or else all whole frames."""
     first, last = action.frame_range
     step = laid_rate(action) / float(action["fps"]) if is_take(action) else 1.0
     step = 1.0 if abs(step - 1) < 1e-6 else step
     return first + step * np.arange(1 + int(np.floor((last - first) / step + 0.01)))
 
 
-_STRAIGHT_M = 0.02  # Below this distance from the line between its neighbours, a joint's bone sets its direction.
+_STRAIGHT_M = 0.02  # If a joint is this close to the line between its neighbours, its upper bone sets the direction.
 
 
 def pole_places(upper: np.ndarray, lower: np.ndarray, end: np.ndarray, ahead: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) pole positions of a limb, in front of the middle joint.
+    """Return (F, 3) pole positions in front of a limb's middle joint.
 
-    The direction is ``o + s a``, with o the offset of the middle joint from the line between its neighbours, a the
-    forward direction of the bone above it, both perpendicular to the line, and s a few centimetres. The direction stays
-    smooth when a limb is straight and o vanishes.
+    The direction is ``o + s a``, where o is the offset of the middle joint from the line between its neighbours, a is
+    the forward direction of the bone above it (both perpendicular to that line), and s is a few centimetres. The
+    direction stays smooth even if the limb is straight and o vanishes.
 
     Args:
         upper: (F, 3) positions of shoulders or hips in metres.
         lower: (F, 3) positions of elbows or knees.
         end: (F, 3) positions of wrists or ankles.
-        ahead: (F, 3) unit vectors in the bending direction of the middle joint, given by the bone above it.
+        ahead: (F, 3) unit vectors in which the middle joint bends, taken from the bone above it.
     """
     line = _unit(end - upper)
     way = _across(lower - upper, line) + _STRAIGHT_M * _across(ahead, line)
@@ -124,7 +124,7 @@ def sample_bones(
     progress: Progress = silent,
     stage: str = "Reading poses",
 ) -> dict[str, np.ndarray]:
-    """Return each bone's evaluated (F, 4, 4) matrices, now or at scene frames."""
+    """Return (F, 4, 4) evaluated matrices of each bone, at scene frames or in the current frame."""
     if times is None:
         bpy.context.view_layer.update()
         bones = armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones
@@ -134,14 +134,14 @@ def sample_bones(
 
 
 def own_channels(armature: bpy.types.Object, name: str, pose: np.ndarray, parent_pose: np.ndarray) -> np.ndarray:
-    """Return a bone's (F, 4, 4) local transforms ``B = L^-1 L_p P_p^-1 P``, with L at rest and P posed."""
+    """Return a bone's (F, 4, 4) local transforms ``B = L^-1 L_p P_p^-1 P``, where L is at rest and P is posed."""
     bone = armature.data.bones[name]
     rest, above = (np.array(b.matrix_local, np.float64) for b in (bone, bone.parent))
     return np.linalg.inv(rest) @ above @ np.linalg.inv(parent_pose) @ pose
 
 
 _LOCAL_AHEAD = {"arm": -1.0, "leg": 1.0}
-"""Direction of elbows and knees along Z of the bone above them (``layout.lay_out_bones``)."""
+"""Direction in which elbows and knees point, along Z of the bone above them (``layout.lay_out_bones``)."""
 
 
 def pose_from_ends(
@@ -151,10 +151,10 @@ def pose_from_ends(
     times: np.ndarray | None = None,
     progress: Progress = silent,
 ) -> int:
-    """Switch limbs to IK with keys for the same motion, and return the number of frames.
+    """Switch limbs to IK with keys that keep the motion, and return the number of frames.
 
-    With ``times``, only these scene frames get keys. The IK pose is sampled and the turn bones get the difference, so
-    that joints keep their rotations. Raises ``BodyInvalid`` if the body lacks these controls, or plays a linked action.
+    With ``times``, only these scene frames get keys. The IK pose is sampled, and the turn bones get the difference, so
+    that joints keep their rotations. Raises ``BodyInvalid`` if these controls are missing or the action is linked.
     """
     channels = _channels(armature)
     channels = channels if times is None else replace(channels, times=times)
@@ -183,7 +183,7 @@ def pose_from_ends(
 def pose_by_joints(
     armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Sequence[Limb], progress: Progress = silent
 ) -> int:
-    """Key joints so that limbs keep their motion, switch to FK, and show the joints."""
+    """Key the joints so that limbs keep their motion, then switch to FK and show the joints."""
     channels = _channels(armature)
     bones = armature.data.bones
     wanted = {name for limb in limbs for joint in limb.joints for name in (joint, bones[joint].parent.name)}
@@ -209,7 +209,7 @@ def switch_limbs(
 def take_switched(
     armature: bpy.types.Object, take: bpy.types.Action, switched: bpy.types.Action, to: str, limbs: Sequence[Limb]
 ) -> None:
-    """Move the limbs' keys of a switched copy into a take, and update the body that plays it."""
+    """Move the limbs' keys from a switched copy into a take, and update the body that plays the take."""
     source, target = curve_target(switched), curve_target(take)
     assert source is not None and target is not None, "a take has a slot"
     for limb in limbs:

@@ -1,6 +1,6 @@
 """Pose a live body from incoming poses, or send the poses of a body.
 
-This module uses no actions, keys or operators.
+Neither creates actions or keys, or calls operators.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ from .point_player import GRADE, SEEN
 
 NAME = "Live"
 MOST_POINTS = 90
-"""Maximum number of points, more than the largest marker layout has. Chosen by hand."""
+"""Largest number of points. Even the largest marker layout has fewer. Chosen by hand."""
 _LOOK, _JOINT_LOOK = PointLook(0.008, MARKER_COLOURS), PointLook(0.018, MARKER_COLOURS)
-"""Radii of points and joints in metres, and the colours of their uncertainty. Chosen by hand."""
+"""Radii of points and joints in metres, and the colours that show their uncertainty. Chosen by hand."""
 _OFF_M = (0.0, 0.03, 0.08)
-"""Smallest distances in metres from the body for the second, third and fourth colour of a point. At the last one the
-solver reports the pose as uncertain. A point that does not belong to the body has the first colour."""
+"""Distances from the body in metres at which a point changes to its second, third and fourth colour. At the last one
+the solver reports the pose as uncertain. A point that does not belong to the body keeps the first colour."""
 _DOUBT_M = (0.0, 0.02, 0.05)
-"""Smallest standard deviations in metres for the second, third and fourth colour of a joint. Cameras and markers
-typically give 0.02 m for an observed joint, and 0.05 m for a joint that was unobserved for a while."""
-_UNSURE = 2  # Lowest colour of joints in an unsure pose.
+"""Standard deviations in metres at which a joint changes to its second, third and fourth colour. With cameras and
+markers an observed joint typically has 0.02 m, and a joint that has been unobserved for a while has 0.05 m."""
+_UNSURE = 2  # In an unsure pose, joints have at least this colour.
 
 
 @dataclass
@@ -60,7 +60,7 @@ class LiveFigure:
     R_bone_body: np.ndarray
 
     def reshape(self, betas: np.ndarray) -> bool:
-        """Give the body a shape, and return whether the body still exists."""
+        """Set the body's shape. Return whether the body still exists."""
         mesh = bpy.data.objects.get(self.mesh)
         if mesh is None:
             return False
@@ -69,7 +69,7 @@ class LiveFigure:
         return True
 
     def pose(self, rotvec: np.ndarray, transl: np.ndarray) -> bool:
-        """Pose the body from axis-angles and a translation. Return whether it exists."""
+        """Pose the body from axis-angle vectors and a translation. Return whether the body still exists."""
         armature, joints = bpy.data.objects.get(self.armature), self.body.layout.joints
         if armature is None or armature.pose is None or not set(joints) <= set(armature.pose.bones.keys()):
             return False
@@ -83,13 +83,13 @@ class LiveFigure:
         return True
 
     def show_points(self, points: np.ndarray, off_m: np.ndarray | None = None) -> bool:
-        """Show (N, 3) points coloured by distance from the body. Return whether they exist."""
+        """Show (N, 3) points, coloured by their distance from the body. Return whether the point object exists."""
         known = off_m is not None and len(off_m) == len(points)
         off = np.asarray(off_m) if known else np.full(len(points), np.nan)
         return _show(self.points, points[:MOST_POINTS], _grades(off[:MOST_POINTS], _OFF_M))
 
     def show_doubt(self, rotvec: np.ndarray, transl: np.ndarray, sigma_m: np.ndarray | None, *, unsure: bool) -> bool:
-        """Colour a pose's joints by their (24,) deviations. Return whether they exist."""
+        """Colour a pose's joints by their (24,) standard deviations. Return whether the joint object still exists."""
         if sigma_m is None:
             return _show(self.joints, np.zeros((0, 3)), np.zeros(0))
         layout = self.body.layout
@@ -117,7 +117,7 @@ def _show(name: str, points: np.ndarray, grades: np.ndarray) -> bool:
 
 
 def create_live_figure(scene: bpy.types.Scene, body: BodyFile, betas: np.ndarray, *, shown: bool = True) -> LiveFigure:
-    """Create a live run's body and points in a new collection."""
+    """Create the body and the points of a live run in a new collection."""
     _remove_live_figure()
     collection = child_collection(NAME, scene.collection)
     collection["live_figure"] = True
@@ -144,14 +144,14 @@ def _remove_live_figure() -> None:
 
 @dataclass
 class LiveFace:
-    """A mesh whose face follows incoming values. It is stored by name, because undo replaces it."""
+    """A mesh whose face follows incoming values. The mesh is stored by name, because undo replaces objects."""
 
-    mesh: str  # Name of the object.
+    mesh: str  # Object name of the mesh.
     table: Mapping[str, str] = field(default_factory=dict)
-    """Shape key of each channel, by the channel's lower-case name. Other channels use the key with their name."""
+    """Shape key of each channel, by the channel's name in lower case. Other channels use the key of the same name."""
 
     def show(self, face: Mapping[str, float]) -> int:
-        """Set the shape keys of a mesh from the channels, and return the number of keys."""
+        """Set a mesh's shape keys from the channels, and return how many were set."""
         obj = bpy.data.objects.get(self.mesh)
         keys = getattr(obj.data, "shape_keys", None) if obj is not None else None
         if keys is None:
@@ -167,7 +167,7 @@ class LiveFace:
 
 
 def read_face_table(path: Path) -> dict[str, str]:
-    """Read a table of channels from a JSON object such as ``{"JawOpen": "Mouth Open"}``."""
+    """Read a table that maps channels to shape keys, a JSON object such as ``{"JawOpen": "Mouth Open"}``."""
     values = read_json_file(path)
     if not isinstance(values, dict) or not all(isinstance(key, str) for key in values.values()):
         hint = 'Write an object of channels and shape keys: {"JawOpen": "Mouth Open"}.'
@@ -176,10 +176,10 @@ def read_face_table(path: Path) -> dict[str, str]:
 
 
 class TakeSender:
-    """Sender of a body's poses. The body is stored by name, because undo replaces it."""
+    """Sends a body's poses. The body is stored by name, because undo replaces objects."""
 
     def __init__(self, armature: bpy.types.Object, address: VmcAddress) -> None:
-        """Keep the body's current proportions. Raise ``MocapError`` for a bad host or body."""
+        """Store the body's current proportions. Raise ``MocapError`` if the host or the body is unsuitable."""
         action, mesh = current_action(armature), body_mesh(armature)
         kept = action.get(BETAS) if action is not None else None
         betas = get_betas(mesh) if mesh is not None else np.array(np.zeros(10) if kept is None else kept)
@@ -192,7 +192,7 @@ class TakeSender:
         self._packets = PacketSender(address)
 
     def send(self, scene: bpy.types.Scene) -> str | None:
-        """Send the pose, and return the receiver's message, or None if the body is gone."""
+        """Send the pose. Return the receiver's message, or None if the body no longer exists."""
         armature = scene.objects.get(self._name)
         if armature is None or armature.pose is None or not set(self._joints) <= set(armature.pose.bones.keys()):
             return None

@@ -1,4 +1,4 @@
-"""Overlay objects that show detections, keypoints in space, and markers."""
+"""Overlay objects that show detections, 3D keypoints and markers."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from ..conventions.datablocks import DETECTION_COLOUR, MARKER_COLOURS, Colour, c
 from ..conventions.timing import TakeTiming
 from .point_player import GRADE, MODIFIER, POINTS, RADIUS, SEEN, PlayerSettings, create_player, played_row
 
-_PLANE_M = 0.5  # Distance of the detections' plane from its camera in metres.
-_DOT = 0.0045  # Radius of a detection relative to the image's longer side, about three viewport pixels.
+_PLANE_M = 0.5  # Distance in metres from a camera to the plane that shows its detections.
+_DOT = 0.0045  # Radius of a detection as a fraction of the image's longer side. It is about three viewport pixels.
 
 
 @dataclass(frozen=True)
@@ -25,11 +25,11 @@ class PointLook:
     """Radius and colours of points."""
 
     radius_m: float
-    colours: tuple[Colour, ...]  # Linear RGBA, several for graded points (see ``point_player.GRADE``).
+    colours: tuple[Colour, ...]  # Linear RGBA. Several colours are for graded points (see ``point_player.GRADE``).
 
 
 Players = dict[tuple[object, ...], bpy.types.NodeTree]
-"""Node groups that overlays with equal settings share, because each uses 60 kB in a file."""
+"""Node groups shared by overlays that have equal settings. Each group takes 60 kB in a file."""
 
 
 def create_point_overlay(
@@ -41,7 +41,7 @@ def create_point_overlay(
     look: PointLook,
     players: Players | None = None,
 ) -> bpy.types.Object:
-    """Create one object that plays (F, K, 3) points in metres in the viewport, NaN if unseen."""
+    """Create one object that plays (F, K, 3) points in the viewport, in metres and NaN where unseen."""
     rows, count = points.shape[:2]
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(rows * count)
@@ -66,7 +66,7 @@ def create_point_overlay(
 
 
 def seen_share(overlay: bpy.types.Object) -> float:
-    """Return the visible fraction of an overlay's points, 0 to 1."""
+    """Return the fraction of an overlay's points that are visible (0 to 1)."""
     seen = np.zeros(len(overlay.data.vertices), np.float32)
     if not len(seen):
         return 0.0
@@ -83,7 +83,7 @@ def create_view_overlay(
     collection: bpy.types.Collection,
     players: Players | None = None,
 ) -> bpy.types.Object:
-    """Create an overlay of (F, K, 2) detections as the undistorted child of a camera."""
+    """Create an overlay that shows (F, K, 2) detections, undistorted, as a child of the camera."""
     radius_m = _DOT * _PLANE_M * max(source.image_size) / source.K[1, 1]
     points = _PLANE_M * camera_rays(undistort(normalised(xy, source.K), source.distortion, source.distortion_model))
     look = PointLook(radius_m, (DETECTION_COLOUR,))
@@ -92,29 +92,29 @@ def create_view_overlay(
     return overlay
 
 
-BOUNDS_MM = (10.0, 25.0)  # Largest residuals of a marker near the body, and of a marker off the body.
+BOUNDS_MM = (10.0, 25.0)  # Largest residual in mm of a marker near the body, and of one off the body.
 LABELS = "marker_labels"
-"""Custom property of the object: the markers' labels, one per line, in the order of the points."""
+"""Custom property of the object: one marker label per line, in the order of the points."""
 _MARKER_LOOK = PointLook(0.008, MARKER_COLOURS)
-"""Radius in metres, similar to a real marker, and colours, chosen by hand."""
+"""Radius in metres, similar to a real marker, and colours. Chosen by hand."""
 
 
 def create_marker_cloud(
     markers: np.ndarray, labels: Sequence[str], fps: float, timing: TakeTiming, collection: bpy.types.Collection
 ) -> bpy.types.Object:
-    """Create the object of (F, M, 3) markers in metres, NaN if unseen. ``labels`` has M labels or none."""
+    """Create an object that shows (F, M, 3) markers in metres, NaN where unseen. ``labels`` has M labels or none."""
     cloud = create_point_overlay("Markers", markers, fps, timing, collection, _MARKER_LOOK)
     cloud[LABELS] = "\n".join(labels or (f"*{number}" for number in range(1, markers.shape[1] + 1)))
     return cloud
 
 
 def labels_of(cloud: bpy.types.Object) -> list[str]:
-    """Return the labels of a cloud's points, in their order."""
+    """Return the label of each point in a cloud, in order."""
     return str(cloud.get(LABELS, "")).split("\n")
 
 
 def grade_markers(cloud: bpy.types.Object, motion: MotionFile | None) -> None:
-    """Colour every marker in every frame by its residual in a motion, if it has one."""
+    """Colour every marker in every frame by its residual in a motion, or plainly if it has none."""
     labels = labels_of(cloud)
     grades = np.zeros((len(cloud.data.vertices) // len(labels), len(labels)), np.float32)
     if motion is not None and motion.marker_residual_mm is not None:
@@ -127,7 +127,7 @@ def grade_markers(cloud: bpy.types.Object, motion: MotionFile | None) -> None:
 
 
 def marker_positions(cloud: bpy.types.Object, frame: float) -> dict[str, tuple[float, float, float]]:
-    """Return the positions of visible markers at a scene frame, keyed by label, in the object's axes."""
+    """Return the positions of markers visible at a scene frame, in the object's coordinates, keyed by label."""
     count, vertices, seen = int(cloud[POINTS]), cloud.data.vertices, cloud.data.attributes[SEEN].data
     first = played_row(cloud, frame) * count
     return {

@@ -1,7 +1,7 @@
 """Geometry-node modifier that plays points stored in a mesh, one row of points per frame.
 
 The mesh has F rows of K vertices. The modifier creates K points, moves each to vertex ``row * K + k`` of the current
-row, removes unseen points, and puts a small ball on each. So an overlay is one object without curves, handlers or
+row, removes unseen points, and puts a small ball on all others. So an overlay is one object without curves, handlers or
 drivers. It plays in any Blender, needs O(K) time per frame, and uses 16 bytes per point in the file.
 """
 
@@ -15,22 +15,22 @@ import bpy
 from ..conventions.nodes import add_node, attribute, math, new_tree, sample_index
 
 MODIFIER = "Points of this frame"  # Name of the modifier.
-RADIUS = "Radius"  # Name of the modifier's input for the radius of the balls in metres.
-SEEN = "seen"  # Name of the point attribute that is 0 for an unseen point.
-POINTS = "points"  # Custom property of an object that plays points: the number of points in a row.
-GRADE = "grade"  # Name of the point attribute with the index of a point's material.
+RADIUS = "Radius"  # Name of the modifier's input that sets the radius of the balls in metres.
+SEEN = "seen"  # Name of the point attribute that is 0 where a point is unseen.
+POINTS = "points"  # Custom property of an object that plays points: the number of points per row.
+GRADE = "grade"  # Name of the point attribute that stores the index of a point's material.
 
 
 @dataclass(frozen=True)
 class PlayerSettings:
-    """Points that the modifier plays, and their appearance."""
+    """The points that the modifier plays, and how they look."""
 
-    points: int  # Points in a row.
+    points: int  # Points per row.
     rows: int
     frame_start: float  # Scene frame of the first row.
     rows_per_frame: float  # Rows per scene frame.
     materials: tuple[bpy.types.Material, ...]
-    """Materials of the balls. The attribute ``GRADE`` selects one of several."""
+    """Materials of the balls. If there are several, the attribute ``GRADE`` selects one."""
 
 
 def create_player(name: str, settings: PlayerSettings) -> bpy.types.NodeTree:
@@ -45,7 +45,7 @@ def create_player(name: str, settings: PlayerSettings) -> bpy.types.NodeTree:
     position = tree.nodes.new("GeometryNodeInputPosition").outputs[0]
     place = sample_index(tree, "FLOAT_VECTOR", stored, position, index)
     moved = add_node(tree, "GeometryNodeSetPosition", inputs={"Geometry": cloud, "Position": place}).outputs[0]
-    if len(settings.materials) > 1:  # by index, so before unseen points are removed
+    if len(settings.materials) > 1:  # the index selects the material, so this must precede the removal of unseen points
         grade = sample_index(tree, "FLOAT", stored, attribute(tree, GRADE, "FLOAT"), index)
         inputs = {"Geometry": moved, "Name": GRADE, "Value": grade}
         moved = add_node(tree, "GeometryNodeStoreNamedAttribute", inputs=inputs).outputs[0]
@@ -56,7 +56,7 @@ def create_player(name: str, settings: PlayerSettings) -> bpy.types.NodeTree:
 
 
 def player_of(obj: bpy.types.Object) -> bpy.types.NodeTree | None:
-    """Return the node group that plays an object's points, None if it has none."""
+    """Return the node group that plays an object's points, or None if there is none."""
     modifier = obj.modifiers.get(MODIFIER)
     return modifier.node_group if modifier is not None and modifier.type == "NODES" else None
 
@@ -67,12 +67,12 @@ def played_rate(obj: bpy.types.Object) -> float:
 
 
 def played_row(obj: bpy.types.Object, frame: float) -> int:
-    """Return the row that an object shows at a scene frame, computed as in its node group."""
+    """Return the row that an object shows at a scene frame. This repeats the computation of its node group."""
     return min(max(0, round((frame - _first_frame(obj)) * played_rate(obj))), _rows(obj) - 1)
 
 
 def last_row_frame(obj: bpy.types.Object) -> float:
-    """Return the first scene frame of an object's last row."""
+    """Return the first scene frame at which an object shows its last row."""
     return _first_frame(obj) + (_rows(obj) - 1) / played_rate(obj)
 
 
@@ -85,13 +85,13 @@ def _rows(obj: bpy.types.Object) -> int:
 
 
 def set_played_rate(obj: bpy.types.Object, rows_per_frame: float) -> None:
-    """Set the number of rows per scene frame. The first row keeps its frame."""
+    """Set the number of rows per scene frame. The first row keeps its scene frame."""
     if abs(played_rate(obj) - rows_per_frame) > 1e-9:
         _rate_socket(obj).default_value = rows_per_frame
 
 
 def _rate_socket(obj: bpy.types.Object) -> Any:
-    """Return the socket of the only value that differs between groups, the rate."""
+    """Return the socket of the rate, which is the only value that differs between groups."""
     tree = player_of(obj)
     assert tree is not None
     difference = next(node for node in tree.nodes if getattr(node, "operation", "") == "SUBTRACT")

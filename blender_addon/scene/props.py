@@ -1,4 +1,4 @@
-"""Show the props of a take: an animated empty with a mesh of markers per prop."""
+"""Show a take's props. Each is an animated empty with a mesh of its markers."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from ..conventions.coordinates import fit_units
 from ..conventions.datablocks import child_collection
 from ..conventions.timing import TakeTiming
 
-MARKERS = "marker_labels"  # Custom property of a prop's mesh: the labels of its vertices, one per line.
+MARKERS = "marker_labels"  # Custom property of a prop's mesh: the label of each vertex, one per line.
 SIGMA_MM, SIGMA_DEG = "sigma_mm", "sigma_deg"
 """Animated custom properties of a prop's empty: the standard deviations of its position (mm) and rotation (degrees)."""
 _EMPTY_M = 0.1  # Length of an empty's arrows in metres.
-_EDGES = 3  # Minimum number of edges per marker, drawn to the nearest markers.
+_EDGES = 3  # Smallest number of edges drawn from each marker to its nearest neighbours.
 
 
 def create_props(
     scene: bpy.types.Scene, props: Sequence[Prop], fps: float, timing: TakeTiming, collection: bpy.types.Collection
 ) -> tuple[bpy.types.Object, ...]:
-    """Create an animated empty for each prop in a new collection, and its markers as a child."""
+    """Create an animated empty for each prop in a new collection, with the prop's markers as its child."""
     if not props:
         return ()
     folder = child_collection("Props", collection)
@@ -45,7 +45,7 @@ def _create_prop(
     times, types = timing.scene_frames(frames, fps), key_type_values(None, frames)
     target = create_action(f"{folder.name} {prop.name}", empty)
     channels = {
-        "location": prop.transl / metres_a_unit,  # keys are not scaled with their object
+        "location": prop.transl / metres_a_unit,  # the empty's scale does not apply to its own keys
         "rotation_quaternion": sign_continuous(quat_from_rotvec(prop.rotvec)[:, None])[:, 0],
         f'["{SIGMA_MM}"]': 1000 * prop.sigma[:, :1],
         f'["{SIGMA_DEG}"]': np.degrees(prop.sigma[:, 1:]),

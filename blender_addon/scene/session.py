@@ -1,4 +1,4 @@
-"""Set up a new Blender file with light, world and viewports, and save scenes."""
+"""Set up a new Blender file with a light, a world and viewports, and save scenes."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from mathutils import Vector
 from .._exchange.errors import OutputNotWritable
 from ..conventions.timing import go_to_frame, scene_frame_rate
 
-_WORLD = (0.24, 0.25, 0.28)  # Linear RGB of the ambient light, chosen by hand.
+_WORLD = (0.24, 0.25, 0.28)  # Linear RGB of the ambient light. Chosen by hand.
 _SUN_W_M2, _SUN_TURN = 3.0, (0.75, 0.15, 0.6)
 _DISTANCE_M = 5.5
-"""Distance of the viewport from the body in metres. Chosen by hand."""
-_CAUSELESS = "Failed to write blendfile"  # Error text of Blender 5 if writing fails halfway.
+"""Distance between the viewport and the body in metres. Chosen by hand."""
+_CAUSELESS = "Failed to write blendfile"  # Blender 5's error text if writing stops halfway.
 
 
 def fresh_scene() -> bpy.types.Scene:
@@ -38,7 +38,7 @@ def fresh_scene() -> bpy.types.Scene:
 
 
 def frame_viewports(target: tuple[float, float, float]) -> None:
-    """Aim all 3D viewports at a point in world metres, with studio light and material colours."""
+    """Aim all 3D viewports at a point in world coordinates (metres), with studio light and material colours."""
     for screen in bpy.data.screens:
         for area in screen.areas:
             if area.type == "VIEW_3D":
@@ -49,7 +49,7 @@ def frame_viewports(target: tuple[float, float, float]) -> None:
 
 
 def save_file(path: Path) -> None:
-    """Save a compressed copy of the open file. Raise ``OutputNotWritable``."""
+    """Save a compressed copy of the open file. Raise ``OutputNotWritable`` if that fails."""
     with _named_failure(path):
         bpy.ops.wm.save_as_mainfile(filepath=os.path.abspath(path), compress=True, copy=True)
 
@@ -71,17 +71,17 @@ def _named_failure(path: Path) -> Iterator[None]:
 
 
 def why_not_written(error: Exception) -> str:
-    """Return Blender's reason for a failed write, if it gives one."""
+    """Return the reason that Blender gives for a failed write, if any."""
     text = str(error).strip().removeprefix("Error: ").rstrip(".")
     return "Blender stopped in the middle of the file. The disk may be full" if text.startswith(_CAUSELESS) else text
 
 
-_STARTUP = frozenset({"Cube", "Camera", "Light"})  # Objects of the file that Blender starts with.
-_FACTORY = (24.0, 250, 1920, 1080, 100)  # Frame rate, last frame and resolution of the file that Blender starts with.
+_STARTUP = frozenset({"Cube", "Camera", "Light"})  # Objects in Blender's start-up file.
+_FACTORY = (24.0, 250, 1920, 1080, 100)  # Frame rate, last frame and resolution in Blender's start-up file.
 
 
 def is_untouched(scene: bpy.types.Scene) -> bool:
-    """Return whether a scene is unchanged since Blender started, so that no user choice can be lost."""
+    """Return whether a scene is unchanged since Blender started, so that no user's choice can be lost."""
     render = scene.render
     size = render.resolution_x, render.resolution_y, render.resolution_percentage
     return (
@@ -94,7 +94,7 @@ def is_untouched(scene: bpy.types.Scene) -> bool:
 
 @contextmanager
 def undisturbed(context: bpy.types.Context) -> Iterator[None]:
-    """Work in object mode while the block runs, then restore the mode, selection and active object."""
+    """Switch to object mode for the block, then restore the mode, the selection and the active object."""
     layer = context.view_layer
     active, selected = layer.objects.active, list(context.selected_objects)
     mode = "OBJECT" if active is None else active.mode
@@ -119,7 +119,7 @@ def _select(layer: bpy.types.ViewLayer, chosen: list[bpy.types.Object], active: 
 
 @contextmanager
 def alone(armature: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Scene, bpy.types.Depsgraph]]:
-    """Put an armature into a temporary scene at another scene's frame rate while the block runs."""
+    """For the block, move an armature into a temporary scene that has the frame rate of another scene."""
     stage, window = bpy.data.scenes.new(armature.name), bpy.context.window
     shown = window and (window.scene, window.view_layer)
     stage.render.fps, stage.render.fps_base = scene.render.fps, scene.render.fps_base
@@ -128,36 +128,36 @@ def alone(armature: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[tuple[
         with bpy.context.temp_override(scene=stage, view_layer=stage.view_layers[0]):
             yield stage, bpy.context.evaluated_depsgraph_get()
     finally:
-        if window and window.scene == stage:  # glTF shows the scene that it writes
+        if window and window.scene == stage:  # glTF export shows the scene that it writes
             window.scene, window.view_layer = shown
         bpy.data.scenes.remove(stage)
 
 
-_REQUEST = "mocap_request"  # Custom property of a scene: the request to a second Blender as JSON text.
-_DRIVING = "mocap_driving"  # Custom property of a scene: meshes with shape keys that drive bones.
+_REQUEST = "mocap_request"  # Custom property of a scene: a request to a second Blender, as JSON text.
+_DRIVING = "mocap_driving"  # Custom property of a scene: meshes whose shape keys drive bones.
 
 
 def save_alone(
     path: Path, armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], scene: bpy.types.Scene, **request: Any
 ) -> None:
-    """Save a scene for a second Blender, with an armature, meshes and a request."""
+    """Save a scene that contains an armature, meshes and a request, for a second Blender."""
     with alone(armature, scene) as (stage, _):
         for mesh in meshes:
             stage.collection.objects.link(mesh)
         stage.unit_settings.scale_length = scene.unit_settings.scale_length
         stage[_REQUEST] = json.dumps(request)
-        stage[_DRIVING] = {str(k): mesh for k, mesh in enumerate(_driving_meshes(armature))}  # a user of each
+        stage[_DRIVING] = {str(k): mesh for k, mesh in enumerate(_driving_meshes(armature))}  # this keeps the meshes
         write_blocks(path, {stage}, path_remap="ABSOLUTE", compress=True)
 
 
 def request_of(scene: bpy.types.Scene) -> dict[str, Any]:
-    """Return the request of ``save_alone`` in an opened file, empty if there is none."""
+    """Return the request that ``save_alone`` stored in an opened file, or an empty dict."""
     request = json.loads(scene.get(_REQUEST, "{}"))
     return request if isinstance(request, dict) else {}
 
 
 def _driving_meshes(owner: bpy.types.Object) -> list[bpy.types.Mesh]:
-    """Return the meshes with shape keys that drive an object, including unlinked meshes."""
+    """Return the meshes whose shape keys drive an object, including unlinked meshes."""
     variables = [variable for driver in _drivers((owner, owner.data)) for variable in driver.variables]
     found = (target.id for variable in variables for target in variable.targets)
     return list(dict.fromkeys(key.user for key in found if isinstance(key, bpy.types.Key)))
@@ -170,10 +170,10 @@ def _drivers(owners: Sequence[bpy.types.ID | None]) -> list[bpy.types.Driver]:
 
 
 def needs_this_file(objects: Sequence[bpy.types.Object]) -> bool:
-    """Return whether objects cannot be processed in a second Blender.
+    """Return whether objects must be processed in this Blender instead of a second one.
 
-    A second Blender does not run Python drivers of the objects and their dependencies, and a file with only a library
-    override is damaged (Blender 4.5).
+    A second Blender does not run Python drivers of the objects and of their dependencies. In Blender 4.5, a file that
+    contains only a library override is damaged.
     """
     if any(obj.override_library is not None for obj in objects):
         return True
@@ -187,9 +187,9 @@ def needs_this_file(objects: Sequence[bpy.types.Object]) -> bool:
 
 
 def _with_needed(objects: Sequence[bpy.types.Object]) -> list[bpy.types.Object]:
-    """Return objects with all their dependencies, recursively."""
+    """Return objects together with all their direct and indirect dependencies."""
     found = list(dict.fromkeys(objects))
-    for obj in found:  # which grows
+    for obj in found:  # the list grows during the loop
         bones = obj.pose.bones if obj.pose is not None else ()
         rules = [*obj.constraints, *obj.modifiers, *(rule for bone in bones for rule in bone.constraints)]
         rules += [target for rule in rules for target in getattr(rule, "targets", ())]
@@ -206,7 +206,7 @@ def sample_poses(
     times: np.ndarray,
     report: Callable[[int], None] = lambda frame: None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return an armature's (F, 4, 4) and its bones' (F, B, 4, 4) evaluated matrices at scene frames."""
+    """Return evaluated matrices of an armature (F, 4, 4) and of its bones (F, B, 4, 4) at scene frames."""
     worlds, poses = np.empty((len(times), 4, 4)), np.empty((len(times), len(names), 4, 4))
     with alone(armature, scene) as (stage, depsgraph):
         for f, time in enumerate(times):
