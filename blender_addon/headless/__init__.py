@@ -1,1 +1,1 @@
-"""Solve, bake, export and render without Blender's window, also for a folder of captures."""
+"""Solve, bake, export and render without Blender's window, for one capture or a folder of captures."""

@@ -1,4 +1,4 @@
-"""Read the motions in a file as actors, one per clip, for our body or any other rig."""
+"""Read the motions in a file as actors, one per clip, to transfer to our body or to any other rig."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from .foreign_file import limits_of, read_foreign_actor, read_foreign_clips
 
 
 def read_source(args: Namespace) -> ReadActor:
-    """Return the motion of a motion file, or of an armature in any file that Blender reads.
+    """Return the motion in a motion file, or the motion of an armature in any file that Blender reads.
 
     Args:
-        args: ``source``, ``body`` (body file for a motion, None for the body of its solve), ``armature`` (name, if
-            several move), ``action`` (name, "" for the current action) and the import limits.
+        args: ``source``, ``body`` (body file for a motion, or None for the body that it was solved for), ``armature``
+        (name, needed if several move), ``action`` (name, or "" for the current action) and the import limits.
     """
     if args.source.suffix.lower() in (".npz", ""):
         return _of_motion(args.source, args.body)
@@ -29,7 +29,7 @@ def read_source(args: Namespace) -> ReadActor:
 
 
 def read_clips(path: Path, args: Namespace) -> Iterator[ReadActor]:
-    """Yield every clip of a file, named after file and action."""
+    """Yield every clip in a file, named after the file and the action."""
     if path.suffix.lower() == ".npz":
         read = _of_motion(path, args.body)
         yield replace(read, actor=replace(read.actor, name=path.stem))

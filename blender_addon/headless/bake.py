@@ -1,4 +1,4 @@
-"""``bake`` and ``render``: write a motion's Blender file, preview video and contact sheet."""
+"""``bake`` and ``render``: write a Blender file, a preview video and a contact sheet of a motion."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from ..scene.cameras import near_footage
 from ..scene.session import frame_viewports, fresh_scene, save_file
 from .result import CommandResult
 
-_CHECKED_FRAMES = 8  # Frames of a bake that are compared with the motion, chosen by hand.
+_CHECKED_FRAMES = 8  # Number of baked frames that are compared with the motion. Chosen by hand.
 _TOLERATED_MM = 1.0
 _PICTURES = {"video": ".mp4", "sheet": "_contact.png"}
-"""File name ending of each picture type."""
+"""End of the file name for each type of picture."""
 
 
 def run_bake(args: Namespace, progress: Progress) -> CommandResult:
@@ -95,7 +95,7 @@ def _files_of(args: Namespace) -> SolveFiles:
 
 
 def _write_pictures(paths: dict[str, Path], subject: RenderedTake, progress: Progress) -> list[str]:
-    """Write the requested pictures. Return a note if the video was shortened."""
+    """Write the requested pictures. Return a note if the video had to be shortened."""
     if "sheet" in paths:
         render_contact_sheet(paths["sheet"], subject, progress)
     if "video" not in paths:
@@ -109,7 +109,7 @@ def _write_pictures(paths: dict[str, Path], subject: RenderedTake, progress: Pro
 
 
 def _deviation(scene: bpy.types.Scene, subject: RenderedTake) -> tuple[float, float]:
-    """Return the largest distances in mm of Blender's joints and skin from NumPy's."""
+    """Return the largest distances in mm between Blender's and NumPy's joints, and between their skins."""
     take, last = subject.take, subject.motion.num_frames - 1
     frames = np.unique(np.linspace(0, last, _CHECKED_FRAMES).round().astype(int)).tolist()
     found = measure_deviation(scene, take.armature, take.mesh, subject.body, subject.motion, take.timing, frames)

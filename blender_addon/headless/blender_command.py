@@ -1,6 +1,6 @@
 """Run the add-on's command line inside Blender: ``blender --command manifold_mocap``."""
 
-COMMAND = "manifold_mocap"  # Name of the command inside Blender.
+COMMAND = "manifold_mocap"  # Name of the command in Blender.
 
 
 def run(arguments: list[str]) -> int:
@@ -9,12 +9,12 @@ def run(arguments: list[str]) -> int:
 
     try:
         return main(arguments, f"blender --command {COMMAND}")
-    except SystemExit as done:  # argparse has printed its help
+    except SystemExit as done:  # argparse has already printed its help
         return int(done.code or 0)
 
 
 class Command:
-    """The registered command, with Blender's handle to unregister it."""
+    """The registered command, with the handle that Blender needs to unregister it."""
 
     def __init__(self) -> None:
         self._handle: object | None = None
@@ -33,4 +33,4 @@ class Command:
         self._handle = None
 
 
-command = Command()  # The one command of this add-on.
+command = Command()  # The add-on's only command.

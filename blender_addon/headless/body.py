@@ -25,7 +25,7 @@ _TAGS = ("body", "character", "rig", "SMPL")
 
 
 def mark_body(rig: Rig, collection: bpy.types.Collection, body: BodyFile) -> None:
-    """Mark a collection that contains only the body as an asset."""
+    """Mark a collection as an asset. It contains only the body."""
     collection.asset_mark()
     data = collection.asset_data
     data.description = (
@@ -39,7 +39,7 @@ def mark_body(rig: Rig, collection: bpy.types.Collection, body: BodyFile) -> Non
 
 
 def run_body(args: Namespace, progress: Progress) -> CommandResult:
-    """Write a Blender file with one standing body, marked as an asset."""
+    """Write a Blender file that contains one standing body, marked as an asset."""
     betas = np.zeros(NUM_BETAS)
     betas[: len(args.betas)] = args.betas
     body = read_body(args.body or default_body_path(), SMPL_HANDS if args.fingers else SMPL)

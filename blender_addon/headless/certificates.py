@@ -1,4 +1,4 @@
-"""Create the key and certificate of a cluster with OpenSSL."""
+"""Create a key and a certificate for a cluster with OpenSSL."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from .result import CommandResult
 
 _KEY, _CERTIFICATE, _AUTHORITY = CERTIFICATES["CLIENT__KEY"], CERTIFICATES["CLIENT__CERT"], CERTIFICATES["CA_FILE"]
 _OWNER_ALONE = 0o600
-"""File permissions: only the owner can read and write."""
+"""File permissions that let only the owner read and write."""
 _CURVE = ["-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1"]
 _REQUEST = ["req", "-x509", *_CURVE, "-sha256", "-nodes", "-subj", "/CN=mocap"]
-"""OpenSSL arguments for a key on the curve P-256 and its certificate."""
+"""OpenSSL arguments that create a key on the curve P-256 and its certificate."""
 
 
 def run_certificates(args: Namespace, progress: Progress) -> CommandResult:
-    """Write a key on the curve P-256 and its self-signed certificate into a folder.
+    """Write a P-256 key and its self-signed certificate to a folder.
 
     Anyone who has the key can run programs on the workers.
     """

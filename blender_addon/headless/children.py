@@ -1,4 +1,4 @@
-"""Run child processes to completion: verbs of the solver, and verbs of this command line."""
+"""Run child processes to completion. They run verbs of the solver or of this command line."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from .result import CommandResult
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _POLL_S = 0.05
-"""Seconds between two checks of a child. Chosen by hand."""
+"""Seconds between two checks on a child process. Chosen by hand."""
 
 
 def pass_on(args: Namespace, progress: Progress, words: Sequence[str] = ()) -> CommandResult:
-    """Run the solver's verb of the same name, with extra words and the remaining options."""
+    """Run the solver verb of the same name, with extra arguments and all remaining options."""
     result = run_solver(args.verb, [*words, *args.rest], progress, python=args.python)
     files = ("motion", "report", "subject", "markers_file")
     notes = [*result.get("problems", []), *result.get("notes", [])]
@@ -43,7 +43,7 @@ def run_solver(
     python: Path | None = None,
     stopped: Callable[[int], MocapError | None] = lambda pid: None,
 ) -> Any:
-    """Run a verb of the solver in the given Python, or in this one, and return its result event."""
+    """Run a solver verb in the given Python, or in this one, and return its result event."""
     return run_to_its_end(start(verb, arguments, python, Path.cwd()), progress, stopped)
 
 
@@ -67,7 +67,7 @@ def start_verb(verb: str, arguments: Sequence[str], folder: Path) -> Run:
 
 
 def command_line() -> list[str]:
-    """Return the command that starts this command line: Python, or the Blender that runs it."""
+    """Return the command that starts this command line: Python, or the Blender in which it runs."""
     blender = getattr(getattr(sys.modules.get("bpy"), "app", None), "binary_path", "")
     return [blender, "--command", COMMAND] if blender else [sys.executable, "-m", _PACKAGE.name]
 
@@ -75,11 +75,11 @@ def command_line() -> list[str]:
 def run_to_its_end(
     run: Run, progress: Progress, stopped: Callable[[int], MocapError | None], called: str = "The solver"
 ) -> Any:
-    """Wait for a child process, end it, and return its result event.
+    """Follow a child process until it ends, and return its result event.
 
     Args:
-        stopped: function that is called regularly with the process ID. If it returns an error, the process is ended.
-        called: name of the process in the message about an end without a result.
+        stopped: function called regularly with the process ID. If it returns an error, the process is ended.
+        called: name of the process, used in the message if it ends without a result.
 
     Raises:
         SolverStopped: the process ended with an error, or without a result.

@@ -1,4 +1,4 @@
-"""``edit``: write a take with fewer keys or locked feet as an action."""
+"""``edit``: write a copy of a take, with fewer keys or with locked feet, as an action."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .result import CommandResult
 
 
 def run_edit(args: Namespace, progress: Progress) -> CommandResult:
-    """Write an edited copy of the current take, with no name if nothing was locked."""
+    """Write an edited copy of the current take. The result has no name if there was nothing to lock."""
     scene, armature = open_body(args)
     take, request = current_action(armature), request_of(scene)
     if take is None or not is_take(take):

@@ -1,4 +1,4 @@
-"""``export``: write a motion file, or the takes of a Blender file, in other formats."""
+"""``export``: write a motion file, or the takes in a Blender file, in other formats."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .result import CommandResult, refuse_replacing
 
 
 def run_export(args: Namespace, progress: Progress) -> CommandResult:
-    """Write a file per format, named after the take, and report the warnings of its solve."""
+    """Write one file per format, named after the take, and report the warnings of its solve."""
     names = file_names(args.source.stem, tuple(dict.fromkeys(args.formats)))
     if not args.source.is_file():
         raise FileMissing("There is no such file.", where=str(args.source), hint="Check the path.")
@@ -57,7 +57,7 @@ def _baked(args: Namespace, progress: Progress) -> tuple[bpy.types.Scene, bpy.ty
 
 
 def open_body(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
-    """Open a Blender file, and return its scene and the named or animated armature."""
+    """Open a Blender file. Return its scene and the named armature, or else the animated one."""
     scene = open_scene(args.source) if args.own else open_foreign_scene(args.source, limits_of(args))
     found = {o.name: o for o in scene.objects if o.type == "ARMATURE" and (args.own or o.animation_data is not None)}
     chosen = [args.armature] if args.armature else list(found)

@@ -1,8 +1,8 @@
-"""Open files of other programs in a child process with memory and time limits.
+"""Open files from other programs in a child process with memory and time limits.
 
-Blender's importers can expand a few kilobytes to any amount of memory, and damaged files crash them. So a child opens
-the file and samples its frames, and this process reads the arrays that the child wrote. The target rig of a retarget
-must remain Blender data. If the rig is from another program, the child converts the rig to a Blender file. The child
+Blender's importers can expand a few kilobytes to any amount of memory, and damaged files can crash them. Therefore a
+child process opens the file and samples its frames, and this process reads the arrays that the child wrote. The target
+rig of a retarget must remain Blender data. The child converts it to a Blender file if it is from another program. It
 only checks that a Blender file opens, because a copy would lose relative paths. Scripts in files never run.
 """
 
@@ -46,25 +46,25 @@ from .result import CommandResult
 
 VERB = "import-file"  # The verb of the child.
 _LEAST_MB, _MB_PER_MB, _MOST_MB = 512.0, 100.0, 2048.0
-"""Memory of the child: 512 MB and 100 times the file's size, at most 2 GB. Blender alone uses 254 MB, and FBX and glTF
+"""Memory of the child: 512 MB plus 100 times the file's size, at most 2 GB. Blender alone uses 254 MB, and FBX and glTF
 files of 0.9 to 3 MB added 20 to 62 times their size (``tests/blender_addon/headless/test_foreign_file.py``). A Blender
-file can link libraries of any size, so it gets 2 GB, or no limit if it is an export or retarget target."""
+file can link libraries of any size, so it gets 2 GB, or no limit if it is the target of an export or retarget."""
 _LEAST_S, _S_PER_MB = 60.0, 20.0
-"""Time limit of the child in seconds for opening a file, and again for each clip: 60 s plus 20 s per MB. A glTF file
-of 3 MB took 1.6 s per MB."""
+"""Time limit of the child in seconds, once for opening a file and again for each clip: 60 s plus 20 s per MB. A glTF
+file of 3 MB took 1.6 s per MB."""
 _MB = 2**20  # Bytes per megabyte.
 _NAMES = "{:04d}.npz"
 
 
 @dataclass(frozen=True)
 class ImportLimits:
-    """Limits of one import, None to derive them from the file's size."""
+    """Limits of one import. None derives a limit from the file's size."""
 
-    memory_mb: float | None = None  # Resident memory of the child process.
+    memory_mb: float | None = None  # Resident memory of the child process in megabytes.
     seconds: float | None = None
 
     def of_file(self, path: Path, *, whole: bool = False) -> tuple[float, float]:
-        """Return megabytes and seconds allowed to open a file (``whole``) or to sample it."""
+        """Return the megabytes and seconds allowed for opening a file (``whole``) or for sampling it."""
         size_mb = _size_mb(path)
         memory_mb = min(_LEAST_MB + _MB_PER_MB * size_mb, _MOST_MB)
         if path.suffix.lower() == ".blend":
@@ -74,7 +74,7 @@ class ImportLimits:
 
 
 def _size_mb(path: Path) -> float:
-    """Return the megabytes of a file, including the buffers and images that a ``.gltf`` file names."""
+    """Return a file's size in megabytes, including the buffers and images that a ``.gltf`` file refers to."""
     files = {path}
     if path.suffix.lower() == ".gltf":
         header = read_header(path)
@@ -85,7 +85,7 @@ def _size_mb(path: Path) -> float:
         files |= {path.parent / unquote(uri) for uri in uris if isinstance(uri, str) and not uri.startswith("data:")}
     size = 0
     for file in files:
-        with suppress(OSError, ValueError):  # names that no system allows
+        with suppress(OSError, ValueError):  # names that no system accepts
             size += file.stat().st_size if file.is_file() else 0
     return size / _MB
 
@@ -96,20 +96,20 @@ def limits_of(args: Namespace) -> ImportLimits:
 
 
 def write_skeleton_of(path: Path, folder: Path, limits: ImportLimits, armature: str = "", action: str = "") -> Path:
-    """Write a skeleton file of a clip into a folder and return it."""
+    """Write the skeleton file of a clip to a folder and return its path."""
     _run("skeleton", path, folder, limits, armature=armature, action=action)
     return (folder / _NAMES.format(0)).rename(folder / f"{path.stem}.npz")
 
 
 def read_foreign_actor(path: Path, limits: ImportLimits, armature: str = "", action: str = "") -> ReadActor:
-    """Return the motion that an armature of a file plays, or one of its actions."""
+    """Return the motion that an armature in a file plays, or the motion of one of its actions."""
     with TemporaryDirectory() as folder:
         _run("actor", path, Path(folder), limits, armature=armature, action=action)
         return read_actor_file(Path(folder) / _NAMES.format(0))
 
 
 def read_foreign_clips(path: Path, limits: ImportLimits, armature: str = "") -> Iterator[ReadActor]:
-    """Yield every action of a file that moves the armature, named after file and action."""
+    """Yield every action in a file that moves the armature, named after the file and the action."""
     with TemporaryDirectory() as folder:
         _run("clips", path, Path(folder), limits, armature=armature)
         for file in sorted(Path(folder).glob("*.npz")):
@@ -117,7 +117,7 @@ def read_foreign_clips(path: Path, limits: ImportLimits, armature: str = "") -> 
 
 
 def open_foreign_scene(path: Path, limits: ImportLimits) -> bpy.types.Scene:
-    """Open a file after a child process has opened it, and return its scene."""
+    """Let a child process open a file, then open it here and return its scene."""
     with TemporaryDirectory() as folder:
         _run("scene", path, Path(folder), limits)
         made = Path(folder) / "scene.blend"
@@ -129,7 +129,7 @@ def run_import(args: Namespace, progress: Progress) -> CommandResult:
     progress("opening the file", 0, 1)
     scene = open_scene(args.source)
     if args.kind == "scene":
-        scene.frame_set(scene.frame_current)  # modifiers and drivers, which may need far more memory than their file
+        scene.frame_set(scene.frame_current)  # runs modifiers and drivers, which may need far more memory than the file
         if args.source.suffix.lower() != ".blend":
             save_file(args.out / "scene.blend")
         return {"outputs": [], "notes": []}
@@ -183,7 +183,7 @@ def _run(kind: str, path: Path, folder: Path, limits: ImportLimits, **options: A
     try:
         run_to_its_end(start_verb(VERB, words, Path.cwd()), note, stopped, f"Blender's process ({VERB})")
     except SolverStopped as error:
-        if error.code != "solver_died" or not reached[0]:  # before it opened the file
+        if error.code != "solver_died" or not reached[0]:  # the child ended before it opened the file
             raise
         hint = "Open it in the program that wrote it and export it again."
         raise FileDamaged("Blender crashed while it read the file.", where=str(path), hint=hint) from error

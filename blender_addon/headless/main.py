@@ -13,23 +13,23 @@ from .result import CommandResult
 from .verb_table import MODULE, run_here
 from .verb_table import program as program_called
 
-_INTERVAL_S = 0.2  # Minimum seconds between two progress lines of a stage. Chosen by hand.
-_GRACE_S = 5.0  # Seconds for a run to end after its parent program. Chosen by hand.
+_INTERVAL_S = 0.2  # Shortest time between two progress lines of a stage, in seconds. Chosen by hand.
+_GRACE_S = 5.0  # Seconds that a run may continue after its parent program has ended. Chosen by hand.
 
 
 def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
-    """Run a command line, by default this process's, and return its exit code."""
+    """Run a command line (by default the arguments of this process) and return its exit code."""
     arguments = sys.argv[1:] if arguments is None else arguments
     as_json = "--json" in arguments
     try:
         args = program_called(program).parse(arguments)
     except MocapError as error:
         return Report(sys.stdout, sys.stderr, as_json=as_json).error(error)
-    # Blender prints an ordinary error that is raised while it loads its own add-ons, and goes on.
+    # If an ordinary exception is raised while Blender loads its own add-ons, Blender prints it and goes on.
     with own_streams(verbose=args.verbose) as (out, err), cancel_on_signals(KeyboardInterrupt) as cancellation:
         report = Report(out, err, as_json=as_json, interval_s=_INTERVAL_S)
         try:
-            if args.parent_pipe:  # after the handlers of signals, as the pipe may be closed already
+            if args.parent_pipe:  # after the signal handlers are set, because the pipe may already be closed
                 cancel_at_end_of(sys.stdin.fileno(), _GRACE_S)
             result = run_here(args, cancellation.watched(report.progress))
         except BaseException as error:

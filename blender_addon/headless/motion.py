@@ -1,4 +1,4 @@
-"""``motion convert`` and ``hands add``: convert files that only Blender reads."""
+"""``motion convert`` and ``hands add`` for files that only Blender can read."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from .children import pass_on
 from .foreign_file import limits_of, write_skeleton_of
 from .result import CommandResult
 
-_OWN = (".fbx", ".glb", ".gltf", ".vrm", ".vrma", ".blend")  # Files that the solver cannot read.
+_OWN = (".fbx", ".glb", ".gltf", ".vrm", ".vrma", ".blend")  # File types that the solver cannot read.
 
 
 def run_motion(args: Namespace, progress: Progress) -> CommandResult:
-    """Write a clip as a motion of our body."""
+    """Convert a clip to a motion of our body."""
     with TemporaryDirectory() as folder:
         clip = _readable(args.clip, args, args.action, Path(folder), progress)
         return pass_on(args, progress, [str(clip), "--out", str(args.out)])
 
 
 def run_add_hands(args: Namespace, progress: Progress) -> CommandResult:
-    """Write a motion with hands from glove recordings."""
+    """Add hands from glove recordings to a motion, and write the new motion."""
     with TemporaryDirectory() as folder:
         gloves = [
             str(_readable(path, args, "", Path(folder) / str(number), progress))
@@ -32,7 +32,7 @@ def run_add_hands(args: Namespace, progress: Progress) -> CommandResult:
 
 
 def _readable(clip: Path, args: Namespace, action: str, folder: Path, progress: Progress) -> Path:
-    """Return a clip that the solver can read: the clip, or a skeleton file written into the folder."""
+    """Return a clip that the solver can read: the file itself, or a skeleton file written to the folder."""
     if clip.suffix.lower() not in _OWN:
         return clip
     progress("reading the clip", 0, 1)

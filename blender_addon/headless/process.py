@@ -1,4 +1,4 @@
-"""Set up and end this process: Blender as a module, output streams and exit codes."""
+"""Set up and end this process: load Blender as a module, separate output streams, and exit."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from ..errors import BlenderMissing
 
 
 def require_blender(*, here: bool = True, instead: str = "") -> None:
-    """Load Blender if this process uses it. Raise ``BlenderMissing`` without it.
+    """Load Blender if this process uses it. Raise ``BlenderMissing`` if it is not installed.
 
     Args:
-        here: this process uses Blender.
+        here: True if this process uses Blender.
         instead: alternative to suggest to the user.
     """
     if find_spec("bpy") is None:
@@ -32,10 +32,10 @@ def require_blender(*, here: bool = True, instead: str = "") -> None:
 
 @contextmanager
 def signals_wait() -> Iterator[None]:
-    """Delay signals that cancel until the end of the block.
+    """Delay signals that cancel the run until the end of the block.
 
-    Blender runs its own scripts while it loads. If a signal raises an error there, Blender prints it, continues half
-    loaded, and crashes later (seen with bpy 4.5). It loads in half a second. Other threads ignore a signal mask.
+    Blender runs its own scripts while it loads. If a signal raises an error in them, Blender prints it, continues half
+    loaded, and crashes later (seen with bpy 4.5). Loading takes half a second. Other threads ignore a signal mask.
     """
     arrived: list[int] = []
     try:
@@ -50,8 +50,8 @@ def signals_wait() -> Iterator[None]:
 def own_streams(*, verbose: bool) -> Iterator[tuple[TextIO, TextIO]]:
     """Yield this program's output and error streams, and discard the output of Blender's libraries.
 
-    Blender prints lines about each rendered frame directly to the process's file descriptors, and operator reports
-    through Python's ``sys.stdout``. With ``verbose`` both go to standard error.
+    Blender prints lines about each rendered frame directly to the file descriptors of the process, and reports of
+    operators through Python's ``sys.stdout``. With ``verbose``, both go to standard error.
     """
     sys.stdout.flush()
     sys.stderr.flush()
@@ -77,10 +77,10 @@ def own_streams(*, verbose: bool) -> Iterator[tuple[TextIO, TextIO]]:
 
 
 def leave(code: int) -> NoReturn:
-    """End the process with an exit code, immediately if Blender is loaded.
+    """End the process with an exit code, without cleanup if Blender is loaded.
 
     If a scene had a Python driver, Blender as a module never exits, because it frees the driver after the interpreter
-    that compiled it (seen with bpy 4.5). All files are written before this call.
+    that compiled it (seen with bpy 4.5). All files must be written before this call.
     """
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):

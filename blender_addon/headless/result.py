@@ -9,22 +9,22 @@ from typing import Any
 from .._exchange.errors import MocapError, OutputExists
 
 CommandResult = dict[str, Any]
-"""The ``result`` event. It contains written files as ``outputs``, sentences for the user as ``notes``, values for
+"""The ``result`` event. It contains the written files as ``outputs``, sentences for the user as ``notes``, values for
 programs, and optionally an ``exit_code`` and a ``table`` to print."""
 
 
 def failure(kind: str, name: str, error: MocapError) -> dict[str, Any]:
-    """Return the record of a clip or target (``kind``) that failed."""
+    """Return the record of a failed clip or target (``kind``)."""
     return {kind: name, "code": error.code, "message": str(error), "exit_code": error.exit_code}
 
 
 def failure_notes(kind: str, failed: list[dict[str, Any]]) -> list[str]:
-    """Return a sentence about each clip or target that failed."""
+    """Return one sentence per failed clip or target."""
     return [f"{entry[kind]} failed: {entry['message']}" for entry in failed]
 
 
 def refuse_replacing(paths: Sequence[Path], source: Path, *, overwrite: bool) -> None:
-    """Raise an error if an output would replace the source or another file."""
+    """Raise an error if an output would replace the source or another existing file."""
     there = [path for path in paths if path.exists()]
     own = [path for path in there if path.samefile(source) or path.resolve().parent == source.resolve()]
     if refused := own if overwrite else there:

@@ -31,12 +31,12 @@ from .actors import read_clips, read_source
 from .foreign_file import limits_of, open_foreign_scene
 from .result import CommandResult, failure, failure_notes, refuse_replacing
 
-_SAME_RATE = 1e-3  # Relative difference below which two frame rates are equal, chosen by hand.
+_SAME_RATE = 1e-3  # Frame rates are equal if they differ by less than this fraction. Chosen by hand.
 _READ = (".npz", ".fbx", ".glb", ".gltf", ".vrm", ".vrma", ".bvh", ".blend")
 
 
 def run_retarget(args: Namespace, progress: Progress) -> CommandResult:
-    """Retarget to each target. With several targets, each gets a folder with its name.
+    """Retarget a motion to each target. If there are several, each gets a folder with its name.
 
     Unsuitable targets are skipped and reported. The worst error determines the exit code.
     """
@@ -76,7 +76,7 @@ def _onto(target: Path, out: Path, args: Namespace, progress: Progress) -> Comma
 
 
 def _one(args: Namespace, progress: Progress) -> CommandResult:
-    """Write a copy of the target's file with a rig that plays the motion."""
+    """Write a copy of the target's file in which the rig plays the motion."""
     for path in (args.source, args.target):
         if not path.is_file():
             raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
@@ -110,7 +110,7 @@ def _one(args: Namespace, progress: Progress) -> CommandResult:
 
 
 def _clips(args: Namespace, progress: Progress) -> CommandResult:
-    """Write a Blender file with an action per clip, and a file per clip and export format.
+    """Write a Blender file with one action per clip, and one file per clip and export format.
 
     Unreadable and unsuitable clips are skipped and reported. The worst error determines the exit code.
     """
@@ -161,7 +161,7 @@ def _clips(args: Namespace, progress: Progress) -> CommandResult:
 
 
 def _read_folder(args: Namespace, progress: Progress) -> tuple[list[ReadActor], list[dict[str, Any]]]:
-    """Return the clips of a folder with unique names, and the clips that failed."""
+    """Return the clips in a folder under unique names, and the clips that failed."""
     paths = sorted(path for path in args.source.iterdir() if path.suffix.lower() in _READ and path.is_file())
     if not paths:
         hint = f"Clips are files with the endings {', '.join(_READ)}."
@@ -183,13 +183,13 @@ def _read_folder(args: Namespace, progress: Progress) -> tuple[list[ReadActor], 
 
 
 def _file_name(name: str) -> str:
-    """Return a name without characters that file systems or Blender's names do not allow."""
+    """Remove characters from a name that file systems or Blender do not allow."""
     kept = "".join(letter if letter.isalnum() or letter in " -_.()" else "_" for letter in name)
     return kept.strip(" .")[:60] or "clip"
 
 
 def _own_name(name: str, taken: set[str]) -> str:
-    """Return a name that no other clip has, ignoring case."""
+    """Return a name that differs from all other clips' names, ignoring case."""
     numbered = (name if number == 1 else f"{name}_{number}" for number in count(1))
     return next(own for own in numbered if own.lower() not in taken)
 
@@ -215,7 +215,7 @@ def _open_target(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
 
 
 def _lay_out_time(args: Namespace, scene: bpy.types.Scene, rates: Collection[float]) -> TakeTiming:
-    """Return the timing of the motions in the scene, at the most common frame rate."""
+    """Return the timing of the motions in the scene, based on their most common frame rate."""
     if args.target.suffix.lower() != ".blend":
         set_scene_frame_rate(scene, Counter(rates).most_common(1)[0][0])
     return TakeTiming(args.frame_start, scene_frame_rate(scene))

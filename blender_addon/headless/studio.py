@@ -23,12 +23,12 @@ def run_studio(args: Namespace, progress: Progress) -> CommandResult:
     """Make a data set. An interrupted run can be resumed.
 
     The solver renders ground truth, infrared, depth and masks, and Blender renders the colour images. The result
-    contains the folder, shots, frames, pictures, seconds, and the table of ``dataset benchmark``.
+    contains the folder, shots, frames, pictures, seconds, and the table printed by ``dataset benchmark``.
     """
     if args.tls is not None:
         use_certificates(args.tls)
     if args.colour_of:
-        wanted = read_json_file(args.description).get("write") or ()  # checked when the shot was filmed
+        wanted = read_json_file(args.description).get("write") or ()  # was checked when the shot was filmed
         _film_in_colour(args.out, [args.colour_of], 1, "video" in wanted, progress)
         return {"outputs": [str(args.out)], "notes": []}
     words = [str(args.description), "--out", str(args.out)]
@@ -51,7 +51,7 @@ def run_studio(args: Namespace, progress: Progress) -> CommandResult:
     made: DataSetPlan = run_solver("dataset make", words, progress, python=args.python)
     if coloured and not spread:
         _film_in_colour(args.out, made["shots"], made["frames"], "video" in made["write"], progress)
-        # Run again for the card and the contact sheet, as all shots exist.
+        # All shots exist now, so this run only makes the card and the contact sheet.
         made = run_solver("dataset make", words, progress, python=args.python)
     result["outputs"] += made.get("card", ())
     if args.benchmark or args.places:
@@ -66,7 +66,7 @@ def run_studio(args: Namespace, progress: Progress) -> CommandResult:
 
 
 def _by_workers(args: Namespace, shots: list[str], coloured: bool, progress: Progress) -> list[str]:
-    """Process all shots on the workers, and return notes about the workers."""
+    """Let the workers process all shots, and return notes about the workers."""
     work = Shots(args.description, args.out, digest_of(args.description), coloured, args.python)
     records: list[TakeRecord] = []
     with engine_for(work, progress, Spread(args.scheduler, args.workers, patience_s=args.patience)) as engine:

@@ -1,4 +1,4 @@
-"""Verbs of ``python -m blender_addon``, as ``verbs.json`` declares them."""
+"""Define the verbs of ``python -m blender_addon``, as declared in ``verbs.json``."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .result import CommandResult
 
 MODULE = "python -m blender_addon"
 _CHOICES = {"FORMATS": FORMATS, "MARKER_FORMATS": MARKER_FORMATS, "REFUSALS": list_refusals(), "LOOKS": LOOKS}
-"""Tables with the choices of settings."""
+"""Tables from which settings take their choices."""
 _TABLE = Path(__file__).with_name("verbs.json")
 _shared, _GROUPS, VERBS = read_verbs(_TABLE, _of_solver, _CHOICES)
 _EPILOG = describe_exit_codes(
@@ -32,7 +32,7 @@ _EPILOG = describe_exit_codes(
 
 
 def program(name: str = MODULE) -> Program:
-    """Return the command line, shown under ``name`` in its help."""
+    """Return the command line program. Its help shows it as ``name``."""
     description = "Solve captures, and bake, export and render solved motions, without a window."
     return Program(name, description, VERBS, _common, _EPILOG, groups=_GROUPS)
 

@@ -1,1 +1,1 @@
-"""``batch``: solve every capture in a folder and, if requested, bake, render and export it."""
+"""``batch``: solve every capture in a folder and optionally bake, render and export it."""

@@ -19,16 +19,16 @@ from .work import Work, take_name
 SET_ASIDE = "set aside"
 """Status of a take that is not retried until its inputs, its settings or the version change."""
 _CRASHES = frozenset({"solver_died", "take_failed", "take_too_large", "solver_failed", "bake_failed"})
-"""Failures of the worker or the take. The take is retried a few times and then set aside."""
+"""Failures that a worker or a take can cause. The take is retried a few times and then set aside."""
 _OF_THE_WORKER = frozenset({"output_not_writable", "backend_missing", "python_unsuitable", "render_failed"})
-"""Failures of a worker. The take is retried on other workers and finally recorded as an ordinary failure."""
-_WAIT_S = 0.5  # Seconds to wait for ended takes per loop. Chosen by hand.
+"""Failures that a worker causes. The take is retried on other workers, and finally recorded as an ordinary failure."""
+_WAIT_S = 0.5  # Seconds to wait for finished takes in each loop. Chosen by hand.
 
 
 def dispatch(
     work: Work, source: Listed | Watched, engine: Engine, progress: Progress, ended: Callable[[TakeRecord, bool], None]
 ) -> None:
-    """Process all takes of a source, and pass each record to ``ended``."""
+    """Process all takes from a source, and pass each record to ``ended``."""
     waiting: deque[Ticket] = deque()
     running, total, done = 0, 0, 0
     while True:
@@ -72,7 +72,7 @@ def _code_of(one: Ended) -> str:
 
 
 def _record_of(work: Work, one: Ended, engine: Engine) -> TakeRecord:
-    """Return the take's last record, with a log if the take crashed its workers."""
+    """Return the take's last record. If the take crashed its workers, the record includes a log."""
     folder = work.out / one.ticket.name
     code, record = _code_of(one), one.record
     if record is not None and record["status"] == "skipped":  # done by a worker that died before it could report it

@@ -1,6 +1,6 @@
-"""Record of a take with the inputs and the outcome of each step.
+"""Record of a take: its inputs and the outcome of each step.
 
-A step is done if the record has its key and its files exist. Keys follow from inputs, settings and version.
+A step is done if its key is in the record and its files exist. Keys depend on the inputs, settings and version.
 """
 
 from __future__ import annotations
@@ -21,29 +21,29 @@ NAME = "take.json"
 UNFINISHED = "unfinished"
 """Status of a take that is in progress or was interrupted."""
 FIGURES = ("frames", "reprojection_median_px", "marker_median_mm", "unsure_frames", "unseen_frames")
-"""Results of a solve that the summary shows."""
+"""Results of a solve that are shown in the summary."""
 
 
 class StepRecord(TypedDict):
     """A finished step."""
 
-    key: str  # Hash of its inputs.
-    outputs: list[str]  # Names in the take's folder.
+    key: str  # Hash of the step's inputs.
+    outputs: list[str]  # File names in the take's folder.
     notes: list[str]
     seconds: float
 
 
 class Attempt(TypedDict):
-    """An attempt at a step."""
+    """One attempt at a step."""
 
     step: str
     worker: str
-    how: str  # begun, done or the code of an error.
+    how: str  # "begun", "done", or the code of an error.
     message: NotRequired[str]
 
 
 class Failure(TypedDict):
-    """Reason why a take failed."""
+    """Reason for the failure of a take."""
 
     event: NotRequired[str]
     code: str
@@ -54,33 +54,33 @@ class Failure(TypedDict):
 
 
 class StepMade(TypedDict):
-    """Result of a step for the record."""
+    """Result of a step, for the record."""
 
-    outputs: list[str]  # Names in the take's folder.
+    outputs: list[str]  # File names in the take's folder.
     notes: list[str]
     figures: NotRequired[SolveResult]  # Results of the take's worst solve.
     people: NotRequired[list[str]]
 
 
 class TakeRecord(TypedDict):
-    """Record of a take, stored in its folder and in the summary."""
+    """Record of a take. It is stored in the take's folder and in the summary."""
 
-    take: str  # Name of its folder.
+    take: str  # Name of the take's folder.
     capture: str
-    status: str  # unfinished, done, skipped, failed or set aside.
-    inputs: NotRequired[str]  # Key of the first step.
+    status: str  # "unfinished", "done", "skipped", "failed" or "set aside".
+    inputs: NotRequired[str]  # Key of the first step, made from the inputs.
     steps: NotRequired[dict[str, StepRecord]]  # Finished steps by name.
     attempts: NotRequired[list[Attempt]]
     solve: NotRequired[SolveResult]  # Results of the take's worst solve.
     people: NotRequired[list[str]]
-    outputs: NotRequired[list[str]]  # Output paths of all steps.
+    outputs: NotRequired[list[str]]  # Paths of the outputs of all steps.
     notes: NotRequired[list[str]]
     seconds: NotRequired[float]
     error: NotRequired[Failure]
 
 
 def fingerprint(capture: Path, choices: dict[str, Any]) -> str:
-    """Return a hash of a take's inputs: names, sizes and times of files, settings, and version."""
+    """Return a hash of a take's inputs: file names, sizes and times, the settings and the version."""
     files = sorted(capture.rglob("*")) if capture.is_dir() else [capture]
     status = {p.relative_to(capture.parent).as_posix(): p.stat() for p in files if p.is_file()}
     stated = [(name, one.st_size, one.st_mtime_ns) for name, one in status.items()]
@@ -89,22 +89,22 @@ def fingerprint(capture: Path, choices: dict[str, Any]) -> str:
 
 
 def step_key(before: str, step: str, choices: dict[str, Any]) -> str:
-    """Return the key of a step from the previous step's key, the step's name and its settings."""
+    """Return a step's key, computed from the previous step's key, the step's name and its settings."""
     return hashlib.sha256(json.dumps([before, step, choices], sort_keys=True).encode()).hexdigest()
 
 
 def begun_record(take: str, capture: Path) -> TakeRecord:
-    """Return the record of a take without finished steps."""
+    """Return the record of a take that has no finished steps."""
     return {"take": take, "capture": str(capture), "status": UNFINISHED}
 
 
 def failure_of(error: MocapError) -> Failure:
-    """Convert an error to its form in a record."""
+    """Convert an error to the form used in records."""
     return {**error.as_event(), "exit_code": error.exit_code}
 
 
 def is_step_done(record: TakeRecord, folder: Path, step: str, key: str) -> bool:
-    """Return whether a step's outputs exist with this key."""
+    """Return whether a step is recorded under this key and its outputs exist."""
     kept = (record.get("steps") or {}).get(step)
     return bool(kept) and kept.get("key") == key and all((folder / name).is_file() for name in kept.get("outputs", ()))
 
@@ -118,11 +118,11 @@ _RECORD: dict[str, Form] = dict.fromkeys(("take", "capture", "status"), "text") 
     "seconds?": "number",
     **dict.fromkeys(("outputs?", "notes?", "people?"), _TEXTS),
 }
-"""Fields that a record must have to be used."""
+"""Fields that a record needs in order to be usable."""
 
 
 def read_record(folder: Path) -> TakeRecord | None:
-    """Return the record in a take's folder, None if it is missing or damaged."""
+    """Return the record in a take's folder, or None if it is missing or damaged."""
     try:
         record: Any = read_json_file(folder / NAME)
     except MocapError:
@@ -132,5 +132,5 @@ def read_record(folder: Path) -> TakeRecord | None:
 
 
 def write_record(folder: Path, record: TakeRecord) -> None:
-    """Write a take's record to a complete file or none."""
+    """Write a take's record. The file is complete or is not written."""
     write_text(folder / NAME, json.dumps(record, indent=1, ensure_ascii=False), overwrite=True)

@@ -21,31 +21,31 @@ from .work import take_name
 
 @dataclass(frozen=True)
 class TakeLimits:
-    """Limits of the solver for one take, None for no limit."""
+    """Limits of the solver for one take. None means no limit."""
 
-    seconds: float | None = None  # Seconds for reading and solving together.
-    memory_mb: float | None = None  # Resident memory of the solver's process.
+    seconds: float | None = None  # Total time for reading and solving, in seconds.
+    memory_mb: float | None = None  # Resident memory of the solver process in megabytes.
 
     def require_possible(self) -> None:
         """Check that this system supports the limits.
 
         Raises:
-            BatchInvalid: this system does not report a process's memory.
+            BatchInvalid: this system cannot report the memory of a process.
         """
-        # On Windows, the child of a virtual environment is a launcher, and the solver is that one's child.
+        # On Windows, the Python of a virtual environment is a launcher, and the solver runs in its child process.
         if self.memory_mb is not None and (sys.platform == "win32" or resident_mb(os.getpid()) is None):
             hint = "Leave out --take-memory."
             raise BatchInvalid("This system does not report a process's memory.", hint=hint)
 
 
 class TakeWatch:
-    """Watches the limits of one take's processes."""
+    """Checks the processes of one take against its limits."""
 
     def __init__(self, limits: TakeLimits) -> None:
         self._limits, self._start = limits, time.monotonic()
 
     def over_limit(self, pid: int) -> MocapError | None:
-        """Return the error of a process that exceeds a limit, otherwise None."""
+        """Return an error if a process exceeds a limit, or None."""
         seconds, most_mb = self._limits.seconds, self._limits.memory_mb
         if seconds is not None and time.monotonic() - self._start > seconds:
             message = f"The take took longer than {seconds:g} s and was stopped."
@@ -56,27 +56,27 @@ class TakeWatch:
         return None
 
 
-_SHARED_KEYS = frozenset({"version", "strict", "settings", *READING})  # Keys of a batch's job file.
-_MARKERS_ALONE = (".c3d", ".trc")  # Endings of marker recordings. Other tables are ambiguous.
+_SHARED_KEYS = frozenset({"version", "strict", "settings", *READING})  # Keys allowed in a batch's job file.
+_MARKERS_ALONE = (".c3d", ".trc")  # Suffixes of marker recordings. Other tables are ambiguous.
 
 
 @dataclass(frozen=True)
 class BatchRequest:
-    """Settings for processing every capture of a folder."""
+    """Settings for processing every capture in a folder."""
 
-    captures: Path  # Session, or folder with ``.npz`` files, marker recordings and folders as captures.
-    out: Path  # Results folder with a folder per take and the summary.
-    job: Path | None = None  # Job file with settings for reading and solving, without capture and out.
+    captures: Path  # Session, or folder of captures: ``.npz`` files, marker recordings and subfolders.
+    out: Path  # Folder for the results. It gets a folder per take and the summary.
+    job: Path | None = None  # Job file with the settings for reading and solving. It names no capture and no output.
     bake: bool = False  # Write a Blender file of each take.
     render: bool = False  # Write a video and a contact sheet of each take.
-    formats: tuple[str, ...] = ()  # Formats to export each take to.
-    body: Path | None = None  # Body file, None for the body of each motion's solve.
-    python: Path | None = None  # Python to solve with, None for this one.
-    marker_formats: tuple[str, ...] = ()  # Formats for the cleaned markers of marker takes.
+    formats: tuple[str, ...] = ()  # Export formats for each take.
+    body: Path | None = None  # Body file, or None for the body that each motion was solved for.
+    python: Path | None = None  # Python in which to solve, or None for this one.
+    marker_formats: tuple[str, ...] = ()  # Formats in which to write the cleaned markers of marker takes.
     limits: TakeLimits = field(default_factory=TakeLimits)
-    """Limits of the solver for each take. They do not affect the keys of finished takes."""
-    strict: bool = False  # Refuse takes whose solves have warnings, whatever the job file states.
-    accept: tuple[str, ...] = ()  # Codes of faults to accept in addition to the job file's.
+    """Limits of the solver for each take. They do not change the keys of finished takes."""
+    strict: bool = False  # Reject takes whose solve has warnings, whatever the job file says.
+    accept: tuple[str, ...] = ()  # Codes of faults to accept, in addition to those in the job file.
 
     def choices(self) -> dict[str, Any]:
         """Return the settings that affect a take's results, as plain values."""
@@ -93,22 +93,22 @@ class BatchRequest:
 
 @dataclass(frozen=True)
 class Spread:
-    """Workers of a batch, and the condition for its end."""
+    """Workers of a batch, and when the batch ends."""
 
-    scheduler: str = ""  # Address of a Dask scheduler, or the path of its file, "" for none.
-    workers: int = 0  # Parallel takes on this machine, 0 for sequential takes in this process.
+    scheduler: str = ""  # Address of a Dask scheduler, or the path of its file, or "" for none.
+    workers: int = 0  # Takes processed in parallel on this machine, or 0 for one after another in this process.
     watch: bool = False  # Also process captures that arrive later.
-    settled_s: float = 5.0  # A capture has arrived when it has not changed for this many seconds.
-    idle_s: float | None = None  # Stop watching when nothing has arrived for this many seconds, None for never.
+    settled_s: float = 5.0  # A capture is complete once it has not changed for this many seconds.
+    idle_s: float | None = None  # Stop watching if nothing arrives for this many seconds. None means never.
     stretches: bool = False  # Also let the cluster's workers solve segments of long takes.
-    patience_s: float = 60.0  # Seconds to wait for a lost scheduler, and for workers.
+    patience_s: float = 60.0  # Seconds to wait for a lost scheduler or for workers.
 
 
 def find_captures(request: BatchRequest) -> list[Path]:
-    """Return the captures of the folder by name, without hidden files and results.
+    """Return the folder's captures sorted by name, without hidden files and results.
 
     Raises:
-        BatchInvalid: there are no captures, or two would share a name.
+        BatchInvalid: there are no captures, or two of them would have the same name.
     """
     if not request.captures.is_dir():
         hint = "Name the folder of the captures."
@@ -126,10 +126,10 @@ def find_captures(request: BatchRequest) -> list[Path]:
 
 
 def captures_in(request: BatchRequest) -> list[Path]:
-    """Return the captures of the folder by name, or none if the folder cannot be read.
+    """Return the folder's captures sorted by name, or none if the folder cannot be read.
 
-    A folder is a session if it has settings or a calibration for its trials, or nested folders. Its captures are its
-    trials and its marker recordings.
+    A folder is a session if it contains settings or a calibration for its trials, or nested folders. A session's
+    captures are its trials and its marker recordings.
     """
     try:
         paths = sorted(request.captures.iterdir())
@@ -154,7 +154,7 @@ def _is_of_a_session(path: Path) -> bool:
 
 
 def _shared(path: Path | None) -> dict[str, Any]:
-    """Return the contents of a batch's job file."""
+    """Return the contents of the job file that applies to the whole batch."""
     if path is None:
         return {}
     try:
@@ -192,7 +192,7 @@ class Listed:
         self._waiting = items
 
     def arrived(self) -> list[Path]:
-        """Return all items at the first call, and none afterwards."""
+        """Return all items on the first call and none afterwards."""
         found, self._waiting = self._waiting, []
         return found
 
@@ -202,13 +202,13 @@ class Listed:
 
 
 class Watched:
-    """Captures that arrive in a folder, returned when they have settled.
+    """Captures that arrive in a folder. Each is returned once it has settled.
 
     Two captures with the same name are one take. Only the first is processed, and the other is reported.
 
     Args:
-        settled_s: seconds for which a capture's file names, sizes and times must not change, on this machine's clock.
-        idle_s: seconds to wait for more captures, None for ever.
+        settled_s: seconds for which a capture's file names, sizes and times must not change, by this machine's clock.
+        idle_s: seconds to wait for more captures, or None to wait for ever.
         poll_s: seconds between two scans of the folder.
     """
 
@@ -225,7 +225,7 @@ class Watched:
 
     @property
     def closed(self) -> bool:
-        """True if nothing has arrived or changed for ``idle_s`` seconds."""
+        """True once nothing has arrived or changed for ``idle_s`` seconds."""
         return self._idle_s is not None and time.monotonic() - self._last > self._idle_s
 
     def arrived(self) -> list[Path]:
@@ -253,7 +253,7 @@ class Watched:
         return found
 
     def notes(self) -> list[str]:
-        """Return notes on captures that are skipped because another capture has the same name."""
+        """Return notes about captures that are skipped because another has the same name."""
         return list(self._doubled.values())
 
     def _state(self, path: Path) -> str | None:

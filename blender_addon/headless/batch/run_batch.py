@@ -1,4 +1,4 @@
-"""``batch``: solve every capture of a folder, and write a summary.
+"""``batch``: solve every capture in a folder and write a summary.
 
 A failure does not stop the other takes. A restarted batch processes only takes that are missing, or whose inputs,
 settings or version differ from their records.
@@ -31,12 +31,12 @@ from .work import Work
 
 SUMMARY = "summary"
 _RARELY = 20.0
-"""Writing the summary takes at most 1 / 20 of the time. Chosen by hand."""
-_LEAST_S = 2.0  # Minimum seconds between two writes of the summary. Chosen by hand.
+"""Writing the summary may take at most 1 / 20 of the time. Chosen by hand."""
+_LEAST_S = 2.0  # Shortest time between two writes of the summary, in seconds. Chosen by hand.
 
 
 class Results:
-    """Collects the records of a batch and writes its summary."""
+    """Collects a batch's records and writes its summary."""
 
     def __init__(self, out: Path) -> None:
         self._out = out
@@ -53,7 +53,7 @@ class Results:
 
     @contextmanager
     def made_by(self, engine: Engine) -> Iterator[None]:
-        """Name the engine on the summary page, even after it has ended."""
+        """Name the engine on the summary page, even after the engine has ended."""
         self._engine = engine
         try:
             yield
@@ -61,7 +61,7 @@ class Results:
             self._who, self._engine = engine.headline(), None
 
     def add(self, record: TakeRecord, recalled: bool) -> None:
-        """Keep the record of a take. Write the summary unless it was written recently."""
+        """Store a take's record. Write the summary unless it was written recently."""
         self._takes[record["take"]] = record
         self._done += not recalled
         if time.monotonic() > self._next:
@@ -95,7 +95,7 @@ class Results:
 
 
 def run_batch_verb(args: Namespace, progress: Progress) -> CommandResult:
-    """Run the batch of a command line, see ``run_batch``."""
+    """Run the batch described by a command line (see ``run_batch``)."""
     if args.tls is not None:
         use_certificates(args.tls)
     if args.bake or args.render or args.export:
@@ -119,7 +119,7 @@ def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread
     """Process all takes and write ``summary.json``, ``summary.txt`` and ``summary.html``.
 
     Raises:
-        BatchInvalid: there are no captures, or the job file is not valid for batches.
+        BatchInvalid: there are no captures, or the job file is not valid for a batch.
         EngineMissing, SchedulerMissing, WorkersUnsuitable: no worker can process the takes.
     """
     request.limits.require_possible()

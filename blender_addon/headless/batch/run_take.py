@@ -25,17 +25,17 @@ from .record import (
 )
 from .work import Place, Step, Work, take_name
 
-_KEPT_ATTEMPTS = 20  # Number of last attempts that a take's record keeps. Chosen by hand.
+_KEPT_ATTEMPTS = 20  # Number of recent attempts stored in a take's record. Chosen by hand.
 
 
 def run_take(work: Work, capture: Path, progress: Progress, **place: Any) -> TakeRecord:
-    """Process all steps of one take, or reuse its results, and return its record."""
+    """Process all steps of one take, or reuse earlier results, and return its record."""
     record = recalled(work, capture)
     if record is not None:
         return record
     try:
         names = [step.name for step in work.steps(capture)]
-    except OSError:  # the first step reports what is wrong
+    except OSError:  # the first step reports the cause
         names = ["solve"]
     for step in names:
         record = run_step(work, capture, step, progress, **place)
@@ -46,7 +46,7 @@ def run_take(work: Work, capture: Path, progress: Progress, **place: Any) -> Tak
 
 
 def recalled(work: Work, capture: Path) -> TakeRecord | None:
-    """Return the record of a finished or set-aside take, None if steps remain."""
+    """Return the record of a finished or set-aside take, or None if steps remain."""
     folder = work.out / take_name(capture)
     known = read_record(folder)
     try:
@@ -62,9 +62,9 @@ def recalled(work: Work, capture: Path) -> TakeRecord | None:
 
 
 def run_step(work: Work, capture: Path, step: str, progress: Progress, *, worker: str = "", **place: Any) -> TakeRecord:
-    """Process one step of a take unless it is done or not wanted. Return the take's record.
+    """Process one step of a take, unless it is finished or not requested. Return the take's record.
 
-    Several workers may run a step at once. Complete outputs get their final names, and the record is written last.
+    Several workers may run the same step at once. Complete outputs get their final names, and the record comes last.
 
     Args:
         worker: name of the worker, for the record.
@@ -91,7 +91,7 @@ def run_step(work: Work, capture: Path, step: str, progress: Progress, *, worker
         raise
     except MocapError as error:
         return failed(record, folder, failure_of(error))
-    except Exception as error:  # what breaks one take must not stop the others
+    except Exception as error:  # an error in one take must not stop the others
         if (named := full_disk(error)) is not None:
             return failed(record, folder, failure_of(named))
         traceback.print_exc()
@@ -101,7 +101,7 @@ def run_step(work: Work, capture: Path, step: str, progress: Progress, *, worker
 
 
 def failed(record: TakeRecord, folder: Path, failure: Failure, status: str = "failed") -> TakeRecord:
-    """Return a take's record with its failure, written to its folder if possible."""
+    """Add a failure to a take's record, write the record to the take's folder if possible, and return it."""
     record = {**record, "status": status, "error": failure}
     if attempts := record.get("attempts"):
         attempts[-1]["how"], attempts[-1]["message"] = failure["code"], failure["message"]
@@ -112,7 +112,7 @@ def failed(record: TakeRecord, folder: Path, failure: Failure, status: str = "fa
 
 
 def _known(record: TakeRecord, folder: Path, wanted: tuple[Step, ...]) -> TakeRecord:
-    """Add the parts of the folder's record that are still valid to a take's record."""
+    """Complete a take's record with the valid parts of the record in its folder."""
     known = read_record(folder)
     if known is None and not is_free(folder):
         message = "The folder of the take has files that a batch did not write."
@@ -127,7 +127,7 @@ def _known(record: TakeRecord, folder: Path, wanted: tuple[Step, ...]) -> TakeRe
 
 
 def _begun(record: TakeRecord, folder: Path, step: str, worker: str) -> TakeRecord:
-    """Write and return the record of a take after the start of a step."""
+    """Note in a take's record that a step has begun, then write and return the record."""
     attempts = [*record.get("attempts", ())][-_KEPT_ATTEMPTS:]
     record = {**record, "attempts": [*attempts, {"step": step, "worker": worker, "how": "begun"}]}
     write_record(folder, record)

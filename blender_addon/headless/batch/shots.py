@@ -1,4 +1,4 @@
-"""Process the shots of a data set with a batch's engines."""
+"""Process the shots of a data set with the engines of a batch."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from .record import StepMade, TakeRecord
 from .request import TakeLimits
 from .work import Place, Plain, Step, from_plain, to_plain
 
-RECORDS, SHOTS = "tasks", "shots"  # Folders of a data set for the records and the shots.
+RECORDS, SHOTS = "tasks", "shots"  # Folders in a data set for the records and for the shots.
 FILM, COLOUR = "film", "colour"
 _DONE = {FILM: "shot.json", COLOUR: "rgb.json"}
-"""File in a shot's folder that marks each finished step."""
+"""The file in a shot's folder that shows that a step is finished."""
 
 
 @dataclass(frozen=True)
 class Shots:
-    """Shots of a description, in a folder that the solver has reserved for it."""
+    """The shots in a description. The solver has reserved their folder."""
 
     description: Path  # JSON file.
     data_set: Path  # Folder of the data set.
-    digest: str  # SHA-256 of the description's bytes, see ``digest_of``.
-    colour: bool = False  # Also make colour pictures.
-    python: Path | None = None  # Python to film with, None for this one.
+    digest: str  # SHA-256 of the description's bytes (see ``digest_of``).
+    colour: bool = False  # Also render colour pictures.
+    python: Path | None = None  # Python in which to film, or None for this one.
     limits: TakeLimits = field(default_factory=TakeLimits)
     kind: ClassVar = "shots"
 
     @property
     def out(self) -> Path:
-        """Folder of the records."""
+        """Folder that contains the records."""
         return self.data_set / RECORDS
 
     def item(self, name: str) -> Path:
@@ -47,7 +47,7 @@ class Shots:
         return self.description.is_file() and self.data_set.is_dir()
 
     def steps(self, item: Path) -> tuple[Step, ...]:
-        """Return the steps of a shot, with keys from its description, name and version."""
+        """Return the steps of a shot. Their keys depend on its description, its name and the version."""
         choices = {"description": self.digest}
         return tuple(
             Step(name, hashlib.sha256(json.dumps([choices, item.name, name, VERSION]).encode()).hexdigest())
@@ -80,7 +80,7 @@ def digest_of(description: Path) -> str:
 
 
 def require_all(records: list[TakeRecord], data_set: Path) -> None:
-    """Raise ``ShotsMissing`` with the first reasons, unless all shots exist."""
+    """Raise ``ShotsMissing`` with the first reasons if any shot is missing."""
     failed = [record for record in records if record["status"] not in ("done", "skipped")]
     if failed:
         reasons = "; ".join(f"{one['take']}: {one['error']['message']}" for one in failed[:3] if "error" in one)

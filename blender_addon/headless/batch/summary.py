@@ -1,4 +1,4 @@
-"""Write the summary of a batch as a table and as a page, worst takes first."""
+"""Write a batch's summary as a table and as a web page, worst takes first."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from .record import TakeRecord
 _BAD = ("failed", "set aside", "unfinished")
 HEAD = ("take", "status", "frames", "residual", "unsure", "interpolated", "seconds", "what happened")
 """Column titles of the table."""
-_RESIDUALS = {"reprojection_median_px": "px", "marker_median_mm": "mm"}  # Residuals of a solve with their units.
+_RESIDUALS = {"reprojection_median_px": "px", "marker_median_mm": "mm"}  # Residuals of a solve, and their units.
 
 
 def worst_first(takes: Sequence[TakeRecord]) -> list[TakeRecord]:
-    """Return the takes sorted by failure, then by residual, then by the share of frames to review."""
+    """Sort takes by failure, then by residual, then by the fraction of frames to review, worst first."""
     return sorted(
         takes, key=lambda take: (take["status"] not in _BAD, -_residual(take), -_doubtful(take), take["take"])
     )
 
 
 def table(takes: Sequence[TakeRecord]) -> str:
-    """Return the takes as text in aligned columns."""
+    """Return the takes as a text table with aligned columns."""
     rows = [HEAD, *(cells(take) for take in takes)]
     widths = [max(len(row[c]) for row in rows) for c in range(len(HEAD))]
     lines = ["  ".join(_padded(cell, widths[c], c) for c, cell in enumerate(row)).rstrip() for row in rows]
@@ -41,7 +41,7 @@ def table(takes: Sequence[TakeRecord]) -> str:
 
 
 def cells(take: TakeRecord) -> tuple[str, ...]:
-    """Return a take's row of the table."""
+    """Return a take's row in the table."""
     solved: Mapping[str, Any] = take.get("solve") or {}
     frames, unsure, bridged = (_cell(solved.get(key)) for key in ("frames", "unsure_frames", "unseen_frames"))
     unit = next((unit for key, unit in _RESIDUALS.items() if solved.get(key) is not None), "")
@@ -74,13 +74,13 @@ def _doubtful(take: TakeRecord) -> float:
 WIDTH, HEIGHT = 220, 72
 _MOMENTS = 5
 _TALL_M = 2.0
-"""Height of the picture's view in metres. Chosen by hand."""
+"""Height of the area shown in the picture, in metres. Chosen by hand."""
 
 
 def thumbnail(motion: Path) -> str:
-    """Return an SVG of the body at five times, "" for an unreadable motion file.
+    """Return an SVG that shows the body at five times, or "" if the motion file is unreadable.
 
-    The figures are side by side, seen along their narrowest horizontal direction.
+    The figures stand side by side. They are seen along their narrowest horizontal direction.
     """
     try:
         joints = np.asarray(read_arrays(motion, required=("joints",))["joints"], dtype=np.float64)
@@ -93,7 +93,7 @@ def thumbnail(motion: Path) -> str:
 
 
 def stick_figures(joints: np.ndarray) -> str:
-    """Draw stick figures of (N, 24, 3) joint positions in metres, Z up, as an SVG."""
+    """Draw an SVG with stick figures from (N, 24, 3) joint positions in metres, with Z up."""
     scale, step = HEIGHT / _TALL_M, WIDTH / _MOMENTS
     ground = joints[..., 2].min()
     centred = joints[..., :2] - joints[:, :1, :2]
@@ -113,12 +113,12 @@ def stick_figures(joints: np.ndarray) -> str:
 MARK = '<meta name="generator" content="Manifold MoCap batch">'
 _PLAIN = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-._~/")
 _ROWS, _PICTURES = 5000, 500
-"""Largest numbers of rows and pictures on the page. ``summary.json`` lists all takes."""
+"""Largest number of rows and of pictures on the page. ``summary.json`` lists all takes."""
 _STYLE = "\n" + Path(__file__).with_suffix(".css").read_text(encoding="utf-8")
 
 
 def summary_page(takes: Sequence[TakeRecord], out: Path, message: str) -> str:
-    """Return the page of takes, worst first, with links relative to the page's folder."""
+    """Return the summary page, worst takes first. Its links are relative to the page's folder."""
     counts = Counter(str(take["status"]) for take in takes)
     head = "".join(f"<th>{_text(name)}</th>" for name in ("", *HEAD, "files"))
     rows = "".join(_row(take, out, thumbnail if n < _PICTURES else None) for n, take in enumerate(takes[:_ROWS]))
@@ -150,7 +150,7 @@ def _row(take: TakeRecord, out: Path, picture: Callable[[Path], str] | None) -> 
 
 
 def _picture(take: TakeRecord, out: Path, picture: Callable[[Path], str] | None) -> str:
-    """Return the contact sheet if it was rendered, otherwise stick figures."""
+    """Return the contact sheet if one was rendered, or else stick figures."""
     name = take["take"]
     if picture is None:
         return ""

@@ -1,4 +1,4 @@
-"""Process the captures of a batch: convert, solve and, if requested, bake, render and export them."""
+"""Process a batch's captures: convert, solve and, if requested, bake, render and export them."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from .work import Place, Plain, Step, from_plain, to_plain
 
 @dataclass(frozen=True)
 class Takes:
-    """Takes of a batch, with a key per step."""
+    """The takes of a batch. Each of their steps has a key."""
 
     request: BatchRequest
     choices: dict[str, Any]
-    """Settings that affect the results, see ``BatchRequest.choices``. They are read once for all workers."""
+    """Settings that affect the results (see ``BatchRequest.choices``), read once for all workers."""
     kind: ClassVar = "takes"
 
     @property
     def out(self) -> Path:
-        """Folder of the results."""
+        """Folder for the results."""
         return self.request.out
 
     @property
@@ -44,7 +44,7 @@ class Takes:
         return item.exists()
 
     def steps(self, item: Path) -> tuple[Step, ...]:
-        """Return the wanted steps of a capture with their keys."""
+        """Return the requested steps of a capture and their keys."""
         request, choices = self.request, self.choices
         solve = fingerprint(item, {name: choices[name] for name in ("settings", "python")})
         wanted = {
@@ -58,7 +58,7 @@ class Takes:
         return Step("solve", solve), *others
 
     def do_step(self, item: Path, step: str, place: Place) -> StepMade:
-        """Process one step, and return its output names, notes and figures."""
+        """Process one step. Return the names of its outputs, its notes and its figures."""
         if step == "solve":
             return _solve(self.request, self.choices["settings"], item, place)
         outputs, notes, shared = list[str](), list[str](), {"overwrite": True, "body": self.request.body}
@@ -122,7 +122,7 @@ def _in_blender(verb: str, values: dict[str, Any], place: Place) -> CommandResul
 
 
 def _export_markers(request: BatchRequest, motion: Path, place: Place) -> list[str]:
-    """Write the cleaned markers of a marker take, and return the files."""
+    """Write the cleaned markers of a marker take, and return the file paths."""
     record = read_record(place.folder)
     paths = [motion.parent / "export" / f"{motion.stem}.{name}" for name in request.marker_formats]
     if record is None or "solve" not in record or record["solve"].get("marker_median_mm") is None:

@@ -1,4 +1,4 @@
-"""Define work items with several steps and a record in their own folder."""
+"""Define items of work that have several steps and a record in their own folder."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .request import TakeLimits
 
 Plain = dict[str, Any]
-"""Work as plain values for another process or machine, written by ``plain`` and read by ``from_plain``."""
+"""Work as plain values for another process or machine. ``plain`` writes them and ``from_plain`` reads them."""
 
 
 def to_plain(value: Any) -> Plain:
@@ -27,7 +27,7 @@ def to_plain(value: Any) -> Plain:
 
 
 def from_plain(cls: Any, values: Plain, **others: Any) -> Any:
-    """Recreate a data class from ``to_plain`` values. ``others`` already have their types."""
+    """Recreate a data class from the values of ``to_plain``. ``others`` already have their final types."""
     read = {"Path": Path, "Path | None": Path, "tuple[str, ...]": tuple}
     kinds = {item.name: read.get(str(item.type)) for item in fields(cls) if item.name not in others}
     given = [(name, kind, values[name]) for name, kind in kinds.items()]
@@ -38,7 +38,7 @@ def from_plain(cls: Any, values: Plain, **others: Any) -> Any:
 
 @dataclass(frozen=True)
 class Step:
-    """One step of an item."""
+    """One step in processing an item."""
 
     name: str  # Name of the step, such as solve, bake or film.
     key: str  # Hash of the step's inputs.
@@ -46,23 +46,23 @@ class Step:
 
 @dataclass(frozen=True)
 class Place:
-    """Circumstances under which a step runs."""
+    """Where and how a step runs."""
 
-    folder: Path  # Folder of the item's record.
-    progress: Progress  # Receives the progress of each stage.
+    folder: Path  # Folder that holds the item's record.
+    progress: Progress  # Receives the progress in each stage.
     stopped: Callable[[], MocapError | None] = lambda: None  # Called regularly. A returned error ends the step.
-    in_child: bool = False  # Run Blender in a separate process, which parallel steps need.
-    scheduler: str = ""  # Cluster that solves segments of a long take, "" for one process.
+    in_child: bool = False  # Run Blender in a separate process. Parallel steps need this.
+    scheduler: str = ""  # Cluster that solves segments of a long take, or "" to solve in one process.
 
 
 class Work(Protocol):
-    """Items of one kind, their steps and all settings. Instances are immutable."""
+    """Items of one kind, with their steps and all settings. Instances are immutable."""
 
-    kind: ClassVar[str]  # Name in ``plain`` and in the progress text.
+    kind: ClassVar[str]  # Name of the kind in ``plain`` and in progress texts.
 
     @property
     def out(self) -> Path:
-        """Folder of the records."""
+        """Folder that contains the records."""
         ...
 
     @property
@@ -75,11 +75,11 @@ class Work(Protocol):
         ...
 
     def steps(self, item: Path) -> tuple[Step, ...]:
-        """Return the wanted steps of an item, in order."""
+        """Return the requested steps of an item, in order."""
         ...
 
     def do_step(self, item: Path, step: str, place: Place) -> StepMade:
-        """Process one step. Return its outputs as names in the folder, its notes and its figures."""
+        """Process one step. Return the names of its outputs in the folder, its notes and its figures."""
         ...
 
     def plain(self) -> Plain:
@@ -88,5 +88,5 @@ class Work(Protocol):
 
 
 def take_name(item: Path) -> str:
-    """Return the name of an item's folder: a capture's take, or a shot."""
+    """Return the name of an item's folder: the name of a capture's take, or of a shot."""
     return item.stem if item.is_file() else item.name
