@@ -1,1 +1,1 @@
-"""Write motions as actions with curves, sparse keys and confidence."""
+"""Write motions as actions, with full or sparse keys and with confidence."""

@@ -1,4 +1,4 @@
-"""Write a motion as an action with the rotations of the pose bones and the path of the pelvis."""
+"""Write a motion as an action: rotations of the pose bones, and the path of the pelvis."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from .layers import keep_users_action, reset_root
 ROOT_PATHS = tuple(f'pose.bones["{ROOT}"].{name}' for name in ("location", "rotation_quaternion"))
 """Data paths of the root control's location and rotation."""
 _EDITED = 1e-4
-"""Smallest difference from the motion that counts as a hand edit, in metres or quaternion components."""
+"""Smallest deviation from the motion that is a hand edit, in metres or quaternion components."""
 
 
 def bake_action(
@@ -45,11 +45,11 @@ def bake_action(
     """Write a motion as a new action of an armature and play it.
 
     Args:
-        rest_pelvis: (3,) position of the shaped body's pelvis at rest in the body's frame, in metres.
-        keys_per_second: average number of keys to keep, joined by smooth curves. The action stores the resulting
-            deviation from the full take. None writes a key on every frame.
-        tolerance_mm: keep as few keys as possible with every joint within this distance of the full take.
-        edited: (F, 3 + 4 J) channels with hand edits, None for the motion's channels.
+        rest_pelvis: (3,) rest position of the shaped body's pelvis in the body's frame, in metres.
+        keys_per_second: average number of keys to keep, connected by smooth curves. The action stores how far the
+        result deviates from the full take. None writes a key at every frame.
+        tolerance_mm: keep as few keys as possible so that no joint moves farther than this from the full take.
+        edited: (F, 3 + 4 J) channels with hand edits, or None to use the motion's channels.
     """
     with keep_users_action(armature):
         target = create_action(name, armature)
@@ -61,7 +61,7 @@ def bake_action(
     if keys_per_second is None and tolerance_mm is None:
         types = key_type_values(motion.keyframes, motion.num_frames)
         for path, joint, part in columns:
-            kept = slice(0, 1 if np.ptp(wanted[:, part], axis=0).max() == 0.0 else None)  # one key for what never moves
+            kept = slice(0, 1 if np.ptp(wanted[:, part], axis=0).max() == 0.0 else None)  # one key for constant curves
             write_curves(target, path, joint, times[kept], wanted[kept, part], types[kept])
         keyed = np.arange(motion.num_frames)
     else:
@@ -104,7 +104,7 @@ def key_root(
 
 
 def _key_switches(target: CurveTarget, armature: bpy.types.Object, start: np.ndarray) -> None:
-    """Key the IK switches and finger controls at 0, because a take must not inherit values."""
+    """Key the IK switches and finger controls at 0, because a take must not inherit their current values."""
     for path, name in control_paths(armature):
         write_curves(target, path, name, start, np.zeros((1, 3)), key_type_values(None, 1))
     if not has_limbs(armature):
@@ -116,7 +116,7 @@ def _key_switches(target: CurveTarget, armature: bpy.types.Object, start: np.nda
 def pose_channels(motion: MotionFile, armature: bpy.types.Object, rest_pelvis: np.ndarray) -> np.ndarray:
     """Return (F, 3 + 4 J) channels: the pelvis location in metres, then a quaternion (wxyz) per bone.
 
-    Channels are in the rest axes of each bone. They are relative to the root control if the motion has a root.
+    Channels are in the rest axes of each bone. If the motion has a root, they are relative to the root control.
     """
     motion = without_root(motion)
     rotvec = rotvec_on(motion, layout_of(armature.data.bones))
@@ -128,7 +128,7 @@ def pose_channels(motion: MotionFile, armature: bpy.types.Object, rest_pelvis: n
 def channel_poses(
     channels: np.ndarray, armature: bpy.types.Object, rest_pelvis: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Convert channels back to (F, J, 3) axis-angles and (F, 3) translations."""
+    """Convert channels back to axis-angle vectors (F, J, 3) and translations (F, 3)."""
     quat = channels[:, 3:].reshape(len(channels), -1, 4)
     quat = quat / np.linalg.norm(quat, axis=-1, keepdims=True)
     quat[..., 1:] = (np.swapaxes(rotation_from_body_axes(armature), 1, 2) @ quat[..., 1:, None])[..., 0]
@@ -138,7 +138,7 @@ def channel_poses(
 
 
 def pose_columns(layout: BodyLayout = SMPL) -> Iterator[tuple[str, str, slice]]:
-    """Yield the data path, bone name and ``pose_channels`` columns of each property."""
+    """Yield the data path, the bone name and the columns of ``pose_channels`` for each property."""
     pelvis, *_ = layout.joints
     yield f'pose.bones["{pelvis}"].location', pelvis, slice(0, 3)
     for j, joint in enumerate(layout.joints):
@@ -146,10 +146,10 @@ def pose_columns(layout: BodyLayout = SMPL) -> Iterator[tuple[str, str, slice]]:
 
 
 def bone_quaternions(rotvec: np.ndarray, R_bone_body: np.ndarray) -> np.ndarray:
-    """Convert (F, J, 3) axis-angles to (F, J, 4) wxyz quaternions with continuous signs.
+    """Convert (F, J, 3) axis-angle vectors to (F, J, 4) wxyz quaternions with continuous signs.
 
-    An axis-angle v in the body's frame is C v in the bone's axes. The root maps the body's frame to the world. The
-    armature's frame already has the world's axes, so the upright rotation is removed first.
+    An axis-angle vector v in the body's frame is C v in the bone's axes. The root maps the body's frame to the world.
+    The armature already has the world's axes, so the rotation that makes the body upright is removed first.
     """
     quat = quat_from_rotvec(rotvec)
     quat[:, 0] = quat_multiply(QUAT_BODY_ARMATURE, quat[:, 0])
@@ -169,7 +169,7 @@ _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 class BodyPose:
     """Pose of an SMPL-type body in one frame."""
 
-    rotvec: np.ndarray  # (J, 3) axis-angle in radians: the root maps body to world, the others child to parent.
+    rotvec: np.ndarray  # (J, 3) axis-angle in radians. The root maps body to world, all others child to parent.
     transl: np.ndarray  # (3,) metres: the pelvis is at ``J_0(betas) + transl``.
 
 
@@ -180,7 +180,7 @@ def read_pose(
     *,
     without_root: bool = False,
 ) -> BodyPose:
-    """Return the evaluated pose of a body. ``R_bone_body`` from ``rotation_from_body_axes`` can be reused."""
+    """Return the evaluated pose of a body. ``R_bone_body`` is the result of ``rotation_from_body_axes``, if known."""
     R_bone_body = rotation_from_body_axes(armature) if R_bone_body is None else R_bone_body
     bones = [armature.pose.bones[joint] for joint in layout_of(armature.data.bones).joints]
     spaces = {"from_space": "POSE", "to_space": "LOCAL"}

@@ -1,4 +1,4 @@
-"""Read and write whole animation curves in the layout of each Blender version."""
+"""Read and write whole animation curves in the data layout of each Blender version."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import numpy as np
 
 @dataclass(frozen=True)
 class CurveTarget:
-    """Curves of an action for one object."""
+    """An action's curves for one object."""
 
     action: bpy.types.Action
-    container: Any  # The slot's channelbag (Blender 4.4 and later) or the action itself.
+    container: Any  # The slot's channelbag (Blender 4.4 and later), or the action itself.
 
 
 def create_action(name: str, obj: Any) -> CurveTarget:
-    """Create an action with a slot for one object or its shape keys, and play it."""
+    """Create an action with a slot for an object or its shape keys, and play it."""
     action = bpy.data.actions.new(name)
     if hasattr(action, "slots"):
         action.slots.new(id_type=obj.id_type, name=obj.name)
@@ -30,12 +30,12 @@ def create_action(name: str, obj: Any) -> CurveTarget:
 
 
 def is_take(action: bpy.types.Action) -> bool:
-    """Return whether an action is a take that ``bake_action`` wrote."""
+    """Return whether an action is a take written by ``bake_action``."""
     return all(key in action for key in ("fps", "frames", "frame_start"))
 
 
 def playing_strips(obj: bpy.types.Object) -> list[bpy.types.NlaStrip]:
-    """Return the NLA strips of an object that are not muted, from bottom to top."""
+    """Return an object's unmuted NLA strips from bottom to top."""
     animation = obj.animation_data
     if animation is None:
         return []
@@ -49,7 +49,7 @@ def take_strip(obj: bpy.types.Object) -> bpy.types.NlaStrip | None:
 
 
 def current_action(obj: bpy.types.Object) -> bpy.types.Action | None:
-    """Return the take that an object plays, below the user's layers, or its top action."""
+    """Return the take that an object plays below the user's layers, or else its top action."""
     own, playing = obj.animation_data and obj.animation_data.action, playing_strips(obj)
     if own is not None and is_take(own):
         return own
@@ -59,7 +59,7 @@ def current_action(obj: bpy.types.Object) -> bpy.types.Action | None:
 
 
 def play_action(obj: Any, action: bpy.types.Action | None, slot: Any = None) -> None:
-    """Assign an action to an object, and its slot in Blender versions that have slots."""
+    """Assign an action to an object. In Blender versions that have slots, assign its slot too."""
     animation = obj.animation_data or obj.animation_data_create()
     animation.action = action
     if action is not None and hasattr(action, "slots") and len(action.slots):
@@ -67,7 +67,7 @@ def play_action(obj: Any, action: bpy.types.Action | None, slot: Any = None) -> 
 
 
 def exchange_strip(obj: bpy.types.Object, strip: bpy.types.NlaStrip, action: bpy.types.Action) -> None:
-    """Replace an NLA strip by a strip that plays a whole action at the frames of its keys."""
+    """Replace an NLA strip by one that plays a whole action at the frames of its keys."""
     [track] = [track for track in obj.animation_data.nla_tracks if strip in list(track.strips)]
     kept = {name: getattr(strip, name) for name in ("blend_type", "extrapolation", "use_auto_blend")}
     track.strips.remove(strip)
@@ -86,7 +86,7 @@ def fit_strip(strip: bpy.types.NlaStrip, action: bpy.types.Action) -> None:
 
 
 def action_curves(action: bpy.types.Action) -> Iterator[bpy.types.FCurve]:
-    """Yield the curves of an action in any Blender version."""
+    """Yield an action's curves, in any Blender version."""
     if not hasattr(action, "slots"):
         yield from action.fcurves
         return
@@ -97,7 +97,7 @@ def action_curves(action: bpy.types.Action) -> Iterator[bpy.types.FCurve]:
 
 
 def played_target(obj: bpy.types.Object) -> CurveTarget | None:
-    """Return the curves of an object's assigned action, or None without an editable action."""
+    """Return the curves of the action assigned to an object, or None if there is no editable action."""
     action = current_action(obj)
     if action is None or not action.is_editable or action != obj.animation_data.action:
         return None
@@ -105,7 +105,7 @@ def played_target(obj: bpy.types.Object) -> CurveTarget | None:
 
 
 def curve_target(action: bpy.types.Action, slot: Any = None) -> CurveTarget | None:
-    """Return the curves of an action, or None if it has no slot."""
+    """Return the curves of an action, or None if the action has no slot."""
     if not hasattr(action, "slots"):
         return CurveTarget(action, action)
     slot = slot or next(iter(action.slots), None)
@@ -117,7 +117,7 @@ def curve_target(action: bpy.types.Action, slot: Any = None) -> CurveTarget | No
 
 
 def remove_curves(target: CurveTarget, path: str) -> np.ndarray | None:
-    """Remove a property's curves, and return the first one's (K, 2) times and types."""
+    """Remove a property's curves. Return the times and types of the first curve's keys, shape (K, 2)."""
     curves = [curve for curve in target.container.fcurves if curve.data_path == path]
     if not curves:
         return None
@@ -131,14 +131,14 @@ def remove_curves(target: CurveTarget, path: str) -> np.ndarray | None:
 
 
 def key_points(curve: bpy.types.FCurve, field: str = "co") -> np.ndarray:
-    """Return the (K, 2) scene frames and values of a curve's keys, or of their left or right handles."""
+    """Return (K, 2) scene frames and values of a curve's keys, or of the keys' left or right handles."""
     points = np.empty(2 * len(curve.keyframe_points), np.float32)
     curve.keyframe_points.foreach_get(field, points)
     return points.reshape(-1, 2)
 
 
 def curve_values(curve: bpy.types.FCurve, times: np.ndarray) -> np.ndarray:
-    """Evaluate a curve at (F,) ascending scene frames, from its keys if possible."""
+    """Evaluate a curve at (F,) ascending scene frames, directly from its keys if possible."""
     points = key_points(curve)
     if len(points) == len(times) and np.array_equal(points[:, 0], times.astype(np.float32)) and not curve.modifiers:
         return points[:, 1].astype(np.float64)
@@ -146,13 +146,13 @@ def curve_values(curve: bpy.types.FCurve, times: np.ndarray) -> np.ndarray:
 
 
 def keys_of(action: bpy.types.Action, *but: str) -> dict[tuple[str, int], tuple[Any, ...]]:
-    """Return a comparable description of an action's curves, except for data paths that end in ``but``."""
+    """Return a comparable description of an action's curves, without data paths that end in any of ``but``."""
     curves = (curve for curve in action_curves(action) if not curve.data_path.endswith(but))
     return {(curve.data_path, curve.array_index): _motion_of(curve) for curve in curves}
 
 
 _EASES = ("interpolation", "easing")
-_DRAWN = {"name", "active", "show_expanded"}  # Properties of a modifier that do not affect values.
+_DRAWN = {"name", "active", "show_expanded"}  # Properties of a modifier that do not affect its result.
 
 
 def _motion_of(curve: bpy.types.FCurve) -> tuple[Any, ...]:
@@ -167,7 +167,7 @@ def _motion_of(curve: bpy.types.FCurve) -> tuple[Any, ...]:
 
 
 def _settings(item: Any) -> dict[str, Any]:
-    """Return the values of a Blender item's properties, including arrays and nested items."""
+    """Return the property values of a Blender item, including arrays and nested items."""
     found: dict[str, Any] = {}
     for prop in item.bl_rna.properties:
         if prop.type == "COLLECTION":
@@ -187,15 +187,15 @@ def write_curves(
     types: np.ndarray,
     slopes: np.ndarray | None = None,
 ) -> None:
-    """Write one curve per column, with linear or cubic segments of given slopes.
+    """Write one curve per column, with linear segments, or with cubic segments of given slopes.
 
-    Bezier handles of a third of the interval to the next key make a segment a cubic polynomial of time.
+    If a Bezier handle extends over a third of the interval to the next key, the segment is a cubic polynomial of time.
 
     Args:
         times: (F,) scene frames in ascending order, not necessarily whole.
         values: (F, N) values, one column per index of the property.
-        types: (F,) key types, see ``key_type_values``.
-        slopes: (F, N) change of the values per scene frame, None for linear segments.
+        types: (F,) key types (see ``key_type_values``).
+        slopes: (F, N) change of the values per scene frame, or None for linear segments.
     """
     columns = {"interpolation": ("LINEAR",)}
     if slopes is not None:
@@ -216,7 +216,7 @@ def write_curves(
 
 
 def key_type_values(keyframes: np.ndarray | None, frames: int) -> np.ndarray:
-    """Return (F,) key types: KEYFRAME at the solver's keyframes, otherwise GENERATED."""
+    """Return (F,) key types: KEYFRAME at the solver's keyframes and GENERATED elsewhere."""
     keyframe = _enum_value("type", "KEYFRAME")
     if keyframes is None:
         return np.full(frames, keyframe, dtype=np.int32)
@@ -238,13 +238,13 @@ def _points(times: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _enum_value(prop: str, *names: str) -> int:
-    """Return the ``foreach_set`` number of the first of these names that this Blender version knows."""
+    """Return the ``foreach_set`` number of the first name that this Blender version knows."""
     items = bpy.types.Keyframe.bl_rna.properties[prop].enum_items
     return next(items[name].value for name in names if name in items)
 
 
-RATE = "scene_fps"  # Custom property of an action: the scene's frames per second for which its keys are placed.
-_SAME = 1e-4  # Relative difference below which two frame rates are equal.
+RATE = "scene_fps"  # Custom property of an action: the scene frame rate at which its keys were placed.
+_SAME = 1e-4  # Frame rates are equal if they differ by less than this fraction.
 
 
 def same_rate(a: float, b: float) -> bool:
@@ -253,17 +253,17 @@ def same_rate(a: float, b: float) -> bool:
 
 
 def laid_rate(action: bpy.types.Action) -> float:
-    """Return the scene frame rate at which a take's keys are placed."""
+    """Return the scene frame rate at which a take's keys were placed."""
     return float(action[RATE])
 
 
 def mark_laid(action: bpy.types.Action, fps: float, frames: int, start: float, scene_fps: float) -> None:
-    """Store the timing of an action, so that it can be moved to another scene frame rate."""
+    """Store the timing of an action, so that it can later be adapted to another scene frame rate."""
     action["fps"], action["frames"], action["frame_start"], action[RATE] = fps, frames, start, scene_fps
 
 
 def played_takes(scene: bpy.types.Scene) -> Iterator[bpy.types.Action]:
-    """Yield each take that an object of the scene plays or has on the NLA, without duplicates."""
+    """Yield each take that an object in the scene plays or has on the NLA, without duplicates."""
     seen: set[str] = set()
     for obj in scene.objects:
         animation = obj.animation_data if obj.type == "ARMATURE" else None
@@ -277,7 +277,7 @@ def played_takes(scene: bpy.types.Scene) -> Iterator[bpy.types.Action]:
 
 
 def relay_take(action: bpy.types.Action, scene_fps: float) -> None:
-    """Move a take's keys and hand edits to another scene frame rate."""
+    """Adapt a take's keys and hand edits to another scene frame rate."""
     start, ratio = float(action["frame_start"]), scene_fps / laid_rate(action)
     for curve in action_curves(action):
         for name in ("co", "handle_left", "handle_right"):

@@ -1,4 +1,4 @@
-"""Compare Blender's evaluated body with the same body computed by NumPy."""
+"""Compare the body that Blender evaluates with the same body computed by NumPy."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from ..conventions.timing import TakeTiming, go_to_frame
 class Deviation:
     """Largest distances over several frames."""
 
-    joints_mm: float  # Heads of the pose bones from the motion file's joints, or from the tree's if the file has none.
-    skin_mm: float  # Evaluated mesh from the model: skinning with the body's shape and pose correctives.
+    joints_mm: float  # Pose bone heads from the motion file's joints, or from the joint tree if the file has none.
+    skin_mm: float  # Evaluated mesh from the model's skin, which includes the shape and the pose correctives.
 
 
 def evaluated_joints(scene: bpy.types.Scene, armature: bpy.types.Object, frame: float) -> np.ndarray:
-    """Return the (J, 3) world positions of the pose bones' heads at a scene frame, in Blender units."""
+    """Return the world positions (J, 3) of the pose bones' heads at a scene frame, in Blender units."""
     go_to_frame(scene, frame)
     evaluated = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
     bones = evaluated.pose.bones
@@ -31,7 +31,7 @@ def evaluated_joints(scene: bpy.types.Scene, armature: bpy.types.Object, frame: 
 
 
 def evaluated_vertices(scene: bpy.types.Scene, obj: bpy.types.Object, frame: float) -> np.ndarray:
-    """Return the (V, 3) world positions of a mesh's evaluated vertices at a scene frame, in Blender units."""
+    """Return the world positions (V, 3) of a mesh's evaluated vertices at a scene frame, in Blender units."""
     go_to_frame(scene, frame)
     evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
     world = np.array(evaluated.matrix_world, dtype=np.float64)
@@ -47,7 +47,7 @@ def measure_deviation(
     timing: TakeTiming,
     frames: list[int],
 ) -> Deviation:
-    """Measure the deviation of Blender's evaluation from NumPy's in the shown scene."""
+    """Measure how far Blender's evaluation of the displayed scene deviates from NumPy's."""
     times = timing.scene_frames(motion.num_frames, motion.fps)
     _, tree = pose_joints(body.rest_joints(motion.betas), rotvec_on(motion, body.layout)[frames], motion.transl[frames])
     expected = tree if motion.joints is None else motion.joints[frames]

@@ -1,4 +1,4 @@
-"""Reduce keys: add keys where the curves deviate most, then move the keys to better frames."""
+"""Reduce keys: add keys where the curves deviate most, then move each key to a better frame."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from .._exchange.progress import Progress, silent
 from .._exchange.so3 import quat_from_matrix
 from ..conventions.skeleton import LAYOUTS, layout_of
 
-_PULL = 1e-3  # Weight that pulls slopes towards their neighbours', so that all slopes are defined.
+_PULL = 1e-3  # Weight that pulls each slope towards its neighbours' slopes, so that every slope is defined.
 
 
 @dataclass(frozen=True)
 class SparseCurves:
     """N cubic Hermite splines that share K keys."""
 
-    frames: np.ndarray  # (K,) frames of the take, ascending.
-    values: np.ndarray  # (K, N) values of the take at the keys.
-    slopes: np.ndarray  # (K, N) per frame.
+    frames: np.ndarray  # (K,) frames in the take, ascending.
+    values: np.ndarray  # (K, N) values of the take at these frames.
+    slopes: np.ndarray  # (K, N) change per frame.
 
     @classmethod
     def fitted(cls, values: np.ndarray, frames: np.ndarray) -> SparseCurves:
-        """Fit curves to (F, N) values by least squares, exact at the (K,) frames of the keys."""
+        """Fit curves to (F, N) values by least squares. They are exact at the (K,) key frames."""
         if len(values) == 1:
             return cls(np.zeros(1, int), values, np.zeros_like(values))
         return cls(frames, values[frames], _fit_slopes(values, frames))
@@ -45,9 +45,9 @@ class SparseCurves:
 
 
 def _fit_slopes(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Return the (K, N) slopes at the keys that minimise the squared distance to the (F, N) ``values``."""
+    """Return the slopes (K, N) at the keys that minimise the squared distance to the (F, N) ``values``."""
     _, basis = _hermite(frames, len(values))
-    at_keys, pieces = values[frames], frames[:-1]  # and the first frame of each piece
+    at_keys, pieces = values[frames], frames[:-1]  # the second are the first frames of all pieces
     left, right = (np.add.reduceat(basis[:, k, None] * basis, pieces) for k in (2, 3))  # (K - 1, 4) each
     sums, slopes = np.zeros_like(at_keys), basis[:, 2:].T
     for k, (first, stop) in enumerate(pairwise([*pieces.tolist(), len(values)])):
@@ -61,8 +61,8 @@ def _fit_slopes(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
 
 
 def _solve_chain(diagonal: np.ndarray, beside: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve a symmetric tridiagonal system with (K,) diagonal and (K - 1,) off-diagonal for x, (K, N)."""
-    rest, rows, off = diagonal.tolist(), list(right.copy()), beside.tolist()  # rows that are views of one array
+    """Solve a symmetric tridiagonal system for x (K, N). The diagonal is (K,), the off-diagonal (K - 1,)."""
+    rest, rows, off = diagonal.tolist(), list(right.copy()), beside.tolist()  # lists of rows, each a view of one array
     for k, value in enumerate(off, 1):
         factor = value / rest[k - 1]
         rest[k] -= factor * value
@@ -75,7 +75,7 @@ def _solve_chain(diagonal: np.ndarray, beside: np.ndarray, right: np.ndarray) ->
 
 
 def _hermite(frames: np.ndarray, num_frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (F,) key before each frame, and (F, 4) weights of values and slopes."""
+    """Return the key before each frame (F,), and the weights of values and slopes (F, 4)."""
     at = np.arange(num_frames)
     left = np.clip(np.searchsorted(frames, at, "right") - 1, 0, len(frames) - 2)
     length = (frames[left + 1] - frames[left]).astype(float)
@@ -85,23 +85,23 @@ def _hermite(frames: np.ndarray, num_frames: int) -> tuple[np.ndarray, np.ndarra
     return left, np.stack([1 - value_right, value_right, *slopes], axis=1)
 
 
-_MOVES = (1, -1, 2, -2, 4, -4)  # Trial moves of a key, counted in candidate frames.
+_MOVES = (1, -1, 2, -2, 4, -4)  # Trial moves of a key, in candidate frames.
 _SWEEPS = 4
-_APART = 6  # Spacing of keys tested together. A key hardly affects the fit three keys away.
-_POWER = 6  # Power of the mean that moves minimise: close to the largest distance, but smooth.
-_GAIN = 0.02  # Smallest relative gain of a sweep for another sweep to follow. Chosen by hand.
-_UNCHANGED = 2e-6  # Channel difference (metres or quaternion components) below 0.1 mm at any joint.
-_SHARE = 8  # Each pass adds one in this many of the missing keys.
+_APART = 6  # Distance in keys between keys that are tested together. A key hardly affects the fit three keys away.
+_POWER = 6  # Exponent of the power mean that moves minimise. It is close to the largest distance, but smooth.
+_GAIN = 0.02  # Another sweep follows if a sweep gains at least this fraction. Chosen by hand.
+_UNCHANGED = 2e-6  # A channel difference (in metres or quaternion components) that moves no joint by 0.1 mm.
+_SHARE = 8  # Each pass adds one eighth of the missing keys.
 
-ADDING, MOVING, REMOVING = "Adding keys", "Moving keys", "Removing keys"  # Stages of the progress.
+ADDING, MOVING, REMOVING = "Adding keys", "Moving keys", "Removing keys"  # Names of the progress stages.
 Distance = Callable[[np.ndarray], np.ndarray]
-"""Function that returns each frame's (F,) distance in metres between (F, N) values and a take."""
+"""Function that returns the distance in metres between (F, N) values and a take, in each frame (F,)."""
 
 
 def reduce_keys(
     values: np.ndarray, candidates: np.ndarray, count: int, distance: Distance, progress: Progress = silent
 ) -> SparseCurves:
-    """Return curves with up to ``count`` keys at both ends and chosen ``candidates``."""
+    """Return curves with up to ``count`` keys: both ends and the best ``candidates``."""
     last = len(values) - 1
     free = np.unique(np.concatenate([candidates[(candidates > 0) & (candidates < last)], [0, last]]).astype(int))
     laid = _lay(values, free, count, distance, progress)
@@ -111,7 +111,7 @@ def reduce_keys(
 def keys_within(
     values: np.ndarray, distance: Distance, tolerance_m: float, progress: Progress = silent
 ) -> SparseCurves:
-    """Return curves within a tolerance, with keys at the worst frames."""
+    """Return curves that stay within a tolerance. Keys are added at the worst frames."""
     free, count = np.arange(len(values)), 2
     keys = free[[0, -1]] if len(values) > 1 else free
     while len(keys) < len(free):
@@ -136,10 +136,10 @@ def _error(values: np.ndarray, keys: np.ndarray, distance: Distance) -> np.ndarr
 def _pruned(
     values: np.ndarray, keys: np.ndarray, distance: Distance, tolerance_m: float, progress: Progress
 ) -> np.ndarray:
-    """Remove the keys that the tolerance does not require. Keys that are far apart are tested together."""
+    """Remove keys that the tolerance does not require. Keys that are far apart are tested together."""
     turn = idle = 0
     while idle < _APART and len(keys) > 2:
-        progress(REMOVING, turn, turn + _APART - idle)  # at least so many more
+        progress(REMOVING, turn, turn + _APART - idle)  # at least this many more tests follow
         out = keys[1:-1][turn % _APART :: _APART]
         while len(out):
             kept = np.setdiff1d(keys, out)
@@ -148,13 +148,13 @@ def _pruned(
                 break
             pieces = np.flatnonzero(np.logical_or.reduceat(wrong, kept[:-1]))
             away = np.abs(np.subtract.outer(np.searchsorted(kept, out) - 1, pieces)).min(axis=1)
-            out = out[away > away.min()]  # those nearest to a wrong frame return
+            out = out[away > away.min()]  # the keys nearest to a frame outside the tolerance are restored
         keys, turn, idle = np.setdiff1d(keys, out), turn + 1, 0 if len(out) else idle + 1
     return keys
 
 
 def _lay(values: np.ndarray, free: np.ndarray, count: int, distance: Distance, progress: Progress) -> np.ndarray:
-    """Add keys at the worst frames of the worst segments, up to ``count``."""
+    """Add up to ``count`` keys, at the worst frames of the worst segments."""
     keys = free[[0, -1]] if len(values) > 1 else free
     while len(keys) < min(count, len(free)):
         progress(ADDING, len(keys), count)
@@ -172,7 +172,7 @@ def _lay(values: np.ndarray, free: np.ndarray, count: int, distance: Distance, p
 
 
 def _move(values: np.ndarray, free: np.ndarray, keys: np.ndarray, distance: Distance, progress: Progress) -> np.ndarray:
-    """Move each key to a nearby free frame if that reduces the distances. Return the new keys.
+    """Move each key to a nearby free frame if that reduces the distances. Return the new key frames.
 
     Keys that are far apart are tested together.
     """
@@ -204,18 +204,18 @@ def _move(values: np.ndarray, free: np.ndarray, keys: np.ndarray, distance: Dist
 
 
 def _between(cost: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Return the sums of an (F,) cost over ranges of frames, including the last frame of each range."""
+    """Return the sums of an (F,) cost over frame ranges, each including its last frame."""
     total = np.concatenate([[0.0], np.cumsum(cost, dtype=np.float64)])
     return total[last + 1] - total[first]
 
 
 @dataclass(frozen=True)
 class KeyDeviation:
-    """Largest differences between a take with sparse keys and the full take, over all frames and joints."""
+    """Largest differences between a take with sparse keys and the full take, among all frames and joints."""
 
     keys: int
-    joints_mm: float  # Joint positions.
-    degrees: float  # Joint rotations relative to the parents.
+    joints_mm: float  # Distance between joint positions.
+    degrees: float  # Angle between joint rotations relative to their parents.
 
     def __str__(self) -> str:
         off = f"Joints are up to {self.joints_mm:.1f} mm and {self.degrees:.1f}° from the take."
@@ -230,7 +230,7 @@ def thin_channels(
     tolerance_mm: float | None = None,
     progress: Progress = silent,
 ) -> tuple[SparseCurves, KeyDeviation]:
-    """Fit ``count`` keyframes to (F, 3 + 4 J) channels, or as many as the tolerance needs."""
+    """Fit ``count`` keys to (F, 3 + 4 J) channels, or as many keys as the tolerance requires."""
     frames = len(channels)
     candidates = np.arange(frames) if keyframes is None else np.flatnonzero(keyframes)
     heads, axes = rest_of(armature)
@@ -239,7 +239,7 @@ def thin_channels(
     seen, known = whole.copy(), np.zeros(frames, np.float32)
 
     def apart(found: np.ndarray) -> np.ndarray:
-        """Return the (F,) largest joint error per frame in metres, where frames changed."""
+        """Return the largest joint error in each frame (F,), in metres. Only changed frames are computed again."""
         changed = np.flatnonzero(np.abs(found - seen).max(axis=1) > _UNCHANGED)
         seen[changed] = found[changed]
         off = _posed(seen[changed], heads, axes, room)[1]
@@ -259,7 +259,7 @@ def thin_channels(
 
 
 def rest_of(armature: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (J, 3) heads and (J, 3, 3) axes of the bones at rest, in the armature's frame."""
+    """Return the heads (J, 3) and axes (J, 3, 3) of the bones at rest, in the armature's frame."""
     bones = armature.data.bones
     rest = np.array([bones[joint].matrix_local for joint in layout_of(bones).joints], dtype=np.float64)
     return rest[:, :3, 3], rest[:, :3, :3]
@@ -271,13 +271,13 @@ def _quaternions(channels: np.ndarray) -> np.ndarray:
 
 
 def posed_joints(channels: np.ndarray, heads: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (F, J, 3, 3) rotations and (F, J, 3) positions in the armature's frame.
+    """Return joint rotations (F, J, 3, 3) and positions (F, J, 3) in the armature's frame.
 
-    ``G_j = G_p A_p^T A_j R_j``, ``p_j = p_p + G_p A_p^T (h_j - h_p)``, with p the parent of joint j.
+    ``G_j = G_p A_p^T A_j R_j``, ``p_j = p_p + G_p A_p^T (h_j - h_p)``, where p is the parent of joint j.
 
     Args:
-        channels: (F, 3 + 4 J) channels, see ``thin_channels``.
-        heads: (J, 3) positions h of the heads at rest.
+        channels: (F, 3 + 4 J) channels (see ``thin_channels``).
+        heads: (J, 3) rest positions h of the heads.
         axes: (J, 3, 3) rest axes A.
     """
     G, p = _posed(channels, heads, axes)
@@ -287,10 +287,10 @@ def posed_joints(channels: np.ndarray, heads: np.ndarray, axes: np.ndarray) -> t
 def _posed(
     channels: np.ndarray, heads: np.ndarray, axes: np.ndarray, room: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``posed_joints`` with frames as the last axis, so that each operation processes all frames.
+    """Return ``posed_joints`` with frames on the last axis, so that each operation covers all frames.
 
     Args:
-        room: (J, 3, 3, at least F) array for the rotations. Reusing it avoids slow memory allocations.
+        room: (J, 3, 3, at least F) array to hold the rotations. Reusing it avoids slow memory allocations.
     """
     parents = np.array(next(layout.parents for layout in LAYOUTS if layout.num_joints == len(heads)))
     up, dtype, frames = np.swapaxes(axes[parents], 1, 2), channels.dtype, len(channels)

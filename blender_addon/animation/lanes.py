@@ -24,11 +24,11 @@ from .curves import (
 )
 
 HALF_AT_M = 0.03  # Standard deviation at which confidence is one half.
-_UNSURE_AT_MOST = 0.3  # Highest confidence of a flagged frame, 0 to 1, chosen by hand.
+_UNSURE_AT_MOST = 0.3  # Highest confidence that a flagged frame can have (0 to 1). Chosen by hand.
 
 
 def joint_confidence(sigma_m: np.ndarray, flags: np.ndarray | None) -> np.ndarray:
-    """Return ``1 / (1 + (sigma / 3 cm)²)``, 0 where interpolated, at most 0.3 where far."""
+    """Return ``1 / (1 + (sigma / 3 cm)²)``. It is 0 in interpolated frames and at most 0.3 in flagged ones."""
     confidence = 1.0 / (1.0 + (np.asarray(sigma_m, np.float64) / HALF_AT_M) ** 2)
     if flags is not None:
         unsure, unseen = (flags & FLAG_UNSURE) > 0, (flags & FLAG_UNSEEN) > 0
@@ -43,8 +43,8 @@ def sigma_of(confidence: float) -> float:
 
 
 PROPERTY, RESTING, CONTACT = "confidence", "resting", "contact"  # Custom properties of bones.
-EDITS = "contact_edits"  # Custom property of an action: contacts that the user added or removed, as JSON.
-FORGETS = "contact_edits_cleared"  # Custom property of an action: the next solve ignores earlier contact edits.
+EDITS = "contact_edits"  # Custom property of an action: the contacts that the user added or removed, as JSON.
+FORGETS = "contact_edits_cleared"  # Custom property of an action: the next solve must ignore earlier contact edits.
 _TOUCHES = "1 where this part of the body touches the floor"
 _PATH = f'["{PROPERTY}"]'
 _OF_JOINT = "Confidence of the joint at this bone's head, 0 to 1"
@@ -55,15 +55,15 @@ _GROUP = "Confidence"
 def write_lanes(
     target: CurveTarget, armature: bpy.types.Object, motion: MotionFile, frames: np.ndarray, times: np.ndarray
 ) -> None:
-    """Write confidence, resting joints and floor contacts of the (N,) frames at (F,) scene frames.
+    """Write confidence, resting joints and floor contacts of (N,) frames at (F,) scene frames.
 
-    The armature's value ignores resting joints, which no measurement determines and which need no review.
+    The armature's value ignores resting joints. No measurement determines them, and they need no review.
     """
     bones, at, resting = armature.pose.bones, times[frames], motion.resting
     for bone in bones:
         for name in (RESTING, CONTACT):
             if name in bone:
-                del bone[name]  # of another take, which no curve would change
+                del bone[name]  # a value from another take, which no curve would change
     types = key_type_values(motion.keyframes, motion.num_frames)[frames]
 
     def write(joint: int, name: str, value: float, description: str, values: np.ndarray) -> None:
@@ -92,9 +92,9 @@ def write_lanes(
 def edit_contact(
     target: CurveTarget, armature: bpy.types.Object, part: str, scene_frames: tuple[int, int], edit: Sequence[object]
 ) -> None:
-    """Show an edited contact of a body part in scene frames, for the next solve.
+    """Show a body part's edited contact in scene frames, and store it for the next solve.
 
-    ``edit`` contains the part, the first and last capture frame, and whether the part touches the floor.
+    ``edit`` contains the body part, the first and last capture frames, and whether the part touches the floor.
     """
     action, bone = target.action, armature.pose.bones[CONTACT_PARTS[part][0]]
     path = f'pose.bones["{bone.name}"]["{CONTACT}"]'
@@ -114,7 +114,7 @@ def clear_contact_edits(action: bpy.types.Action) -> None:
 
 
 def has_contact_edits(action: bpy.types.Action) -> bool:
-    """Return whether the user changed contacts of a take, including edits before an earlier solve."""
+    """Return whether the user has edited a take's contacts, including edits made before an earlier solve."""
     if contact_edits(action):
         return True
     solves = None if action.get(FORGETS) else value_in(action.get("provenance", ""), "resolved")
@@ -122,7 +122,7 @@ def has_contact_edits(action: bpy.types.Action) -> bool:
 
 
 def contact_edits(action: bpy.types.Action) -> list[list[Any]]:
-    """Return the user's contact edits: part, first and last capture frame, and contact."""
+    """Return the user's contact edits. Each has the body part, first and last capture frames, and the contact."""
     return list(json.loads(action.get(EDITS, "[]")))
 
 
@@ -132,14 +132,14 @@ def _declare(owner: bpy.types.Object | bpy.types.PoseBone, name: str, value: flo
 
 
 def _bone_curves(action: bpy.types.Action | None, name: str) -> Iterator[tuple[str, bpy.types.FCurve]]:
-    """Yield the bone name and curve of each curve that animates a custom property ``name`` of a bone."""
+    """Yield each curve that animates the custom property ``name`` of a bone, with the bone's name."""
     for curve in action_curves(action) if action is not None else ():
         if match := re.fullmatch(rf'pose\.bones\["([^"]+)"\]\["{name}"\]', curve.data_path):
             yield match[1], curve
 
 
 def read_lane(action: bpy.types.Action) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return (F,) scene frames and the worst joint's confidence, or None."""
+    """Return (F,) scene frames and the confidence of the worst joint in each, or None if there are none."""
     curve = next((c for c in action_curves(action) if c.data_path == _PATH), None)
     if curve is None:
         return None
@@ -148,22 +148,22 @@ def read_lane(action: bpy.types.Action) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def confidence_at(action: bpy.types.Action | None, frame: float) -> dict[str, float]:
-    """Return the confidence at a scene frame for each bone with a confidence curve."""
+    """Return the confidence of each bone that has a confidence curve, at a scene frame."""
     return {bone: curve.evaluate(frame) for bone, curve in _bone_curves(action, PROPERTY)}
 
 
 def current_confidence(armature: bpy.types.Object) -> dict[str, float]:
-    """Return the confidence at the scene's current frame for each bone with a confidence."""
+    """Return the confidence of each bone that has one, at the scene's current frame."""
     return {bone.name: float(bone[PROPERTY]) for bone in armature.pose.bones if PROPERTY in bone}
 
 
 def resting_at(action: bpy.types.Action | None, times: np.ndarray) -> dict[str, np.ndarray]:
-    """Return an (F,) mask per bone, true where nothing measured the joint."""
+    """Return an (F,) mask for each bone. It is True where no measurement determines the joint."""
     curves = _bone_curves(action, RESTING)
     return {bone: np.array([curve.evaluate(float(t)) > 0.0 for t in times], dtype=bool) for bone, curve in curves}
 
 
 def resting_bones(armature: bpy.types.Object, frame: float) -> frozenset[str]:
-    """Return the bones whose joints no measurement determines at a scene frame of the armature's take."""
+    """Return the bones whose joints no measurement determines, at a scene frame of the armature's take."""
     found = resting_at(current_action(armature), np.array([frame]))
     return frozenset(name for name, rests in found.items() if rests[0])

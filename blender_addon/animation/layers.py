@@ -1,4 +1,4 @@
-"""Keep an animator's actions on top of takes, and store the transform of each take's object."""
+"""Keep an animator's actions on top of takes, and store where each take places its object."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from .curves import (
 )
 
 PLACE = "place"
-"""Custom property of a take: location, rotation and scale of its object and root control, if they have no keys."""
+"""Custom property of a take: location, rotation and scale of its object and root control, unless they have keys."""
 _SHOWN = "shown_take"
-"""Custom property of an armature: the take played last, which the user may have replaced by another action."""
+"""Custom property of an armature: the take that was played last. The user may have replaced it by another action."""
 _PLACE_FIELDS = {
     "location": 3,
     "rotation_euler": 3,
@@ -32,11 +32,11 @@ _PLACE_FIELDS = {
     "scale": 3,
 }
 LAYER_SUFFIX = " layer"
-"""Suffix of the names of actions that ``add_layer`` creates."""
+"""Suffix of the name of each action that ``add_layer`` creates."""
 
 
 def has_layers(obj: bpy.types.Object) -> bool:
-    """Return whether an object plays the user's actions on top of a take on the NLA."""
+    """Return whether an object plays actions of the user on top of a take on the NLA."""
     strip = take_strip(obj)
     if strip is None:
         return False
@@ -51,7 +51,7 @@ def playing_actions(obj: bpy.types.Object) -> list[bpy.types.Action]:
 
 
 def aside_note(obj: bpy.types.Object, before: list[bpy.types.Action]) -> str:
-    """Return a text about the actions in ``before`` that are now muted on the NLA."""
+    """Return a text about those actions in ``before`` that are now muted on the NLA."""
     tracks = obj.animation_data.nla_tracks if before else ()
     strips = [(track, strip) for track in tracks for strip in track.strips]
     where = {strip.action: track.name for track, strip in strips if strip.action is not None}
@@ -63,10 +63,10 @@ def aside_note(obj: bpy.types.Object, before: list[bpy.types.Action]) -> str:
 
 @contextmanager
 def keep_users_action(obj: bpy.types.Object) -> Iterator[None]:
-    """Keep an object's action that is not a take while the block assigns another one.
+    """Keep the user's action on an object while the block assigns another action.
 
-    An action on top of a take stays there, and the new action replaces the take below. Any other user action moves to a
-    muted NLA track of its name and gets a fake user. Takes on the NLA are muted, because a body plays one take.
+    An action on top of a take stays there, and the new action replaces the take below it. Any other user action moves
+    to a muted NLA track with its name and gets a fake user. Takes on the NLA are muted: a body plays only one take.
     """
     animation = obj.animation_data or obj.animation_data_create()
     _remember_place(obj)
@@ -100,20 +100,20 @@ def _remember_place(obj: bpy.types.Object) -> None:
     former = iter(take.get(PLACE, ()))
     known = [[float(value) for value in islice(former, len(part))] for part in values]
     for k, (owner, name) in enumerate(fields):
-        if (name if owner == obj else owner.path_from_id(name)) in keyed:  # where an action of the user's moves it
+        if (name if owner == obj else owner.path_from_id(name)) in keyed:  # an action of the user moves it
             values[k] = known[k] or list(owner.bl_rna.properties[name].default_array)
     take[PLACE] = [value for part in values for value in part]
 
 
 def restore_place(obj: bpy.types.Object, take: bpy.types.Action) -> None:
-    """Restore an object's and its root control's transforms from the take's last playback."""
+    """Restore the transforms that an object and its root control had when the take was last played."""
     values = [float(value) for value in take.get(PLACE, ())]
     if len(values) != len(_placed(obj)) * sum(_PLACE_FIELDS.values()):
         return
     for owner in _placed(obj):
         for name, width in _PLACE_FIELDS.items():
             part, values = values[:width], values[width:]
-            if list(getattr(owner, name)) != part:  # assigning alone counts as a change of the object
+            if list(getattr(owner, name)) != part:  # because even assigning an equal value marks the object as changed
                 setattr(owner, name, part)
 
 
@@ -129,7 +129,7 @@ def _placed(obj: bpy.types.Object) -> list[bpy.types.Object | bpy.types.PoseBone
 
 
 def lay_aside(obj: bpy.types.Object, action: bpy.types.Action, slot: object | None) -> bpy.types.NlaStrip:
-    """Put an action on a new, muted NLA track of its name."""
+    """Put an action on a new, muted NLA track with the action's name."""
     track = obj.animation_data.nla_tracks.new()
     track.name = action.name
     strip = track.strips.new(action.name, int(action.frame_range[0]), action)
@@ -142,7 +142,7 @@ def lay_aside(obj: bpy.types.Object, action: bpy.types.Action, slot: object | No
 
 
 def add_layer(obj: bpy.types.Object, take: bpy.types.Action) -> bpy.types.Action:
-    """Move what an object plays to the NLA, and return a new action on top."""
+    """Move the object's current take or action to the NLA, and return a new action on top of it."""
     animation = obj.animation_data
     if (own := animation.action) is not None:
         slot, blend = getattr(animation, "action_slot", None), animation.action_blend_type
@@ -161,7 +161,7 @@ def add_layer(obj: bpy.types.Object, take: bpy.types.Action) -> bpy.types.Action
 
 @contextmanager
 def without_layers(obj: bpy.types.Object) -> Iterator[None]:
-    """Mute the user's layers on top of a take while the block runs."""
+    """Mute the user's layers on top of a take for the duration of the block."""
     animation, strip = obj.animation_data, take_strip(obj)
     if animation is None or strip is None or not has_layers(obj):
         yield

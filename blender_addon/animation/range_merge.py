@@ -1,4 +1,4 @@
-"""Merge a re-solved range into a take. Keys outside the range keep their exact values."""
+"""Merge a range that was solved again into a take. Keys outside the range keep their exact values."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _KEY = np.dtype(
     + [(name, np.float32, 2) for name in _POINTS]
     + [(name, np.float32) for name in ("back", "amplitude", "period")]
 )
-"""Blender's fields of a keyframe point. Handle types come before handle positions, which depend on them."""
+"""Blender's fields of a keyframe point. Handle types precede handle positions, because the positions depend on them."""
 _LINEAR = bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items["LINEAR"].value
 
 
@@ -41,7 +41,7 @@ def _write_keys(curve: bpy.types.FCurve, keys: np.ndarray) -> None:
 
 
 def carry_curves(source: bpy.types.Action, target: CurveTarget, start: float, ratio: float) -> None:
-    """Copy curves that a solve does not write, with times scaled by ``ratio``."""
+    """Copy the curves that a solve does not write, with their times scaled by ``ratio``."""
     written = {(curve.data_path, curve.array_index) for curve in target.container.fcurves}
     left = tuple(f'pose.bones["{name}"]' for name in (*CONTROLS, *FINGER_CONTROLS))
     for curve in action_curves(source):
@@ -61,7 +61,7 @@ def _times(keys: np.ndarray) -> np.ndarray:
 
 
 def _linear_keys(times: np.ndarray, values: np.ndarray, like: np.ndarray) -> np.ndarray:
-    """Return LINEAR keys with (K,) times and values, otherwise as in ``like``."""
+    """Return linear keys at (K,) times with (K,) values. All other fields are copied from ``like``."""
     keys = np.repeat(like[:1], len(times))
     for name in _POINTS:
         keys[name] = np.stack([times, values], axis=1)
@@ -69,31 +69,31 @@ def _linear_keys(times: np.ndarray, values: np.ndarray, like: np.ndarray) -> np.
     return keys
 
 
-_NEAR = 1e-3  # Tolerance in scene frames for a key on a frame.
+_NEAR = 1e-3  # A key is on a frame if it is closer than this, in scene frames.
 _SWITCHES = tuple(switch_path(limb) for limb in LIMBS)
 
 
 @dataclass(frozen=True)
 class RangeTimes:
-    """Range of a take in scene frames."""
+    """A range of a take, in scene frames."""
 
     first: float
     last: float
     step: float  # Scene frames between two frames of the take.
 
     def holds(self, times: np.ndarray) -> np.ndarray:
-        """Return a mask of the (K,) times inside the range."""
+        """Return a mask of the (K,) times that lie inside the range."""
         return (times > self.first - _NEAR) & (times < self.last + _NEAR)
 
     def between(self, after: float, before: float) -> np.ndarray:
-        """Return the take's frames strictly between two times."""
+        """Return the take's frames that lie strictly between two times."""
         low, high = (int(np.ceil(round((t - self.first) / self.step, 3))) for t in (after, before))
         frames = self.first + self.step * np.arange(low, high)
         return frames[(frames > after + _NEAR) & (frames < before - _NEAR)]
 
 
 def ends_used(edited: bpy.types.Action, times: RangeTimes) -> list[Limb]:
-    """Return the limbs that an action poses by IK in any frame of a range."""
+    """Return the limbs that an action poses by IK in at least one frame of a range."""
     frames = times.first + times.step * np.arange(round((times.last - times.first) / times.step) + 1)
     switches = {curve.data_path: curve for curve in action_curves(edited) if curve.data_path in _SWITCHES}
     keyed = {curve.data_path for curve in action_curves(edited)}
@@ -104,10 +104,10 @@ def ends_used(edited: bpy.types.Action, times: RangeTimes) -> list[Limb]:
 def merge_range(
     edited: bpy.types.Action, solved: bpy.types.Action, times: RangeTimes, placed: Sequence[Limb] = ()
 ) -> None:
-    """Replace a range of an edited action by the new solution, and keep other keys.
+    """Replace a range of an edited action by the new solution, and keep all other keys.
 
-    Limbs in ``placed`` have keys of their controls in the solved action and keep their IK switches. All other limbs are
-    posed by FK inside the range.
+    Limbs in ``placed`` have control keys in the solved action and keep their IK switches. All other limbs are posed by
+    FK inside the range.
     """
     kept = {switch_path(limb) for limb in placed}
     new = {(curve.data_path, curve.array_index): curve for curve in action_curves(solved)}
@@ -123,7 +123,7 @@ def merge_range(
 
 
 def _signs(old: dict, new: dict, times: RangeTimes) -> dict[str, float]:
-    """Return the sign per rotation curve that continues the old quaternions."""
+    """Return the sign for each rotation curve that makes the new quaternions continue the old ones."""
     before = times.first - times.step
     products: dict[str, float] = {}
     for (path, index), curve in new.items():
@@ -134,7 +134,7 @@ def _signs(old: dict, new: dict, times: RangeTimes) -> dict[str, float]:
 
 
 def _replace(curve: bpy.types.FCurve, solved: bpy.types.FCurve, times: RangeTimes, sign: float) -> None:
-    """Insert the solved keys of a range between the old keys, and sample the gaps between sparse keys."""
+    """Insert the solved keys of a range between the old keys. Sample the old curve between sparse keys at both ends."""
     old, new = _read_keys(curve), _inside(solved, times, sign)
     if not len(old) or _is_constant(old, new):
         return
@@ -147,7 +147,7 @@ def _replace(curve: bpy.types.FCurve, solved: bpy.types.FCurve, times: RangeTime
 def _inside(solved: bpy.types.FCurve, times: RangeTimes, sign: float) -> np.ndarray:
     keys = _read_keys(solved)
     inside = keys[times.holds(_times(keys))]
-    if not len(inside) or len(keys) == 1:  # nothing ever changes
+    if not len(inside) or len(keys) == 1:  # the curve is constant
         ends = np.unique([times.first, times.last])
         inside = _linear_keys(ends, np.array([solved.evaluate(time) for time in ends]), keys)
     for name in _POINTS:
@@ -160,14 +160,14 @@ def _is_constant(old: np.ndarray, new: np.ndarray) -> bool:
 
 
 def _bridge(curve: bpy.types.FCurve, times: RangeTimes, kept: np.ndarray, *, before: bool) -> np.ndarray:
-    """Return keys between the range and the nearest old key that preserve the old motion."""
+    """Return keys between the range and the nearest old key that preserve the old motion there."""
     near = times.first if before else times.last
     if len(kept):
         far = float(_times(kept)[-1 if before else 0])
         frames = times.between(far, near) if before else times.between(near, far)
         if before and len(frames):
             kept["interpolation"][-1] = _LINEAR
-    else:  # a curve is constant beyond its outermost key
+    else:  # outside its keys a curve is constant
         frames = np.array([near - times.step if before else near + times.step])
     return _linear_keys(frames, np.array([curve.evaluate(frame) for frame in frames]), _read_keys(curve))
 

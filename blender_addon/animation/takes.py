@@ -1,4 +1,4 @@
-"""Manage takes, which are solved actions on a body, on NLA tracks or in the asset browser."""
+"""Manage takes. A take is a solved action on a body, on an NLA track or in the asset browser."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from .curves import action_curves, play_action
 from .layers import keep_users_action, lay_aside, restore_place
 
 PATHS = ("motion_file", "capture_file", "report_file", "job_file")
-"""Custom properties of an action that name the files of its solve."""
-PERSON = "person"  # Custom property of an action: the person, if a capture shows several people.
-ERROR = "error_text"  # Custom property of an action: the median error of the solve as text.
-DIAGNOSTICS = "diagnostics"  # Custom property of an action: the diagnostics of its solve as JSON text.
+"""Custom properties of an action that store the paths of the files of its solve."""
+PERSON = "person"  # Custom property of an action: the person it shows, if the capture shows several.
+ERROR = "error_text"  # Custom property of an action: the median error of its solve, as text.
+DIAGNOSTICS = "diagnostics"  # Custom property of an action: the diagnostics of its solve, as JSON text.
 WARNINGS = "warnings"  # Custom property of an action: the warnings of its solve, one per line.
 _HALF = 0.5  # Threshold of a limb's switch between FK (0) and IK (1).
-BETAS = "betas"  # Custom property of an action: the shape it was solved with.
+BETAS = "betas"  # Custom property of an action: the shape with which it was solved.
 
 
 @dataclass(frozen=True)
 class SolveFiles:
-    """Files that a solve read and wrote."""
+    """Files that a solve has read and written."""
 
     motion: Path
     capture: Path | None
@@ -36,14 +36,14 @@ class SolveFiles:
     job: Path | None
 
     def write(self, action: bpy.types.Action, folder: Path | None = None) -> None:
-        """Store the paths in a take, relative to ``folder`` or to the open .blend file's folder."""
+        """Store the paths in a take, relative to ``folder`` or to the folder of the open .blend file."""
         for key, path in zip(PATHS, (self.motion, self.capture, self.report, self.job), strict=True):
             action[key] = stored(path or "", folder)
 
 
 @dataclass(frozen=True)
 class SolvedAgain:
-    """Range of a take that was solved again."""
+    """A range of a take that was solved again."""
 
     take: str  # Name of the action.
     first: int  # First capture frame, counted from 0.
@@ -51,18 +51,18 @@ class SolvedAgain:
 
 
 def take_file(action: bpy.types.Action, key: str) -> Path:
-    """Return the file of a take for a key of ``PATHS``, or an empty path if it has none."""
+    """Return a take's file for a key in ``PATHS``, or an empty path if the take has none."""
     return file_of(action.get(key) or "", action.library)
 
 
 def person_of(provenance: str) -> str:
-    """Return the person in a motion's provenance (JSON text), "" for a single person."""
+    """Return the person named in a motion's provenance (JSON text), or "" if there is only one."""
     person = value_in(provenance, "person")
     return person if isinstance(person, str) else ""
 
 
 def found_in(provenance: str) -> list[DiagnosticValues]:
-    """Return the diagnostics in a motion's provenance (JSON text) as plain JSON values."""
+    """Return the diagnostics stored in a motion's provenance (JSON text), as plain JSON values."""
     return [item.as_dict() for item in read_diagnostics(value_in(provenance, "diagnostics"))]
 
 
@@ -72,7 +72,7 @@ def warnings_of_take(action: bpy.types.Action) -> Sequence[Diagnostic]:
 
 
 def takes_of(capture_file: str, person: str = "", original: str = "") -> list[bpy.types.Action]:
-    """Return the takes of a capture file, or of ``original``, the file before its calibration was refined."""
+    """Return the takes made from a capture file, or from ``original``, the file before its calibration was refined."""
     if not capture_file:
         return []
     files = [file for file in (capture_file, original) if file]
@@ -81,7 +81,7 @@ def takes_of(capture_file: str, person: str = "", original: str = "") -> list[bp
 
 
 def show_take(armature: bpy.types.Object, action: bpy.types.Action) -> None:
-    """Let a body play a take in the take's shape, below any layers of the user."""
+    """Let a body play a take, with the take's shape, below any layers of the user."""
     with keep_users_action(armature):
         play_action(armature, action)
     restore_place(armature, action)
@@ -111,7 +111,7 @@ def push_down(obj: bpy.types.Object) -> bpy.types.NlaStrip | None:
 
 
 def mark_as_asset(action: bpy.types.Action) -> None:
-    """Add an action from ``bake_action`` to the asset browser, with a description."""
+    """Add an action made by ``bake_action`` to the asset browser, with a description."""
     action.asset_mark()
     start, end = action.frame_range
     data = action.asset_data
@@ -121,7 +121,7 @@ def mark_as_asset(action: bpy.types.Action) -> None:
 
 
 def measured_key(action: bpy.types.Action) -> str:
-    """Return the key of ``PATHS`` for a take's source: its capture, otherwise its motion."""
+    """Return the key in ``PATHS`` of a take's source: its capture, or else its motion."""
     return "capture_file" if action.get("capture_file") else "motion_file"
 
 
