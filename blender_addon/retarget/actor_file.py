@@ -1,4 +1,4 @@
-"""Pass a motion from the process that opens a foreign file to its parent."""
+"""Pass a motion from the process that opens a foreign file to its parent process."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SHAPES: dict[type, dict[str, Shape]] = {
     Trunk: {"heights": (None,), "turns": (None, "F", 3, 3)},
     Hand: {"directions": (None, 3), "bends": (None, "F", 3, 3), "starts": (None, 3)},
 }
-"""Shape of each array field, with F the number of frames."""
+"""Shape of each array field. F is the number of frames."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def write_actor(path: Path, read: ReadActor, name: str | None = None) -> None:
 
 
 def read_actor_file(path: Path) -> ReadActor:
-    """Read an actor file. Raises ``FileDamaged`` or ``NonFiniteData``."""
+    """Read an actor file. Raises ``FileDamaged`` or ``NonFiniteData`` if it is not usable."""
     held = read_fields(path, array_names(path))
     held.require_format(_FORMAT, _VERSION)
     main = _part(held, Actor, "")

@@ -1,7 +1,7 @@
 """Find the bones that each control of a rig moves, by moving each control once.
 
-Between two controls of a rig there may be any number of helper bones, constraints and drivers. Each control is rotated
-and shifted once. A control that follows as if rigidly attached is carried by the moved control.
+There may be any number of helper bones, constraints and drivers between two controls of a rig. Each control is rotated
+once and shifted once. If another control follows as if rigidly attached, the moved control carries it.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from ..scene.session import alone
 
 _PROBE = Quaternion(Vector((0.36, 0.48, 0.8)), 0.5)
 _PROBE_SHIFT = Vector((0.06, -0.05, 0.07))
-"""Test shift of each control, as fractions of the rig's size."""
-_ALIKE_TURN, _ALIKE_SHIFT = 0.02, 0.02  # Differences that are ignored: radians, and fraction of a shift.
+"""Test shift of each control, as a fraction of the rig's size."""
+_ALIKE_TURN, _ALIKE_SHIFT = 0.02, 0.02  # Differences to ignore, in radians and as a fraction of a shift.
 _POSE = ("location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale")
 
 
 @dataclass(frozen=True)
 class Hanging:
-    """Dependencies of N controls in the neutral pose, each after its carriers."""
+    """Dependencies between N controls in the neutral pose. Each control comes after its carriers."""
 
     names: tuple[str, ...]
     matrices: np.ndarray  # (N, 4, 4) pose matrices.
-    turns_with: np.ndarray  # (N,) index of the control that turns each one, -1 for none.
-    moves_with: np.ndarray  # (N,) index of the control that moves each one, -1 for none.
-    held: tuple[str, ...]  # Controls that their own channels do not turn.
-    unmoved: tuple[str, ...]  # Controls that their own location does not move.
-    partial: tuple[str, ...]  # Controls that partly follow another, for example by a constraint at half influence.
+    turns_with: np.ndarray  # (N,) index of the control that rotates each one, or -1.
+    moves_with: np.ndarray  # (N,) index of the control that moves each one, or -1.
+    held: tuple[str, ...]  # Controls that do not rotate when their own channels change.
+    unmoved: tuple[str, ...]  # Controls that do not move when their own location changes.
+    partial: tuple[str, ...]  # Controls that only partly follow another, for example through a half constraint.
 
 
 def hanging_of(
@@ -63,7 +63,7 @@ def hanging_of(
 
 @contextmanager
 def neutral(armature: bpy.types.Object, names: Sequence[str], switches: dict[tuple[str, str], float]) -> Iterator[None]:
-    """Stop a rig's animation, and keep its controls at rest and its switches set while the block runs."""
+    """For the block, stop a rig's animation, put its controls at rest and set its switches."""
     animation, data = armature.animation_data, armature.data
     bones = [armature.pose.bones[name] for name in names]
     poses = [{key: tuple(getattr(bone, key)) for key in _POSE} for bone in bones]
@@ -98,14 +98,14 @@ def neutral(armature: bpy.types.Object, names: Sequence[str], switches: dict[tup
 
 
 def set_switches(armature: bpy.types.Object, values: dict[tuple[str, str], float]) -> None:
-    """Set custom properties (bone, key) of an armature's bones. Each keeps its type."""
+    """Set custom properties of an armature's bones, given by (bone, key). Each keeps its type."""
     for (bone, key), value in values.items():
         armature.pose.bones[bone][key] = type(armature.pose.bones[bone][key])(value)
     armature.update_tag()
 
 
 def _hanging(names: tuple[str, ...], before: np.ndarray, after: np.ndarray, size: float) -> Hanging:
-    """Return the dependencies shown by the moves in ``after[d, c]``."""
+    """Derive the dependencies from the movements in ``after[d, c]``."""
     count = range(len(names))
     turned = np.einsum("dcij,ckj->dcik", bone_rotations(after), bone_rotations(before))
     own = turned[count, count]
@@ -124,8 +124,8 @@ def _hanging(names: tuple[str, ...], before: np.ndarray, after: np.ndarray, size
     np.fill_diagonal(partly, False)
     rank = np.lexsort((-goes.sum(1) - along.sum(1), goes.sum(0) + along.sum(0)))
     goes_in, along_in = goes[rank][:, rank], along[rank][:, rank]
-    # Turning a chest moves no shoulder that begins at its head: of two that are moved alike, the one that turns with
-    # more controls is lower in the tree.
+    # Rotating the chest does not move a shoulder that begins at the chest's head. If two controls move in the same way,
+    # the one that rotates along with more controls is lower in the tree.
     depth = along_in.sum(0) + goes_in.sum(0) / (1.0 + len(names))
     turns, moves = _deepest(goes_in, goes_in.sum(0)), _deepest(along_in, depth)
     unmoved = np.linalg.norm(after[count, count, :3, 3] - heads, axis=1) < reach
@@ -134,13 +134,13 @@ def _hanging(names: tuple[str, ...], before: np.ndarray, after: np.ndarray, size
 
 
 def _deepest(carries: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Return each control's (N,) lowest ancestor, -1 for none. ``carries[d, c]`` means d moves c."""
+    """Return the lowest ancestor (N,) of each control, or -1. ``carries[d, c]`` means that d moves c."""
     likely = np.where(carries, 1 + depth[:, None], 0)
     return np.where(carries.any(0), likely.argmax(0), -1)
 
 
 def bone_rotations(matrices: np.ndarray) -> np.ndarray:
-    """Return the (..., 3, 3) normalised axes of (..., 4, 4) matrices."""
+    """Return the normalised axes (..., 3, 3) of (..., 4, 4) matrices."""
     R = matrices[..., :3, :3]
     return R / np.maximum(np.linalg.norm(R, axis=-2, keepdims=True), 1e-12)
 

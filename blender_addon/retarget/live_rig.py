@@ -1,4 +1,4 @@
-"""Pose a character with incoming poses: a retarget of one pose at a time, without actions or keys."""
+"""Pose a character with incoming poses. This is a retarget of one pose at a time, without actions or keys."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from .retarget import Channel, RetargetSettings, channels_of, measure_deviation_
 from .rig_map import RigMap
 from .target_rig import read_target
 
-_BONES = 3  # Bones of a finger of our body.
+_BONES = 3  # Bones in each finger of our body.
 
 
 class LiveRig:
-    """A rig that follows the poses of a body, looked up again after an undo."""
+    """A rig that follows the poses of a body. It is looked up again after an undo."""
 
     def __init__(
         self,
@@ -35,7 +35,7 @@ class LiveRig:
         body: BodyFile,
         betas: np.ndarray,
     ) -> None:
-        """Read a rig, move its action to a muted NLA track, and set its switches as for a retarget."""
+        """Read a rig, move its action to a muted NLA track, and set its switches as a retarget does."""
         hands = {f"{side}_{finger}_{k + 1}" for side in SIDES for finger in FINGERS for k in range(_BONES)}
         rig = read_target(armature, scene, rig_map, settings.limbs, hands if body.layout is not SMPL else ())
         self.notes = (*rig_map.doubts, *rig.notes)
@@ -54,7 +54,7 @@ class LiveRig:
         set_switches(armature, rig.switches)
 
     def reshape(self, betas: np.ndarray) -> None:
-        """Use a new (10,) shape of the body. Raise ``TargetUnsuitable``."""
+        """Set a new (10,) shape of the body. Raise ``TargetUnsuitable`` if the rig does not fit."""
         self._own = body_at_rest(self._body, betas)
         still = np.zeros((1, self._body.layout.num_joints, 3))
         actor = actor_of_poses("", self._own, still, np.zeros((1, 3)), 1.0)
@@ -63,7 +63,7 @@ class LiveRig:
         self._A = map_pose(self._target, actor.rest, self._given)
 
     def pose(self, rotvec: np.ndarray, transl: np.ndarray) -> bool:
-        """Pose the rig from axis-angles and metres. Return False if the rig is gone."""
+        """Pose the rig from axis-angle vectors and a translation in metres. Return False if the rig is gone."""
         armature = bpy.data.objects.get(self._name)
         if armature is None or armature.pose is None or not set(self._target.names) <= set(armature.pose.bones.keys()):
             return False

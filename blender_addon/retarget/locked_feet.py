@@ -1,4 +1,4 @@
-"""Lock the planted feet of a take from any program, and keep all hand edits."""
+"""Lock the planted feet in a take, whatever program it is from, and keep all hand edits."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from ..animation.takes import take_file
 from ..scene.bake import add_edited_take
 from ..scene.hand_edits import played_channels, take_times
 
-_LEGS = ((1, 4, 7, 10), (2, 5, 8, 11))  # Hip, knee, ankle and ball of each leg among SMPL's joints.
+_LEGS = ((1, 4, 7, 10), (2, 5, 8, 11))  # Hip, knee, ankle and ball of each leg, as SMPL joint numbers.
 _ANKLES = [leg[2] for leg in _LEGS]
 _HEEL_BEHIND = 0.35
-"""Distance of the heel behind its ankle, relative to the horizontal distance from ankle to ball, as in our body."""
-_EASE_S = 0.15  # Seconds before and after a contact in which the foot blends with its original path.
-LOCKED = " locked feet"  # Suffix of the names of takes that Lock Feet makes.
+"""Distance of the heel behind the ankle, relative to the horizontal distance from ankle to ball, as in our body."""
+_EASE_S = 0.15  # Seconds before and after a contact during which the foot blends with its original path.
+LOCKED = " locked feet"  # Suffix of the name of each take that Lock Feet creates.
 
 
 @dataclass(frozen=True)
 class LockedFeet:
-    """A take with locked feet."""
+    """A take whose planted feet are locked."""
 
     action: bpy.types.Action
     stands: int  # Number of locked contacts of a heel or ball.
-    slid_mm: float  # Largest slide in millimetres within a contact before the correction.
+    slid_mm: float  # Largest slide during a contact before the correction, in millimetres.
 
 
 def lock_feet(
@@ -52,10 +52,10 @@ def lock_feet(
 def _hold_feet(
     channels: np.ndarray, heads: np.ndarray, axes: np.ndarray, fps: float, longest_slide_m: float
 ) -> tuple[np.ndarray, list[_Foot]]:
-    """Return channels with heels and balls fixed in each contact, and data about feet.
+    """Return channels in which heels and balls stay fixed during each contact, and data about the feet.
 
-    If heel and ball both touch the floor, the foot rotates minimally to its mean direction, and the ankle follows. Legs
-    bend and swing to the ankle in the plane of hip, knee and ankle. The pelvis moves if a leg is too short.
+    If heel and ball both touch the floor, the foot is rotated by the smallest angle to its mean direction, and the
+    ankle follows. Legs reach the ankle in the plane of hip, knee and ankle. The pelvis moves if a leg is too short.
     """
     if len(channels) < 3:
         return channels, []
@@ -87,8 +87,8 @@ def _bent_legs(G: np.ndarray, p: np.ndarray, axes: np.ndarray, feet: list[_Foot]
 
 @dataclass(frozen=True)
 class _Foot:
-    ankle: np.ndarray  # (F, 3) its place.
-    turn: np.ndarray  # (F, 3, 3) rotation of the foot about it.
+    ankle: np.ndarray  # (F, 3) position of the ankle.
+    turn: np.ndarray  # (F, 3, 3) rotation of the foot about the ankle.
     stands: int
     slid_m: float
 
@@ -102,7 +102,7 @@ def _held_foot(
     fps: float,
     longest: float,
 ) -> _Foot:
-    """Return a foot's ankle positions and rotations with heel and ball locked during contacts."""
+    """Return a foot's ankle positions and rotations with its heel and ball locked during contacts."""
     ankle, ball = leg[2:]
     forward = (heads[ball] - heads[ankle]) * [1.0, 1.0, 0.0]
     behind = heads[ball] - (1.0 + _HEEL_BEHIND) * forward - heads[ankle]
@@ -127,14 +127,14 @@ def _held_foot(
 
 
 def _turned(both: np.ndarray, now: np.ndarray, held: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, 3, 3) rotations of a foot to its locked direction, with fades."""
+    """Return (F, 3, 3) rotations of a foot to its locked direction. They fade in and out."""
     turn = np.zeros_like(now)
     turn[both] = rotvec_from_quat(quat_from_matrix(swing(now[both], held[both])))
     return matrix_from_rotvec(eased(turn, np.flatnonzero(both), _EASE_S * fps))
 
 
 def _same_signs(changed: np.ndarray, channels: np.ndarray) -> np.ndarray:
-    """Return changed channels with the previous quaternion signs, because q and -q are the same rotation."""
+    """Give changed channels the previous quaternion signs, because q and -q are the same rotation."""
     new, old = (values[:, 3:].reshape(len(values), -1, 4) for values in (changed, channels))
     signs = np.where((new * old).sum(-1, keepdims=True) < 0, -1.0, 1.0)
     return np.concatenate([changed[:, :3], (signs * new).reshape(len(changed), -1)], axis=1)

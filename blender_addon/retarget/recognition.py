@@ -1,4 +1,4 @@
-"""Recognise a rig by presets, structure and names, and open files of characters."""
+"""Recognise a rig by presets, structure and names, and open character files."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ from .rig_map import RigMap, read_map
 SHIPPED = Path(__file__).parent / "presets"
 GUESSED, STRUCTURE = "By Names", "By Structure"
 _FITS = 0.75
-"""Fraction of a preset's trunk and limb bones that a rig must have."""
+"""Fraction of the trunk and limb bones in a preset that a rig must have."""
 _OPTIONAL = ("root", "spine_", "neck_", "_ik", "_pole", "_toe", *(f"_{finger}_" for finger in FINGERS))
-"""Role names or parts of them that many rigs lack."""
+"""Role names, or parts of role names, that many rigs lack."""
 
 
 def preset_files(user_folder: Path | None = None) -> dict[str, Path]:
-    """Return the presets by name. A user preset replaces the bundled preset with the same name."""
+    """Return the preset files by name. A user preset replaces the bundled preset of the same name."""
     folders = [SHIPPED, *([user_folder] if user_folder is not None and user_folder.is_dir() else [])]
     return {path.stem: path for folder in folders for path in sorted(folder.glob("*.json"))}
 
 
 def choose_map(skeleton: Skeleton, user_folder: Path | None = None) -> RigMap:
-    """Return the best preset, user presets first, or a plausible map from a rig's structure or names."""
+    """Return the best-matching preset (user presets first), or a plausible map based on structure or names."""
     bones = skeleton.names
     fitting = []
     for path in preset_files(user_folder).values():
         try:
             preset = read_map(path)
         except MocapError:
-            continue  # a damaged file of the user does not hide the others
+            continue  # a user's damaged file must not hide the others
         found = fit(preset, bones)
         needed = _needed(preset)
         if needed and len(needed & found.bones.keys()) >= _FITS * len(needed) and is_plausible(found.bones, skeleton):
@@ -67,7 +67,7 @@ def _recognised(skeleton: Skeleton) -> RigMap:
 
 
 def named_preset(name: str, bones: Iterable[str], user_folder: Path | None = None) -> RigMap:
-    """Return a preset with a rig's bone names. Raise ``MapInvalid`` if unknown."""
+    """Return a preset adapted to a rig's bone names. Raise ``MapInvalid`` if the preset is unknown."""
     files = preset_files(user_folder)
     if name not in files:
         raise MapInvalid(f"There is no preset '{name}'.", hint=f"Known presets: {', '.join(files)}.")
@@ -75,7 +75,7 @@ def named_preset(name: str, bones: Iterable[str], user_folder: Path | None = Non
 
 
 def fit(preset: RigMap, bones: Iterable[str]) -> RigMap:
-    """Adapt a preset to bone names with another case or a prefix such as ``mixamorig:``."""
+    """Adapt a preset to bone names that differ in case or have a prefix such as ``mixamorig:``."""
     exact = set(bones)
     lower = {bone.lower(): bone for bone in exact}
     wanted = {*preset.bones.values(), *(switch.bone for switch in preset.switches), *preset.map_pose}
@@ -113,10 +113,10 @@ _NEEDED = {"pelvis", "head", *(f"{side}_{part}" for side in ("left", "right") fo
 
 
 def roles_of_vrm(stated: Mapping[str, str], bones: Collection[str]) -> dict[str, str]:
-    """Return the bone of each role in a humanoid map, or {} unless the map has a complete person.
+    """Return the bone of each role in a humanoid map, or {} if the map does not cover a whole person.
 
-    The map has bones by VRM's name, such as ``leftUpperArm``. VRM 0.x calls a thumb's bones proximal, intermediate and
-    distal. VRM 1.0 calls them metacarpal, proximal and distal.
+    The map lists bones by VRM name, such as ``leftUpperArm``. VRM 0.x calls the bones of a thumb proximal, intermediate
+    and distal. VRM 1.0 calls them metacarpal, proximal and distal.
     """
     there = {human: bone for human, bone in stated.items() if bone in bones}
     roles = {_MIDDLE[human]: bone for human, bone in there.items() if human in _MIDDLE}
@@ -138,8 +138,8 @@ def roles_of_vrm(stated: Mapping[str, str], bones: Collection[str]) -> dict[str,
     return roles if roles.keys() >= _NEEDED and len(set(roles.values())) == len(roles) else {}
 
 
-_VRM = "vrm_addon_extension"  # Custom property of the VRM add-on with a file's humanoid.
-_STATED = "stated_humanoid"  # Our custom property with bones by VRM name as JSON.
+_VRM = "vrm_addon_extension"  # Custom property in which the VRM add-on stores a file's humanoid.
+_STATED = "stated_humanoid"  # Our custom property that stores bones by VRM name, as JSON.
 
 
 def map_rig(armature: bpy.types.Object, user_folder: Path | None = None) -> RigMap:
@@ -153,7 +153,7 @@ def map_rig(armature: bpy.types.Object, user_folder: Path | None = None) -> RigM
 
 
 def state_humanoid(armature: bpy.types.Object, bones: Mapping[str, str]) -> None:
-    """Store on an armature the VRM names of its bones, as the file states them."""
+    """Store on an armature the VRM names that the file gives to its bones."""
     if any(bone in armature.data.bones for bone in bones.values()):
         armature.data[_STATED] = json.dumps(dict(bones))
 
@@ -181,21 +181,21 @@ _FOLDER = "presets/manifold_mocap_rigs"
 
 
 def user_presets_folder(*, make: bool = False) -> Path | None:
-    """Return the folder of the user's presets, None if Blender has no folder for user files."""
+    """Return the folder of the user's presets, or None if Blender has no folder for user files."""
     folder = bpy.utils.user_resource("SCRIPTS", path=_FOLDER, create=make)
     return Path(folder) if folder else None
 
 
 _MAGIC, _JSON_CHUNK = 0x46546C67, 0x4E4F534A
 _MOST_BYTES = 64 * 1024 * 1024
-"""Largest header in bytes. Headers of large characters have a few megabytes."""
-_MOST_KEYS = 2**31  # Keys of a channel. glTF's largest index.
-_RATES = (1.0, 480.0)  # Plausible frame rates in frames per second, chosen by hand.
-_SPARSE_HZ, _FILM_HZ = 10.0, 24.0  # Keys below the first rate are an animator's. Frames between them reach the second.
+"""Largest header in bytes. The headers of large characters take a few megabytes."""
+_MOST_KEYS = 2**31  # Largest number of keys in a channel, which is glTF's largest index.
+_RATES = (1.0, 480.0)  # Plausible frame rates in frames per second. Chosen by hand.
+_SPARSE_HZ, _FILM_HZ = 10.0, 24.0  # Keys below the first rate are set by hand. Their frames reach at least the second.
 
 
 def read_header(path: Path) -> dict[str, Any]:
-    """Return the JSON of a ``.gltf``, ``.glb`` or ``.vrm`` file (glTF 2.0, section 4.4)."""
+    """Return the JSON header of a ``.gltf``, ``.glb`` or ``.vrm`` file (glTF 2.0, section 4.4)."""
     try:
         with path.open("rb") as stream:
             start = stream.read(20)
@@ -215,7 +215,7 @@ def read_header(path: Path) -> dict[str, Any]:
 
 
 def frame_rate(header: dict[str, Any]) -> float | None:
-    """Return the median key rate of a file's animations in frames per second, a multiple for sparse keys, or None."""
+    """Return a file's median key rate in frames per second (a multiple of it if keys are sparse), or None."""
     rates = []
     accessors = _list(header.get("accessors"))
     for animation in _list(header.get("animations")):
@@ -228,12 +228,12 @@ def frame_rate(header: dict[str, Any]) -> float | None:
                 rates.append((count - 1) / (ends[1] - ends[0]))
     rates = sorted(rate for rate in rates if _RATES[0] <= rate <= _RATES[1])
     # Most channels have the same rate. The median ignores a few sparse or doubled channels.
-    rate = round(rates[len(rates) // 2], 3) if rates else None  # times are single precision
+    rate = round(rates[len(rates) // 2], 3) if rates else None  # times are in single precision
     return rate and round(rate * (1 if rate >= _SPARSE_HZ else ceil(_FILM_HZ / rate)), 3)
 
 
 def humanoid(header: dict[str, Any]) -> dict[str, str]:
-    """Return node names by VRM bone name (VRM 0.x, 1.0 and animations), or {} for other files."""
+    """Return node names by VRM bone name (VRM 0.x, VRM 1.0 and VRM animations), or {} for other files."""
     extensions, nodes = _dict(header.get("extensions")), _list(header.get("nodes"))
     pairs = list(_nodes_of_bones(header).items())
     older = _list(_dict(_dict(extensions.get("VRM")).get("humanoid")).get("humanBones"))
@@ -247,7 +247,7 @@ def humanoid(header: dict[str, Any]) -> dict[str, str]:
 
 
 def _nodes_of_bones(header: dict[str, Any]) -> dict[str, Any]:
-    """Return node numbers by VRM bone name, for VRM 1.0 characters and VRM animations."""
+    """Return node numbers by VRM bone name, for VRM 1.0 characters and for VRM animations."""
     extensions, found = _dict(header.get("extensions")), {}
     for name in ("VRMC_vrm", "VRMC_vrm_animation"):
         bones = _dict(_dict(_dict(extensions.get(name)).get("humanoid")).get("humanBones"))
@@ -256,10 +256,10 @@ def _nodes_of_bones(header: dict[str, Any]) -> dict[str, Any]:
 
 
 def write_skinned(path: Path, out: Path) -> Path:
-    """Write a VRM animation with a skin, without which Blender creates no armature.
+    """Write a copy of a VRM animation with a skin, because without one Blender creates no armature.
 
     Raises:
-        FileDamaged: the file has no humanoid, or is not a binary glTF file.
+        FileDamaged: the file has no humanoid or is not a binary glTF file.
     """
     header, data = read_header(path), path.read_bytes()
     joints = sorted({node for node in _nodes_of_bones(header).values() if isinstance(node, int)})
@@ -282,11 +282,11 @@ def _list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else []
 
 
-SUFFIXES = (".blend", ".fbx", ".glb", ".gltf", ".vrm", ".vrma", ".bvh")  # Supported files.
+SUFFIXES = (".blend", ".fbx", ".glb", ".gltf", ".vrm", ".vrma", ".bvh")  # Suffixes of supported files.
 
 
 def open_scene(path: Path) -> bpy.types.Scene:
-    """Open a file, or import it into an empty scene at its frame rate."""
+    """Open a file, or import it into an empty scene at the file's frame rate."""
     if not path.is_file():
         raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
     suffix = path.suffix.lower()
@@ -301,7 +301,7 @@ def open_scene(path: Path) -> bpy.types.Scene:
     try:
         _open(path, suffix, rate)
     except (RuntimeError, AttributeError, TypeError, ValueError, KeyError, IndexError, AssertionError) as error:
-        # Importers are Python add-ons, which raise various errors on damaged files.
+        # Importers are Python add-ons and raise various errors on damaged files.
         lines = [line.strip() for line in str(error).splitlines() if not line.startswith("Location:")]
         last = next((line for line in reversed(lines) if line), "it is damaged")
         where = torn_line(path, path.read_text(errors="replace")) if suffix == ".bvh" else str(path)

@@ -1,4 +1,4 @@
-"""Place a rig at rest in stage coordinates: up, forward and the height of the soles."""
+"""Place a rig at rest in stage coordinates: find up, forward and the height of the soles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .motion.figures import Target, by_part, part_of_role
 
 
 def _skin_points(armature: bpy.types.Object, bones: set[str], centre: np.ndarray, radius: float) -> np.ndarray:
-    """Return the (V, 3) rest vertices that mainly follow some bones, within a radius of a point."""
+    """Return (V, 3) rest vertices that mainly follow some bones and lie within a radius of a point."""
     found = [np.zeros((0, 3))]
     for mesh, placed, holder in _meshes(armature):
         near = np.flatnonzero(np.linalg.norm(placed - centre, axis=1) < radius)
@@ -33,7 +33,7 @@ def _skin_points(armature: bpy.types.Object, bones: set[str], centre: np.ndarray
 
 
 def _skin_by_bone(armature: bpy.types.Object, most: int) -> Iterator[tuple[np.ndarray, list[str]]]:
-    """Yield up to ``most`` (V, 3) vertices of each mesh, and their bones."""
+    """Yield up to ``most`` vertices (V, 3) of each mesh, and the bone that each vertex follows."""
     for mesh, placed, holder in _meshes(armature):
         vertices, names = mesh.data.vertices, {group.index: group.name for group in mesh.vertex_groups}
         chosen = range(0, len(vertices), 1 + len(vertices) // most)
@@ -41,13 +41,13 @@ def _skin_by_bone(armature: bpy.types.Object, most: int) -> Iterator[tuple[np.nd
 
 
 def _meshes(armature: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, np.ndarray, str]]:
-    """Yield an armature's meshes, their (V, 3) rest vertices, and rigid parents."""
+    """Yield each mesh of an armature, its rest vertices (V, 3), and the bone to which it is rigidly parented."""
     for obj in bpy.data.objects:
         if obj.type != "MESH":
             continue
         if obj.parent == armature and obj.parent_type == "BONE" and obj.parent_bone in armature.data.bones:
             bone = armature.data.bones[obj.parent_bone]
-            # Blender measures a bone's children from its tail.
+            # Blender measures child objects of a bone from its tail.
             tail = bone.matrix_local @ Matrix.Translation((0.0, bone.length, 0.0))
             place, holder = tail @ obj.matrix_parent_inverse @ obj.matrix_basis, bone.name
         elif any(m.type == "ARMATURE" and m.object == armature for m in obj.modifiers) or (
@@ -61,22 +61,22 @@ def _meshes(armature: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, np.n
 
 
 def heaviest(vertex: bpy.types.MeshVertex) -> int:
-    """Return the index of a vertex's group with the largest weight, -1 without groups."""
+    """Return the index of the group in which a vertex has the largest weight, or -1 if it has no groups."""
     return max(vertex.groups, key=lambda entry: entry.weight).group if len(vertex.groups) else -1
 
 
-_NEAR = 0.05  # Distance from the ankle, relative to the shin, within which a bone belongs to the foot.
+_NEAR = 0.05  # A bone closer than this to the ankle, relative to the shin, belongs to the foot.
 _SOLE_SHARE = 0.095
-"""Ankle height above the sole relative to the leg length, if no skin shows it. ANSUR II has 0.08 for the barefoot
-malleolus, and the sole of a shoe adds to it."""
-_BELOW_BALL = 0.02  # Smallest toe joint height above the sole, relative to the leg length.
+"""Height of the ankle above the sole, relative to the leg length, if no skin shows it. ANSUR II has 0.08 for the
+malleolus of a bare foot, and the sole of a shoe adds to that."""
+_BELOW_BALL = 0.02  # Smallest height of the toe joint above the sole, relative to the leg length.
 _LIKELY_SOLE = (0.01, 0.45)
-"""Plausible ankle heights above the sole relative to the leg length. 0.45 is a platform shoe with a high heel."""
-_LIKELY_END = (0.08, 0.9)  # Plausible hand and foot lengths relative to the forearm or shin.
+"""Plausible ankle heights above the sole, relative to the leg length. 0.45 is a platform shoe with a high heel."""
+_LIKELY_END = (0.08, 0.9)  # Plausible lengths of a hand or foot, relative to the forearm or shin.
 
 
 def _measure_sole(armature: bpy.types.Object, leg: dict[str, str], heads: np.ndarray, up: np.ndarray) -> float | None:
-    """Return the height of a foot's lowest skin along ``up`` (3,), None if no skin is plausible."""
+    """Return the height of a foot's lowest skin along ``up`` (3,), or None if no plausible skin is found."""
     shin, reach = (float(np.linalg.norm(heads[k + 1] - heads[k])) for k in (1, 0))
     bones = _bones_of_foot(armature, leg, _NEAR * shin)
     points = _skin_points(armature, bones, heads[2], shin)
@@ -94,10 +94,10 @@ def _estimate_sole(heads: np.ndarray, toe: np.ndarray | None, up: np.ndarray) ->
 
 
 def _end_of(armature: bpy.types.Object, bones: dict[str, str], role: str, before: float) -> np.ndarray:
-    """Return the (3,) end of a hand or foot, NaN if unknown.
+    """Return the (3,) end of a hand or foot, or NaN if unknown.
 
-    A hand points to the middle finger's knuckle, as our body's does, or otherwise to the mean of all knuckles.
-    ``bones`` maps roles, including fingers, to bones, and ``before`` is the length of the forearm or shin.
+    A hand points to the knuckle of the middle finger, as in our body, or else to the mean of all knuckles. ``bones``
+    maps roles, including fingers, to bones, and ``before`` is the length of the forearm or shin.
     """
     side, _, part = role.partition("_")
     knuckle = f"{side}_middle_1"
@@ -128,18 +128,18 @@ def _bones_of_foot(armature: bpy.types.Object, leg: dict[str, str], near: float)
     return {below.name for seed in seeds for below in (data[seed], *data[seed].children_recursive)}
 
 
-_MOST = 6000  # Largest number of vertices per mesh, about ten per table cell.
-_ON_ROD = 0.01  # Largest distance of a bone's head from a limb, relative to the figure's height.
-_BEFORE_END = 0.95  # Largest relative position on the limb. Bones at its end belong to the next part.
-_ENDS = ("hand", "foot", "toe")  # Parts that hands are not kept on, but where bones start.
+_MOST = 6000  # Largest number of vertices used per mesh, about ten per table cell.
+_ON_ROD = 0.01  # Largest distance between a bone's head and a limb, relative to the figure's height.
+_BEFORE_END = 0.95  # Largest relative position along the limb. Bones at its end belong to the next part.
+_ENDS = ("hand", "foot", "toe")  # Parts that hands do not stay in contact with, but at which bones start.
 
 
 def _skin_by_part(armature: bpy.types.Object, bones: dict[str, str]) -> dict[str, np.ndarray]:
-    """Return the (V, 3) rest vertices by body part, in the armature's space.
+    """Return rest vertices (V, 3) for each body part, in the armature's space.
 
-    A vertex belongs to the part of the bone that it mainly follows. The part follows from the bone's role, from the
-    limb on which the bone starts (twist helpers, deform bones of a control rig), or from its parent. ``bones`` maps
-    roles to bones.
+    A vertex belongs to the part of the bone that it mainly follows. A bone's part is given by its role, by the limb on
+    which the bone starts (twist helpers, deform bones of a control rig), or by its parent. ``bones`` maps roles to
+    bones.
     """
     parts = _parts_of_bones(armature, bones)
     found: dict[str, list[np.ndarray]] = {}
@@ -165,7 +165,7 @@ def _parts_of_bones(armature: bpy.types.Object, bones: dict[str, str]) -> dict[s
 
 
 def _rods(heads: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Return the part, start and end of each limb and trunk segment, and points for hands and feet."""
+    """Return the part, start and end of each limb and trunk segment, and of points for hands and feet."""
     trunk = ["pelvis", *chain_roles(dict.fromkeys(heads, ""), "spine"), "neck_1"]
     lines = [("trunk", a, b) for a, b in pairwise(trunk)]
     for side in ("left", "right"):
@@ -189,13 +189,13 @@ def _nearest(head: np.ndarray, rods: list[tuple[str, np.ndarray, np.ndarray]], w
 
 
 _NEAR_FLOOR = 0.035
-"""Largest height of the armature's origin above the floor, relative to the figure's height, without a skin."""
+"""Largest height of the armature's origin above the floor if there is no skin, relative to the figure's height."""
 
 
 def stand_on_stage(
     armature: bpy.types.Object, hanging: Hanging, roles: tuple[str, ...], bones: dict[str, str], unit_m: float
 ) -> tuple[Target, str]:
-    """Return the rig with soles at z = 0, facing -Y, and the source of the height.
+    """Return the rig with its soles at z = 0 and facing -Y, and the source of the height.
 
     A mirrored armature stays mirrored on the stage, so its right limbs play left. Raises ``MapInvalid`` if the map does
     not distinguish left and right.
@@ -226,10 +226,10 @@ def stand_on_stage(
 def stand_in_pose(
     names: tuple[str, ...], roles: tuple[str, ...], matrices: np.ndarray, R: np.ndarray, m: float
 ) -> Target:
-    """Return a rest pose on the stage from the (N, 4, 4) bone matrices of an upright frame.
+    """Return a rest pose on the stage, taken from (N, 4, 4) bone matrices in an upright frame.
 
     Args:
-        R: (3, 3) rotation of the armature's axes to the stage's, with the figure facing -Y.
+        R: (3, 3) rotation from the armature's axes to the stage's, in which the figure faces -Y.
         m: metres per unit of the armature's space.
     """
     axes, nobody = R @ bone_rotations(matrices), np.full(len(names), -1)

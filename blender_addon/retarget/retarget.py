@@ -37,14 +37,14 @@ class Channel:
 
     bone: str
     prop: str  # ``location`` or a rotation.
-    values: np.ndarray  # (F, n) a column for each of its numbers.
+    values: np.ndarray  # (F, n) values, one column per component.
 
 
 def channels_of(done: Transferred, target: Target, modes: dict[str, str]) -> list[Channel]:
-    """Return the channels to key: rotations of all controls, and some locations.
+    """Return the channels to key: the rotations of all controls and the locations of some.
 
-    With r the rest axes and D the rotations of a control and of its carrier, ``basis = r^T D_with^T D r``. The location
-    is ``l^T D_with^T (p - p_carried)``, with l the axes of its channel. ``modes`` are the rotation modes.
+    With rest axes r and the rotations D of a control and D_with of its carrier, ``basis = r^T D_with^T D r``. The
+    location is ``l^T D_with^T (p - p_carried)``, where l are the axes of its channel. ``modes`` are the rotation modes.
     """
     channels, r = [], target.axes[:, None]
     undone = np.where((target.turns_with < 0)[:, None, None, None], np.eye(3), done.turns[target.turns_with])
@@ -77,14 +77,14 @@ def _rotation(bone: str, mode: str, R: np.ndarray, quat: np.ndarray) -> Channel:
 
 _CHECKED_FRAMES = 6
 _REFUSED_MM = 100.0
-"""Deviation of hands and feet in millimetres, at the actor's size, from which a rig is rejected."""
-_SAME_PLACE = 0.002  # Fraction of the rig's size within which a bone is at a control's position.
+"""Deviation of hands and feet in millimetres, at the actor's size, above which a rig is rejected."""
+_SAME_PLACE = 0.002  # A bone closer than this fraction of the rig's size to a control is at the control's position.
 
 
 def measure_deviation_mm(rig: TargetRig, scene: bpy.types.Scene, done: Transferred, channels: list[Channel]) -> float:
-    """Return the largest distance of a hand or foot from its planned position in mm.
+    """Return the largest distance in mm between a hand or foot and its planned position.
 
-    Raises ``TargetUnsuitable`` for a large distance. ``Transferred.missed_m`` covers goals that the plan misses.
+    Raises ``TargetUnsuitable`` if the distance is large. ``Transferred.missed_m`` covers goals that the plan misses.
     """
     ends = {roles[-1]: rig.target.index(roles[-1]) for roles in LIMBS.values() if roles[-1] in done.goals}
     names = [_shown_bone(rig, end) for end in ends.values()]
@@ -111,7 +111,7 @@ def _on_stage(target: Target, points: np.ndarray) -> np.ndarray:
 
 
 def _shown_bone(rig: TargetRig, control: int) -> str:
-    """Return the deforming bone at the rest position of a control, otherwise the control."""
+    """Return the deforming bone at a control's rest position, or else the control itself."""
     name, bones = rig.target.names[control], rig.armature.data.bones
     if bones[name].use_deform:
         return name
@@ -120,29 +120,29 @@ def _shown_bone(rig: TargetRig, control: int) -> str:
     return next((b.name for b in bones if b.use_deform and (b.head_local - place).length < near), name)
 
 
-_TOLERATED_MM = 10.0  # Deviation of hands and feet, at the actor's size, above which the result has a note.
-MAP = "retarget_map"  # Custom property of a retargeted action: the map as text.
+_TOLERATED_MM = 10.0  # Deviation of hands and feet in mm, at the actor's size, above which a note is added.
+MAP = "retarget_map"  # Custom property of a retargeted action: the map, as text.
 
 
 @dataclass(frozen=True)
 class RetargetSettings:
     """Settings of a retarget."""
 
-    limbs: str = "fk"  # ``fk`` or ``ik``, for the rig's switches. The controls of both are keyed.
+    limbs: str = "fk"  # ``fk`` or ``ik``, for the switches of the rig. The controls of both are keyed.
     transfer: TransferSettings = field(default_factory=TransferSettings)
 
 
 @dataclass(frozen=True)
 class Retargeted:
-    """A motion on a rig."""
+    """A motion that was transferred to a rig."""
 
     action: bpy.types.Action
-    rig_map: RigMap  # The map with its map pose.
+    rig_map: RigMap  # The map, including its map pose.
     scale: float
-    """Size of the rig's path relative to the actor's, by default the ratio of the legs."""
-    proportions: Proportions  # Source of the scale.
-    soles: str  # Source of the sole height: ``mesh`` or ``joints``.
-    deviation_mm: float  # Largest distance of a hand or foot from its planned position over a few frames.
+    """Size of the rig's path relative to the actor's path. By default it is the ratio of the leg lengths."""
+    proportions: Proportions  # Proportions from which the scale was derived.
+    soles: str  # How the sole height was found: ``mesh`` or ``joints``.
+    deviation_mm: float  # Largest distance between a hand or foot and its planned position, in a few checked frames.
     notes: tuple[str, ...]
 
 
@@ -154,7 +154,7 @@ def retarget(
     timing: TakeTiming,
     settings: RetargetSettings = RetargetSettings(),
 ) -> Retargeted:
-    """Transfer an actor's motion to a rig as a new action, and move the rig's action to a muted NLA track."""
+    """Transfer an actor's motion to a rig as a new action, and move the rig's own action to a muted NLA track."""
     fingers = {role for hand in actor.hands for role in hand.roles}
     rig = read_target(armature, scene, rig_map, settings.limbs, fingers)
     A = map_pose(rig.target, actor.rest, rig_map.map_pose)
@@ -186,7 +186,7 @@ def retarget(
 def _bake_channels(
     name: str, rig: TargetRig, channels: list[Channel], timing: TakeTiming, fps: float
 ) -> bpy.types.Action:
-    """Write a rig's channels as a new action, play it, and mute the previous one."""
+    """Write a rig's channels as a new action and play it. The previous action is muted."""
     try:
         push_down(rig.armature)
         target = create_action(name, rig.armature)

@@ -1,4 +1,4 @@
-"""Read any armature's motion from our body's joints, or through the rig's bone map."""
+"""Read the motion of any armature, from our body's joints or through the rig's bone map."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from .rig_map import RigMap
 
 
 def played_frames(armature: bpy.types.Object) -> tuple[str, np.ndarray]:
-    """Return the name of the action that an armature plays, and its (F,) scene frames."""
+    """Return the name of the action that an armature plays, and (F,) scene frames."""
     action = current_action(armature)
     if action is None:
         hint = "Assign an action to it, or choose the file with the clip."
@@ -51,7 +51,7 @@ def played_frames(armature: bpy.types.Object) -> tuple[str, np.ndarray]:
 def _played_bones(
     armature: bpy.types.Object, scene: bpy.types.Scene, times: np.ndarray, names: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the object's and the bones' (..., 4, 4) matrices, with constraints."""
+    """Return the evaluated matrices (..., 4, 4) of the object and of its bones, including constraints."""
     worlds, poses = sample_poses(armature, scene, names, times)
     if not (np.isfinite(worlds).all() and np.isfinite(poses).all()):
         message = "The actor's bones have values that are not numbers on some frames."
@@ -63,21 +63,21 @@ def _played_bones(
     return worlds, np.moveaxis(poses, 1, 0)
 
 
-_PERSON_M = 1.5  # Size of a person's bones at rest, for limits of speed. Rigs may be in any unit.
+_PERSON_M = 1.5  # Size of a person's bones at rest in metres, used for speed limits. Rigs may be in any unit.
 _NO_STANCE_DEG = 60.0
-"""Smallest angle in degrees between trunk and legs at rest for which an upright frame replaces the rest pose."""
-_UPRIGHT = np.cos(np.radians(30.0))  # Cosine of the largest lean of a rest pose that defines the floor.
-_HIPS_APART = 1e-3  # Smallest hip distance, relative to the figure's size, that shows which side is left.
-_ON_FLOOR = 0.06  # Largest height of soles on the floor, relative to the leg length.
-_LOWEST_SHARE = 2.0  # Percentile over frames of the lowest foot ball's height, which gives the floor.
+"""If the angle in degrees between trunk and legs at rest is smaller, an upright frame replaces the rest pose."""
+_UPRIGHT = np.cos(np.radians(30.0))  # Cosine of the largest lean at which a rest pose defines the floor.
+_HIPS_APART = 1e-3  # Smallest distance between the hips, relative to the figure's size, that shows which side is left.
+_ON_FLOOR = 0.06  # Largest height of soles that stand on the floor, relative to the leg length.
+_LOWEST_SHARE = 2.0  # Percentile (over frames) of the lower foot ball's height, which defines the floor.
 
 
 def read_rig_actor(
     armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: RigMap
 ) -> tuple[Actor, TakeTiming, tuple[str, ...]]:
-    """Return a rig's motion over the frames of its action, its timing in the scene, and notes.
+    """Return a rig's motion in the frames of its action, its timing in the scene, and notes.
 
-    The motion of the object is included. A figure without a floor is moved onto one.
+    The motion of the object is included. If the figure does not stand on a floor, it is moved onto one.
     """
     name, times = played_frames(armature)
     worlds, poses = _played_bones(armature, scene, times, _stand_at_rest(armature, rig_map, 1.0).names)
@@ -110,9 +110,9 @@ def read_rig_actor(
 
 
 def _stand_in_motion(rest: Target, worlds: np.ndarray, poses: np.ndarray, unit_m: float) -> tuple[Target, int] | None:
-    """Return the most upright frame's bones as a rest pose, and its index, or None.
+    """Return the bones in the most upright frame as a rest pose and the frame's index, or None.
 
-    Skeletons with all bones along one axis at rest do not show trunk and soles.
+    This is for skeletons whose bones all lie along one axis at rest, so that trunk and soles cannot be found.
     """
     ups = bone_rotations(worlds)[:, 2]
     places = dict(zip(rest.roles, poses[..., :3, 3], strict=True))
@@ -131,9 +131,9 @@ def _stand_in_motion(rest: Target, worlds: np.ndarray, poses: np.ndarray, unit_m
 def _on_stage(
     worlds: np.ndarray, poses: np.ndarray, rest: Target, metres: float, *, turned: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotations and head positions on the stage, with the world's up axis.
+    """Return rotations and head positions on the stage, whose up axis is the world's.
 
-    ``turned`` rotates them to the object's heading. A rest pose taken from the motion has no heading.
+    With ``turned``, they are rotated to the object's heading. A rest pose taken from the motion has no heading.
     """
     object_turns, pose_turns = (bone_rotations(m) for m in (worlds, poses))
     stands = object_turns[0] @ rest.R_stage_armature.T
@@ -164,7 +164,7 @@ def _on_floor(actor: Actor) -> tuple[Actor, tuple[str, ...]]:
 
 
 def _stand_at_rest(armature: bpy.types.Object, rig_map: RigMap, unit_m: float) -> Target:
-    """Return the mapped bones at rest with feet on the stage's floor, without missing bones."""
+    """Return the mapped bones at rest, with the feet on the stage's floor. Missing bones are left out."""
     bones = {role: bone for role, bone in rig_map.bones.items() if bone in armature.data.bones}
     if "pelvis" not in bones:
         message = " ".join(rig_map.doubts) or "Neither names nor structure show a person."
@@ -179,7 +179,7 @@ def _stand_at_rest(armature: bpy.types.Object, rig_map: RigMap, unit_m: float) -
 
 
 def skeleton_of_rig(armature: bpy.types.Object, scene: bpy.types.Scene) -> SkeletonFile:
-    """Return the world motion of all bones of an armature over its action."""
+    """Return the motion of all bones of an armature during its action, in world coordinates."""
     name, times = played_frames(armature)
     bones = [bone for root in armature.data.bones if root.parent is None for bone in (root, *root.children_recursive)]
     names = tuple(bone.name for bone in bones)
@@ -199,18 +199,18 @@ def skeleton_of_rig(armature: bpy.types.Object, scene: bpy.types.Scene) -> Skele
 
 _BALLS = (10, 11)
 _SOLE_BELOW_BALL = 0.02
-"""Depth of the sole below the ball of the foot, relative to the hip height, if no skin shows it."""
+"""Distance of the sole below the ball of the foot, relative to the hip height, if no skin shows it."""
 
 
 def is_actor(armature: bpy.types.Object | None) -> bool:
-    """Return whether an object is an armature with our body's joints."""
+    """Return whether an object is an armature that has our body's joints."""
     if armature is None or armature.type != "ARMATURE":
         return False
     return set(layout_of(armature.pose.bones).joints) <= set(armature.pose.bones.keys())
 
 
 def read_actor(armature: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Actor, TakeTiming]:
-    """Return our body's motion over the frames of its action, and its timing in the scene."""
+    """Return our body's motion in the frames of its action, and its timing in the scene."""
     if not is_actor(armature):
         hint = "Choose the armature of a solved take as the actor."
         raise ActorMissing("This is not a body with a solved motion.", where=getattr(armature, "name", ""), hint=hint)
@@ -234,7 +234,7 @@ def read_actor(armature: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Acto
 
 
 def _at_rest(armature: bpy.types.Object) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Return the shaped body's (J, 3) rest joints above the floor in metres, and its skin."""
+    """Return the shaped body's rest joints (J, 3) above the floor in metres, and its skin."""
     layout = layout_of(armature.data.bones)
     heads = np.array([armature.data.bones[joint].head_local for joint in layout.joints], np.float64)
     joints = heads + shape_shifts(armature)
@@ -259,14 +259,14 @@ def _read_contacts(action: bpy.types.Action, frames: int) -> np.ndarray | None:
 
 
 def clips_of(armature: bpy.types.Object) -> list[bpy.types.Action]:
-    """Return the file's actions that move bones of the armature, sorted by name."""
+    """Return all actions in the file that move bones of the armature, sorted by name."""
     bones = {f'pose.bones["{bpy.utils.escape_identifier(bone.name)}"]' for bone in armature.pose.bones}
     actions = sorted(bpy.data.actions, key=lambda action: action.name)
     return [a for a in actions if any(c.data_path.rpartition(".")[0] in bones for c in action_curves(a))]
 
 
 def chosen_actor(scene: bpy.types.Scene, name: str, where: str) -> bpy.types.Object:
-    """Return the animated armature with this name, or the only one in the scene, preferably our body."""
+    """Return the animated armature with this name, or the only one in the scene. Our body takes precedence."""
     rigs = {o.name: o for o in scene.objects if o.type == "ARMATURE" and o.animation_data is not None}
     rigs = {rig: obj for rig, obj in rigs.items() if is_actor(obj)} or rigs
     chosen = [name] if name else list(rigs)
@@ -280,7 +280,7 @@ def chosen_actor(scene: bpy.types.Scene, name: str, where: str) -> bpy.types.Obj
 
 
 def play_action(armature: bpy.types.Object, name: str) -> None:
-    """Play only this action, without the NLA. Raises ``ActorMissing`` if the name is unknown."""
+    """Play only this action and no NLA strips. Raises ``ActorMissing`` if the name is unknown."""
     action = bpy.data.actions.get(name)
     if action is None:
         names = ", ".join(a.name for a in clips_of(armature)) or "the file has none"

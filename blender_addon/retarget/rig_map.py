@@ -1,4 +1,4 @@
-"""Map of a rig: the bone of each role, the limbs' switches, and its map pose."""
+"""The map of a rig: the bone for each role, the limbs' switches, and the map pose."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _KEYS = {"format", "version", "label", "bones", "sides", "switches", "map_pose"}
 
 @dataclass(frozen=True)
 class Switch:
-    """Custom property of a bone with one value for FK limbs and another for IK limbs."""
+    """Custom property of a bone that has one value for FK limbs and another for IK limbs."""
 
     bone: str
     key: str  # Name of the property.
@@ -32,16 +32,16 @@ class RigMap:
     """Map of a rig."""
 
     label: str
-    bones: dict[str, str]  # Bones by role.
+    bones: dict[str, str]  # Bone names by role.
     switches: tuple[Switch, ...] = ()
     map_pose: dict[str, tuple[float, float, float, float]] = field(default_factory=dict)
-    """Rotation (wxyz) by bone in the armature's axes, from rest to the pose that matches our body's rest (arms
-    sideways, legs straight). Rotations of other bones are computed from the limbs' directions."""
+    """Rotation (wxyz) of each bone in the armature's axes, from rest to the pose that matches our body's rest (arms
+    sideways, legs straight). Rotations of all other bones are computed from the directions of the limbs."""
     doubts: tuple[str, ...] = ()
-    """Warnings of the recognition about roles that it omitted, one sentence each. Files do not store them."""
+    """Warnings about roles that the recognition left out, one sentence each. They are not written to files."""
 
     def renamed(self, names: dict[str, str]) -> RigMap:
-        """Return the map of all roles with a bone in ``names``, with the new bone names."""
+        """Return the map of all roles whose bone is in ``names``, with the new bone names."""
         bones = {role: names[bone] for role, bone in self.bones.items() if bone in names}
         switches = tuple(Switch(names[s.bone], s.key, s.fk, s.ik) for s in self.switches if s.bone in names)
         pose = {names[bone]: turn for bone, turn in self.map_pose.items() if bone in names}
@@ -54,7 +54,7 @@ def read_map(path: Path) -> RigMap:
 
 
 def map_of(values: Any, where: str) -> RigMap:
-    """Return the map that a file's values describe. Raises ``MapInvalid`` for other values."""
+    """Return the map that a file's values describe. Raises ``MapInvalid`` if they are not a map."""
     if not isinstance(values, dict) or values.get("format") != FORMAT or values.get("version") != VERSION:
         hint = f'It must be an object with "format": "{FORMAT}" and "version": {VERSION}.'
         raise MapInvalid("The file is not a map of a rig.", where=where, hint=hint)
@@ -88,7 +88,7 @@ def map_values(rig_map: RigMap) -> dict[str, object]:
 
 
 def write_map(path: Path, rig_map: RigMap, *, overwrite: bool = False) -> None:
-    """Write a map that ``read_map`` reads, see ``atomic_output``."""
+    """Write a map in the format of ``read_map`` (see ``atomic_output``)."""
     with atomic_output(path, overwrite=overwrite) as temporary:
         temporary.write_text(json.dumps(map_values(rig_map), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 

@@ -75,20 +75,20 @@ def _chain(bone: bpy.types.PoseBone, count: int) -> list[str]:
 
 @dataclass(frozen=True)
 class TargetRig:
-    """A rig as a target."""
+    """A rig that receives a motion."""
 
     armature: bpy.types.Object
     target: Target
-    switches: dict[tuple[str, str], float]  # Values of custom properties (bone, key) for the chosen limbs.
+    switches: dict[tuple[str, str], float]  # Values of custom properties, given by (bone, key), for the chosen limbs.
     modes: dict[str, str]  # Rotation modes of the controls.
-    soles: str  # Source of the sole height: ``mesh`` or ``joints``.
-    notes: tuple[str, ...]  # Notes on roles that cannot be animated, one sentence each.
+    soles: str  # How the sole height was found: ``mesh`` or ``joints``.
+    notes: tuple[str, ...]  # Notes about roles that cannot be animated, one sentence each.
 
 
 def read_target(
     armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: RigMap, limbs: str, fingers: Collection[str] = ()
 ) -> TargetRig:
-    """Read a rig with its map and FK/IK switches. Fingers that the motion lacks are omitted."""
+    """Read a rig with its map and its FK/IK switches. Fingers that the motion does not have are left out."""
     _check_object(armature)
     notes: list[str] = []
     bones = _with_carrier(armature, _usable_bones(armature, rig_map, notes), notes)
@@ -159,7 +159,7 @@ def _usable_bones(armature: bpy.types.Object, rig_map: RigMap, notes: list[str])
 
 
 def _with_carrier(armature: bpy.types.Object, bones: dict[str, str], notes: list[str]) -> dict[str, str]:
-    """Add a carrier to the bones if the pelvis is connected to its parent and cannot be moved."""
+    """Add a carrier to the bones if the pelvis is connected to its parent and so cannot be moved."""
     pelvis = armature.data.bones[bones["pelvis"]]
     if "carrier" in bones or not (pelvis.use_connect and pelvis.parent):
         return bones
@@ -178,7 +178,7 @@ def _is_locked(bone: bpy.types.PoseBone, role: str) -> bool:
 
 
 def _check_controls(armature: bpy.types.Object, hanging: Hanging, role_of: dict[str, str], notes: list[str]) -> None:
-    """Reject controls that do not respond, and note controls that partly follow others."""
+    """Reject controls that do not respond, and note controls that only partly follow others."""
     by_role = {role_of[name]: name for name in hanging.names}
     carrier = by_role.get("carrier") or by_role["pelvis"]
     if stuck := [name for name in hanging.held if not role_of[name].endswith("_pole")]:

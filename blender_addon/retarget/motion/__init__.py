@@ -1,1 +1,1 @@
-"""Transfer motions between figures with NumPy only."""
+"""Transfer motions between figures. These modules need only NumPy."""

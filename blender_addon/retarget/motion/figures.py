@@ -1,6 +1,6 @@
 """Define an actor's motion, and a rig as a tree of controls, both in stage coordinates.
 
-Stage coordinates are in metres with Z up. At rest the soles are at z = 0, and the figure faces -Y with its left at +X.
+Stage coordinates are in metres with Z up. At rest the soles are at z = 0, and the figure faces -Y with left = +X.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _SPINE = (3, 6, 9)  # SMPL's trunk joints from the pelvis up.
 
 
 def parts_of_joints(layout: BodyLayout, joints: np.ndarray) -> np.ndarray:
-    """Return the body part of each of our (V,) vertices from its (V,) dominant joint, "" for none."""
+    """Return the body part of each of our (V,) vertices, given its dominant joint (V,). "" means none."""
     columns, role_at = layout.standing_for(SMPL), {joint: role for role, joint in JOINT_OF.items()}
     parts = [""] * layout.num_joints
     for joint, column in enumerate(columns):
@@ -30,12 +30,12 @@ def parts_of_joints(layout: BodyLayout, joints: np.ndarray) -> np.ndarray:
 
 
 def by_part(points: np.ndarray, parts: np.ndarray) -> dict[str, np.ndarray]:
-    """Group (V, 3) points by their (V,) body part, without points that belong to no part."""
+    """Group (V, 3) points by their (V,) body part. Points that belong to no part are left out."""
     return {str(part): points[parts == part] for part in np.unique(parts) if part}
 
 
 def part_of_role(role: str) -> str:
-    """Return the body part around a role's bone, "" for parts that hands are not kept on."""
+    """Return the body part around a role's bone, or "" for parts that hands do not stay in contact with."""
     side, _, part = role.partition("_")
     if role in ("pelvis", "head"):
         return "head" if role == "head" else "trunk"
@@ -46,41 +46,41 @@ def part_of_role(role: str) -> str:
 
 _BONES_OF_A_FINGER = 3
 _AT_REST = 0.005
-"""Rotation in radians below which all fingers of a take count as resting, so that the motion has no fingers."""
+"""If all fingers of a take rotate by less than this (radians), they rest, and the motion has no fingers."""
 
 
 @dataclass(frozen=True)
 class Trunk:
-    """K bones of a trunk from pelvis to chest."""
+    """The K bones of a trunk, from pelvis to chest."""
 
-    heights: np.ndarray  # (K,) heights of their middles at rest: 0 at the hips, 1 at the neck.
+    heights: np.ndarray  # (K,) heights of the bones' midpoints at rest, from 0 at the hips to 1 at the neck.
     turns: np.ndarray  # (K, F, 3, 3) rotations from rest.
 
 
 @dataclass(frozen=True)
 class Hand:
-    """B finger bones of a hand."""
+    """The B finger bones of a hand."""
 
     roles: tuple[str, ...]
     directions: np.ndarray  # (B, 3) directions at rest, in the axes of our body's rest.
-    bends: np.ndarray  # (B, F, 3, 3) rotation of each from rest, in the hand's axes: ``D_hand^T D``.
-    starts: np.ndarray  # (B, 3) metres from the wrist to the head of each at rest, in the axes of our body's rest.
+    bends: np.ndarray  # (B, F, 3, 3) rotation of each bone from rest, in the hand's axes: ``D_hand^T D``.
+    starts: np.ndarray  # (B, 3) vectors in metres from wrist to bone heads at rest, in the axes of our body's rest.
 
 
 @dataclass(frozen=True)
 class Actor:
-    """Motion of our body, or of another figure converted to our joints."""
+    """Motion of our body, or of another figure after conversion to our joints."""
 
     name: str
     rest: np.ndarray  # (24, 3) joints at rest.
     turns: np.ndarray  # (F, 24, 3, 3) rotation of each joint from rest.
-    joints: np.ndarray  # (F, 24, 3) positions, with the floor at z = 0.
+    joints: np.ndarray  # (F, 24, 3) joint positions, with the floor at z = 0.
     fps: float
     contacts: np.ndarray | None = None  # (F, 2) bool: contacts of the left and right foot.
-    trunk: Trunk | None = None  # Trunk of a figure whose bones differ from our body's, otherwise None.
+    trunk: Trunk | None = None  # Trunk of a figure whose trunk bones differ from our body's, or None.
     hands: tuple[Hand, ...] = ()  # Hands whose fingers the motion includes.
     skin: Mapping[str, np.ndarray] = field(default_factory=dict)
-    """(V, 3) skin points at rest in metres for each body part, empty if unknown."""
+    """(V, 3) skin points at rest for each body part in metres, empty if unknown."""
 
     @property
     def num_frames(self) -> int:
@@ -90,46 +90,46 @@ class Actor:
 
 @dataclass(frozen=True)
 class Target:
-    """The N controls of a rig that have a role, each after its carriers."""
+    """The N controls of a rig that have roles. Each control comes after its carriers."""
 
     names: tuple[str, ...]
     roles: tuple[str, ...]
-    heads: np.ndarray  # (N, 3) heads in the rest pose.
-    ends: np.ndarray  # (N, 3) knuckles and balls of the feet in the rest pose for hands and feet, NaN if unknown.
-    axes: np.ndarray  # (N, 3, 3) axes in the rest pose, one per column.
-    place_axes: np.ndarray  # (N, 3, 3) axes of each one's location channel in the rest pose.
-    turns_with: np.ndarray  # (N,) index of the control that turns each one, -1 for none.
-    moves_with: np.ndarray  # (N,) index of the control that moves each one, -1 for none.
-    R_stage_armature: np.ndarray  # (3, 3) rotation of the armature's axes to the stage's.
+    heads: np.ndarray  # (N, 3) bone heads in the rest pose.
+    ends: np.ndarray  # (N, 3) knuckles for hands and balls for feet in the rest pose, NaN for others and if unknown.
+    axes: np.ndarray  # (N, 3, 3) axes in the rest pose, one per matrix column.
+    place_axes: np.ndarray  # (N, 3, 3) axes of each control's location channel in the rest pose.
+    turns_with: np.ndarray  # (N,) index of the control that rotates each one, or -1.
+    moves_with: np.ndarray  # (N,) index of the control that moves each one, or -1.
+    R_stage_armature: np.ndarray  # (3, 3) rotation from the armature's axes to the stage's.
     unit_m: float  # Metres per unit of the armature's space.
-    ground: np.ndarray  # (3,) metres from the armature's origin to the stage's, in the stage's axes.
+    ground: np.ndarray  # (3,) vector in metres from the armature's origin to the stage's, in the stage's axes.
     skin: Mapping[str, np.ndarray] = field(default_factory=dict)
-    """(V, 3) skin points in the rest pose in metres for each body part, empty if unknown."""
+    """(V, 3) skin points in the rest pose for each body part in metres, empty if unknown."""
 
     def index(self, role: str) -> int:
-        """Return the index of a role's control, -1 for none."""
+        """Return the index of a role's control, or -1."""
         return self.roles.index(role) if role in self.roles else -1
 
 
 @dataclass(frozen=True)
 class BodyAtRest:
-    """Our body at rest with a given shape."""
+    """Our body at rest, in a given shape."""
 
     layout: BodyLayout
     joints: np.ndarray  # (J, 3) in the body's axes.
-    standing: np.ndarray  # (J, 3) the same on the stage.
-    skin: np.ndarray  # (V, 3) on the stage.
+    standing: np.ndarray  # (J, 3) the same joints on the stage.
+    skin: np.ndarray  # (V, 3) skin points on the stage.
 
 
 def body_at_rest(body: BodyFile, betas: np.ndarray) -> BodyAtRest:
-    """Return a body at rest with a (10,) shape."""
+    """Return a body at rest in a (10,) shape."""
     rest, skin = body.rest_joints(betas), body.shaped(betas) @ R_ARMATURE_BODY.T
     sole = np.array([0.0, 0.0, skin[:, 2].min()])
     return BodyAtRest(body.layout, rest, rest @ R_ARMATURE_BODY.T - sole, skin - sole)
 
 
 def actor_of_motion(motion: MotionFile, body: BodyFile) -> Actor:
-    """Return the actor of a motion file on its body."""
+    """Return the actor for a motion file that is played on its body."""
     rotvec = rotvec_on(with_own_hands(motion, body), body.layout)
     own = body_at_rest(body, motion.betas)
     actor = actor_of_poses(motion.name, own, rotvec, motion.transl, motion.fps, motion.contacts)
@@ -146,7 +146,7 @@ def actor_of_poses(
     *,
     still_fingers: bool = False,
 ) -> Actor:
-    """Return the actor of a body's poses and its (F, 2) contacts of the left and right foot."""
+    """Return the actor for a body's poses, with (F, 2) contacts of the left and right foot."""
     G, joints = pose_joints(own.joints, rotvec, transl)
     turns, columns = G @ R_ARMATURE_BODY.T, list(own.layout.standing_for(SMPL))
     hands = own_hands(own.layout, own.standing, turns, still=still_fingers)
@@ -154,7 +154,7 @@ def actor_of_poses(
 
 
 def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray, *, still: bool = False) -> tuple[Hand, ...]:
-    """Return our hands from rest positions and (F, J, 3, 3) rotations."""
+    """Return our body's hands from rest positions and (F, J, 3, 3) rotations."""
     index = {joint: j for j, joint in enumerate(layout.joints)}
     hands = []
     for side in SIDES:
@@ -162,7 +162,7 @@ def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray, *, still:
         joints = np.array([index.get("".join(role.rsplit("_", 1)), -1) for role in roles])
         if (joints < 0).any():
             continue
-        # The last bone of a finger points on from the one before.
+        # The last bone of a finger continues in the direction of the bone before it.
         starts = joints - (np.arange(len(joints)) % _BONES_OF_A_FINGER == _BONES_OF_A_FINGER - 1)
         ways = rest[starts + 1] - rest[starts]
         ways = ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-12)
@@ -173,18 +173,18 @@ def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray, *, still:
     return tuple(hands)
 
 
-_BALL_BEFORE_ANKLE = 1.5  # Distance from ankle to ball relative to the ankle's height (our body: 1.5).
+_BALL_BEFORE_ANKLE = 1.5  # Distance from ankle to ball, relative to the ankle's height, as in our body.
 
 
 def foot_ball(target: Target, foot: int) -> np.ndarray:
-    """Return the (3,) rest position of a foot's ball, straight in front of the ankle if it is unknown."""
+    """Return the (3,) rest position of a foot's ball. If it is unknown, it is straight in front of the ankle."""
     if np.isfinite(target.ends[foot]).all():
         return target.ends[foot]
     return target.heads[foot] + _BALL_BEFORE_ANKLE * target.heads[foot, 2] * FORWARD
 
 
 def carried_places(target: Target, turns: np.ndarray, carrier: int, path: np.ndarray) -> np.ndarray:
-    """Return the (N, F, 3) heads of all controls: ``p_c = p_m + D_m (r_c - r_m)``, where m moves c."""
+    """Return the heads (N, F, 3) of all controls: ``p_c = p_m + D_m (r_c - r_m)``, where control m moves c."""
     places = np.empty((len(target.names), len(path), 3))
     for c, m in enumerate(target.moves_with):
         if c == carrier:

@@ -1,4 +1,4 @@
-"""Solve limbs, feet, trunks and fingers for target positions, in all frames at once."""
+"""Move limbs, feet, trunks and fingers to target positions, in all frames at once."""
 
 from __future__ import annotations
 
@@ -17,36 +17,36 @@ from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from ..._exchange.stands import SPEED_M_S, standing_runs, steps
 from .figures import Actor, Hand, Target, Trunk, foot_ball
 
-_BALL_AFTER_ANKLE = 3  # Index difference between SMPL's ankle and its foot joint, the ball.
-_PERSON_LEG_M = 0.81  # Hip to ankle of our body in metres. Limits in metres scale with the leg length.
-_SLIDE_M = 0.03  # Largest distance in metres of a planted foot from its median position.
-_TURN_DEG = 11.0  # Largest angle of a planted foot to its mean. It moves an ankle as far as a slide.
+_BALL_AFTER_ANKLE = 3  # Difference between the numbers of SMPL's ankle and foot joints. The foot joint is the ball.
+_PERSON_LEG_M = 0.81  # Distance from hip to ankle of our body. Limits in metres scale with the leg length.
+_SLIDE_M = 0.03  # Largest distance between a planted foot and its median position, in metres.
+_TURN_DEG = 11.0  # Largest angle between a planted foot and its mean direction. It moves an ankle that far too.
 _SLOWER = 1.25 * 0.8 ** np.arange(8)
-"""Fractions of the speed limit of a planted foot, tried until its slide is below the limit. Larger feet are faster."""
-_EASE_S = 0.15  # Seconds in which a foot returns from a contact to its original path.
+"""Fractions of a planted foot's speed limit, tried until its slide is small enough. Larger feet move faster."""
+_EASE_S = 0.15  # Time in which a foot returns from a contact to its original path, in seconds.
 
 
 @dataclass(frozen=True)
 class FootPath:
-    """Path of one foot of the target."""
+    """Path of one of the target's feet."""
 
     role: str
-    sole: np.ndarray  # (F, 3) the point of the floor under the ball of the planted foot.
-    turns: np.ndarray  # (F, 3, 3) rotations of the foot from rest.
-    own: np.ndarray  # (3,) the vector from the sole's point to the ankle at rest.
+    sole: np.ndarray  # (F, 3) point on the floor below the ball of the planted foot.
+    turns: np.ndarray  # (F, 3, 3) rotation of the foot from rest.
+    own: np.ndarray  # (3,) vector from the sole point to the ankle at rest.
     size: float = 1.0  # Leg length of the scaled actor relative to our body's.
 
     @property
     def ankle(self) -> np.ndarray:
-        """(F, 3) positions of the ankle in metres."""
+        """(F, 3) ankle positions in metres."""
         return self.sole + self.turns @ self.own
 
 
 def foot_paths(actor: Actor, target: Target, turns: np.ndarray, scale: float) -> list[FootPath]:
-    """Return the paths of the target's feet.
+    """Return the path of each of the target's feet.
 
-    The sole point under the ball follows the actor's, scaled. Heel and ankle keep the target's distances from this
-    point, so that planted and rolling feet do not slide.
+    The sole point under the ball follows the actor's sole point, scaled. Heel and ankle keep the target's distances
+    from this point, so that planted and rolling feet do not slide.
     """
     paths, size = [], scale * leg_m(actor.rest) / _PERSON_LEG_M
     for side in SIDES:
@@ -63,19 +63,19 @@ def foot_paths(actor: Actor, target: Target, turns: np.ndarray, scale: float) ->
 
 
 def leg_m(rest: np.ndarray) -> float:
-    """Return the length in metres of the left leg of (24, 3) rest joints."""
+    """Return the length in metres of the left leg, from (24, 3) rest joints."""
     return float(np.linalg.norm(np.diff(rest[[1, 4, 7]], axis=0), axis=1).sum())
 
 
 def steadied(path: FootPath, low: np.ndarray, fps: float) -> FootPath:
-    """Return a path that is constant while the foot is planted, with soft transitions.
+    """Return a path that is constant while the foot is planted and eases in and out.
 
     The ball of the foot keeps its median position. A flat foot also keeps its mean direction, so that its ankle does
     not move. A foot that slides by more than 3 cm at a person's size, or rotates by more than 11 degrees, is fixed only
-    in its slower frames.
+    in the frames in which it moves more slowly.
 
     Args:
-        low: (F,) mask of frames with the foot at floor height.
+        low: (F,) mask of the frames in which the foot is at floor height.
     """
 
     def to_median(first: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
@@ -102,10 +102,10 @@ def _held(
     hold: Callable[[int, int], tuple[np.ndarray, np.ndarray]],
     fps: float,
 ) -> np.ndarray:
-    """Return the (F, 3) corrections of planted feet from ``hold``, NaN in other frames.
+    """Return the corrections (F, 3) that ``hold`` gives for planted feet, NaN in other frames.
 
-    ``hold`` returns the corrections in a range, and their vectors relative to the largest allowed length. Held ranges
-    are separated by an easing time, so that the foot does not jump.
+    ``hold`` returns the corrections in a range, and their vectors relative to the largest allowed length. Ranges are
+    separated by the easing time, so that the foot does not jump.
     """
     held, free, gap = np.full((len(allowed), 3), np.nan), allowed.copy(), round(_EASE_S * fps)
     for share, speed in product(_SLOWER, speeds):
@@ -118,7 +118,7 @@ def _held(
 
 
 def _speeds(points: np.ndarray, fps: float) -> np.ndarray:
-    """Return the (F,) speeds of a point in metres per second, averaged over a few frames to reduce noise."""
+    """Return a point's speeds (F,) in metres per second, averaged over a few frames to reduce noise."""
     way, seconds = steps(points[:, None], fps)
     return np.linalg.norm(way[:, 0], axis=-1) / np.maximum(seconds[:, 0], 1e-9)
 
@@ -128,7 +128,7 @@ _SPINE, _HIPS = SMPL.numbers("pelvis", "spine1", "spine2", "spine3"), SMPL.both(
 
 
 def trunk_of(actor: Actor) -> Trunk:
-    """Return the trunk of an actor with our joints: the pelvis and three spine joints."""
+    """Return the trunk of an actor that has our joints: the pelvis and three spine joints."""
     hips = actor.rest[list(_HIPS)].mean(0)
     points = actor.rest[[*_SPINE, _NECK]]
     heights = _heights((points[:-1] + points[1:]) / 2, hips, actor.rest[_NECK])
@@ -136,7 +136,7 @@ def trunk_of(actor: Actor) -> Trunk:
 
 
 def rig_trunk(rest: Target, A: np.ndarray, turns: np.ndarray) -> Trunk:
-    """Return the trunk of a rig from (N, F, 3, 3) rotations of its bones, with map pose A."""
+    """Return a rig's trunk from the rotations (N, F, 3, 3) of its bones and its map pose A."""
     line = [rest.index("pelvis"), *_spine(rest)]
     points = np.stack([*rest.heads[line], _top(rest, line[-1])])
     return Trunk(
@@ -146,7 +146,7 @@ def rig_trunk(rest: Target, A: np.ndarray, turns: np.ndarray) -> Trunk:
 
 
 def spine_heights(target: Target) -> Iterator[tuple[int, float]]:
-    """Yield each spine bone and its midpoint's height, or infinity for the top."""
+    """Yield each spine bone and the height of its midpoint, or infinity for the top bone."""
     spine = _spine(target)
     if not spine:
         return
@@ -158,13 +158,13 @@ def spine_heights(target: Target) -> Iterator[tuple[int, float]]:
 
 
 def trunk_ends(target: Target) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return the trunk's (3,) ends at rest in metres, and the chest control."""
+    """Return both (3,) ends of the trunk at rest in metres, and the index of the chest control."""
     chest = (_spine(target) or [target.index("pelvis")])[-1]
     return hips_of(target, target.heads), _top(target, chest), chest
 
 
 def turn_at(trunk: Trunk, height: float) -> np.ndarray:
-    """Return the (F, 3, 3) rotation of a trunk at a height, on the geodesic."""
+    """Return a trunk's rotation (F, 3, 3) at a given height, interpolated on the geodesic."""
     nodes = trunk.heights
     if len(nodes) == 1 or not height < nodes[-1]:
         return trunk.turns[-1]
@@ -174,7 +174,7 @@ def turn_at(trunk: Trunk, height: float) -> np.ndarray:
 
 
 def between(R0: np.ndarray, R1: np.ndarray, share: float) -> np.ndarray:
-    """Return ``R0 exp(w log(R0^T R1))`` for the share w."""
+    """Return ``R0 exp(w log(R0^T R1))``, where w is the share."""
     return R0 @ matrix_from_rotvec(share * rotvec_from_matrix(R0.swapaxes(-1, -2) @ R1))
 
 
@@ -189,7 +189,7 @@ def _spine(target: Target) -> list[int]:
 
 
 def hips_of(target: Target, places: np.ndarray) -> np.ndarray:
-    """Return the midpoint of the hips, given the positions of all controls."""
+    """Return the midpoint of the hips from the positions of all controls."""
     thighs = [target.index(f"{side}_thigh") for side in SIDES]
     return places[thighs].mean(0) if min(thighs) >= 0 else places[target.index("pelvis")]
 
@@ -202,13 +202,13 @@ def _top(target: Target, chest: int) -> np.ndarray:
     return target.heads[arms].mean(0) if arms else target.heads[chest] + [0.0, 0.0, 1e-3]
 
 
-_BONES = 4  # Largest number of bones of a finger: three, and one in the palm or at the tip.
+_BONES = 4  # Largest number of bones in a finger: three, and one more in the palm or at the tip.
 
 
 def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]:
-    """Return the hands of a rig in the rest axes of our body.
+    """Return a rig's hands in the rest axes of our body.
 
-    With D the rotations of finger and hand from rest and A the hand's map pose, a bend is ``A D_hand^T D A^T``.
+    A bend is ``A D_hand^T D A^T``, with rotations D of the finger and D_hand of the hand, and the hand's map pose A.
     """
     hands = []
     for side in SIDES:
@@ -222,10 +222,10 @@ def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]
 
 
 def bend_fingers(actor: Actor, target: Target, A: np.ndarray, turns: np.ndarray) -> None:
-    """Set a rig's finger rotations to the actor's, in place, after the hands.
+    """Set a rig's finger rotations to the actor's, in place. The hands must already be set.
 
-    B is the actor's bend, and S the smallest rotation to the direction of the actor's finger at rest. A thumb at the
-    place of its hand, as in clips of MotionBuilder, has no direction and only bends.
+    B is the actor's bend, and S is the smallest rotation to the direction of the actor's finger at rest. A thumb at the
+    same place as its hand, as in MotionBuilder clips, has no direction and only bends.
     """
     for hand in actor.hands:
         control = target.index(f"{hand.roles[0].partition('_')[0]}_hand")

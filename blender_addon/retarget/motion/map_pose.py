@@ -1,8 +1,8 @@
-"""Compute the map pose: the rotation of each bone of a rig from its rest to our body's rest pose.
+"""Compute the map pose: the rotation of each rig bone from its rest to our body's rest pose.
 
-Bones are compared by anatomy instead of bone axes: a limb's direction, and the bending direction of its hinge. Trunk
-and head keep their posture unless they lean, feet stay flat, and hands follow the forearm. Limb lengths determine the
-scale.
+Bones are compared by anatomy and not by their axes: by the direction of a limb, and by the direction in which its hinge
+bends. Trunk and head keep their posture unless they lean, feet stay flat, and hands follow the forearm. Limb lengths
+determine the scale.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from .figures import Actor, Target, foot_ball
 from .limbs import trunk_ends
 
 LEANS_DEG = 20.0
-"""Smallest trunk lean in degrees that is corrected. Curved spines and proportions cause up to 10 degrees."""
+"""Smallest lean of the trunk in degrees that is corrected. Curved spines and proportions cause up to 10 degrees."""
 
 
 def map_pose(target: Target, actor_rest: np.ndarray, given: Mapping[str, tuple[float, ...]]) -> np.ndarray:
-    """Return (N, 3, 3) rotations ``M_actor M_target^T``. Quaternions ``given`` win."""
+    """Return rotations ``M_actor M_target^T``, shape (N, 3, 3). The ``given`` quaternions take precedence."""
     A = np.broadcast_to(np.eye(3), (len(target.names), 3, 3)).copy()
     _straighten(A, target)
     for limb, roles in LIMBS.items():
@@ -52,7 +52,7 @@ def map_pose_values(target: Target, A: np.ndarray) -> dict[str, tuple[float, flo
 def lean_at_rest_deg(target: Target) -> float:
     """Return the angle in degrees between up and the direction from hips to neck at rest.
 
-    It is 0 without neck, head and arms, and also if the lowest spine bone is upright. A hunched back is posture.
+    It is 0 if there is no neck, head or arm, and if the lowest spine bone is upright. A hunched back is a posture.
     """
     bones, roles = {role: c for c, role in enumerate(target.roles)}, set(target.roles)
     if not roles & {"neck_1", "head"} and not roles >= {f"{side}_upper_arm" for side in SIDES}:
@@ -64,7 +64,7 @@ def lean_at_rest_deg(target: Target) -> float:
 
 
 def _straighten(A: np.ndarray, target: Target) -> None:
-    """Rotate a leaning trunk upright, with collars, and with a leaning neck and head."""
+    """Rotate a leaning trunk upright, together with the collars and with a leaning neck and head."""
     if lean_at_rest_deg(target) <= LEANS_DEG:
         return
     trunk = _trunk_way(target)
@@ -87,7 +87,7 @@ def _angle_deg(way: np.ndarray) -> float:
 
 
 def _align_straight(A: np.ndarray, target: Target, rest: np.ndarray, bones: tuple[int, int], limb: str) -> None:
-    """Treat a limb without hand or foot as straight, because bone tails are unreliable."""
+    """Treat a limb that has no hand or foot as straight, because bone tails are unreliable."""
     first, second = target.heads[list(bones)]
     own = rest[[JOINT_OF[role] for role in LIMBS[limb]]]
     A[bones[0]], A[bones[1]] = limb_turns(np.stack([first, second, 2 * second - first]), own, limb.endswith("arm"))
@@ -100,12 +100,12 @@ def _align_limb(A: np.ndarray, target: Target, rest: np.ndarray, bones: tuple[in
     is_arm = limb.endswith("arm")
     A[upper], A[lower] = limb_turns(points, own, is_arm)
     if is_arm:
-        reach = rest[joints[2] + 2] - own[2]  # SMPL's hand joint lies two after its wrist
+        reach = rest[joints[2] + 2] - own[2]  # the number of SMPL's hand joint is that of its wrist plus two
         hand = target.ends[end] - target.heads[end]
         A[end] = swing(A[lower] @ hand, reach) @ A[lower] if np.isfinite(hand).all() else A[lower]
         return
     heading = level(foot_ball(target, end) - target.heads[end])
-    wanted = level(rest[joints[2] + 3] - own[2])  # and the ball of the foot three after its ankle
+    wanted = level(rest[joints[2] + 3] - own[2])  # the number of the ball is that of its ankle plus three
     A[end] = limb_frame(wanted, UP) @ limb_frame(heading, UP).T
     toe = target.index(target.roles[end].replace("foot", "toe"))
     if toe >= 0:
@@ -113,31 +113,31 @@ def _align_limb(A: np.ndarray, target: Target, rest: np.ndarray, bones: tuple[in
 
 
 _APART = 2.0
-"""Largest ratio between the size of the legs and the size of arms and trunk. A toddler's legs are 0.75 of an adult's
-relative to the trunk (Snyder et al. 1977), and stylised characters have 0.5."""
-_ANY_UNIT = 2000.0  # Largest ratio of figures in metres and in millimetres.
+"""Largest ratio between the relative size of the legs and that of arms and trunk. A toddler's legs are 0.75 of an
+adult's relative to the trunk (Snyder et al. 1977), and stylised characters have 0.5."""
+_ANY_UNIT = 2000.0  # Largest ratio between two figures, one of which may be in metres and the other in millimetres.
 
 
 @dataclass(frozen=True)
 class Proportions:
-    """Lengths between rest joints relative to the actor's, NaN for missing joints."""
+    """Lengths between rest joints, relative to the actor's lengths. NaN if a joint is missing."""
 
     legs: float  # Hip to knee to ankle.
     arms: float  # Shoulder to elbow to wrist.
-    trunk: float  # Middle of the hips to middle of the shoulders.
+    trunk: float  # Midpoint of the hips to midpoint of the shoulders.
 
     def describe(self) -> str:
-        """Return the lengths as text on one line."""
+        """Return the lengths as one line of text."""
         return ", ".join(f"{name} {value:.3f}" for name, value in vars(self).items() if np.isfinite(value))
 
 
 def measure_proportions(actor: Actor, target: Target) -> Proportions:
-    """Return the lengths of a rig's limbs and trunk relative to the actor's, combining both sides."""
+    """Return the lengths of a rig's limbs and trunk, relative to the actor's. Both sides are combined."""
     return Proportions(_limbs(actor, target, "leg"), _limbs(actor, target, "arm"), _trunk(actor, target))
 
 
 def scale_of(proportions: Proportions) -> float:
-    """Return the plausible ratio of the legs, or the median of the other ratios without legs."""
+    """Return the ratio of the legs if it is plausible, or else the median of the other ratios."""
     known = [value for value in vars(proportions).values() if np.isfinite(value)]
     if known and not 1 / _ANY_UNIT <= np.median(known) <= _ANY_UNIT:
         hint = "One of the two uses another unit. Set the scale of the armature."
@@ -156,7 +156,7 @@ def scale_of(proportions: Proportions) -> float:
 
 
 def length(points: np.ndarray) -> float:
-    """Return the length of a polyline with (P, 3) points."""
+    """Return the length of a polyline through (P, 3) points."""
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 

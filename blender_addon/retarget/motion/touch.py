@@ -1,4 +1,4 @@
-"""Keep hands in contact with each other or with the body on a figure with other proportions."""
+"""Keep hands in contact with each other and with the body, on a figure with different proportions."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from ..._exchange.rigs.skeleton import FINGERS, JOINT_OF, SIDES
 from .figures import Actor, Hand, Target
 from .limbs import trunk_ends
 
-PALM = "palm"  # Name of the palm centre. Other names are fingers.
-_HAND_AFTER_WRIST = 2  # Index difference between SMPL's wrist and hand joints of a side.
-_BONES = 3  # Bones of a finger. A further bone begins at the tip.
+PALM = "palm"  # Name of the palm centre. All other names are fingers.
+_HAND_AFTER_WRIST = 2  # Difference between the numbers of SMPL's wrist and hand joints on one side.
+_BONES = 3  # Bones in a finger. A further bone begins at the tip.
 _LAST_BONE = 0.9
-"""Length of a finger's last bone including its pulp, relative to the bone before. Bones have a ratio of 0.6 to 0.8
+"""Length of a finger's last bone including the pulp, relative to the bone before it. Bones have a ratio of 0.6 to 0.8
 (Buryanov and Kotiuk 2010), and the pulp adds 4 mm."""
 
 
 @dataclass(frozen=True)
 class HandPlace:
-    """Palm centre or fingertip of a hand over F frames, for the actor and the target."""
+    """Palm centre or fingertip of a hand in F frames, for both the actor and the target."""
 
     side: str
-    name: str  # ``PALM`` or the finger.
-    place: np.ndarray  # (F, 3) of the actor: the middle between wrist and knuckles, or the tip of a finger.
+    name: str  # ``PALM`` or the name of the finger.
+    place: np.ndarray  # (F, 3) point on the actor: the midpoint between wrist and knuckles, or the tip of a finger.
     size: float  # Metres from the actor's wrist to its knuckles.
-    own: np.ndarray  # (F, 3) the same place of the target, with its wrist in its present place.
+    own: np.ndarray  # (F, 3) the same point on the target, with its wrist where it is now.
     own_size: float
 
     @property
     def role(self) -> str:
-        """Role of the hand."""
+        """Role of the hand bone."""
         return f"{self.side}_hand"
 
     @property
@@ -46,7 +46,7 @@ class HandPlace:
 def _hand_places(
     actor: Actor, target: Target, turns: np.ndarray, goals: Mapping[str, np.ndarray]
 ) -> Iterator[HandPlace]:
-    """Yield palms with a goal and a length, and fingertips that both figures have."""
+    """Yield each palm that has a goal and a length, and each fingertip that both figures have."""
     fingers = {hand.roles[0].partition("_")[0]: hand for hand in actor.hands}
     for side in SIDES:
         role = f"{side}_hand"
@@ -56,7 +56,7 @@ def _hand_places(
         reach = actor.rest[wrist + _HAND_AFTER_WRIST] - actor.rest[wrist]
         theirs = target.ends[control] - target.heads[control]
         size, own_size = float(np.linalg.norm(reach)), float(np.linalg.norm(theirs))
-        if not (size > 0.0 and own_size > 0.0):  # where nothing shows the knuckles it is NaN
+        if not (size > 0.0 and own_size > 0.0):  # NaN if nothing shows the knuckles
             continue
         middle = actor.joints[:, wrist] + actor.turns[:, wrist] @ (reach / 2)
         yield HandPlace(side, PALM, middle, size, goals[role] + turns[control] @ (theirs / 2), own_size)
@@ -95,7 +95,7 @@ def _reach(starts: np.ndarray, turns: np.ndarray) -> np.ndarray:
 
 
 def _rows_by_finger(roles: tuple[str, ...]) -> dict[str, list[int]]:
-    """Return the bone indices, starting at the knuckle, of each finger with at least two bones."""
+    """Return the bone indices of each finger that has at least two bones, starting at the knuckle."""
     found = dict[str, list[int]]()
     for row in sorted(range(len(roles)), key=roles.__getitem__):
         finger = roles[row].rpartition("_")[0].partition("_")[2]
@@ -105,16 +105,16 @@ def _rows_by_finger(roles: tuple[str, ...]) -> dict[str, list[int]]:
 
 
 _TOUCH, _APART = (0.25, 0.45, 0.7), (0.5, 0.8, 1.1)
-"""Distances, in palm lengths, at which two hand points touch and do not touch. The values are for two fingertips, for a
+"""Distances, in palm lengths, below which two hand points touch and above which they do not: for two fingertips, for a
 fingertip and a palm centre, and for two palms, which may be rotated and shifted against each other."""
 
 
 def keep_hands_together(
     actor: Actor, target: Target, turns: np.ndarray, goals: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return wrist positions that keep touching points together as on the actor.
+    """Return wrist positions that keep the points together that touch on the actor.
 
-    Each hand moves by half of the mean gap of the touching pairs. The correction fades as the contact ends.
+    Each hand moves by half of the mean gap between the touching pairs. The correction fades out as the contact ends.
     """
     places = list(_hand_places(actor, target, turns, goals))
     lefts, rights = ([place for place in places if place.side == side] for side in SIDES)
@@ -132,7 +132,7 @@ def keep_hands_together(
 
 
 def _apart(left: HandPlace, right: HandPlace) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (F,) degree to which two points touch, and the (F, 3) missing vector."""
+    """Return the degree (F,) to which two points touch, and the vector (F, 3) that would bring them together."""
     size, own_size = (left.size + right.size) / 2, (left.own_size + right.own_size) / 2
     palms = int(left.is_palm) + int(right.is_palm)
     between = left.place - right.place
@@ -142,24 +142,24 @@ def _apart(left: HandPlace, right: HandPlace) -> tuple[np.ndarray, np.ndarray]:
 
 CHEST, BASE, TOP = "chest", "base", "top"
 """Further points of the trunk: the top spine bone, the midpoint of the hips, and the end of the trunk."""
-_SHARES, _ANGLES = 8, 12  # Table cells along the line and around it. A thigh's cells are about 5 cm wide.
-_OUTER = 0.75  # Quantile of a cell's distances used as its radius. It ignores single hairs.
-_LEAST_FILLED = 0.4  # Smallest fraction of cells with skin.
+_SHARES, _ANGLES = 8, 12  # Table cells along the line and around it. The cells of a thigh are about 5 cm wide.
+_OUTER = 0.75  # Quantile of the distances in a cell that is used as its radius. It ignores stray hairs.
+_LEAST_FILLED = 0.4  # Smallest fraction of cells that must contain skin.
 
 
 @dataclass(frozen=True)
 class Part:
-    """Body part with its skin, role, centre line and used section."""
+    """A body part: its skin, the role that moves it, its centre line and the section to use."""
 
     skin: str
     turned_by: str
     start: str
-    end: str  # "" for the highest point of the skin above the start.
+    end: str  # "" means the highest point of the skin above the start.
     span: tuple[float, float] = (0.0, 1.0)
-    table: tuple[float, float] = (0.0, 1.0)  # Section of the line that the table of radii covers.
+    table: tuple[float, float] = (0.0, 1.0)  # Section of the line for which the table stores radii.
 
 
-_WHOLE_TRUNK = (-0.1, 1.0)  # Section from hips to neck, starting at the lowest point of the seat.
+_WHOLE_TRUNK = (-0.1, 1.0)  # Section from hips to neck. It starts at the lowest point of the seat.
 PARTS = {
     "hips": Part("trunk", "pelvis", BASE, TOP, (-0.1, 0.5), _WHOLE_TRUNK),
     CHEST: Part("trunk", CHEST, BASE, TOP, (0.5, 1.0), _WHOLE_TRUNK),
@@ -175,16 +175,16 @@ PARTS = {
 
 @dataclass(frozen=True)
 class Solid:
-    """Body part as radii around a centre line, in the rest axes of the joint that rotates it."""
+    """A body part as radii around a centre line, in the rest axes of the joint that rotates it."""
 
-    origin: np.ndarray  # (3,) metres from the joint to the beginning of the rod.
-    axes: np.ndarray  # (3, 3) unit vectors in columns: along the rod, to the front, and their normal.
+    origin: np.ndarray  # (3,) vector in metres from the joint to the start of the line.
+    axes: np.ndarray  # (3, 3) unit vectors in columns: along the line, to the front, and normal to both.
     length: float
     table: tuple[float, float]
-    radii: np.ndarray  # (K, M) metres from the rod to the skin, by share of the rod and angle from the front.
+    radii: np.ndarray  # (K, M) metres from the line to the skin, by position along the line and angle from the front.
 
     def coordinates(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the (F,) position along the line, angle, and distance of (F, 3) points."""
+        """Return the position along the line, the angle and the distance, each (F,), of (F, 3) points."""
         x = (points - self.origin) @ self.axes
         return x[..., 0] / self.length, np.arctan2(x[..., 2], x[..., 1]), np.hypot(x[..., 1], x[..., 2])
 
@@ -194,7 +194,7 @@ class Solid:
         return self.origin + x @ self.axes.T
 
     def radius(self, share: np.ndarray, angle: np.ndarray) -> np.ndarray:
-        """Return the (F,) distance from the line to the skin, interpolated linearly between the table's cells."""
+        """Return the distance (F,) from the line to the skin, interpolated linearly between table cells."""
         low, high = self.table
         rows, columns = self.radii.shape
         k = np.clip((share - low) / (high - low) * rows - 0.5, 0.0, rows - 1.0)
@@ -241,7 +241,7 @@ def _solid(
 
 
 def _radii(share: np.ndarray, angle: np.ndarray, distance: np.ndarray, table: tuple[float, float]) -> np.ndarray | None:
-    """Return the radius of each table cell. Cells without skin take it from the nearest cell."""
+    """Return the radius in each table cell. Cells without skin use the radius of the nearest cell."""
     low, high = table
     k = np.floor((share - low) / (high - low) * _SHARES).astype(int)
     m = np.floor(angle / (2 * np.pi) * _ANGLES).astype(int) % _ANGLES
@@ -259,10 +259,10 @@ def _radii(share: np.ndarray, angle: np.ndarray, distance: np.ndarray, table: tu
 
 
 _TOUCH_BODY, _APART_BODY = (0.2, 0.35), (0.4, 0.65)
-"""Distances from the skin, in palm lengths, at which a hand touches and does not touch: for a fingertip of radius 0.1,
-and for the palm centre, which is 0.2 inside the hand's skin."""
-_LIKELY = (0.4, 2.5)  # Plausible radii of the target relative to the scaled actor's.
-_CHEST_JOINT, _NECK, _HIPS = 9, 12, (1, 2)  # Numbers of SMPL's joints.
+"""Distances from the skin, in palm lengths, below which a hand touches and above which it does not: for a fingertip of
+radius 0.1, and for the palm centre, which is 0.2 below the skin of the hand."""
+_LIKELY = (0.4, 2.5)  # Plausible radii of the target, relative to the scaled actor's radii.
+_CHEST_JOINT, _NECK, _HIPS = 9, 12, (1, 2)  # SMPL joint numbers.
 
 
 def keep_hands_on_body(
@@ -274,15 +274,15 @@ def keep_hands_on_body(
     goals: dict[str, np.ndarray],
     scale: float,
 ) -> dict[str, np.ndarray]:
-    """Return wrist positions that keep the actor's skin distance of touching palms and fingertips.
+    """Return wrist positions that keep touching palms and fingertips as far from the skin as on the actor.
 
-    A point has a relative position t along the line of each part, an angle φ about it, and a distance d from it. The
-    target uses the same t and φ, and the distance scaled by hand size: ``r'(t, φ) + (s'/s) (d - r(t, φ))``. The
-    correction fades as the contact ends. Several touching parts or points of a hand have equal weights.
+    A point has a relative position t along each part's centre line, an angle φ around it, and a distance d from it. The
+    target uses the same t and φ, and a distance scaled by hand size: ``r'(t, φ) + (s'/s) (d - r(t, φ))``. The
+    correction fades out as the contact ends. All touching parts and points of a hand have equal weights.
 
     Args:
         A: (N, 3, 3) map pose of the target.
-        turns: (N, F, 3, 3) rotations of the controls, with limbs bent to their goals.
+        turns: (N, F, 3, 3) rotations of the controls after the limbs were bent to their goals.
         places: (N, F, 3) heads of the controls in metres.
         goals: maps roles, including hands, to (F, 3) goal positions in metres.
         scale: leg length of the target relative to the actor's.
@@ -305,7 +305,7 @@ def keep_hands_on_body(
 
 
 def _kept_on(actor: Actor, place: HandPlace, name: str, own: Solid, theirs: Solid) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (F,) degree to which a hand touches a part, and its (F, 3) position on the target's part."""
+    """Return the degree (F,) to which a hand touches a part, and its position (F, 3) on the target's part."""
     joint, (low, high) = _joint_of(name), PARTS[name].span
     inner = np.swapaxes(actor.turns[:, joint], -1, -2) @ (place.place - actor.joints[:, joint])[..., None]
     share, angle, distance = own.coordinates(inner[..., 0])

@@ -1,4 +1,4 @@
-"""Transfer an actor's motion to rotations and positions of a rig's controls, in stage coordinates."""
+"""Transfer an actor's motion to the rotations and positions of a rig's controls, in stage coordinates."""
 
 from __future__ import annotations
 
@@ -25,36 +25,36 @@ from .touch import keep_hands_on_body, keep_hands_together
 class TransferSettings:
     """Settings of a transfer."""
 
-    in_place: bool = False  # Leave out the travel over the ground.
-    root_motion: bool = False  # Let the root bone carry the travel over the ground and the heading.
+    in_place: bool = False  # Remove the travel over the ground.
+    root_motion: bool = False  # Move the travel over the ground and the heading to the root bone.
     hold_contacts: bool = True
-    """Lock planted feet, and keep hands in contact with the body and each other."""
+    """Lock planted feet, and keep hands in contact with the body and with each other."""
     scale: float = 0.0
-    """Travel and step length relative to the actor's. 0 uses the ratio of the legs, which must be plausible."""
+    """Length of travel and steps relative to the actor's. 0 uses the ratio of the legs, which must be plausible."""
 
 
 @dataclass(frozen=True)
 class Transferred:
     """Motion of the N controls of a rig over F frames."""
 
-    turns: np.ndarray  # (N, F, 3, 3) rotations from the rest pose on the stage.
-    places: np.ndarray  # (N, F, 3) heads on the stage.
-    carrier: int  # The control that carries the body's path.
+    turns: np.ndarray  # (N, F, 3, 3) rotations from the rest pose, on the stage.
+    places: np.ndarray  # (N, F, 3) bone heads, on the stage.
+    carrier: int  # Index of the control that carries the body along its path.
     scale: float  # Leg length of the target relative to the actor's.
-    goals: dict[str, np.ndarray]  # (F, 3) places of wrists and ankles by the role of the hand or foot.
-    beyond_m: float = 0.0  # Largest distance in metres by which a touch was beyond the arm's reach.
+    goals: dict[str, np.ndarray]  # (F, 3) wrist and ankle positions, by the role of the hand or foot.
+    beyond_m: float = 0.0  # Largest distance in metres by which a touching point was out of the arm's reach.
 
     def missed_m(self, target: Target) -> float:
-        """Return the largest distance in metres of a planned hand or foot from its goal."""
+        """Return the largest distance in metres between a planned hand or foot and its goal."""
         off = [self.places[target.index(role)] - goal for role, goal in self.goals.items()]
         return float(np.linalg.norm(off, axis=-1).max()) if off else 0.0
 
 
 def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSettings) -> Transferred:
-    """Transfer a motion: rotations ``D_c = D_j A_c``, with scaled feet and hands.
+    """Transfer a motion by the rotations ``D_c = D_j A_c``, and scale the paths of feet and hands.
 
-    D_j is the actor's rotation of the joint that rotates control c, and A_c the map pose. The hips follow the actor's
-    and move if a leg is too short. Every limb is then bent to its goal.
+    D_j is the actor's rotation of the joint that rotates control c, and A_c is the map pose. The hips follow the
+    actor's hips and move if a leg is too short. Finally, every limb is bent to its goal.
     """
     scale = settings.scale or scale_of(measure_proportions(actor, target))
     carrier = target.index("carrier") if "carrier" in target.roles else target.index("pelvis")
@@ -75,7 +75,7 @@ def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSett
     _bend_limbs(actor, target, turns, places, A, goals)
     places = carried_places(target, turns, carrier, way)
     if settings.hold_contacts:
-        # Thighs and the other arm must be final before a hand is kept on them.
+        # Thighs and the other arm must be final before a hand is kept in contact with them.
         touching = keep_hands_on_body(actor, target, A, turns, places, goals, scale)
         touching = keep_hands_together(actor, target, turns, touching)
         goals, beyond = within_arms(target, turns, places, goals, touching)
@@ -108,7 +108,7 @@ def _turns(actor: Actor, target: Target, A: np.ndarray) -> np.ndarray:
 def _foot_goals(
     actor: Actor, target: Target, turns: np.ndarray, scale: float, settings: TransferSettings
 ) -> dict[str, np.ndarray]:
-    """Return the (F, 3) ankle goals, and rotate feet and toes in place while feet are flat on the floor."""
+    """Return ankle goals (F, 3). While feet are flat on the floor, rotate feet and toes in place."""
     low = find_low_feet(actor.rest, actor.joints, actor.contacts)
     goals = {}
     for path in limbs.foot_paths(actor, target, turns, scale):
@@ -123,7 +123,7 @@ def _foot_goals(
 
 
 def _hips_path(actor: Actor, target: Target, scale: float) -> np.ndarray:
-    """Return the (F, 3) path of the target's hips, ``s p``, raised by the extra height of its ankles."""
+    """Return the path (F, 3) of the target's hips: ``s p``, raised if the target's ankles are higher."""
     hips = scale * actor.joints[:, _HIPS].mean(1)
     feet = [c for c in (target.index(f"{side}_foot") for side in SIDES) if c >= 0]
     if not feet:
@@ -163,7 +163,7 @@ def _bones_of(target: Target, turns: np.ndarray, bones: list[int]) -> tuple[np.n
 
 
 def _hand_goals(actor: Actor, target: Target, places: np.ndarray) -> dict[str, np.ndarray]:
-    """Return (F, 3) wrist goals: the actor's vectors from the shoulder, scaled by the arm length."""
+    """Return wrist goals (F, 3): the actor's vectors from the shoulder, scaled by the arm length."""
     goals = {}
     for side in SIDES:
         roles = LIMBS[f"{side}_arm"]
@@ -182,7 +182,7 @@ def within_arms(
     goals: dict[str, np.ndarray],
     touching: dict[str, np.ndarray],
 ) -> tuple[dict[str, np.ndarray], float]:
-    """Limit the goals of touching hands to the arm's reach. Return them and the largest cut in metres."""
+    """Limit the goals of touching hands to the arm's reach. Return them and the largest reduction in metres."""
     kept, beyond = dict(touching), 0.0
     for side in SIDES:
         *_, hand = roles = LIMBS[f"{side}_arm"]
@@ -231,7 +231,7 @@ def _follow_limbs(actor: Actor, target: Target, turns: np.ndarray, places: np.nd
 def _pole(
     target: Target, turns: np.ndarray, places: np.ndarray, pole: int, bones: list[int], A: np.ndarray, axis: np.ndarray
 ) -> np.ndarray:
-    """Return the (F, 3) positions of a pole, for IK about the upper bone's hinge."""
+    """Return pole positions (F, 3) for IK about the hinge of the upper bone."""
     upper, _, end = bones
     rest = target.heads
     own = limb_frame(rest[end] - rest[upper], A[upper].T @ axis)
