@@ -42,7 +42,7 @@ _HIDDEN = (DEFORM_COLLECTION, HELPER_COLLECTION, "IK Twist", *(limb.collection f
 _COLOURS = {"left": (0.22, 0.55, 1.0), "right": (1.0, 0.30, 0.24)}
 _MIDDLE_COLOUR = (1.0, 0.76, 0.18)
 _SELECTED, _ACTIVE = 0.5, 0.8
-"""Fraction of white mixed into the colours of selected bones and of the active bone."""
+"""Fraction of white mixed into the colour of selected bones, and of the active bone."""
 
 
 def deform_bone(joint: str) -> str:
@@ -84,18 +84,18 @@ def create_armature(
 
 
 def rotation_from_body_axes(armature: bpy.types.Object) -> np.ndarray:
-    """Return (J, 3, 3) matrices from the body's axes to the bones' axes."""
+    """Return rotation matrices (J, 3, 3) from the body's axes to the bones' axes."""
     return np.swapaxes(bone_axes(armature), 1, 2) @ R_ARMATURE_BODY
 
 
 def bone_axes(armature: bpy.types.Object) -> np.ndarray:
-    """Return the (J, 3, 3) rest axes of the posed bones as columns, in the armature's frame."""
+    """Return the rest axes (J, 3, 3) of the posed bones, one per column, in the armature's frame."""
     bones = armature.data.bones
     return np.stack([np.array(bones[joint].matrix_local.to_3x3(), np.float64) for joint in layout_of(bones).joints])
 
 
 def shape_shifts(armature: bpy.types.Object) -> np.ndarray:
-    """Return the (J, 3) offsets of the joints from rest to the sliders' shape, in the armature's frame."""
+    """Return how far (J, 3) each joint moves from rest to the sliders' shape, in the armature's frame."""
     evaluated = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
     layout = layout_of(armature.data.bones)
     shifts = np.zeros((layout.num_joints, 3))
@@ -138,7 +138,7 @@ def _group_bones(data: bpy.types.Armature) -> None:
 
 
 def paint(bone: bpy.types.PoseBone) -> None:
-    """Give a bone the colour of its side."""
+    """Colour a bone according to its side."""
     colour, target = np.array(_COLOURS.get(bone.name.split("_")[0], _MIDDLE_COLOUR)), bone.bone.color
     target.palette, target.custom.normal = "CUSTOM", colour
     target.custom.select, target.custom.active = (colour + share * (1 - colour) for share in (_SELECTED, _ACTIVE))

@@ -1,4 +1,4 @@
-"""Read body files, choose the body of a motion, and pose it."""
+"""Read body files, choose the body that a motion needs, and pose it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from .shown import SHOWN_FILE, Looks, Shapes, add_shown
 
 
 def _on_smpl_joints(arrays: dict[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
-    """Convert the arrays of an SMPL-H or SMPL-X body to SMPL's joints. Flat hands keep the same skin."""
+    """Convert the arrays of an SMPL-H or SMPL-X body to SMPL's joints. The skin stays the same while hands are flat."""
     tree, count = np.asarray(arrays["kintree_table"]), _joint_count(arrays)
     if count not in FAMILY or FAMILY[count] is SMPL:
         return arrays
@@ -63,7 +63,7 @@ def _on_smpl_joints(arrays: dict[str, np.ndarray], path: Path) -> dict[str, np.n
 
 
 def has_fingers(arrays: dict[str, np.ndarray], hands_file: Path) -> bool:
-    """Return whether a body has finger joints in its file or in the bundled body's hands file."""
+    """Return whether a body has finger joints, either in its own file or in the bundled body's hands file."""
     given = FAMILY.get(_joint_count(arrays))
     if given is None or not needs_hands_file(given):
         return given is not None
@@ -114,14 +114,14 @@ _TEXTS = frozenset({"body_id", "license"})
 _ASSET = Path("assets", "body_neutral.npz")
 _OWN_LICENCE = "CC0-1.0"
 once_a_body = lru_cache(maxsize=2)
-"""Decorator that caches the last results of a function of a body. The caller must not change the results."""
+"""Decorator that caches the last two results of a function of a body. Callers must not change the results."""
 
 
 @dataclass(frozen=True, eq=False)
 class BodyFile:
-    """Skinned body in its rest frame, in metres: Y up, facing +Z, left = +X."""
+    """A skinned body in its rest frame, in metres: Y up, facing +Z, left = +X."""
 
-    id: str  # Name in motion files.
+    id: str  # The name used in motion files.
     v_template: np.ndarray  # (V, 3) metres.
     shapedirs: np.ndarray  # (V, 3, 10) metres per unit of shape.
     posedirs: np.ndarray | None  # (V, 3, 9 (J - 1)) metres per unit of pose feature flatten(R_j - I), j = 1..J-1.
@@ -129,24 +129,24 @@ class BodyFile:
     weights: np.ndarray  # (V, J), rows sum to 1.
     faces: np.ndarray  # (T, 3) vertex indices.
     texture: tuple[np.ndarray, np.ndarray] | None = None
-    """(N, 2) texture coordinates, and (T, 3) indices of the ones of each face, None without a texture map."""
-    face_material: np.ndarray | None = None  # (T,) index of each face's material.
+    """(N, 2) texture coordinates and (T, 3) indices of each face's coordinates, or None if there is no texture map."""
+    face_material: np.ndarray | None = None  # (T,) material index of each face.
     blank_face: tuple[np.ndarray, np.ndarray] | None = None
-    """(N,) vertices and their (N, 3) offsets in metres that remove the face, None if the body has no blank face."""
+    """(N,) vertices, and the (N, 3) offsets in metres that remove the face from them, or None without a blank face."""
     looks: Looks = field(default_factory=dict)
-    """Looks in the body file: (T,) material of each face and (V, 3) offsets of the skin in metres."""
+    """Looks stored in the body file: (T,) material of each face, and (V, 3) skin offsets in metres."""
     face_shapes: Shapes = field(default_factory=dict)  # Facial shapes, empty if the body has none.
-    layout: BodyLayout = SMPL  # Names and tree of the J joints, with or without fingers.
+    layout: BodyLayout = SMPL  # Names of the J joints and their tree, with or without fingers.
     flat_hands: np.ndarray | None = None
-    """(30, 3, 3) rotations of the finger bones from rest to a flat hand, None if the hand is flat at rest."""
-    licence: str = ""  # SPDX identifier, "" if the file states none.
+    """(30, 3, 3) rotations of the finger bones from rest to a flat hand, or None if the hand is flat at rest."""
+    licence: str = ""  # SPDX identifier, or "" if the file does not state one.
 
     def shaped(self, betas: np.ndarray) -> np.ndarray:
-        """Return the (V, 3) rest vertices in metres (Loper et al. 2015, eq. 8)."""
+        """Return rest vertices (V, 3) in metres (Loper et al. 2015, eq. 8)."""
         return self.v_template + self.shapedirs @ betas
 
     def rest_joints(self, betas: np.ndarray) -> np.ndarray:
-        """Return the (J, 3) rest joints in metres, ``J_regressor @ shaped`` (Loper et al. 2015, eq. 10)."""
+        """Return rest joints (J, 3) in metres, ``J_regressor @ shaped`` (Loper et al. 2015, eq. 10)."""
         return self.J_regressor @ self.shaped(betas)
 
 
@@ -156,10 +156,10 @@ def default_body_path() -> Path:
 
 
 def read_body(path: Path, layout: BodyLayout = SMPL) -> BodyFile:
-    """Read a body of the SMPL, SMPL-H or SMPL-X family and convert it to the joints of a layout.
+    """Read a body of the SMPL, SMPL-H or SMPL-X family and convert it to a layout's joints.
 
-    The last two bodies stay in memory while their files are unchanged, with read-only arrays. Raises ``BodyInvalid`` if
-    an array has the wrong shape, another joint tree, or values that are not finite.
+    The two bodies read last stay in memory, with read-only arrays, as long as their files do not change. Raises
+    ``BodyInvalid`` if an array has the wrong shape or values that are not finite, or if the joint tree differs.
     """
     path = Path(path)
     if path.suffix.lower() == ".pkl":
@@ -216,7 +216,7 @@ def _state(path: Path) -> tuple[int, int] | None:
 
 
 def default_hands_path() -> Path:
-    """Return the path of the file with the bundled body's finger joints."""
+    """Return the path of the file that stores the bundled body's finger joints."""
     return default_body_path().with_name(HANDS_FILE)
 
 
@@ -275,7 +275,7 @@ def _check(arrays: dict[str, np.ndarray], path: Path, layout: BodyLayout) -> Non
 
 
 def body_path_of(provenance: str) -> Path:
-    """Return the body file in a motion's provenance, or the bundled body."""
+    """Return the body file named in a motion's provenance, or the bundled body."""
     choice = value_in(provenance, "settings", "body")
     if not isinstance(choice, str) or choice in ("", SHIPPED):
         return default_body_path()
@@ -290,20 +290,20 @@ def body_path_of(provenance: str) -> Path:
 
 
 def require_body(motion: MotionFile, body: BodyFile) -> None:
-    """Check that a motion was solved for this body, or does not name its body."""
+    """Check that a motion was solved for this body. A motion that names no body passes."""
     if motion.body and body.id and motion.body != body.id:
         message = f"The motion was solved with the body '{motion.body}', not '{body.id}'."
         raise BodyMismatch(message, where=motion.name, hint="Choose the body file of the solve.")
 
 
 def pose_joints(rest: np.ndarray, rotvec: np.ndarray, transl: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pose the joint tree of one of the add-on's layouts, see ``pose_tree``."""
+    """Pose the joint tree of one of the add-on's layouts (see ``pose_tree``)."""
     parents = next(layout.parents for layout in LAYOUTS if layout.num_joints == len(rest))
     return pose_tree(rest, parents, rotvec, transl)
 
 
 def with_own_hands(motion: MotionFile, body: BodyFile) -> MotionFile:
-    """Return a motion with finger rotations relative to the body's rest instead of a flat hand."""
+    """Return a motion whose finger rotations are relative to the body's rest instead of a flat hand."""
     if not motion.flat_hands:
         return motion
     rotvec = motion.rotvec
@@ -314,7 +314,7 @@ def with_own_hands(motion: MotionFile, body: BodyFile) -> MotionFile:
 
 
 def rotvec_on(motion: MotionFile, layout: BodyLayout) -> np.ndarray:
-    """Return (F, J, 3) axis-angles for a layout's joints. Missing joints rest."""
+    """Return axis-angle vectors (F, J, 3) for a layout's joints. Missing joints stay at rest."""
     if motion.body_layout.joints == layout.joints:
         return motion.rotvec
     rotvec = np.zeros((motion.num_frames, layout.num_joints, 3))
@@ -325,7 +325,7 @@ def rotvec_on(motion: MotionFile, layout: BodyLayout) -> np.ndarray:
 
 
 def turns_on(layout: BodyLayout, rotvec: np.ndarray) -> np.ndarray:
-    """Convert (F, 24 or 52, 3) axis-angles to a layout's joints. Missing fingers rest."""
+    """Convert (F, 24 or 52, 3) axis-angle vectors to a layout's joints. Missing fingers stay at rest."""
     if rotvec.shape[1] == layout.num_joints:
         return rotvec
     turned = np.zeros((len(rotvec), layout.num_joints, 3))
@@ -334,9 +334,9 @@ def turns_on(layout: BodyLayout, rotvec: np.ndarray) -> np.ndarray:
 
 
 def skin(body: BodyFile, motion: MotionFile, frames: list[int], worn: np.ndarray | float = 0.0) -> np.ndarray:
-    """Return the (N, V, 3) skin of N frames in world metres (Loper 2015).
+    """Return the skin (N, V, 3) in N frames, in world metres (Loper et al. 2015).
 
-    ``worn`` is the offset of the clothes from the skin at rest, in metres.
+    ``worn`` is the offset between skin and clothes at rest, in metres.
     """
     rest = body.rest_joints(motion.betas)
     rotvec = rotvec_on(motion, body.layout)[frames]

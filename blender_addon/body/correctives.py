@@ -1,12 +1,12 @@
-"""Deform the skin by pose correctives in geometry nodes, before the armature.
+"""Deform the skin by pose correctives in geometry nodes, before the armature deforms it.
 
 The model adds ``P flatten(R_j - I)`` to the rest shape (Loper et al. 2015, eq. 9). A joint affects few vertices, so
-``P`` is stored as a table with a row per affected vertex and joint, instead of a full shape key per feature. Drivers
-without Python pass the pose bones' rotations, including constraints, to the nodes.
+``P`` is stored as a table with one row per joint and affected vertex, instead of one full shape key per feature.
+Drivers that do not need Python pass the pose bones' rotations, including constraints, to the nodes.
 
-For a symmetric body, the table stores only the left half. With S = diag(-1, 1, 1), the skin at ``S v`` moves by S
-times the offset of ``v`` if each joint were posed like the opposite joint in the mirror. In the axes of mirrored bones
-this is a rotation with two negated Euler angles.
+For a symmetric body, the table stores only the left half. With S = diag(-1, 1, 1), the skin at ``S v`` moves by S times
+the offset that ``v`` would have if each joint were posed like the mirror image of the opposite joint. In the axes of
+mirrored bones, this is a rotation with two negated Euler angles.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from ..conventions.skeleton import BodyLayout
 from .armature import rotation_from_body_axes
 from .body_file import BodyFile, once_a_body
 
-JOINT, VERTEX = "joint", "vertex"  # Names of the table's attributes for the joint and vertex of a row.
-ROW = "corrective row"  # Name of the skin's attribute for a vertex's first row in the table.
-IN_POSITION = 2, 2  # Row and column of ``R - I`` whose vectors are stored as the table's positions.
+JOINT, VERTEX = "joint", "vertex"  # Names of the attributes that store the joint and vertex of each table row.
+ROW = "corrective row"  # Name of the skin attribute that stores a vertex's first row in the table.
+IN_POSITION = 2, 2  # Row and column of ``R - I`` whose vectors are stored as positions in the table.
 NO_ROW, MIRRORED = -1, -2
-"""Row number of unaffected vertices, and first row number of mirrored vertices: -2 - r mirrors row r."""
+"""Row number of unaffected vertices, and the first row number of mirrored ones: -2 - r mirrors row r."""
 
 
 def _column_attribute(row: int, column: int) -> str:
@@ -37,7 +37,7 @@ def _column_attribute(row: int, column: int) -> str:
 
 
 def _build_corrective_nodes(name: str, table: Any, joints: Sequence[str], opposite: Sequence[int]) -> Any:
-    """Create nodes that apply the correctives, with XYZ Euler angles per joint as input."""
+    """Create nodes that apply the correctives. Their inputs are the XYZ Euler angles of each joint."""
     geometry = ("Geometry", "IN", "Geometry"), *((joint, "IN", "Vector") for joint in joints)
     tree = new_tree(name, *geometry, ("Geometry", "OUT", "Geometry"))
     tree.is_modifier = True
@@ -88,7 +88,7 @@ def _summed(tree: bpy.types.NodeTree, inner: bpy.types.NodeTree, angles: Any) ->
 
 
 def _displacement(tree: bpy.types.NodeTree, rotation: Any) -> Any:
-    """Return the sum over rows a and columns b of the vector ``r_ab`` times ``R_ab - I_ab``."""
+    """Return the sum of the vectors ``r_ab (R_ab - I_ab)`` over rows a and columns b."""
     total: tuple[Any, ...] = ()
     for column in range(3):
         axis = [float(column == k) for k in range(3)]
@@ -112,19 +112,19 @@ def _lay_out(tree: bpy.types.NodeTree) -> None:
 CORRECTIVES = "Pose Correctives"  # Name of the modifier.
 _LARGEST_FEATURE = 2.0
 _LEAST_M = 5e-5
-"""Smallest displacement to keep, in metres, over all rotations."""
+"""Smallest displacement to keep, taken over all rotations, in metres."""
 _SAME_PLACE_M, _SAME_DIRECTION_M = 2e-6, 2e-6
 _FLIP, _TURNED = np.array([-1.0, 1.0, 1.0]), np.array([1.0, -1.0, -1.0])
-"""Diagonal of S, and the signs that it gives to the Euler angles of a bone in the axes of its mirror image."""
+"""Diagonal of S, and the signs of the Euler angles of a bone when expressed in its mirror image's axes."""
 
 
 @dataclass(frozen=True)
 class CorrectiveTable:
-    """Non-zero pose correctives, one row per vertex and joint that moves it, sorted by vertex."""
+    """Non-zero pose correctives. There is one row per vertex and joint that moves it, sorted by vertex."""
 
-    vertex: np.ndarray  # (N,) index of the vertex, rising.
-    joint: np.ndarray  # (N,) index of the joint, 1..J-1.
-    directions: np.ndarray  # (N, 3, 3, 3) metres: axis of the skin, then row and column of ``R - I``.
+    vertex: np.ndarray  # (N,) vertex indices, ascending.
+    joint: np.ndarray  # (N,) joint indices, 1..J-1.
+    directions: np.ndarray  # (N, 3, 3, 3) metres: axis of the skin, then the row and column of ``R - I``.
 
     def part(self, chosen: np.ndarray) -> CorrectiveTable:
         """Return the selected rows."""
@@ -132,7 +132,7 @@ class CorrectiveTable:
 
 
 def corrective_table(posedirs: np.ndarray) -> CorrectiveTable:
-    """Convert (V, 3, 9 (J - 1)) pose correctives to a table in the axes of the body's rest frame."""
+    """Convert (V, 3, 9 (J - 1)) pose correctives to a table, in the axes of the body's rest frame."""
     blocks = posedirs.astype(np.float32).reshape(len(posedirs), 3, -1, 3, 3)
     reach = _LARGEST_FEATURE * np.sqrt(np.square(blocks).sum(axis=1).max(axis=(2, 3)))
     vertex, joint = np.nonzero(reach >= _LEAST_M)
@@ -166,10 +166,10 @@ def add_correctives(
 
 @once_a_body
 def _mirrored_rows(body: BodyFile, axes: bytes) -> tuple[CorrectiveTable, np.ndarray, np.ndarray, list[int], bool]:
-    """Return a body's corrective table, without the right half if it mirrors the left half.
+    """Return a body's corrective table. Its right half is omitted if it mirrors the left half.
 
-    The other results are the (N, 3, 3, 3) vectors in the bones' axes, each vertex's (V,) row, the joints of the whole
-    table, and whether the right half was omitted.
+    The other results are the (N, 3, 3, 3) vectors in the bones' axes, the (V,) row of each vertex, the joints in the
+    whole table, and whether the right half was omitted.
     """
     assert body.posedirs is not None
     table = corrective_table(body.posedirs)
@@ -201,7 +201,7 @@ def _mirror_of(vertices: np.ndarray) -> np.ndarray | None:
 
 
 def _is_mirrored(table: CorrectiveTable, turned: np.ndarray, across: np.ndarray, layout: BodyLayout) -> bool:
-    """Return whether every row is the mirror image of the mirrored vertex and joint."""
+    """Return whether every row is the mirror image of the row for the mirrored vertex and joint."""
     rows = zip(table.vertex.tolist(), table.joint.tolist(), strict=True)
     here = {key: row for row, key in enumerate(rows)}
     image = zip(across[table.vertex].tolist(), np.array(layout.mirror)[table.joint].tolist(), strict=True)

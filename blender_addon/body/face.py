@@ -1,7 +1,7 @@
-"""Add the face: shape keys with ARKit's 52 names, and bones for jaw, eyes and upper lids.
+"""Add the face: shape keys with ARKit's 52 names, and bones for the jaw, eyes and upper lids.
 
-Bones and keys add up. A bone takes its skin from a facial shape: the weight of a vertex is the length of its movement
-in the shape, relative to its movement with the bone.
+The effects of bones and keys add up. The skin weights of a bone are derived from a facial shape: a vertex gets the
+length of its movement in the shape, relative to its movement with the bone.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from .controls.shapes import show_shape
 from .mesh import positions
 from .shape import LOOK_KEYS, add_key, get_betas, sliders
 
-FACE = "face_shapes"  # Names of the face's keys, a custom property of the shape keys.
+FACE = "face_shapes"  # Custom property of the shape keys that lists the names of the facial keys.
 _HEAD, _COLLECTION, _LEAST_WEIGHT = "head", "Face", 1e-3
-_LENGTH_M, _SIZE_M = 0.02, 0.006  # Length of the bones, and half the size of their controls. Chosen by hand.
+_LENGTH_M, _SIZE_M = 0.02, 0.006  # Length of the bones, and half the size of their controls, in metres. Chosen by hand.
 
 
 class _FaceBone(NamedTuple):
-    """A bone of the face. Points are relative to the mean body's head joint, in metres."""
+    """One bone of the face. Points are in metres, relative to the head joint of the mean body."""
 
-    shape: str  # Facial shape with the skin of the bone.
-    turn_deg: tuple[float, float, float]  # Rotation vector of the bone at the shape's value 1.
+    shape: str  # Facial shape from which the bone's skin weights are derived.
+    turn_deg: tuple[float, float, float]  # Rotation vector of the bone when the shape has value 1, in degrees.
     pivot: tuple[float, float, float]
-    control: tuple[float, float, float]  # Place of its control, in front of the skin.
+    control: tuple[float, float, float]  # Position of the bone's control, in front of the skin.
 
 
 _BONES = {
@@ -46,9 +46,9 @@ _BONES = {
     "left_eyelid": _FaceBone("eyeBlinkLeft", (24.4, 0.0, 0.0), (0.0322, 0.074, 0.0863), (0.032, 0.09, 0.125)),
     "right_eyelid": _FaceBone("eyeBlinkRight", (24.4, 0.0, 0.0), (-0.0322, 0.074, 0.0863), (-0.032, 0.09, 0.125)),
 }
-"""Rotations and pivots are the ones of ``assets_procedural.detail.expressions``."""
+"""Rotations and pivots are the same as in ``assets_procedural.detail.expressions``."""
 _GAZE_DEG = {"In": (0.0, -25.0, 0.0), "Out": (0.0, 25.0, 0.0), "Up": (-11.0, 0.0, 0.0), "Down": (16.0, 0.0, 0.0)}
-"""Rotation vectors of the left eye in the shapes ``eyeLook``, at value 1."""
+"""Rotation vectors of the left eye in the ``eyeLook`` shapes, at value 1, in degrees."""
 
 
 def face_bones(armature: bpy.types.Object) -> list[str]:
@@ -57,7 +57,7 @@ def face_bones(armature: bpy.types.Object) -> list[str]:
 
 
 def turns_of_shapes(values: Mapping[str, np.ndarray], frames: int) -> dict[str, np.ndarray]:
-    """Return (F, 3) rotation vectors of jaw and eyes for facial values, in the body's axes."""
+    """Return rotation vectors (F, 3) of the jaw and eyes for facial values, in the body's axes."""
     none = np.zeros(frames)
     found = {"jaw": np.outer(values.get("jawOpen", none), np.deg2rad(_BONES["jaw"].turn_deg))}
     for side, flip in (("Left", 1.0), ("Right", -1.0)):
@@ -67,7 +67,7 @@ def turns_of_shapes(values: Mapping[str, np.ndarray], frames: int) -> dict[str, 
 
 
 def add_face_shapes(mesh: bpy.types.Object, body: BodyFile) -> int:
-    """Add the facial shapes as keys with ARKit's names, and return the number of new ones."""
+    """Add the facial shapes as keys with ARKit's names, and return the number of added keys."""
     keys = mesh.data.shape_keys
     rest, new = positions(keys.reference_key.points), [name for name in body.face_shapes if name not in keys.key_blocks]
     if body.face_shapes and len(rest) != len(body.v_template):
@@ -82,9 +82,9 @@ def add_face_shapes(mesh: bpy.types.Object, body: BodyFile) -> int:
 
 
 def add_face_bones(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile) -> int:
-    """Add the face bones that a body in its current shape lacks, and return their number.
+    """Add the face bones that are missing from a body in its current shape, and return their number.
 
-    Blender must be in object mode, and the armature in the view layer. A bone of the user keeps its name.
+    Blender must be in object mode, with the armature in the view layer. Bones that the user added keep their names.
     """
     new = {name: bone for name, bone in _BONES.items() if name not in armature.data.bones}
     if not new:
@@ -108,12 +108,12 @@ def add_face_bones(armature: bpy.types.Object, mesh: bpy.types.Object, body: Bod
 
 
 def _weights(bone: _FaceBone, pivot: np.ndarray, body: BodyFile) -> np.ndarray:
-    """Return the (V,) weights by which a bone at a pivot moves the skin most like its facial shape."""
+    """Return the weights (V,) with which a bone at a pivot moves the skin most like its facial shape."""
     vertices, offsets = body.face_shapes[bone.shape]
     points = body.v_template[vertices] - pivot
     moved = points @ matrix_from_rotvec(np.deg2rad(bone.turn_deg)).T - points
     if bone.turn_deg[0]:
-        offsets = np.where(offsets[:, 1:2] < 0, offsets, 0.0)  # the lower lid rises
+        offsets = np.where(offsets[:, 1:2] < 0, offsets, 0.0)  # use only downward movement, because the lower lid rises
     found = np.zeros(len(body.v_template))
     found[vertices] = np.sum(offsets * moved, axis=1) / np.maximum(np.sum(moved**2, axis=1), 1e-12)
     return found.clip(0.0, 1.0)
@@ -131,7 +131,7 @@ def _add_bones(data: bpy.types.Armature, places: dict[str, np.ndarray]) -> None:
 
 
 def _wire(armature: bpy.types.Object, keys: bpy.types.Key, new: dict[str, _FaceBone]) -> None:
-    """Set up controls. The deform bone of a slider's shape moves back like the head's."""
+    """Set up the controls. Like the head's, a deform bone moves back by what the shape sliders add."""
     data, bones = armature.data, armature.pose.bones
     shown = data.collections_all.get(_COLLECTION) or data.collections.new(_COLLECTION)
     axes = np.array(data.bones[_HEAD].matrix_local.to_3x3()).T @ R_ARMATURE_BODY
@@ -152,7 +152,7 @@ def _wire(armature: bpy.types.Object, keys: bpy.types.Key, new: dict[str, _FaceB
 
 
 def _rest_when_blank(armature: bpy.types.Object, keys: bpy.types.Key) -> None:
-    """Add what keeps the face bones of a blank face at rest, where it is missing."""
+    """Add the parts that keep a blank face's bones at rest, unless they exist."""
     if (blank := LOOK_KEYS[MANNEQUIN]) not in keys.key_blocks:
         return
     bones = armature.pose.bones
@@ -165,7 +165,7 @@ def _rest_when_blank(armature: bpy.types.Object, keys: bpy.types.Key) -> None:
 
 
 def _give_skin(mesh: bpy.types.Object, name: str, weights: np.ndarray) -> None:
-    """Give a bone its (V,) weights, and scale the other bones' weights down."""
+    """Give a bone its weights (V,), and scale down the weights of all other bones."""
     group = mesh.vertex_groups.new(name=name)
     for vertex in np.flatnonzero(weights > _LEAST_WEIGHT).tolist():
         for item in mesh.data.vertices[vertex].groups:
@@ -174,6 +174,6 @@ def _give_skin(mesh: bpy.types.Object, name: str, weights: np.ndarray) -> None:
 
 
 def expressions_of(mesh: bpy.types.Object) -> list[bpy.types.ShapeKey]:
-    """Return the shape keys of the face and of the user that are not muted."""
+    """Return the unmuted shape keys of the face, and those that the user added."""
     keys, known = mesh.data.shape_keys, {key.name for key in sliders(mesh)} | {*LOOK_KEYS.values()}
     return [key for key in keys.key_blocks if key != keys.reference_key and key.name not in known and not key.mute]

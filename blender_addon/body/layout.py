@@ -1,4 +1,4 @@
-"""Lay out the bones: heads at the joints, and rolls that flex about local X.
+"""Lay out the bones: place heads at the joints, and choose rolls so that limbs flex about local X.
 
 Positions are in the armature's frame (Z up, facing -Y, left = +X). The origin is on the floor below the pelvis.
 """
@@ -15,44 +15,44 @@ from .body_file import BodyFile
 
 _FORWARD, _UP = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _LEAF_DIRECTION = {"foot": _FORWARD, "head": _UP}
-"""Directions of bones without a child joint. Hands continue the direction of the forearm."""
+"""Directions of bones without a child joint. Hands continue in the direction of the forearm."""
 _FINGER_ROLL, _THUMB_ROLL = -_UP, (_FORWARD + _UP) * -np.sqrt(0.5)
-"""Directions of the fingers' and the thumb's local Z: down, and halfway between backward and down."""
+"""Local Z of the fingers and of the thumb: down, and halfway between backward and down."""
 _ROLL = {"knee": -_FORWARD, "ankle": _UP, "foot": _UP, "wrist": -_UP, "hand": -_UP}
-"""Direction of each bone's local Z, forward by default.
+"""Local Z of each bone, forward by default.
 
-A positive rotation about local X then flexes every limb: thigh, arm and trunk forward, shin back, palm in, toes up.
-Left and right mirror each other.
+With these, a positive rotation about local X flexes every limb: thigh, arm and trunk move forward, the shin back, the
+palm in, and the toes up. Left and right mirror each other.
 """
-_SHORTEST_M = 0.02  # Minimum length of a bone in metres, as Blender deletes bones of no length, chosen by hand.
+_SHORTEST_M = 0.02  # Shortest bone in metres, because Blender deletes bones of zero length. Chosen by hand.
 _FINGER_JOINTS = frozenset(SMPL_HANDS.joints[1 + SMPL.num_solved :])
 
 
 @dataclass(frozen=True)
 class BoneLayout:
-    """The J bones of a shaped body."""
+    """Layout of the J bones of a shaped body."""
 
     heads: np.ndarray  # (J, 3) metres.
     tails: np.ndarray  # (J, 3) metres.
-    roll_axes: np.ndarray  # (J, 3) unit vectors in the direction of local Z.
+    roll_axes: np.ndarray  # (J, 3) unit vectors along local Z.
 
 
 def lay_out_bones(body: BodyFile, betas: np.ndarray) -> BoneLayout:
-    """Lay out the bones of a body with a (10,) shape."""
+    """Lay out the bones of a body in a (10,) shape."""
     vertices, heads = standing(body, betas)
     roll_axes = np.stack([_roll(joint) for joint in body.layout.joints])
     return BoneLayout(heads, _tails(body.layout, heads, vertices, body.weights.argmax(axis=1)), roll_axes)
 
 
 def standing(body: BodyFile, betas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a shape's (V, 3) vertices and (J, 3) joints in metres, soles at z = 0."""
+    """Return vertices (V, 3) and joints (J, 3) of a shape in metres, with its soles at z = 0."""
     vertices, joints = _pelvis_centred(body, betas)
     floor = [0.0, 0.0, vertices[:, 2].min()]
     return vertices - floor, joints - floor
 
 
 def around_pelvis(body: BodyFile, betas: np.ndarray, pelvis: np.ndarray) -> np.ndarray:
-    """Return the (V, 3) vertices of a shape in metres, with its pelvis at a given (3,) position."""
+    """Return vertices (V, 3) of a shape in metres, with its pelvis at a given (3,) position."""
     return _pelvis_centred(body, betas)[0] + pelvis
 
 
@@ -62,7 +62,7 @@ def _pelvis_centred(body: BodyFile, betas: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def shape_directions(body: BodyFile) -> tuple[np.ndarray, np.ndarray]:
-    """Return (V, 3, 10) vertex and (J, 3, 10) joint displacements per beta in metres."""
+    """Return the displacement per beta of vertices (V, 3, 10) and joints (J, 3, 10), in metres."""
     joints = np.tensordot(body.J_regressor, body.shapedirs, axes=(1, 0))
     vertices = body.shapedirs - joints[:1]
     return R_ARMATURE_BODY @ vertices, R_ARMATURE_BODY @ (joints - joints[:1])
@@ -98,7 +98,7 @@ def is_finger(joint: str) -> bool:
 
 
 def body_part(joint: str) -> str:
-    """Return the body part of a joint without its side, such as "knee" for left_knee and right_knee."""
+    """Return a joint's body part without the side, such as "knee" for left_knee and right_knee."""
     return joint.split("_")[-1]
 
 

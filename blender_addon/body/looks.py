@@ -1,10 +1,10 @@
-"""Show a body in one of its looks, by materials and a shape key.
+"""Show a body in one of its looks, using materials and a shape key.
 
-A new body shows the suit, which is the skin that the solver uses. The material slots belong to the shown look. Each
-other look is stored in the mesh, as an integer attribute of its faces and a custom property with its slots, and in
-the objects of the mesh, as a custom property with their own materials. A file can therefore switch looks without the
-body file, and each look keeps the user's changes to slots and to the materials of faces. Faces of a joined mesh have
-the first slot in the other looks.
+A new body shows the suit, which is the skin that the solver uses. The material slots belong to the look that is shown.
+Every other look is stored in two places: the mesh has an integer attribute of its faces and a custom property with the
+look's slots, and each object of the mesh has a custom property with its own materials. A file can therefore switch
+looks without the body file, and each look keeps the user's changes to slots and to the materials of faces. If meshes
+are joined, the added faces have the first slot in all other looks.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from .shape import LOOK_KEYS, add_key, sliders
 
 
 class _Paint(NamedTuple):
-    """Settings of one material."""
+    """Settings of a material."""
 
     name: str
     colour: Colour
     roughness: float = 0.55
-    relief_m: float = 0.0  # Height in metres of the grain and folds, which only renders show.
-    grain: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Number of grains over the body's width, depth and height.
+    relief_m: float = 0.0  # Height in metres of grain and folds, which are visible only in renders.
+    grain: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Number of grains along the body's width, depth and height.
 
 
 _CLOTH, _HAIR = (0.006, (24.0, 4.0, 11.0)), (0.004, (160.0, 60.0, 70.0))
@@ -51,7 +51,7 @@ _PERSON = (
     _Paint("Shoe", (0.10, 0.11, 0.13, 1.0), 0.6),
     _Paint("Sole", (0.80, 0.80, 0.78, 1.0), 0.7),
 )
-"""Materials in the order of the body file's and the shown body's indices. Colours of all looks are chosen by eye."""
+"""Materials, in the index order of the body file and of the displayed body. All colours are chosen by eye."""
 _MANNEQUIN = (_Paint("Mannequin", (0.55, 0.56, 0.58, 1.0), 0.45), _Paint("Joint", (0.055, 0.060, 0.070, 1.0), 0.4))
 """Materials of the mannequin's shell and joints."""
 _COLOURS = (
@@ -63,11 +63,11 @@ _COLOURS = (
 _SEGMENTS = tuple(_Paint(name, (*colour, 1.0)) for name, colour in zip(SEGMENTS, _COLOURS, strict=True))
 _PAINTS = dict.fromkeys((PERSON_LOOK, SHAVEN_LOOK, SUIT_LOOK), _PERSON)
 _PAINTS |= {MANNEQUIN: _MANNEQUIN, SEGMENTS_LOOK: _SEGMENTS}
-_SHOWN = "look"  # Custom property of a mesh: the look that it shows.
+_SHOWN = "look"  # Custom property of a mesh that names the look it shows.
 
 
 def add_looks(mesh: bpy.types.Object, body: BodyFile, materials: np.ndarray) -> None:
-    """Add the looks to a mesh with sliders, and show the suit."""
+    """Add the looks to a mesh that has shape sliders, and show the suit."""
     data = mesh.data
     for look, of_faces in zip(LOOKS, materials, strict=True):
         attribute = data.attributes.new(_attribute(look), "INT", "FACE")
@@ -81,7 +81,7 @@ def add_looks(mesh: bpy.types.Object, body: BodyFile, materials: np.ndarray) -> 
 
 
 def offsets_of(body: BodyFile, look: str) -> np.ndarray:
-    """Return the (V, 3) rest offsets in metres of clothes, hair or a blank face from the suit, with Y up."""
+    """Return rest offsets (V, 3) in metres from the suit to clothes, hair or a blank face, with Y up."""
     moved = np.array(body.looks[look][1], np.float64) if look in body.looks else np.zeros_like(body.v_template)
     if look == MANNEQUIN and body.blank_face is not None:
         moved[body.blank_face[0]] += body.blank_face[1]
@@ -89,7 +89,7 @@ def offsets_of(body: BodyFile, look: str) -> np.ndarray:
 
 
 def show_look(mesh: bpy.types.Object, look: str) -> None:
-    """Show a look on an editable body. A body with linked data keeps its saved look."""
+    """Show a look on an editable body. If the body's data are linked, it keeps its saved look."""
     data = mesh.data
     if look not in looks_of(mesh):
         return
@@ -106,19 +106,19 @@ def show_look(mesh: bpy.types.Object, look: str) -> None:
 
 
 def look_of(mesh: bpy.types.Object) -> str:
-    """Return the look that a body shows, "" if it has none."""
+    """Return the look that a body shows, or "" if it has none."""
     return mesh.data.get(_SHOWN, "")
 
 
 def looks_of(mesh: bpy.types.Object) -> list[str]:
-    """Return a body's available looks, none for a mesh that cannot change."""
-    data = mesh.data  # a file does not keep the slots and faces of an overridden mesh
+    """Return a body's available looks. A mesh that cannot be changed has none."""
+    data = mesh.data  # files do not store the slots and faces of an overridden mesh
     fixed = data.library is not None or data.override_library is not None or data.is_editmode
     return [look for look in LOOKS if not fixed and _attribute(look) in data.attributes]
 
 
 def _paint(mesh: bpy.types.Object, look: str) -> None:
-    """Store the materials of the shown look, and show the stored or new materials of another one."""
+    """Store the materials of the current look, then show the stored or new materials of another look."""
     data, faces = mesh.data, np.empty(len(mesh.data.polygons), np.int32)
     objects = [obj for obj in bpy.data.objects if obj.data == data and obj.is_editable]
     if (before := data.attributes.get(_attribute(look_of(mesh)))) is not None:
@@ -155,7 +155,7 @@ def _attribute(look: str) -> str:
 
 
 def keep_shown(mesh: bpy.types.Object) -> None:
-    """Move the materials of a mesh with its own data to the data, and remove the other looks."""
+    """Move the materials of a mesh that has its own data from the objects to the data, and remove the other looks."""
     for slot in mesh.material_slots:
         material, slot.link = slot.material, "DATA"
         slot.material = material
@@ -175,7 +175,7 @@ def _create(paint: _Paint) -> bpy.types.Material:
     scale.inputs["Scale"].default_value = paint.grain
     noise.inputs["Scale"].default_value = 1.0
     bump.inputs["Distance"].default_value = paint.relief_m
-    links.new(place.outputs["Generated"], scale.inputs["Vector"])  # of the rest pose, and without seams
+    links.new(place.outputs["Generated"], scale.inputs["Vector"])  # coordinates of the rest pose have no seams
     links.new(scale.outputs["Vector"], noise.inputs["Vector"])
     links.new(noise.outputs[0], bump.inputs["Height"])
     links.new(bump.outputs["Normal"], shader_of(material).inputs["Normal"])

@@ -1,4 +1,4 @@
-"""Build the skinned mesh: the mean body at rest, bound by vertex weights."""
+"""Build the skinned mesh: the mean body at rest, bound to the armature by vertex weights."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from .layout import around_pelvis
 from .shown import face_materials
 
 _FLAT_DEG, _SKEW_DEG = 35.0, 60.0
-"""Largest angle between two paired triangles, and largest deviation of a quad's corner from 90 degrees."""
+"""Largest angle between paired triangles, and largest deviation of a quad's corners from 90 degrees."""
 
 
 def pair_triangles(vertices: np.ndarray, faces: np.ndarray, material: np.ndarray) -> tuple[list[list[int]], np.ndarray]:
-    """Merge (T, 3) triangles into polygons, and return them with their materials."""
+    """Merge (T, 3) triangles into polygons. Return the polygons and their materials."""
     first, second, quads = _neighbours(faces)
     cost = _cost(vertices, quads)
     good = np.flatnonzero((cost < 1.0) & (material[first] == material[second]))
@@ -28,7 +28,7 @@ def pair_triangles(vertices: np.ndarray, faces: np.ndarray, material: np.ndarray
 
 
 def _matched(count: int, first: list[int], second: list[int]) -> list[int]:
-    """Pair triangles greedily, then split a pair between two unmatched triangles."""
+    """Pair triangles greedily. Then split pairs where that lets two unmatched triangles find partners."""
     pair_of = [-1] * count
     edges: list[list[int]] = [[] for _ in range(count)]
     for pair, (a, b) in enumerate(zip(first, second, strict=True)):
@@ -76,11 +76,11 @@ def _cost(vertices: np.ndarray, quads: np.ndarray) -> np.ndarray:
     return np.maximum(skew / _SKEW_DEG, bend / _FLAT_DEG)
 
 
-_LEAST_WEIGHT = 1e-4  # Smallest weight of a vertex that is kept, chosen by hand.
+_LEAST_WEIGHT = 1e-4  # Smallest vertex weight to keep. Chosen by hand.
 
 
 def create_mesh(name: str, body: BodyFile, armature: bpy.types.Object) -> bpy.types.Object:
-    """Create the body's mesh with linear blend skinning, as a child of its armature."""
+    """Create the body's mesh as a child of its armature, with linear blend skinning."""
     mesh = bpy.data.meshes.new(name)
     vertices = around_pelvis(body, np.zeros(NUM_BETAS), np.array(armature.data.bones[JOINTS[0]].head_local))
     polygons, _, uv = polygons_of(body)
@@ -106,9 +106,9 @@ def _face_materials(body: BodyFile) -> np.ndarray:
 
 @once_a_body
 def polygons_of(body: BodyFile) -> tuple[list[list[int]], np.ndarray, np.ndarray | None]:
-    """Return the polygons, their (L, P) materials per look, and (C, 2) texture coordinates.
+    """Return the polygons, their materials in each look (L, P), and texture coordinates (C, 2).
 
-    Polygons consist of texture points, so that none crosses a seam.
+    Polygons are built from texture points, so that none of them crosses a seam.
     """
     kinds, kind = np.unique(_face_materials(body), axis=1, return_inverse=True)
     points, corners = body.texture or (None, body.faces)
@@ -120,14 +120,14 @@ def polygons_of(body: BodyFile) -> tuple[list[list[int]], np.ndarray, np.ndarray
 
 
 def positions(points: bpy.types.bpy_prop_collection) -> np.ndarray:
-    """Return the (N, 3) float32 coordinates of a mesh's vertices or of a shape key's points."""
+    """Return the coordinates (N, 3) of a mesh's vertices or of a shape key's points, as float32."""
     co = np.empty(3 * len(points), dtype=np.float32)
     points.foreach_get("co", co)
     return co.reshape(-1, 3)
 
 
 def _drop_defaults(mesh: bpy.types.Mesh) -> None:
-    """Remove selection and sharp-face attributes, which only have default values."""
+    """Remove the selection and sharp-face attributes, which contain only default values."""
     for name in (".select_vert", ".select_edge", ".select_poly", "sharp_face"):
         if (attribute := mesh.attributes.get(name)) is not None:
             mesh.attributes.remove(attribute)

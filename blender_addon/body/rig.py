@@ -20,15 +20,15 @@ from .looks import add_looks
 from .mesh import create_mesh, polygons_of
 from .shape import add_shape_keys, all_sliders, get_betas
 
-_LEAST_M, _SAME_M = 5e-7, 5e-7  # Metres per beta below which effects are ignored, and differences count as equal.
+_LEAST_M, _SAME_M = 5e-7, 5e-7  # Metres per beta below which an effect is ignored, and below which a difference is.
 _MOST_OTHERS = 6
 _LARGEST_FACTOR = 4.0
-"""Largest factor of a linear combination. Larger factors would amplify Blender's rounding errors."""
+"""Largest factor in a linear combination. Larger factors would amplify Blender's rounding errors."""
 
 
 @dataclass(frozen=True)
 class _Driven:
-    """One axis of a bone's location, and the effect of the betas on it."""
+    """One axis of a bone's location, and how the betas change it."""
 
     bone: str
     axis: int
@@ -36,17 +36,17 @@ class _Driven:
 
 
 def _drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile, rest_betas: np.ndarray) -> None:
-    """Add drivers that move the joints and the IK bones by the shape sliders.
+    """Add drivers through which the shape sliders move the joints and the IK bones.
 
-    In its rest axes B_j each posed bone moves by ``B_j^T (D_j - D_parent) (betas - rest_betas)``. Its deform bone moves
-    back by ``-B_j^T D_j (betas - rest_betas)``, where ``D_j betas`` is the offset of joint j for a shape.
+    In its rest axes B_j, each posed bone moves by ``B_j^T (D_j - D_parent) (betas - rest_betas)``. Its deform bone
+    moves back by ``-B_j^T D_j (betas - rest_betas)``, where ``D_j betas`` is the offset of joint j in a shape.
     """
     names = [name for name, _ in _moved_with_joints(body.layout)] + [deform_bone(joint) for joint in body.layout.joints]
     axes = [np.array(armature.data.bones[name].matrix_local.to_3x3(), np.float64) for name in names]
     for driven, parts in _sources(body, tuple(names), np.stack(axes).tobytes()):
         bone = armature.pose.bones[driven.bone]
         if parts:
-            # Driven by other bones' locations.
+            # Driven by the locations of other bones.
             variables = {
                 f"a{k}": (armature, f'pose.bones["{source.bone}"].location[{source.axis}]')
                 for k, (_, source) in enumerate(parts)
@@ -59,11 +59,11 @@ def _drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: Body
 
 @once_a_body
 def _sources(body: BodyFile, names: tuple[str, ...], axes: bytes) -> list[tuple[_Driven, list[tuple[float, _Driven]]]]:
-    """Return every location that betas move, with earlier locations to drive it.
+    """Return every location that the betas change, and the earlier locations that can drive it.
 
     Args:
-        names: N bones: each bone that moves relative to its parent, then a deform bone per joint.
-        axes: (N, 3, 3) rest axes of the bones in columns, as bytes of float64.
+        names: names of N bones: first each bone that moves relative to its parent, then the deform bone of each joint.
+        axes: (N, 3, 3) rest axes of the bones in columns, as the bytes of a float64 array.
     """
     _, directions = shape_directions(body)
     joints, parents = body.layout.joints, body.layout.parents
@@ -72,7 +72,7 @@ def _sources(body: BodyFile, names: tuple[str, ...], axes: bytes) -> list[tuple[
     ways += [(-directions[j], (n, deform_bone(joints[max(parents[j], 0)]))) for j, n in enumerate(joints)]
     found: list[tuple[_Driven, list[tuple[float, _Driven]]]] = []
     for name, B, (way, related) in zip(names, np.frombuffer(axes).reshape(-1, 3, 3), ways, strict=True):
-        earlier = [driven for driven, _ in found]  # a bone that moved by itself would be a cycle
+        earlier = [driven for driven, _ in found]  # a bone that drives itself would be a cycle
         for axis, row in enumerate(B.T @ way):
             if np.abs(row).max() > _LEAST_M:
                 parts = _few_others(row, earlier) or _all_of(row, [d for d in earlier if d.bone in related])
@@ -81,7 +81,7 @@ def _sources(body: BodyFile, names: tuple[str, ...], axes: bytes) -> list[tuple[
 
 
 def _few_others(row: np.ndarray, driven: Sequence[_Driven]) -> list[tuple[float, _Driven]]:
-    """Return a few driven locations that combine to this row, or [].
+    """Return a few driven locations whose combination equals this row, or [].
 
     Orthogonal matching pursuit (Pati, Rezaiifar and Krishnaprasad 1993) adds the most similar location in each step.
     """
@@ -106,7 +106,7 @@ def _few_others(row: np.ndarray, driven: Sequence[_Driven]) -> list[tuple[float,
 
 
 def _all_of(row: np.ndarray, related: list[_Driven]) -> list[tuple[float, _Driven]]:
-    """Return related locations that combine to this row with fewer terms, or []."""
+    """Return related locations whose combination equals this row with fewer terms, or []."""
     if not related:
         return []
     rows = np.stack([d.row for d in related])
@@ -127,13 +127,13 @@ def _moved_with_joints(layout: BodyLayout) -> list[tuple[str, int]]:
 def _drive_by_betas(
     owner: bpy.types.bpy_struct, path: str, axis: int, row: np.ndarray, constant: float, mesh: bpy.types.Object
 ) -> bool:
-    """Drive one element by ``constant + row @ betas``, False without an effect."""
+    """Drive one element by ``constant + row @ betas``. Return False if the betas have no effect on it."""
     used = np.flatnonzero(np.abs(row) > _LEAST_M).tolist()
     if not used:
         return False
     keys, data = all_sliders(mesh), mesh.data.shape_keys
     variables = {f"b{k}": (data, f'key_blocks["{keys[k].name}"].value') for k in used}
-    # Blender keeps 256 characters of an expression, so metres have seven decimals.
+    # Blender keeps only 256 characters of an expression, so values in metres have seven decimals.
     terms = "".join(f"{row[k]:+.7f}*b{k}" for k in used)
     add_scripted_driver(owner, path, axis, f"{constant:.7f}{terms}", variables)
     return True
@@ -141,14 +141,14 @@ def _drive_by_betas(
 
 @dataclass(frozen=True)
 class Rig:
-    """Objects of one body."""
+    """The Blender objects of a body."""
 
-    armature: bpy.types.Object  # A posed bone per joint with a hidden deform bone, a root, and hands and feet to place.
-    mesh: bpy.types.Object  # The skin, with ten shape sliders and pose correctives.
+    armature: bpy.types.Object  # Per joint a posed and a hidden deform bone, plus a root and IK controls.
+    mesh: bpy.types.Object  # The skin, with ten shape sliders and the pose correctives.
 
 
 def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.types.Collection) -> Rig:
-    """Create a posable body at the world origin with a (10,) shape, in object mode."""
+    """Create a posable body in a (10,) shape at the world origin. Blender must be in object mode."""
     layout = lay_out_bones(body, betas)
     armature = create_armature(name, body.layout, layout, collection)
     hidden = add_control_shapes(armature, body, betas, layout)
@@ -161,7 +161,7 @@ def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.typ
 
 
 def stand_on_floor(rig: Rig, body: BodyFile) -> None:
-    """Add a driver that keeps the resting soles at the height of the armature's origin."""
+    """Add a driver that keeps the soles at the height of the armature's origin while the body is at rest."""
     directions, _ = shape_directions(body)
     pelvis = np.array(rig.armature.data.bones[JOINTS[0]].head_local)
     vertices = around_pelvis(body, get_betas(rig.mesh), pelvis)

@@ -14,7 +14,7 @@ from .mesh import positions
 
 _UNNAMED = "detail"
 _LEAST_SHARE = 0.02
-"""Smallest share of a measure's variance for which a shape direction is named after the measure."""
+"""A shape direction is named after a measure if it explains at least this fraction of the measure's variance."""
 _NAMES = {
     "stature": ("stature", "short stature"),
     "build": ("build", "slenderness"),
@@ -30,7 +30,7 @@ _NAMES = {
     "arm_girth": ("arm girth", "slim arms"),
     "foot": ("foot length", "short feet"),
 }
-"""Names for an increase and a decrease of each measure."""
+"""Names for an increase and for a decrease of each measure."""
 
 
 @once_a_body
@@ -49,7 +49,7 @@ def shape_names(body: BodyFile) -> tuple[str, ...]:
 
 
 def _relative(more: dict[str, float], less: dict[str, float]) -> dict[str, float]:
-    """Return the relative difference of each measure, 0 for a measure that is 0."""
+    """Return the relative difference of each measure, or 0 for a measure that is 0."""
     both = {name: (more[name] + less[name]) / 2 for name in more}
     return {name: (more[name] - less[name]) / mean if mean > 1e-6 else 0.0 for name, mean in both.items()}
 
@@ -106,7 +106,7 @@ LOOK_KEYS = {
     MANNEQUIN: "Mannequin",
     SEGMENTS_LOOK: "Segments",
 }
-"""Shape key of each look."""
+"""Name of each look's shape key."""
 
 
 def _slider_name(index: int, effect: str = "") -> str:
@@ -114,7 +114,7 @@ def _slider_name(index: int, effect: str = "") -> str:
 
 
 def sliders(mesh: bpy.types.Object) -> list[bpy.types.ShapeKey]:
-    """Return the ten sliders in the order of the betas, without sliders that were deleted."""
+    """Return the ten sliders in the order of the betas. Sliders that were deleted are missing."""
     keys = getattr(mesh.data, "shape_keys", None)
     found: dict[int, bpy.types.ShapeKey] = {}
     for key in keys.key_blocks if keys is not None else ():
@@ -125,22 +125,22 @@ def sliders(mesh: bpy.types.Object) -> list[bpy.types.ShapeKey]:
 
 
 def effect_of(key: bpy.types.ShapeKey) -> str:
-    """Return the effect of a slider, such as "Stature", or its full name if the user renamed it."""
+    """Return a slider's effect, such as "Stature", or the slider's full name if the user renamed it."""
     words = key.name.split(maxsplit=2)
     return words[2].capitalize() if len(words) > 2 else key.name
 
 
 def body_mesh(armature: bpy.types.Object) -> bpy.types.Object | None:
-    """Return the skin of a body, None if it was deleted."""
+    """Return the skin mesh of a body, or None if it was deleted."""
     keyed = [child for child in armature.children if child.type == "MESH" and child.data.shape_keys]
     return max(keyed, key=lambda mesh: len(sliders(mesh)), default=None)  # clothes may have shape keys too
 
 
-LARGEST_BETA = 5.0  # Range of the sliders in standard deviations.
+LARGEST_BETA = 5.0  # Range of the sliders, in standard deviations.
 
 
 def add_shape_keys(mesh: bpy.types.Object, body: BodyFile, betas: np.ndarray) -> None:
-    """Add the basis and ten sliders to a mesh from ``create_mesh`` and set them to a shape."""
+    """Add the basis and ten sliders to a mesh from ``create_mesh``, and set the sliders to a shape."""
     directions, _ = shape_directions(body)
     mesh.shape_key_add(name="Basis", from_mix=False)
     rest = positions(mesh.data.vertices)
@@ -150,7 +150,7 @@ def add_shape_keys(mesh: bpy.types.Object, body: BodyFile, betas: np.ndarray) ->
 
 
 def add_key(mesh: bpy.types.Object, name: str, shaped: np.ndarray, limit: float) -> bpy.types.ShapeKey:
-    """Add a shape key that moves the vertices to (V, 3) positions in metres at value 1."""
+    """Add a shape key that, at value 1, moves the vertices to (V, 3) positions in metres."""
     key = mesh.shape_key_add(name=name, from_mix=False)
     key.slider_min, key.slider_max, key.value = -limit, limit, 0.0
     key.points.foreach_set("co", np.ascontiguousarray(shaped, dtype=np.float32).ravel())
@@ -158,19 +158,19 @@ def add_key(mesh: bpy.types.Object, name: str, shaped: np.ndarray, limit: float)
 
 
 def get_betas(mesh: bpy.types.Object) -> np.ndarray:
-    """Return a body's (10,) shape from its sliders."""
+    """Return a body's shape (10,), read from its sliders."""
     return np.array([key.value for key in all_sliders(mesh)])
 
 
 def set_betas(mesh: bpy.types.Object, betas: np.ndarray) -> None:
-    """Set a body's sliders to a (10,) shape and widen their limits if needed."""
+    """Set a body's sliders to a (10,) shape. Widen their limits if needed."""
     for key, beta in zip(all_sliders(mesh), np.asarray(betas, dtype=np.float64).tolist(), strict=True):
         key.slider_min, key.slider_max = min(key.slider_min, beta), max(key.slider_max, beta)
         key.value = beta
 
 
 def shaped_vertices(mesh: bpy.types.Object) -> np.ndarray:
-    """Return the (V, 3) rest vertices shaped by sliders and looks, in the mesh's space."""
+    """Return the rest vertices (V, 3) shaped by sliders and looks, in the mesh's space."""
     blocks = mesh.data.shape_keys.key_blocks
     keys = [*sliders(mesh), *(blocks[name] for name in LOOK_KEYS.values() if name in blocks)]
     basis = positions(mesh.data.shape_keys.reference_key.points).astype(np.float64)
@@ -178,7 +178,7 @@ def shaped_vertices(mesh: bpy.types.Object) -> np.ndarray:
 
 
 def all_sliders(mesh: bpy.types.Object) -> list[bpy.types.ShapeKey]:
-    """Return the ten sliders. Raises ``BodyInvalid`` if the mesh does not have all of them."""
+    """Return all ten sliders. Raises ``BodyInvalid`` if the mesh does not have all of them."""
     found = sliders(mesh)
     if len(found) < NUM_BETAS:
         names = f"{_slider_name(0)} to {_slider_name(NUM_BETAS - 1)}"

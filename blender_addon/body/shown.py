@@ -1,4 +1,4 @@
-"""Add the bundled body's correctives, face, 52 facial shapes and looks."""
+"""Add the correctives, face, 52 facial shapes and looks that belong to the bundled body."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from .._exchange.errors import BodyInvalid
 from .._exchange.npz import read_arrays
 from ..conventions.naming import LOOKS, MANNEQUIN, SEGMENTS, SEGMENTS_LOOK
 
-SHOWN_FILE = "shown_neutral.npz"  # File next to the bundled body.
-RELAXED = "relaxed"  # Name of the shape that is part of the face at rest.
+SHOWN_FILE = "shown_neutral.npz"  # File that is stored next to the bundled body.
+RELAXED = "relaxed"  # Name of the shape that is added to the face at rest.
 _LOOKS = ("looks", "look_material", "look", "look_vertex", "look_offset")
 _ROWS, _FACE = ("row_vertex", "row_joint", "rows"), ("shapes", "shape", "shape_vertex", "shape_offset", "face_material")
 Looks = dict[str, tuple[np.ndarray, np.ndarray]]
-"""(T,) face materials and (V, 3) offsets in metres, per look."""
+"""Material of each face (T,) and offsets (V, 3) in metres, for each look."""
 Shapes = dict[str, tuple[np.ndarray, np.ndarray]]
-"""Shapes by ARKit name: (N,) vertices and their (N, 3) offsets in metres at value 1."""
+"""Vertices (N,) and their offsets (N, 3) in metres at value 1, for each ARKit shape name."""
 
 
 def add_shown(arrays: dict[str, np.ndarray], path: Path) -> tuple[dict[str, np.ndarray], Shapes, Looks]:
     """Return the arrays of the body that Blender shows, its facial shapes, and its looks.
 
-    Facial shapes start from the relaxed face. Joints agree with the solver's to a micrometre. Raises ``BodyInvalid`` if
-    the file belongs to another body.
+    Facial shapes start from the relaxed face. Joints agree with the solver's joints to a micrometre. Raises
+    ``BodyInvalid`` if the file belongs to another body.
     """
     stored = read_arrays(path, required=("body_id", *_ROWS, *_FACE, *_LOOKS))
     vertices = len(arrays["v_template"])
@@ -45,7 +45,7 @@ def add_shown(arrays: dict[str, np.ndarray], path: Path) -> tuple[dict[str, np.n
     template = np.array(arrays["v_template"], np.float64)
     template[at] += offsets
     shown = {**arrays, "v_template": template}
-    if "blank_vertices" in arrays:  # the head without a face stays
+    if "blank_vertices" in arrays:  # the head without a face is unchanged
         moved = np.zeros_like(template)
         moved[at] = offsets
         shown["blank_offsets"] = arrays["blank_offsets"] - moved[arrays["blank_vertices"].astype(np.int64)]
@@ -55,13 +55,13 @@ def add_shown(arrays: dict[str, np.ndarray], path: Path) -> tuple[dict[str, np.n
     return shown | {"posedirs": posedirs, "face_material": stored["face_material"]}, shapes, looks
 
 
-_OF_BODIES = 8  # Number of materials of a body file without looks. Larger indices use the last one.
+_OF_BODIES = 8  # Number of materials in a body file without looks. Larger indices use the last material.
 _JOINTS = {
     "pelvis": "Pelvis", "spine1": "Abdomen", "spine2": "Chest", "spine3": "Chest", "collar": "Chest", "neck": "Neck",
     "head": "Head", "hip": "Thigh", "knee": "Shank", "ankle": "Foot", "foot": "Toes", "shoulder": "Arm",
     "elbow": "Forearm",
 }  # fmt: skip
-"""Segment of each joint. All other joints belong to the hand."""
+"""Body segment of each joint. All joints that are missing here belong to the hand."""
 
 
 def face_materials(
@@ -71,10 +71,10 @@ def face_materials(
     material: np.ndarray | None,
     own: dict[str, np.ndarray],
 ) -> np.ndarray:
-    """Return the (L, T) material of each face in each of ``LOOKS``.
+    """Return the material (L, T) of each face in each of ``LOOKS``.
 
-    By default, the mannequin has one material, segments follow the largest of the (V, J) weights, and all other looks
-    use the body file's (T,) materials, or 0 without any.
+    By default, the mannequin has one material, the look with segments follows the largest of the (V, J) weights, and
+    all other looks use the (T,) materials in the body file, or 0 if it has none.
     """
     plain = np.zeros(len(faces), np.int64) if material is None else np.clip(material, 0, _OF_BODIES - 1)
     segment = np.array([SEGMENTS.index(_segment_of(joint)) for joint in joints])

@@ -1,4 +1,4 @@
-"""Names of the bones and switches of the four IK limbs and of the finger controls."""
+"""Name the bones and switches of the four IK limbs, and the finger controls."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ import bpy
 
 from ..._exchange.joint_sets import FINGERS, SIDES
 
-ROOT = "root"  # The root bone on the floor at the armature's origin.
+ROOT = "root"  # The root bone, which lies on the floor at the armature's origin.
 
 
 @dataclass(frozen=True)
 class Limb:
-    """One limb: its three joints, and the bones that pose it by IK."""
+    """A limb: its three joints, and the bones that pose it by IK."""
 
     side: str  # ``left`` or ``right``.
     kind: str  # ``arm`` or ``leg``.
     joints: tuple[str, str, str]  # Shoulder, elbow and wrist, or hip, knee and ankle.
-    control: str  # The hand or foot to place and turn.
-    pole: str  # The bone that the elbow or knee points to.
+    control: str  # The hand or foot control to move and rotate.
+    pole: str  # The bone towards which the elbow or knee points.
     solved: tuple[str, str]  # The hidden upper and lower bones that Blender's IK poses.
-    reach: str  # The hidden bone with its tail at the limb's end in every shape, which IK brings to the control.
-    turns: tuple[str, str]  # Bones that the joints follow. They add the twist that a hinge lacks.
-    keyed: tuple[str, ...]  # The bones with keys in IK.
-    switch: str  # Custom property of the root bone: 0 for FK, 1 for IK.
-    label: str  # Name in the panel.
-    collection: str  # The bone collection of its controls, shown in IK.
-    joint_collection: str  # The bone collection of its joints, shown in FK.
+    reach: str  # Hidden bone whose tail is at the limb's end in every shape. IK moves it to the control.
+    turns: tuple[str, str]  # Bones that the joints follow. They add the twist that a hinge cannot make.
+    keyed: tuple[str, ...]  # The bones that have keys in IK mode.
+    switch: str  # Custom property of the root bone: 0 means FK, 1 means IK.
+    label: str  # The name shown in the panel.
+    collection: str  # The bone collection of the limb's controls, shown in IK mode.
+    joint_collection: str  # The bone collection of the limb's joints, shown in FK mode.
 
 
 def _limb(side: str, kind: str, parts: tuple[str, str, str], end_bone: str) -> Limb:
@@ -43,23 +43,23 @@ _SIDED = ("arm", ("shoulder", "elbow", "wrist"), "hand"), ("leg", ("hip", "knee"
 LIMBS = tuple(_limb(side, *row) for row in _SIDED for side in ("left", "right"))
 HELPERS = tuple(name for limb in LIMBS for name in (*limb.solved, limb.reach))
 """Names of the hidden IK bones."""
-CONTROLS = tuple(name for limb in LIMBS for name in limb.keyed)  # Visible bones, besides the joints and the root.
+CONTROLS = tuple(name for limb in LIMBS for name in limb.keyed)  # All visible bones except the joints and the root.
 
 
 def switch_path(limb: Limb) -> str:
-    """Return the data path of a limb's IK switch in its armature object."""
+    """Return the data path of a limb's IK switch, relative to the armature object."""
     return f'pose.bones["{ROOT}"]["{limb.switch}"]'
 
 
 def limb_paths(limb: Limb) -> set[str]:
-    """Return the data paths of the keys that pose a limb by IK."""
+    """Return the data paths of all keys that pose a limb by IK."""
     moved = (f'pose.bones["{name}"].location' for name in (limb.control, limb.pole))
     turned = (f'pose.bones["{name}"].rotation_quaternion' for name in (limb.control, *limb.turns))
     return {*moved, *turned}
 
 
 def has_limbs(armature: bpy.types.Object | None) -> bool:
-    """Return whether an armature has the controls of all limbs."""
+    """Return whether an armature has the controls of all four limbs."""
     if armature is None or armature.type != "ARMATURE":
         return False
     bones = armature.pose.bones
@@ -74,14 +74,14 @@ def limb_of(switch: str) -> Limb:
 
 
 def show_limb(armature: bpy.types.Object, limb: Limb, *, from_end: bool) -> None:
-    """Show the bones of a limb's IK or FK mode, and hide the other bones."""
+    """Show the bones for a limb's IK or FK mode, and hide the bones for the other mode."""
     for name, shown in ((limb.collection, from_end), (limb.joint_collection, not from_end)):
-        if (collection := armature.data.collections_all.get(name)) is not None:  # the user may delete it
+        if (collection := armature.data.collections_all.get(name)) is not None:  # the user may have deleted it
             collection.is_visible = shown
 
 
 def follow_mode(armature: bpy.types.Object, limb: Limb, *, from_end: bool) -> None:
-    """Show a limb's bones in the mode of another take. Bones that the user hid stay hidden."""
+    """Show a limb's bones for the mode that another take uses. Bones that the user hid stay hidden."""
     unfit = armature.data.collections_all.get(limb.joint_collection if from_end else limb.collection)
     if unfit is not None and unfit.is_visible:
         show_limb(armature, limb, from_end=from_end)
@@ -89,7 +89,7 @@ def follow_mode(armature: bpy.types.Object, limb: Limb, *, from_end: bool) -> No
 
 COLLECTION = "Finger Controls"  # Bone collection of the finger controls.
 NAMES = ("Curl", "Spread", "Fist", "Fan")
-"""Names of the constraints that make finger joints follow the finger control and the hand control."""
+"""Names of the constraints through which finger joints follow the finger control and the hand control."""
 
 
 def finger_control(side: str, finger: str) -> str:
@@ -98,7 +98,7 @@ def finger_control(side: str, finger: str) -> str:
 
 
 def fist_control(side: str) -> str:
-    """Return the name of the bone that closes a hand to a fist."""
+    """Return the name of the bone that closes a hand into a fist."""
     return f"{side}_fist"
 
 
@@ -113,6 +113,6 @@ def has_finger_controls(armature: bpy.types.Object | None) -> bool:
 
 
 def control_paths(armature: bpy.types.Object) -> list[tuple[str, str]]:
-    """Return the data path and bone name of each channel of an armature's finger controls."""
+    """Return the data path and the bone name of each channel of an armature's finger controls."""
     names = FINGER_CONTROLS if has_finger_controls(armature) else ()
     return [(f'pose.bones["{name}"].rotation_euler', name) for name in names]

@@ -19,25 +19,25 @@ from .limbs import LIMBS, ROOT, Limb, has_finger_controls
 
 _SEGMENTS = 40
 _MARGIN, _LEAST_M = 1.12, 0.012
-"""Size factor and minimum distance in metres between a custom shape and the skin. Chosen by hand."""
-_LEAST_FINGER_M = 0.002  # Minimum distance in metres for fingers, whose rings are close together.
+"""Scale of a custom shape relative to the skin, and its smallest distance in metres from it. Chosen by hand."""
+_LEAST_FINGER_M = 0.002  # Smallest distance in metres for fingers, because their rings are close together.
 _WIRE_WIDTH = 1.0
 _SHAPE_OF_PART = {"pelvis": "plate", "head": "helmet", "hand": "outline", "foot": "outline"}
-"""Custom shape for each body part. All other parts have rings."""
+"""Custom shape of each body part. All other parts have rings."""
 _SECTION_OF_PART = {"pelvis": (-1.0, 0.6), "collar": (0.25, 0.9), "neck": (0.1, 0.9), "wrist": (0.0, 1.0)}
-"""Section of the bone, as fractions of its length, where the skin is measured. The default is the middle 30 %."""
+"""Section of the bone, as fractions of its length, where the skin is measured. By default it is the middle 30 %."""
 _ROOT_SIZE, _POLE_SIZE_M, _TURN_SCALE = 0.18, 0.025, 1.25
-"""Root size relative to the arm span, pole size in metres, and size of the turn rings relative to the joint rings."""
-_ABOVE_M = 0.022  # Height of the finger controls above the back of the hand in metres.
+"""Root size as a fraction of arm span, pole size in metres, and size of turn rings relative to joint rings."""
+_ABOVE_M = 0.022  # Height of the finger controls above the back of the hand, in metres.
 _MIDDLE = (0.35, 0.65)
 _TRUNK = ("pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar")
-"""Bones whose rings enclose the skin of the whole trunk."""
+"""Bones whose rings enclose the skin of the entire trunk."""
 
 
 def add_control_shapes(
     armature: bpy.types.Object, body: BodyFile, betas: np.ndarray, layout: BoneLayout
 ) -> bpy.types.Collection:
-    """Give every posed bone a custom shape, and return the shapes' hidden collection."""
+    """Give each posed bone a custom shape, and return the hidden collection that contains the shapes."""
     folder = child_collection("Controls", armature.users_collection[0])
     folder.hide_viewport = folder.hide_render = True
     shapes = {name: _wire(f"{armature.name} {name}", curves, folder) for name, curves in _SHAPES.items()}
@@ -88,7 +88,7 @@ def _add_limb_shapes(
 
 
 def show_shape(bone: bpy.types.PoseBone, shape: bpy.types.Object, centre: np.ndarray, half: np.ndarray) -> None:
-    """Give a bone a custom shape with a (3,) centre and half size in metres, in its axes."""
+    """Give a bone a custom shape whose (3,) centre and half size are in metres, in the bone's axes."""
     bone.custom_shape = shape
     bone.use_custom_shape_bone_size = False
     bone.custom_shape_translation, bone.custom_shape_scale_xyz = centre.tolist(), half.tolist()
@@ -97,13 +97,13 @@ def show_shape(bone: bpy.types.PoseBone, shape: bpy.types.Object, centre: np.nda
 
 
 def shape_lines(armature: bpy.types.Object) -> dict[tuple[float, ...], np.ndarray]:
-    """Return the (2 E, 3) line ends of visible custom shapes, by bone colour."""
+    """Return the line end points (2 E, 3) of all visible custom shapes, by bone colour."""
     lines: dict[str, np.ndarray] = {}
     found: dict[tuple[float, ...], list[np.ndarray]] = {}
     for bone in armature.pose.bones:
         shape, colour, rest = bone.custom_shape, bone.color, bone.bone
         colour = rest.color if colour.palette == "DEFAULT" else colour
-        is_hidden = getattr(bone, "hide", getattr(rest, "hide", False))  # the pose bone's from Blender 5 on
+        is_hidden = getattr(bone, "hide", getattr(rest, "hide", False))  # a pose bone's own from Blender 5 on
         if shape is None or is_hidden or colour.palette != "CUSTOM":
             continue
         if rest.collections and not any(item.is_visible_effectively for item in rest.collections):
@@ -123,7 +123,7 @@ def shape_lines(armature: bpy.types.Object) -> dict[tuple[float, ...], np.ndarra
 def _extent(
     local: np.ndarray, length: float, section: tuple[float, float], least: float = _LEAST_M
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (3,) centre and half size of the skin along a section of its bone, including the margin."""
+    """Return the centre and the half size, both (3,), of the skin along a section of its bone, margin included."""
     along = local[:, 1] / length
     inside = local[(along >= section[0]) & (along <= section[1])]
     points = inside if len(inside) > 2 else local
@@ -159,7 +159,7 @@ _SHAPES: dict[str, tuple[np.ndarray, ...]] = {
         *(np.array([(x, y, -1.0), (x, y, 1.0)]) for x in (-1.0, 1.0) for y in (-1.0, 1.0)),
     ),
 }
-"""Curves of each custom shape in the cube from -1 to 1, with y along the bone."""
+"""Curves of each custom shape, inside the cube from -1 to 1. y runs along the bone."""
 
 
 def _wire(name: str, curves: Sequence[np.ndarray], collection: bpy.types.Collection) -> bpy.types.Object:

@@ -1,4 +1,4 @@
-"""Set up IK for limbs and controls for fingers."""
+"""Set up IK for the limbs and controls for the fingers."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from .limbs import LIMBS, ROOT, Limb, finger_control, fist_control, switch_path
 
 ROOT_LENGTH_M = 0.3
 _REACH = 0.15
-"""Length of the bone at a limb's end, as a fraction of the lower bone."""
-_POLE_DISTANCE = 1.0  # Distance of a pole from its joint, relative to the upper bone's length.
+"""Length of the bone at the end of a limb, as a fraction of the lower bone."""
+_POLE_DISTANCE = 1.0  # Distance between a pole and its joint, relative to the length of the upper bone.
 _POLE_SIZE = 0.1
 _AHEAD = {"arm": np.array([0.0, 1.0, 0.0]), "leg": np.array([0.0, -1.0, 0.0])}
-"""Rest directions of elbows (backward) and knees (forward)."""
+"""Directions in which elbows (backward) and knees (forward) point at rest."""
 
 
 def add_root(data: bpy.types.Armature) -> bpy.types.EditBone:
-    """Add the root bone at the armature's origin, in edit mode."""
+    """Add the root bone at the armature's origin. Blender must be in edit mode."""
     root = data.edit_bones.new(ROOT)
     root.head, root.tail = (0.0, 0.0, 0.0), (0.0, ROOT_LENGTH_M, 0.0)
     root.align_roll((0.0, 0.0, 1.0))
@@ -36,7 +36,7 @@ def _rest_pole(layout: BoneLayout, limb: Limb) -> np.ndarray:
 
 
 def add_limb_bones(data: bpy.types.Armature, layout: BoneLayout) -> None:
-    """Add the bones of all limbs to an armature with joints and a root, in edit mode."""
+    """Add the bones of all limbs to an armature that has joints and a root. Blender must be in edit mode."""
     bones, root = data.edit_bones, data.edit_bones[ROOT]
     for limb in LIMBS:
         upper, lower, end = limb.joints
@@ -64,12 +64,12 @@ def _twin(data: bpy.types.Armature, name: str, joint: str, parent: bpy.types.Edi
     return bone
 
 
-FOLLOW = "IK"  # Name of the constraint that makes a joint follow.
-_BENT = 0.15  # Initial bend of elbows and knees in radians, which shows IK the direction.
+FOLLOW = "IK"  # Name of the constraint that makes a joint follow IK.
+_BENT = 0.15  # Initial bend of elbows and knees in radians. It shows IK in which direction to bend them.
 
 
 def wire_limbs(armature: bpy.types.Object, layout: BoneLayout) -> None:
-    """Add the IK switches, the IK constraints, and the constraints of the joints to a new armature."""
+    """Add IK switches, IK constraints and joint constraints to a new armature."""
     bones = armature.pose.bones
     for limb in LIMBS:
         bones[ROOT][limb.switch] = 0.0
@@ -97,7 +97,7 @@ def _add_solver(armature: bpy.types.Object, layout: BoneLayout, limb: Limb) -> N
 
 
 def _pole_angle(armature: bpy.types.Object, layout: BoneLayout, limb: Limb) -> float:
-    """Return the angle about the upper bone from its rest pole direction to its X axis, in radians."""
+    """Return the angle around the upper bone from the pole direction at rest to the bone's X axis, in radians."""
     bone = armature.data.bones[limb.solved[0]]
     axes = np.array(bone.matrix_local.to_3x3(), np.float64)
     head, end = (layout.heads[JOINTS.index(joint)] for joint in (limb.joints[0], limb.joints[2]))
@@ -125,16 +125,16 @@ def _lock(bones: bpy.types.bpy_prop_collection, limb: Limb) -> None:
 
 _SHARES = {"thumb": (0.25, 0.45, 0.55)}
 _SHARES_OF_FINGERS = (0.75, 0.85, 0.5)
-"""Fraction of a finger control's rotation that each joint makes. At 90 degrees a relaxed hand becomes a fist."""
+"""Fraction of a finger control's rotation that each joint adds. At 90 degrees a relaxed hand becomes a fist."""
 _FAN = {"thumb": 1.0, "index": 0.8, "middle": 0.1, "ring": 0.5, "pinky": 1.0}
-"""Spread of each finger as a fraction of the hand control's rotation."""
+"""Spread of each finger, as a fraction of the rotation of the hand control."""
 _LIMIT = np.pi
 _TOWARDS_THUMB = ("thumb", "index", "middle")
-"""Fingers that spread towards the thumb. The others spread away from it."""
+"""Fingers that spread towards the thumb. All others spread away from it."""
 
 
 def add_finger_controls(data: bpy.types.Armature) -> None:
-    """Add a control at each finger's first joint, in edit mode."""
+    """Add a control at the first joint of each finger. Blender must be in edit mode."""
     for side in SIDES:
         likes = {finger_control(side, finger): f"{side}_{finger}1" for finger in FINGERS}
         likes[fist_control(side)] = f"{side}_middle1"
@@ -143,7 +143,7 @@ def add_finger_controls(data: bpy.types.Armature) -> None:
 
 
 def wire_finger_controls(armature: bpy.types.Object) -> None:
-    """Add the constraints that make finger joints follow their controls."""
+    """Add the constraints through which finger joints follow their controls."""
     bones = armature.pose.bones
     for name in CONTROLS:
         bone = bones[name]
@@ -177,7 +177,7 @@ def _follow_turn(
 
 
 def _spread_sign(armature: bpy.types.Object, side: str, finger: str) -> float:
-    """Return 1 if a rotation about Z moves a finger away from its neighbours, else -1."""
+    """Return 1 if a rotation about Z moves a finger away from its neighbours, or else -1."""
     bones = armature.data.bones
     axes = np.array(bones[f"{side}_{finger}1"].matrix_local.to_3x3(), np.float64)
     thumbward = np.array(bones[f"{side}_index1"].head_local) - np.array(bones[f"{side}_pinky1"].head_local)
