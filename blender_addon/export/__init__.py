@@ -1,1 +1,1 @@
-"""Export takes to formats of other programs."""
+"""Export takes to the formats of other programs."""

@@ -1,4 +1,4 @@
-"""Tables of the export formats and the programs that read them. This module imports no writers."""
+"""Tables of export formats and of the programs that read them. This module does not import the writers."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ class Format:
 
     suffix: str  # File suffix with its dot.
     label: str  # Label for users.
-    description: str  # Contents of the file.
-    writer: str  # Module and function in ``writers`` that write a take to a path.
-    keeps: tuple[str, ...] = ()  # Fields of ``FileLayout`` that can be chosen. The format determines the others.
-    is_sampled: bool = True  # True if the motion is sampled at any rate and range. Otherwise its keys are written.
+    description: str  # Description of the file's contents, for users.
+    writer: str  # Module and function in ``writers`` that write a take to a file.
+    keeps: tuple[str, ...] = ()  # Fields of ``FileLayout`` that the user can choose. The format determines all others.
+    is_sampled: bool = True  # True if the motion is sampled at any rate and range. If False, its keys are written.
 
 
 _SKINNED, _BONES = "Skeleton, skinned mesh and motion", ("root", "fingers")
@@ -34,13 +34,13 @@ FORMATS: dict[str, Format] = {
     "trc": Format(".trc", "TRC", "Joint positions for OpenSim in millimetres, Y up", "joint_tables.export_trc"),
     "csv": Format(".csv", "CSV", "Joint positions as a table in metres, Z up", "joint_tables.export_csv"),
 }
-"""Formats by the names that settings and command lines use."""
+"""Formats, keyed by the names that settings and command lines use."""
 ROOT_MOTIONS = (
     ("body", "On Hips", "The hips carry the travel over the ground"),
     ("root", "On Root", "A root bone carries the travel and the heading, smoothed"),
     ("place", "In Place", "The motion has no travel"),
 )
-"""Choices for where the travel over the ground is stored: identifier, label and description of Blender enum items."""
+"""Where the travel over the ground can be stored, as the identifiers, labels and descriptions of an enum."""
 UNITS = (
     ("m", "Metres", "One unit of the file is a metre"),
     ("cm", "Centimetres", "One unit of the file is a centimetre, without a scale on the skeleton"),
@@ -49,35 +49,35 @@ UNITS = (
 UP_AXES = (
     ("Y", "Y Up", "Y points up, -Z points forward"),
     ("Z", "Z Up", "Z points up, as in Blender"),
-)  # Axes of FBX files.
+)  # Up axes of FBX files.
 
 
 @dataclass(frozen=True)
 class FileLayout:
-    """Layout of the skeleton in a file. BVH, FBX, glTF and USD follow it as far as they can."""
+    """Layout of the skeleton in a file. BVH, FBX, glTF and USD follow it as far as the format allows."""
 
     unit: str = "m"  # Key of ``UNITS``. Only FBX uses it.
     up: str = "Y"  # Key of ``UP_AXES``. Only FBX uses it.
     root: str = "body"  # Key of ``ROOT_MOTIONS``.
-    fingers: bool = True  # Keep finger bones. Otherwise hand bones move the fingers' skin.
-    node: str = ""  # Name of the skeleton's object in the file, "" for the armature's own.
+    fingers: bool = True  # Keep finger bones. If False, hand bones move the skin of the fingers.
+    node: str = ""  # Name of the skeleton object in the file, or "" for the armature's own name.
 
     @property
     def metres_a_unit(self) -> float:
-        """Length of one file unit in metres."""
+        """Length of one unit of the file in metres."""
         return 0.01 if self.unit == "cm" else 1.0
 
 
-AS_RECORDED = FileLayout()  # Metres, Y up, travel on the hips, with fingers, and the armature's name.
+AS_RECORDED = FileLayout()  # Metres, Y up, travel stored on the hips, with fingers and with the armature's name.
 
 
 @dataclass(frozen=True)
 class Destination:
-    """A program for which takes are exported."""
+    """A program to which takes can be exported."""
 
     label: str  # Name of the program.
     format: str  # Key of ``FORMATS``.
-    description: str  # Contents of the file, for users.
+    description: str  # Description of the file's contents, for users.
     layout: FileLayout
 
 
@@ -93,5 +93,5 @@ DESTINATIONS: dict[str, Destination] = {
     "three.js": Destination("three.js", "gltf", "glTF in metres, with the travel on the hips", AS_RECORDED),
     "blender": Destination("Blender", "blend", _BLENDER, FileLayout(up="Z")),
 }
-"""Destinations by the names that settings and command lines use. Unreal's importer skips an object named Armature, so
-that the root bone becomes the skeleton's root."""
+"""Programs, keyed by the names that settings and command lines use. Unreal's importer skips an object named Armature,
+so that the root bone becomes the root of the skeleton."""

@@ -1,4 +1,4 @@
-"""Convert a take for other programs: no drivers, and a key on every frame."""
+"""Convert a take for other programs: remove drivers and key every frame."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ def plain_copy(
     root: bool = False,
     fingers: bool = True,
 ) -> tuple[bpy.types.Object, ...]:
-    """Copy a body and its optional skin without sliders, drivers and deform bones.
+    """Copy a body and, if given, its skin, without sliders, drivers and deform bones.
 
-    Shape keys of the face and of the user stay. Blender must be in object mode, and the collection in the view layer.
-    ``root`` keeps the root bone, and ``fingers`` keeps the finger bones. Parent joints take over the skin of omitted
-    bones. A mesh must be a body of this add-on.
+    Shape keys of the face and of the user are kept. Blender must be in object mode, and the collection must be in the
+    view layer. ``root`` keeps the root bone, and ``fingers`` keeps the finger bones. The skin of omitted bones is
+    assigned to their parent joints. A mesh must be a body of this add-on.
     """
     vertices = None
     if mesh is not None:
@@ -57,11 +57,11 @@ def plain_copy(
 def _copy_skin(
     mesh: bpy.types.Object, vertices: np.ndarray, armature: bpy.types.Object, layout: BodyLayout
 ) -> bpy.types.Object:
-    """Bind a copied skin to a plain armature, without its sliders and correctives."""
+    """Bind a copied skin to a plain armature. Sliders and correctives are removed."""
     keys = mesh.data.shape_keys.name
     expressions = {key.name: (_offsets(mesh, key), key.value) for key in expressions_of(mesh)}
     mesh.shape_key_clear()
-    if keys in bpy.data.shape_keys:  # before Blender 5 they outlive their mesh
+    if keys in bpy.data.shape_keys:  # before Blender 5, shape keys outlive their mesh
         bpy.data.batch_remove((bpy.data.shape_keys[keys],))
     mesh.data.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
     if expressions:
@@ -85,7 +85,7 @@ def _copy_skin(
 
 
 def _offsets(mesh: bpy.types.Object, key: bpy.types.ShapeKey) -> np.ndarray:
-    """Return a key's (V, 3) movement in metres at value 1, masked by its vertex group."""
+    """Return how far (V, 3) a key moves the vertices at value 1 in metres, masked by its vertex group."""
     moved = positions(key.points) - positions(key.relative_key.points)
     if (group := mesh.vertex_groups.get(key.vertex_group)) is not None:
         for vertex in mesh.data.vertices:
@@ -94,7 +94,7 @@ def _offsets(mesh: bpy.types.Object, key: bpy.types.ShapeKey) -> np.ndarray:
 
 
 def _carry_left_out(mesh: bpy.types.Object, armature: bpy.types.Object, layout: BodyLayout) -> None:
-    """Move the weights of joints without a bone to the nearest ancestor joint with a bone."""
+    """Move the weights of joints that have no bone to the nearest ancestor joint that has one."""
     groups = mesh.vertex_groups
     left_out = {groups[deform_bone(joint)].index: joint for joint in layout.joints if joint not in armature.data.bones}
     if not left_out:
@@ -111,7 +111,7 @@ def _carry_left_out(mesh: bpy.types.Object, armature: bpy.types.Object, layout: 
 
 
 def local_copy(source: bpy.types.Object, collection: bpy.types.Collection) -> bpy.types.Object:
-    """Return an editable copy of an object and its data in a collection, also for library overrides."""
+    """Copy an object and its data into a collection, also if it is a library override. The copy is editable."""
     copy = source.copy()
     collection.objects.link(copy)
     if copy.override_library is not None:
@@ -133,7 +133,7 @@ def _copy_armature(
     kept = [*places, ROOT] if root else places
     armature = local_copy(source, collection)
     armature.animation_data_clear()
-    # Remove constraints before their target bones, to avoid console messages.
+    # Remove constraints before the bones that they refer to, to avoid console messages.
     for follow in [(bone, c) for bone in armature.pose.bones for c in bone.constraints if c.name in (FOLLOW, *NAMES)]:
         follow[0].constraints.remove(follow[1])
     bpy.context.view_layer.objects.active = armature
@@ -143,7 +143,7 @@ def _copy_armature(
         for bone in [bone for bone in bones if bone.name not in kept]:
             bones.remove(bone)
         if root:
-            bones[ROOT].use_deform = True  # exporters leave out what does not deform
+            bones[ROOT].use_deform = True  # exporters leave out bones that do not deform
         for joint, place in places.items():
             bones[joint].use_deform = True
             matrix = bones[joint].matrix.copy()
@@ -168,11 +168,11 @@ def _share_action(source: bpy.types.Object, target: bpy.types.Object) -> None:
 
 @contextmanager
 def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
-    """Yield a temporary plain copy of one of our takes, or another take unchanged.
+    """Yield a temporary plain copy if the take is one of ours, or else the take unchanged.
 
     The copy is at the world origin and plays the evaluated motion of the armature, including constraints, the NLA and
     the object's motion. It has the size and layout that the file requires. Raises ``NothingToExport`` if the armature's
-    scale is not uniform, or if another rig's motion is requested at a rate other than the scene's.
+    scale is not uniform, or if the motion of another rig is requested at a rate other than the scene's.
     """
     if not is_body(take):
         if not take.is_on_frames:
@@ -204,7 +204,7 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
                 if values:
                     actions.append(_key_expressions(mesh, values, _times(plain)))
             swap_names(replaced, copies, names)
-            with alone(armature, take.scene) as (stage, _):  # exporters evaluate the whole scene in each frame
+            with alone(armature, take.scene) as (stage, _):  # exporters evaluate the whole scene in every frame
                 for mesh in skins:
                     stage.collection.objects.link(mesh)
                 yield replace(plain, scene=stage)
@@ -215,7 +215,7 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
 
 @contextmanager
 def temporary_copies(scene: bpy.types.Scene, replaced: Sequence[bpy.types.Object]) -> Iterator[bpy.types.Collection]:
-    """Yield a collection for temporary copies of objects, and restore names afterwards."""
+    """Yield a collection for temporary copies of objects. Restore the objects' names afterwards."""
     names = {obj: obj.name for obj in replaced}
     collection = bpy.data.collections.new("Export")
     scene.collection.children.link(collection)
@@ -235,16 +235,16 @@ def temporary_copies(scene: bpy.types.Scene, replaced: Sequence[bpy.types.Object
 
 
 def swap_names(replaced: Sequence[bpy.types.Object], copies: Sequence[bpy.types.Object], names: Sequence[str]) -> None:
-    """Give the copies the names of other objects, which are renamed."""
+    """Give the copies the names of the objects that they replace. Those objects are renamed."""
     for obj in replaced:
-        if obj.library is None:  # a linked object has names of its own
+        if obj.library is None:  # a linked object's name cannot clash
             obj.name = f"{obj.name} (source)"
     for copy, name in zip(copies, names, strict=False):
         copy.name = name
 
 
 def is_body(take: ExportTake) -> bool:
-    """Return whether the take is a body of this add-on with at most one skin."""
+    """Return whether the take shows a body of this add-on that has at most one skin."""
     bones = take.armature.data.bones
     return len(take.meshes) <= 1 and all(name in bones for j in layout_of(bones).joints for name in (j, deform_bone(j)))
 
@@ -266,12 +266,12 @@ def _bake(plain: ExportTake, pose: PoseSamples) -> bpy.types.Action:
 def _key_joints(
     target: CurveTarget, plain: ExportTake, pose: PoseSamples, turns: np.ndarray, heads: np.ndarray
 ) -> None:
-    """Key the joints from (F, J, 3, 3) rotations and (F, 3) pelvis positions, in units of the file."""
+    """Key the joints from (F, J, 3, 3) rotations and (F, 3) pelvis positions, in the units of the file."""
     bones, times = plain.armature.data.bones, _times(plain)
     types, local = key_type_values(None, len(times)), against_parents(turns, pose.parents)
     for j, joint in enumerate(pose.names):
         if joint not in bones:
-            continue  # a finger that is left out
+            continue  # this finger is left out
         rest = np.array(bones[joint].matrix_local, np.float64)
         axes = rest[:3, :3]
         if pose.parents[j] < 0:
@@ -282,7 +282,7 @@ def _key_joints(
 
 
 def sample_expressions(take: ExportTake, mesh: bpy.types.Object) -> dict[str, np.ndarray]:
-    """Return each expression's (F,) values, or {} if they are not animated."""
+    """Return the values (F,) of each expression, or {} if no expression is animated."""
     names = [key.name for key in expressions_of(mesh)]
     if not names or mesh.data.shape_keys.animation_data is None:
         return {}

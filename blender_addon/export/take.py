@@ -1,4 +1,4 @@
-"""Define a take to export (an armature, its meshes and a range of frames), and sample its poses."""
+"""Define a take to export (an armature, its meshes and a frame range), and sample its poses."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from ..errors import NothingToExport
 from ..scene.session import sample_poses
 from .formats import AS_RECORDED, FileLayout
 
-_WHOLE = 1e-3  # Difference of frames, and relative difference of rates, that counts as zero.
-_SAME_SIZE = 1e-4  # Relative difference of scales that counts as zero.
-_SLACK = 0.01  # Tolerance of keys in frames, for Blender's single precision. Chosen by hand.
+_WHOLE = 1e-3  # Differences between frames, and relative differences between rates, that are ignored.
+_SAME_SIZE = 1e-4  # Relative difference between scales that is ignored.
+_SLACK = 0.01  # Tolerance for the position of keys in frames, because Blender uses single precision. Chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -31,17 +31,17 @@ class ExportTake:
     """A take in a scene."""
 
     name: str  # Name of the armature.
-    scene: bpy.types.Scene  # Scene with the frame rate.
+    scene: bpy.types.Scene  # Scene that defines the frame rate.
     armature: bpy.types.Object
     meshes: tuple[bpy.types.Object, ...]  # Objects that the armature deforms.
-    first: float  # Scene frame of the first frame.
+    first: float  # Scene frame at which the take begins.
     num_frames: int  # Number of frames.
     fps: float  # Frames per second.
-    step: float = 1.0  # Scene frames between two frames.
-    is_plain: bool = False  # True for an export copy in the file's unit with a key on every frame.
+    step: float = 1.0  # Scene frames between two frames of the take.
+    is_plain: bool = False  # True for an export copy that is in the file's unit and has a key at every frame.
     layout: FileLayout = AS_RECORDED  # Layout of the skeleton in the file.
-    clip: str = ""  # Name of the animation in files that name one, "" for the scene's.
-    warnings: tuple[Diagnostic, ...] = ()  # Warnings of its solve, which exports repeat.
+    clip: str = ""  # Name of the animation, in formats that store one, or "" for the scene's name.
+    warnings: tuple[Diagnostic, ...] = ()  # Warnings of the take's solve. They are repeated when it is exported.
 
     @property
     def metres_a_unit(self) -> float:
@@ -50,22 +50,22 @@ class ExportTake:
 
     @property
     def times(self) -> np.ndarray:
-        """(F,) scene frames of the take."""
+        """Scene frames (F,) of the take."""
         return self.first + self.step * np.arange(self.num_frames)
 
     @property
     def frame_start(self) -> int:
-        """Number of the first frame in files that count scene frames."""
+        """Number of the first frame, for files that count scene frames."""
         return round(self.first)
 
     @property
     def frame_end(self) -> int:
-        """Number of the last frame in files that count scene frames."""
+        """Number of the last frame, for files that count scene frames."""
         return self.frame_start + self.num_frames - 1
 
     @property
     def is_on_frames(self) -> bool:
-        """True if the take's frames are whole frames of the scene."""
+        """True if every frame of the take is a whole frame of the scene."""
         whole = abs(self.step - 1) < _WHOLE and abs(self.first - self.frame_start) < _WHOLE
         return whole and abs(self.fps / scene_frame_rate(self.scene) - 1) < _WHOLE
 
@@ -76,10 +76,10 @@ def take_of(
     frames: tuple[float, float] | None = None,
     fps: float | None = None,
 ) -> ExportTake:
-    """Return the take of an armature, or of a mesh that it deforms, with its own or the given frames.
+    """Return the take of an armature, or of a mesh that it deforms, in the take's own or the given frames.
 
-    A solved take has the duration of its motion, even if the scene's frame rate was changed after the bake. Raises
-    ``NothingToExport`` if there is no armature, no motion, or no frame.
+    A solved take keeps the duration of its motion, even if the scene's frame rate was changed after the bake. Raises
+    ``NothingToExport`` if there is no armature, no motion or no frame.
     """
     armature = _armature(obj)
     action = current_action(armature)
@@ -105,14 +105,14 @@ def take_of(
 
 
 def own_rate(scene: bpy.types.Scene, armature: bpy.types.Object) -> float:
-    """Return the frame rate of the take that an armature plays, or the scene's rate without a take."""
+    """Return the frame rate of the take that an armature plays. Without a take, return the scene's rate."""
     action = current_action(armature)
     return float(action["fps"]) if action is not None and is_take(action) else scene_frame_rate(scene)
 
 
 @contextmanager
 def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
-    """Select only the take's objects and set the scene's range to its frames while the block runs."""
+    """For the block, select only the take's objects and set the scene's range to the take's frames."""
     scene = take.scene
     layer = bpy.context.view_layer
     layer.update()
@@ -125,11 +125,11 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
     frames = scene.frame_start, scene.frame_end, scene.frame_current, scene.frame_subframe
     render, units = scene.render, scene.unit_settings
     rate, scale, name = (render.fps, render.fps_base), units.scale_length, scene.name
-    namesake = bpy.data.scenes.get((take.clip, None)) if take.clip != name else None  # not a linked one
+    namesake = bpy.data.scenes.get((take.clip, None)) if take.clip != name else None  # never a linked one
     try:
         if namesake is not None:
             namesake.name = f"{take.clip} (shown)"
-        scene.name = take.clip or name  # Blender's exporters name the animation of a scene after it
+        scene.name = take.clip or name  # Blender's exporters name the animation after its scene
         for obj in selected:
             obj.select_set(False)
         for obj in objects:
@@ -141,7 +141,7 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
         if take.is_plain:
             set_scene_frame_rate(scene, take.fps)
             units.scale_length = take.metres_a_unit
-        with bpy.context.temp_override(selected_objects=objects):  # of the window's scene without it
+        with bpy.context.temp_override(selected_objects=objects):  # a window may show another scene
             yield scene
     finally:
         for obj in objects:
@@ -160,7 +160,7 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
 
 
 def uniform_scale(take: ExportTake) -> float:
-    """Return the armature's world scale. Raise an error if it is not uniform or is mirrored."""
+    """Return the armature's scale in the world. Raise an error if it is mirrored or not uniform."""
     scale = float(even_scale(take.armature.matrix_world, _SAME_SIZE))
     if np.isnan(scale) or take.armature.matrix_world.determinant() < 0:
         hint = "Scale the armature and its parents equally in all directions."
@@ -176,20 +176,20 @@ def _armature(obj: bpy.types.Object | None) -> bpy.types.Object:
     return obj
 
 
-_PROGRESS_STEP = 100  # Frames between two progress reports. Chosen by hand.
+_PROGRESS_STEP = 100  # Number of frames between two progress reports. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class PoseSamples:
-    """Sampled poses of J bones over F frames, in metres and Blender's axes (Z up)."""
+    """Sampled poses of J bones in F frames, in metres and in Blender's axes (Z up)."""
 
-    names: tuple[str, ...]  # The bones, parents before children.
-    parents: tuple[int, ...]  # Index of each bone's parent, -1 at a root.
-    rest_heads: np.ndarray  # (J, 3) heads at rest in the armature's frame, as large as the world shows it.
-    rest_tails: np.ndarray  # (J, 3) tails at rest.
+    names: tuple[str, ...]  # Bone names, parents before children.
+    parents: tuple[int, ...]  # Index of each bone's parent, or -1 at a root.
+    rest_heads: np.ndarray  # (J, 3) bone heads at rest in the armature's frame, in their size in the world.
+    rest_tails: np.ndarray  # (J, 3) bone tails at rest.
     rotations: np.ndarray
-    """(F, J, 3, 3) world rotation of each bone from rest. It is the identity for an unmoved armature at rest."""
-    heads: np.ndarray  # (F, J, 3) heads in the world.
+    """(F, J, 3, 3) rotation of each bone from rest, in world axes. It is the identity for an unmoved rest pose."""
+    heads: np.ndarray  # (F, J, 3) bone heads in world coordinates.
     fps: float  # Frames per second.
 
     @property
@@ -199,7 +199,7 @@ class PoseSamples:
 
 
 def sample_pose(take: ExportTake, progress: Progress, names: tuple[str, ...] | None = None) -> PoseSamples:
-    """Evaluate a take's bones frame by frame. ``names`` selects bones, None selects all deforming bones."""
+    """Evaluate a take's bones frame by frame. ``names`` selects bones. None selects all deforming bones."""
     data = take.armature.data.bones
     roots = [bone for bone in data if bone.parent is None]
     names = names or tuple(b.name for root in roots for b in (root, *root.children_recursive) if b.use_deform)
@@ -232,12 +232,12 @@ def sample_pose(take: ExportTake, progress: Progress, names: tuple[str, ...] | N
 
 
 def sample_joints(take: ExportTake, progress: Progress) -> PoseSamples:
-    """Evaluate only the joints of the body's tree: SMPL's 24 joints, or 52 with fingers."""
+    """Evaluate only the joints of the body's tree: SMPL's 24 joints, or 52 joints with fingers."""
     return sample_pose(take, progress, layout_of(take.armature.data.bones).joints)
 
 
 def against_parents(turns: np.ndarray, parents: Sequence[int]) -> np.ndarray:
-    """Return (F, J, 3, 3) rotations relative to the parents. Root rotations are unchanged."""
+    """Return rotations (F, J, 3, 3) relative to the parents. Root rotations do not change."""
     local = turns.copy()
     for j, parent in enumerate(parents):
         if parent >= 0:

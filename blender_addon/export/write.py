@@ -17,7 +17,7 @@ from .take import ExportTake
 def export_take(
     take: ExportTake, format_name: str, path: Path, *, overwrite: bool = False, progress: Progress = silent
 ) -> Path:
-    """Write a take to a complete file or none. The suffix must match the format."""
+    """Write a take to a file. The file is complete or is not written. The suffix must match the format."""
     chosen = format_of(format_name)
     if path.suffix.lower() != chosen.suffix:
         hint = f"Try {path.stem}{chosen.suffix}."
@@ -32,7 +32,7 @@ def export_take(
 
 
 def writer_of(chosen: Format) -> Callable[[Path, ExportTake, Progress], None]:
-    """Return the function that writes a take to a path in a format."""
+    """Return the function that writes takes in a format."""
     module, _, function = chosen.writer.partition(".")
     return getattr(import_module(f".writers.{module}", __package__), function)
 
@@ -45,7 +45,7 @@ def format_of(name: str) -> Format:
 
 
 def file_names(stem: str, formats: Sequence[str]) -> dict[str, str]:
-    """Return the file name for each format, distinct if formats share a suffix."""
+    """Return the file name for each format. Names differ even if formats share a suffix."""
     found: dict[str, str] = {}
     for name in formats:
         suffix = format_of(name).suffix

@@ -1,1 +1,1 @@
-"""Format writers, and checks around Blender's own exporters."""
+"""Writers for each format, and checks around Blender's own exporters."""

@@ -1,4 +1,4 @@
-"""Write AMASS: poses, translations and shape in one ``.npz``, Z up."""
+"""Write AMASS files: poses, translations and shape in one ``.npz`` file, Z up."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from ...errors import NothingToExport
 from ..plain_take import is_body, sample_expressions
 from ..take import ExportTake, PoseSamples, against_parents, sample_pose, uniform_scale
 
-_BODY = 1 + SMPL.num_solved  # Joints that AMASS shares with SMPL.
-_SCALED = 1e-3  # Deviation from a scale of 1 that counts as scaled, chosen by hand.
+_BODY = 1 + SMPL.num_solved  # Number of joints that AMASS shares with SMPL.
+_SCALED = 1e-3  # Deviation from a scale of 1 above which an armature is scaled. Chosen by hand.
 
 
 def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write a take of this add-on in SMPL-H form, with (F, 156) axis-angles ``poses`` in radians.
+    """Write a take of this add-on in SMPL-H form, with axis-angle vectors ``poses`` (F, 156) in radians.
 
-    As in AMASS, fingers rotate from a flat hand. SMPL's hand joints, which AMASS lacks, go into ``hand_pose``, and
-    joint positions into ``joints``. The take's shape and body file must be known.
+    As in AMASS, fingers are rotated from a flat hand. AMASS does not have SMPL's hand joints, so they are stored in
+    ``hand_pose``, and joint positions in ``joints``. The take's shape and body file must be known.
     """
     arrays, parts = _read_take(take, progress)
     poses = np.concatenate([parts[key] for key in ("root_orient", "pose_body", "pose_hand")], axis=1)
@@ -36,9 +36,9 @@ def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def export_amass_x(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write a take of this add-on in SMPL-X form, with (F, 165) ``poses``.
+    """Write a take of this add-on in SMPL-X form, with ``poses`` (F, 165).
 
-    Jaw and eyes are the sum of their bones and of the facial shapes. Other shapes have no parameter.
+    Rotations of jaw and eyes are the sum of their bones and facial shapes. Other facial shapes have no parameters.
     """
     arrays, parts = _read_take(take, progress)
     order = ("root_orient", "pose_body", "pose_jaw", "pose_eye", "pose_hand")
@@ -47,7 +47,7 @@ def export_amass_x(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def _read_take(take: ExportTake, progress: Progress) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return the arrays of both models, and the poses of SMPL-X's parts by name."""
+    """Return the arrays that both models share, and the poses of SMPL-X's parts by name."""
     betas, rest_pelvis = _shape(take)
     _require_own_size(take)
     joints, bones = layout_of(take.armature.data.bones).joints, face_bones(take.armature)
@@ -108,5 +108,5 @@ def _shape(take: ExportTake) -> tuple[np.ndarray, np.ndarray]:
 
 
 def local_rotvec(pose: PoseSamples) -> np.ndarray:
-    """Return (F, J, 3) axis-angles: the root to the world, other joints to parents."""
+    """Return axis-angle vectors (F, J, 3). The root is relative to the world, other joints to their parents."""
     return rotvec_from_matrix(against_parents(pose.rotations @ R_ARMATURE_BODY, pose.parents))

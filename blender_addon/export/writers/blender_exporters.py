@@ -1,4 +1,4 @@
-"""Write FBX, glTF, USD and Alembic with Blender's exporters, and Blender's own files."""
+"""Write FBX, glTF, USD and Alembic with Blender's exporters, and write .blend files."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _DISK = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EROFS, errno.EACCES)
 def run_exporter(
     operator: Any, path: Path, settings: dict[str, Any], newer_settings: dict[str, Any] | None = None
 ) -> None:
-    """Call an exporter, without ``newer_settings`` in an older Blender."""
+    """Call an exporter. Older Blender versions do not get ``newer_settings``."""
     try:
         known = {prop.identifier for prop in operator.get_rna_type().properties}
     except KeyError as error:
@@ -51,19 +51,19 @@ def run_exporter(
 
 
 def _raise_if_disk(text: str, error: RuntimeError) -> None:
-    """Raise the system's error that an exporter's traceback contains, if any."""
+    """Raise the system error that an exporter's traceback contains, if there is one."""
     for number in _DISK:
         if os.strerror(number) in text:
             raise OSError(number, os.strerror(number)) from error
 
 
-_RESERVE = 2**20  # Bytes that stay free in addition to the estimate, chosen by hand.
+_RESERVE = 2**20  # Bytes to leave free in addition to the estimate. Chosen by hand.
 _OGAWA, _FROZEN = b"Ogawa", 0xFF
 _CRATE = b"PXR-USDC"
 
 
 def require_space(path: Path, estimate: int) -> None:
-    """Check that a file of about ``estimate`` bytes fits on its disk, or raise ``OSError``."""
+    """Raise ``OSError`` unless a file of about ``estimate`` bytes fits on its disk."""
     free = shutil.disk_usage(path.parent).free
     if free < estimate + _RESERVE:
         mib = f"about {estimate / 2**20:.0f} MiB are needed, {free / 2**20:.0f} MiB are free"
@@ -73,8 +73,8 @@ def require_space(path: Path, estimate: int) -> None:
 def require_whole(path: Path) -> None:
     """Check that an Alembic (Ogawa) or USD (crate) file is complete.
 
-    Ogawa's sixth byte is 255 once the archive is closed. A crate's header ends with the offset of a table of contents
-    that is written last. Raises ``OSError`` if the file is incomplete.
+    The sixth byte of an Ogawa archive is 255 once the archive is closed. The header of a crate ends with the offset of
+    a table of contents, which is written last. Raises ``OSError`` if the file is incomplete.
     """
     with path.open("rb") as stream:
         head = stream.read(24)
@@ -86,18 +86,18 @@ def require_whole(path: Path) -> None:
         raise OSError(errno.ENOSPC, "the exporter stopped in the middle of the file. The disk may be full")
 
 
-_FORWARD = {"Y": "-Z", "Z": "Y"}  # Axis of Blender's Y for each up axis.
+_FORWARD = {"Y": "-Z", "Z": "Y"}  # Axis in the file to which Blender's Y is mapped, for each up axis.
 
 
 def export_fbx(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write FBX in metres or centimetres, with deforming bones, no leaf bones, and a key on every frame."""
+    """Write FBX in metres or centimetres, with deforming bones, without leaf bones, and with a key at every frame."""
     settings = {
         "use_selection": True,
         "object_types": {"ARMATURE", "MESH"},
         "use_mesh_modifiers": False,
         "add_leaf_bones": False,
         "use_armature_deform_only": True,
-        "apply_scale_options": "FBX_SCALE_ALL",  # the unit as the file's own, so that no object is scaled
+        "apply_scale_options": "FBX_SCALE_ALL",  # the file declares the unit, so that no object is scaled
         "axis_forward": _FORWARD[take.layout.up],
         "axis_up": take.layout.up,
         "bake_anim": True,
@@ -108,30 +108,30 @@ def export_fbx(path: Path, take: ExportTake, progress: Progress) -> None:
     }
     with plain_take(take, progress) as plain, chosen(plain):
         for modifier in [m for mesh in plain.meshes for m in mesh.modifiers if plain.is_plain]:
-            modifier.show_viewport = False  # the exporter visits each frame, and takes the skin from the rest pose
+            modifier.show_viewport = False  # the exporter visits each frame, but reads the skin in its rest pose
         run_exporter(bpy.ops.export_scene.fbx, path, settings)
 
 
 def export_gltf(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write binary glTF in metres, Y up, with a key on every frame."""
+    """Write binary glTF in metres, Y up, with a key at every frame."""
     settings = {"use_selection": True, "export_format": "GLB", "export_yup": True, "export_def_bones": True}
     settings |= {"use_active_scene": True}
     settings |= {"export_influence_nb": 4, "export_animations": True, "export_animation_mode": "SCENE"}
     settings |= {"export_anim_scene_split_object": False, "export_anim_slide_to_zero": True}
     settings |= {"export_force_sampling": True, "export_optimize_animation_size": False}
     with plain_take(take, progress) as plain, chosen(plain) as scene:
-        # The exporter takes fps * fps_base for the frame rate, which is fps / fps_base.
+        # The exporter uses fps * fps_base as the frame rate, but the rate is fps / fps_base.
         scene.render.fps_base = 1 / scene.render.fps_base
         run_exporter(bpy.ops.export_scene.gltf, path, settings, {"export_leaf_bone": False})
 
 
 _BYTES_PER_VERTEX, _BYTES_PER_FRAME = 250, 2000
 _UNWRITABLE = "betas"
-"""Custom property of a body that USD cannot store. Blender would print a warning about it in every frame."""
+"""Custom property of a body that USD cannot store. Blender would print a warning about it in each frame."""
 
 
 def export_usd(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write USD in metres, Z up, with a skeleton of the deforming bones and a sample on every frame."""
+    """Write USD in metres, Z up, with a skeleton of the deforming bones and a sample at every frame."""
     settings = {"selected_objects_only": True, "export_animation": True, "export_materials": True}
     newer = {"export_armatures": True, "only_deform_bones": True, "export_shapekeys": True, "allow_unicode": True}
     newer |= {"convert_orientation": False, "convert_world_material": False, "root_prim_path": "/root"}
@@ -145,7 +145,7 @@ def export_usd(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def export_blend(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write the armature and its meshes as a collection named after the armature, without their scene."""
+    """Write the armature and its meshes as a collection with the armature's name. The scene is left out."""
     action = current_action(take.armature)
     if action is not None and is_take(action) and not same_rate(take.fps, float(action["fps"])):
         hint = "Leave the frame rate out, or choose another format."
@@ -157,7 +157,7 @@ def export_blend(path: Path, take: ExportTake, progress: Progress) -> None:
         for obj in (take.armature, *take.meshes):
             collection.objects.link(obj)
         with _whole_paths(take):
-            # A collection: Blender finds shape keys before their mesh among loose objects, and reports it.
+            # Without a collection, Blender finds shape keys before their mesh and reports it.
             bpy.data.libraries.write(
                 str(path.resolve()), {collection}, path_remap="ABSOLUTE", fake_user=True, compress=True
             )
@@ -184,12 +184,12 @@ def _whole_paths(take: ExportTake) -> Iterator[None]:
 
 
 _CACHE = "vertices_{}.pc2"
-_HEADER = Struct("<12siiffi")  # Signature, version, points, first frame, frames per sample and samples.
+_HEADER = Struct("<12siiffi")  # Signature, version, points, first frame, frames per sample, and samples.
 
 
 @contextmanager
 def sampled_meshes(take: ExportTake) -> Iterator[ExportTake]:
-    """Yield the take, or copies of its meshes that play a point cache."""
+    """Yield the take, or a take with copies of its meshes that play a point cache."""
     if take.is_on_frames and take.metres_a_unit == 1.0:
         yield take
         return
@@ -203,7 +203,7 @@ def sampled_meshes(take: ExportTake) -> Iterator[ExportTake]:
 
 
 def _sample(take: ExportTake, files: list[Path]) -> None:
-    """Write each mesh's world vertices in metres to a PC2 file (3ds Max's point cache format)."""
+    """Write each mesh's vertices, in world metres, to a PC2 file (3ds Max's point cache format)."""
     scene, shown = take.scene, (take.scene.frame_current, take.scene.frame_subframe)
     with ExitStack() as stack:
         stack.callback(scene.frame_set, shown[0], subframe=shown[1])
@@ -230,11 +230,11 @@ def _player(mesh: bpy.types.Object, path: Path, take: ExportTake, collection: bp
     return copy
 
 
-_BYTES_PER_SAMPLE = 14  # Bytes per vertex and frame: three floats, and a reserve.
+_BYTES_PER_SAMPLE = 14  # Bytes per vertex and frame: three floats plus a reserve.
 
 
 def export_alembic(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write the moving meshes to Alembic, which has no bones."""
+    """Write the moving meshes to Alembic, which does not store bones."""
     if not take.meshes:
         hint = "Alembic stores meshes. Choose a format that stores bones."
         raise NothingToExport("The armature deforms no mesh.", where=take.name, hint=hint)

@@ -1,4 +1,4 @@
-"""Write text formats: BVH, and joint positions as tables (TRC, CSV)."""
+"""Write text formats: BVH, and tables of joint positions (TRC, CSV)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..plain_take import plain_take
 from ..take import ExportTake, PoseSamples, against_parents, sample_joints, sample_pose
 
 R_YUP_ZUP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-"""Rotation that maps (x, y, z) to (x, z, -y). Blender's front, -Y, becomes +Z."""
+"""Rotation that maps (x, y, z) to (x, z, -y). Blender's front, which is -Y, becomes +Z."""
 
 
 UNITS_PER_METRE = 100.0  # BVH files are in centimetres by convention.
@@ -34,7 +34,7 @@ def export_bvh(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def channels(pose: PoseSamples) -> np.ndarray:
-    """Return (F, 3 + 3 J) BVH channels: root in centimetres, joint angles in degrees."""
+    """Return BVH channels (F, 3 + 3 J): the root position in centimetres, and joint angles in degrees."""
     local = against_parents(R_YUP_ZUP @ pose.rotations @ R_YUP_ZUP.T, pose.parents)
     root = pose.parents.index(-1)
     path = pose.heads[:, root] @ R_YUP_ZUP.T * UNITS_PER_METRE
@@ -45,7 +45,7 @@ def channels(pose: PoseSamples) -> np.ndarray:
 def _hierarchy(pose: PoseSamples, j: int, depth: int) -> list[str]:
     indent, inner = "\t" * depth, "\t" * (depth + 1)
     parent = pose.parents[j]
-    # The root's offset is zero, because only some readers add it to the position.
+    # The offset of the root is zero, because only some readers add it to the position.
     offset = pose.rest_heads[j] - pose.rest_heads[parent] if parent >= 0 else np.zeros(3)
     kind, moves = ("ROOT", "6 Xposition Yposition Zposition") if depth == 0 else ("JOINT", "3")
     lines = [f"{indent}{kind} {pose.names[j].replace(' ', '_')}", f"{indent}{{", f"{inner}OFFSET {_text(offset)}"]
@@ -86,7 +86,7 @@ def export_trc(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def export_csv(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write the measured joints as CSV in metres of Blender's world."""
+    """Write the measured joints as CSV, in metres and in Blender's world."""
     pose = measured_joints(take, progress)
     columns = [f"{name}_{axis}_m" for name in pose.names for axis in "xyz"]
     head = ",".join(["frame", "time_s", *columns])
@@ -94,7 +94,7 @@ def export_csv(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def measured_joints(take: ExportTake, progress: Progress) -> PoseSamples:
-    """Return the measured joints of a take, NaN in frames that lack them."""
+    """Return the measured joints of a take. Joints that are missing in a frame are NaN."""
     pose = sample_joints(take, progress)
     lanes = resting_at(current_action(take.armature), take.times)
     rests = np.array([lanes.get(name, np.zeros(pose.num_frames, dtype=bool)) for name in pose.names]).T
@@ -114,7 +114,7 @@ def measured_joints(take: ExportTake, progress: Progress) -> PoseSamples:
 def _write(
     path: Path, head: list[str], fps: float, positions: np.ndarray, *, first: int, delimiter: str, decimals: int
 ) -> None:
-    """Write header lines, then number, time and (F, J, 3) positions of each frame."""
+    """Write header lines, then the number, the time and the (F, J, 3) positions of each frame."""
     at = np.arange(len(positions))
     rows = np.column_stack([first + at, at / fps, positions.reshape(len(positions), -1)])
     formats = ["%d", "%.9f", *([f"%.{decimals}f"] * (rows.shape[1] - 2))]

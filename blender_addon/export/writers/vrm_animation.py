@@ -1,4 +1,4 @@
-"""Write VRM Animation: glTF with a T-pose rest pose and humanoid bones (VRMC_vrm_animation 1.0)."""
+"""Write VRM Animation files: glTF with a T-pose as rest pose and humanoid bones (VRMC_vrm_animation 1.0)."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from ..take import ExportTake
 from .blender_exporters import export_gltf
 
 _EXTENSION = "VRMC_vrm_animation"
-_THUMBS = {"ThumbProximal": "ThumbMetacarpal", "ThumbIntermediate": "ThumbProximal"}  # VRM 1.0 names by Unity's names.
+_THUMBS = {"ThumbProximal": "ThumbMetacarpal", "ThumbIntermediate": "ThumbProximal"}  # From Unity's to VRM 1.0's names.
 _WXYZ, _XYZW = [3, 0, 1, 2], [1, 2, 3, 0]
-_JSON_CHUNK = 20  # Bytes before the JSON text of binary glTF: header, and length and type of the first chunk.
+_JSON_CHUNK = 20  # Bytes before the JSON text in binary glTF: the header, and the first chunk's length and type.
 
 
 def export_vrma(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write a take as a VRM Animation without a mesh."""
+    """Write a take as a VRM Animation, which has no mesh."""
     plain = path.with_suffix(".glb")
     export_gltf(plain, replace(take, meshes=()), progress)
     path.write_bytes(as_vrm_animation(plain.read_bytes()))
@@ -32,9 +32,9 @@ def export_vrma(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def as_vrm_animation(content: bytes) -> bytes:
-    """Convert binary glTF of our skeleton to a VRM Animation.
+    """Convert binary glTF that contains our skeleton to a VRM Animation.
 
-    Only the rest pose of the nodes changes, on which the animation does not depend.
+    Only the rest pose of the nodes changes. The animation does not depend on it.
     """
     (length,) = struct.unpack("<I", content[12:16])
     scene = json.loads(content[_JSON_CHUNK : _JSON_CHUNK + length])
@@ -65,7 +65,7 @@ def _vrm_name(bone: str) -> str:
 
 
 def _rest_in_t_pose(nodes: list[dict[str, Any]], numbers: dict[str, int]) -> None:
-    """Rotate the nodes' rest pose to the T-pose, ``G_T = T G``."""
+    """Rotate the rest pose of the nodes to the T-pose, ``G_T = T G``."""
     parents = {child: number for number, node in enumerate(nodes) for child in node.get("children", ())}
     layout = layout_of(numbers)
     turned, places = dict[int, np.ndarray](), dict[int, np.ndarray]()
