@@ -1,4 +1,4 @@
-"""The exchange library inside the add-on. The zip has a copy, a checkout uses the solver's folder."""
+"""The exchange library inside the add-on. The zip contains a copy. A checkout uses the solver's folder."""
 
 from pathlib import Path
 

@@ -16,12 +16,12 @@ MARKER_COLOURS: tuple[Colour, ...] = (
     (0.95, 0.55, 0.03, 1.0),
     (0.85, 0.05, 0.04, 1.0),
 )
-"""Colours of optical markers: not solved, near the solved body, off the body, and far off the body."""
-FLOOR_COLOURS: tuple[Colour, Colour] = ((0.30, 0.31, 0.33, 1.0), (0.52, 0.54, 0.57, 1.0))  # Tiles and lines.
+"""Colours of optical markers: not used in the solve, near the solved body, off the body, and far off the body."""
+FLOOR_COLOURS: tuple[Colour, Colour] = ((0.30, 0.31, 0.33, 1.0), (0.52, 0.54, 0.57, 1.0))  # Colours of tiles and lines.
 
 
 def create_material(name: str, colour: Colour, *, roughness: float = 0.55, glossy: bool = False) -> bpy.types.Material:
-    """Create a material that looks the same in viewport and render."""
+    """Create a material that looks the same in the viewport and in renders."""
     material = bpy.data.materials.new(name)
     material.diffuse_color = colour
     material.roughness = roughness
@@ -42,8 +42,8 @@ def create_material(name: str, colour: Colour, *, roughness: float = 0.55, gloss
 
 
 def shader_of(owner: bpy.types.Material | bpy.types.World, kind: str = "BsdfPrincipled") -> Any:
-    """Return the shader node of a new material or world, or None without a node of this kind."""
-    if bpy.app.version < (5, 0):  # later ones always have nodes, and setting it is deprecated
+    """Return the shader node of a new material or world, or None if it has no node of this kind."""
+    if bpy.app.version < (5, 0):  # later versions always use nodes, and setting this is deprecated
         owner.use_nodes = True
     return next((node for node in owner.node_tree.nodes if node.bl_idname == f"ShaderNode{kind}"), None)
 
@@ -56,7 +56,7 @@ def child_collection(name: str, parent: bpy.types.Collection) -> bpy.types.Colle
 
 
 def node_input(modifier: bpy.types.NodesModifier, name: str) -> tuple[Any, str]:
-    """Return the owner and property path of a modifier input's value."""
+    """Return the object and the property path that store the value of a modifier input."""
     identifier = modifier.node_group.interface.items_tree[name].identifier
     if hasattr(modifier, "properties"):  # Blender 5.2 and later
         return getattr(modifier.properties.inputs, identifier), "value"
@@ -79,9 +79,9 @@ def set_input(modifier: bpy.types.NodesModifier, name: str, value: Any) -> None:
 
 
 def add_driver(owner: bpy.types.bpy_struct, path: str, axis: int = -1) -> bpy.types.Driver:
-    """Return a new driver of a property, or of one array element, that copies the value of its source."""
+    """Return a new driver of a property, or of one array element, that copies its source's value."""
     curve = owner.driver_add(path, axis)
-    for modifier in tuple(curve.modifiers):  # before Blender 5
+    for modifier in tuple(curve.modifiers):  # only before Blender 5
         curve.modifiers.remove(modifier)
     curve.keyframe_points.clear()
     return curve.driver

@@ -9,32 +9,32 @@ import bpy
 
 from .._exchange.errors import MocapError
 
-BESIDE = "mocap"  # Folder of captures and takes next to a saved .blend file.
+BESIDE = "mocap"  # Folder for captures and takes next to a saved .blend file.
 _MOVED = "moved.json"
 
 
 def absolute(text: str, library: bpy.types.Library | None = None) -> Path:
-    """Return the absolute path of a path property, in this file or in a linked library."""
+    """Return the absolute path that a path property of this file or of a linked library refers to."""
     return Path(os.path.normpath(bpy.path.abspath(text, library=library))) if text else Path()
 
 
 def stored(path: Path | str, start: Path | None = None) -> str:
-    """Return a path relative to ``start`` or the .blend file, or the full path."""
+    """Return a path relative to ``start`` or to the .blend file, or the absolute path if that is impossible."""
     if start is None and bpy.data.filepath:
         start = Path(bpy.data.filepath).parent
     if not str(path) or start is None:
         return str(path)
     try:
         return "//" + Path(os.path.relpath(path, start)).as_posix()
-    except ValueError:  # another drive
+    except ValueError:  # the path is on another drive
         return str(path)
 
 
 def file_of(text: str, library: bpy.types.Library | None = None) -> Path:
-    """Return the file of a path property, or its new location if it was moved.
+    """Return the file that a path property names, or its new location if the file was moved.
 
-    Files of an unsaved scene are moved when the scene is saved, which undo does not revert. Files that older versions
-    stored with their full path may have moved with their project folder.
+    Files of an unsaved scene move when the scene is saved, and undo does not revert this. Files that older versions
+    stored with an absolute path may have moved together with their project folder.
     """
     path = absolute(text, library)
     if not text or path.exists():
@@ -47,13 +47,13 @@ def file_of(text: str, library: bpy.types.Library | None = None) -> Path:
 
 
 def sessions_folder() -> Path:
-    """Return the user's folder for files of unsaved scenes."""
+    """Return the user's folder for the files of unsaved scenes."""
     documents = Path.home() / "Documents"
     return (documents if documents.is_dir() else Path.home()) / "Manifold MoCap"
 
 
 def moved_files() -> dict[str, str]:
-    """Return the new path of each moved file of an unsaved scene, by its old path."""
+    """Return the new path of each moved file of an unsaved scene, keyed by its old path."""
     try:
         from .._exchange.json_file import read_json_file
 
@@ -65,7 +65,7 @@ def moved_files() -> dict[str, str]:
 
 
 def note_moved(files: dict[Path, Path]) -> None:
-    """Record the new paths of an unsaved scene's files. Raise ``OutputNotWritable``."""
+    """Record the new paths of an unsaved scene's files. Raise ``OutputNotWritable`` if that fails."""
     import json
 
     from .._exchange.outputs import write_text

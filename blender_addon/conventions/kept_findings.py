@@ -10,14 +10,14 @@ from .._exchange.diagnostics import Diagnostic, read_diagnostics
 
 
 def findings_text(found: Iterable[Diagnostic]) -> str:
-    """Convert diagnostics to JSON text, which ``findings_in`` reads back."""
-    import json  # a bare Blender has not loaded it when add-ons are registered
+    """Convert diagnostics to JSON text. ``findings_in`` reads it back."""
+    import json  # registering must not load JSON
 
     return json.dumps([item.as_dict() for item in found])
 
 
 def value_in(provenance: str, *keys: str) -> Any:
-    """Return a value from a motion's provenance (JSON text), None if it is missing."""
+    """Return a value from a motion's provenance (JSON text), or None if it is missing."""
     import json
 
     try:
@@ -31,7 +31,7 @@ def value_in(provenance: str, *keys: str) -> Any:
 
 @lru_cache(maxsize=32)  # panels ask at every redraw
 def findings_in(text: str) -> tuple[Diagnostic, ...]:
-    """Return the diagnostics in JSON text from ``findings_text``, or none for any other text."""
+    """Return the diagnostics in JSON text written by ``findings_text``, or none for any other text."""
     import json
 
     try:

@@ -1,4 +1,4 @@
-"""Number files of one kind in a folder without reusing numbers of existing files."""
+"""Number files of one kind in a folder, without reusing the numbers of existing files."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from pathlib import Path
 
 
 def next_number(folder: Path, stem: str) -> int:
-    """Return the highest N of all files named ``stem_N...`` in a folder plus 1."""
+    """Return 1 plus the highest N among the files in a folder that are named ``stem_N...``."""
     found = [re.match(rf"{re.escape(stem)}_(\d+)", path.name) for path in folder.glob(f"{escape(stem)}_*")]
     return 1 + max((int(match[1]) for match in found if match), default=0)
 
 
 def next_path(folder: Path, stem: str, suffix: str = "") -> Path:
-    """Return the next free path of the form ``stem_01``, ``stem_02``, ...."""
+    """Return the next free path in the series ``stem_01``, ``stem_02``, ...."""
     return folder / f"{stem}_{next_number(folder, stem):02d}{suffix}"
 
 
 CLIP = "clip_of"
-"""Custom property of an edited clip that names the original take. The clip's frames differ from the capture's."""
+"""Custom property of an edited clip: the name of the original take. The clip's frames are not the capture's."""
 
 
 ROOT_MOTION = "root_motion"
-"""Custom property of a take with its travel on the root control. Its other channels are relative to the root."""
+"""Custom property of a take whose travel is on the root control. Its other channels are relative to the root."""
 
 
 def counted(count: int, thing: str) -> str:
-    """Return a number with its noun in the singular or plural: 1 camera, 4 cameras, 0 frames."""
+    """Return a number with a noun in the singular or plural: 1 camera, 4 cameras, 0 frames."""
     return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
 
 

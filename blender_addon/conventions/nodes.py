@@ -1,4 +1,4 @@
-"""Create connected nodes and scripted drivers."""
+"""Create and connect nodes, and create scripted drivers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .datablocks import add_driver
 
 
 def new_tree(name: str, *sockets: tuple[str, str, str]) -> bpy.types.NodeTree:
-    """Create a geometry node group with sockets by name, direction and type."""
+    """Create a geometry node group with sockets given by name, direction and type."""
     tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
     for socket, direction, kind in sockets:
         tree.interface.new_socket(socket, in_out=f"{direction}PUT", socket_type=f"NodeSocket{kind}")
@@ -21,7 +21,7 @@ def new_tree(name: str, *sockets: tuple[str, str, str]) -> bpy.types.NodeTree:
 def add_node(
     tree: bpy.types.NodeTree, kind: str, *sources: Any, inputs: Mapping[str, Any] = {}, **settings: Any
 ) -> Any:
-    """Add a node, with its first inputs from ``sources`` and others by name."""
+    """Add a node. ``sources`` supply its first inputs, and ``inputs`` supply others by name."""
     node = tree.nodes.new(kind)
     for name, value in settings.items():
         setattr(node, name, value)
@@ -35,23 +35,23 @@ def add_node(
 
 
 def enabled(sockets: Iterable[bpy.types.NodeSocket], name: str = "") -> Any:
-    """Return the first enabled socket, with the given name if any."""
+    """Return the first enabled socket. If a name is given, the socket must have it."""
     return next(socket for socket in sockets if socket.enabled and name in ("", socket.name))
 
 
 def math(tree: bpy.types.NodeTree, operation: str, *sources: Any, kind: str = "") -> Any:
-    """Add a math node and return its output, on vectors if ``kind`` is ``Vector``."""
+    """Add a math node and return its output. With ``kind="Vector"`` it computes with vectors."""
     return add_node(tree, f"ShaderNode{kind}Math", *sources, operation=operation).outputs[0]
 
 
 def attribute(tree: bpy.types.NodeTree, name: str, kind: str) -> Any:
-    """Return the output socket with the values of an attribute."""
+    """Return an output socket that supplies the values of an attribute."""
     inputs = {"Name": name}
     return enabled(add_node(tree, "GeometryNodeInputNamedAttribute", inputs=inputs, data_type=kind).outputs)
 
 
 def sample_index(tree: bpy.types.NodeTree, kind: str, geometry: Any, value: Any, index: Any) -> Any:
-    """Return a geometry's value at a point index, zero if the point does not exist."""
+    """Return a geometry's value at a point index, or zero if there is no such point."""
     inputs, settings = {"Geometry": geometry, "Value": value, "Index": index}, {"data_type": kind, "domain": "POINT"}
     return enabled(add_node(tree, "GeometryNodeSampleIndex", inputs=inputs, **settings).outputs)
 
@@ -59,7 +59,7 @@ def sample_index(tree: bpy.types.NodeTree, kind: str, geometry: Any, value: Any,
 def add_scripted_driver(
     owner: bpy.types.bpy_struct, path: str, axis: int, expression: str, sources: Mapping[str, tuple[bpy.types.ID, str]]
 ) -> None:
-    """Drive one element by an expression of ``sources`` (datablock and path)."""
+    """Drive one element by an expression of ``sources`` (each a data-block and a path)."""
     driver = add_driver(owner, path, axis)
     driver.type = "SCRIPTED"
     for name, (source, data_path) in sources.items():

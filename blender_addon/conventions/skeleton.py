@@ -11,9 +11,9 @@ from .._exchange.joint_sets import SMPL_PARENTS as PARENTS
 
 __all__ = ["JOINTS", "LAYOUTS", "NUM_BETAS", "NUM_JOINTS", "PARENTS", "SMPL", "SMPL_HANDS", "BodyLayout", "layout_of"]
 
-LAYOUTS = (SMPL, SMPL_HANDS)  # Layouts of the add-on's bodies: 24 joints, or 52 with fingers.
+LAYOUTS = (SMPL, SMPL_HANDS)  # Layouts of the add-on's bodies: 24 joints, or 52 joints with fingers.
 
 
 def layout_of(bones: Container[str]) -> BodyLayout:
-    """Return the layout of a body with bones of these names."""
+    """Return the layout of a body whose bones have these names."""
     return SMPL_HANDS if SMPL_HANDS.joints[-1] in bones else SMPL

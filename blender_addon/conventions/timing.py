@@ -1,4 +1,4 @@
-"""Map frames of takes to scene frames, and set the scene's frame rate."""
+"""Map the frames of takes to scene frames, and set the scene's frame rate."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ import numpy as np
 
 @dataclass(frozen=True)
 class TakeTiming:
-    """Conversion of take frames to scene frames by time."""
+    """Converts frames of a take to scene frames by their time."""
 
     start: float  # Scene frame of the take's first frame.
-    scene_fps: float  # Frames per second of the scene.
+    scene_fps: float  # Frame rate of the scene, in frames per second.
 
     def scene_frames(self, count: int, fps: float) -> np.ndarray:
-        """Return the take's (count,) scene frames at ``fps``: ``start + i scene_fps / fps``."""
+        """Return the scene frames (count,) of a take at ``fps``: ``start + i scene_fps / fps``."""
         step = self.scene_fps / fps
-        # A take at the scene's own rate falls on whole frames exactly.
+        # A take that has the scene's own rate falls exactly on whole frames.
         return self.start + np.arange(count) * (1.0 if abs(step - 1) < 1e-6 else step)
 
     def last_frame(self, count: int, fps: float) -> int:
-        """Return the scene frame at the end of a take of ``count`` frames, rounded up."""
+        """Return the scene frame, rounded up, at which a take of ``count`` frames ends."""
         return int(np.ceil(self.scene_frames(count, fps)[-1] - 1e-3))
 
 
 def set_up_time(scene: bpy.types.Scene, frames: int, fps: float, start: int, scene_fps: float | None) -> TakeTiming:
-    """Return a recording's timing in a scene, and set its rate if ``scene_fps`` is given."""
+    """Return a recording's timing in a scene. Set the scene's rate if ``scene_fps`` is given."""
     if scene_fps is None:
         return TakeTiming(start, scene_frame_rate(scene))
     set_scene_frame_rate(scene, scene_fps)
@@ -37,7 +37,7 @@ def set_up_time(scene: bpy.types.Scene, frames: int, fps: float, start: int, sce
 
 
 def show_frame(scene: bpy.types.Scene, frame: int | None = None) -> None:
-    """Show a frame, or evaluate the current frame again."""
+    """Show a frame, or evaluate the current frame again if none is given."""
     if frame is None:
         scene.frame_set(scene.frame_current, subframe=scene.frame_subframe)
     else:
@@ -45,7 +45,7 @@ def show_frame(scene: bpy.types.Scene, frame: int | None = None) -> None:
 
 
 def go_to_frame(scene: bpy.types.Scene, frame: float) -> None:
-    """Show a scene at a fractional frame."""
+    """Show a scene at a frame, which may be fractional."""
     whole = int(np.floor(frame))
     scene.frame_set(whole, subframe=float(frame - whole))
 

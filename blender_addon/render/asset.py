@@ -1,4 +1,4 @@
-"""Preview pictures of assets, and their catalogs in the Asset Browser."""
+"""Render preview pictures of assets, and add assets to catalogs of the Asset Browser."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ BODIES, TAKES, POSES = (
     ("0f4c1c2e-3d0b-4a53-9a55-6a1a0e9c7b11", "Motions/Manifold MoCap"),
     ("7be0a3d4-52c9-4f0e-8d83-1f6f2d9b5c72", "Poses/Manifold MoCap"),
 )
-"""Identifier and path of each of our catalogs."""
+"""Identifier and path of each catalog that we create."""
 _CATALOG_HEADER = "# This is an Asset Catalog Definition file for Blender.\n\nVERSION 1\n\n"
 _PREVIEW_PX = 256
 """Width and height of an asset's preview in pixels. Chosen by hand."""
-_BACKGROUND = np.array([0.16, 0.17, 0.19, 1.0])  # Red, green, blue and opacity behind the body, chosen by hand.
+_BACKGROUND = np.array([0.16, 0.17, 0.19, 1.0])  # Red, green, blue and opacity behind the body. Chosen by hand.
 
 
 def show_preview(asset: bpy.types.ID, mesh: bpy.types.Object, objects: Sequence[bpy.types.Object]) -> None:
-    """Give an asset a picture of a body's objects at the current frame."""
+    """Use a picture of a body's objects in the current frame as the preview of an asset."""
     collection = bpy.data.collections.new("Preview")
     try:
         for obj in objects:
@@ -42,7 +42,7 @@ def show_preview(asset: bpy.types.ID, mesh: bpy.types.Object, objects: Sequence[
 
 
 def body_picture(mesh: bpy.types.Object, collection: bpy.types.Collection) -> np.ndarray:
-    """Return a (256, 256, 4) float32 sRGB picture of a body, top row first."""
+    """Return a picture of a body as (256, 256, 4) float32 sRGB, top row first."""
     evaluated = mesh.evaluated_get(bpy.context.evaluated_depsgraph_get())
     corners = np.array([evaluated.matrix_world @ vertex.co for vertex in evaluated.data.vertices])
     size = (_PREVIEW_PX, _PREVIEW_PX)
@@ -54,7 +54,7 @@ def body_picture(mesh: bpy.types.Object, collection: bpy.types.Collection) -> np
 
 
 def add_catalog(folder: Path, catalog: tuple[str, str] = BODIES) -> str:
-    """Add one of our catalogs to the asset library in a folder. Return the catalog's identifier."""
+    """Add one of our catalogs to the asset library in a folder, and return the catalog's identifier."""
     path, (identifier, place) = folder / CATALOG_FILE, catalog
     try:
         text = path.read_text(encoding="utf-8") if path.exists() else _CATALOG_HEADER

@@ -1,4 +1,4 @@
-"""Render the contact sheet: poses in a three-quarter view and in the cameras' views."""
+"""Render the contact sheet: poses in a three-quarter view and in the views of the cameras."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from .stage import RenderQuality, RenderStage, open_stage, render_still, write_t
 from .subject import Backdrop, Colour, RenderedTake
 from .view import View, close_view, three_quarter_view
 
-_ASCENT, _DESCENT = 0.95, 0.35  # Extent of letters above and below the line, in font sizes.
-_SHRINK = 3  # Letters are rendered larger by this factor and shrunk, chosen by hand.
-_PLAQUE = (0.05, 0.055, 0.065, 0.62)  # Red, green, blue and opacity behind letters, chosen by hand.
+_ASCENT, _DESCENT = 0.95, 0.35  # Extent of letters above and below the baseline, in font sizes.
+_SHRINK = 3  # Letters are rendered larger by this factor and then reduced. Chosen by hand.
+_PLAQUE = (0.05, 0.055, 0.065, 0.62)  # Red, green, blue and opacity behind letters. Chosen by hand.
 
 
 class Lettering:
-    """Renderer of words as cached layers of ``height`` pixels."""
+    """Renders words as layers of ``height`` pixels and caches them."""
 
     def __init__(self, scene: bpy.types.Scene, text: bpy.types.Object, folder: Path, height: int) -> None:
         self._scene, self._text, self._folder, self._height = scene, text, folder, height
         self._known: dict[str, np.ndarray] = {}
 
     def write(self, picture: np.ndarray, words: str, x: int, y: int) -> None:
-        """Write words on a dark plaque in place, with its top left corner at (x, y)."""
+        """Write words on a dark plaque into a picture. Its top left corner is at (x, y)."""
         if words and words not in self._known:
             self._known[words] = self._render(words)
         if words:
@@ -53,7 +53,7 @@ class Lettering:
 
 @contextmanager
 def open_lettering(folder: Path, height: int) -> Iterator[Lettering]:
-    """Yield a writer of words with lines of ``height`` pixels."""
+    """Yield a renderer of words whose lines are ``height`` pixels high."""
     scene = bpy.data.scenes.new("letters")
     curve = bpy.data.curves.new("letters", "FONT")
     lens = bpy.data.cameras.new("letters")
@@ -81,7 +81,7 @@ GAP = 4  # Pixels between pictures.
 
 @dataclass(frozen=True)
 class PictureTile:
-    """Position and even size of a picture in pixels from the top left."""
+    """Position of a picture in pixels from the top left, and its size, which is even."""
 
     x: int
     y: int
@@ -90,7 +90,7 @@ class PictureTile:
 
 
 def pack(shapes: list[tuple[int, int]], area: tuple[int, int]) -> list[PictureTile]:
-    """Arrange (width, height) pictures in rows of equal height within ``area``."""
+    """Arrange (width, height) pictures in rows of equal height that fit into ``area``."""
     if not shapes:
         return []
     choices = [_rows(shapes, rows, area) for rows in range(1, len(shapes) + 1)]
@@ -104,7 +104,7 @@ def pack(shapes: list[tuple[int, int]], area: tuple[int, int]) -> list[PictureTi
 
 
 def row(shapes: list[tuple[int, int]], width: int, most_height: int) -> list[PictureTile]:
-    """Arrange pictures in one centred row of ``width``, at most ``most_height`` high."""
+    """Arrange pictures in one row that is centred in ``width`` and at most ``most_height`` high."""
     if not shapes:
         return []
     ratio = sum(w / h for w, h in shapes)
@@ -124,7 +124,7 @@ def _rows(shapes: list[tuple[int, int]], rows: int, area: tuple[int, int]) -> li
     per_row = -(-len(shapes) // rows)
     groups = [shapes[i : i + per_row] for i in range(0, len(shapes), per_row)]
     ratios = [sum(w / h for w, h in group) for group in groups]
-    # The widest row is ``max(ratios)`` times as wide as high, and the rows have the wanted number of pixels.
+    # The widest row is ``max(ratios)`` times as wide as it is high, and all rows together have the requested area.
     height = int((area[0] * area[1] / (max(ratios) * len(groups))) ** 0.5)
     tiles = []
     for i, group in enumerate(groups):
@@ -150,13 +150,13 @@ POSES, COLUMNS = 12, 6
 _POSE_SIZE, _MOST_CAMERA_HEIGHT, _MOST_CAMERAS = (260, 330), 460, 4
 _LOOK, _CAMERA_LOOK = RenderQuality(3, cavity=True, shadows=True), RenderQuality(3, cavity=True)
 """Tiles are rendered three times as large and then averaged. Chosen by hand."""
-_FOOTAGE_OPACITY = 0.8  # Opacity of the body over footage, chosen by hand.
-_SHEET_COLOUR = (24, 26, 30)  # Red, green and blue between the tiles, 0 to 255, chosen by hand.
+_FOOTAGE_OPACITY = 0.8  # Opacity of the body over footage. Chosen by hand.
+_SHEET_COLOUR = (24, 26, 30)  # Red, green and blue between the tiles (0 to 255). Chosen by hand.
 _STAGE = "rendering the contact sheet"
 
 
 def render_contact_sheet(path: Path, subject: RenderedTake, progress: Progress) -> None:
-    """Render twelve poses of the take and up to four camera views of its middle frame."""
+    """Render twelve poses of the take, and up to four camera views of its middle frame."""
     cameras = subject.cameras(_MOST_CAMERAS)
     poses = [_grid_tile(i) for i in range(POSES)]
     width, poses_height = canvas_size(poses)
@@ -195,7 +195,7 @@ def _pose_picture(folder: Path, subject: RenderedTake, frame: int, tile: Picture
 
 
 def _around(subject: RenderedTake, frame: int) -> np.ndarray:
-    """Return the joints of all poses, centred at this frame's body."""
+    """Return the joints in all poses, moved so that they are centred at the body in this frame."""
     joints = subject.joints
     middle = (joints.min(axis=1) + joints.max(axis=1)) / 2
     return (joints - middle[:, None] + middle[frame]).reshape(-1, 3)
@@ -203,18 +203,18 @@ def _around(subject: RenderedTake, frame: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Pane:
-    """A camera's view in a picture: the body over footage or the floor, with the detections."""
+    """A camera's view inside a picture: the body in front of footage or the floor, with the detections."""
 
     view: View
     tile: PictureTile
     stage: RenderStage
     backdrop: Backdrop
     opacity: float  # Opacity of the body.
-    detections: np.ndarray  # (F, K, 2) pixels of the picture, NaN where unseen.
+    detections: np.ndarray  # (F, K, 2) pixels in the picture, NaN where unseen.
     dot_colour: Colour
 
     def picture(self, subject: RenderedTake, frame: int, letters: Lettering, words: str, dots: float) -> np.ndarray:
-        """Return the picture of a frame with words, and with as many detection dots as its height allows."""
+        """Return the picture of a frame, with words and as many detection dots as its height allows."""
         picture, window = self.backdrop(frame), self.view.window(subject.joints[frame])
         if window is not None:
             shrink = self.stage.look.shrink

@@ -1,7 +1,7 @@
 """Pictures as NumPy arrays: read Blender's Targa frames, write PNG, blend layers and draw dots.
 
-Pictures are (height, width, 3) uint8 sRGB, top row first. A layer is (height, width, 4) float32 from 0 to 1 with its
-colour multiplied by its alpha.
+Pictures are (height, width, 3) uint8 sRGB arrays, top row first. A layer is a (height, width, 4) float32 array from 0
+to 1 whose colour is multiplied by its alpha.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ..errors import RenderFailed
 
 
 def read_targa(path: Path) -> np.ndarray:
-    """Read an uncompressed 24 or 32 bit Targa file as (h, w, 3 or 4) uint8 RGB(A), top row first."""
+    """Read an uncompressed 24 or 32 bit Targa file as an (h, w, 3 or 4) uint8 RGB(A) array, top row first."""
     data = path.read_bytes() if path.is_file() else b""
     width, height, depth, descriptor = struct.unpack("<HHBB", data[12:18]) if len(data) >= 18 else (0, 0, 0, 0)
     start = 18 + (data[0] if data else 0)
@@ -30,7 +30,7 @@ def read_targa(path: Path) -> np.ndarray:
 
 
 def write_png(path: Path, picture: np.ndarray, *, level: int = 6) -> None:
-    """Write an (h, w, 3) uint8 picture as PNG (ISO/IEC 15948) at zlib's ``level`` from 0 to 9."""
+    """Write an (h, w, 3) uint8 picture as PNG (ISO/IEC 15948), with zlib's compression ``level`` (0 to 9)."""
     height, width = picture.shape[:2]
     rows = np.zeros((height, 1 + 3 * width), dtype=np.uint8)
     rows[:, 1:] = picture.reshape(height, -1)
@@ -43,7 +43,7 @@ def write_png(path: Path, picture: np.ndarray, *, level: int = 6) -> None:
 
 
 def layer_from_render(pixels: np.ndarray, shrink: int = 1) -> np.ndarray:
-    """Return a layer from (h, w, 4) uint8 RGBA, averaging blocks of ``shrink`` x ``shrink`` pixels."""
+    """Return a layer made from (h, w, 4) uint8 RGBA by averaging blocks of ``shrink`` x ``shrink`` pixels."""
     height, width = pixels.shape[0] // shrink, pixels.shape[1] // shrink
     total = np.zeros((height, width, 4), dtype=np.float32)
     for i in range(shrink):
@@ -55,7 +55,7 @@ def layer_from_render(pixels: np.ndarray, shrink: int = 1) -> np.ndarray:
 
 
 def blend(picture: np.ndarray, layer: np.ndarray, x: int, y: int, *, opacity: float = 1.0) -> None:
-    """Blend a layer over a picture in place, with its top left corner at (x, y)."""
+    """Blend a layer over a picture, in place. The layer's top left corner is at (x, y)."""
     x0, y0 = max(x, 0), max(y, 0)
     x1, y1 = min(x + layer.shape[1], picture.shape[1]), min(y + layer.shape[0], picture.shape[0])
     if x1 <= x0 or y1 <= y0:
@@ -66,7 +66,7 @@ def blend(picture: np.ndarray, layer: np.ndarray, x: int, y: int, *, opacity: fl
 
 
 def soften_edges(layer: np.ndarray) -> np.ndarray:
-    """Return a layer with its outline smoothed by a 3 x 3 binomial filter."""
+    """Smooth the outline of a layer with a 3 x 3 binomial filter."""
     soft = np.pad(layer, ((1, 1), (1, 1), (0, 0)))
     soft = soft[:-2] + 2 * soft[1:-1] + soft[2:]
     soft = (soft[:, :-2] + 2 * soft[:, 1:-1] + soft[:, 2:]) / 16
@@ -75,7 +75,7 @@ def soften_edges(layer: np.ndarray) -> np.ndarray:
 
 
 def draw_dots(picture: np.ndarray, centres: np.ndarray, radius: float, colour: tuple[float, float, float]) -> None:
-    """Draw round sRGB dots with a dark rim at (N, 2) pixel positions."""
+    """Draw round dots with a dark rim at (N, 2) pixel positions, in an sRGB colour."""
     reach = int(np.ceil(radius + 2))
     size = np.array(picture.shape[1::-1])
     known = centres[np.isfinite(centres).all(axis=1)]
@@ -98,7 +98,7 @@ def gradient(width: int, height: int) -> np.ndarray:
 
 
 class Resampling:
-    """Bilinear sampler of pictures at (h, w, 2) pixel positions."""
+    """Samples pictures bilinearly at (h, w, 2) pixel positions."""
 
     def __init__(self, positions: np.ndarray, size: tuple[int, int], outside: tuple[int, int, int]) -> None:
         width, height = size
@@ -113,7 +113,7 @@ class Resampling:
         self._colour = outside
 
     def __call__(self, picture: np.ndarray) -> np.ndarray:
-        """Resample an (height, width, 3) uint8 source to an (h, w, 3) uint8 picture."""
+        """Sample a (height, width, 3) uint8 source, and return an (h, w, 3) uint8 picture."""
         flat = picture.reshape(-1, 3)
         total = np.full((*self._outside.shape, 3), 0.5, dtype=np.float32)
         for corner, weight in zip(self._corners, self._weights, strict=True):

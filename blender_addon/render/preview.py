@@ -1,4 +1,4 @@
-"""Render the preview video of the body in the cameras' views, over footage or a plain room."""
+"""Render a preview video that shows the body in the cameras' views, over footage or in a plain room."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ class PreviewSettings:
     """Size and length of the preview."""
 
     size: tuple[int, int] = (848, 480)  # Width and height in pixels, both even.
-    most_fps: float = 30.0  # Faster takes skip frames and keep their speed.
-    most_frames: int = 360  # Maximum number of video frames.
-    most_views: int = 4  # Maximum number of cameras.
-    most_footage_pictures: int = 720  # Maximum number of footage images to read, which may reduce the cameras.
+    most_fps: float = 30.0  # Faster takes skip frames. Their speed does not change.
+    most_frames: int = 360  # Largest number of frames in the video.
+    most_views: int = 4  # Largest number of cameras.
+    most_footage_pictures: int = 720  # Most footage images to read. If necessary, fewer cameras are shown.
 
 
 def preview_frames(num_frames: int, fps: float, settings: PreviewSettings) -> tuple[list[int], float]:
-    """Return the motion's frames that the video shows, and the video's frame rate."""
+    """Return the frames of the motion that the video shows, and the frame rate of the video."""
     stride = max(1, int(np.ceil(fps / settings.most_fps - 1e-6)))
     return list(range(0, num_frames, stride))[: settings.most_frames], fps / stride
 
@@ -42,7 +42,7 @@ def preview_frames(num_frames: int, fps: float, settings: PreviewSettings) -> tu
 def render_preview(
     path: Path, subject: RenderedTake, progress: Progress, settings: PreviewSettings | None = None
 ) -> None:
-    """Render a take's preview video in its cameras' or a three-quarter view."""
+    """Render a take's preview video in the views of its cameras, or in a three-quarter view without cameras."""
     settings = settings or PreviewSettings()
     frames, fps = preview_frames(subject.motion.num_frames, subject.motion.fps, settings)
     with temporary_folder() as folder, ExitStack() as stack:
@@ -80,7 +80,7 @@ def _views(subject: RenderedTake, settings: PreviewSettings) -> list[tuple[View,
 
 
 def _view_count(subject: RenderedTake, settings: PreviewSettings) -> int:
-    """Return the number of cameras to show, which is limited with footage because decoding it is slow."""
+    """Return the number of cameras to show. With footage it is limited, because decoding footage is slow."""
     cameras = subject.cameras(settings.most_views)
     if not any(find_footage(camera.footage) for camera in cameras):
         return settings.most_views

@@ -1,4 +1,4 @@
-"""Create temporary scenes to render parts of a take, read footage and write videos."""
+"""Create temporary scenes that render parts of a take, read footage and write videos."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from ..scene.cameras import Footage, create_camera
 from .picture import read_targa
 from .view import View
 
-_STUDIO = "paint.sl"  # The brightest light of Blender.
-Window = tuple[int, int, int, int]  # x0, y0, x1, y1 of a part of a picture, in pixels from the top left.
+_STUDIO = "paint.sl"  # Blender's brightest studio light.
+Window = tuple[int, int, int, int]  # x0, y0, x1, y1 of a part of a picture, in pixels from the top left corner.
 
 
 @dataclass(frozen=True)
 class RenderQuality:
-    """Render quality of a stage. Averaging larger pictures is much faster than more samples."""
+    """Render quality of a stage. Averaging larger pictures is much faster than rendering more samples."""
 
-    shrink: int = 2  # Pictures are rendered this many times larger and averaged.
+    shrink: int = 2  # Pictures are rendered larger by this factor and then averaged.
     cavity: bool = False  # Darken creases and brighten ridges.
     shadows: bool = False  # Cast hard shadows.
 
 
 @dataclass(frozen=True)
 class RenderStage:
-    """Temporary scene that renders one view of some collections."""
+    """A temporary scene that renders one view of some collections."""
 
     scene: bpy.types.Scene
     view: View
@@ -41,7 +41,7 @@ class RenderStage:
     folder: Path
 
     def render(self, frame: float, window: Window | None = None) -> np.ndarray:
-        """Return (h, w, 4) uint8 RGBA of a window or the whole view, enlarged by the factor ``look.shrink``."""
+        """Return a window or the whole view as (h, w, 4) uint8 RGBA, enlarged by the factor ``look.shrink``."""
         render = self.scene.render
         render.use_border = render.use_crop_to_border = window is not None
         if window is not None:
@@ -51,7 +51,7 @@ class RenderStage:
     def _set_border(self, window: Window) -> None:
         width, height = self.view.size
         x0, y0, x1, y1 = window
-        # Blender truncates the border to pixels, so a quarter of a pixel avoids rounding errors.
+        # Blender truncates the border to whole pixels, so a quarter of a pixel is added to avoid rounding errors.
         nudge_x, nudge_y = 0.25 / (width * self.look.shrink), 0.25 / (height * self.look.shrink)
         render = self.scene.render
         render.border_min_x, render.border_max_x = x0 / width + nudge_x, x1 / width + nudge_x
@@ -62,7 +62,7 @@ class RenderStage:
 def open_stage(
     name: str, collections: tuple[bpy.types.Collection, ...], view: View, look: RenderQuality, folder: Path
 ) -> Iterator[RenderStage]:
-    """Yield a stage with these collections and a view, and remove it afterwards."""
+    """Yield a stage that shows these collections in a view, and remove it afterwards."""
     scene = bpy.data.scenes.new(name)
     camera = create_camera(view.pinhole, scene.collection)
     try:
@@ -95,7 +95,7 @@ def _set_up(scene: bpy.types.Scene, view: View, look: RenderQuality) -> None:
 
 
 def light_studio(scene: bpy.types.Scene, colours: str) -> bpy.types.View3DShading:
-    """Light a scene for Workbench without anti-aliasing, and return its shading."""
+    """Light a scene for Workbench, switch off anti-aliasing, and return the scene's shading settings."""
     scene.display.render_aa = "OFF"
     shading = scene.display.shading
     shading.light, shading.color_type = "STUDIO", colours
@@ -105,7 +105,7 @@ def light_studio(scene: bpy.types.Scene, colours: str) -> bpy.types.View3DShadin
 
 
 def write_targa(scene: bpy.types.Scene) -> None:
-    """Make a scene render uncompressed Targa pictures with alpha, in plain sRGB."""
+    """Set up a scene to render uncompressed Targa pictures with alpha, in plain sRGB."""
     settings = scene.render.image_settings
     if hasattr(settings, "media_type"):
         settings.media_type = "IMAGE"
@@ -117,12 +117,12 @@ def write_targa(scene: bpy.types.Scene) -> None:
 
 
 def render_still(scene: bpy.types.Scene, frame: float, folder: Path) -> np.ndarray:
-    """Render one frame of a scene prepared by ``write_targa`` as (h, w, 4) uint8 RGBA, top row first."""
+    """Render a frame of a scene set up by ``write_targa`` as (h, w, 4) uint8 RGBA, top row first."""
     path = folder / "still.tga"
     path.unlink(missing_ok=True)
     scene.render.filepath = str(path)
     go_to_frame(scene, frame)
-    # The operator's own ``scene`` argument renders the animation as the window's scene has it.
+    # With its own ``scene`` argument, the operator would render the animation in the state of the window's scene.
     with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
         bpy.ops.render.render(write_still=True)
     return read_targa(path)
@@ -130,23 +130,23 @@ def render_still(scene: bpy.types.Scene, frame: float, folder: Path) -> np.ndarr
 
 @dataclass(frozen=True)
 class FootageReader:
-    """Reads single images of a video or an image sequence at a given size."""
+    """Reads single images from a video or an image sequence, scaled to a given size."""
 
     scene: bpy.types.Scene  # Scene that renders the footage.
     folder: Path  # Folder for temporary files.
     length: int  # Number of images.
-    native_size: tuple[int, int]  # Width and height of the files' images in pixels.
-    size: tuple[int, int]  # Width and height of the images that are returned.
+    native_size: tuple[int, int]  # Width and height of the original images in pixels.
+    size: tuple[int, int]  # Width and height of the returned images in pixels.
 
     def image(self, index: int) -> np.ndarray:
-        """Return image ``index`` as (h, w, 3) uint8, or the last image if the index is too large."""
+        """Return image ``index`` as (h, w, 3) uint8. If the index is too large, return the last image."""
         frame = 1 + min(max(index, 0), self.length - 1)
         return render_still(self.scene, frame, self.folder)[..., :3]
 
 
 @contextmanager
 def open_footage(footage: Footage, size: tuple[int, int], folder: Path) -> Iterator[FootageReader]:
-    """Yield a reader that scales the footage to ``size`` (width, height)."""
+    """Yield a reader that returns the footage scaled to ``size`` (width, height)."""
     scene = _sequencer_scene("footage", size)
     try:
         write_targa(scene)
@@ -164,7 +164,7 @@ def open_footage(footage: Footage, size: tuple[int, int], folder: Path) -> Itera
 
 
 def encode_video(pictures: list[Path], size: tuple[int, int], fps: float, path: Path) -> None:
-    """Write pictures as an H264 video of even width and height in an MP4 file."""
+    """Write pictures as an H264 video in an MP4 file. Width and height must be even."""
     scene = _sequencer_scene("video", size)
     try:
         _image_strip(scene, pictures)
@@ -203,7 +203,7 @@ def _sequencer_scene(name: str, size: tuple[int, int]) -> bpy.types.Scene:
 
 
 def _strips(scene: bpy.types.Scene) -> Any:
-    """Return the list of strips: ``strips`` since Blender 4.4, ``sequences`` before."""
+    """Return the list of strips: ``strips`` in Blender 4.4 and later, ``sequences`` before."""
     editor = scene.sequence_editor
     return editor.strips if hasattr(editor, "strips") else editor.sequences
 
@@ -218,5 +218,5 @@ def _image_strip(scene: bpy.types.Scene, files: list[Path]) -> Any:
 
 
 def _length(strip: Any) -> int:
-    """Return a strip's number of images in any Blender version."""
+    """Return the number of images in a strip, in any Blender version."""
     return int(strip.content_duration if hasattr(strip, "content_duration") else strip.frame_duration)

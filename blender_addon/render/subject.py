@@ -1,4 +1,4 @@
-"""Contents of a preview: the take, its detections, and the floor or footage behind the body."""
+"""Contents of a preview: the take, its detections, and the floor or the footage behind the body."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from .picture import Resampling, blend, gradient, layer_from_render
 from .stage import RenderQuality, open_footage, open_stage
 from .view import View
 
-Backdrop = Callable[[int], np.ndarray]  # Returns a new (h, w, 3) picture behind the body for a frame of the footage.
+Backdrop = Callable[[int], np.ndarray]  # Returns a new (h, w, 3) picture to show behind the body in a footage frame.
 
 _OUTSIDE = (30, 32, 36)
 _CUT = 0.02
-"""Largest relative size difference for which footage counts as cropped from the calibrated size."""
+"""Footage whose relative size difference is at most this large was cropped from the calibrated size."""
 
 
 def floor_backdrop(floor: tuple[bpy.types.Collection, ...], view: View, folder: Path) -> Backdrop:
-    """Return a backdrop without footage: a gradient and the floor (if any), rendered once."""
+    """Return a backdrop that needs no footage: a gradient and, if given, the floor. It is rendered once."""
     picture = gradient(*view.size)
     if floor:
         with open_stage("floor", floor, view, RenderQuality(shrink=3), folder) as stage:
@@ -39,7 +39,7 @@ def floor_backdrop(floor: tuple[bpy.types.Collection, ...], view: View, folder: 
 
 
 def footage_backdrop(stack: ExitStack, footage: Footage, view: View, folder: Path) -> Backdrop:
-    """Return a backdrop of undistorted footage. The exit stack closes the footage."""
+    """Return a backdrop that shows undistorted footage. The exit stack closes the footage."""
     whole = np.round(np.array(view.camera.image_size) * view.scale).astype(int)
     reader = stack.enter_context(open_footage(footage, (int(whole[0]), int(whole[1])), folder))
     positions = straightening_map(view, reader.native_size, reader.size)
@@ -50,10 +50,10 @@ def footage_backdrop(stack: ExitStack, footage: Footage, view: View, folder: Pat
 
 
 def straightening_map(view: View, native_size: tuple[int, int], read_size: tuple[int, int]) -> np.ndarray | None:
-    """Return the scaled footage's position of each undistorted pixel, or None.
+    """Return the position in the scaled footage of each undistorted pixel, or None if they are equal.
 
-    Footage of nearly the calibrated size is cropped at the right and bottom, because codecs pad there to multiples of
-    16 pixels. Footage of any other size is treated as the whole image, scaled.
+    Footage of almost the calibrated size is treated as cropped at the right and bottom, because codecs pad there to
+    multiples of 16 pixels. Footage of any other size is treated as the whole image, scaled.
     """
     camera, calibrated = view.camera, np.array(view.camera.image_size)
     scale = calibrated / np.array(native_size)
@@ -68,23 +68,23 @@ def straightening_map(view: View, native_size: tuple[int, int], read_size: tuple
     return (seen + 0.5) * np.array(read_size) / covered - 0.5
 
 
-Colour = tuple[float, float, float]  # sRGB in 0..1.
+Colour = tuple[float, float, float]  # sRGB, 0 to 1.
 
 DETECTION_DOT: Colour = (1.0, 0.62, 0.12)
 KEYPOINT_DOT: Colour = (0.25, 0.95, 0.65)
 MARKER_DOT: Colour = (0.92, 0.92, 0.96)
-"""Colours of detection dots in sRGB, chosen by hand."""
+"""Colours of detection dots in sRGB. Chosen by hand."""
 
 
 @dataclass(frozen=True)
 class RenderedTake:
-    """A baked take with F frames, and its sources."""
+    """A baked take of F frames, and the files and objects that it was made from."""
 
     take: BakedTake
     motion: MotionFile
     body: BodyFile
     capture: CaptureFile | None = None
-    joints: np.ndarray = field(init=False)  # (F, 24, 3) world metres, of the baked body.
+    joints: np.ndarray = field(init=False)  # (F, 24, 3) joints of the baked body in world metres.
     times: np.ndarray = field(init=False)  # (F,) scene frames.
 
     def __post_init__(self) -> None:
@@ -96,17 +96,17 @@ class RenderedTake:
 
     @property
     def floor(self) -> tuple[bpy.types.Collection, ...]:
-        """Collections that contain the floor, empty without a floor."""
+        """Collections that contain the floor, or none without a floor."""
         return () if self.take.floor is None else tuple(self.take.floor.users_collection)
 
     @property
     def heading(self) -> float:
-        """Heading of the body in the first frame, in radians from +X about Z."""
+        """Heading of the body in the first frame: the angle about Z from +X, in radians."""
         forward = matrix_from_rotvec(self.motion.rotvec[0, 0])[:, 2]
         return float(np.arctan2(forward[1], forward[0]))
 
     def cameras(self, most: int) -> tuple[CameraFile, ...]:
-        """Return up to ``most`` cameras at equal intervals of the capture's list."""
+        """Return up to ``most`` cameras, at equal intervals in the capture's list."""
         if self.capture is None or not self.capture.cameras:
             return ()
         cameras = self.capture.cameras
@@ -114,14 +114,14 @@ class RenderedTake:
         return tuple(cameras[i] for i in chosen)
 
     def backdrop(self, stack: ExitStack, view: View, folder: Path) -> tuple[Backdrop, bool]:
-        """Return the backdrop of a view, and True if it is footage."""
+        """Return a view's backdrop, and whether it shows footage."""
         footage = find_footage(view.camera.footage)
         if footage is not None:
             return footage_backdrop(stack, footage, view, folder), True
         return floor_backdrop(self.floor, view, folder), False
 
     def detections(self, view: View) -> tuple[np.ndarray, Colour]:
-        """Return (F, K, 2) pixels of a view's detections or projections, and their colour."""
+        """Return the pixels (F, K, 2) of a view's detections or projected points, and their colour."""
         frames, capture = self.motion.num_frames, self.capture
         if capture is not None and capture.xy is not None and view.camera in capture.cameras:
             xy = capture.xy[capture.cameras.index(view.camera)]

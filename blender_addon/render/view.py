@@ -11,28 +11,28 @@ from .._exchange.lens import normalised, pixels, undistort
 from ..conventions.skeleton import JOINTS
 
 BODY_REACH_M = np.array([0.26 if joint == "head" else 0.2 for joint in JOINTS])
-"""(24,) largest distance from each joint to the skin around it, in metres."""
+"""(24,) largest distance in metres between each joint and the skin around it."""
 
-_CLOSEST = 0.5  # Smallest visible share of a camera's image.
+_CLOSEST = 0.5  # Smallest fraction of a camera's image that a view shows.
 
 
 @dataclass(frozen=True)
 class View:
-    """A camera's image, or a part of it, in a picture of ``size`` pixels."""
+    """A camera's image, or a part of it, shown in a picture of ``size`` pixels."""
 
     camera: CameraFile
     size: tuple[int, int]  # Width and height of the picture.
     part: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    """Left and top edge of the part in camera pixels, and its size as a fraction of the image."""
+    """Left and top edges of the part in camera pixels, and its size as a fraction of the image."""
 
     @property
     def scale(self) -> np.ndarray:
-        """(2,) picture pixels per camera pixel."""
+        """(2,) number of picture pixels per camera pixel."""
         return np.array(self.size) / np.array(self.camera.image_size) / self.part[2]
 
     @property
     def K(self) -> np.ndarray:
-        """(3, 3) intrinsic matrix of the picture in pixels."""
+        """(3, 3) intrinsic matrix of the picture, in pixels."""
         K = self.camera.K.copy()
         K[0, :2] *= self.scale[0]
         K[1, 1] *= self.scale[1]
@@ -41,11 +41,11 @@ class View:
 
     @property
     def pinhole(self) -> CameraFile:
-        """A camera for this picture without distortion or footage."""
+        """A camera that takes this picture, without distortion or footage."""
         return replace(self.camera, K=self.K, image_size=self.size, distortion=np.zeros(8), footage=None)
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Project world points to (..., 2) picture pixels, NaN behind the camera, and (...) depths in metres."""
+        """Project world points to picture pixels (..., 2), NaN behind the camera, and depths (...) in metres."""
         p = points @ self.camera.R.T + self.camera.t
         depth = p[..., 2]
         safe = np.where(depth > 1e-3, depth, np.nan)[..., None]
@@ -57,7 +57,7 @@ class View:
         return pixels(straight, self.K)
 
     def window(self, joints: np.ndarray) -> tuple[int, int, int, int] | None:
-        """Return the picture part (x0, y0, x1, y1) that joints may cover, or None."""
+        """Return the part of the picture (x0, y0, x1, y1) that the body around these joints may cover, or None."""
         uv, depth = self.project(joints)
         if (depth < 2 * BODY_REACH_M).any():
             return (0, 0, *self.size) if (depth > 0).any() else None
@@ -70,7 +70,7 @@ class View:
 
 
 def close_view(camera: CameraFile, joints: np.ndarray, size: tuple[int, int]) -> View:
-    """Return a view of the part of a camera's image with (F, 24, 3) joints, magnified at most twice."""
+    """Return a view of the part of a camera's image that shows (F, 24, 3) joints, magnified at most twice."""
     whole, image = View(camera, camera.image_size), np.array(camera.image_size, dtype=np.float64)
     windows = [window for frame in joints if (window := whole.window(frame)) is not None]
     if not windows:
@@ -85,7 +85,7 @@ def close_view(camera: CameraFile, joints: np.ndarray, size: tuple[int, int]) ->
 def look_at(
     name: str, centre: np.ndarray, target: np.ndarray, size: tuple[int, int], field_of_view: float
 ) -> CameraFile:
-    """Return a camera at ``centre`` that looks at ``target`` (metres), with z up."""
+    """Return a camera at ``centre`` that looks at ``target`` (in metres). The image is level, with z up."""
     forward = (target - centre) / np.linalg.norm(target - centre)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -98,10 +98,10 @@ def look_at(
 def three_quarter_view(
     points: np.ndarray, heading: float, size: tuple[int, int], *, margin_m: float = 0.2
 ) -> CameraFile:
-    """Return a camera in front and to the left of a body that frames (N, 3) points.
+    """Return a camera to the front left of a body that has (N, 3) points in its picture.
 
-    A point at (x, y) across and z towards the camera is in the picture if the camera's distance is at least
-    ``z + max(|x| / tan(a / 2), |y| / tan(b / 2))``, with the fields of view a and b.
+    A point that is x and y from the axis and z towards the camera is in the picture if the camera's distance is at
+    least ``z + max(|x| / tan(a / 2), |y| / tan(b / 2))``, where a and b are the fields of view.
     """
     field_of_view, elevation, angle = np.radians(32.0), np.radians(14.0), heading + np.radians(38.0)
     away = np.array([np.cos(angle) * np.cos(elevation), np.sin(angle) * np.cos(elevation), np.sin(elevation)])

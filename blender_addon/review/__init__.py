@@ -1,1 +1,1 @@
-"""Review takes: frame ranges to review, confidence colours, and pinned poses."""
+"""Review takes: find frame ranges to check, colour by confidence, and pin poses."""

@@ -1,4 +1,4 @@
-"""Ghost: the skin of a second take, drawn only in the viewport. It adds nothing to the file."""
+"""The ghost: the skin of a second take, drawn only in the viewport. It adds nothing to the file."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ from ..conventions.skeleton import layout_of
 from ..scene.clips import played_motion
 from ..scene.hand_edits import take_times
 
-COLOUR = np.array([0.45, 0.75, 1.0])  # Linear RGB of the ghost, chosen by hand.
-_FACING, _EDGE = 0.10, 0.75  # Opacity of skin that faces the viewer, and of skin that is seen edge-on, chosen by hand.
+COLOUR = np.array([0.45, 0.75, 1.0])  # Linear RGB of the ghost. Chosen by hand.
+_FACING, _EDGE = 0.10, 0.75  # Opacity of skin that faces the viewer, and of skin seen edge-on. Chosen by hand.
 
 
 @dataclass(frozen=True, eq=False)
 class Ghost:
-    """A take with its edits, as they were when the ghost was created."""
+    """A take, including its edits at the time when the ghost was created."""
 
-    take: int  # Session number of the action.
-    armature: int  # Session number of the body.
+    take: int  # Session identifier of the action.
+    armature: int  # Session identifier of the body.
     times: np.ndarray  # (F,) scene frames of the take.
-    motion: MotionFile  # Motion in the armature's frame.
+    motion: MotionFile  # Motion relative to the armature.
     body: BodyFile
-    worn: np.ndarray | float  # (V, 3) metres of the look at rest.
-    world: np.ndarray  # (4, 4) matrix of the armature in the place of the take.
+    worn: np.ndarray | float  # (V, 3) offsets of the body's look at rest, in metres.
+    world: np.ndarray  # (4, 4) world matrix of the armature at the place stored in the take.
 
     def skin(self, frame: float) -> np.ndarray:
-        """Return the (V, 3) vertices in Blender units at the take's frame that is nearest to a scene frame."""
+        """Return vertices (V, 3) in Blender units, in the take's frame nearest to a scene frame."""
         return _skin(self, int(np.abs(self.times - frame).argmin()))
 
 
@@ -51,7 +51,7 @@ def make_ghost(scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.typ
     """Return the ghost of a body's take, without the layers on top of it.
 
     Raises:
-        MocapError: the motion file or body file is missing.
+        MocapError: the motion file or the body file is missing.
     """
     with _stand_in(armature, take) as double:
         root = double.pose.bones.get(ROOT)
@@ -66,7 +66,7 @@ def make_ghost(scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.typ
 
 @contextmanager
 def _stand_in(armature: bpy.types.Object, take: bpy.types.Action) -> Iterator[bpy.types.Object]:
-    """Yield a temporary copy of a body that plays only this take."""
+    """Yield a temporary copy of a body that plays nothing but this take."""
     double = armature.copy()
     try:
         animation = double.animation_data or double.animation_data_create()
@@ -87,10 +87,10 @@ def _stand_in(armature: bpy.types.Object, take: bpy.types.Action) -> Iterator[bp
 
 
 def shaded(points: np.ndarray, faces: np.ndarray, eye: np.ndarray) -> np.ndarray:
-    """Return (V, 4) colours of translucent vertices, opaque at the silhouette.
+    """Return translucent vertex colours (V, 4) that are more opaque at the silhouette.
 
     Args:
-        faces: (T, 3) vertex indices of each triangle.
+        faces: (T, 3) vertex indices of the triangles.
         eye: (3,) unit vector towards the viewer.
     """
     a, b, c = (points[faces[:, k]] for k in range(3))

@@ -1,4 +1,4 @@
-"""Frame ranges of a take to review or solve again, and confidence colours."""
+"""Frame ranges of a take to review or to solve again, and colours that show confidence."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ..errors import TakeMissing
 
 
 def doubtful_ranges(take: bpy.types.Action, below: float) -> list[tuple[int, int]]:
-    """Return the first and last scene frame of each range below a confidence, in order."""
+    """Return the first and last scene frames of each range whose confidence is below a limit, in order."""
     lane = read_lane(take)
     if lane is None:
         return []
@@ -33,7 +33,7 @@ def doubtful_ranges(take: bpy.types.Action, below: float) -> list[tuple[int, int
 
 
 def bad_ranges(confidence: np.ndarray, below: float, *, bridge: int = 3) -> list[tuple[int, int]]:
-    """Return the ranges of (F,) confidence below a limit, across short gaps."""
+    """Return the ranges in which an (F,) confidence is below a limit. Short gaps between them are ignored."""
     frames = np.flatnonzero(np.asarray(confidence) < below)
     if not len(frames):
         return []
@@ -43,7 +43,7 @@ def bad_ranges(confidence: np.ndarray, below: float, *, bridge: int = 3) -> list
 
 
 def next_range(ranges: list[tuple[int, int]], frame: int, *, backwards: bool = False) -> tuple[int, int] | None:
-    """Return the next range after or before a frame, wrapping around, or None."""
+    """Return the next range after (or before) a frame, or None. The search wraps around."""
     if not ranges:
         return None
     if backwards:
@@ -53,7 +53,7 @@ def next_range(ranges: list[tuple[int, int]], frame: int, *, backwards: bool = F
 
 @dataclass(frozen=True)
 class SceneRange:
-    """Range of a take in scene frames."""
+    """A range of a take, in scene frames."""
 
     action: bpy.types.Action  # Action of the take.
     first: int
@@ -62,7 +62,7 @@ class SceneRange:
 
 
 def resolve_of(frames: SceneRange) -> JobRange:
-    """Return the job's range to solve again, with the pinned poses and edited contacts inside it."""
+    """Return the range as a job describes it, with the pinned poses and edited contacts inside it."""
     motion = take_file(frames.action, "motion_file")
     if not motion.is_file():
         hint = "Solve the whole capture again."
@@ -76,7 +76,7 @@ def resolve_of(frames: SceneRange) -> JobRange:
 
 
 def capture_range(take: bpy.types.Action, first: int, last: int) -> tuple[int, int]:
-    """Return the first and last capture frame of a range in scene frames."""
+    """Return the first and last capture frames of a range given in scene frames."""
     count, (start, end) = int(take["frames"]), (capture_frame(take, frame) for frame in (first, last))
     if end < 0 or start > count - 1 or start > end:
         message = f"The frames {first} to {last} are outside the take or in the wrong order."
@@ -85,17 +85,17 @@ def capture_range(take: bpy.types.Action, first: int, last: int) -> tuple[int, i
 
 
 def capture_frame(action: bpy.types.Action, frame: float) -> int:
-    """Return the capture frame, counted from 0, nearest to a scene frame."""
+    """Return the capture frame (counted from 0) that is nearest to a scene frame."""
     return round((frame - action["frame_start"]) * action["fps"] / laid_rate(action))
 
 
 def scene_frame(action: bpy.types.Action, frame: int) -> int:
-    """Return the scene frame nearest to a capture frame, which is counted from 0."""
+    """Return the scene frame that is nearest to a capture frame (counted from 0)."""
     return round(action["frame_start"] + frame * laid_rate(action) / action["fps"])
 
 
 def pinned_values(armature: bpy.types.Object) -> str:
-    """Return the current pose of an armature as JSON text for a job file."""
+    """Return an armature's current pose as JSON text for a job file."""
     mesh = body_mesh(armature)
     action = current_action(armature)
     assert action is not None
@@ -115,7 +115,7 @@ def pinned_values(armature: bpy.types.Object) -> str:
 def sole_height(
     scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action, samples: int
 ) -> float | None:
-    """Return the median height of the skin's lowest point, None without skin."""
+    """Return the median (over frames) of the height of the skin's lowest point, or None if there is no skin."""
     skins = [obj for obj in scene.objects if obj.type == "MESH" and obj.find_armature() == armature]
     if not skins:
         return None
@@ -144,21 +144,21 @@ def _lowest(skin: bpy.types.Object) -> float:
 
 _BAD, _MIDDLE, _GOOD = np.array([[0.86, 0.09, 0.07], [0.95, 0.72, 0.10], [0.16, 0.70, 0.30]])
 RESTING = np.array([0.42, 0.47, 0.56])
-"""Colour of joints without a measurement."""
+"""Colour of joints that no measurement determines."""
 _ACTIVE_BLEND, _SELECT_BLEND = 0.65, 0.35
 _VISIBLE = 0.02
-"""Smallest colour change that is applied."""
+"""Smallest change of a colour that is applied."""
 
 
 def colours(confidence: ArrayLike) -> np.ndarray:
-    """Return (..., 3) display colours: red at 0.3 and below, amber at 0.6, green from 0.9."""
+    """Return display colours (..., 3): red up to 0.3, amber at 0.6, green from 0.9."""
     c = np.clip((np.asarray(confidence, np.float64)[..., None] - 0.3) / 0.6, 0.0, 1.0)
     low = _BAD + (_MIDDLE - _BAD) * np.minimum(1.0, 2 * c)
     return np.where(c < 0.5, low, _MIDDLE + (_GOOD - _MIDDLE) * (2 * c - 1))
 
 
 def paint_bones(armature: bpy.types.Object, frame: float, *, shown: bool) -> None:
-    """Colour a body's bones by confidence at a scene frame, or remove the colours."""
+    """Colour a body's bones by their confidence at a scene frame, or remove these colours."""
     action = current_action(armature)
     confidence = confidence_at(action, frame) if action is not None else {}
     if not shown:
@@ -172,17 +172,17 @@ def paint_bones(armature: bpy.types.Object, frame: float, *, shown: bool) -> Non
         if target.palette != "CUSTOM":
             target.palette = "CUSTOM"
         elif max(abs(colour - target.custom.normal)) < _VISIBLE:
-            continue  # every change has Blender redraw its editors
+            continue  # because every change makes Blender redraw its editors
         target.custom.normal = colour
         target.custom.select = colour + _SELECT_BLEND * (1 - colour)
         target.custom.active = colour + _ACTIVE_BLEND * (1 - colour)
 
 
-_INTERPOLATED = 1e-3  # Maximum confidence of an interpolated frame (``confidence.joint_confidence``).
+_INTERPOLATED = 1e-3  # Largest confidence of an interpolated frame (see ``confidence.joint_confidence``).
 
 
 def joint_weights(skin: bpy.types.Object, joints: tuple[str, ...]) -> np.ndarray:
-    """Return the (V, J) weights of a skin, normalised per vertex, with zeros for a vertex without weights."""
+    """Return the weights (V, J) of a skin, normalised for each vertex. Vertices without weights get zeros."""
     columns = {group.index: j for j, name in enumerate(joints) if (group := skin.vertex_groups.get(deform_bone(name)))}
     weights = np.zeros((len(skin.data.vertices), len(joints)))
     for vertex in skin.data.vertices:
@@ -195,7 +195,7 @@ def joint_weights(skin: bpy.types.Object, joints: tuple[str, ...]) -> np.ndarray
 def skin_colours(
     weights: np.ndarray, joints: tuple[str, ...], confidence: Mapping[str, float], resting: Collection[str] = ()
 ) -> np.ndarray:
-    """Return (V, 3) colours from the joints' confidence, grey at rest."""
+    """Return vertex colours (V, 3) from the confidence of the joints. Joints at rest are grey."""
     rests = np.array([name in resting for name in joints])
     shown = weights @ np.where(rests, 1.0, [confidence.get(name, 1.0) for name in joints])
     share = weights[:, rests].sum(axis=1, keepdims=True)
@@ -203,7 +203,7 @@ def skin_colours(
 
 
 def doubtful_bands(take: bpy.types.Action, below: float) -> list[tuple[float, float, tuple[float, float, float]]]:
-    """Return frames and colour of each range below a confidence, red if interpolated."""
+    """Return the frames and the colour of each range below a confidence. Interpolated ranges are red."""
     lane = read_lane(take)
     if lane is None:
         return []

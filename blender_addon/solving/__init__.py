@@ -1,1 +1,1 @@
-"""Solve in a child process: job file, process and progress."""
+"""Solve in a child process: write the job file, run the process, and follow its progress."""

@@ -14,16 +14,16 @@ from typing import IO, Any
 
 from ..errors import SolverMissing
 
-_GRACE_S = 5.0  # Seconds for a cancelled solver to end before it is killed. Chosen by hand.
-Line = str | dict[str, Any]  # Line of the log, or an event.
+_GRACE_S = 5.0  # Seconds that a cancelled solver gets to end before it is killed. Chosen by hand.
+Line = str | dict[str, Any]  # A line of the log, or an event.
 _NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)
 
 
 def of_base_python(command: Sequence[str], environment: Mapping[str, str]) -> tuple[Sequence[str], Mapping[str, str]]:
-    """Return a command and an environment that run this Python without an intermediate launcher.
+    """Return a command and an environment that run this Python without a launcher in between.
 
-    On Windows the Python of a virtual environment starts the base Python as a child process. Ending or measuring our
-    child then affects only the launcher. The base Python takes the environment from a variable, as in
+    On Windows, the Python of a virtual environment starts the base Python as a child process. Ending or measuring our
+    child would then affect only that launcher. The base Python reads the environment from a variable, as in
     ``multiprocessing.popen_spawn_win32``.
     """
     base = getattr(sys, "_base_executable", sys.executable)
@@ -33,10 +33,10 @@ def of_base_python(command: Sequence[str], environment: Mapping[str, str]) -> tu
 
 
 class SolverProcess:
-    """One run of the solver, which writes JSON lines and ends when its standard input closes.
+    """A run of the solver, which writes JSON lines and ends when its standard input is closed.
 
-    Two threads read the process's output, so no method waits for it. If this program ends or crashes, the system closes
-    the pipe and the solver also ends. After ``cancel`` it is killed when its grace period has passed.
+    Two threads read the output of the process, so no method has to wait for it. If this program ends or crashes, the
+    system closes the pipe, and the solver ends too. After ``cancel``, it is killed once its grace period is over.
     """
 
     def __init__(
@@ -71,14 +71,14 @@ class SolverProcess:
 
     @property
     def exit_code(self) -> int | None:
-        """Exit code once the process has ended and all its output has been received, None before."""
+        """Exit code once the process has ended and all its output has been received, or None before that."""
         if self._process.poll() is None or any(reader.is_alive() for reader in self._readers):
             return None
         self._close_input()
         return self._process.returncode
 
     def received(self, most: int = 200) -> list[Line]:
-        """Return up to ``most`` new events and lines, and kill a process that hangs."""
+        """Return up to ``most`` new events and lines. Kill the process if it hangs."""
         grace_s = _GRACE_S if self._grace_s is None else self._grace_s
         if self._cancelled_at is not None and time.monotonic() - self._cancelled_at > grace_s:
             self.kill()
@@ -91,7 +91,7 @@ class SolverProcess:
         return items
 
     def cancel(self) -> None:
-        """Ask the process to clean up and end."""
+        """Ask the process to clean up and to end."""
         if self._cancelled_at is None:
             self._cancelled_at = time.monotonic()
             self._close_input()
@@ -103,7 +103,7 @@ class SolverProcess:
             self._process.kill()
 
     def wait(self) -> int:
-        """Wait for the end of the process without an event loop, and return its exit code."""
+        """Wait, without an event loop, until the process has ended, and return its exit code."""
         code = self._process.wait()
         for reader in self._readers:
             reader.join()
@@ -115,7 +115,7 @@ class SolverProcess:
             if self._process.stdin is not None:
                 self._process.stdin.close()
         except OSError:
-            return  # it ended by itself just now
+            return  # the process has just ended by itself
 
     def _read(self, stream: IO[str]) -> None:
         with stream:
@@ -124,7 +124,7 @@ class SolverProcess:
 
 
 def event_in(line: str) -> Line:
-    """Return the event in a line, or the line as part of the log."""
+    """Return the event that a line contains, or the line itself if it belongs to the log."""
     text = line.rstrip("\r\n")
     if not text.startswith("{"):
         return text

@@ -1,4 +1,4 @@
-"""Memory of a child process, from /proc on Linux, ``ps`` on macOS and BSD, and the Windows API."""
+"""Measure a child process's memory, using /proc on Linux, ``ps`` on macOS and BSD, and the Windows API."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ _MB = 2**20
 """Bytes per megabyte."""
 _KB_PER_MB = 2**10  # Binary units.
 _QUERY = 0x1000  # PROCESS_QUERY_LIMITED_INFORMATION
-_ASK_S = 5.0  # Seconds for ``ps`` to answer. Chosen by hand.
+_ASK_S = 5.0  # Seconds to wait for ``ps``. Chosen by hand.
 
 
 def resident_mb(pid: int) -> float | None:
-    """Return a process's memory in megabytes, 0 after its end, None if unknown."""
+    """Return a process's memory in megabytes, 0 if it has ended, or None if unknown."""
     if sys.platform == "win32":
         return _windows_mb(pid)
     if (_PROCESSES / "self" / "statm").is_file():

@@ -21,56 +21,56 @@ from .child import SolverProcess
 
 NUM_BETAS = 10
 _MOST_LINES = 100_000
-"""Lines read per poll, chosen by hand. Only the last pose among them is used."""
+"""Largest number of lines read per poll. Only the last pose among them is used. Chosen by hand."""
 _LOG_LINES = 200
 SENSORS_GRACE_S = 20.0
-"""Seconds for sensors to end. Their processes need up to 5 s, and recordings are written before that."""
+"""Seconds that sensors get to end. Their processes need up to 5 s, and recordings are written before that."""
 
 
 @dataclass(frozen=True)
 class LivePose:
-    """Body and points at one time, in metres, Z up."""
+    """The body and points at one time, in metres with Z up."""
 
     rotvec: np.ndarray | None
-    """(24, 3) axis-angles with the root first, (52, 3) for a source with fingers, None without a pose."""
+    """(24, 3) axis-angle vectors, root first, or (52, 3) if the source has fingers, or None without a pose."""
     transl: np.ndarray | None  # (3,) metres.
-    points: np.ndarray  # (N, 3) metres, as recorded.
+    points: np.ndarray  # (N, 3) metres, as they were recorded.
     state: str  # ``tracking``, ``unsure``, ``waiting``, ``no_person`` or ``frozen``.
-    why: str  # Reason for a missing or unsure pose.
-    off_mm: float  # Median distance of the markers from the body, NaN without a pose.
+    why: str  # Why a pose is missing or unsure.
+    off_mm: float  # Median distance of the markers from the body, or NaN without a pose.
     coverage: dict[str, float] = field(default_factory=dict)
-    """Fraction of each sensor's image that the waved wand has visited, by sensor name."""
-    rate_hz: float = math.nan  # Poses in the last second.
-    latency_ms: float = math.nan  # Duration of the fit.
-    lag_ms: float = math.nan  # Delay of the pose behind its source.
-    dropped: int = 0  # Frames that were skipped to limit the delay.
+    """Fraction of each sensor's image that the wand has covered, by sensor name."""
+    rate_hz: float = math.nan  # Poses per second, measured over the last second.
+    latency_ms: float = math.nan  # Time that the fit took.
+    lag_ms: float = math.nan  # Delay between the source and the pose.
+    dropped: int = 0  # Number of frames that were skipped to limit the delay.
     face: dict[str, float] = field(default_factory=dict)
-    """Value of each face channel, by the sender's channel name."""
+    """Values of the face channels, keyed by the names that the sender uses."""
     off_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """(N,) distance in metres of each point from the body, NaN for points of other objects, (0,) if unknown."""
-    sigma_m: np.ndarray | None = None  # (24,) standard deviation of each joint in metres, None where it is not known.
-    views: int = 0  # Cameras that contribute to the pose.
-    views_left_out: int = 0  # Views that arrived too late to be used.
+    """(N,) distance of each point from the body in metres, NaN for points on other objects, or (0,) if unknown."""
+    sigma_m: np.ndarray | None = None  # (24,) standard deviation of each joint in metres, or None if unknown.
+    views: int = 0  # Number of cameras that contribute to the pose.
+    views_left_out: int = 0  # Number of views that arrived too late to be used.
 
 
 @dataclass
 class LiveRun:
-    """State of a live run, which ``poll`` updates. Invalid lines of the process raise no error."""
+    """State of a live run, which ``poll`` updates. Invalid lines from the process do not raise errors."""
 
     process: SolverProcess
-    shown: int = 0  # Poses that were shown.
-    dropped: int = 0  # Poses that were skipped for newer ones.
-    betas: np.ndarray | None = None  # (10,) shape, once it is known.
+    shown: int = 0  # Number of poses that were shown.
+    dropped: int = 0  # Number of poses that were skipped because newer ones had arrived.
+    betas: np.ndarray | None = None  # (10,) shape, once known.
     latest: LivePose | None = None
-    message: str = ""  # Last message of the solver.
+    message: str = ""  # Last message from the solver.
     result: Any = None
     error: ErrorEvent | None = None
     finished: bool = False
     log: deque[str] = field(default_factory=lambda: deque(maxlen=_LOG_LINES))
 
     def poll(self) -> LivePose | None:
-        """Read new lines. Return the newest pose since the last call."""
-        code = self.process.exit_code  # read first: whatever came before the end is then in the queue
+        """Read new lines. Return the newest pose since the last call, or None."""
+        code = self.process.exit_code  # read first, so that everything written before the end is already in the queue
         newest: str | None = None
         for item in self.process.received(_MOST_LINES):
             if isinstance(item, dict):
@@ -92,18 +92,18 @@ class LiveRun:
         return pose
 
     def stop(self) -> None:
-        """Ask the process to end. It writes its recordings first."""
+        """Ask the process to end. It first writes its recordings."""
         self.process.cancel()
 
     @property
     def recorded(self) -> Path | None:
-        """The recorded take once it is written, None before."""
+        """The recorded take, or None until it has been written."""
         path = (self.result or {}).get("recorded")
         return Path(path) if isinstance(path, str) and path else None
 
     @property
     def failure(self) -> str:
-        """The error as a sentence, "" without one."""
+        """The error as a sentence, or "" if there is none."""
         if self.error is None or self.error["code"] == "cancelled":  # it was asked to end before it had begun
             return ""
         return sentence(self.error)
@@ -123,7 +123,7 @@ class LiveRun:
 
 
 def read_pose_line(line: str) -> LivePose | None:
-    """Return the pose in a line of ``live stream``, None for other lines."""
+    """Return the pose in a line of ``live stream``, or None if the line contains none."""
     try:
         values = json.loads(line)
     except (ValueError, RecursionError):
@@ -168,7 +168,7 @@ def _count(value: Any) -> int:
 
 
 def _metres(values: Any, count: int) -> np.ndarray:
-    """Convert ``count`` millimetres to metres, with NaN for invalid values."""
+    """Convert ``count`` values from millimetres to metres. Invalid values become NaN."""
     if not isinstance(values, list) or len(values) != count:
         return np.zeros(0)
     return np.array([1e-3 * max(_number(value), 0.0) for value in values])
@@ -186,7 +186,7 @@ def _by_name(values: Any, low: float = -math.inf, high: float = math.inf) -> dic
 
 
 def _numbers(values: Any, count: int | None) -> np.ndarray | None:
-    """Return a flat array of ``count`` finite numbers, None for anything else."""
+    """Return a flat array of ``count`` finite numbers, or None if the values are anything else."""
     try:
         array = np.asarray(values, dtype=np.float64).ravel()
     except (TypeError, ValueError, OverflowError):
@@ -198,6 +198,6 @@ def _numbers(values: Any, count: int | None) -> np.ndarray | None:
 def start_live(
     verb: str, words: Sequence[str], python: Path | None, folder: Path, *, grace_s: float | None = None
 ) -> LiveRun:
-    """Start a live verb of the solver in a working folder, see ``SolverProcess``."""
+    """Start a live verb of the solver in a working folder (see ``SolverProcess``)."""
     command = [*backend_command(python), verb, *words, "--with-points", "--json", "--parent-pipe"]
     return LiveRun(SolverProcess(command, environment_for_child(python), folder, grace_s))

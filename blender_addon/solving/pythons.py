@@ -1,4 +1,4 @@
-"""Find and probe Pythons for the solver and the detectors."""
+"""Find and test Pythons for the solver and the detectors."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from ..backend_environment import backend_command, backend_folder, environment_f
 from ..conventions.file_paths import sessions_folder
 from ..errors import PythonUnsuitable
 
-_TIMEOUT_S = 60  # Seconds for an interpreter to answer. Chosen by hand.
-_BELOW = "Scripts/python.exe" if os.name == "nt" else "bin/python"  # Path of the Python within an environment.
+_TIMEOUT_S = 60  # Seconds to wait for an interpreter. Chosen by hand.
+_BELOW = "Scripts/python.exe" if os.name == "nt" else "bin/python"  # Path of the Python inside an environment.
 MINORS = {"mediapipe": range(9, 13), "litert": range(10, 15)}
-"""Minor versions of Python 3 for which MediaPipe 0.10.21 and LiteRT 2 have wheels."""
+"""Minor versions of Python 3 for which there are wheels of MediaPipe 0.10.21 and LiteRT 2."""
 _DETECTORS = {"mediapipe": "MediaPipe", "onnxruntime": "ONNX Runtime", "litert": "LiteRT"}
 _PROBE = """
 import json, sys
@@ -42,12 +42,12 @@ print(json.dumps(found))
 
 
 def environment_folder(kind: str = "mediapipe") -> Path:
-    """Return the folder of the MediaPipe or LiteRT environment that *Set Up Detector* creates."""
+    """Return the folder of the MediaPipe or LiteRT environment that *Set Up Detector* makes."""
     return sessions_folder() / ("detector" if kind == "mediapipe" else f"detector-{kind}")
 
 
 def made_python() -> Path | None:
-    """Return the default detector Python: set by variable, by Set Up Detector, or the solver's."""
+    """Return the default detector Python: the one in a variable, the one that was set up, or the solver's."""
     folders = (environment_folder(), backend_folder() / ".venv-mediapipe")
     named = os.environ.get("MANIFOLD_MOCAP_DETECTOR_PYTHON", "")
     candidates = [*([Path(named)] if named else []), *(folder / _BELOW for folder in folders)]
@@ -55,13 +55,13 @@ def made_python() -> Path | None:
 
 
 def made_litert_python() -> Path | None:
-    """Return the Python with LiteRT that Set Up Detector created, None without one."""
+    """Return the Python that *Set Up Detector* made for LiteRT, or None if there is none."""
     python = environment_folder("litert") / _BELOW
     return python if python.is_file() else None
 
 
 def probe_detector(python: Path, packages: Path | None = None) -> str:
-    """Return a text with a Python's detectors. Raise ``PythonUnsuitable`` if it fails."""
+    """Return a text that lists a Python's detectors. Raise ``PythonUnsuitable`` if it does not start."""
     kept = {name: value for name, value in os.environ.items() if not name.upper().startswith("PYTHON")}
     kept |= {} if packages is None else {"PYTHONPATH": str(packages)}
     try:
@@ -75,7 +75,7 @@ def probe_detector(python: Path, packages: Path | None = None) -> str:
 
 
 def python_to_make_with(kind: str = "mediapipe") -> Path:
-    """Return a Python that fits a detector's wheels: Blender's or a system Python."""
+    """Return a Python that fits a detector's wheels: Blender's own or one from the system."""
     minors = MINORS[kind]
     fits = sys.version_info.major == 3 and sys.version_info.minor in minors
     if fits and find_spec("ensurepip") is not None:
@@ -95,7 +95,7 @@ def python_to_make_with(kind: str = "mediapipe") -> Path:
 
 
 def detector_kind() -> str:
-    """Return the detector that Blender's Python supports, by default MediaPipe, which includes its models."""
+    """Return which detector Blender's Python supports. MediaPipe comes first, because it includes its models."""
     fits = (kind for kind, minors in MINORS.items() if sys.version_info.minor in minors)
     return next(fits, "mediapipe") if find_spec("ensurepip") is not None else "mediapipe"
 
@@ -109,7 +109,7 @@ def _candidates(minors: range) -> Iterator[str]:
 
 
 def _minor(python: str) -> int:
-    """Return the minor version of a Python 3 that can create environments, -1 for other programs."""
+    """Return the minor version of a Python 3 that can make environments, or -1 for any other program."""
     code = "import sys, venv, ensurepip; print(*sys.version_info[:2])"
     try:
         done = subprocess.run([python, "-I", "-c", code], capture_output=True, text=True, timeout=10, check=False)
@@ -119,7 +119,7 @@ def _minor(python: str) -> int:
     return minor if major == 3 else -1
 
 
-_LEAST = (3, 11)  # Smallest Python version for the solver, as in pyproject.toml.
+_LEAST = (3, 11)  # Oldest Python version that can run the solver, as in pyproject.toml.
 _SOLVER_PROBE = """
 import json, sys
 found = {"python": sys.version.split()[0], "numpy": "", "torch": "", "devices": [], "solver": ""}
@@ -151,13 +151,13 @@ class PythonFound:
 
     python: str
     numpy: str
-    torch: str  # '' without torch.
+    torch: str  # '' if torch is missing.
     devices: tuple[str, ...]
     solver: str
 
 
 def probe_python(python: Path | None) -> PythonFound:
-    """Return a Python's versions and devices. Raise ``PythonUnsuitable`` if it fails."""
+    """Return a Python's versions and devices. Raise ``PythonUnsuitable`` if it does not start."""
     executable = backend_command(python)[0]
     try:
         done = _ask(executable, _SOLVER_PROBE, environment_for_child(python))

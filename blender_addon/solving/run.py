@@ -1,4 +1,4 @@
-"""One run of the solver: stage, progress, remaining time, log and result."""
+"""A run of the solver: its stage, progress, remaining time, log and result."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from ..backend_environment import backend_command, environment_for_child
 from ..errors import SolverDied, SolverNotUnderstood
 from .child import Line, SolverProcess
 
-_FEW_S = 10.0  # Remaining seconds that are not shown, and rounding step of longer times. Chosen by hand.
-_LOG_LINES = 2000  # Last lines of a run's log that are kept, chosen by hand.
+_FEW_S = 10.0  # Shorter remaining times are not shown, longer ones are rounded to it. Chosen by hand.
+_LOG_LINES = 2000  # Number of lines to keep at the end of a run's log. Chosen by hand.
 
 
 @dataclass
 class Run:
-    """State of one run, which ``poll`` updates."""
+    """State of a run, which ``poll`` updates."""
 
-    verb: str  # Verb of the solver's command line.
+    verb: str  # Verb in the solver's command line.
     process: SolverProcess
     stage: str = "Starting"
     done: int = 0
     total: int = 0
-    eta_s: float | None = None  # Remaining seconds of the stage, as last reported.
+    eta_s: float | None = None  # Remaining seconds in the stage, as reported last.
     log: deque[str] = field(default_factory=lambda: deque(maxlen=_LOG_LINES))
-    """Last lines of the process's log, with the times of its stages."""
+    """Last lines of the process's log, and the times of its stages."""
     result: Any = None
-    """Result event, one of ``_exchange.verb_results``, once it has arrived and was checked, None before."""
+    """Result event (one of ``_exchange.verb_results``) once it has arrived and was checked, or None before that."""
     error: ErrorEvent | None = None  # The error event.
     started: float = field(default_factory=time.monotonic)
     finished: bool = False
@@ -50,7 +50,7 @@ class Run:
 
     @property
     def headline(self) -> str:
-        """Stage and remaining time for display."""
+        """Stage and remaining time, as text to display."""
         if self.process.cancelling:
             return "Cancelling"
         left = "" if self.eta_s is None or self.eta_s < 1 else f", {_duration(self.eta_s)} left"
@@ -58,7 +58,7 @@ class Run:
 
     def poll(self) -> bool:
         """Read new lines without blocking. Return whether anything changed."""
-        code = self.process.exit_code  # read first: whatever came before the end is then in the queue
+        code = self.process.exit_code  # read first, so that everything written before the end is already in the queue
         items = self.process.received()
         for item in items:
             self._take(item)
@@ -94,7 +94,7 @@ class Run:
             self.log.append(f"{self.elapsed_s:7.1f} s  {sentence(event)}")
 
     def _take_nonsense(self, wrong: str) -> None:
-        """Store an error about an invalid message from another program or version."""
+        """Store an error about an invalid message, which another program or version may have written."""
         message = f"The solver sent an unknown message: {wrong}."
         hint = "Check whether the chosen Python has another version of the solver. Its messages are in the log."
         self.error = SolverNotUnderstood(message, hint=hint).as_event()
@@ -102,20 +102,20 @@ class Run:
 
 
 def start(verb: str, arguments: Sequence[str], python: Path | None, folder: Path) -> Run:
-    """Start the solver. Raises ``SolverMissing`` if the solver or its interpreter is missing."""
+    """Start the solver. Raise ``SolverMissing`` if the solver or its interpreter is missing."""
     command = [*backend_command(python), verb, *arguments, "--json", "--parent-pipe", "--verbose"]
     return run_of(verb, command, environment_for_child(python), folder)
 
 
 def run_of(verb: str, command: Sequence[str], environment: Mapping[str, str], folder: Path) -> Run:
-    """Start a program that writes the solver's events, and return its run."""
+    """Start a program that writes events like the solver's, and return its run."""
     run = Run(verb, SolverProcess(command, environment, folder))
     run.log.append(f"> {' '.join(command)}")
     return run
 
 
 def start_script(verb: str, script: Path, arguments: Sequence[str], python: Path | None, folder: Path) -> Run:
-    """Start a script that writes the solver's events without using the solver."""
+    """Start a script that writes events like the solver's but does not use the solver."""
     command = [backend_command(python)[0], "-I", "-X", "utf8", str(script), *arguments]
     return run_of(verb, command, environment_for_child(python), folder)
 

@@ -1,4 +1,4 @@
-"""Paths of captures, takes and subjects, and reports of the steps from videos."""
+"""Paths of captures, takes and subjects, and the reports of the steps from videos."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from .._exchange.plain_text import plain
 from ..conventions.naming import next_number, next_path
 
 _POSE_FOLDERS = frozenset({"pose-associated", "pose-sync", "pose", "pose-2d", "pose_sync"})
-"""Folder names in a Pose2Sim trial that contain a folder per camera, as in the solver."""
+"""Names of the folder in a Pose2Sim trial that contains a folder per camera, as in the solver."""
 MARKER_SUFFIXES = (".c3d", ".trc", ".csv", ".tsv")
-"""File extensions of marker recordings. Each file is a capture. Some programs use .txt."""
+"""Suffixes of marker recordings, each of which is a capture. Some programs also use .txt."""
 _FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f]+')
 
 
 @dataclass(frozen=True)
 class TakeFiles:
-    """Files of one take."""
+    """Files of a take."""
 
     number: int
     motion: Path
@@ -32,36 +32,36 @@ class TakeFiles:
 
 
 def safe_name(name: str) -> str:
-    """Return a name that is valid for a folder on every system. It keeps letters of any script."""
+    """Return a name that is valid for a folder on every system. Letters of all scripts are kept."""
     cleaned = _FORBIDDEN.sub("_", name).strip(" .")
     return cleaned or "capture"
 
 
 def capture_folder(base: Path, source: Path) -> Path:
-    """Return the folder of a capture's files, with a checksum in its name."""
+    """Return the folder for a capture's files. Its name contains a checksum."""
     mark = zlib.crc32(str(source).encode("utf-8", "surrogatepass")) & 0xFFFF
     is_file = source.suffix.lower() in (".npz", ".txt", *MARKER_SUFFIXES)
     return base / f"{safe_name(source.stem if is_file else source.name)}_{mark:04x}"
 
 
 def next_take(folder: Path) -> TakeFiles:
-    """Return the files of the next take. Numbers of existing files are not reused."""
+    """Return the files of the next take. The numbers of existing files are not reused."""
     number = next_number(folder, "take")
     stem = f"take_{number:02d}"
     return TakeFiles(number, folder / f"{stem}.npz", folder / f"{stem}.html", folder / f"{stem}.job.json")
 
 
 def next_subject(folder: Path) -> Path:
-    """Return the file of the next calibrated person. Numbers of existing files are not reused."""
+    """Return the file of the next calibrated person. The numbers of existing files are not reused."""
     return next_path(folder, "subject", ".npz")
 
 
 def capture_root(path: Path) -> Path:
-    """Return the capture that a dropped file belongs to.
+    """Return the capture to which a dropped file belongs.
 
-    Blender passes only dropped files, never a folder. For a file with detections, calibration or settings, the capture
-    is its folder, or a parent folder with the cameras' detections. Folders, capture files, marker recordings, and text
-    files without cameras around them are captures themselves.
+    Blender passes only the dropped files and never a folder. For a file that contains detections, a calibration or
+    settings, the capture is its folder, or a parent folder that contains the detections of all cameras. Folders,
+    capture files, marker recordings, and text files without cameras around them are captures themselves.
     """
     if path.is_dir() or path.suffix.lower() in (".npz", *MARKER_SUFFIXES):
         return path
@@ -71,12 +71,12 @@ def capture_root(path: Path) -> Path:
 
 
 def is_session(path: Path) -> bool:
-    """Return whether a folder is not a recording but contains recordings."""
+    """Return whether a folder contains recordings without being a recording itself."""
     return path.is_dir() and not _holds_cameras(path) and bool(trials_below(path))
 
 
 def trials_below(path: Path, levels: int = 3) -> list[Path]:
-    """Return the recordings in a session's folder, at most ``levels`` folders deep, sorted by name."""
+    """Return the recordings in a session folder, at most ``levels`` folders deep, sorted by name."""
     found: list[Path] = []
     for folder in _folders(path):
         if not _POSE_FOLDERS.isdisjoint(inner.name.lower() for inner in _folders(folder)):
@@ -90,15 +90,15 @@ def _folders(path: Path) -> list[Path]:
     try:
         return sorted(folder for folder in path.iterdir() if folder.is_dir())
     except OSError:
-        return []  # not ours to look into
+        return []  # the folder is not readable for us
 
 
 def _holds_cameras(folder: Path) -> bool:
-    """Return whether a folder contains a detections folder per camera, directly or in its pose folder."""
+    """Return whether a folder contains one detections folder per camera, directly or in its pose folder."""
     try:
         below = {path.name.lower(): path for path in folder.iterdir() if path.is_dir()}
     except OSError:
-        return False  # not ours to look into
+        return False  # the folder is not readable for us
     return not _POSE_FOLDERS.isdisjoint(below) or sum(map(_holds_frames, below.values())) > 1
 
 
@@ -110,20 +110,20 @@ def _holds_frames(folder: Path) -> bool:
 NAME = "road.json"
 _FORMAT, _VERSION = "manifold_mocap_road", 2
 _LARGEST = 1 << 20
-"""Largest file size in bytes to read. Chosen by hand."""
+"""Size limit of files to read, in bytes. Chosen by hand."""
 
 
 @dataclass(frozen=True)
 class RoadStep:
-    """One finished step."""
+    """A finished step on the way from videos to a capture."""
 
     name: str
     diagnostics: tuple[Diagnostic, ...]  # Diagnostics of the step.
-    pictures: tuple[Path, ...]  # Existing pictures of the step.
+    pictures: tuple[Path, ...]  # Pictures of the step that exist.
 
 
 def read_road(folder: Path) -> tuple[RoadStep, ...]:
-    """Return the finished steps in order, with pictures inside the folder."""
+    """Return the finished steps in order, with the pictures that are inside the folder."""
     from .._exchange.json_file import read_json_file  # registering must not load JSON
 
     path = folder / NAME

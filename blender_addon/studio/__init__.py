@@ -1,1 +1,1 @@
-"""Colour images of the studio: shots set up by the solver, lit and rendered by Blender's engines."""
+"""Colour images for the studio. The solver sets up the shots, and Blender's engines light and render them."""

@@ -1,4 +1,4 @@
-"""Film shots and data sets in colour, with lens distortion, exposure and noise."""
+"""Film shots and data sets in colour, simulating lens distortion, exposure and noise."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ from .dressed_person import COLOURS, DressedPerson, MarkerBalls, person_colours
 from .room import LIGHTS, Light, build_room, light_room
 from .scene_file import SceneFile, read_scene
 
-_WIDEST = 1.6  # Maximum size of the pinhole picture relative to the camera's.
+_WIDEST = 1.6  # Largest size of the pinhole picture, relative to the size of the camera's picture.
 _OUTSIDE = (0, 0, 0)
 
 
 @dataclass(frozen=True)
 class LensPicture:
-    """Pinhole camera that Blender can render, and the mapping to the real camera's pixels."""
+    """A pinhole camera that Blender can render, and the mapping from its pixels to the real camera's pixels."""
 
     pinhole: CameraFile
     resampling: Resampling | None  # None if both pictures have the same pixels.
 
     def __call__(self, rendered: np.ndarray) -> np.ndarray:
-        """Convert the pinhole picture to the camera's (h, w, 3) picture."""
+        """Convert the pinhole picture to the camera's picture (h, w, 3)."""
         return rendered if self.resampling is None else self.resampling(np.ascontiguousarray(rendered))
 
 
 def lens_picture(camera: CameraFile) -> LensPicture:
-    """Return the pinhole camera and pixel mapping of a camera."""
+    """Return the pinhole camera and the pixel mapping for a camera."""
     straight = replace(camera, distortion=np.zeros(8), distortion_model=DEFAULT_MODEL, footage=None)
     if is_pinhole(camera.distortion, camera.distortion_model):
         return LensPicture(straight, None)
@@ -69,7 +69,7 @@ _IDS = {"workbench": ("BLENDER_WORKBENCH",), "cycles": ("CYCLES",), "eevee": _EE
 
 
 def engine_id(name: str) -> str:
-    """Return Blender's identifier of an engine. Raise ``RenderFailed`` without it."""
+    """Return Blender's identifier of an engine. Raise ``RenderFailed`` if this Blender does not have it."""
     scene = bpy.data.scenes.new("engines")
     try:
         found = next((candidate for candidate in _IDS[name] if _takes(scene, candidate)), None)
@@ -83,7 +83,7 @@ def engine_id(name: str) -> str:
 
 
 def set_engine(scene: bpy.types.Scene, name: str, samples: int) -> None:
-    """Set a scene's engine. Raises ``RenderFailed`` if this Blender lacks it."""
+    """Set a scene's engine. Raise ``RenderFailed`` if this Blender does not have it."""
     scene.render.engine = engine_id(name)
     if name == "workbench":
         shading = light_studio(scene, "VERTEX")
@@ -102,18 +102,18 @@ def set_engine(scene: bpy.types.Scene, name: str, samples: int) -> None:
 
 
 def enlargement(name: str) -> int:
-    """Return the factor by which an engine's pictures are enlarged before averaging."""
+    """Return the factor by which an engine's pictures are enlarged before they are averaged."""
     return 2 if name == "workbench" else 1
 
 
 def show_paint(mesh: bpy.types.Mesh) -> None:
-    """Show the corner colours in Workbench."""
+    """Make Workbench show a mesh's corner colours."""
     mesh.color_attributes.active_color = mesh.color_attributes[COLOURS]
     mesh.color_attributes.render_color_index = mesh.color_attributes.find(COLOURS)
 
 
 def _takes(scene: bpy.types.Scene, engine: str) -> bool:
-    """Return whether Blender has an engine, by setting it, because Blender has no list of engines."""
+    """Return whether Blender has an engine. It is tested by setting it, because there is no list of engines."""
     try:
         scene.render.engine = engine
     except TypeError:
@@ -121,20 +121,20 @@ def _takes(scene: bpy.types.Scene, engine: str) -> bool:
     return True
 
 
-DONE = "rgb.json"  # File of a shot with complete colour pictures.
+DONE = "rgb.json"  # File that marks a shot whose colour pictures are complete.
 FOLDER = "rgb"
 _BLUR_STEPS = 4
 _BANDS = 8
-"""Number of image bands that approximate a rolling shutter."""
+"""Number of image bands by which a rolling shutter is approximated."""
 
 
-Place = Callable[[float], None]  # Function that poses the scene at a time in frames.
+Place = Callable[[float], None]  # Function that poses the scene at a time, which is given in frames.
 StandIn = Callable[[bpy.types.Collection], Place]  # Function that builds another object to film.
 
 
 @dataclass(frozen=True)
 class ColourShot:
-    """Everything needed to render a shot."""
+    """Everything that is needed to render a shot."""
 
     capture: CaptureFile
     place: Place
@@ -148,7 +148,7 @@ class ColourShot:
 def film_in_colour(
     folder: Path, progress: Callable[[int], None] = lambda frame: None, stand_in: StandIn | None = None
 ) -> int:
-    """Render all colour pictures of a shot, or none, and return their number."""
+    """Render either all colour pictures of a shot or none. Return their number."""
     if (folder / DONE).is_file() and (folder / FOLDER).is_dir():
         return 0
     record = _record(folder)
@@ -251,7 +251,7 @@ def _picture(scene: bpy.types.Scene, shot: ColourShot, view: int, frame: int, fo
 def _at_time(
     scene: bpy.types.Scene, shot: ColourShot, view: int, time: float, rolling: float, folder: Path
 ) -> np.ndarray:
-    """Return the (h, w, 3) float pinhole picture at a time in frames, in bands for a rolling shutter."""
+    """Return the pinhole picture (h, w, 3), as float, at a time in frames. A rolling shutter is rendered in bands."""
     if not rolling:
         shot.place(time)
         return _averaged(render_still(scene, 1, folder), shot.settings["engine"])
@@ -281,7 +281,7 @@ SHOTS, VIDEOS = "shots", "videos"
 
 
 def film_data_set_in_colour(out: Path, shots: list[str], frames: int, progress: Progress) -> int:
-    """Render the missing colour pictures of every shot. Return the number of new pictures."""
+    """Render the missing colour pictures of every shot, and return how many were added."""
     made, each = 0, max(1, frames // max(len(shots), 1))
     for number, name in enumerate(shots):
         folder = out / SHOTS / name
@@ -294,7 +294,7 @@ def film_data_set_in_colour(out: Path, shots: list[str], frames: int, progress: 
 
 
 def write_videos(out: Path, shots: list[str], progress: Progress) -> None:
-    """Write the missing ``videos/<camera>.mp4`` of every shot, scaled to an even width and height."""
+    """Write each missing ``videos/<camera>.mp4`` of every shot, scaled to an even width and height."""
     for done, name in enumerate(shots, start=1):
         folder = out / SHOTS / name
         record = read_json_file(folder / "shot.json")

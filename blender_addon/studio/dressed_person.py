@@ -1,4 +1,4 @@
-"""Build the dressed person of a shot as meshes that are posed for every picture."""
+"""Build a shot's dressed person as meshes, which are posed for every picture."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from .scene_file import SceneFile
 
 COLOURS = "paint"  # Name of the colour attribute.
 _SKINS = ((0.60, 0.36, 0.25), (0.48, 0.27, 0.18), (0.33, 0.17, 0.10), (0.20, 0.095, 0.055), (0.09, 0.042, 0.026))
-"""Skin colours in linear RGB, light to dark. Chosen by hand."""
+"""Skin colours in linear RGB, from light to dark. Chosen by hand."""
 _HAIRS = ((0.012, 0.009, 0.008), (0.035, 0.018, 0.01), (0.11, 0.055, 0.025), (0.33, 0.2, 0.08), (0.25, 0.24, 0.24))
 """Hair colours in linear RGB. Chosen by hand."""
 _PATTERNS = ("plain", "plain", "stripes", "upright", "checks", "blocks")
 
 
 def linear(hue: float, saturation: float, value: float) -> np.ndarray:
-    """Convert HSV to a (3,) linear RGB colour."""
+    """Convert HSV to linear RGB, shape (3,)."""
     return np.array(colorsys.hsv_to_rgb(hue, saturation, value)) ** 2.2
 
 
 def painted_material(name: str, roughness: float) -> bpy.types.Material:
-    """Return a material that shows its mesh's corner colours."""
+    """Return a material that shows the corner colours of its mesh."""
     material = bpy.data.materials.new(name)
     shader, tree = shader_of(material), material.node_tree
     shader.inputs["Roughness"].default_value = roughness
@@ -39,7 +39,7 @@ def painted_material(name: str, roughness: float) -> bpy.types.Material:
 def painted_object(
     name: str, points: np.ndarray, faces: np.ndarray, colours: np.ndarray, roughness: float, *, smooth: bool = True
 ) -> bpy.types.Object:
-    """Return an object whose C corners have linear RGB colours (C, 3)."""
+    """Return an object whose corners have linear RGB colours (C, 3)."""
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(points.tolist(), [], faces.tolist())
     mesh.polygons.foreach_set("use_smooth", np.full(len(faces), smooth))
@@ -51,13 +51,13 @@ def painted_object(
 
 
 def move_vertices(obj: bpy.types.Object, vertices: np.ndarray) -> None:
-    """Move the vertices of an object to (V, 3) positions in metres."""
+    """Move an object's vertices to (V, 3) positions in metres."""
     obj.data.vertices.foreach_set("co", np.ascontiguousarray(vertices, np.float32).ravel())
     obj.data.update()
 
 
 def person_colours(scene: SceneFile, rng: np.random.Generator) -> np.ndarray:
-    """Return the (3 T, 3) linear RGB colours of the triangle corners of a dressed person."""
+    """Return linear RGB colours (3 T, 3) for the triangle corners of a dressed person."""
     tone = np.array(_SKINS[rng.integers(len(_SKINS))]) * rng.uniform(0.85, 1.15)
     strand = np.array(_HAIRS[rng.integers(len(_HAIRS))]) * rng.uniform(0.8, 1.2)
     corner = scene.faces.ravel()
@@ -98,7 +98,7 @@ def _cloth(rest: np.ndarray, rng: np.random.Generator, *, plain: bool) -> np.nda
 
 
 class DressedPerson:
-    """Posable person with (3 T, 3) linear RGB colours of the triangle corners."""
+    """A posable person whose triangle corners have linear RGB colours (3 T, 3)."""
 
     def __init__(
         self,
@@ -114,7 +114,7 @@ class DressedPerson:
         collection.objects.link(self.object)
 
     def pose(self, frame: float) -> None:
-        """Move the vertices to a time in frames, with linear interpolation."""
+        """Move the vertices to a time, given in frames, by linear interpolation."""
         first = int(np.floor(frame))
         share = frame - first
         vertices = self.surface(first)
@@ -123,7 +123,7 @@ class DressedPerson:
         move_vertices(self.object, vertices)
 
     def surface(self, frame: int) -> np.ndarray:
-        """Return the (N, 3) vertices in world metres at a frame, or at the motion's nearest frame."""
+        """Return the vertices (N, 3) in world metres at a frame, or at the motion's nearest frame."""
         frame = int(np.clip(frame, 0, self._motion.num_frames - 1))
         if frame not in self._known:
             while len(self._known) > 2:
@@ -137,7 +137,7 @@ class DressedPerson:
 
 
 def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return (V, 3) unit normals: area-weighted sums over the adjacent triangles, as in the solver."""
+    """Return unit normals (V, 3): area-weighted sums over the adjacent triangles, as in the solver."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     across = np.repeat(np.cross(b - a, c - a), 3, axis=0)
     corner = faces.ravel()
@@ -145,14 +145,14 @@ def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12)
 
 
-RADIUS_M = 0.007  # Radius of a marker, metres: 14 mm balls are common.
+RADIUS_M = 0.007  # Radius of a marker in metres. Balls of 14 mm are common.
 _RINGS, _SEGMENTS = 4, 8
 _GREY = (0.75, 0.75, 0.78)
 """Marker colour in linear RGB. Chosen by hand."""
 
 
 class MarkerBalls:
-    """Balls at points, with (count, 3) linear RGB colours, None for grey."""
+    """Balls at points, in linear RGB colours (count, 3), or in grey if None."""
 
     def __init__(
         self,
@@ -169,7 +169,7 @@ class MarkerBalls:
         collection.objects.link(self.object)
 
     def place(self, points: np.ndarray) -> None:
-        """Move the balls to (count, 3) positions in world metres, and hide balls at NaN."""
+        """Move the balls to (count, 3) positions in world metres. Balls at NaN are hidden."""
         shown = np.isfinite(points).all(axis=1)
         middle = np.where(shown[:, None], points, 0.0)
         size = np.where(shown, 1.0, 0.0)[:, None, None]
@@ -177,7 +177,7 @@ class MarkerBalls:
 
 
 def ball(radius_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (V, 3) vertices and (T, 3) triangles of a sphere about the origin."""
+    """Return vertices (V, 3) and triangles (T, 3) of a sphere around the origin."""
     polar = np.pi * np.arange(1, _RINGS) / _RINGS
     around = 2 * np.pi * np.arange(_SEGMENTS) / _SEGMENTS
     ring = [[np.sin(p) * np.cos(a), np.sin(p) * np.sin(a), np.cos(p)] for p in polar for a in around]

@@ -1,4 +1,4 @@
-"""Read errors of camera arrays by floor position from a benchmark, and show them in the scene."""
+"""Read a benchmark's errors of camera arrays by floor position, and show them in the scene."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ _LABELS = {"triangulation": "Triangulation", **{method.value: method.label for m
 
 @dataclass(frozen=True)
 class PlaceMap:
-    """Errors of an array at floor positions, in Y rows and X columns."""
+    """Errors of a camera array at floor positions, in rows along Y and columns along X."""
 
     array: str
     x_m: np.ndarray
     y_m: np.ndarray
-    error_mm: np.ndarray  # (Y, X), NaN where nothing is triangulated.
+    error_mm: np.ndarray  # (Y, X), NaN where no keypoint is triangulated.
 
     @property
     def median_mm(self) -> float | None:
-        """Median over all positions without NaN in millimetres, None if there are none."""
+        """Median error in millimetres over all positions that are not NaN, or None if there are none."""
         good = self.error_mm[np.isfinite(self.error_mm)]
         return float(np.median(good)) if good.size else None
 
 
 def read_places(path: Path) -> list[PlaceMap]:
-    """Read the maps of a benchmark."""
+    """Read the maps in a benchmark."""
     if not path.exists():
         raise FileMissing("The map no longer exists.", where=str(path), hint="Run the benchmark again.")
     values = read_json_file(path)
@@ -58,17 +58,17 @@ def read_places(path: Path) -> list[PlaceMap]:
 
 
 def shared_limits(maps: Sequence[PlaceMap]) -> tuple[float, float]:
-    """Return the smallest error and the 95th percentile over all maps in millimetres."""
+    """Return the smallest error and the 95th percentile of the errors in all maps, in millimetres."""
     good = np.concatenate([item.error_mm[np.isfinite(item.error_mm)] for item in maps])
     return (float(good.min()), float(np.percentile(good, 95))) if good.size else (0.0, 1.0)
 
 
-MAP = "mocap_places"  # Custom property of a map's object: the array's name.
+MAP = "mocap_places"  # Custom property of the map object: the name of the camera array.
 _STEPS = 12
 _RAISED_M = 0.004
 _FILLED = 0.96
-"""Filled fraction of a square's side."""
-_NO_DATA = (0.25, 0.25, 0.25, 1.0)  # Colour of a place without triangulated keypoints, chosen by hand.
+"""Fraction of a square's side that is filled."""
+_NO_DATA = (0.25, 0.25, 0.25, 1.0)  # Colour of a place where no keypoint is triangulated. Chosen by hand.
 
 
 def remove_places(scene: bpy.types.Scene) -> None:
@@ -81,7 +81,7 @@ def remove_places(scene: bpy.types.Scene) -> None:
 
 
 def show_places(scene: bpy.types.Scene, places: PlaceMap, limits_mm: tuple[float, float]) -> bpy.types.Object:
-    """Replace the map on the floor of a scene, and return its object."""
+    """Replace the map on a scene's floor, and return the new map object."""
     remove_places(scene)
     step = np.array([places.x_m[1] - places.x_m[0], places.y_m[1] - places.y_m[0]])
     middle = np.stack(np.meshgrid(places.x_m, places.y_m), axis=-1).reshape(-1, 2)
@@ -130,7 +130,7 @@ def _material(step: int, limits_mm: tuple[float, float]) -> bpy.types.Material:
 
 
 def rows_of(verdicts: Sequence[Mapping[str, Any]], arrays: Sequence[str]) -> list[tuple[str, str]]:
-    """Return each array with a text of the mean joint error of each method over the array's shots."""
+    """Return each camera array, with a text of each method's mean joint error over the array's shots."""
     return [(array, _line_of([v for v in verdicts if v["camera_array"] == array])) for array in arrays]
 
 

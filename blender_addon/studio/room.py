@@ -1,4 +1,4 @@
-"""Build the room of a shot in Blender, in colours drawn from its seed."""
+"""Build a shot's room in Blender, in random colours that depend on the shot's seed."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from .dressed_person import linear, painted_object
 from .scene_file import SceneFile
 
 Paint = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Function that returns the (n, 3) linear RGB colours of squares at (n,) columns and rows."""
-_TILE_M = 0.12  # Approximate size of the coloured squares of floor and walls.
-_MOST_TILES = 90  # Maximum number of squares along a side, which limits the mesh, chosen by hand.
+"""Function that returns linear RGB colours (n, 3) of squares at (n,) columns and rows."""
+_TILE_M = 0.12  # Approximate size of the coloured squares on floor and walls, in metres.
+_MOST_TILES = 90  # Largest number of squares along a side. It limits the size of the mesh. Chosen by hand.
 _BOX = np.array([list(map(int, face)) for face in ["0231", "4576", "0154", "2673", "0462", "1375"]])
-"""Corner indices of a box's faces."""
+"""Corner indices of the faces of a box."""
 _ROOM = {
     "floor": (0, (1, 0, 0), (0, 1, 0)),
     "south": (0, (0, 0, 1), (1, 0, 0)),
@@ -26,7 +26,7 @@ _ROOM = {
     "east": (1, (0, -1, 0), (0, 0, -1)),
     "ceiling": (1, (-1, 0, 0), (0, -1, 0)),
 }
-"""For each plane of the room, its corner (0 lower, 1 upper) and its two axes."""
+"""Corner (0 is the lower, 1 is the upper) and two axes of each plane of the room."""
 
 
 def build_room(scene: SceneFile, collection: bpy.types.Collection, rng: np.random.Generator) -> None:
@@ -45,7 +45,7 @@ def build_room(scene: SceneFile, collection: bpy.types.Collection, rng: np.rando
 def light_room(
     scene: SceneFile, target: bpy.types.Scene, collection: bpy.types.Collection, rng: np.random.Generator
 ) -> None:
-    """Add lamps below the ceiling and a dim world for Cycles and EEVEE."""
+    """Add lamps below the ceiling, and a dim world that Cycles and EEVEE use."""
     low, high = scene.room
     area = float((high - low)[0] * (high - low)[1])
     warmth = rng.uniform(-0.15, 0.15)
@@ -113,27 +113,27 @@ def _make_box(name: str, middle: np.ndarray, half: np.ndarray, angle: float, col
 
 def _make_object(name: str, points: np.ndarray, faces: np.ndarray, colours: np.ndarray) -> bpy.types.Object:
     thing = painted_object(name, points, faces, np.clip(colours, 0, 1), 0.7, smooth=False)
-    # Workbench's only light is the sun, which the ceiling would block.
+    # The only light in Workbench is the sun, and the ceiling would block it.
     thing.display.show_shadows = name.startswith("furniture")
     return thing
 
 
 @dataclass(frozen=True)
 class Light:
-    """Light of a room."""
+    """A room's light."""
 
-    stops: float  # Brightness relative to daylight, not compensated by the camera's exposure.
+    stops: float  # Brightness relative to daylight, which the camera's exposure does not compensate.
     tint: tuple[float, float, float]  # Linear colour of the light.
-    shadow: float  # Darkness of Workbench's shadows, 0..1.
+    shadow: float  # Darkness of Workbench's shadows, 0 to 1.
     gain: float  # Sensor noise relative to daylight.
 
     def set_up(self, scene: bpy.types.Scene) -> None:
-        """Apply exposure and shadows to a scene."""
+        """Apply the light's exposure and shadows to a scene."""
         scene.view_settings.exposure += self.stops
         scene.display.shading.shadow_intensity = self.shadow
 
     def tinted(self, picture: np.ndarray) -> np.ndarray:
-        """Tint an (h, w, 3) picture, 0 to 255 with gamma 2.2, with the light's colour."""
+        """Tint an (h, w, 3) picture (0 to 255, gamma 2.2) in the light's colour."""
         return picture * np.array(self.tint, np.float32) ** np.float32(1 / 2.2)
 
 
@@ -142,4 +142,4 @@ LIGHTS = {
     "dim": Light(-1.2, (1.0, 0.8, 0.55), 0.6, 2.0),
     "night": Light(-2.4, (0.7, 0.85, 1.0), 0.8, 4.0),
 }
-"""Lights by name, chosen by hand."""
+"""Lights by name. Chosen by hand."""

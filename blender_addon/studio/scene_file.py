@@ -1,4 +1,4 @@
-"""Read a shot's scene, and export a Blender scene's cameras as an array."""
+"""Read the scene of a shot, and export the cameras of a Blender scene as a camera array."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from .._exchange.schema import Fields, Shape
 
 FORMAT, VERSION = "manifold_mocap_studio_scene", 1
 _LARGEST = 2.0**31
-"""Upper limit of vertex and label numbers."""
+"""Limit of vertex and label numbers."""
 _ARRAYS = ("base", "offset_m", "faces", "label", "labels", "rest", "room", "walls", "furniture")
 
 
 @dataclass(frozen=True)
 class SceneFile:
-    """N vertices and T triangles of the dressed person, and the room."""
+    """The dressed person, who has N vertices and T triangles, and the room."""
 
-    base: np.ndarray  # (N,) vertex of the body under each vertex.
-    offset_m: np.ndarray  # (N,) distance along its posed normal in metres.
-    faces: np.ndarray  # (T, 3).
-    label: np.ndarray  # (T,) index into ``labels``.
+    base: np.ndarray  # (N,) vertex of the body below each vertex of the person.
+    offset_m: np.ndarray  # (N,) distance from it along its posed normal, in metres.
+    faces: np.ndarray  # (T, 3) vertex indices.
+    label: np.ndarray  # (T,) indices into ``labels``.
     labels: tuple[str, ...]
-    rest: np.ndarray  # (N, 3) vertices of the mean body at rest in metres, Y up, used for patterns.
-    room: np.ndarray  # (2, 3) lower and upper corner, metres.
+    rest: np.ndarray  # (N, 3) rest vertices of the mean body in metres, Y up. Patterns use them.
+    room: np.ndarray  # (2, 3) lower and upper corners in metres.
     walls: bool
-    furniture: np.ndarray  # (P, 4, 3): middle, half sizes, (heading, 0, 0) and colour of each piece.
+    furniture: np.ndarray  # (P, 4, 3): centre, half sizes, (heading, 0, 0), and colour of each piece.
 
 
 def read_scene(path: Path) -> SceneFile:
-    """Read a scene and check that its arrays match."""
+    """Read a scene, and check that its arrays are consistent."""
     fields = Fields(path, read_arrays(path, required=("format", "version", *_ARRAYS)))
     fields.accept_format(FORMAT, VERSION)
     base, faces = _numbers(fields, "base", ("vertices",)), _numbers(fields, "faces", ("triangles", 3))
@@ -59,7 +59,7 @@ _FLIP_YZ = np.diag([1.0, -1.0, -1.0])
 
 
 def array_of_scene(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> dict[str, Any]:
-    """Return the visible perspective cameras of a scene, ordered by name."""
+    """Return a scene's visible perspective cameras, sorted by name."""
     found = sorted((obj for obj in scene.objects if obj.type == "CAMERA" and not obj.hide_get()), key=lambda o: o.name)
     if not found:
         hint = "Add cameras, import a capture, or choose another array."
@@ -73,11 +73,11 @@ def array_of_scene(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> di
 
 
 def _camera(scene: bpy.types.Scene, obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> dict[str, Any]:
-    """Return one camera, with K from Blender's projection matrix.
+    """Return a camera, with K derived from Blender's projection matrix.
 
     The formulas for K use normalised device coordinates ``x = P00 X/z - P02`` and ``y = -P11 Y/z - P12`` of OpenCV's
-    camera frame, and pixels from the centre of the first pixel: ``fx = P00 w/2``, ``cx = (1 - P02) w/2 - 1/2``, ``fy =
-    P11 h/2``, ``cy = (1 + P12) h/2 - 1/2``.
+    camera frame, and pixels measured from the centre of the first pixel: ``fx = P00 w/2``, ``cx = (1 - P02) w/2 -
+    1/2``, ``fy = P11 h/2``, ``cy = (1 + P12) h/2 - 1/2``.
     """
     render = scene.render
     size = obj.data.get("image_size")
