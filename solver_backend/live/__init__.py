@@ -1,1 +1,1 @@
-"""Estimate poses from live points, views and other sources."""
+"""Estimate poses live from points, views and other sources."""

@@ -1,13 +1,14 @@
-"""Receive faces from a phone: packets of Live Link Face (Epic Games) and iFacialMocap.
+"""Receive faces from a phone, as packets of Live Link Face (Epic Games) or iFacialMocap.
 
-Live Link Face sends one big-endian datagram per frame. It has the version 6 (uint8), the names of device and subject
-(each with its length as int32), the frame number (int32), its fraction (float32), the rate as numerator and denominator
-(int32 each), the number of values (uint8) and the values (float32). These are 52 blend shapes in the order of Unreal's
-``EARFaceBlendShape``, and 9 angles of head and eyes. A frame without a face ends before the values.
+Live Link Face sends one big-endian datagram per frame. It contains the version 6 (uint8), the names of the device and
+the subject (each preceded by its length as int32), the frame number (int32), its fraction (float32), the rate as
+numerator and denominator (int32 each), the number of values (uint8) and the values (float32). The values are 52 blend
+shapes in the order of Unreal's ``EARFaceBlendShape``, and 9 angles of the head and the eyes. A frame without a face
+ends before the values.
 
-iFacialMocap sends text: ``NAME-VALUE|NAME-VALUE|…|=head#…|rightEye#…|leftEye#…|`` with values of 0 to 100 (developer
-page, ifacialmocap.com/for-developer). Facemotion3D writes ``&`` for ``-``. The suffixes ``_L`` and ``_R`` become
-ARKit's ``Left`` and ``Right``. Angles of head and eyes are not read.
+iFacialMocap sends text: ``NAME-VALUE|NAME-VALUE|…|=head#…|rightEye#…|leftEye#…|`` with values from 0 to 100 (developer
+page, ifacialmocap.com/for-developer). Facemotion3D writes ``&`` in place of ``-``. The suffixes ``_L`` and ``_R`` are
+converted to ARKit's ``Left`` and ``Right``. The angles of the head and the eyes are ignored.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ from solver_backend.exchange.vmc.sender import IFACIALMOCAP, LIVE_LINK
 from solver_backend.live.port import LARGEST_CHANNEL, MOST_CHANNELS, OneSender, rounded_face
 from solver_backend.live.recordings import FaceRecorder
 
-VERSION = 6  # Version of Live Link Face's packets.
-_LONGEST_NAME = 256  # Longest name of a device or subject in bytes. Chosen by hand.
+VERSION = 6  # Version of Live Link Face packets.
+_LONGEST_NAME = 256  # Longest device or subject name in bytes. Chosen by hand.
 _NAMES = """
     eyeBlinkLeft eyeLookDownLeft eyeLookInLeft eyeLookOutLeft eyeLookUpLeft eyeSquintLeft eyeWideLeft
     eyeBlinkRight eyeLookDownRight eyeLookInRight eyeLookOutRight eyeLookUpRight eyeSquintRight eyeWideRight
@@ -39,24 +40,24 @@ _NAMES = """
     browDownLeft browDownRight browInnerUp browOuterUpLeft browOuterUpRight
     cheekPuff cheekSquintLeft cheekSquintRight noseSneerLeft noseSneerRight tongueOut
 """
-BLEND_SHAPES = tuple(_NAMES.split())  # ARKit's 52 names in the order of the packets.
+BLEND_SHAPES = tuple(_NAMES.split())  # ARKit's 52 names, in the order used in the packets.
 _PAIR = re.compile(r"(\w{1,64})[-&](-?\d{1,6}(?:\.\d{1,9})?)")
 _SIDE = re.compile(r"_[LR]$")
 
 
 class FacePacketInvalid(ValueError):
-    """A packet does not have the app's format."""
+    """A packet is not in the app's format."""
 
 
 class FacePacket(NamedTuple):
     """A face at one time."""
 
-    channels: dict[str, float]  # Value of each channel, usually 0 to 1. Empty if the app detects no face.
-    time: float | None = None  # Seconds on the app's clock, None if it has no clock.
+    channels: dict[str, float]  # Value of each channel, usually 0 to 1. Empty if the app sees no face.
+    time: float | None = None  # Seconds on the app's clock, or None if it has no clock.
 
 
 def decode_live_link(packet: bytes) -> FacePacket:
-    """Decode a Live Link Face packet. Raise ``FacePacketInvalid`` for other packets."""
+    """Decode a packet from Live Link Face. Raise ``FacePacketInvalid`` if it is anything else."""
     if packet[:1] != bytes([VERSION]):
         raise FacePacketInvalid(f"it does not begin with the version {VERSION}")
     at = 1
@@ -79,13 +80,13 @@ def decode_live_link(packet: bytes) -> FacePacket:
         return FacePacket({}, seconds)
     if count < len(BLEND_SHAPES):
         raise FacePacketInvalid(f"it has {count} values, and a face has {len(BLEND_SHAPES)}")
-    if not all(abs(value) < LARGEST_CHANNEL for value in values[: len(BLEND_SHAPES)]):  # NaN is not
+    if not all(abs(value) < LARGEST_CHANNEL for value in values[: len(BLEND_SHAPES)]):  # NaN fails this test
         raise FacePacketInvalid("a value is not valid")
     return FacePacket(dict(zip(BLEND_SHAPES, values, strict=False)), seconds)
 
 
 def decode_ifacialmocap(packet: bytes) -> FacePacket:
-    """Decode an iFacialMocap packet. Raise ``FacePacketInvalid`` for other packets."""
+    """Decode a packet from iFacialMocap. Raise ``FacePacketInvalid`` if it is anything else."""
     try:
         text = packet.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -104,7 +105,7 @@ def decode_ifacialmocap(packet: bytes) -> FacePacket:
 
 
 REQUEST = b"iFacialMocap_sahuasouryya9218sauhuiayeta91555dy3719"
-"""Request after which the app starts sending (ifacialmocap.com/for-developer)."""
+"""Request that makes the app start sending (ifacialmocap.com/for-developer)."""
 _DECODERS: dict[str, Callable[[bytes], FacePacket]] = {LIVE_LINK: decode_live_link, IFACIALMOCAP: decode_ifacialmocap}
 
 
@@ -113,11 +114,11 @@ class FaceFrame(NamedTuple):
 
     time: float  # Seconds since the first frame.
     arrived: float  # ``time.perf_counter()`` on arrival.
-    channels: dict[str, float]  # Value of each channel, empty if no face is detected.
+    channels: dict[str, float]  # Value of each channel. Empty if no face is seen.
 
 
 class FaceAssembly(OneSender[FacePacket, FaceFrame]):
-    """Frames from one phone, without late, repeated or invalid packets."""
+    """Builds frames from the packets of one phone. Late, repeated and invalid packets are dropped."""
 
     words = "Another phone is ignored while the first one sends.", "A packet is not one of this app's"
 
@@ -129,7 +130,7 @@ class FaceAssembly(OneSender[FacePacket, FaceFrame]):
         return _DECODERS[self._scheme](packet)
 
     def _frames(self, content: FacePacket, packet: bytes, arrived: float) -> Iterator[FaceFrame]:
-        # An app without a clock sends equal packets of a still face.
+        # An app that has no clock sends identical packets while a face is still.
         if self._scheme != LIVE_LINK or self.is_next(packet, content.time):
             yield FaceFrame(self.pass_time(content.time, arrived), arrived, content.channels)
 
@@ -145,7 +146,7 @@ def ask_phone(host: str, port: int) -> Callable[[socket.socket], None]:
 
 
 def face_lines(found: Iterable[FaceFrame | EventLine], recorder: FaceRecorder | None = None) -> Iterator[LiveLine]:
-    """Yield the lines of a live face from the items of ``listen``. Each frame is recorded first."""
+    """Convert the items from ``listen`` to the lines of a live face. Each frame is recorded first."""
     number = itertools.count()
     for item in found:
         if isinstance(item, dict):

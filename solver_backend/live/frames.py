@@ -1,4 +1,4 @@
-"""Define the frames of live sources, read points, and drop late frames."""
+"""Define the frames of live sources, read points from lines, and drop late frames."""
 
 from __future__ import annotations
 
@@ -18,52 +18,52 @@ import numpy as np
 from solver_backend.io.markers.live_recording import MOST_POINTS
 from solver_backend.types import MarkerCloud
 
-FARTHEST = 1e8  # Largest plausible coordinate in any unit: 100 km in millimetres.
-_LONGEST_LINE = 1 << 17  # Longest line in bytes: 400 points of three numbers with 100 digits.
+FARTHEST = 1e8  # Largest plausible coordinate in any unit: 100 km expressed in millimetres.
+_LONGEST_LINE = 1 << 17  # Longest line in bytes: 400 points of three numbers that have 100 digits.
 
 
 @dataclass(frozen=True)
 class PointFrame:
-    """Points in one frame."""
+    """The points in one frame."""
 
     time: float  # Seconds on the source's clock.
-    points: np.ndarray  # (N, 3) points in the source's unit and axes.
+    points: np.ndarray  # (N, 3) points in the unit and axes of the source.
     arrived: float  # ``time.perf_counter()`` on arrival, or when a replay read it.
-    fault: str = ""  # Problem of a line without points, or an empty text.
-    due: float | None = None  # ``time.perf_counter()`` at which its pose is due, if later than the arrival.
+    fault: str = ""  # Explains why a line contains no points, or is an empty string.
+    due: float | None = None  # Value of ``time.perf_counter()`` at which its pose is due, if after its arrival.
 
     @property
     def lag_s(self) -> float:
-        """Present delay of its pose in seconds."""
+        """Delay of its pose at this moment, in seconds."""
         return time.perf_counter() - (self.arrived if self.due is None else self.due)
 
 
 @dataclass(frozen=True)
 class ViewMoment:
-    """Detections in C cameras at one time."""
+    """Detections in C cameras at the same time."""
 
     fault: ClassVar[str] = ""
     time: float
-    arrived: float  # ``time.perf_counter()`` on arrival of its last image.
+    arrived: float  # ``time.perf_counter()`` when its last image arrived.
     people: tuple[np.ndarray | None, ...]
-    """(P, K, 3) keypoints of all people per view: x and y in pixels, confidence. None for a skipped view."""
-    times: tuple[float, ...] = ()  # Time of each view's image in seconds, NaN for a skipped view.
+    """(P, K, 3) keypoints of all people in each view: x and y in pixels, and confidence. None if it was skipped."""
+    times: tuple[float, ...] = ()  # Time of each view's image in seconds, NaN if it was skipped.
 
     @property
     def lag_s(self) -> float:
-        """Present delay of its pose in seconds."""
+        """Delay of its pose at this moment, in seconds."""
         return time.perf_counter() - self.arrived
 
 
 def replayed(cloud: MarkerCloud, *, paced: bool = True, repeat: bool = False) -> Iterator[PointFrame]:
-    """Yield a take's frames at the recorded rate, or without waiting."""
+    """Yield the frames of a take, either at the recorded rate or without waiting."""
     for number, due in due_times(len(cloud.positions), cloud.fps, paced=paced, repeat=repeat):
         frame = measured(cloud.positions[number % len(cloud.positions)])
         yield PointFrame(number / cloud.fps, frame, time.perf_counter(), due=due)
 
 
 def due_times(frames: int, fps: float, *, paced: bool, repeat: bool) -> Iterator[tuple[int, float]]:
-    """Yield the number and due ``time.perf_counter()`` of frames, at their rate or without waiting."""
+    """Yield each frame's number and due ``time.perf_counter()``, either at the given rate or without waiting."""
     start = time.perf_counter()
     for number in itertools.count() if repeat and frames else range(frames):
         due = start + number / fps if paced else time.perf_counter()
@@ -73,14 +73,14 @@ def due_times(frames: int, fps: float, *, paced: bool, repeat: bool) -> Iterator
 
 
 def measured(points: np.ndarray) -> np.ndarray:
-    """Return the (N, 3) points that can be markers: finite, and within ``FARTHEST``."""
+    """Return those of the (N, 3) points that can be markers: finite, and within ``FARTHEST``."""
     return points[(np.abs(points) < FARTHEST).all(-1)]
 
 
 def from_lines(stream: BinaryIO, fps: float = 120.0) -> Iterator[PointFrame]:
-    """Yield a frame per line of JSON, or of numbers (time, then x y z per point).
+    """Yield one frame per line, which contains JSON or numbers (time, then x y z of each point).
 
-    Other lines, including text that is not UTF-8, give a frame with a fault. Empty lines and events are skipped.
+    Any other line, such as text that is not UTF-8, gives a frame with a fault. Empty lines and events are skipped.
     """
     number = 0
     while line := stream.readline(_LONGEST_LINE):
@@ -105,7 +105,7 @@ def _parsed(text: str, clock: float) -> tuple[float, np.ndarray]:
         points = np.asarray(values["points"], dtype=np.float64).reshape(-1, 3)
         at = float(values.get("t", clock))
     else:
-        # Avoid an np.array of texts, which needs the memory of the longest one for each.
+        # Do not build an np.array of strings. It would need as much memory for each as for the longest.
         numbers = np.array([float(word) for word in text.replace(",", " ").replace(";", " ").split()])
         if len(numbers) % 3 != 1:
             raise ValueError(f"{len(numbers)} numbers are not a time and points of three each")
@@ -118,14 +118,14 @@ def _parsed(text: str, clock: float) -> tuple[float, np.ndarray]:
     return at, points
 
 
-LATE_S = 0.1  # Frames with a larger delay in seconds are dropped. People notice a delay of this size.
-IN_TIME_S = 0.02  # Dropping ends at this delay in seconds, so that a slow machine does not stay at ``LATE_S``.
-_MOST_WAITING = 512  # Maximum number of waiting frames. A faster source must wait.
-_LOOK_S = 0.2  # Longest uninterrupted wait in seconds, so that signals and a closed reader are noticed.
+LATE_S = 0.1  # Frames delayed by more seconds than this are dropped. People notice such a delay.
+IN_TIME_S = 0.02  # Delay in seconds at which dropping ends, so that a slow machine does not stay at ``LATE_S``.
+_MOST_WAITING = 512  # Maximum number of frames that may wait. A faster source has to wait.
+_LOOK_S = 0.2  # Longest uninterrupted wait in seconds. It ensures that signals and a closed reader are noticed.
 
 
 class KeepUp:
-    """Passes frames on while they are in time, and counts the dropped ones."""
+    """Passes frames on as long as they are in time, and counts those it drops."""
 
     def __init__(self) -> None:
         self.dropped = 0
@@ -133,7 +133,7 @@ class KeepUp:
         self._behind = False
 
     def in_time(self, frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
-        """Yield the frames in time, and none from a delay of ``LATE_S`` to ``IN_TIME_S``."""
+        """Yield frames that are in time. Above a delay of ``LATE_S``, drop frames until it is below ``IN_TIME_S``."""
         for frame in frames:
             self._behind = frame.lag_s > (IN_TIME_S if self._behind else LATE_S)
             if self._behind and not frame.fault:
@@ -143,10 +143,10 @@ class KeepUp:
 
 
 def read_ahead(frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
-    """Yield the frames of a stream in order, each read in a thread as it arrives.
+    """Yield the frames of a stream in order. A thread reads each one as it arrives.
 
-    A frame is due when it arrives or when its sender's clock reaches it, whichever is later. The lines of a file
-    therefore arrive early and are late only by their own clock.
+    A frame is due when it arrives or when the sender's clock reaches its time, whichever is later. The lines of a file
+    therefore arrive early, and are only late relative to their own clock.
     """
     waiting: Queue[PointFrame | BaseException | None] = Queue(_MOST_WAITING)
     gone = Event()
@@ -164,11 +164,11 @@ def read_ahead(frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
                 put(frame)
                 if gone.is_set():
                     return
-        except Exception as error:  # raised again by the consumer
+        except Exception as error:  # raised again in the consumer
             last = error
         put(last)
 
-    # A reader that waits for a line cannot be stopped. As a daemon thread it does not delay the end of the process.
+    # A reader that is waiting for a line cannot be stopped. A daemon thread does not delay the end of the process.
     Thread(target=read, name="read ahead", daemon=True).start()
     anchor: float | None = None
     nothing_waits = waiting.empty()
@@ -177,7 +177,7 @@ def read_ahead(frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
             try:
                 item = waiting.get(timeout=_LOOK_S)
             except Empty:
-                continue  # an endless wait cannot be interrupted on every system
+                continue  # on some systems, a wait without a time limit cannot be interrupted
             if item is None:
                 return
             if isinstance(item, BaseException):

@@ -1,4 +1,4 @@
-"""Receive packets from one sender at a UDP port, and report each kind of fault once."""
+"""Receive packets from one sender on a UDP port, and report each kind of fault once."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.vmc.osc import LONGEST
 from solver_backend.exchange.vmc.sender import VmcAddress
 
-SILENT_S = 2.0  # Seconds without a packet after which a sender is reported as silent. Chosen by hand.
+SILENT_S = 2.0  # Seconds without a packet after which a sender is considered silent. Chosen by hand.
 _LOOK_S = 0.2  # Longest uninterrupted wait in seconds. Chosen by hand.
-_ASK_S = 1.0  # Seconds between requests while the sender is silent. Chosen by hand.
-_RETRY_S = 0.5  # Seconds between attempts at a busy port. Chosen by hand.
-_BUFFER = 1 << 20  # Receive buffer of the system in bytes: one second of the largest bundles.
+_ASK_S = 1.0  # Seconds between requests to a silent sender. Chosen by hand.
+_RETRY_S = 0.5  # Seconds between attempts to open a busy port. Chosen by hand.
+_BUFFER = 1 << 20  # Size of the system's receive buffer in bytes: one second of the largest bundles.
 
 Frame = TypeVar("Frame")
 Content = TypeVar("Content")
-Ask = Callable[[socket.socket], None]  # Asks a sender to start sending, through our socket.
+Ask = Callable[[socket.socket], None]  # Asks a sender through our socket to start sending.
 
 
 def listen(
     address: VmcAddress, assembly: OneSender[Any, Frame], ask: Ask = lambda _: None
 ) -> Generator[Frame | EventLine, None, None]:
-    """Yield frames and events as they arrive, and wait while another program uses the port.
+    """Yield frames and events as they arrive. While another program uses the port, wait.
 
     Raises:
         CommandLineInvalid: this machine does not have the address.
@@ -65,7 +65,7 @@ def _received(
                 silent = True
                 yield event_line("sender_silent", f"No data for {SILENT_S:g} s. Waiting.")
             continue
-        except ConnectionError:  # Windows reports a failure of our earlier packet
+        except ConnectionError:  # Windows reports that one of our earlier packets failed
             continue
         except OSError as error:
             if not broken:
@@ -83,7 +83,7 @@ def _received(
 
 
 def _bound(address: VmcAddress) -> socket.socket | None:
-    """Return a listening socket, None while another program uses the port."""
+    """Return a listening socket, or None while another program uses the port."""
     there = None
     try:
         family, kind, protocol, _, where = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)[0]
@@ -102,29 +102,29 @@ def _bound(address: VmcAddress) -> socket.socket | None:
     return there
 
 
-SENDER_GONE_S = 1.0  # Seconds of silence after which another sender is accepted. Chosen by hand.
-JUMP_S = 1.0  # Largest clock step of a sender in seconds. A larger one means a clock reset. Chosen by hand.
-_LATEST = 8  # Number of recent packets to compare with new ones to find repetitions. Chosen by hand.
-MOST_CHANNELS = 256  # Maximum number of channels of a face. ARKit has 52.
-LARGEST_CHANNEL = 10.0  # Upper limit of face channel values. Usual values are 0 to 1.
+SENDER_GONE_S = 1.0  # Seconds of silence after which a different sender is accepted. Chosen by hand.
+JUMP_S = 1.0  # Largest step of a sender's clock in seconds. A larger step means that it was reset. Chosen by hand.
+_LATEST = 8  # Number of recent packets with which new ones are compared to detect repetitions. Chosen by hand.
+MOST_CHANNELS = 256  # Maximum number of face channels. ARKit has 52.
+LARGEST_CHANNEL = 10.0  # Upper limit of the values of face channels. They are usually 0 to 1.
 
 
 def rounded_face(channels: dict[str, float]) -> dict[str, float]:
-    """Return the channel values of a face rounded for lines."""
+    """Round the channel values of a face for output lines."""
     return {name: round(value, 4) for name, value in channels.items()}
 
 
 class OneSender(ABC, Generic[Content, Frame]):
-    """Builds frames from the packets of one sender in order. Faults are counted by kind."""
+    """Builds frames from the packets of a single sender in order. Faults are counted by kind."""
 
     words: ClassVar[tuple[str, str]]
-    """Messages about packets from another sender, and about invalid ones."""
+    """Messages that report packets from another sender, and invalid packets."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
-        """Number of faults by kind."""
+        """Number of faults of each kind."""
         self.news: list[tuple[str, str]] = []
-        """Kind and sentence of the first fault of each kind. The reader removes them."""
+        """Kind and message of the first fault of each kind. The reader removes them."""
         self._sender: Any = None
         self._heard = -math.inf
         self._before: float | None = None
@@ -132,14 +132,14 @@ class OneSender(ABC, Generic[Content, Frame]):
         self._meet(None)
 
     def _meet(self, sender: Any) -> None:
-        """Forget the packets of the previous sender, but not the time of frames."""
+        """Forget the packets of the previous sender, but not the time of its frames."""
         self._sender = sender
         self._packets: list[bytes] = []
         self._clock: float | None = None
         self._clock_before: float | None = None
 
     def name_once(self, kind: str, message: str) -> None:
-        """Count a fault. Report the first of its kind."""
+        """Count a fault, and report it if it is the first of its kind."""
         if kind not in self.counts:
             self.news.append((kind, message))
         self.counts[kind] += 1
@@ -153,14 +153,14 @@ class OneSender(ABC, Generic[Content, Frame]):
         """Yield the frames that a packet completes."""
 
     def _begins(self, content: Content) -> bool:
-        """Return whether a packet is sufficient to follow its sender."""
+        """Return whether a packet is enough to start following its sender."""
         return True
 
     def take(self, packet: bytes, sender: Any, arrived: float) -> Iterator[Frame]:
-        """Yield the frames that a packet completes. ``arrived`` is its ``time.perf_counter()``."""
+        """Yield the frames that a packet completes. ``arrived`` is the ``time.perf_counter()`` of its arrival."""
         second, invalid = self.words
         other = sender != self._sender
-        if other and arrived - self._heard < SENDER_GONE_S:  # before decoding, because it may send endlessly
+        if other and arrived - self._heard < SENDER_GONE_S:  # before decoding, because another sender may never stop
             return self.name_once("second_sender", second)
         try:
             content = self._decode(packet)
@@ -174,7 +174,7 @@ class OneSender(ABC, Generic[Content, Frame]):
         yield from self._frames(content, packet, arrived)
 
     def is_next(self, packet: bytes, clock: float | None) -> bool:
-        """Return whether a packet is new and, by its clock, not older than the previous one."""
+        """Return whether a packet is new and, according to its clock, not older than the previous one."""
         if packet in self._packets:
             self.name_once("packet_doubled", "A packet arrived twice.")
             return False
@@ -187,11 +187,11 @@ class OneSender(ABC, Generic[Content, Frame]):
         return True
 
     def pass_time(self, clock: float | None, arrived: float) -> float:
-        """Return the seconds from the first frame, by the sender's clock if it was not reset."""
+        """Return the seconds since the first frame, by the sender's clock unless that was reset."""
         if self._before is not None:
             passed = arrived - self._before
             step = None if clock is None or self._clock_before is None else clock - self._clock_before
-            # A small step is kept even if this process paused while packets were buffered.
+            # A small step counts even if this process was paused while packets were buffered.
             if step is not None and step > 0.0 and (step < JUMP_S or abs(step - passed) < JUMP_S):
                 passed = step
             self._time += max(passed, 0.0)

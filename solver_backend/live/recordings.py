@@ -1,4 +1,4 @@
-"""Record live runs item by item. Points become a C3D file, poses a motion, faces a table."""
+"""Record live runs item by item. Points are saved as C3D, poses as a motion, and faces as a table."""
 
 from __future__ import annotations
 
@@ -41,36 +41,36 @@ _AGAIN = "Record again. The unfinished recording is kept."
 
 
 class RecordingFormat(ABC, Generic[Item]):
-    """Converts items to bytes, and a recording to a file."""
+    """Converts items to bytes, and a complete recording to a file."""
 
     pieces: ClassVar[str]
 
     def head(self) -> bytes:
-        """Return the bytes before the first item."""
+        """Return the bytes that precede the first item."""
         return b""
 
     @abstractmethod
     def encode(self, *args: Item.args, **kwargs: Item.kwargs) -> bytes:
-        """Return one item's bytes."""
+        """Return the bytes of one item."""
 
     @abstractmethod
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
-        """Write a recording to a file and remove it. Return whether it had any content.
+        """Convert a recording to a file, then remove the recording. Return whether it had any content.
 
         Raises:
-            FileDamaged: it is not a recording in this format.
+            FileDamaged: the recording is not in this format.
         """
 
 
 @final
 class Recorder(Generic[Item]):
-    """Context manager that appends items to ``PATH.recording`` and finally converts it to ``PATH``.
+    """Context manager that appends items to ``PATH.recording`` and converts it to ``PATH`` at the end.
 
-    The recording keeps all items even if the process is killed. The next run with the same path finishes it.
+    All items are kept even if the process is killed. The next run that uses the same path completes the recording.
     """
 
     def __init__(self, path: Path, form: RecordingFormat[Item], *, overwrite: bool) -> None:
-        # First, because a run that was killed as it finished has left both, and check_output refuses the file.
+        # Do this first. A run killed while it finished leaves both files, and check_output would reject this path.
         self.recovered = recover(path, form.finish)
         self.path = check_output(path, overwrite=overwrite)
         self.unfinished = recording_of(self.path)
@@ -90,7 +90,7 @@ class Recorder(Generic[Item]):
         self._file.append(piece if self._file.written else self._form.head() + piece)
 
     def finish(self) -> None:
-        """Write the file if there is an item, and remove the unfinished recording."""
+        """Write the file if there are any items, and remove the unfinished recording."""
         if self.finished:
             return
         self.finished = True
@@ -108,12 +108,12 @@ class Recorder(Generic[Item]):
 
 
 def recording_of(path: Path) -> Path:
-    """Return the path of a file's unfinished recording."""
+    """Return the path of the unfinished recording that belongs to a file."""
     return path.with_name(path.name + SUFFIX)
 
 
 def recover(path: Path, finish: Callable[[Path, Path], bool]) -> Path | None:
-    """Finish the recording of a killed run. Return the new file, None if there was nothing.
+    """Complete the recording of a run that was killed. Return the new file, or None if there was no recording.
 
     Raises:
         OutputNotWritable: another process is recording, or the disk is full. The recording is not deleted.
@@ -135,25 +135,25 @@ def recover(path: Path, finish: Callable[[Path, Path], bool]) -> Path | None:
 
 
 def pack_head(form: str, version: int, **values: object) -> bytes:
-    """Return the JSON line before rows of numbers."""
+    """Encode the JSON line that precedes the rows of numbers."""
     return json.dumps({"format": form, "version": version, **values}).encode() + b"\n"
 
 
 def pack_row(*parts: Any) -> bytes:
-    """Encode one row of numbers as little-endian float64."""
+    """Encode a row of numbers as little-endian float64."""
     return np.concatenate([np.ravel(part) for part in parts]).astype("<f8").tobytes()
 
 
 def read_rows(
     recording: Path, form: str, version: int, width: Callable[[dict[str, Any]], int]
 ) -> tuple[dict[str, Any], np.ndarray]:
-    """Return the head and the (N, width) rows of a recording. A truncated last row is skipped.
+    """Read the head and the (N, width) rows of a recording. A truncated last row is skipped.
 
     Raises:
-        FileDamaged: it has another format, version or body.
+        FileDamaged: the recording has a different format, version or body.
     """
     head, line, content = recording.read_bytes().partition(b"\n")
-    if not line:  # ended before the first item was complete
+    if not line:  # the run ended before the first item was complete
         return {}, np.zeros((0, 0))
     try:
         found = json.loads(head)
@@ -169,38 +169,38 @@ def read_rows(
 PointRecorder = Recorder[[PointFrame]]
 PoseRecorder = Recorder[[float, np.ndarray, np.ndarray]]
 FaceRecorder = Recorder[[float, dict[str, float]]]
-_FRAMES_AT_ONCE = 512  # Maximum number of frames of points in memory while a recording is finished.
+_FRAMES_AT_ONCE = 512  # Maximum number of frames in memory while a recording of points is completed.
 _POSES, _VERSION, _ROW = "manifold_mocap_live_poses", 1, 4 + 3 * SMPL_HANDS.num_joints
 _RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 72.0, 75.0, 90.0, 100.0, 120.0, 144.0, 200.0, 240.0)
-"""Common frame rates of senders."""
-_NEAR = 0.03  # Largest relative difference between a measured rate and a common one.
-_NEIGHBOURS = 4.0  # Intervals longer than this many usual intervals are pauses and not lost frames. Chosen by hand.
+"""Frame rates that senders commonly use."""
+_NEAR = 0.03  # Largest relative difference between a measured and a common rate.
+_NEIGHBOURS = 4.0  # Longer intervals, in usual intervals, are pauses and not lost frames. Chosen by hand.
 _LEAST_STEP_S = 1e-4  # Smallest time between two poses in seconds. Chosen by hand.
-_SILENCE_S, _CUT_TO_S = 10.0, 1.0  # Longer silences (s) are cut to the second value.
-_GAP_S = 0.1  # Frames further from a received pose (seconds) are marked as interpolated.
+_SILENCE_S, _CUT_TO_S = 10.0, 1.0  # Silences (s) longer than the first value are shortened to the second.
+_GAP_S = 0.1  # Frames further than this (seconds) from a received pose are marked as interpolated.
 
 
 @dataclass(frozen=True)
 class PointsRecording(RecordingFormat[[PointFrame]]):
-    """Live points. Marker readers also open the unfinished file (see ``live_recording``)."""
+    """Records live points. Marker readers can also open the unfinished file (see ``live_recording``)."""
 
     pieces: ClassVar[str] = "frames"
-    fps: float | None = None  # Nominal rate, or None.
+    fps: float | None = None  # Nominal rate, or None if there is none.
     world: Callable[[], np.ndarray | None] = lambda: None
-    """Returns the (3, 3) matrix that converts the points to metres, Z up, None while unknown."""
+    """Returns the (3, 3) matrix that converts the points to metres with Z up, or None while it is unknown."""
 
     def encode(self, frame: PointFrame) -> bytes:
         """Return the block of one frame."""
         return pack_block(LiveBlock(frame.time, frame.points, self.fps, self.world()))
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
-        """Write a C3D file. Points keep their coordinates if the world is unknown."""
+        """Write a C3D file. If the world is unknown, points keep their coordinates."""
         with recording.open("rb") as stream:
             extent = measure_recording(stream)
             world = self.world()
             turn = extent.to_metres if world is None else world
             turn = np.eye(3) if turn is None else np.asarray(turn)
-            # Rows of a scaled rotation: no coordinate grows by more than the sum of a row.
+            # Rows of a scaled rotation: no coordinate can grow by more than the sum over a row.
             reach = extent.largest * float(np.abs(turn).sum(axis=1).max())
             size = C3dSize(extent.frames, unnamed_labels(extent.most), extent.rate, reach)
             stream.seek(0)
@@ -217,7 +217,7 @@ class PointsRecording(RecordingFormat[[PointFrame]]):
 
 
 def record_points(frames: Iterable[PointFrame], recorder: PointRecorder) -> Iterator[PointFrame]:
-    """Yield the same frames after recording them."""
+    """Record frames and yield them unchanged."""
     for frame in frames:
         if not frame.fault:
             recorder.add(frame)
@@ -226,23 +226,23 @@ def record_points(frames: Iterable[PointFrame], recorder: PointRecorder) -> Iter
 
 @dataclass
 class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
-    """Live poses of one sender."""
+    """Records the live poses of one sender."""
 
     pieces: ClassVar[str] = "poses"
     source: str = ""
     person: Callable[[], tuple[Body, np.ndarray]] = lambda: (load_body(), np.zeros(10))
-    """Returns the body and its (10,) shape. Called at the first pose."""
+    """Returns the body and its (10,) shape. It is called when the first pose arrives."""
     _last: float | None = field(default=None, init=False)
     _cut: float = field(default=0.0, init=False)
 
     def head(self) -> bytes:
-        """Return the line that describes body and shape."""
+        """Return the header line, which describes the body and its shape."""
         body, betas = self.person()
         return pack_head(_POSES, _VERSION, body=body.id, betas=np.asarray(betas).tolist(), source=self.source)
 
     def encode(self, time: float, rotvec: np.ndarray, transl: np.ndarray) -> bytes:
-        """Return the row of a pose: ascending seconds, (24, 3) or (52, 3) rotation vectors, and (3,) metres."""
-        if self._last is not None and abs(time - self._last) > _SILENCE_S:  # a silence, or a clock that was set
+        """Encode a pose as a row: increasing seconds, (24, 3) or (52, 3) rotation vectors, and (3,) metres."""
+        if self._last is not None and abs(time - self._last) > _SILENCE_S:  # a silence, or a clock that was reset
             self._cut += time - self._last - _CUT_TO_S
         self._last = time
         turns = np.zeros((SMPL_HANDS.num_joints, 3))
@@ -254,7 +254,7 @@ class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
         """Write a motion with a constant rate (see ``RecordingFormat``)."""
         head, rows = read_rows(recording, _POSES, _VERSION, lambda _: _ROW)
         if len(rows):
-            with np.errstate(invalid="ignore"):  # a damaged row may contain any bytes
+            with np.errstate(invalid="ignore"):  # a damaged row can contain any bytes
                 rows = rows[(np.abs(rows[:, 1:4]) < FARTHEST_M).all(1) & (np.abs(rows[:, 4:]) < LARGEST_TURN).all(1)]
             body = load_body()
             if rows[:, 4 + 3 * FIRST_FINGER :].any():
@@ -274,12 +274,12 @@ class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
 
 
 def ascending_rows(rows: np.ndarray, recording: Path) -> np.ndarray:
-    """Return the rows with ascending seconds in their first column.
+    """Return the rows whose seconds, in the first column, increase.
 
-    After a clock is set back, rows are omitted until it has caught up.
+    If a clock was set back, rows are omitted until it catches up.
 
     Raises:
-        FileDamaged: there are no rows, or they last longer than a recording can.
+        FileDamaged: there are no rows, or they span more time than a recording can.
     """
     rows = rows[np.isfinite(rows[:, 0])]
     latest = np.maximum.accumulate(rows[:, 0])
@@ -294,9 +294,10 @@ def ascending_rows(rows: np.ndarray, recording: Path) -> np.ndarray:
 
 
 def poses_at(times: np.ndarray, rows: np.ndarray, fps: float, betas: np.ndarray, body: Body, source: str) -> Motion:
-    """Return a motion at (F,) regular times, interpolated along great arcs.
+    """Interpolate recorded poses along great arcs to a motion at (F,) regular times.
 
-    Rows (N, 4 + 3 J) are ascending seconds, translation and rotation vectors of the recorded poses.
+    Each of the (N, 4 + 3 J) rows contains the seconds, which increase, the translation and the rotation vectors of a
+    pose.
     """
     after = np.clip(np.searchsorted(rows[:, 0], times), 1, max(len(rows) - 1, 1))
     before, after = after - 1, np.minimum(after, len(rows) - 1)
@@ -316,13 +317,13 @@ def poses_at(times: np.ndarray, rows: np.ndarray, fps: float, betas: np.ndarray,
 
 
 def even_times(times: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return the frame rate of (N,) ascending seconds, and (F,) regular times over their range."""
+    """Return the frame rate of (N,) increasing seconds, and (F,) regular times over the same range."""
     fps = rate_of(times)
     return fps, times[0] + np.arange(round((times[-1] - times[0]) * fps) + 1) / fps
 
 
 def rate_of(times: np.ndarray) -> float:
-    """Return the frame rate of (F,) seconds with jitter and gaps: a common rate, or an integer."""
+    """Return the frame rate of (F,) seconds that have jitter and gaps: a common rate, or a whole number."""
     if len(times) < 2:
         return 60.0
     apart = np.diff(times)
@@ -335,15 +336,15 @@ def rate_of(times: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class FaceRecording(RecordingFormat[[float, dict[str, float]]]):
-    """Channels of a live face.
+    """Records the channels of a live face.
 
-    The table has the column ``time`` in seconds and one column per channel. A missing channel keeps its last value.
+    The table has a ``time`` column in seconds and one column per channel. Missing channels keep their last values.
     """
 
     pieces: ClassVar[str] = "frames"
 
     def encode(self, time: float, channels: dict[str, float]) -> bytes:
-        """Return the line of one frame: its seconds, and the value of each channel."""
+        """Encode a frame as a line: its seconds, and the value of each channel."""
         return json.dumps([round(time, 6), channels]).encode() + b"\n"
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
@@ -351,7 +352,7 @@ class FaceRecording(RecordingFormat[[float, dict[str, float]]]):
         frames: list[tuple[float, dict[str, float]]] = []
         try:
             for line in recording.read_bytes().splitlines(keepends=True):
-                if line.endswith(b"\n"):  # the last one may be truncated
+                if line.endswith(b"\n"):  # the last line may be truncated
                     seconds, channels = json.loads(line)
                     frames.append((float(seconds), {str(name): float(value) for name, value in channels.items()}))
         except (ValueError, TypeError, AttributeError, RecursionError) as error:

@@ -19,13 +19,13 @@ from solver_backend.live.frames import LATE_S, due_times
 from solver_backend.types import Motion
 
 Proportions = Callable[[], tuple[BodyLayout, np.ndarray]]
-"""Returns the layout and the currently known (J, 3) rest joints of the body."""
+"""Returns the layout and the (J, 3) rest joints of the body as currently known."""
 
 
 class PoseSender:
-    """Sends the poses in live lines, as a context manager.
+    """Sends the poses contained in live lines. To be used as a context manager.
 
-    It asks for the proportions before the first pose and when the shape or the fingers become known.
+    It asks for the proportions before the first pose, and again when the shape or the fingers become known.
     """
 
     def __init__(self, address: VmcAddress, proportions: Proportions) -> None:
@@ -36,7 +36,7 @@ class PoseSender:
         self._packets = PacketSender(address)
 
     def watched(self, lines: Iterable[LiveLine]) -> Iterator[LiveLine]:
-        """Yield the lines after sending their poses. Raise MotionInvalid for other bodies."""
+        """Send the poses in the lines, then yield the lines. Raise MotionInvalid if the body is not supported."""
         for line in lines:
             if "event" in line:
                 if line["event"] in ("shape", "fingers"):
@@ -57,14 +57,14 @@ class PoseSender:
         return self._packets.send(self._bundle.encode(self._time(line["t"]), rotvec, np.array(line["trans"])))
 
     def _time(self, t: float) -> float:
-        """Return a time that never decreases, because receivers would ignore the pose as old."""
+        """Return a time that never decreases, because receivers would discard the pose as outdated."""
         if math.isnan(self._clock) or t < self._clock:
             self._shift += (0.0 if math.isnan(self._clock) else self._clock) - t
         self._clock = t
         return t + self._shift
 
     def summary(self) -> dict[str, object]:
-        """Return the address and the number of sent and refused bundles."""
+        """Return the address and the numbers of sent and refused bundles."""
         return {"sent_to": str(self._packets.address), "sent": self._packets.sent, "refused": self._packets.refused}
 
     def __enter__(self) -> PoseSender:
@@ -75,16 +75,16 @@ class PoseSender:
 
 
 def pose_values(rotvec: np.ndarray, transl: np.ndarray) -> PoseValues:
-    """Return (J, 3) rotation vectors and (3,) metres for a line, rounded to 1 µrad and 1 µm."""
+    """Convert (J, 3) rotation vectors and (3,) metres to a line's values, rounded to 1 µrad and 1 µm."""
     root, pose, trans = (np.round(part, 6).ravel().tolist() for part in (rotvec[0], rotvec[1:], transl))
     return {"root": root, "pose": pose, "trans": trans}
 
 
 def replayed_poses(motion: Motion, *, paced: bool = True, repeat: bool = False) -> Iterator[FrameLine]:
-    """Yield a line per frame with all joints of the motion.
+    """Yield one line per frame that contains all joints of a motion.
 
-    ``paced``: play at the motion's rate and skip frames that are more than ``LATE_S`` late. ``repeat``: play in a loop
-    with increasing time.
+    ``paced``: play at the motion's rate, and skip frames that are late by more than ``LATE_S``. ``repeat``: play in a
+    loop, in which time continues to increase.
     """
     vectors = np.concatenate([motion.global_orient, motion.body_pose], axis=1).reshape(motion.num_frames, -1, 3)
     for number, due in due_times(motion.num_frames, motion.fps, paced=paced, repeat=repeat):
@@ -95,6 +95,6 @@ def replayed_poses(motion: Motion, *, paced: bool = True, repeat: bool = False) 
 
 
 def rest_joints(motion: Motion) -> np.ndarray:
-    """Return the (J, 3) rest joints of a motion's body, from its first frame."""
+    """Return the (J, 3) rest joints of a motion's body, based on the first frame."""
     rotvec = np.concatenate([motion.global_orient[0], motion.body_pose[0]]).reshape(-1, 3)
     return unpose(motion.body_layout.parents, rotvec, motion.joints[0], motion.transl[0])

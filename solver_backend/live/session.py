@@ -1,4 +1,4 @@
-"""Run one person live: the loop of lines, events and statistics, and the fit of points."""
+"""Run a live session for one person: the loop of lines, events and statistics, and the fit to points."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from solver_backend.labelling.point_network import PointNetwork, load_network
 from solver_backend.labelling.tracklets import labels_of_frame
 from solver_backend.live.frames import PointFrame, ViewMoment
 
-NEVER = 1.0 / 120.0  # Assumed time step of the first frame in seconds.
-LOST_S = 0.4  # The pose restarts after this time in seconds without a good pose or without a frame.
-_LONGEST_S, _SHORTEST_S = 0.1, 1e-3  # Limits of a time step, in seconds. Chosen by hand.
+NEVER = 1.0 / 120.0  # Time step assumed for the first frame, in seconds.
+LOST_S = 0.4  # Seconds without a good pose or without a frame after which the pose restarts.
+_LONGEST_S, _SHORTEST_S = 0.1, 1e-3  # Limits of a time step in seconds. Chosen by hand.
 
 
 Shown = TypeVar("Shown", PointFrame, ViewMoment)
@@ -36,7 +36,7 @@ Fit = TypeVar("Fit", bound=PersonFollower)
 
 
 class SessionLoop(ABC, Generic[Shown, Fit]):
-    """Runs one person live, with clock, restarts, lines and events. Subclasses fit the moments."""
+    """Runs a live session for one person: clock, restarts, lines and events. Subclasses fit each moment."""
 
     def __init__(self, fit: Fit) -> None:
         self.fit = fit
@@ -45,7 +45,7 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
         self.shown: np.ndarray | None = None
         """(N, 3) points of the last fitted moment in metres, Z up."""
         self.shown_off_m = np.zeros(0)
-        """(N,) distance of each point from the body in metres, NaN if it does not belong to the body."""
+        """(N,) distance of each point from the body in metres, or NaN if it does not belong to the body."""
 
     @abstractmethod
     def _lines(self, moment: Shown, dt: float) -> Iterator[LiveLine]:
@@ -56,12 +56,12 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
         """Forget the pose."""
 
     def proportions(self) -> tuple[BodyLayout, np.ndarray]:
-        """Return the layout and the (J, 3) rest joints of the person as currently known."""
+        """Return the layout and the (J, 3) rest joints of the person, as currently known."""
         subject = self.fit.subject
         return subject.body.layout, subject.body.rest_joints(subject.betas)
 
     def run(self, moments: Iterable[Shown | EventLine]) -> Iterator[LiveLine]:
-        """Yield one line per moment, and events. A moment that cannot be fitted restarts the pose."""
+        """Yield one line per moment, and events. If a moment cannot be fitted, the pose restarts."""
         for moment in moments:
             if isinstance(moment, dict):
                 yield moment
@@ -102,35 +102,35 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
 
 
 def pose_of(frame: PosedFrames) -> PoseValues:
-    """Return a pose for a line."""
+    """Convert a pose to a line's values."""
     root, pose = log_so3(frame.root)[0], log_so3(frame.local)[0].ravel()
     return {"root": rounded(root), "pose": rounded(pose), "trans": rounded(frame.transl[0])}
 
 
 def event(kind: str, message: str, time_s: float) -> EventLine:
-    """Return the line of an event."""
+    """Return a line that reports an event."""
     return event_line(kind, message, None if math.isnan(time_s) else round(time_s, 6))
 
 
 def rounded(values: np.ndarray) -> list[float]:
-    """Return numbers for a line, rounded to 10 µm or µrad."""
+    """Round numbers for a line, to 10 µm or µrad."""
     return np.round(values, 5).tolist()
 
 
 def millimetres(values_m: np.ndarray) -> list[float | None]:
-    """Convert metres to millimetres for a line, None for NaN."""
+    """Convert metres to millimetres for a line. NaN becomes None."""
     return [round(1e3 * value, 1) if math.isfinite(value) else None for value in values_m.tolist()]
 
 
-UNEXPLAINED = 10  # A pose with this many unexplained points is unsure: a second person, a large prop, or a wrong fit.
-OFF_M = 0.08  # A pose is unsure if the median distance of a limb's markers is larger, metres.
-_FEWEST = 3  # Minimum number of points for judging a limb.
+UNEXPLAINED = 10  # Number of unexplained points at which a pose is unsure: a second person, large prop, or wrong fit.
+OFF_M = 0.08  # Median distance of a limb's markers, in metres, above which a pose is unsure.
+_FEWEST = 3  # Minimum number of points by which a limb is judged.
 _PARTS = {"arm": "UPA ELB ELM FRM WRA WRB FIN", "leg": "THI KNE KNM SHN ANK ANM HEE MT5 MT1 TOE"}
 _KEYPOINT_PARTS = {"arm": "shoulder elbow wrist", "leg": "hip knee ankle heel big_toe"}
 
 
 def _limbs_of(names: Sequence[str], parts: Mapping[str, str], sides: Mapping[str, str]) -> dict[str, list[int]]:
-    """Return the indices of each limb among names, from its parts and the prefix of each side."""
+    """Find the indices of each limb among names, given its parts and the prefix of each side."""
     return {
         f"{side} {limb}": [row for row, name in enumerate(names) if name in {f"{prefix}{p}" for p in words.split()}]
         for limb, words in parts.items()
@@ -142,10 +142,10 @@ _LIMBS = _limbs_of(MARKERS, _PARTS, {"left": "L", "right": "R"})
 
 
 def doubts_of(off_m: np.ndarray, unexplained: int, limbs: Mapping[str, list[int]] = _LIMBS) -> str:
-    """Return the reasons for an unsure pose, with numbers, or an empty text.
+    """Return the reasons why a pose is unsure, including numbers, or an empty string.
 
-    ``off_m`` (L,) are the distances of markers or keypoints from the body in metres, NaN where missing. ``limbs`` are
-    the indices of each limb, by default among the 53 markers.
+    ``off_m`` (L,) are the distances from the markers or keypoints to the body in metres, NaN where missing. ``limbs``
+    contains the indices of each limb. By default, these refer to the 53 markers.
     """
     seen = {limb: off_m[rows][np.isfinite(off_m[rows])] for limb, rows in limbs.items()}
     medians = {limb: float(np.median(off)) for limb, off in seen.items() if len(off) >= _FEWEST}
@@ -156,12 +156,12 @@ def doubts_of(off_m: np.ndarray, unexplained: int, limbs: Mapping[str, list[int]
 
 
 def keypoint_limbs(names: Sequence[str]) -> dict[str, list[int]]:
-    """Return the indices of each limb among a detector's keypoints."""
+    """Return the indices of each limb among the keypoints of a detector."""
     return _limbs_of(names, _KEYPOINT_PARTS, {"left": "left_", "right": "right_"})
 
 
 def with_display(line: FrameLine, session: SessionLoop[Any, Any]) -> FrameLine:
-    """Add ``cloud`` and ``cloud_off_mm`` to a line, and ``sigma_mm`` if it has a pose."""
+    """Add ``cloud`` and ``cloud_off_mm`` to a line. If it has a pose, also add ``sigma_mm``."""
     if session.shown is None:
         return line
     line = {**line, "cloud": session.shown.round(4).tolist(), "cloud_off_mm": millimetres(session.shown_off_m)}
@@ -170,12 +170,12 @@ def with_display(line: FrameLine, session: SessionLoop[Any, Any]) -> FrameLine:
     return line
 
 
-KEPT = 16384  # Number of recent latencies in the statistics.
-RATE_S = 1.0  # Time window for the rate in seconds.
+KEPT = 16384  # Number of recent latencies from which statistics are computed.
+RATE_S = 1.0  # Length in seconds of the time window in which the rate is measured.
 
 
 class LiveStatistics:
-    """Counts the lines of a run in constant memory."""
+    """Counts the lines of a run, using constant memory."""
 
     def __init__(self) -> None:
         self.states: Counter[str] = Counter()
@@ -185,7 +185,7 @@ class LiveStatistics:
         self._recent: deque[float] = deque(maxlen=KEPT)
 
     def add(self, line: LiveLine) -> None:
-        """Count a line."""
+        """Add a line to the counts."""
         if "event" in line:
             self.events[str(line["event"])] += 1
             return
@@ -197,7 +197,7 @@ class LiveStatistics:
 
     @property
     def rate_hz(self) -> float:
-        """Number of poses in the last second."""
+        """Number of poses during the last second."""
         while self._recent and self._recent[0] < time.monotonic() - RATE_S:
             self._recent.popleft()
         if len(self._recent) < 2:
@@ -205,7 +205,7 @@ class LiveStatistics:
         return (len(self._recent) - 1) / max(self._recent[-1] - self._recent[0], 1e-6)
 
     def summary(self) -> dict[str, object]:
-        """Return counts of frames, states and events, and statistics of latency and lag."""
+        """Return the counts of frames, states and events, and statistics about latency and lag."""
         data: dict[str, object] = {"frames": sum(self.states.values())}
         data |= {"states": dict(self.states), "events": dict(self.events)}
         for name, values in (("latency", self.latency_ms), ("lag", self.lag_ms)):
@@ -217,27 +217,28 @@ class LiveStatistics:
 
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 AXES = ("z", "y", "x", "-y", "-z", "-x")
-_PEOPLE_M = (0.5, 3.5)  # Plausible extent of a person's markers in metres.
-_CLEARLY = 0.08  # Smallest gain in certainty for an up axis other than z.
+_PEOPLE_M = (0.5, 3.5)  # Range of plausible extents of a person's markers in metres.
+_CLEARLY = 0.08  # Smallest increase in certainty that justifies an up axis other than z.
 _UPRIGHT = 0.1
-"""Weight of a standing person in the certainty of an up axis (see ``up_axis_of``). In eight recorded takes the true
-axis is better than the next one by -0.001 to 0.21. Along wrong axes the head is at most 0.16 trunk lengths above the
-pelvis."""
+"""Weight of the evidence that a person is standing in the certainty of an up axis (see ``up_axis_of``). In eight
+recorded takes, the true axis scores between 0.001 below and 0.21 above the next best one. Along wrong axes, the head is
+at most 0.16 trunk lengths above the pelvis."""
 _HEAD, _PELVIS = (len(LANDMARKS) - len(JOINTS) + JOINTS.index(name) for name in ("head", "pelvis"))
 
 
 def unit_of(points: np.ndarray) -> str | None:
-    """Return the unit in which (N, 3) points have a human size, or None."""
+    """Return the unit in which (N, 3) points have the size of a person, or None."""
     centre = np.median(points, axis=0)
     reach = 2.0 * float(np.quantile(np.linalg.norm(points - centre, axis=-1), 0.9))
     return next((unit for unit, metres in UNITS.items() if _PEOPLE_M[0] < reach * metres < _PEOPLE_M[1]), None)
 
 
 def up_axis_of(frames: list[np.ndarray], network: PointNetwork) -> str:
-    """Return the up axis with the most certain labels, Z unless another is clearly better.
+    """Return the up axis for which labels are most certain. It is Z unless another axis is clearly better.
 
-    The score is ``mean p + w max(0, u)`` with the best probability p of each point and the height u of the head above
-    the pelvis in trunk lengths. The network labels lying people with nearly the same certainty, so u is needed.
+    The score is ``mean p + w max(0, u)``, where p is a point's highest label probability and u is the height of the
+    head above the pelvis in trunk lengths. The network is almost equally certain about people who lie down, so u is
+    needed.
     """
     sure = {}
     for axis in AXES:
@@ -251,14 +252,14 @@ def up_axis_of(frames: list[np.ndarray], network: PointNetwork) -> str:
 
 
 REACH_M, REACH_M_S = 0.03, 2.0
-"""Largest distance of a point from its track's expected position: constant (m) and per time (m/s), chosen by hand."""
-MEMORY_S = 0.7  # Time constant of earlier labels in seconds.
-UNSEEN_S = 0.15  # Longest absence of a lost point in seconds.
-_FLOOR = -6.0  # Smallest log probability of one frame, so that one frame does not outweigh a track. Chosen by hand.
+"""Largest distance from a track's predicted position to a point: constant (m) and per time (m/s). Chosen by hand."""
+MEMORY_S = 0.7  # Time constant in seconds with which earlier labels fade.
+UNSEEN_S = 0.15  # Longest time in seconds for which a lost point may be absent.
+_FLOOR = -6.0  # Lower limit of a frame's log probability, so that it cannot outweigh a track. Chosen by hand.
 
 
 class PointTracks:
-    """Tracks of points over frames."""
+    """Tracks points from frame to frame."""
 
     def __init__(self) -> None:
         self.position = np.zeros((0, 3))
@@ -271,10 +272,10 @@ class PointTracks:
         self.__init__()
 
     def update(self, points: np.ndarray, log_probability: np.ndarray, dt: float) -> np.ndarray:
-        """Return the (N, 54) combined evidence of a frame's points and their tracks.
+        """Return the (N, 54) evidence for each label, combined from this frame's points and their tracks.
 
-        Points are (N, 3) metres with (N, 54) log probabilities of each label in this frame, ``dt`` seconds after the
-        last one.
+        Points are (N, 3) metres, and (N, 54) are the log probabilities of their labels in this frame. It is ``dt``
+        seconds later than the previous one.
         """
         before = self._matched(points, dt)
         known = before >= 0
@@ -295,7 +296,7 @@ class PointTracks:
         return evidence
 
     def _matched(self, points: np.ndarray, dt: float) -> np.ndarray:
-        """Return the (N,) track of each point, with -1 for none. Pairs must be mutually nearest."""
+        """Return the (N,) track of each point, -1 for none. A point and its track must be nearest to each other."""
         found = np.full(len(points), -1)
         if not len(self.position) or not len(points):
             return found
@@ -309,22 +310,22 @@ class PointTracks:
         return found
 
 
-FEWEST = 8  # Minimum number of points, and minimum number of labelled points, in a frame with a pose.
-MOST_READ = 90  # Maximum number of points that the network reads, nearest to the body or to their centre.
-FROZEN_S = 0.5  # A stream counts as frozen after this time in seconds with unchanged points.
-BAD_M = 0.08  # Largest median distance of markers from the body in a good pose, metres.
-SURE = 0.6  # Smallest fraction of a point's evidence for its label. Chosen by hand.
-_WORLD_FRAMES = 5  # Number of frames that decide the up axis. Chosen by hand.
-_TRIAL_FRAMES = 6  # Number of frames to fit for warming up. Chosen by hand.
+FEWEST = 8  # Minimum number of points in a frame that gives a pose, and minimum number of labelled points.
+MOST_READ = 90  # Maximum number of points read by the network: the nearest to the body or to their centre.
+FROZEN_S = 0.5  # Time in seconds after which a stream whose points do not change is considered frozen.
+BAD_M = 0.08  # Largest median distance from the markers to the body in a good pose, in metres.
+SURE = 0.6  # Smallest fraction of the evidence for a point that supports its label. Chosen by hand.
+_WORLD_FRAMES = 5  # Number of frames from which the up axis is determined. Chosen by hand.
+_TRIAL_FRAMES = 6  # Number of frames that are fitted as a warm-up. Chosen by hand.
 
 
 class LiveSession(SessionLoop[PointFrame, LiveFit]):
-    """Fits one person to live points."""
+    """Fits one person to points that arrive live."""
 
     def __init__(
         self, network: PointNetwork, fit: LiveFit, *, unit: str | None = None, up_axis: str | None = None
     ) -> None:
-        """Create a session. Unit and up axis are found from the first frames if None."""
+        """Create a session. If the unit or the up axis is None, it is found from the first frames."""
         super().__init__(fit)
         self.network, self.unit, self.up_axis = network, unit, up_axis
         self.tracks = PointTracks()
@@ -333,10 +334,10 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
         self._last_points: np.ndarray | None = None
         self._still_s = 0.0
         self.to_metres: np.ndarray | None = None
-        """(3, 3) matrix that converts the source's points to metres, Z up. None while unknown."""
+        """(3, 3) matrix that converts the source's points to metres with Z up. None while it is unknown."""
 
     def warm_up(self) -> None:
-        """Fit a few frames of the body at rest and discard them, so that the first real one is not late."""
+        """Fit several frames of a body at rest and discard the results, so that the first real frame is not late."""
         person = self.fit.subject
         trial = LiveSession(self.network, LiveFit(person.body, person.landmarks), unit="m", up_axis="z")
         rest = person.landmarks.anchors.sum(axis=1)[:, [2, 0, 1]]
@@ -377,7 +378,7 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
         markers[labels[named]] = points[named]
         sigma = np.sqrt(np.trace(reading.covariance[0, : len(MARKERS)], axis1=-2, axis2=-1) / 3.0)
         if self.fit.pose is None:
-            self._good = frame.time  # a new start has the same time limit as a lost pose
+            self._good = frame.time  # a new start is given as much time as a lost pose
         found = self.fit.step(markers, reading.positions[0, : len(MARKERS)], sigma, max(dt, 1e-3))
         self.shown_off_m[near[named]] = found.markers_off_m[labels[named]]
         doubts = doubts_of(found.markers_off_m, len(points) - len(named))
@@ -402,7 +403,7 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
         self._good = None
 
     def _find_world(self, frame: PointFrame) -> Iterator[LiveLine]:
-        """Find unit and axis as soon as there are enough frames, and report them."""
+        """Determine the unit and the axis as soon as there are enough frames, and report them."""
         unit = self.unit or unit_of(frame.points)
         if unit is None:
             return
@@ -420,7 +421,7 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
 
 
 def person_fit(subject: Path | None) -> tuple[PointNetwork, LiveFit]:
-    """Return the network and a fit of a person. Raise FileMissing or SubjectInvalid."""
+    """Return the network and the fit for a person. Raise FileMissing or SubjectInvalid."""
     network = load_network()
     if subject is None:
         return network, fit_average_person()

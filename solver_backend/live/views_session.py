@@ -1,4 +1,4 @@
-"""Fit one person to the keypoints of several running cameras."""
+"""Fit one person to keypoints from several live cameras."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from solver_backend.live.frames import ViewMoment
 from solver_backend.live.session import LOST_S, SessionLoop, doubts_of, event, keypoint_limbs, pose_of
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 
-CLEARLY = 0.5  # Limb pairs are exchanged if that reduces their distance at least to this fraction.
-FAR = 0.08  # Pairs closer than this fraction of the person's size are never exchanged, as limbs may cross.
+CLEARLY = 0.5  # Limb pairs are swapped if that reduces their distance to at most this fraction.
+FAR = 0.08  # Pairs whose distance is below this fraction of the person's size are never swapped, as limbs may cross.
 _PARTS = {
     "arms": ("shoulder", "elbow", "wrist", "thumb", "index", "pinky"),
     "legs": ("hip", "knee", "ankle", "heel", "big_toe", "small_toe", "foot_index"),
     "head": ("eye", "eye_inner", "eye_outer", "ear", "mouth"),
 }
-_FEWEST = 2  # Minimum number of visible keypoints of an exchangeable pair.
+_FEWEST = 2  # Minimum number of visible keypoints in a pair that can be swapped.
 
 
 class ExchangedSides:
-    """Finds limb pairs with exchanged sides in a detector's keypoints."""
+    """Finds limb pairs whose sides were swapped by the detector."""
 
     def __init__(self, names: Sequence[str]) -> None:
         rows = {name: row for row, name in enumerate(names)}
@@ -42,10 +42,10 @@ class ExchangedSides:
                 self._pairs.append((np.array(own), np.array(other)))
 
     def put_back(self, seen: np.ndarray, expected: np.ndarray) -> tuple[np.ndarray, int]:
-        """Return one view's (K, 3) keypoints with corrected sides, and the number of corrected pairs.
+        """Correct the sides in one view's (K, 3) keypoints. Return them and the number of corrected pairs.
 
-        Keypoints are x, y and confidence, NaN or confidence 0 where missing. ``expected`` are the (K, 2) pixels of the
-        person's last pose, NaN where unknown.
+        Keypoints are x, y and confidence, with NaN or a confidence of 0 where missing. ``expected`` contains the (K, 2)
+        pixels of the person's last pose, NaN where unknown.
         """
         size = float(np.linalg.norm(np.nanmax(expected, axis=0) - np.nanmin(expected, axis=0)))
         found, count = seen.copy(), 0
@@ -62,15 +62,15 @@ class ExchangedSides:
         return found, count
 
 
-WORLD_MOMENTS = 12  # Number of moments with a person that determine up axis and floor, before the first pose.
-BAD_M = 0.12  # Largest median distance of keypoints from the body in a good pose, metres. Detectors differ by 3 cm.
-STARTS_WITH = 0.8  # Smallest fraction of common keypoints with two agreeing views at the start. Later the pose decides.
-_TRIAL_MOMENTS = 6  # Number of moments for warming up every part.
-SAME_PERSON = 0.5  # Largest median distance of the person's detection, relative to the person's size in the image.
+WORLD_MOMENTS = 12  # Number of moments with a person from which up axis and floor are determined before the first pose.
+BAD_M = 0.12  # Largest median distance from keypoints to the body in a good pose, in metres. Detectors differ by 3 cm.
+STARTS_WITH = 0.8  # Smallest fraction of common keypoints on which two views must agree at the start.
+_TRIAL_MOMENTS = 6  # Number of moments that are processed to warm up all parts.
+SAME_PERSON = 0.5  # Largest median distance to the person's detection, relative to the person's size in the image.
 
 
 class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
-    """Fits one person in front of live cameras."""
+    """Fits one person to the views of live cameras."""
 
     def __init__(
         self,
@@ -80,10 +80,10 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         world: WorldSettings = WorldSettings(),
         up_axis: str | None = None,
     ) -> None:
-        """Create a session. The calibrated cameras are moved to the person's world once that is known.
+        """Create a session. When the person's world becomes known, the calibrated cameras are moved to it.
 
-        ``betas`` (10,) is the shape of a known person. Without an ``up_axis`` of the calibration, Z is up, or the axis
-        of the standing person.
+        ``betas`` (10,) is the shape of a known person. If the calibration has no ``up_axis``, Z or the axis along which
+        the person stands points up.
         """
         super().__init__(LiveViewsFit(load_body(), cameras, joint_set, betas))
         self.cameras, self.joint_set, self.world, self.up_axis = cameras, joint_set, world, up_axis
@@ -94,12 +94,12 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         self._may_start_anew = True
         self._sides = ExchangedSides(joint_set.keypoints)
         self.sides_put_back = 0
-        """Number of limb pairs with corrected sides."""
+        """Number of limb pairs whose sides were corrected."""
         self.chosen: tuple[np.ndarray, np.ndarray] | None = None
         """(C, K, 2) pixels and (C, K) confidence of the person at the last moment."""
 
     def warm_up(self) -> None:
-        """Fit a few moments of a standing body and discard them, so that the first real one is not late."""
+        """Fit several moments of a standing body and discard the results, so that the first real moment is not late."""
         trial = LiveViewsFit(self.fit.subject.body, self.cameras, self.joint_set)
         standing = PosedFrames(UPRIGHT[None], trial.rest, _middle(self.cameras)[None])
         xy = project(self.cameras, pose(trial.subject, standing).points)[:, 0]
@@ -120,7 +120,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
             yield self._nothing(moment, why, "no_person")
             return
         if self.fit.pose is None:
-            self._good = moment.time  # a new start has the same time limit as a lost pose
+            self._good = moment.time  # a new start is given as much time as a lost pose
             share = seen.sum() / max(int(((confidence > 0).sum(0) >= 2).sum()), 1)
             if share < STARTS_WITH:
                 why = f"the views agree on {share:.0%} of their keypoints, so sides may be swapped in one view"
@@ -142,7 +142,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         off_m = float(np.median(self.shown_off_m))
         doubts = doubts_of(found.points_off_m, 0, self._limbs)
         if doubts and self.fit.is_starting and self._may_start_anew:
-            # A start may place an arm wrongly for about a second. Another start may avoid this.
+            # After a start, an arm can be wrong for about a second. Another start may avoid this.
             self._may_start_anew = False
             self.fit.restart()
             return self._nothing(moment, f"starting again: {doubts}", "waiting")
@@ -155,9 +155,9 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         return self._line(moment, state, doubts, **pose_of(found.pose), **counts)
 
     def _person(self, moment: ViewMoment) -> tuple[np.ndarray, np.ndarray]:
-        """Return the person's (C, K, 2) pixels and (C, K) confidence, missing in views without the person.
+        """Return the person's (C, K, 2) pixels and (C, K) confidence, missing in views that do not show the person.
 
-        Exchanged sides are corrected only if the views then agree on more keypoints. Otherwise the pose is wrong.
+        Swapped sides are only corrected if the views then agree on more keypoints. Otherwise, the pose is wrong.
         """
         K, count = self.joint_set.num_keypoints, len(self.cameras.names)
         seen = np.full((count, K, 3), np.nan)
@@ -174,7 +174,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         return _split(seen)
 
     def _agreement(self, seen: np.ndarray) -> int:
-        """Count the (C, K, 3) keypoints with two agreeing views."""
+        """Count the keypoints, given as (C, K, 3), on which two views agree."""
         return int(np.isfinite(np.asarray(self.fit.locate(*_split(seen)).points)).all(-1).sum())
 
     def _enter_world(self, moment: ViewMoment) -> Iterator[EventLine]:
@@ -196,13 +196,13 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
 
 
 def _split(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Split (..., 3) keypoints into px and confidence, missing if a value is."""
+    """Split (..., 3) keypoints into px and confidence. If one value is missing, both are."""
     there = np.isfinite(seen).all(-1) & (seen[..., 2] > 0)
     return np.where(there[..., None], seen[..., :2], np.nan), np.where(there, np.minimum(seen[..., 2], 1.0), 0.0)
 
 
 def _nearest(people: np.ndarray, expected: np.ndarray | None) -> np.ndarray | None:
-    """Return the detected person nearest to (K, 2) pixels, or the largest at the start."""
+    """Return the detected person nearest to the (K, 2) pixels, or the largest person at the start."""
     shown, confidence = _split(people)
     known = np.isfinite(shown).all(-1).any(axis=1)
     if not known.any():

@@ -1,4 +1,4 @@
-"""Receive poses by the VMC protocol and transfer their bones to our body."""
+"""Receive poses by the VMC protocol, and transfer their bones to our body."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ from solver_backend.live.sending import pose_values
 
 FARTHEST_M = 1e4  # Largest plausible distance from the origin in metres.
 FACE = "/VMC/Ext/Blend/Val"
-_LONGEST_NAME = 40  # Longest name from a sender in messages. Chosen by hand.
+_LONGEST_NAME = 40  # Longest part of a sender's name shown in messages. Chosen by hand.
 _FINGERS = ("Thumb", "Index", "Middle", "Ring", "Little")
 
 
 @dataclass(frozen=True)
 class BoneFrame:
-    """Unity humanoid of the sender at one time."""
+    """The sender's Unity humanoid at one time."""
 
-    time: float  # Seconds since the first frame, by the sender's clock if it has one.
-    arrived: float  # ``time.perf_counter()`` on arrival of its first packet.
-    quat: dict[str, np.ndarray]  # (4,) unit quaternion wxyz of each received bone, relative to its parent.
+    time: float  # Seconds since the first frame, on the sender's clock if it has one.
+    arrived: float  # ``time.perf_counter()`` when its first packet arrived.
+    quat: dict[str, np.ndarray]  # (4,) unit quaternion wxyz of each bone received, relative to its parent.
     place: dict[str, np.ndarray]  # (3,) position of the same bones in metres, relative to their parents.
-    root: tuple[np.ndarray, np.ndarray]  # Unit quaternion wxyz and (3,) position (m) of the root, in Unity's world.
+    root: tuple[np.ndarray, np.ndarray]  # Unit quaternion wxyz and (3,) position (m) of the root in Unity's world.
     face: dict[str, float]  # Value of each face channel, usually 0 to 1.
 
 
 class FrameAssembly(OneSender[list[OscMessage], BoneFrame]):
-    """Collects a sender's bones. A frame is complete when all bones arrived or one repeats."""
+    """Collects a sender's bones. A frame is complete when all bones have arrived or one repeats."""
 
     words = "Another sender is ignored while the first one sends.", "A packet is not Open Sound Control"
 
@@ -97,7 +97,7 @@ class FrameAssembly(OneSender[list[OscMessage], BoneFrame]):
         return None if numbers is None else (name, *numbers)
 
     def _numbers(self, message: OscMessage) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return rotation wxyz and position from seven numbers of a message, or None if impossible."""
+        """Return the rotation wxyz and position given by seven numbers in a message, or None if they are impossible."""
         values = [v for v in message.values[1:8] if isinstance(v, float | int) and not isinstance(v, bool)]
         numbers = np.array(values if len(values) == 7 else [math.nan], np.float64)
         length = float(np.linalg.norm(numbers[3:])) if (np.abs(numbers) < FARTHEST_M).all() else 0.0
@@ -108,7 +108,7 @@ class FrameAssembly(OneSender[list[OscMessage], BoneFrame]):
 
     def _add_face(self, message: OscMessage) -> None:
         name, value = (*message.values, None, None)[:2]
-        if isinstance(name, str) and isinstance(value, float) and abs(value) < LARGEST_CHANNEL:  # NaN is not
+        if isinstance(name, str) and isinstance(value, float) and abs(value) < LARGEST_CHANNEL:  # NaN fails this test
             channel = name[:_LONGEST_NAME]
             if len(self._face) < MOST_CHANNELS or channel in self._face:
                 self._face[channel] = value
@@ -126,20 +126,20 @@ def _shown(name: object) -> str:
     return plain(str(name)[:_LONGEST_NAME])
 
 
-_OURS_M = 1e-4  # Largest bone error of our own body in metres. Other bodies differ by centimetres.
+_OURS_M = 1e-4  # Largest bone error, in metres, of our own body. Other bodies differ by centimetres.
 _ROUNDS = 6  # Number of Gauss-Newton steps. Chosen by hand.
-_PULL = 1e-11  # Weight of the mean shape in square metres, for directions that joints do not determine.
+_PULL = 1e-11  # Weight of the mean shape in square metres. It acts where joints do not determine the shape.
 
 
 def own_shape(body: Body, joints: np.ndarray) -> np.ndarray | None:
-    """Return the (10,) shape with these (24, 3) joints in T-pose, or None if the sender has another body.
+    """Return the (10,) shape whose T-pose has these (24, 3) joints, or None if the sender uses another body.
 
-    ``min Σ |b_j(β) - b_j|² + λ |β|²`` is minimised by Gauss-Newton steps. The sum covers the bones b that the T-pose
-    does not rotate, and the lengths ``|b_j|`` of the others: ``d|b| = b/|b| · db``. Missing joints are NaN.
+    Gauss-Newton steps minimise ``Σ |b_j(β) - b_j|² + λ |β|²``. The sum covers the bones b that the T-pose does not
+    rotate, and the lengths ``|b_j|`` of all others: ``d|b| = b/|b| · db``. Missing joints are NaN.
     """
     layout, count = body.layout, len(joints)
     child = np.array([j for j in range(1, count) if np.isfinite(joints[j]).all()])
-    if len(child) < count - 3:  # our own program sends all bones except the knuckles
+    if len(child) < count - 3:  # our own program sends all bones but the knuckles
         return None
     parent = np.array(layout.parents)[child]
     wanted = joints[child] - joints[parent]
@@ -159,11 +159,11 @@ def own_shape(body: Body, joints: np.ndarray) -> np.ndarray | None:
 
 
 _LEGS = (("left_hip", "left_knee", "left_ankle"), ("right_hip", "right_knee", "right_ankle"))
-_SAME = 0.005  # Largest relative difference of leg lengths for which the path is not scaled.
+_SAME = 0.005  # Largest relative difference in leg length at which the path is not scaled.
 
 
 class BonesOnBody:
-    """Transfers a sender's bones to a body of the first frame's shape."""
+    """Transfers a sender's bones to a body whose shape is found from the first frame."""
 
     def __init__(self, body: Body, betas: np.ndarray | None = None) -> None:
         self.body, self.betas = body, betas
@@ -172,7 +172,7 @@ class BonesOnBody:
         self._scale, self._fingers = 1.0, False
 
     def person(self) -> tuple[Body, np.ndarray]:
-        """Return the body and its (10,) shape as currently known."""
+        """Return the body and its (10,) shape, as currently known."""
         return self.body, np.zeros(10) if self.betas is None else self.betas
 
     def proportions(self) -> tuple[BodyLayout, np.ndarray]:
@@ -180,7 +180,7 @@ class BonesOnBody:
         return self.body.layout, self.body.rest_joints(self.person()[1])
 
     def pose(self, frame: BoneFrame) -> tuple[np.ndarray, np.ndarray]:
-        """Return the (J, 3) rotation vectors and (3,) translation of a frame."""
+        """Return the (J, 3) rotation vectors and the (3,) translation for a frame."""
         if self._humanoid is None:
             self._meet(frame)
         if not self._fingers and any(finger in bone for bone in frame.quat for finger in _FINGERS):
@@ -218,7 +218,7 @@ def pose_lines(
     recorder: PoseRecorder | None = None,
     face: FaceRecorder | None = None,
 ) -> Iterator[LiveLine]:
-    """Yield the lines of a live run from the items of ``listen``. Each frame is recorded first."""
+    """Convert the items from ``listen`` to the lines of a live run. Each frame is recorded first."""
     number = itertools.count()
     for item in found:
         if isinstance(item, dict):
@@ -240,13 +240,13 @@ def pose_lines(
 
 
 def _t_joints(frame: BoneFrame, body: Body) -> np.ndarray:
-    """Return the (24, 3) joints of the sender's T-pose, NaN where missing."""
+    """Return the (24, 3) joints of the sender in T-pose, NaN where missing."""
     layout, joints = body.layout, np.full((NUM_JOINTS, 3), np.nan)
     for j, name in enumerate(layout.joints[:NUM_JOINTS]):
         p, place = layout.parents[j], frame.place.get(BONE_OF.get(name, ""))
         if j == 0:
             joints[0] = 0.0
-        elif place is None:  # without an upper chest, neck and shoulders belong to the bone below
+        elif place is None:  # if there is no upper chest, the neck and shoulders belong to the bone below
             joints[j] = joints[p] if name.startswith("spine") else np.nan
         elif np.linalg.norm(place) > 1e-6:
             joints[j] = joints[p] + place * (-1.0, 1.0, 1.0)
