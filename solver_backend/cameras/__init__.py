@@ -1,1 +1,1 @@
-"""Camera models: lens distortion, projection with derivatives, robust triangulation."""
+"""Model cameras: lens distortion, projection with derivatives, and robust triangulation."""

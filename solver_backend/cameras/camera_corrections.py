@@ -1,6 +1,6 @@
-"""Correct calibrations for other image sizes, rotations and conventions.
+"""Correct calibrations made for other image sizes, rotations or conventions.
 
-Each correction changes cameras, never detections, so that footage and keypoints remain unchanged.
+Corrections change cameras but never detections, so that footage and keypoints stay as they are.
 """
 
 from __future__ import annotations
@@ -14,40 +14,40 @@ from solver_backend.exchange.lens import LENS_MODELS
 from solver_backend.types import Cameras
 
 FACTORS = (1.0, 1 / 4, 1 / 3, 3 / 8, 1 / 2, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 2.0, 8 / 3, 3.0, 4.0)
-"""Ratios of recorded to calibrated image sizes: between 480, 540, 720, 1080, 1440 and 2160 lines."""
-TURNS = (0, 1, 2, 3)  # Clockwise rotations by 90 degrees of the recorded images.
+"""Possible ratios of recorded to calibrated image size: between 480, 540, 720, 1080, 1440 and 2160 lines."""
+TURNS = (0, 1, 2, 3)  # Number of clockwise rotations of the recorded images by 90 degrees.
 POSES = ("world to camera", "transposed", "camera to world", "places")
-"""Meanings of a file's rotation R and vector t: ``x_cam = R x + t`` as in OpenCV, ``x_cam = Rᵀ x + t`` as with MATLAB's
-row vectors, ``x = R x_cam + t`` and ``x_cam = R (x - t)``."""
+"""Possible meanings of the rotation R and vector t in a file: ``x_cam = R x + t`` as in OpenCV, ``x_cam = Rᵀ x + t`` as
+with MATLAB's row vectors, ``x = R x_cam + t`` and ``x_cam = R (x - t)``."""
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""Rotation of the camera axes for an image rotated by 90 degrees clockwise."""
+"""Rotation of the camera axes when an image is rotated clockwise by 90 degrees."""
 _GRAPHICS = np.diag([1.0, -1.0, -1.0])
-"""Rotation from the camera axes of OpenGL and Blender (y up, z backward) to OpenCV's (y down, z forward)."""
+"""Rotation from the camera axes used by OpenGL and Blender (y up, z backward) to OpenCV's (y down, z forward)."""
 
 
 Window = tuple[float, float, float]
-"""Pixel aspect ratio of recorded images, and their offsets to the left of and above the calibrated images, in image
-heights. Offsets are negative for cropped images and positive for bars."""
+"""Pixel aspect ratio of the recorded images, and how far they extend beyond the left and top edges of the calibrated
+images, in image heights. The latter are negative for cropped images and positive for images with bars."""
 AS_CALIBRATED: Window = (1.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class CameraCorrection:
-    """One interpretation of a calibration. The default changes nothing."""
+    """A possible interpretation of a calibration. The default changes nothing."""
 
     factor: float = 1.0  # Size of the recorded images relative to the calibrated ones.
-    turn: int = 0  # Clockwise rotations by 90 degrees from the calibrated to the recorded images.
+    turn: int = 0  # Number of clockwise rotations by 90 degrees from the calibrated to the recorded images.
     pose: str = POSES[0]  # One of ``POSES``.
-    graphics: bool = False  # Camera axes are those of OpenGL and Blender.
-    window: Window = AS_CALIBRATED  # Part of the calibrated images that is recorded, before scaling.
+    graphics: bool = False  # True if the camera axes are those of OpenGL and Blender.
+    window: Window = AS_CALIBRATED  # Part of the calibrated images that was recorded, before scaling.
 
     @property
     def changes(self) -> int:
-        """Number of changes."""
+        """Number of changes that the correction makes."""
         return sum(a != b for a, b in zip(astuple(self), astuple(CameraCorrection()), strict=True))
 
     def meaning(self) -> str:
-        """Return the changes as text for users, empty if there are none."""
+        """Describe the changes for users. The text is empty if there are none."""
         parts = [f"the recorded pictures are {each}" for each in _window_words(self.window)]
         if self.factor != 1.0:
             parts.append(f"the recorded pictures are {self.factor:.3g} times as large as the calibrated ones")
@@ -77,7 +77,7 @@ def _window_words(window: Window) -> list[str]:
 
 
 def corrected(cameras: Cameras, corrections: list[CameraCorrection]) -> Cameras:
-    """Return the cameras with one correction per camera."""
+    """Apply one correction per camera, and return the cameras."""
     for c, correction in enumerate(corrections):
         if correction.pose != POSES[0] or correction.graphics:
             cameras = _reposed(cameras, c, correction)
@@ -92,13 +92,13 @@ def corrected(cameras: Cameras, corrections: list[CameraCorrection]) -> Cameras:
 
 
 def unrolled(R: np.ndarray, turns: Sequence[int]) -> np.ndarray:
-    """Return (C, 3, 3) rotations of cameras before their images were rotated by quarter turns."""
+    """Return the (C, 3, 3) rotations that cameras had before their images were rotated by quarter turns."""
     once = [np.linalg.matrix_power(QUARTER.T, turn) for turn in turns]
     return np.stack(once) @ R
 
 
 def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
-    """Return the cameras with one image size (width, height) of the same aspect ratio changed.
+    """Change one camera to another image size (width, height) of the same aspect ratio.
 
     Pixel (0, 0) is a pixel centre, so ``u' + 0.5 = s (u + 0.5)`` px (as in OpenCV's ``resize``).
     """
@@ -111,9 +111,9 @@ def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
 
 
 def _reshaped(cameras: Cameras, c: int, window: Window) -> Cameras:
-    """Change one camera to another image crop: ``u' + 0.5 = s (u + 0.5) + o`` px.
+    """Change one camera to another crop of its image: ``u' + 0.5 = s (u + 0.5) + o`` px.
 
-    The crop does not determine where the images end. Their right and bottom edges do not change.
+    The crop does not say where the images end, so their right and bottom edges stay as they are.
     """
     scale, offset = np.array([window[0], 1.0]), cameras.image_size[c, 1] * np.array(window[1:])
     K, sizes = cameras.K.copy(), cameras.image_size.copy()
@@ -133,24 +133,24 @@ def _reposed(cameras: Cameras, c: int, correction: CameraCorrection) -> Cameras:
 
 
 def _turned_once(cameras: Cameras, c: int) -> Cameras:
-    """Rotate images and camera axes by 90° clockwise: ``u' = h - 1 - v``, ``v' = u`` px."""
+    """Rotate the images and camera axes clockwise by 90°: ``u' = h - 1 - v``, ``v' = u`` px."""
     K, sizes, R, t = cameras.K.copy(), cameras.image_size.copy(), cameras.R.copy(), cameras.t.copy()
     distortion, height = cameras.distortion.copy(), sizes[c, 1]
-    (fx, _, cx), (_, fy, cy) = K[c, 0], K[c, 1]  # a skew, which no lens has today, would leave the upper triangle
+    (fx, _, cx), (_, fy, cy) = K[c, 0], K[c, 1]  # no lens has a skew today, which would leave the upper triangle
     K[c] = [[fy, 0.0, height - 1 - cy], [0.0, fx, cx], [0.0, 0.0, 1.0]]
     R[c], t[c], sizes[c] = QUARTER @ R[c], QUARTER @ t[c], sizes[c, ::-1]
     distortion[c] = LENS_MODELS[cameras.models[c]].turn(distortion[c])
     return replace(cameras, K=K, distortion=distortion, R=R, t=t, image_size=sizes)
 
 
-COMPARED = 16  # Largest number of cameras for which every pair is compared, if a pair is cheap.
+COMPARED = 16  # Largest number of cameras for which all pairs are compared, if a pair is cheap.
 
 
 def compared_pairs(count: int, each: int = COMPARED, neighbours: int = 0) -> list[tuple[int, int]]:
-    """Return pairs (i < j) of ``count`` cameras in ascending order.
+    """Choose pairs (i < j) of ``count`` cameras, in ascending order.
 
-    With more than ``each`` cameras, every camera is paired with the next ``neighbours`` (``each - 1`` if 0) in a
-    circle. All cameras are then connected, and the cost is linear in their number.
+    If there are more than ``each`` cameras, every camera is paired with the next ``neighbours`` (``each - 1`` if 0) in
+    a circle. This connects all cameras at a cost that is linear in their number.
     """
     others = range(1, count if count <= each else (neighbours or each - 1) + 1)
     return sorted({(min(c, d), max(c, d)) for c in range(count) for k in others if (d := (c + k) % count) != c})

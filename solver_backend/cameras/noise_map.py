@@ -1,4 +1,4 @@
-"""Relate a detector's confidence to its deviation in a noise map."""
+"""Use a noise map to convert a detector's confidence to a standard deviation."""
 
 from __future__ import annotations
 
@@ -15,54 +15,54 @@ from solver_backend.types import Keypoints2D
 
 FORMAT = "manifold_mocap_detector_noise"
 SYSTEMATIC_MM = 8.0
-"""Standard deviation in mm per axis of errors unrelated to confidence, as caused by typical calibrations."""
+"""Standard deviation in mm per axis of errors that do not depend on confidence, as typical calibrations cause."""
 USUAL_CONFIDENCE = 0.65
-"""Confidence of an average detection for which the solver's balance of data and priors was chosen."""
-WEIGHTS = (0.02, 20.0)  # Smallest and largest weight of a detection.
-MOST_STEPS = 1000  # Largest number of confidence steps in a file.
-LARGEST_CONFIDENCE = 1e9  # Confidences may be scores of any scale.
-LARGEST_MM = 10_000.0  # Largest deviation of a detector at the person's distance.
+"""Confidence of an average detection, for which the solver's balance between data and priors was chosen."""
+WEIGHTS = (0.02, 20.0)  # Smallest and largest weight that a detection can get.
+MOST_STEPS = 1000  # Maximum number of confidence steps in a file.
+LARGEST_CONFIDENCE = 1e9  # Largest confidence. It is high because confidences may be scores on any scale.
+LARGEST_MM = 10_000.0  # Largest standard deviation of a detection at the person's distance.
 
 
 @dataclass(frozen=True)
 class NoiseMap:
-    """Standard deviation of one detector by confidence in B steps."""
+    """A detector's standard deviation as a function of its confidence, in B steps."""
 
     detector: str
     confidence: np.ndarray
-    """(B,) central confidence of each step, ascending."""
+    """(B,) central confidence of each step, in ascending order."""
     sigma_mm: np.ndarray
-    """(B,) standard deviation per axis at the person's distance, not increasing with confidence."""
+    """(B,) standard deviation per axis at the person's distance. It never increases with confidence."""
     captures: tuple[str, ...] = ()
-    """Names of the measured captures."""
+    """Names of the captures that were measured."""
     detections: int = 0
-    """Number of measured keypoints."""
+    """Number of keypoints that were measured."""
 
     def weight(self, confidence: np.ndarray) -> np.ndarray:
-        """Return the weight of detections with the given confidence. Confidence 0 has weight 0.
+        """Return the weight of detections that have the given confidence. A confidence of 0 has weight 0.
 
-        ``w(c) = w₀ (σ_m² + s²) / (σ(c)² + s²)`` is the inverse variance, with the calibration's error s and the
-        detector's deviation σ. A detection with the map's median deviation σ_m has the typical weight w₀. Better
-        detections may have weights above 1. The solver multiplies squared errors by these weights.
+        ``w(c) = w₀ (σ_m² + s²) / (σ(c)² + s²)`` is the inverse variance, where s is the calibration error and σ is the
+        detector's deviation. A detection with the map's median deviation σ_m gets the usual weight w₀. Better
+        detections can have weights above 1. The solver multiplies squared errors by these weights.
         """
         variance = np.interp(confidence, self.confidence, self.sigma_mm) ** 2 + SYSTEMATIC_MM**2
         usual = np.median(self.sigma_mm) ** 2 + SYSTEMATIC_MM**2
         return np.where(confidence > 0, np.clip(USUAL_CONFIDENCE * usual / variance, *WEIGHTS), 0.0)
 
     def applied(self, keypoints: Keypoints2D, detector: str) -> tuple[Keypoints2D, Diagnostic]:
-        """Return keypoints with confidences replaced by their weights, and a note."""
+        """Replace the confidences of keypoints by their weights. Also return a note about it."""
         note = diagnostic("noise_map_applied", measured=self.detector, keypoints=self.detections, detector=detector)
         return replace(keypoints, confidence=self.weight(keypoints.confidence)), note
 
     def as_dict(self) -> dict[str, object]:
-        """Return plain values."""
+        """Return the noise map as plain values."""
         values: dict[str, object] = {"format": FORMAT, "version": 1, "detector": self.detector}
         values |= {"confidence": np.round(self.confidence, 5).tolist(), "sigma_mm": np.round(self.sigma_mm, 3).tolist()}
         return {**values, "captures": list(self.captures), "detections": self.detections}
 
 
 def read_noise_map(path: Path | str) -> NoiseMap:
-    """Read a noise map."""
+    """Read a noise map from a file."""
     values = read_json_file(path)
     try:
         if not isinstance(values, dict) or values.get("format") != FORMAT:

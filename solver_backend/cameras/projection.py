@@ -1,7 +1,7 @@
-"""Project world points to pixels through distorted lenses, and normalise pixels.
+"""Project world points through distorted lenses to pixels, and convert pixels to normalised coordinates.
 
-Pixels and Jacobians are NaN for points less than ``NEAR_M`` in front of a camera, or beyond the radius at which the
-lens distortion is no longer monotonic (``largest_radius``). The depth is finite for every finite point.
+Pixels and Jacobians are NaN for points less than ``NEAR_M`` in front of a camera, and for points beyond the radius at
+which the lens distortion stops being monotonic (``largest_radius``). The depth of every finite point is finite.
 """
 
 from __future__ import annotations
@@ -25,31 +25,31 @@ ImagePoints = Float[Array, "cameras *batch 2"]  # Pixels, or normalised coordina
 Coordinate = Float[Array, "cameras *batch"]
 Distortion = Float[Array, "cameras 8"]
 Models = tuple[str, ...]
-"""Lens model of each camera, or one for all."""
+"""Lens model of each camera, or a single one for all cameras."""
 
 NEWTON_STEPS = 20
 _RADII = np.tan(np.linspace(0.0, 1.56, 768))
-"""Radii, for angles between 0 and 89.4°, at which the slope of the distortion is computed."""
+"""Radii at which the slope of the distortion is computed, for angles between 0 and 89.4°."""
 
 
 @lru_cache(maxsize=64)
 def cameras_by_model(models: Models) -> tuple[tuple[LensModel, tuple[int, ...]], ...]:
-    """Return each lens model with its cameras, or raise ``CalibrationInvalid``."""
+    """Return each lens model and the cameras that use it, or raise ``CalibrationInvalid``."""
     require_models(models)
     names = dict.fromkeys(models or (DEFAULT_MODEL,))
     return tuple((LENS_MODELS[name], tuple(c for c, other in enumerate(models) if other == name)) for name in names)
 
 
 def is_distorted(distortion: Distortion, models: Models) -> bool:
-    """Return whether any camera of an array is not a pinhole camera."""
+    """Return whether any camera in an array is not a pinhole camera."""
     straight = all(model.is_straight for model, _ in cameras_by_model(models))
     return not straight or bool(array_namespace(distortion).any(distortion != 0))
 
 
 def _by_model(models: Models, compute: Callable[..., Any], *arrays: Array) -> Any:
-    """Return the results of a function of (model, *arrays), called once per model.
+    """Call a function of (model, *arrays) once per model, and combine the results.
 
-    The function returns an array, or nested tuples of arrays, with cameras on the first axis.
+    The function returns an array or nested tuples of arrays, whose first axis is the cameras.
     """
     groups = cameras_by_model(models)
     if len(groups) == 1:
@@ -66,7 +66,7 @@ def _merge(parts: Sequence[Any], at: Sequence[tuple[int, int]]) -> Any:
 
 
 def distort(xy: ImagePoints, distortion: Distortion, models: Models) -> ImagePoints:
-    """Return distorted normalised coordinates, which are valid only within ``largest_radius``.
+    """Distort normalised coordinates. The result is only valid within ``largest_radius``.
 
     Args:
         xy: (C, ..., 2) normalised coordinates x/z and y/z.
@@ -80,7 +80,7 @@ def distort(xy: ImagePoints, distortion: Distortion, models: Models) -> ImagePoi
 def distorted(
     x: Coordinate, y: Coordinate, distortion: Distortion, models: Models
 ) -> tuple[Coordinate, Coordinate, tuple[Coordinate, Coordinate, Coordinate]]:
-    """Distort separate (C, ...) coordinates, and return the symmetric Jacobian's entries."""
+    """Distort (C, ...) coordinates given as x and y. Also return the entries of the symmetric Jacobian."""
 
     def of_model(model: LensModel, x: Array, y: Array, distortion: Array) -> tuple[Array, Array, tuple[Array, ...]]:
         return model.distort(x, y, _coefficients(distortion, x), array_namespace(x))
@@ -89,19 +89,19 @@ def distorted(
 
 
 def largest_radius(distortion: Distortion, models: Models) -> Float[Array, " cameras"]:
-    """Return the radius sqrt(x² + y²) up to which the radial part increases and is invertible.
+    """Return the radius sqrt(x² + y²) up to which the radial part increases, so that it is invertible.
 
-    Beyond it the polynomial decreases, and distant points would appear inside the image. The radius is found on a grid
-    of angles and refined by interpolation. It is infinite if the distortion increases up to 89.4°.
+    Beyond that radius, the polynomial decreases, and distant points would seem to be inside the image. The radius is
+    searched on a grid of angles and refined by interpolation. It is infinite if the distortion increases up to 89.4°.
     """
-    if isinstance(distortion, np.ndarray):  # every projection asks for the same few lenses
+    if isinstance(distortion, np.ndarray):  # every projection asks about the same few lenses
         return _known_radius(distortion.tobytes(), distortion.dtype.str, models)
     return _by_model(models, _largest_radius, distortion)
 
 
 @lru_cache(maxsize=64)
 def _known_radius(distortion: bytes, dtype: str, models: Models) -> np.ndarray:
-    """Return the radii of lenses given as bytes. The array is read-only."""
+    """Return the radii for lenses whose coefficients are given as bytes. The array is read-only."""
     radius = np.asarray(_by_model(models, _largest_radius, np.frombuffer(distortion, dtype).reshape(-1, 8)))
     radius.flags.writeable = False
     return radius
@@ -124,9 +124,9 @@ def _largest_radius(model: LensModel, distortion: Array) -> Array:
 
 
 def undistort_normalised(xy: ImagePoints, distortion: Distortion, models: Models) -> ImagePoints:
-    """Return the (C, ..., 2) coordinates that ``distort`` maps to ``xy``, by Newton's method.
+    """Return the (C, ..., 2) coordinates that ``distort`` maps to ``xy``, computed by Newton's method.
 
-    They are NaN if no point within ``largest_radius`` is mapped to ``xy``.
+    They are NaN if ``distort`` maps no point within ``largest_radius`` to ``xy``.
     """
     xp = array_namespace(xy)
     if not is_distorted(distortion, models):
@@ -151,7 +151,7 @@ def _invert_in_plane(model: LensModel, xy: Array, distortion: Array, limit: Arra
     target = [xp.where(xp.isfinite(part), part, xp.zeros_like(part)) for part in (flat[..., 0], flat[..., 1])]
     guess, limit = [xp.asarray(part, copy=True) for part in target], xp.reshape(limit, (-1, 1))
     k = _coefficients(distortion, guess[0])
-    active = xp.arange(flat.shape[1], device=device_of(xy))  # columns that are not finished in some camera
+    active = xp.arange(flat.shape[1], device=device_of(xy))  # columns that some camera has not finished
     for _ in range(NEWTON_STEPS):
         x, y = _pulled_inside(guess[0][:, active], guess[1][:, active], limit)
         at_x, at_y, (xx, cross, yy) = model.distort(x, y, k, xp)
@@ -171,7 +171,7 @@ def _invert_in_plane(model: LensModel, xy: Array, distortion: Array, limit: Arra
 
 
 def _pulled_inside(x: Array, y: Array, limit: Array) -> tuple[Array, Array]:
-    """Return points moved along their radius to at most 99.9 % of the limit."""
+    """Move points along their radius to within 99.9 % of the limit."""
     xp = array_namespace(x)
     radius = xp.sqrt(x * x + y * y)
     outside = radius > limit
@@ -182,7 +182,7 @@ def _pulled_inside(x: Array, y: Array, limit: Array) -> tuple[Array, Array]:
 
 
 def _coefficients(distortion: Array, like: Array) -> list[Array]:
-    """Return eight arrays (C, 1, ..., 1) that can be broadcast to ``like`` (C, ...)."""
+    """Return eight arrays (C, 1, ..., 1), which can be broadcast to ``like`` (C, ...)."""
     return [_per_camera(distortion[:, i], like) for i in range(8)]
 
 
@@ -192,17 +192,17 @@ def _per_camera(value: Array, like: Array) -> Array:
 
 Points = Float[Array, "*batch 3"]
 
-NEAR_M = 0.01  # Depth below which a point is not projected.
+NEAR_M = 0.01  # Depth in metres below which points are not projected.
 
 
 @dataclass(frozen=True)
 class CameraArrays:
-    """C cameras as unchecked arrays of the caller's kind."""
+    """C cameras as arrays of the caller's type, which are not validated."""
 
     K: Array
     """(C, 3, 3) intrinsic matrices in px."""
     distortion: Array
-    """(C, 8) distortion coefficients."""
+    """(C, 8) lens distortion coefficients."""
     R: Array
     """(C, 3, 3) rotations from world to camera."""
     t: Array
@@ -211,23 +211,23 @@ class CameraArrays:
     width: float = 0.0
     """Mean image width in px."""
     path: CameraPath | None = None
-    """Motion of moving cameras."""
+    """Motion of the cameras if they move."""
 
     @classmethod
     def of(cls, cameras: Cameras, like: Array) -> CameraArrays:
-        """Return the cameras as arrays of the kind of ``like``."""
+        """Convert cameras to arrays of the same type as ``like``."""
         K, distortion, R, t = (constant(a, like) for a in (cameras.K, cameras.distortion, cameras.R, cameras.t))
         path = cameras.path and CameraPath(constant(cameras.path.R, like), constant(cameras.path.t, like))
         return cls(K, distortion, R, t, cameras.models, float(cameras.image_size[:, 0].mean()), path)
 
     def astype(self, precision: Any) -> CameraArrays:
-        """Return the arrays in the given precision, at least single (0.0001 px)."""
+        """Convert the arrays to the given precision, but at least to single (0.0001 px)."""
         K, distortion, R, t = (astype(a, precision) for a in (self.K, self.distortion, self.R, self.t))
         path = self.path and CameraPath(astype(self.path.R, precision), astype(self.path.t, precision))
         return replace(self, K=K, distortion=distortion, R=R, t=t, path=path)
 
     def at(self, frames: Any) -> CameraArrays:
-        """Return the cameras in the frames at these indices or in this slice."""
+        """Return the cameras in the frames that an index array or a slice selects."""
         return self if self.path is None else replace(self, path=self.path.at(frames))
 
 
@@ -237,7 +237,7 @@ AnyCameras = Cameras | CameraArrays
 def project(cameras: AnyCameras, points: Points) -> ImagePoints:
     """Return the (C, ..., 2) pixels of world points: ``K distort((R x + t)/z)``.
 
-    Moving cameras take points (F, ..., 3), one row per frame. Pixels are NaN where not visible (see the module).
+    Moving cameras need points (F, ..., 3), one row per frame. Pixels are NaN where not visible (see the module).
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 6.1, with lens distortion.
     """
@@ -252,7 +252,7 @@ def project(cameras: AnyCameras, points: Points) -> ImagePoints:
 def project_with_jacobian(
     cameras: AnyCameras, points: Points
 ) -> tuple[ImagePoints, Float[Array, "cameras *batch 2 3"], Coordinate]:
-    """Return pixels, their derivatives (C, ..., 2, 3) in px/m, and depths in m."""
+    """Return the pixels, their derivatives (C, ..., 2, 3) in px/m, and the depths in m."""
     K = cameras.K
     xp = array_namespace(K, points)
     x, y, z, valid = _normalised(cameras, points)
@@ -275,9 +275,9 @@ def project_with_jacobian(
 
 
 def undistort(cameras: AnyCameras, xy: ImagePoints) -> ImagePoints:
-    """Return the undistorted normalised coordinates (C, ..., 2) x/z and y/z of pixels.
+    """Convert pixels to undistorted normalised coordinates (C, ..., 2), x/z and y/z.
 
-    They are NaN for NaN pixels, and for pixels to which the lens maps no point. Poses are not used.
+    The result is NaN for NaN pixels, and for pixels to which the lens maps no point. Poses are ignored.
     """
     K = cameras.K
     xp = array_namespace(K, xy)
@@ -289,7 +289,7 @@ def undistort(cameras: AnyCameras, xy: ImagePoints) -> ImagePoints:
 
 
 def _normalised(cameras: AnyCameras, points: Array) -> tuple[Array, Array, Array, Array]:
-    """Return x/z and y/z (zero where invalid), depth and validity, each (C, N)."""
+    """Return x/z and y/z (zero where invalid), the depth and the validity, each of shape (C, N)."""
     xp = array_namespace(cameras.R, points)
     if cameras.path is not None:
         at = xp.reshape(points, (len(cameras.path), -1, 3))
@@ -305,7 +305,7 @@ def _normalised(cameras: AnyCameras, points: Array) -> tuple[Array, Array, Array
 
 
 def _to_pixels(K: Array, x: Array, y: Array, valid: Array) -> Array:
-    """Return ``K (x, y, 1)`` as (C, N, 2), NaN where invalid. K is (C, 3, 3), the others are (C, N)."""
+    """Return ``K (x, y, 1)`` as (C, N, 2), NaN where invalid. K is (C, 3, 3), and all others are (C, N)."""
     xp = array_namespace(K, x)
     u, v = K[:, 0, 0, None] * x + K[:, 0, 1, None] * y + K[:, 0, 2, None], K[:, 1, 1, None] * y + K[:, 1, 2, None]
     px = xp.stack((u, v), axis=-1)

@@ -1,4 +1,4 @@
-"""Correct camera poses with the filmed people, and measure the gain on held-out frames."""
+"""Correct camera poses using the people in view, and measure the improvement on held-out frames."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from solver_backend.geometry.rotations import exp_so3, log_so3, skew
 from solver_backend.types import Cameras, Capture, Keypoints2D
 from solver_backend.types.shapes import Float
 
-FRAMES = 60  # Most frames used to correct cameras, spread over the take.
+FRAMES = 60  # Maximum number of frames from which cameras are corrected, spread over the take.
 _LEAST_EIGENVALUE = 1e-12
-"""Smallest ratio of an eigenvalue to the largest one for which a camera's direction is determined. Chosen by hand."""
+"""Smallest ratio to the largest eigenvalue at which a direction of a camera is determined. Chosen by hand."""
 
 
 def refined_cameras(cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, rounds: int = 6) -> Cameras:
-    """Return cameras whose poses better fit one person's detections (bundle adjustment).
+    """Return cameras whose poses fit one person's detections better (bundle adjustment).
 
-    The world frame is preserved only as far as the given poses are consistent.
+    The world frame is only preserved as far as the given poses are consistent.
 
     Args:
         cameras: C cameras.
@@ -45,7 +45,7 @@ def refined_cameras(cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, ro
 def resected(
     cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, points: np.ndarray, scale_px: float, steps: int = 5
 ) -> Cameras:
-    """Fit camera poses to known points by Gauss-Newton on ``Σ c ρ(r / scale)``.
+    """Fit camera poses to known points by Gauss-Newton steps on ``Σ c ρ(r / scale)``.
 
     A camera moves by ``x_cam ← exp(ω) x_cam + τ``, so ``dx_cam = -[x_cam]x ω + τ``.
 
@@ -54,10 +54,10 @@ def resected(
         xy: (C, F, K, 2) keypoints in px, NaN where missing.
         confidence: (C, F, K) confidences, 0 where missing.
         points: (F, K, 3) world positions in metres, NaN where unknown.
-        scale_px: residual beyond which a detection loses weight.
+        scale_px: residual above which a detection loses weight.
         steps: number of Gauss-Newton steps.
 
-    References: Geman and McClure 1987 (the penalty), Triggs et al. 2000, sec. 7 (resection).
+    References: Geman and McClure 1987 (penalty), Triggs et al. 2000, sec. 7 (resection).
     """
     count = len(cameras)
     flat, target = points.reshape(-1, 3), xy.reshape(count, -1, 2)
@@ -80,18 +80,18 @@ def resected(
 
 
 def _solved(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return the (C, 6, 1) steps, the shortest for a camera with an undetermined pose."""
+    """Return the (C, 6, 1) steps. If a pose is not fully determined, this is the shortest step."""
     try:
         return np.linalg.solve(normal, right)
     except np.linalg.LinAlgError:
         return np.linalg.pinv(normal, rcond=_LEAST_EIGENVALUE, hermitian=True) @ right
 
 
-LEAST_FRAMES = 8  # Fewest frames of a take. Half of them are fitted, the other half are measured.
+LEAST_FRAMES = 8  # Minimum number of frames in a take. One half is used for the fit, the other to measure it.
 WHOLE_HAND = 4.0 / NUM_HAND_POINTS
-"""Weight of a hand point relative to a body point. The common error of a hand's 21 points in a view is half of the
-error of a single point. The 21 points therefore locate a hand as precisely as four independent points
-(docs/research-log/hands.md)."""
+"""Weight of a hand point relative to a body point. The error that a hand's 21 points have in common in a view is half
+as large as the error of a single point. The 21 points therefore locate a hand as precisely as four independent points
+would (docs/research-log/hands.md)."""
 
 
 @dataclass(frozen=True)
@@ -99,31 +99,31 @@ class RefinedCalibration:
     """Cameras before and after the correction."""
 
     cameras: Cameras
-    """C corrected cameras in the original world."""
+    """The C corrected cameras, in the original world."""
     before_px: np.ndarray
-    """(C,) median distance of a view's detections from the triangulated points before the correction."""
+    """(C,) median distance from a view's detections to the triangulated points before the correction."""
     after_px: np.ndarray
-    """(C,) the same distance with the corrected cameras."""
+    """(C,) the same distance for the corrected cameras."""
     moved_mm: np.ndarray
-    """(C,) translation of each camera in mm."""
+    """(C,) distance in mm by which each camera was moved."""
     turned_degrees: np.ndarray
-    """(C,) rotation of each camera in degrees."""
+    """(C,) angle in degrees by which each camera was rotated."""
 
     @property
     def is_better(self) -> bool:
-        """True if the median over the views has decreased."""
+        """True if the median over the views is now smaller."""
         return bool(np.nanmedian(self.after_px) < np.nanmedian(self.before_px))
 
 
 def refine_calibration(capture: Capture) -> RefinedCalibration:
-    """Return camera poses that better fit the detections of all people.
+    """Return camera poses that fit the detections of all people better.
 
-    Every other frame is used for the fit, and the remaining frames measure the gain. A similarity aligns the
-    triangulated points with the points of the given calibration, because detections have no scale.
+    Every second frame is used for the fit, and the remaining frames measure the improvement. Because detections have no
+    scale, a similarity transform aligns the triangulated points with those of the given calibration.
 
     Raises:
         TooFewViews: fewer than two cameras have detections.
-        NoDetections: there are fewer than ``LEAST_FRAMES`` frames, or no person is triangulated in them.
+        NoDetections: there are fewer than ``LEAST_FRAMES`` frames, or they do not allow any person to be triangulated.
     """
     cameras, keypoints = capture.require_multiview()
     if keypoints.num_frames < LEAST_FRAMES:
@@ -149,7 +149,7 @@ def refine_calibration(capture: Capture) -> RefinedCalibration:
 def _with_hands(
     handed: list[Keypoints2D], xy: np.ndarray, confidence: np.ndarray, frames: slice
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return points (C, n, K, 2) and confidences (C, n, K) of bodies, followed by hands."""
+    """Return the points (C, n, K, 2) and confidences (C, n, K) of bodies, followed by those of hands."""
     for hands in (one.hands[:, frames] for one in handed if one.hands is not None):
         flat = hands.reshape(*hands.shape[:2], -1, 3)
         xy = np.concatenate([xy, flat[..., :2]], axis=2)
@@ -158,9 +158,9 @@ def _with_hands(
 
 
 def _in_the_same_world(cameras: Cameras, points: np.ndarray, where: np.ndarray) -> Cameras:
-    """Move cameras by the similarity ``x ↦ s Q x + q`` that maps their (N, 3) points to ``where``.
+    """Move cameras by the similarity transform ``x ↦ s Q x + q`` that maps their (N, 3) points to ``where``.
 
-    A camera ``x_cam = R x + t`` becomes ``R' = R Qᵀ``, ``t' = s t - R' q``, so that its image does not change.
+    A camera ``x_cam = R x + t`` becomes ``R' = R Qᵀ``, ``t' = s t - R' q``, so that its image stays the same.
     """
     both = np.isfinite(points).all(-1) & np.isfinite(where).all(-1)
     s, Q, q = umeyama(points[both], where[both], with_scale=True)
@@ -173,7 +173,7 @@ def view_distances(
     xy: Float[np.ndarray, "views frames keypoints 2"],
     confidence: Float[np.ndarray, "views frames keypoints"],
 ) -> Float[np.ndarray, " views"]:
-    """Return the (C,) median px from detections to triangulated points, NaN without people."""
+    """Return the (C,) median distance in px from detections to triangulated points, NaN if there are no people."""
     points = triangulate(cameras, xy, confidence).points
     px = project(cameras, points)
     off = np.where(confidence > 0, np.linalg.norm(px - xy, axis=-1), np.nan).reshape(len(cameras), -1)
@@ -183,14 +183,14 @@ def view_distances(
 def rotated_back(
     camera: Cameras, px: Float[np.ndarray, "*batch 2"], rotation: Float[np.ndarray, "*turns 3"]
 ) -> Float[np.ndarray, "*batch 2"]:
-    """Return pixels (..., 2) before the camera was rotated by ``exp(rotation)``.
+    """Return the pixels (..., 2) that points had before the camera was rotated by ``exp(rotation)``.
 
     Args:
-        camera: one camera before the rotation.
-        px: (..., 2) pixels of the rotated camera.
+        camera: a single camera before the rotation.
+        px: (..., 2) pixels in the rotated camera.
         rotation: (3,) rotation vector in radians, or (F, 3) for (F, n, 2) pixels.
 
-    Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 8.4 (cameras with one centre).
+    Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 8.4 (cameras that share a centre).
     """
     n = undistort(camera, px[None])[0]
     rays = np.concatenate([n, np.ones_like(n[..., :1])], axis=-1) @ exp_so3(rotation)

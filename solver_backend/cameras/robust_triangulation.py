@@ -1,4 +1,4 @@
-"""Triangulate keypoints robustly: points, covariances, agreeing views, predicted views."""
+"""Triangulate keypoints robustly: points, covariances, agreeing views, and predicted views."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from solver_backend.geometry.small_matrices import (
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float
 
-MOST_VIEWS = 6  # Number of a point's most confident views that form subsets.
-_SMALLEST_DETERMINANT = 1e-5  # ``2 sin²`` of the smallest angle between two rays (0.13°) that locates a point.
+MOST_VIEWS = 6  # Subsets are formed from this many views, those in which a point is most confident.
+_SMALLEST_DETERMINANT = 1e-5  # ``2 sin²`` of the smallest angle between two rays (0.13°) at which they locate a point.
 _NEAREST_M = 1e-12  # Depth above which a point is in front of a camera. Its inverse must not overflow.
 
 
 @dataclass(frozen=True)
 class UndistortedViews:
-    """N points in C undistorted views."""
+    """N points in C views without distortion."""
 
     normalised: Array  # (C, N, 2) undistorted x/z and y/z; zero where unusable.
     weight: Array  # (C, N) confidence, zero where unusable.
@@ -40,10 +40,10 @@ class UndistortedViews:
 
     @cached_property
     def candidates(self) -> list[tuple[Array, Array, Array, Array]]:
-        """Return (3, N) triangulations of subsets of the views, and a mask of existing ones.
+        """Triangulate subsets of the views. Return (3, N) points and a mask of those that exist.
 
-        For each subset also return (C, N) squared residuals in px² in every view, and a (C, N) mask of points in front
-        of the cameras.
+        For each subset, also return the (C, N) squared residuals in px² in every view, and a (C, N) mask of points in
+        front of the cameras.
         """
         xp = array_namespace(self.weight)
         equations = _ray_equations(self)
@@ -61,15 +61,16 @@ class UndistortedViews:
 
 
 def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
-    """Return each point's linear triangulation that agrees best with the views, (N, 3), or NaN.
+    """For each point, return the linear triangulation that agrees best with the views, (N, 3), or NaN.
 
-    The candidates are all usable views, all but one, and every pair of the ``MOST_VIEWS`` most confident views. The
-    criterion is ``Σ ½ (1 + confidence) r²/(r² + scale²)`` over all views with residuals r in pixels (Geman and McClure
-    1987). Two views of low confidence outvote a confident one. Between equal numbers of views confidence decides.
+    The candidates use all usable views, all but one, and every pair among the ``MOST_VIEWS`` most confident views. The
+    criterion is ``Σ ½ (1 + confidence) r²/(r² + scale²)`` over all views, where r is the residual in pixels (Geman and
+    McClure 1987). Two views of low confidence outvote a confident one. Between groups of equally many views, confidence
+    decides.
 
     Args:
         views: C views of N points.
-        scale_px: (N,) residual beyond which a view has little weight.
+        scale_px: (N,) residual above which a view has little weight.
     """
     xp = array_namespace(views.weight)
     votes = xp.where(views.weight > 0, 0.5 + 0.5 * views.weight, xp.zeros_like(views.weight))
@@ -83,9 +84,10 @@ def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
 
 
 def _ray_equations(views: UndistortedViews) -> Array:
-    """Return (9, C, N): the six entries of ``Q = w (I - d dᵀ)`` and ``Q o`` for rays ``o + s d``.
+    """Return (9, C, N) values: six entries of ``Q = w (I - d dᵀ)`` and three of ``Q o`` for each ray ``o + s d``.
 
-    ``Σ Q x = Σ Q o`` gives the point with least squared distance from the rays (midpoints, Hartley and Sturm 1997).
+    ``Σ Q x = Σ Q o`` gives the point whose squared distances from the rays have the smallest sum (midpoint method,
+    Hartley and Sturm 1997).
     """
     xp = array_namespace(views.weight)
     w = xp.where(views.weight > 0, xp.ones_like(views.weight), xp.zeros_like(views.weight))
@@ -101,7 +103,7 @@ def _ray_equations(views: UndistortedViews) -> Array:
 
 
 def _solve(system: Array) -> tuple[Array, Array]:
-    """Return (3, N) solutions of the symmetric systems (9, N) by Cramer's rule, and a mask of valid ones."""
+    """Solve the symmetric systems (9, N) by Cramer's rule. Return (3, N) solutions and a mask of the valid ones."""
     xp = array_namespace(system)
     a, b, c, d, e, f, u, v, w = (system[i] for i in range(9))
     aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
@@ -114,7 +116,7 @@ def _solve(system: Array) -> tuple[Array, Array]:
 
 
 def _squared_residuals(views: UndistortedViews, point: Array) -> tuple[Array, Array]:
-    """Return (C, N) squared residuals of points (3, N) in px², and a mask of points in front of the views."""
+    """Return the (C, N) squared residuals of points (3, N) in px², and a mask of points in front of the views."""
     xp = array_namespace(point)
     camera = xp.matmul(views.R, point) + views.t[:, :, None]
     z = camera[:, 2]
@@ -125,27 +127,27 @@ def _squared_residuals(views: UndistortedViews, point: Array) -> tuple[Array, Ar
     return ex * ex + ey * ey, front
 
 
-INLIER_SIGMAS = 3.5  # A view is rejected beyond this many standard deviations (0.2 % of good detections).
+INLIER_SIGMAS = 3.5  # Number of standard deviations beyond which a view is rejected (0.2 % of good detections).
 ROBUST_SIGMAS = 3.0  # Scale of the Geman-McClure weights.
 ROBUST_STEPS, FINAL_STEPS = 6, 3
 _LONGEST_STEP_M = 0.5
 _ROUGHLY_M, _SETTLED_M = 3e-4, 1e-6
-"""Largest movement in metres of a converged point, before agreeing views are chosen and at the end."""
+"""Largest movement in metres at which a point has converged, before agreeing views are chosen and at the end."""
 
 
 def fit_points(
     arrays: CameraArrays, px: Array, weight: Array, spread: Array, views: UndistortedViews | None = None
 ) -> tuple[Array, Array, Array]:
-    """Return points (N, 3), agreeing views (C, N) and distances of all detections in px.
+    """Return the points (N, 3), the agreeing views (C, N) and the distances of all detections in px.
 
     Args:
         arrays: C cameras.
         px: (C, N, 2) detections in px.
         weight: (C, N) confidence, zero where missing.
         spread: (N,) standard deviation of the detections in px.
-        views: ``undistorted_views`` of these detections, if known.
+        views: result of ``undistorted_views`` for these detections, if already known.
 
-    References: Hartley and Sturm 1997 (the reprojection error of a point), Geman and McClure 1987 (the penalty).
+    References: Hartley and Sturm 1997 (reprojection error of a point), Geman and McClure 1987 (penalty).
     """
     xp, scale_px = array_namespace(px), ROBUST_SIGMAS * spread
     start = best_candidate(views or undistorted_views(arrays, px, weight), scale_px)
@@ -157,7 +159,7 @@ def fit_points(
 
 
 def undistorted_views(arrays: CameraArrays, px: Array, weight: Array) -> UndistortedViews:
-    """Return (C, N, 2) detections as input of the linear triangulation."""
+    """Prepare (C, N, 2) detections for linear triangulation."""
     xp = array_namespace(px)
     normalised = undistort(arrays, px)
     usable = (weight > 0) & all_coordinates(xp.isfinite(normalised))
@@ -169,10 +171,10 @@ def undistorted_views(arrays: CameraArrays, px: Array, weight: Array) -> Undisto
 def _refine(
     arrays: CameraArrays, px: Array, weight: Array, points: Array, scale_px: Array | None, steps: int, settled_m: float
 ) -> Array:
-    """Return points (N, 3) after Gauss-Newton steps on the reprojection error.
+    """Refine points (N, 3) by Gauss-Newton steps on the reprojection error.
 
-    ``scale_px`` (N,) is the scale of the Geman-McClure weights ``(1 + r²/scale²)⁻²``. None is plain least squares. A
-    point that moves less than ``settled_m`` is finished.
+    ``scale_px`` (N,) is the scale of the Geman-McClure weights ``(1 + r²/scale²)⁻²``. None means ordinary least
+    squares. A point is finished when it moves by less than ``settled_m``.
     """
     xp = array_namespace(px)
     active = xp.arange(points.shape[0])
@@ -193,7 +195,7 @@ def _refine(
 
 
 def _bounded(step: Array) -> Array:
-    """Return steps shortened to half a metre, zero where not finite."""
+    """Limit steps to half a metre. Steps that are not finite become zero."""
     xp = array_namespace(step)
     step = xp.where(xp.isfinite(step), step, xp.zeros_like(step))
     length = xp.sqrt(squared_length(step))[..., None]
@@ -202,7 +204,7 @@ def _bounded(step: Array) -> Array:
 
 
 def _errors(arrays: CameraArrays, px: Array, weight: Array, points: Array) -> tuple[Array, Array, Array]:
-    """Return errors (C, N, 2), Jacobians (C, N, 2, 3) and a (C, N) mask of seen detections."""
+    """Return the errors (C, N, 2), the Jacobians (C, N, 2, 3) and a (C, N) mask of detections that count."""
     xp = array_namespace(px)
     projected, J, _ = project_with_jacobian(arrays, points)
     seen = (weight > 0) & xp.isfinite(projected[..., 0])
@@ -212,7 +214,7 @@ def _errors(arrays: CameraArrays, px: Array, weight: Array, points: Array) -> tu
 
 
 def _normal_equations(J: Array, w: Array, error: Array) -> tuple[Array, Array]:
-    """Return ``Σ w JᵀJ`` (N, 3, 3) and ``Σ w Jᵀe`` (N, 3) over the views."""
+    """Return the sums ``Σ w JᵀJ`` (N, 3, 3) and ``Σ w Jᵀe`` (N, 3) over the views."""
     xp = array_namespace(J)
     count, coordinates = J.shape[1], 2 * J.shape[0]
     rows = xp.reshape(xp.permute_dims(J, (1, 0, 2, 3)), (count, coordinates, 3))
@@ -223,7 +225,7 @@ def _normal_equations(J: Array, w: Array, error: Array) -> tuple[Array, Array]:
 
 
 def _agreeing(arrays: CameraArrays, px: Array, weight: Array, points: Array, spread: Array) -> tuple[Array, Array]:
-    """Return the inliers (C, N) and all distances (C, N) in px, NaN without a detection."""
+    """Return the inliers (C, N) and the distances (C, N) of all detections in px, NaN where there are none."""
     xp = array_namespace(px)
     error, _, seen = _errors(arrays, px, weight, points)
     distance = xp.sqrt(squared_length(error))
@@ -231,9 +233,9 @@ def _agreeing(arrays: CameraArrays, px: Array, weight: Array, points: Array, spr
 
 
 def covariance_of(arrays: CameraArrays, weight: Array, points: Array, spread: Array) -> Array:
-    """Return the (N, 3, 3) covariance of the estimator in m², NaN below two weighted views.
+    """Return the (N, 3, 3) covariance of the estimator in m², NaN if fewer than two views have weight.
 
-    The covariance is ``σ² A⁻¹ (Σ w² JᵀJ) A⁻¹`` with ``A = Σ w JᵀJ`` (Huber 1967, the sandwich estimator).
+    The covariance is ``σ² A⁻¹ (Σ w² JᵀJ) A⁻¹`` with ``A = Σ w JᵀJ`` (sandwich estimator, Huber 1967).
     """
     xp = array_namespace(weight)
     zero = xp.zeros_like(weight)
@@ -247,19 +249,19 @@ def covariance_of(arrays: CameraArrays, weight: Array, points: Array, spread: Ar
 
 
 START_SHARE = 0.001
-"""Initial noise relative to the image width. It is small, so that outliers never count as noise."""
+"""Initial noise relative to the image width. It is small, so that outliers are never attributed to noise."""
 SMALLEST_SIGMA_PX = 0.1
 NOISE_ROUNDS = 8
-"""Number of rounds. An initial value that is too small grows by a factor of about 1.8 per round, because inliers then
-fill the allowed range.
+"""Number of rounds. If the initial value is too small, it grows by a factor of about 1.8 per round, because inliers
+then fill the allowed range.
 """
-_SETTLED_SHARE = 0.05  # Change of the noise below which it is measured.
-_ENOUGH_SHARE = 0.2  # Share of the points with three agreeing views from which other points are ignored.
-_SAMPLES = 5_000, 20_000  # Observations for measuring the noise, first roughly and then precisely.
+_SETTLED_SHARE = 0.05  # Relative change of the noise below which the estimate is final.
+_ENOUGH_SHARE = 0.2  # If this fraction of the points has three agreeing views, all other points are ignored.
+_SAMPLES = 5_000, 20_000  # Number of observations from which the noise is estimated, first roughly and then precisely.
 
 
 def flat_views(xy: Array, confidence: Array, sigma: Array) -> tuple[Array, Array, Array]:
-    """Return px (C, N, 2), weights (C, N) and noise (N,) for N = F K points."""
+    """Flatten (F, K) to N = F K points. Return px (C, N, 2), weights (C, N) and noise (N,)."""
     xp = array_namespace(xy)
     shape = (int(xy.shape[0]), int(xy.shape[1] * xy.shape[2]))
     px, weight = xp.reshape(xy, (*shape, 2)), xp.reshape(confidence, shape)
@@ -269,13 +271,13 @@ def flat_views(xy: Array, confidence: Array, sigma: Array) -> tuple[Array, Array
 
 
 def measure_noise(arrays: CameraArrays, xy: Array, confidence: Array) -> Array:
-    """Estimate (K,) standard deviations from the distances of inliers in a sample of frames."""
+    """Estimate the (K,) standard deviations from the distances of inliers in a sample of frames."""
     views, frames, keypoints = (int(n) for n in xy.shape[:3])
     sigma = constant([START_SHARE * arrays.width] * keypoints, xy)
     samples: dict[int, tuple[Array, Array, UndistortedViews]] = {}
     for sample in _SAMPLES:
         skip = max(1, views * frames * keypoints // sample)
-        if skip not in samples:  # a short take is its own sample both times
+        if skip not in samples:  # in a short take, both samples are the whole take
             px, weight, _ = flat_views(xy[:, ::skip], confidence[:, ::skip], sigma)
             samples[skip] = px, weight, undistorted_views(arrays, px, weight)  # the same in all rounds
         sigma = _settled(arrays, *samples[skip], sigma)
@@ -283,7 +285,7 @@ def measure_noise(arrays: CameraArrays, xy: Array, confidence: Array) -> Array:
 
 
 def _settled(arrays: CameraArrays, px: Array, weight: Array, views: UndistortedViews, sigma: Array) -> Array:
-    """Return (K,) standard deviations of (C, N) observations after repeated estimation."""
+    """Return the (K,) standard deviations of (C, N) observations, estimated repeatedly until they settle."""
     xp, keypoints = array_namespace(px), int(sigma.shape[0])
     for _ in range(NOISE_ROUNDS):
         before = sigma
@@ -295,11 +297,11 @@ def _settled(arrays: CameraArrays, px: Array, weight: Array, views: UndistortedV
 
 
 def _spread_of(distance: Array, inliers: Array, otherwise: Array) -> Array:
-    """Return (K,) standard deviations from the sums of squares of N = F K points.
+    """Return the (K,) standard deviations, computed from sums of squares over N = F K points.
 
-    A point with V views has 2 V coordinates and 3 unknowns. ``Σ r²/σ²`` therefore has a χ² distribution with ``n = 2V -
-    3`` degrees of freedom and the median ``n (1 - 2/(9n))³`` (Wilson and Hilferty 1931). Only points with three or more
-    views are used, unless there are too few of them.
+    A point in V views has 2 V coordinates and 3 unknowns. ``Σ r²/σ²`` therefore follows a χ² distribution with ``n = 2V
+    - 3`` degrees of freedom, whose median is ``n (1 - 2/(9n))³`` (Wilson and Hilferty 1931). Only points in three or
+    more views are used, unless there are too few.
     """
     xp = array_namespace(distance)
     keypoints = int(otherwise.shape[0])
@@ -323,27 +325,27 @@ def _median(values: Array, otherwise: float) -> float:
 
 STAGE = "Triangulating"
 LARGEST_SIGMA_M = 0.3
-"""Largest standard deviation of a triangulated point."""
-_CHUNK = 32_000  # Observations to process at once, which fit into the cache.
+"""Largest standard deviation that a triangulated point may have."""
+_CHUNK = 32_000  # Number of observations processed at once. They fit into the cache.
 
 
 @dataclass(frozen=True)
 class Triangulation:
-    """K keypoints triangulated from C views over F frames."""
+    """K keypoints, triangulated from C views over F frames."""
 
     points: Float[Array, "frames keypoints 3"]
-    """(F, K, 3) world positions in metres, NaN if fewer than two views agree or the point is uncertain."""
+    """(F, K, 3) world positions in metres, NaN if fewer than two views agree or the position is too uncertain."""
     covariance: Float[Array, "frames keypoints 3 3"]
-    """(F, K, 3, 3) covariance in m² from the inliers' noise, NaN with the point."""
+    """(F, K, 3, 3) covariance in m², based on the noise of the inliers. NaN where the point is NaN."""
     inliers: Bool[Array, "views frames keypoints"]
-    """(C, F, K) mask of views from which the point was computed."""
+    """(C, F, K) mask of the views from which each point was computed."""
     residual_px: Float[Array, "views frames keypoints"]
-    """(C, F, K) distance in px from every detection to the projected point, NaN if one is missing."""
+    """(C, F, K) distance in px between each detection and the projected point, NaN if either is missing."""
     sigma_px: Float[Array, " keypoints"]
-    """(K,) standard deviation of the detections in px, given or estimated."""
+    """(K,) standard deviation of the detections in px, as given or estimated."""
 
     def of_keypoints(self, columns: np.ndarray) -> Triangulation:
-        """Return the keypoints at the given columns, in NumPy."""
+        """Select the keypoints in the given columns, as NumPy arrays."""
         points, covariance = (np.asarray(a)[:, columns] for a in (self.points, self.covariance))
         inliers, residual_px = (np.asarray(a)[:, :, columns] for a in (self.inliers, self.residual_px))
         return Triangulation(points, covariance, inliers, residual_px, np.asarray(self.sigma_px)[columns])
@@ -356,29 +358,30 @@ def triangulate(
     sigma_px: float | Float[Array, " ..."] | None = None,
     progress: Progress = silent,
 ) -> Triangulation:
-    """Triangulate keypoints, rejecting views that do not agree.
+    """Triangulate keypoints and reject views that do not agree.
 
-    The best of many linear triangulations (see ``best_candidate``) is refined by Gauss-Newton on ``Σ confidence
-    ρ(r/σ)`` with the reprojection error r in pixels and the Geman-McClure penalty ρ. Views beyond ``INLIER_SIGMAS`` are
-    then rejected, and the rest is solved without ρ. The covariance of the weighted estimator is ``σ² A⁻¹ (Σ c² JᵀJ)
-    A⁻¹`` with ``A = Σ c JᵀJ`` over the inliers. Points are NaN if fewer than two views agree, or if the standard
-    deviation along the worst axis exceeds ``LARGEST_SIGMA_M`` (nearly parallel rays).
+    The best of many linear triangulations (see ``best_candidate``) is refined by Gauss-Newton steps on ``Σ confidence
+    ρ(r/σ)``, where r is the reprojection error in pixels and ρ is the Geman-McClure penalty. Then views beyond
+    ``INLIER_SIGMAS`` are rejected, and the remaining ones are solved without ρ. The covariance of the weighted
+    estimator is ``σ² A⁻¹ (Σ c² JᵀJ) A⁻¹`` with ``A = Σ c JᵀJ`` over the inliers. Points are NaN if fewer than two views
+    agree, or if the standard deviation along the worst axis exceeds ``LARGEST_SIGMA_M`` (nearly parallel rays).
 
-    If one of three views is wrong along an epipolar line, two pairs agree equally well, and the more confident wins.
+    If one of three views is wrong along an epipolar line, two pairs agree equally well, and the more confident one
+    wins.
 
     Args:
         cameras: C cameras.
         xy: (C, F, K, 2) keypoints in px, NaN where missing.
         confidence: (C, F, K) confidences, 0 where missing.
-        sigma_px: standard deviation of a detection's coordinate in px, scalar or (K,). None estimates it.
+        sigma_px: standard deviation of each coordinate of a detection in px, a scalar or (K,). None estimates it.
         progress: called after each block of frames.
 
     Raises:
         TooFewViews: there are fewer than two cameras.
-        CalibrationMismatch: ``xy`` has another number of views than there are cameras.
+        CalibrationMismatch: the number of views in ``xy`` differs from the number of cameras.
         KeypointCountMismatch: the shapes of ``xy`` and ``confidence`` differ.
 
-    References: Geman and McClure 1987 (ρ), Huber 1967 (the covariance).
+    References: Geman and McClure 1987 (ρ), Huber 1967 (covariance).
     """
     _check(cameras, xy, confidence)
     progress(STAGE, 0, 1)
@@ -404,7 +407,7 @@ def triangulate(
 def _triangulate_frames(
     arrays: CameraArrays, xy: Array, confidence: Array, sigma: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Return points, covariance, inliers and residuals of (C, F, K) detections."""
+    """Return the points, covariances, inliers and residuals for (C, F, K) detections."""
     xp = array_namespace(xy)
     views, frames, keypoints = (int(n) for n in xy.shape[:3])
     px, weight, spread = flat_views(xy, confidence, sigma)
@@ -435,18 +438,18 @@ def _check(cameras: Cameras, xy: Array, confidence: Array) -> None:
 
 
 DEPTH_SIGMA_M = 0.5
-"""Standard deviation (m) of a point around its initial position, which limits the depth from a single other view."""
-BLOCK_FRAMES = 256  # Frames to process at a time.
+"""Standard deviation (m) of a point around its initial position. It limits the depth given by a single other view."""
+BLOCK_FRAMES = 256  # Number of frames processed at a time.
 
 
 @dataclass(frozen=True)
 class Predictions:
-    """F frames of K keypoints as predicted for C views."""
+    """Predictions of K keypoints in F frames for C views."""
 
     px: np.ndarray
-    """(C, F, K, 2) pixels, NaN if no other view shows the keypoint."""
+    """(C, F, K, 2) pixels, NaN if no other view detects the keypoint."""
     covariance: np.ndarray
-    """(C, F, K, 2, 2) covariance in px² of a detection minus its prediction, including the detection's noise."""
+    """(C, F, K, 2, 2) covariance in px² of a detection minus its prediction, including the noise of the detection."""
 
 
 def predict_views(
@@ -456,21 +459,21 @@ def predict_views(
     triangulation: Triangulation,
     frames: np.ndarray | None = None,
 ) -> Predictions:
-    """Predict every view from the others by one linear step around the triangulated points.
+    """Predict every view from the others by a linear step around the triangulated points.
 
     With ``A_b = J_bᵀ J_b / σ²`` and the residual ``r_b`` of view b at the point X, view c is predicted at ``π_c(X) +
     J_c δ`` with ``δ = (Σ_{b≠c} A_b + I/τ²)⁻¹ Σ_{b≠c} J_bᵀ r_b / σ²`` and covariance ``σ² I + J_c (Σ_{b≠c} A_b + I/τ²)⁻¹
-    J_cᵀ``. Only agreeing views count as others, unless there are fewer than two.
+    J_cᵀ``. The sums only include agreeing views, unless there are fewer than two.
 
     Args:
         cameras: C cameras.
         xy: (C, F, K, 2) keypoints in px, NaN where missing.
         confidence: (C, F, K) confidences, 0 where missing.
-        triangulation: triangulation of the same detections.
-        frames: numbers of the frames to predict, None for all.
+        triangulation: triangulation computed from the same detections.
+        frames: indices of the frames to predict, or None for all.
 
-    Reference: Bishop 2006, "Pattern Recognition and Machine Learning", eq. 3.53-3.54 and 3.58-3.59 (the posterior of
-    linear regression and its predictive variance).
+    Reference: Bishop 2006, "Pattern Recognition and Machine Learning", eq. 3.53-3.54 and 3.58-3.59 (posterior of linear
+        regression and its predictive variance).
     """
     arrays, start = CameraArrays.of(cameras, xy), _everywhere(np.asarray(triangulation.points))
     inliers, sigma_px = np.asarray(triangulation.inliers), np.asarray(triangulation.sigma_px)
@@ -492,7 +495,7 @@ def _predicted(
     inliers: np.ndarray,
     sigma_px: np.ndarray,
 ) -> Predictions:
-    """Return the predictions around (F, K, 3) points."""
+    """Return the predictions, linearised around (F, K, 3) points."""
     usable = (confidence > 0) & np.isfinite(xy).all(-1)
     px, J, _ = project_with_jacobian(arrays, start)
     usable &= np.isfinite(px[..., 0])
@@ -516,14 +519,14 @@ def _predicted(
 
 
 def _of_others(information: np.ndarray, gradient: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sums over the other counted views, for each view."""
+    """For each view, return the sums over all other views that count."""
     information = np.where(counted[..., None, None], information, 0.0)
     gradient = np.where(counted[..., None], gradient, 0.0)
     return information.sum(axis=0) - information, gradient.sum(axis=0) - gradient
 
 
 def _everywhere(points: np.ndarray) -> np.ndarray:
-    """Return (F, K, 3) points with gaps interpolated over time, or at the take's centre if never known."""
+    """Fill gaps in (F, K, 3) points by interpolation over time. Points that are never known get the take's centre."""
     known = np.isfinite(points).all(-1)
     filled = points.copy()
     frames = np.arange(len(points))

@@ -1,4 +1,4 @@
-"""Transform a moving camera's detections to a level camera that pans slowly with the person."""
+"""Transform a moving camera's detections to those of a level camera that pans slowly with the person."""
 
 from __future__ import annotations
 
@@ -13,20 +13,21 @@ from solver_backend.geometry.interpolation import smooth
 from solver_backend.geometry.small_matrices import unit
 from solver_backend.types import Cameras, Keypoints2D
 
-FOLLOWS_S = 1.0  # Standard deviation in seconds of the temporal Gaussian over the person's direction. By hand.
+FOLLOWS_S = 1.0  # Standard deviation in seconds of the Gaussian that smooths the person's direction over time. By hand.
 
 
 def steady_camera(camera: Cameras, keypoints: Keypoints2D) -> tuple[Cameras, Keypoints2D]:
-    """Return a moving camera that is level and pans slowly, and its detections.
+    """Return a level camera that pans slowly, at the place of a moving camera, and its detections.
 
-    The view lifter was trained on static cameras, and the jitter of tracks measures the detector's noise. A shaking
-    camera would affect both. Rotating a camera needs no depth: ``x' = π(V Rᵀ π⁻¹(x))``. A static camera is unchanged.
+    The view lifter was trained on static cameras, and the detector noise is measured from the jitter of tracks. A
+    shaking camera would affect both. Rotating a camera requires no depth: ``x' = π(V Rᵀ π⁻¹(x))``. A static camera
+    stays as it is.
 
     Args:
-        camera: a single camera in a world with Z up.
+        camera: a single camera, in a world with Z up.
         keypoints: detections of the camera.
 
-    Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 8.4 (cameras with one centre).
+    Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 8.4 (cameras that share a centre).
     """
     if camera.path is None:
         return camera, keypoints
@@ -53,7 +54,7 @@ def steady_camera(camera: Cameras, keypoints: Keypoints2D) -> tuple[Cameras, Key
 
 
 def _panning(way: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, 3, 3) rotations of level cameras that follow floor directions (F, 2), 0 where unknown."""
+    """Return (F, 3, 3) rotations of level cameras that follow floor directions (F, 2), which are 0 where unknown."""
     known = np.flatnonzero(np.linalg.norm(way, axis=1) > 0)
     known = known if len(known) else np.arange(len(way))
     heading = np.unwrap(np.arctan2(way[known, 1], way[known, 0]))
