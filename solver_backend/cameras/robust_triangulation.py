@@ -65,8 +65,7 @@ def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
 
     The candidates use all usable views, all but one, and every pair among the ``MOST_VIEWS`` most confident views. The
     criterion is ``Σ ½ (1 + confidence) r²/(r² + scale²)`` over all views, where r is the residual in pixels (Geman and
-    McClure 1987). Two views of low confidence outvote a confident one. Between groups of equally many views, confidence
-    decides.
+    McClure 1987). Two views of low confidence outvote a confident one. Confidence breaks ties in number.
 
     Args:
         views: C views of N points.
@@ -86,8 +85,7 @@ def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
 def _ray_equations(views: UndistortedViews) -> Array:
     """Return (9, C, N) values: six entries of ``Q = w (I - d dᵀ)`` and three of ``Q o`` for each ray ``o + s d``.
 
-    ``Σ Q x = Σ Q o`` gives the point whose squared distances from the rays have the smallest sum (midpoint method,
-    Hartley and Sturm 1997).
+    ``Σ Q x = Σ Q o`` gives the point with the least squared distance from the rays (midpoint, Hartley and Sturm 1997).
     """
     xp = array_namespace(views.weight)
     w = xp.where(views.weight > 0, xp.ones_like(views.weight), xp.zeros_like(views.weight))
@@ -366,8 +364,7 @@ def triangulate(
     estimator is ``σ² A⁻¹ (Σ c² JᵀJ) A⁻¹`` with ``A = Σ c JᵀJ`` over the inliers. Points are NaN if fewer than two views
     agree, or if the standard deviation along the worst axis exceeds ``LARGEST_SIGMA_M`` (nearly parallel rays).
 
-    If one of three views is wrong along an epipolar line, two pairs agree equally well, and the more confident one
-    wins.
+    If one of three views is wrong along an epipolar line, two pairs agree equally well. The more confident pair wins.
 
     Args:
         cameras: C cameras.

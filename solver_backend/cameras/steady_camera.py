@@ -17,11 +17,10 @@ FOLLOWS_S = 1.0  # Standard deviation in seconds of the Gaussian that smooths th
 
 
 def steady_camera(camera: Cameras, keypoints: Keypoints2D) -> tuple[Cameras, Keypoints2D]:
-    """Return a level camera that pans slowly, at the place of a moving camera, and its detections.
+    """Replace a moving camera by a level one that pans slowly. Return it and its detections.
 
-    The view lifter was trained on static cameras, and the detector noise is measured from the jitter of tracks. A
-    shaking camera would affect both. Rotating a camera requires no depth: ``x' = π(V Rᵀ π⁻¹(x))``. A static camera
-    stays as it is.
+    The view lifter was trained on static cameras, and the detector noise is measured from track jitter. A shaking
+    camera would affect both. Rotating a camera needs no depth: ``x' = π(V Rᵀ π⁻¹(x))``. A static camera is unchanged.
 
     Args:
         camera: a single camera, in a world with Z up.

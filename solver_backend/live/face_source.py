@@ -1,10 +1,9 @@
 """Receive faces from a phone, as packets of Live Link Face (Epic Games) or iFacialMocap.
 
-Live Link Face sends one big-endian datagram per frame. It contains the version 6 (uint8), the names of the device and
-the subject (each preceded by its length as int32), the frame number (int32), its fraction (float32), the rate as
-numerator and denominator (int32 each), the number of values (uint8) and the values (float32). The values are 52 blend
-shapes in the order of Unreal's ``EARFaceBlendShape``, and 9 angles of the head and the eyes. A frame without a face
-ends before the values.
+Live Link Face sends one big-endian datagram per frame. It contains the version 6 (uint8), the names of device and
+subject (each after its length as int32), the frame number (int32), its fraction (float32), the rate as numerator and
+denominator (int32 each), the number of values (uint8) and the values (float32). These are 52 blend shapes in the order
+of Unreal's ``EARFaceBlendShape``, and 9 angles of the head and eyes. A frame without a face ends before the values.
 
 iFacialMocap sends text: ``NAME-VALUE|NAME-VALUE|…|=head#…|rightEye#…|leftEye#…|`` with values from 0 to 100 (developer
 page, ifacialmocap.com/for-developer). Facemotion3D writes ``&`` in place of ``-``. The suffixes ``_L`` and ``_R`` are

@@ -174,7 +174,7 @@ _POSES, _VERSION, _ROW = "manifold_mocap_live_poses", 1, 4 + 3 * SMPL_HANDS.num_
 _RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 72.0, 75.0, 90.0, 100.0, 120.0, 144.0, 200.0, 240.0)
 """Frame rates that senders commonly use."""
 _NEAR = 0.03  # Largest relative difference between a measured and a common rate.
-_NEIGHBOURS = 4.0  # Longer intervals, in usual intervals, are pauses and not lost frames. Chosen by hand.
+_NEIGHBOURS = 4.0  # Intervals longer than this many usual intervals are pauses, not lost frames. Chosen by hand.
 _LEAST_STEP_S = 1e-4  # Smallest time between two poses in seconds. Chosen by hand.
 _SILENCE_S, _CUT_TO_S = 10.0, 1.0  # Silences (s) longer than the first value are shortened to the second.
 _GAP_S = 0.1  # Frames further than this (seconds) from a received pose are marked as interpolated.
@@ -296,8 +296,7 @@ def ascending_rows(rows: np.ndarray, recording: Path) -> np.ndarray:
 def poses_at(times: np.ndarray, rows: np.ndarray, fps: float, betas: np.ndarray, body: Body, source: str) -> Motion:
     """Interpolate recorded poses along great arcs to a motion at (F,) regular times.
 
-    Each of the (N, 4 + 3 J) rows contains the seconds, which increase, the translation and the rotation vectors of a
-    pose.
+    Each of the (N, 4 + 3 J) rows contains the time in seconds, the translation and the rotation vectors of a pose.
     """
     after = np.clip(np.searchsorted(rows[:, 0], times), 1, max(len(rows) - 1, 1))
     before, after = after - 1, np.minimum(after, len(rows) - 1)

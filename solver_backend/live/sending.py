@@ -81,7 +81,7 @@ def pose_values(rotvec: np.ndarray, transl: np.ndarray) -> PoseValues:
 
 
 def replayed_poses(motion: Motion, *, paced: bool = True, repeat: bool = False) -> Iterator[FrameLine]:
-    """Yield one line per frame that contains all joints of a motion.
+    """For each frame of a motion, yield a line that contains all joints.
 
     ``paced``: play at the motion's rate, and skip frames that are late by more than ``LATE_S``. ``repeat``: play in a
     loop, in which time continues to increase.

@@ -237,8 +237,7 @@ def up_axis_of(frames: list[np.ndarray], network: PointNetwork) -> str:
     """Return the up axis for which labels are most certain. It is Z unless another axis is clearly better.
 
     The score is ``mean p + w max(0, u)``, where p is a point's highest label probability and u is the height of the
-    head above the pelvis in trunk lengths. The network is almost equally certain about people who lie down, so u is
-    needed.
+    head above the pelvis in trunk lengths. The network is almost as certain about lying people, so u is needed.
     """
     sure = {}
     for axis in AXES:

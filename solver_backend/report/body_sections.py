@@ -225,7 +225,7 @@ def _rows(motion: Motion) -> list[tuple[str, object]]:
 
 
 def _pictures(motion: Motion, wrists: np.ndarray, columns: np.ndarray, seen: np.ndarray) -> str:
-    """Draw both hands in the frames in which they are most certain, from the back and from the side, as SVG."""
+    """Draw both hands as SVG, from the back and from the side, in the frames where they are most certain."""
     frames = moments(seen.sum(axis=(1, 2)), HAND_MOMENTS)
     drawn = []
     for row, frame in enumerate(frames):

@@ -70,7 +70,7 @@ RETRY_S = 1.0  # Seconds between attempts to open a lost sensor.
 
 @dataclass(frozen=True)
 class SensorTask:
-    """What a sensor's process has to do. It can be pickled."""
+    """Instructions for a sensor's process. They can be pickled."""
 
     device: Device
     cameras: Cameras

@@ -65,7 +65,7 @@ class Held:
 
 @dataclass(frozen=True)
 class Unknowns:
-    """What the adjustment estimates in addition to the bodies."""
+    """Numbers that the adjustment estimates in addition to the bodies."""
 
     poses: Bool[np.ndarray, " cameras"]  # (C,) mask of the cameras whose poses are unknown.
     lens: Bool[np.ndarray, "cameras 12"] | None = None

@@ -252,7 +252,7 @@ def calibrate_by_person(
     """Calibrate cameras in metres with Z up from the keypoints of one person alone.
 
     Args:
-        others: the same keypoints, resampled with other camera clocks. The clocks that give most inliers are used.
+        others: the same keypoints, resampled with other camera clocks. The clocks that give the most inliers are used.
         stature_m: stature of the person in metres.
         known_length: two keypoints and the distance between them in metres, as an alternative to the stature.
         free_focal: also estimate focal lengths.

@@ -26,7 +26,7 @@ class SensorFrame:
 
 
 class OpenedDevice:
-    """Base class of devices. A ``with`` statement opens and closes them."""
+    """Base class for devices. A ``with`` statement opens and closes them."""
 
     def __enter__(self) -> Self:
         self.open()

@@ -480,7 +480,7 @@ class MarkerTracks:
 
 
 _MOST_UNSEEN, _PAUSE = 20, 36_000
-"""Maximum number of frames in a take: this many per moment that has markers, plus a constant. More frames mean that the
+"""Maximum number of frames in a take: this many per moment with markers, plus a constant. More frames mean that the
 times are wrong. With milliseconds in place of seconds, three moments would need 6 GB. Chosen by hand."""
 
 

@@ -47,7 +47,7 @@ LARGEST_LEFT_OUT = 0.2  # A recording is rejected if a larger fraction of its ro
 
 @dataclass(frozen=True)
 class WandView:
-    """What one sensor recorded of a wand with K lights."""
+    """Recording of a wand with K lights by one sensor."""
 
     name: str
     lens: Lens

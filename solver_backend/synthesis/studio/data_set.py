@@ -175,7 +175,7 @@ def _description(out: Path) -> dict[str, Any] | None:
 
 
 def free_bytes(out: Path) -> int:
-    """Return the free bytes on the disk that contains a folder. The folder may not exist yet."""
+    """Return the free space in bytes on the disk of a folder, which may not exist yet."""
     return shutil.disk_usage(next(p for p in (out.resolve(), *out.resolve().parents) if p.exists())).free
 
 

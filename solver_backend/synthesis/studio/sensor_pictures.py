@@ -17,7 +17,7 @@ from solver_backend.types import SMPL_JOINTS
 
 @dataclass(frozen=True)
 class Backdrop:
-    """What a camera sees without the person. It is the same in all frames."""
+    """View from a camera without the person, which is the same in all frames."""
 
     depth: np.ndarray  # (h, w) float32 depth in metres.
     label: np.ndarray  # (h, w) uint8 label.
@@ -28,7 +28,7 @@ class Backdrop:
 
 @dataclass(frozen=True)
 class Seen:
-    """What a camera sees in one frame."""
+    """View from a camera in one frame."""
 
     depth: np.ndarray  # (h, w) float32 depth in metres of person or room, without markers. inf where nothing is hit.
     label: np.ndarray  # (h, w) uint8 label index, including markers.

@@ -111,7 +111,7 @@ def read_faults(description: Any) -> Faults:
 
 
 def sizes_of(faults: Faults) -> dict[str, float]:
-    """Return the size of each fault by its key in a description."""
+    """Return the size of each fault, under the key that descriptions use."""
     parts = {"": faults, "detector": faults.detector, "cameras": faults.cameras, "markers": faults.markers}
     return {key: getattr(parts["".join(path[:-1])], path[-1]) for key, path in _PERTURBATION_KEYS.items()}
 
