@@ -171,7 +171,7 @@ def _invert_in_plane(model: LensModel, xy: Array, distortion: Array, limit: Arra
 
 
 def _pulled_inside(x: Array, y: Array, limit: Array) -> tuple[Array, Array]:
-    """Move points along their radius to within 99.9 % of the limit."""
+    """Move points along their radius so that it is at most 99.9 % of the limit."""
     xp = array_namespace(x)
     radius = xp.sqrt(x * x + y * y)
     outside = radius > limit

@@ -28,7 +28,7 @@ from solver_backend.io.load import load_capture
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
 _WORLD_OPTIONS = {"person": {"stature"}, "refine": {"stature", "scale", "level"}}
-"""World settings that each method uses. The other methods only use the scale."""
+"""World settings that each of these methods uses. Other methods only use the scale."""
 
 
 def calibrated(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:

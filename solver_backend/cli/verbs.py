@@ -43,7 +43,7 @@ def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write which landmark each marker label belongs to, as a file for editing."""
+    """Write a file, to be edited, that states the landmark of each marker label."""
     capture = loaded(args, progress)
     if capture.markers is None or capture.markers.labels is None:
         raise MarkersUnknown("The capture has no labelled markers.", where=capture.name, hint="Choose a labelled take.")
@@ -54,7 +54,7 @@ def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def info(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Report the contents of a capture, what the reader assumed, and problems."""
+    """Report a capture's contents, the reader's assumptions and any problems."""
     capture = loaded(args, progress)
     text, data = describe_capture(capture)
     if args.report is None:

@@ -63,7 +63,7 @@ def replayed(cloud: MarkerCloud, *, paced: bool = True, repeat: bool = False) ->
 
 
 def due_times(frames: int, fps: float, *, paced: bool, repeat: bool) -> Iterator[tuple[int, float]]:
-    """Yield each frame's number and the ``time.perf_counter()`` at which it is due, or do not wait if not ``paced``."""
+    """Yield each frame's number and the ``time.perf_counter()`` at which it is due. Wait only if ``paced``."""
     start = time.perf_counter()
     for number in itertools.count() if repeat and frames else range(frames):
         due = start + number / fps if paced else time.perf_counter()

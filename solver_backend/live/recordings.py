@@ -274,7 +274,7 @@ class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
 
 
 def ascending_rows(rows: np.ndarray, recording: Path) -> np.ndarray:
-    """Return the rows whose seconds, in the first column, increase.
+    """Return the rows whose time in seconds (first column) increases.
 
     If a clock was set back, rows are omitted until it catches up.
 
@@ -316,13 +316,13 @@ def poses_at(times: np.ndarray, rows: np.ndarray, fps: float, betas: np.ndarray,
 
 
 def even_times(times: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return the frame rate of (N,) increasing seconds, and (F,) regular times over the same range."""
+    """Return the frame rate of (N,) increasing times in seconds, and (F,) regular times over the same range."""
     fps = rate_of(times)
     return fps, times[0] + np.arange(round((times[-1] - times[0]) * fps) + 1) / fps
 
 
 def rate_of(times: np.ndarray) -> float:
-    """Return the frame rate of (F,) seconds that have jitter and gaps: a common rate, or a whole number."""
+    """Return the frame rate of (F,) times in seconds, with jitter and gaps: a common rate or a whole number."""
     if len(times) < 2:
         return 60.0
     apart = np.diff(times)

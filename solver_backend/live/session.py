@@ -220,7 +220,7 @@ AXES = ("z", "y", "x", "-y", "-z", "-x")
 _PEOPLE_M = (0.5, 3.5)  # Range of plausible extents of a person's markers in metres.
 _CLEARLY = 0.08  # Smallest increase in certainty that justifies an up axis other than z.
 _UPRIGHT = 0.1
-"""Weight of the evidence that a person is standing in the certainty of an up axis (see ``up_axis_of``). In eight
+"""Weight, in the certainty of an up axis, of the evidence that a person is standing (see ``up_axis_of``). In eight
 recorded takes, the true axis scores between 0.001 below and 0.21 above the next best one. Along wrong axes, the head is
 at most 0.16 trunk lengths above the pelvis."""
 _HEAD, _PELVIS = (len(LANDMARKS) - len(JOINTS) + JOINTS.index(name) for name in ("head", "pelvis"))

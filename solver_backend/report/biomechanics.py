@@ -22,7 +22,7 @@ _LEAD = (
 
 
 def biomechanics_sections(motion: Motion) -> str:
-    """Show angles and gait if the motion is of the neutral body. For other bodies, return an empty string."""
+    """Show angles and gait if the motion uses the neutral body. For other bodies, return an empty string."""
     body = load_body()
     motion = without_fingers(motion, body)
     if motion.body != body.id or motion.body_layout != SMPL:

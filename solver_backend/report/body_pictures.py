@@ -66,7 +66,7 @@ class SurfaceView:
         return CELL_PX * self.depth.shape[0], CELL_PX * self.depth.shape[1]
 
     def place(self, point: np.ndarray) -> tuple[float, float]:
-        """Return the position in the drawing of a point (3,) on the body."""
+        """Return where a point (3,) on the body lies in the drawing."""
         x, y = (point[:2] * [self.side, 1.0] - self.low) * CELL_PX / self.cell_m
         return round(float(x), 1), round(float(self.size_px[0] - y), 1)
 

@@ -193,7 +193,7 @@ IMPOSSIBLE_STATURES_M = (0.65, 2.8)
 """Limits beyond toddlers and the tallest man on record (2.72 m). Outside them, the scale is wrong by half or more."""
 LEAST_AGREEMENT_PERCENT = 75.0  # Smallest percentage of inliers. If lower, the report shows a red tile.
 LEAST_VIEWS_PERCENT = 75.0
-"""Smallest percentage of the views that should show the person which actually do. Real captures reach 100 %."""
+"""Smallest percentage of views that show the person, among those that should. Real captures reach 100 %."""
 USELESS_VIEWS_PERCENT, USELESS_VIEWS = 62.5, 2.75
 """Percentage and number of agreeing views. A result that is below both is useless. Two of four views can agree by
 chance (cameras started seconds apart: 56 %, 2.2 views). Two of three or three of five rarely do. With two cameras, less
@@ -202,7 +202,7 @@ AGREES_SHARE = 0.06
 """Largest median distance at which a view agrees with the body, relative to the person's extent in the image. Detector
 errors are 0.8 to 1.5 %."""
 DETECTOR_SHARE, USELESS_SHARE = 0.04, 0.1
-"""Median distances relative to the person's extent: above any detector's errors, and so large the result is useless."""
+"""Median distances relative to the person's extent: one exceeds any detector's errors, one makes a result useless."""
 TILT_DEGREES, LEANS_DEGREES, TILT_SIGMAS = 8.0, 25.0, 3.0
 """Angles between a person's stance and the world's up direction that are suspicious: in degrees for joint centres, in
 degrees for views, and in standard deviations. Levelled takes stay within 5 degrees, but people who dance or climb

@@ -33,7 +33,7 @@ KEPT = 4096  # Number of recent latencies from which statistics are computed.
 
 @dataclass
 class ChainStatistics:
-    """Statistics about moments, which take constant memory."""
+    """Statistics about moments. They take constant memory."""
 
     moments: int = 0
     points: int = 0

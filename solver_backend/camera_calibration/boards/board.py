@@ -110,7 +110,7 @@ def board_named(text: str) -> Board:
 
 
 def _from_table(table: dict[str, Any], where: str) -> Board:
-    """Read the board from a table in this product's format, or in that of caliscope's ``charuco.toml``."""
+    """Read the board from a table in our own format, or in the format of caliscope's ``charuco.toml``."""
     try:
         if "board" in table:
             given = dict(table["board"])

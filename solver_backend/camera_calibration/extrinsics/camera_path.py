@@ -60,12 +60,12 @@ class Tracks:
 
     @classmethod
     def of(cls, xy: Float[np.ndarray, "frames points 2"]) -> Tracks:
-        """Convert a table in which untracked points are NaN."""
+        """Build tracks from a table in which untracked points are NaN."""
         known = np.isfinite(xy).all(-1)
         return cls(tuple(np.flatnonzero(row) for row in known), tuple(p[row] for p, row in zip(xy, known, strict=True)))
 
     def table(self, frames: Sequence[int]) -> np.ndarray:
-        """Return a (N, P, 2) table of the tracks visible in N frames, NaN where a track is not visible."""
+        """Return an (N, P, 2) table of the tracks visible in N frames, NaN where a track is not visible."""
         names = np.unique(np.concatenate([self.names[n] for n in frames]))
         found = np.full((len(frames), len(names), 2), np.nan)
         for row, n in enumerate(frames):

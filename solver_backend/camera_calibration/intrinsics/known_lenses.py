@@ -99,7 +99,7 @@ def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
     return found
 
 
-GUESSED_SIGMA = 0.15  # Relative deviation of a guessed focal length. For phones, it is 0.75 to 1.0 of the longer side.
+GUESSED_SIGMA = 0.15  # Relative deviation of a guessed focal length. Phones have 0.75 to 1.0 of the longer side.
 EQUIVALENT_SIGMA = 0.08  # The same for a 35 mm equivalent. It refers to the whole sensor, but videos show a part.
 FILM_DIAGONAL_MM = 43.27  # Diagonal of 36 x 24 mm, to which equivalents refer (CIPA DCG-001).
 PLAUSIBLE_SHARE = (0.2, 20.0)  # Focal lengths of a fisheye and a telephoto lens, relative to the longer image side.

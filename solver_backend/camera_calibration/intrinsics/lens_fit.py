@@ -222,7 +222,7 @@ def choose_family(lenses: Mapping[str, CameraLens], models: Sequence[str]) -> st
 
 
 def in_family(board: Board, lens: CameraLens, family: str, models: Sequence[str]) -> CameraLens:
-    """Return a camera's lens under the best model in a family, fitted to the same images."""
+    """Fit the best model in a family to a camera's images again, and return the lens."""
     allowed = [name for name in models if LENS_MODELS[name].distortion_model == family]
     if lens.lens.distortion_model == family or not allowed:
         return lens
@@ -273,7 +273,7 @@ def coverage(sightings: Sequence[BoardSighting], image_size: tuple[int, int]) ->
 def advice(
     sightings: Sequence[BoardSighting], image_size: tuple[int, int], tilted: int, camera: str
 ) -> tuple[Diagnostic, ...]:
-    """Recommend images to film in addition. ``tilted`` is the number of images that show a tilted board."""
+    """Recommend additional images to film. ``tilted`` is the number of images that show a tilted board."""
     seen = coverage(sightings, image_size) > 0
     down, across = seen.shape[0] // 3, seen.shape[1] // 4
     parts = {"left": seen[:, :across], "right": seen[:, -across:], "top": seen[:down], "bottom": seen[-down:]}

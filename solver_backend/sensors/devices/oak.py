@@ -55,7 +55,7 @@ def depthai() -> Any:
 
 
 def listed_oaks() -> list[str]:
-    """Return the sorted identifiers of all OAKs on USB or in the network."""
+    """Return the sorted identifiers of all OAKs on USB or on the network."""
     return sorted(str(info.getDeviceId()) for info in depthai().Device.getAllAvailableDevices())
 
 

@@ -56,7 +56,7 @@ _NEVER = 1e6  # Cost of an impossible pair, which exceeds any sum of possible on
 
 
 def matched(a: np.ndarray, b: np.ndarray, cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Select as many candidate pairs (a, b) as possible with the smallest ``Σ cost``, using each name once.
+    """Select as many candidate pairs (a, b) as possible at the smallest ``Σ cost``. Each name is used once.
 
     Names are not negative, and costs are far below 1e6. The candidates are divided into components that share no name.
     Components that contain several pairs are solved by the Hungarian method (Kuhn 1955).
@@ -347,7 +347,7 @@ class Gatherer:
         return len(self._queues[index])
 
     def ended(self, index: int) -> None:
-        """Note that a sensor will deliver no more frames."""
+        """Record that a sensor will deliver no more frames."""
         self._ended[index] = True
 
     def moments(self, now: float | None = None) -> list[list[SensorSightings]]:

@@ -286,7 +286,7 @@ def flat_of(view: WandView) -> np.ndarray:
 
 
 def coarse_clocks(views: Sequence[WandView], wand: Wand | None, reach_s: float) -> Clocks:
-    """Estimate the clocks to within about a frame from the wand's speed, which is the same in all axes.
+    """Estimate the clocks to within about a frame from the wand's speed, which does not depend on axes.
 
     The lights in each view are in the wand's order. ``wand`` provides distances if there is no depth. If the speeds
     show no clear offset, the clocks are assumed equal and a note is added.

@@ -35,7 +35,7 @@ def aim_point(cameras: Cameras) -> np.ndarray:
 
 
 def scaled(cameras: Cameras, by: float) -> Cameras:
-    """Scale the cameras' images, to no less than 16 pixels per side."""
+    """Scale the cameras' images. Each side remains at least 16 pixels long."""
     if by == 1.0:
         return cameras
     size = np.maximum(16, np.round(by * cameras.image_size)).astype(cameras.image_size.dtype)
@@ -49,7 +49,7 @@ def scaled(cameras: Cameras, by: float) -> Cameras:
 
 PRESETS = Path(__file__).parents[2] / "assets" / "studio_camera_arrays.json"
 LAYOUTS = ("ring", "corners", "capture", "cameras")
-STANDS = ("world", "aim")  # Where the person moves in front of fixed cameras: as in the motion, or at their target.
+STANDS = ("world", "aim")  # Place of the person in front of fixed cameras: as in the motion, or at their target.
 _KNOWN = (
     *("name", "layout", "about", "count", "radius_m", "height_m", "height_step_m", "room_m", "target_m"),
     *("size", "fov_deg", "distortion", "capture", "cameras", "range_m", "turn_deg", "scale", "stand", "leave_out"),

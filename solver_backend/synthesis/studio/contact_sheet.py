@@ -39,7 +39,7 @@ def write_card(out: Path) -> list[Path]:
 
 
 def contact_sheet(out: Path, records: list[ShotRecord]) -> np.ndarray | None:
-    """Return a (h, w, 3) uint8 sheet of up to 24 images from different shots, or None if there are no images."""
+    """Return an (h, w, 3) uint8 sheet of up to 24 images from different shots, or None if there are no images."""
     tiles = []
     for i in range(_TILES):
         record = records[i * len(records) // _TILES if len(records) >= _TILES else i % len(records)]

@@ -65,7 +65,7 @@ def plan(spec: Spec) -> Plan:
 
 
 def check_data_set(spec: Spec, out: Path) -> Plan:
-    """Check whether a data set can be made without writing anything. Return its size.
+    """Check, without writing anything, whether a data set can be made. Return its size.
 
     Raises:
         OtherDataSet: the folder contains a different data set, or other files.

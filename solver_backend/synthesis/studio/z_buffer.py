@@ -118,7 +118,7 @@ class Spheres:
 
 
 def see_spheres(cameras: Cameras, view: int, points: np.ndarray, scene_depth: np.ndarray) -> Spheres:
-    """Return how a camera sees spheres at (M, 3) world points in front of a scene of (h, w) depth.
+    """Compute how a camera sees spheres at (M, 3) world points in front of a scene of (h, w) depth.
 
     Each disc is sampled 5 x 5 times per pixel. A sample is hidden if the scene is clearly nearer at that pixel.
     """

@@ -186,7 +186,7 @@ def in_video_pixels(
 
 
 def _stored_size(item: VideoDetections | FilmedSize) -> tuple[int, int]:
-    """Return the size in stored pixels, to which other programs calibrate if pixels are not square."""
+    """Return the size in stored pixels, which other programs use to calibrate cameras with non-square pixels."""
     return probe(item.video).stored if item.video.exists() else item.size
 
 

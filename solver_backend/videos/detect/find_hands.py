@@ -119,7 +119,7 @@ def search_hands(
     due: np.ndarray | None = None,
     each: Each = map,
 ) -> np.ndarray:
-    """Search both hands in each view. Return (C, 2, 21, 3) x, y and confidence, NaN if undetected.
+    """Search for both hands in each view. Return (C, 2, 21, 3) x, y and confidence, NaN if undetected.
 
     Args:
         pictures: (H, W, 3) uint8 image from each view.

@@ -102,7 +102,7 @@ class VideoInfo(TimedPictures):
     times_s: np.ndarray  # (F,) increasing presentation times on the file's clock, in seconds.
     parts: tuple[Path, ...] = ()  # Files in order, see ``parts_of``. Empty if there is only one.
     timed: bool = True  # True if each decoded image has a time. Otherwise, the images take these times in order.
-    stored: tuple[int, int] = (0, 0)  # Stored size in pixels after rotation. Not ``size`` if pixels are not square.
+    stored: tuple[int, int] = (0, 0)  # Stored size (px) after rotation. Differs from ``size`` if pixels are not square.
 
 
 UNTIMED_SHARE = 0.5  # Largest fraction of distinct times in a file that does not store image times.

@@ -83,7 +83,7 @@ class FoundTake:
     cameras: tuple[str, ...]  # Camera names, derived from the videos or their folders.
 
     def calibration(self, session: Path) -> Calibration | None:
-        """Return the calibration of this take's cameras, searched in its folders and the session, or None.
+        """Return the calibration of this take's cameras, found in its folders or in the session, or None.
 
         Raises:
             CalibrationInvalid, FileDamaged: the nearest calibration is invalid.

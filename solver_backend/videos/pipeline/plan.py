@@ -181,7 +181,7 @@ class Steps:
         self._rows: dict[str, dict[str, object]] = {}
 
     def report(self, step: str, state: str, found: Iterable[Diagnostic], pictures: Iterable[Path] = ()) -> None:
-        """Add a step's report, and those of its images that exist."""
+        """Add the report of a step, together with those of its images that exist."""
         self._found[step] = tuple(found)
         listed = [item.as_dict() for item in self._found[step]]
         drawn = [path.relative_to(self._folder).as_posix() for path in pictures if path.is_file()]

@@ -1,1 +1,1 @@
-"""Detect people with live cameras, and record them."""
+"""Detect people in live camera images, and record the results."""

@@ -260,7 +260,7 @@ class ViewBudget:
         self._usual_s: float | None = None
 
     def took(self, count: int, seconds: float) -> None:
-        """Update the mean duration of detecting in this many views."""
+        """Update the mean time that detection takes in this many views."""
         if count != self.count:
             return
         before = self._usual_s

@@ -66,7 +66,7 @@ class SquareCrop:
 
 
 def direction(start: np.ndarray, end: np.ndarray, least: float) -> tuple[np.ndarray, float]:
-    """Return the unit direction and distance from one (2,) pixel to another. Pixels too close give the up direction."""
+    """Return the unit direction and distance from one (2,) pixel to another. If they are too close, it points up."""
     length = float(np.hypot(*(end - start)))
     return (end - start) / length if length > least else np.array([0.0, -1.0]), length
 
