@@ -8,13 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from solver_backend.agreement.reading import ENOUGH
 from solver_backend.exchange.errors import FileDamaged, FrameCountMismatch, JobInvalid
 from solver_backend.types import Capture, MarkerCloud
 
 _DIGITS = re.compile(r"\d+")
 _MOST_DIGITS = len(str(np.iinfo(np.int64).max)) - 1  # Longer hashes or serial numbers overflow an integer.
 _STEP_OF_TIMES = 10  # Smallest typical step between numbers that do not count frames.
-_SPARSEST, _FREE = 100, 1000  # Largest range of frame numbers: this factor per file, plus a constant.
+_SPARSEST = 100  # Largest range of frame numbers per file, for at least ``ENOUGH`` files.
 
 
 def frame_numbers(stems: Sequence[str], *, where: str) -> np.ndarray:
@@ -78,7 +79,7 @@ def counted_together(numbers: Sequence[np.ndarray]) -> list[np.ndarray] | None:
 
 def spans_too_much(ordered: Sequence[int]) -> bool:
     """Return whether ascending numbers are too far apart for the frames of one take."""
-    return bool(len(ordered)) and ordered[-1] - ordered[0] >= _SPARSEST * len(ordered) + _FREE
+    return bool(len(ordered)) and ordered[-1] - ordered[0] >= _SPARSEST * max(len(ordered), ENOUGH)
 
 
 def shared_range(spans: Mapping[str, tuple[int, int]], *, trim: bool) -> tuple[int, int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -24,10 +25,6 @@ SEGMENTS = (
 )  # fmt: skip
 """Mass fraction per side, end points, and relative position of the centre of mass between them. The head's centre of
 mass is beyond the end. Hands count with forearms, feet with shanks (de Leva 1996, mean of both sexes)."""
-CARRIES_M = 0.04
-"""Height in metres above the other foot at which a foot supports with weight ``exp(-1/2)`` if up is well known, and
-distance from the ankle forward to the support if neither heels nor toes are known."""
-LEAST_HEIGHT = 0.7  # Smallest height of a standing person's centre of mass above the feet, in leg lengths.
 
 
 @dataclass(frozen=True)
@@ -64,11 +61,20 @@ def _sole(at: dict[str, np.ndarray], side: str, up: np.ndarray) -> np.ndarray:
     across = at["left_hip"] - at["right_hip"]
     ahead = np.cross(across, up)
     ahead = ahead / np.maximum(np.linalg.norm(ahead, axis=-1, keepdims=True), 1e-9)
-    guess = ankle + CARRIES_M * ahead
+    guess = ankle + _ankle_to_sole_m() * ahead
     if heel is None or toe is None:
         return guess
     middle = 0.5 * (heel + toe)
     return np.where(np.isfinite(middle), middle, guess)
+
+
+@cache
+def _ankle_to_sole_m() -> float:
+    """Return the distance in metres from the ankle forward to the middle of the sole, of the mean body."""
+    body, names = load_body(), JointSet.BODY_25.keypoints
+    rest = rest_keypoints(body, keypoint_landmarks(body, JointSet.BODY_25), np.zeros(10))
+    ankle, heel, toe = (rest[names.index(f"left_{part}"), 2] for part in ("ankle", "heel", "big_toe"))
+    return float(0.5 * (heel + toe) - ankle)
 
 
 def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "frames 3"]:
@@ -84,11 +90,11 @@ def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"]) -> Float[np.ndarra
     gap = other - low
     flat = gap @ level
     square = (flat**2).sum(-1)
-    carries = np.exp(-0.5 * (gap @ up) ** 2 / (CARRIES_M**2 + np.tan(TILT_SIGMA) ** 2 * square))
+    carries = np.exp(-0.5 * (gap @ up) ** 2 / (2.0 * FOOT_SIGMA_M**2 + np.tan(TILT_SIGMA) ** 2 * square))
     along = np.clip((((body.centre - low) @ level) * flat).sum(-1) / np.maximum(square, 1e-6), 0.0, 1.0)
     above = body.centre - low - np.minimum(along, carries)[:, None] * gap
     height = above @ up
-    standing = height > LEAST_HEIGHT * body.leg
+    standing = height > body.leg  # The centre of mass of a standing person is above the hips.
     return (above @ level)[standing] / height[standing, None]
 
 
