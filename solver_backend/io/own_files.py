@@ -71,8 +71,8 @@ def _in_another_world(capture: Capture, options: ReadOptions) -> Capture:
     known: dict[str, Any] = {"stature_m": options.stature or kept}
     if len(cameras) == 1:
         known["floor_from_person"] = world.from_person
-    notes = (*capture.notes, *notes_in(scaled), *world.notes)
-    problems = (*capture.problems, *warnings_in(scaled), *world.problems)
+    changed = (*scaled, *world.found)
+    notes, problems = (*capture.notes, *notes_in(changed)), (*capture.problems, *warnings_in(changed))
     return replace(capture, cameras=world.cameras, notes=notes, problems=problems, truth={}, **known)
 
 

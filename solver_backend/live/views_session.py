@@ -183,7 +183,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         keypoints = Keypoints2D(xy, confidence, self.joint_set, 1.0 / 0.1)
         fitted = fit_world(self.cameras, keypoints, self.world, self.up_axis)
         self.cameras = self.fit.cameras = fitted.cameras
-        for found in (*fitted.notes, *fitted.problems):
+        for found in fitted.found:
             yield event("world", sentence(found), moment.time)
 
     def _reset(self) -> None:

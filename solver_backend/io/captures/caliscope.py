@@ -68,15 +68,14 @@ def _read(path: Path, options: ReadOptions) -> Capture:
     keypoints = Keypoints2D(positions[:, :, columns], confidence[:, :, columns], JointSet(chosen), fps)
     cameras, scaled = scale_world(calibration.cameras, keypoints, options)
     world = fit_world(cameras, keypoints, options, options.up_axis)
-    check = world.check
-    problems = (*calibration.problems, *problems, *rate_problems, *warnings_in(scaled), *world.problems)
+    changed = (*scaled, *world.found, *world.check.found())
     capture = Capture(
         name=source.parent.parent.name if source.parent.name in source.stem else source.stem,
         cameras=world.cameras,
         keypoints=keypoints,
         sources=(str(source), str(calibration.source)),
-        notes=(*calibration.notes, *notes, *rate_note, *notes_in(scaled), *world.notes, *check.notes()),
-        problems=(*problems, *check.problems()),
+        notes=(*calibration.notes, *notes, *rate_note, *notes_in(changed)),
+        problems=(*calibration.problems, *problems, *rate_problems, *warnings_in(changed)),
         stature_m=options.stature,
         world_checked=True,
     )

@@ -109,8 +109,8 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     world = fit_world(cameras, person.keypoints, asked, options.up_axis, calibration.rolls)
     as_filmed = not (in_time.first_rows or any(agreeing.resampled))
     several, filmed = len(people) > 1, any(footage)
-    before, after = (calibration.notes, detections.notes, rate_notes), (notes_in(scaled), world.notes)
-    notes = (*before, in_time.notes, person.notes, *after, world.check.notes())
+    changed = (*scaled, *world.found, *world.check.found())
+    notes = (calibration.notes, detections.notes, rate_notes, in_time.notes, person.notes, notes_in(changed))
     problems = (
         calibration.problems,
         detections.problems,
@@ -121,9 +121,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         report_cuts(take_cuts(detections), detections.num_frames),
         report_order(detections),
         person.problems,
-        warnings_in(scaled),
-        world.problems,
-        world.check.problems(),
+        warnings_in(changed),
         report_lenses(world.cameras, person.keypoints),
     )
     capture = Capture(

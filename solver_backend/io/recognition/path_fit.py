@@ -134,7 +134,7 @@ def scale_by_feet(feet: np.ndarray, centre: np.ndarray, sight: np.ndarray, fps: 
     if not len(each):
         return 1.0, np.inf
     best = min(np.quantile(each, np.linspace(0.0, 1.0, FRAMES)), key=cost)
-    information = 0.0
+    weight, information = np.zeros(known.shape), 0.0
     for _ in range(MOST_ROUNDS):
         square = squares(best)
         stands = (square <= square.min(axis=1, keepdims=True)) & known

@@ -12,7 +12,7 @@ import numpy as np
 from solver_backend.agreement.evidence import UNRELATED_OUTLIERS
 from solver_backend.cameras.projection import distort, largest_radius
 from solver_backend.exchange import plausible
-from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, word
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, notes_in, warnings_in, word
 from solver_backend.exchange.errors import CalibrationInvalid, CaptureInvalid
 from solver_backend.io.recognition.confidence import on_unit_scale
 from solver_backend.io.recognition.world_fit import check_world
@@ -48,8 +48,9 @@ def checked(capture: Capture) -> Capture:
     if not capture.world_checked and views is not None and (views[1].confidence > 0).any():
         world = check_world(*views)
         nothing = np.isnan(world.residual_px)
-        odd += [diagnostic("nothing_located")] if nothing else world.problems()
-        capture = capture if nothing else replace(capture, notes=(*capture.notes, *world.notes()))
+        found_of_world = (diagnostic("nothing_located"),) if nothing else world.found()
+        odd += warnings_in(found_of_world)
+        capture = replace(capture, notes=(*capture.notes, *notes_in(found_of_world)))
     new = [item for i, item in enumerate(odd) if item not in (*capture.problems, *odd[:i])]
     return replace(capture, problems=(*capture.problems, *new))
 

@@ -97,26 +97,20 @@ class WorldCheck:
         up = shoulders - ankles
         return quantile(up / np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-9), 0.5, axis=0)
 
-    def notes(self) -> tuple[Diagnostic, ...]:
-        """Return notes with the measurements."""
-        figures: dict[str, Any] = {"span": self.height_m, "lowest": self.lowest_m, "size": self.residual_px}
-        known = np.isfinite(self.stature_m)
-        found = (diagnostic("person_triangulated", stature=self.stature_m, **figures),) if known else ()
-        if (
-            self._is_off_floor and 0 < self.lowest_m <= HIGHEST_STEP_M
-        ):  # stairs, trampolines and stages are also above the floor
-            found += (diagnostic("floor_off", severity=Severity.NOTE, lowest=self.lowest_m),)
-        return found
-
-    def problems(self) -> tuple[Diagnostic, ...]:
-        """Return a problem for each implausible measurement."""
+    def found(self) -> tuple[Diagnostic, ...]:
+        """Return a note with the measurements, and a diagnostic for each implausible one."""
         found, name = list[Diagnostic](), self.up_axis().upper()
+        figures: dict[str, Any] = {"span": self.height_m, "lowest": self.lowest_m, "size": self.residual_px}
+        if np.isfinite(self.stature_m):
+            found.append(diagnostic("person_triangulated", stature=self.stature_m, **figures))
         if np.isfinite(self.stature_m) and not POSSIBLE_M[0] < self.stature_m < POSSIBLE_M[1]:
             found.append(diagnostic("stature_unlikely", stature=self.stature_m))
         elif name != "Z":
             found.append(diagnostic("person_along_axis", axis=name))
-        elif self._is_off_floor and not 0 < self.lowest_m <= HIGHEST_STEP_M:
-            found.append(diagnostic("floor_off", lowest=self.lowest_m))
+        elif self._is_possible and self.upright[2] > LEAST_UPRIGHT and abs(self.lowest_m) > FLOOR_M:
+            raised = 0 < self.lowest_m <= HIGHEST_STEP_M  # stairs, trampolines and stages are also above the floor
+            severity = Severity.NOTE if raised else Severity.WARNING
+            found.append(diagnostic("floor_off", severity=severity, lowest=self.lowest_m))
         if np.sin(self.apart) < np.sin(IN_LINE):
             found.append(diagnostic("views_in_line", cameras=list(self.views), angle=np.degrees(self.apart)))
         if self.residual_px > UNRELATED_NOISE * np.mean(self.person_px or 1.0):  # no single camera is then the cause
@@ -125,11 +119,6 @@ class WorldCheck:
         wrong = {name: round(off) for name, off in self.off_px.items() if off > most[name]}
         found += [diagnostic("cameras_shifted", cameras=list(wrong), shifts=wrong)] if wrong else []
         return tuple(found)
-
-    @property
-    def _is_off_floor(self) -> bool:
-        stands = self._is_possible and self.upright[2] > LEAST_UPRIGHT
-        return bool(stands and abs(self.lowest_m) > FLOOR_M)
 
     @property
     def _is_possible(self) -> bool:
@@ -194,8 +183,7 @@ class WorldFit:
 
     cameras: Cameras
     check: WorldCheck
-    notes: tuple[Diagnostic, ...] = ()  # Changes that the settings requested.
-    problems: tuple[Diagnostic, ...] = ()  # Changes that were not requested.
+    found: tuple[Diagnostic, ...] = ()  # Changes. Those that the settings requested are notes.
     from_person: bool = False  # True if the person determined up and floor of a single camera's world.
 
 
@@ -277,9 +265,7 @@ def fit_world(
         cameras, world = _moved(cameras, world, rotation_to_z_up(axis))
         problems = (diagnostic("up_by_person", basis="axis", axis=axis.upper()),)
     cameras, world, found = _level(cameras, world, settings.level, rolls)
-    if settings.level == AUTO:
-        return WorldFit(cameras, world, problems=(*problems, *found))
-    return WorldFit(cameras, world, found, problems)
+    return WorldFit(cameras, world, (*problems, *found))
 
 
 def _level(
@@ -337,7 +323,7 @@ def _fit_one_camera(camera: Cameras, keypoints: Keypoints2D, settings: WorldSett
     if off < TILT_DEG or settings.level == OFF:
         return WorldFit(camera, check)
     stood, _ = stand_camera(camera, keypoints, settings.stature)
-    return WorldFit(stood, check, (), (diagnostic("up_by_person", basis="single", angle=off),), from_person=True)
+    return WorldFit(stood, check, (diagnostic("up_by_person", basis="single", angle=off),), from_person=True)
 
 
 def _fit_carried_camera(
@@ -355,8 +341,7 @@ def _fit_carried_camera(
     else:
         return WorldFit(camera, check)
     cameras, found = fit_path(camera, keypoints, path, settings.stature)
-    notes, problems = ((found,), ()) if found.severity is Severity.NOTE else ((), (found,))
-    return WorldFit(cameras, check, notes, problems, from_person=True)
+    return WorldFit(cameras, check, (found,), from_person=True)
 
 
 def stand_camera(camera: Cameras, keypoints: Keypoints2D, stature_m: float = 0.0) -> tuple[Cameras, Diagnostic]:

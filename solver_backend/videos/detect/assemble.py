@@ -114,10 +114,9 @@ def assembled(
     cameras, (person, *_), scaled = find_people(cameras, select, world)
     fitted = fit_world(cameras, person.keypoints, world)
     parts = (calibration, detections, person)
-    notes = (*calibration.notes, *size_notes, *detections.notes, *person.notes, *notes_in(scaled))
-    notes += (*fitted.notes, *fitted.check.notes())
-    problems = (*(item for part in parts for item in part.problems), *warnings_in(scaled))
-    problems += (*fitted.problems, *fitted.check.problems())
+    changed = (*scaled, *fitted.found, *fitted.check.found())
+    notes = (*calibration.notes, *size_notes, *detections.notes, *person.notes, *notes_in(changed))
+    problems = (*(item for part in parts for item in part.problems), *warnings_in(changed))
     made_of |= {"notes": notes, "problems": problems, "sources": (*map(str, footage), str(calibration.source))}
     made_of |= {"stature_m": one.stature_m, "focal_sigma": one.focal_sigma, "world_checked": True}
     made_of["floor_from_person"] = one.floor_from_person or fitted.from_person

@@ -94,7 +94,7 @@ def test_a_file_gives_its_path_to_one_camera_alone(filmed: Carried, tmp_path: Pa
     settings = WorldSettings(camera_path=str(tmp_path / "path.txt"))
     world = fit_world(camera, keypoints, settings)
     assert world.cameras.path is not None and world.from_person
-    assert [item.code for item in (*world.notes, *world.problems)] == ["camera_moves"]
+    assert [item.code for item in world.found] == ["camera_moves"]
     again = fit_world(world.cameras, keypoints, WorldSettings())
     assert again.cameras is world.cameras
     two = Cameras(

@@ -65,14 +65,14 @@ def test_the_person_shows_which_axis_points_up(short: Capture, axis: str) -> Non
     np.testing.assert_allclose(fit.cameras.R, short.cameras.R, atol=1e-12)
     assert fit.check.upright[2] > 0.9
     expected = () if axis == "z" else (diagnostic("up_by_person", basis="axis", axis=axis.upper()),)
-    assert fit.problems == expected
+    assert fit.found == expected
 
 
 def test_an_axis_that_the_user_stated_stays_and_is_doubted(short: Capture) -> None:
     cameras = turned(short.cameras, rotation_to_z_up("-y").T)
     fit = fit_world(cameras, short.keypoints, WorldSettings(level="off"), "z")
     np.testing.assert_array_equal(fit.cameras.R, cameras.R)
-    assert fit.problems == () and diagnostic("person_along_axis", axis="-Y") in fit.check.problems()
+    assert fit.found == () and diagnostic("person_along_axis", axis="-Y") in fit.check.found()
 
 
 def test_pictures_found_turned_do_not_show_that_somebody_lies(short: Capture) -> None:
@@ -82,7 +82,7 @@ def test_pictures_found_turned_do_not_show_that_somebody_lies(short: Capture) ->
     height = world.image_size[:, 1, None, None] - 1
     xy = np.stack([height - short.keypoints.xy[..., 1], short.keypoints.xy[..., 0]], axis=-1)
     fit = fit_world(rolled, replace(short.keypoints, xy=xy), rolls=(1,) * len(world))
-    assert fit.problems[0] == diagnostic("up_by_person", basis="axis", axis="-Y")
+    assert fit.found[0] == diagnostic("up_by_person", basis="axis", axis="-Y")
     assert fit.check.upright[2] > 0.9
 
 
@@ -93,29 +93,27 @@ def test_a_tilted_world_is_levelled_and_reported(capture: Capture, degrees: floa
     fit = fit_world(turned(capture.cameras, tilt, -1.3), capture.keypoints)
     assert off_degrees(fit.cameras, capture.cameras) < 3.0
     assert abs(fit.check.lowest_m) < 0.06
-    assert fit.problems[-1].code == "world_levelled"
-    assert (
-        "The world is levelled by a rotation of" in words(fit.problems)[-1] and "--level off" in words(fit.problems)[-1]
-    )
+    assert fit.found[-1].code == "world_levelled"
+    assert "The world is levelled by a rotation of" in words(fit.found)[-1] and "--level off" in words(fit.found)[-1]
 
 
 def test_a_level_world_stays_bit_for_bit(short: Capture) -> None:
     fit = fit_world(short.cameras, short.keypoints)
-    assert fit.cameras is short.cameras and fit.problems == () and fit.notes == ()
+    assert fit.cameras is short.cameras and fit.found == ()
 
 
 def test_a_level_that_was_asked_for_is_a_note(capture: Capture) -> None:
     tilt = exp_so3(np.radians(5.0) * np.array([0.6, 0.8, 0.0]))
     fit = fit_world(turned(capture.cameras, tilt), capture.keypoints, WorldSettings(level="on"))
     assert off_degrees(fit.cameras, capture.cameras) < 3.0
-    assert fit.problems == () and [item.code for item in fit.notes] == ["world_levelled"]
+    assert [(item.code, item.severity.value) for item in fit.found] == [("world_levelled", "note")]
 
 
 @pytest.mark.slow
 def test_a_floor_above_the_feet_is_moved_and_a_stage_is_not(short: Capture) -> None:
     lower = fit_world(turned(short.cameras, np.eye(3), -0.9), short.keypoints)
-    assert abs(lower.check.lowest_m) < 0.06 and [item.code for item in lower.problems] == ["floor_by_feet"]
-    assert lower.problems[0].values["depth"] == pytest.approx(0.9, abs=0.06)
+    assert abs(lower.check.lowest_m) < 0.06 and [item.code for item in lower.found] == ["floor_by_feet"]
+    assert lower.found[0].values["depth"] == pytest.approx(0.9, abs=0.06)
     stage = turned(short.cameras, np.eye(3), 0.5)
     assert fit_world(stage, short.keypoints).cameras is stage
 
@@ -242,7 +240,7 @@ def test_a_recording_of_markers_has_no_world_to_level() -> None:
 
 def test_two_cameras_that_face_each_other_are_reported(short: Capture) -> None:
     cameras, keypoints = short.views([0, 2]).require_multiview()
-    assert "views_in_line" not in {item.code for item in check_world(cameras, keypoints).problems()}
+    assert "views_in_line" not in {item.code for item in check_world(cameras, keypoints).found()}
     middle = np.nanmedian(check_world(cameras, keypoints).points, axis=(0, 1))
     across = np.cross(cameras.centres[0] - middle, Z)
     half_turn = 2.0 * np.outer(across, across) / (across @ across) - np.eye(3)  # to the place opposite to the first
@@ -251,5 +249,5 @@ def test_two_cameras_that_face_each_other_are_reported(short: Capture) -> None:
     facing = replace(cameras, R=R, t=t)
     points = short.truth["keypoints3d"]
     seen = replace(keypoints, xy=project(facing, points), confidence=np.ones(keypoints.confidence.shape))
-    (found,) = [item for item in check_world(facing, seen).problems() if item.code == "views_in_line"]
+    (found,) = [item for item in check_world(facing, seen).found() if item.code == "views_in_line"]
     assert found.where.cameras == cameras.names
