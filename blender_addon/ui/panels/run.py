@@ -110,8 +110,9 @@ def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, setting
     if gone:
         wrapped(column, context, f"The file {gone[0].name} was moved or deleted.", "ERROR", alert=True)
         column.operator("mocap.relink_files", icon="FILE_FOLDER")
-    warnings = () if take is None else warnings_of_take(take)
-    for found, word, stage in ((capture.problems, "problem", "CAPTURE"), (warnings, "warning", "EDIT")):
+    problems = capture.problems
+    warnings = () if take is None else [found for found in warnings_of_take(take) if found not in problems]
+    for found, word, stage in ((problems, "problem", "CAPTURE"), (warnings, "warning", "EDIT")):
         if found:
             row = column.column(align=True) if is_slim(context) else column.row(align=True)
             row.alert = True

@@ -80,6 +80,8 @@ def test_the_take_keeps_its_error_and_its_warnings(mocap, solved, scene) -> None
     assert "61 % of the detections" in str(take["warnings"]) and "61 %" in text
     mocap.stage = "DELIVER"
     assert "1 warning" in on_top() and "Show" in on_top()
+    mocap.capture.findings = findings_text([found])
+    assert "1 problem" in on_top() and "1 warning" not in on_top(), "the same sentence counts once"
 
 
 def test_problems_of_the_capture_are_one_line_with_a_way_there(mocap, solved_take) -> None:
