@@ -1,5 +1,5 @@
 """Generate the neutral body and its hands from the committed numbers.
 
-Arrays have these shapes throughout: ``vertices`` (V, 3) and ``joints`` (24, 3) in metres, ``faces`` (T, 3), ``weights``
-(V, 24), and ``mirror`` (V,), the index of each vertex's mirror image.
+Arrays always have these shapes: ``vertices`` (V, 3) and ``joints`` (24, 3) in metres, ``faces`` (T, 3), ``weights`` (V,
+24), and ``mirror`` (V,), which is the index of each vertex's mirror image.
 """

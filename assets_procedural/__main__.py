@@ -8,11 +8,11 @@ from __future__ import annotations
 import logging
 import os
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread has a fixed order of sums, so every run is identical
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread adds numbers in a fixed order, so every run is identical
 
 
 def main() -> None:
-    """Build and write the body file, the hands file, and the file of additions for Blender."""
+    """Build and write the body file, the hands file, and the file that Blender adds to them."""
     from assets_procedural.build import BODY_FILE, build_body, write_body
     from assets_procedural.hand.build import HANDS_FILE, build_hands
     from assets_procedural.shown import SHOWN_FILE, build_shown

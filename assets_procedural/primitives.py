@@ -1,4 +1,4 @@
-"""Implicit surface of mirrored anisotropic Gaussians, with the skin at F = 1."""
+"""Define an implicit surface as a sum of mirrored anisotropic Gaussians. The skin is at F = 1."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from assets_procedural.arrays import FLIP, NUMBERS
 from solver_backend.exchange.errors import FileDamaged
 
 _KEYS = ("mean", "log_scale", "rotation", "log_weight")
-_FLOOR = 1e-9  # Lower bound of a sum of weights.
+_FLOOR = 1e-9  # Lower limit of a sum of weights.
 
 
 @dataclass(frozen=True)
 class Primitives:
-    """Sum of Gaussians over both halves, with F > 1 inside."""
+    """Sum of Gaussians over both halves. F > 1 inside the body."""
 
-    mean: np.ndarray  # (K, 3) metres, floor at y = 0.
+    mean: np.ndarray  # (K, 3) metres, with the floor at y = 0.
     whiten: np.ndarray  # (K, 3, 3): diag(1 / scale) times the transposed rotation.
-    log_weight: np.ndarray  # (K,) logarithms of weights.
+    log_weight: np.ndarray  # (K,) logarithms of the weights.
 
     @classmethod
     def from_half(
         cls, mean: np.ndarray, log_scale: np.ndarray, rotation: np.ndarray, log_weight: np.ndarray
     ) -> Primitives:
-        """Build both halves from the parameters of the left half. ``rotation`` contains rotation vectors."""
+        """Build both halves from the parameters of the left half. ``rotation`` holds rotation vectors."""
         turn = Rotation.from_rotvec(rotation).as_matrix()
         whiten = np.exp(-log_scale)[:, :, None] * np.swapaxes(turn, 1, 2)
         parts = (mean, mean * FLIP), (whiten, whiten * FLIP), (log_weight, log_weight)
         return cls(*(np.concatenate(halves) for halves in parts))
 
     def log_field(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the (N,) ``log F`` at (N, 3) points in metres, and its (N, 3) gradient in 1/m."""
+        """Return ``log F`` (N,) at (N, 3) points in metres, and its gradient (N, 3) in 1/m."""
         values, gradients = np.empty(len(points)), np.empty((len(points), 3))
         reach = self._reach()
         cells = np.floor(points / 0.08).astype(np.int64)
@@ -60,7 +60,7 @@ class Primitives:
         return np.sqrt(variance * 2.0 * np.maximum(9.0 + self.log_weight, 1.0)[:, None])
 
     def grid(self, low: np.ndarray, cell: float, shape: tuple[int, int, int]) -> np.ndarray:
-        """Return F on a regular grid, from each Gaussian inside its own box."""
+        """Return F on a regular grid. Each Gaussian is evaluated only inside its own box."""
         field = np.zeros(shape)
         for mean, whiten, log_weight, radius in zip(
             self.mean, self.whiten, self.log_weight, self._reach(), strict=True
@@ -79,9 +79,9 @@ class Primitives:
         return field
 
     def project(self, points: np.ndarray, *, steps: int = 4, on_plane: np.ndarray | None = None) -> np.ndarray:
-        """Move points near the skin onto it by Newton steps of at most 4 mm.
+        """Move points that are near the skin onto it, by Newton steps of at most 4 mm.
 
-        Points marked by ``on_plane`` (N,) stay on x = 0.
+        Points marked in ``on_plane`` (N,) stay on x = 0.
         """
         moved = points.copy()
         for _ in range(steps):
@@ -94,7 +94,7 @@ class Primitives:
         return moved
 
     def normals(self, points: np.ndarray) -> np.ndarray:
-        """Return the (N, 3) outward unit normals of the level sets."""
+        """Return the outward unit normals (N, 3) of the level sets."""
         _, gradient = self.log_field(points)
         return -gradient / np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-12)
 
@@ -103,7 +103,7 @@ def load_primitives(path: Path = NUMBERS / "primitives.npz") -> Primitives:
     """Read the committed numbers.
 
     Raises:
-        FileDamaged: the file lacks an array or the arrays differ in length.
+        FileDamaged: the file lacks an array, or arrays differ in length.
     """
     with np.load(path, allow_pickle=False) as data:
         missing = [key for key in _KEYS if key not in data.files]

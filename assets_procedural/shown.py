@@ -1,4 +1,4 @@
-"""Build the file of additions that only Blender shows: correctives, facial shapes and looks."""
+"""Build the file that only Blender adds to the body: correctives, facial shapes and looks."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from assets_procedural.layout import JOINT
 from assets_procedural.skeleton.shown import shown_correctives
 
 SHOWN_FILE = BODY_FILE.with_name("shown_neutral.npz")
-_LEAST_M = 2e-5  # Smaller movements of a vertex are removed from shapes.
+_LEAST_M = 2e-5  # If a shape moves a vertex by less than this, the movement is removed.
 
 
 def build_shown(body: dict[str, Array]) -> dict[str, Array]:
-    """Return the arrays of the additions file for the arrays of the body file.
+    """Return the arrays of this file, given the arrays of the body file.
 
-    ``rows`` (N, 3, 9) are correctives of a vertex by a joint in metres per unit of ``flatten(R_j - I)``.
-    ``shape_offset`` (M, 3) has the metres that a facial shape moves a vertex at value 1. ``look_material`` (L, F) has
-    the face materials of each look, and ``look_offset`` (K, 3) the metres that a look moves a vertex.
+    ``rows`` (N, 3, 9) are correctives of one vertex for one joint, in metres per unit of ``flatten(R_j - I)``.
+    ``shape_offset`` (M, 3) is the offset in metres that a facial shape gives a vertex at value 1. ``look_material`` (L,
+    F) lists the face materials of each look, and ``look_offset`` (K, 3) the vertex offsets in metres.
     """
     real = {key: body[key].astype(np.float64) for key in ("v_template", "weights", "J", "posedirs")}
     faces, mirror = body["f"].astype(np.int64), body["mirror"].astype(np.int64)

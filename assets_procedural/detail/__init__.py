@@ -1,1 +1,1 @@
-"""Add close-up detail to the fitted mesh: fingers at rest, wrists, toes, eyes and lips."""
+"""Add close-up detail to the fitted mesh: resting fingers, wrists, toes, eyes and lips."""

@@ -1,8 +1,8 @@
-"""Define the face's 52 shapes by ARKit name, from geometry and ``face.json``.
+"""Define the face's 52 shapes under ARKit's names, from geometry and ``face.json``.
 
-A lid slides over its eyeball, and an iris rotates with its ball under fixed lids. The lower lip rotates with the jaw
-about an axis through its joints, weighted by a harmonic field. A stroke moves skin around a point by a smooth bump.
-Parted lips pull their seam back into the mouth. The skin inside the mouth has a separate material.
+A lid slides over its eyeball, and an iris rotates with its eyeball under fixed lids. The lower lip rotates with the jaw
+about an axis through the jaw's joints, weighted by a harmonic field. A stroke moves the skin around a point by a smooth
+bump. When lips part, their seam is pulled back into the mouth. The skin inside the mouth has its own material.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from assets_procedural.skeleton.skinning import cotangent_laplacian
 from solver_backend.live.face_source import BLEND_SHAPES
 
 _TABLE = json.loads((NUMBERS / "face.json").read_text(encoding="utf-8"))
-MOUTH = 7  # Material of the inside of the mouth, after those of ``charts``.
-_MEETING = 0.12  # Height of the line between closed lids, as a share of the opening.
-_OVER_M = 0.0005  # Additional distance of a closed lid from its eyeball, because of the cornea.
-_LID_SHARES = (0.0, 0.22, 0.48, 0.76)  # Lid rings from edge to rim, as in ``eyes``.
-_RELAXED, _WIDE = 0.2, 0.22  # Shares of a blink at rest, and upwards in wide eyes. Chosen by hand.
+MOUTH = 7  # Material of the inside of the mouth. It follows the materials in ``charts``.
+_MEETING = 0.12  # Height of the line between closed lids, as a fraction of the opening.
+_OVER_M = 0.0005  # Extra distance between a closed lid and its eyeball, for the cornea.
+_LID_SHARES = (0.0, 0.22, 0.48, 0.76)  # Rings of the lids from edge to rim, as in ``eyes``.
+_RELAXED, _WIDE = 0.2, 0.22  # Fraction of a blink at rest, and upward fraction in wide eyes. Chosen by hand.
 _GAZE = {"Up": (0.0, 11.0, -0.25), "Down": (0.0, -16.0, 0.35), "In": (-25.0, 0.0, 0.0), "Out": (25.0, 0.0, 0.0)}
-"""Rotation of the left eye to the left and up at value 1, in degrees, and the blink share that follows the gaze."""
+"""Rotation of the left eye to the left and upwards at value 1, in degrees, and the fraction of a blink that follows."""
 _UNDER_LID, _CORNEA_M = 0.86, 0.0006  # As in ``eyes``.
-_JAW_DEG = 19.0  # Jaw rotation at 1, about two thirds of the widest opening.
-_JAW_JOINT, _JAW_ANGLE = np.array([0.0, 0.040, 0.014]), np.array([0.052, -0.012, 0.020])  # From the head's joint.
-_AT_CORNER = 0.35  # Share of the jaw's rotation at the corners of the mouth.
-_INWARDS = 0.85  # Backward movement of the seam between parted lips, as a share of the gap.
-_TONGUE = np.array([0.0, -0.003, 0.019]), 0.011  # Movement of the seam's centre, and its half width, metres.
-_HEAD_M = 0.24  # Radius around the head's joint of everything that a face moves.
+_JAW_DEG = 19.0  # Rotation of the jaw at value 1, about two thirds of the widest opening.
+_JAW_JOINT, _JAW_ANGLE = np.array([0.0, 0.040, 0.014]), np.array([0.052, -0.012, 0.020])  # Relative to the head joint.
+_AT_CORNER = 0.35  # Fraction of the jaw's rotation at the corners of the mouth.
+_INWARDS = 0.85  # Backward movement of the seam when lips part, as a fraction of the gap.
+_TONGUE = np.array([0.0, -0.003, 0.019]), 0.011  # Movement of the seam's centre and its half width, in metres.
+_HEAD_M = 0.24  # Distance from the head joint within which facial shapes move the skin.
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,13 @@ class Expressions:
     """Arrays that add facial shapes to the body file."""
 
     names: tuple[str, ...]
-    offsets: Array  # (52, V, 3) metres at 1, from the relaxed face.
-    relaxed: Array  # (V, 3) metres from the body file's face to the relaxed one.
-    material: Array  # (F,) as in ``charts``, with the inside of the mouth, and irises that rotate with their rings.
+    offsets: Array  # (52, V, 3) metres at value 1, from the relaxed face.
+    relaxed: Array  # (V, 3) metres from the face in the body file to the relaxed face.
+    material: Array  # (F,) as in ``charts``, plus the inside of the mouth. Irises rotate with their rings.
 
 
 def build_expressions(vertices: Array, faces: Array, material: Array, mirror: Array, head: Array) -> Expressions:
-    """Build the facial shapes of a symmetric rest body."""
+    """Build the facial shapes of a symmetric body at rest."""
     eye, mouth = _Eye(vertices, faces, material), _Mouth(vertices, faces, material, head)
     blink, jaw = eye.blink(), mouth.jaw_turn()
     upper = blink * (blink[:, 1] < 0)[:, None]
@@ -73,7 +73,7 @@ def build_expressions(vertices: Array, faces: Array, material: Array, mirror: Ar
 
 
 class _Eye:
-    """The left eye as vertex rings, sorted by angle, outwards over the lids and inwards to the pupil."""
+    """The left eye as vertex rings sorted by angle, which run outwards over the lids and inwards to the pupil."""
 
     def __init__(self, vertices: Array, faces: Array, material: Array) -> None:
         self._vertices, count = vertices, len(vertices)
@@ -90,7 +90,7 @@ class _Eye:
         self.front, self.white = middle, np.concatenate(self._inner[:2])
 
     def blink(self) -> Array:
-        """Return (V, 3) offsets in metres that close the lids."""
+        """Return the offsets (V, 3) in metres that close the lids."""
         vertices, offsets, edge = self._vertices, np.zeros_like(self._vertices), self._by_angle(self._lids[0])
         x, y, _ = vertices[edge].T
         outer, inner = int(x.argmax()), int(x.argmin())
@@ -109,7 +109,7 @@ class _Eye:
         return offsets
 
     def gaze(self, left_deg: float, up_deg: float) -> Array:
-        """Return (V, 3) offsets in metres that rotate the eye under fixed lids."""
+        """Return the offsets (V, 3) in metres that rotate the eye under fixed lids."""
         seen, _, iris, _, _ = self._inner
         vertices, offsets, centre = self._vertices, np.zeros_like(self._vertices), self._centre[:2]
         to = centre + EYEBALL_M * np.sin(np.deg2rad([left_deg, up_deg]))
@@ -132,7 +132,7 @@ class _Eye:
         return offsets
 
     def _matched(self, rings: list[Array]) -> list[Array]:
-        """Return rings sorted by angle, with lines from the lids to the pupil."""
+        """Return the rings sorted by angle, so that lines run from the lids to the pupil."""
         seen, half, iris, *inside = rings
         at, rolls = self._vertices[:, :2], [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
         off = [np.linalg.norm(2 * at[np.roll(half, b)] - at[np.roll(seen, a)] - at[iris]) for a, b in rolls]
@@ -154,7 +154,7 @@ class _Eye:
 
 
 class _Mouth:
-    """The lips, the jaw and the landmarks of the strokes."""
+    """The lips, the jaw, and the landmarks to which strokes refer."""
 
     def __init__(self, vertices: Array, faces: Array, material: Array, head: Array) -> None:
         self._vertices, self._faces, self._head = vertices, faces, head
@@ -181,18 +181,18 @@ class _Mouth:
         self.closing = smooth_step(vertices[:, 1], mouth[1] - 0.030, mouth[1] - 0.008)
 
     def jaw_turn(self) -> Array:
-        """Return the (V, 3) offsets of an open jaw in metres."""
+        """Return the offsets (V, 3) of an open jaw, in metres."""
         axis = self._head + _JAW_JOINT
         turned = Rotation.from_rotvec([np.deg2rad(_JAW_DEG), 0.0, 0.0]).apply(self._vertices - axis) + axis
         return self.jaw[:, None] * (turned - self._vertices)
 
     def stroked(self, strokes: list[list], eye: Array, *, both: bool) -> Array:
-        """Return the (V, 3) offsets in metres of strokes.
+        """Return the offsets (V, 3) that strokes make, in metres.
 
         Args:
-            strokes: strokes of one shape: landmark, offset from it, radius, movement, and optionally the lip.
-            eye: (3,) front point of the left eye in metres.
-            both: mirror strokes that are off the midline.
+            strokes: strokes of one shape: landmark, offset from it, radius, movement and, optionally, the lip.
+            eye: (3,) foremost point of the left eye in metres.
+            both: whether to mirror strokes that are not on the midline.
         """
         offsets, places = np.zeros_like(self._vertices), self._places | {"eye": eye, "brow": eye + [0.002, 0.021, 0.0]}
         for landmark, place, radius, move, *lip in strokes:
@@ -207,14 +207,14 @@ class _Mouth:
         return offsets
 
     def tongue(self) -> Array:
-        """Return (V, 3) offsets in metres that push the middle of the lip seam out as the tip of a tongue."""
+        """Return the offsets (V, 3) in metres that push the middle of the lip seam out like the tip of a tongue."""
         offsets = np.zeros_like(self._vertices)
         across = np.minimum(np.abs(self._vertices[self._seam, 0]) / _TONGUE[1], 1.0)
         offsets[self._seam] = np.sqrt(1.0 - across**2)[:, None] * _TONGUE[0]
         return offsets
 
     def part_lips(self, offsets: Array) -> Array:
-        """Return (V, 3) offsets in metres that close the lip seam until the lips part."""
+        """Return the offsets (V, 3) in metres that keep the lip seam closed until the lips part."""
         found, vertices = offsets.copy(), self._vertices
         upper, lower = (self._inner[(self._above[self._inner] > 0.5) == above] for above in (True, False))
         x = vertices[self._seam, 0]
@@ -235,7 +235,7 @@ class _Mouth:
         return np.array([*place[:2], close[:, 2].max()])
 
     def _jaw_share(self, lips: Array) -> Array:
-        """Return each vertex's (V,) share of the jaw rotation."""
+        """Return the fraction (V,) of the jaw's rotation that each vertex follows."""
         vertices, head, corner = self._vertices, self._head, self._corner
         folded = vertices * np.where(vertices[:, :1] < 0, FLIP, 1.0)
         near = np.linalg.norm(vertices - head - [0.0, 0.05, 0.03], axis=1) < _HEAD_M
@@ -258,7 +258,7 @@ class _Mouth:
 
 
 def _rings(graph: sp.csr_matrix, start: Array, allowed: Array, count: int) -> list[Array]:
-    """Return the allowed vertices at each edge distance, 0 to ``count``, from the start."""
+    """Return the allowed vertices at each edge distance from the start, 0 to ``count``."""
     reached, rings = start.copy(), [np.flatnonzero(start)]
     for _ in range(count):
         new = (graph @ np.isin(np.arange(len(start)), rings[-1]).astype(float) > 0) & allowed & ~reached

@@ -1,7 +1,7 @@
-"""Build the eye: lids on an eyeball, an opening, and iris and pupil that look straight ahead.
+"""Build the eye: lids on an eyeball, their opening, and an iris and a pupil that look straight ahead.
 
-The fitted surface has a slit there that ends inside the head. It is replaced by rings: lids, lid edge, eyeball, iris
-and pupil. Depths follow a sphere and the surrounding skin, interpolated over the eye.
+The fitted surface has a slit there that ends inside the head. It is replaced by rings for the lids, the edge of the
+lids, the eyeball, the iris and the pupil. Depths follow a sphere and the surrounding skin, interpolated across the eye.
 """
 
 from __future__ import annotations
@@ -11,23 +11,23 @@ import numpy as np
 from assets_procedural.arrays import EYEBALL, IRIS, NONE, PUPIL, Array
 from assets_procedural.detail.patches import HalfBody, Oval, Patch, fan, replace, rings_to_faces, surface_around
 
-EYE_CENTRE = np.array([0.0312, 1.5882, 0.1238])  # Left eyeball in the fitted mesh, metres, floor at y = 0.
+EYE_CENTRE = np.array([0.0312, 1.5882, 0.1238])  # Left eyeball's centre in the fitted mesh, metres, floor at y = 0.
 EYEBALL_M, IRIS_M, PUPIL_M = 0.0129, 0.0056, 0.0020  # Radii. An adult's iris is 11.7 mm wide (Rüfer et al. 2005).
 _CORNEA_M = 0.0006
 _LID_M, _SOFT_M = 0.0012, 0.0006
-_CORNERS = np.array([[0.0432, 1.5890], [0.0199, 1.5873]])  # Outer and inner corner of the lids.
+_CORNERS = np.array([[0.0432, 1.5890], [0.0199, 1.5873]])  # Outer and inner corners of the lids.
 _UPPER_M, _LOWER_M = 0.0047, 0.0050
-_EDGE_M = 0.0005  # Width of the lids' edge.
-_AROUND = 28  # Vertices of each ring.
-_HOLE = Oval(np.array([0.0316, 1.5888]), np.array([0.0186, 0.0126]), least_z=0.07)  # Hole in the skin, metres.
-_LID_RINGS = (0.76, 0.48, 0.22)  # Rings of the lids, as shares of the distance from their edge to the hole's rim.
+_EDGE_M = 0.0005  # Width of the edge of the lids.
+_AROUND = 28  # Vertices in each ring.
+_HOLE = Oval(np.array([0.0316, 1.5888]), np.array([0.0186, 0.0126]), least_z=0.07)  # Hole in the skin, in metres.
+_LID_RINGS = (0.76, 0.48, 0.22)  # Rings of the lids, as fractions of the way from the lids' edge to the hole's rim.
 _BALL_RINGS = (0.5,)
-_CLIPPED = 0.86  # Largest iris radius, as a share of the distance to the lids' edge.
+_CLIPPED = 0.86  # Largest radius of the iris, as a fraction of the distance to the lids' edge.
 _SEEN_M, _BRIDGED_M = 0.010, 0.0022
 
 
 def put_in_eye(half: HalfBody) -> HalfBody:
-    """Return the half body with an eye. Raise ``BodyInvalid`` without a slit."""
+    """Return the half body with an eye. Raise ``BodyInvalid`` if the mesh has no slit for it."""
     return replace(half, _HOLE.holds, _eye(half))
 
 
@@ -52,9 +52,9 @@ def _eye(half: HalfBody) -> Patch:
 
 
 def _iris_ring(seen: Array, angle: Array) -> tuple[Array, Array]:
-    """Return the (N, 2) border of the iris, reduced under the lids, and the (N, 2) directions to it.
+    """Return the border (N, 2) of the iris, cut back under the lids, and the directions (N, 2) to it.
 
-    The directions are the means of even angles and the lids' angles, which avoids skewed faces between them.
+    Each direction is the mean of an evenly spaced angle and an angle of the lids, which avoids skewed faces.
     """
     out = seen - EYE_CENTRE[:2]
     to_edge = np.unwrap(np.arctan2(out[:, 1], out[:, 0]))
@@ -94,6 +94,6 @@ def _ball_depth(xy: Array) -> Array:
 
 
 def _lid_depth(xy: Array, skin: Array) -> Array:
-    """Return the depth of the lids: the skin, or a lid's thickness on the ball."""
+    """Return the depth of the lids: the skin's or the lid sphere's, whichever is further out."""
     lid = _sphere_depth(xy, EYEBALL_M + _LID_M)
     return np.maximum(skin, lid) + _SOFT_M * np.log1p(np.exp(-np.abs(skin - lid) / _SOFT_M))

@@ -1,7 +1,7 @@
-"""Curl the fitted, spread fingers to a loose rest pose that increases towards the little finger.
+"""Curl the fitted, spread fingers into a loose rest pose. The little finger curls most.
 
 Each finger rotates at three knuckles, starting at the tip. Each angle is multiplied by a weight that increases smoothly
-along the finger. Between two fingers the skin uses their mean, weighted by distance.
+along the finger. Between two fingers, the skin follows their mean, weighted by distance.
 """
 
 from __future__ import annotations
@@ -17,32 +17,32 @@ from assets_procedural.layout import JOINT
 from assets_procedural.skeleton.skinning import distance_to_segment
 
 _UP = np.array([0.0, 1.0, 0.0])
-_WEB_M = 0.003  # Additional distance at which a farther finger counts little.
-_PALM_M = 0.016, 0.030  # Distances from the thumb's axis. Closer skin rotates with it.
+_WEB_M = 0.003  # A finger that is farther by more than this distance hardly affects the skin.
+_PALM_M = 0.016, 0.030  # Distances from the thumb's axis. Skin that is closer rotates with the thumb.
 
 
 @dataclass(frozen=True)
 class Digit:
-    """One finger of the left hand, from its first knuckle to the tip."""
+    """A finger of the left hand, from its first knuckle to its tip."""
 
-    knots: tuple[tuple[float, float, float], ...]  # Three knuckles and the tip, metres from the hand's joint.
-    flexion_deg: tuple[float, float, float]  # Added at each knuckle, towards the palm.
+    knots: tuple[tuple[float, float, float], ...]  # Three knuckles and the tip, in metres from the hand joint.
+    flexion_deg: tuple[float, float, float]  # Angle added at each knuckle, towards the palm.
     closing_deg: float  # Rotation at the first knuckle towards the thumb.
-    soft_m: tuple[float, float, float] = (0.011, 0.007, 0.006)  # Half lengths of each bend.
+    soft_m: tuple[float, float, float] = (0.011, 0.007, 0.006)  # Half the length of each bend.
 
 
 DIGITS = {name: Digit(**row) for name, row in table("digits").items()}  # Digits of the fitted hand, thumb first.
-STRAIGHTENED = 1.14471  # Hand length with straight fingers relative to resting ones.
+STRAIGHTENED = 1.14471  # Length of the hand with straight fingers, relative to resting fingers.
 
 
 def finger_knots(joints: Array) -> Array:
-    """Return the (40, 3) knots of all fingers of both hands in metres."""
+    """Return the knots (40, 3) of all fingers of both hands, in metres."""
     left = joints[JOINT["left_hand"]] + np.concatenate([digit.knots for digit in DIGITS.values()])
     return np.concatenate([left, left * FLIP])
 
 
 def relaxed_knots(knots: Array) -> Array:
-    """Convert (40, 3, C) knots of spread fingers in metres, or their derivatives, to curled fingers."""
+    """Convert knots (40, 3, C) of spread fingers in metres, or their derivatives, to curled fingers."""
     turned = []
     for half, flip in zip(np.split(knots, 2), (1.0, -1.0), strict=True):
         sign = np.array([flip, 1.0, 1.0])[:, None]
@@ -52,11 +52,11 @@ def relaxed_knots(knots: Array) -> Array:
 
 
 def relax_fingers(points: Array, knots: Array, straight: Array, joints: Array) -> Array:
-    """Curl the fingers of (V, 3, C) body points, or of their derivatives with respect to C shapes.
+    """Curl the fingers of (V, 3, C) body points, or of their derivatives w.r.t. C shapes.
 
-    With a point's weights ``s``, each knuckle at ``k`` maps ``p`` to ``k + R(s) (p - k)``. This is linear in ``p`` and
-    ``k``, so derivatives follow the same rule. ``knots`` (40, 3, C) are from ``finger_knots``. Weights are computed on
-    the fitted body with the (V, 3) points ``straight`` and (24, 3) ``joints``.
+    If a point has the weights ``s``, each knuckle at ``k`` maps ``p`` to ``k + R(s) (p - k)``. This is linear in ``p``
+    and ``k``, so derivatives follow the same rule. ``knots`` (40, 3, C) come from ``finger_knots``. Weights are
+    computed on the fitted body, with points ``straight`` (V, 3) and ``joints`` (24, 3).
     """
     out, hand, wrist = points.copy(), joints[JOINT["left_hand"]], joints[JOINT["left_wrist"]]
     for half, flip in zip(np.split(knots, 2), (1.0, -1.0), strict=True):
@@ -68,7 +68,7 @@ def relax_fingers(points: Array, knots: Array, straight: Array, joints: Array) -
 
 
 def _curled(place: Array, points: Array, knots: Array) -> Array:
-    """Return (N, 3, C) points of the left hand with all fingers curled."""
+    """Return points (N, 3, C) of the left hand after all fingers are curled."""
     near = {
         name: np.min([distance_to_segment(place, *bone) for bone in pairwise(np.array(digit.knots))], axis=0)
         for name, digit in DIGITS.items()

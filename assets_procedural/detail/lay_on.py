@@ -1,4 +1,4 @@
-"""Add all details to the half body, so that both sides mirror each other exactly."""
+"""Add all details to the half body, so that both sides are exact mirror images."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from assets_procedural.detail.patches import HalfBody, Oval, Patch, replace, rin
 from assets_procedural.layout import JOINT
 from assets_procedural.mesh.meshing import SymmetricMesh, check_closed, mirror_half, on_grid
 
-SEAM_Y, CORNER_M = 1.5217, 0.0220  # Seam height and half the mouth's width in the fitted mesh, metres.
+SEAM_Y, CORNER_M = 1.5217, 0.0220  # Height of the lip seam and half the mouth's width in the fitted mesh, metres.
 _ALONG = 10  # Segments of the seam from the midline to the corner.
-_UPPER_M, _LOWER_M = 0.0066, 0.0076  # Heights of the red of the upper and the lower lip.
-_RED = (0.17, 0.46, 0.74, 1.0)  # Rings of the red, as shares of its height.
-_BEYOND_M = (0.0011, 0.0019, 0.0027, 0.0035)  # Extension of each ring beyond the end of the seam.
+_UPPER_M, _LOWER_M = 0.0066, 0.0076  # Heights of the red of the upper and lower lips.
+_RED = (0.17, 0.46, 0.74, 1.0)  # Rings on the red of the lips, as fractions of its height.
+_BEYOND_M = (0.0011, 0.0019, 0.0027, 0.0035)  # How far each ring extends beyond the end of the seam.
 _GROOVE_M, _GROOVE_WIDTH_M, _BORDER_M = 0.0019, 0.0011, 0.0006  # Groove between the lips, and their border.
-_HOLE = Oval(np.array([0.0, SEAM_Y]), np.array([0.0305, 0.0128]), least_z=0.10)  # The opening of the mouth, metres.
+_HOLE = Oval(np.array([0.0, SEAM_Y]), np.array([0.0305, 0.0128]), least_z=0.10)  # Hole for the mouth, in metres.
 _SEEN_M, _BRIDGED_M = 0.012, 0.0021
 
 
 def close_lips(half: HalfBody) -> HalfBody:
-    """Return the half body with closed lips. Raise ``BodyInvalid`` without a slit."""
+    """Return the half body with closed lips. Raise ``BodyInvalid`` if the mesh has no slit for them."""
     return replace(half, _HOLE.holds, _lips(half))
 
 
@@ -58,7 +58,7 @@ def _lips(half: HalfBody) -> Patch:
 
 
 def _around(seam: Array, above: Array, below: Array, beyond: float) -> Array:
-    """Return the half ring from the midline around the mouth's corner."""
+    """Return the half ring that runs from the midline around the corner of the mouth."""
     rounding = beyond * (seam[:, 0] / CORNER_M) ** 4
     up = seam + np.column_stack([0.5 * rounding, np.maximum(above, 0.5 * rounding)])
     down = seam + np.column_stack([0.5 * rounding, -np.maximum(below, 0.5 * rounding)])
@@ -91,17 +91,17 @@ def _groove(points: Array, seam: Array) -> Array:
     return depth * np.exp(-((away / _GROOVE_WIDTH_M) ** 2))
 
 
-_FROM_M, _TO_M = 0.022, 0.040  # Distance ahead of the foot's joint where the deepening begins and is complete.
+_FROM_M, _TO_M = 0.022, 0.040  # Distances in front of the foot joint at which deepening begins and is complete.
 _SMOOTHINGS, _SHRINK, _SWELL = 9, 0.55, -0.58  # Taubin 1995, "Curve and surface smoothing without shrinkage".
 _GAIN, _MOST_M = 2.2, 0.004
-_KEPT = (-1.0, -0.001, 0.0025), (1.0, 0.036, 0.041)  # Keypoints lie on both outer toes, so the change fades there.
-_SOLE_M = 0.006  # Nothing lower moves vertically, so that the soles stay on the floor.
+_KEPT = (-1.0, -0.001, 0.0025), (1.0, 0.036, 0.041)  # Keypoints lie on both outer toes, so the change fades out there.
+_SOLE_M = 0.006  # Skin below this does not move vertically, so that the soles stay on the floor.
 
 
 def part_toes(vertices: Array, faces: Array, joints: Array) -> Array:
-    """Return the vertices of the half body (x >= 0, floor at y = 0) with deeper gaps between the toes.
+    """Deepen the gaps between the toes in the vertices of the half body (x >= 0, floor at y = 0).
 
-    This is the unsharp mask ``v + g (v - S v)``, with S repeated averaging over neighbours and g the weight.
+    This is the unsharp mask ``v + g (v - S v)``, where S is repeated averaging over neighbours and g is the weight.
     """
     foot = joints[JOINT["left_foot"]]
     ahead = (vertices[:, 2] - foot[2] + 0.30 * np.abs(vertices[:, 0] - foot[0] + 0.02) - _FROM_M) / (_TO_M - _FROM_M)
@@ -118,18 +118,18 @@ def part_toes(vertices: Array, faces: Array, joints: Array) -> Array:
     for sign, low, high in _KEPT:
         aside = sign * (vertices[:, 0] - foot[0])
         change *= 1.0 - np.clip((aside - low) / (high - low), 0.0, 1.0)[:, None]
-    change[:, 2] = np.minimum(change[:, 2], 0.0)  # the foot keeps its length
+    change[:, 2] = np.minimum(change[:, 2], 0.0)  # the length of the foot does not change
     return vertices + change
 
 
-ULNA_HEAD = np.array([0.0060, 0.0150, -0.0262])  # From the left wrist's joint, metres.
+ULNA_HEAD = np.array([0.0060, 0.0150, -0.0262])  # Relative to the left wrist joint, in metres.
 _OUTWARDS = np.array([0.0, 0.5, -0.866])
-_REDONE_M, _AROUND_M = 0.012, 0.030  # Radius of the new skin, and of the skin that it joins.
+_REDONE_M, _AROUND_M = 0.012, 0.030  # Radius of the new skin, and radius of the skin around it.
 _DOME_M, _DOME_WIDTH_M = 0.0009, 0.008
 
 
 def round_ulna(vertices: Array, joints: Array) -> Array:
-    """Return the vertices of the half body (x >= 0) with a rounded head of the ulna."""
+    """Round the head of the ulna in the vertices of the half body (x >= 0)."""
     offset = vertices - joints[JOINT["left_wrist"]] - ULNA_HEAD
     aside = np.cross(_OUTWARDS, [1.0, 0.0, 0.0])
     plane = offset @ np.stack([[1.0, 0.0, 0.0], aside], axis=1)
@@ -145,14 +145,14 @@ def round_ulna(vertices: Array, joints: Array) -> Array:
 
 @dataclass(frozen=True)
 class DetailedBody:
-    """Closed and symmetric body for close-ups, with the (T,) feature of each face."""
+    """A closed and symmetric body for close-ups, and the feature (T,) that each face shows."""
 
     mesh: SymmetricMesh
     feature: Array
 
 
 def lay_on_details(mesh: SymmetricMesh, joints: Array) -> DetailedBody:
-    """Add eyes, closed lips, round wrists, parted toes and nails to the fitted mesh.
+    """Add eyes, closed lips, round wrists, separate toes and nails to the fitted mesh.
 
     Raises:
         BodyInvalid: a detail is not where it is expected, or the result is not closed.
@@ -169,16 +169,16 @@ def lay_on_details(mesh: SymmetricMesh, joints: Array) -> DetailedBody:
 
 _FACE = np.array([0.0, 0.050, 0.105]), np.array([0.068, 0.088, 0.085])
 _EAR = np.array([0.0835, 0.055, 0.000]), np.array([0.028, 0.050, 0.040])
-"""Centre, from the head joint, and radii of the ellipsoids to replace, in metres. Chosen by eye."""
-_AROUND = 1.45  # Radii of the surrounding skin that defines the surface. Chosen by hand.
-_MIDDLE = np.array([0.0, 0.060, 0.020])  # Centre of the radii that describe the head, from the head's joint, metres.
+"""Centre (from the head joint) and radii of the ellipsoids to replace, in metres. Chosen by eye."""
+_AROUND = 1.45  # Radii within which the surrounding skin defines the surface. Chosen by hand.
+_MIDDLE = np.array([0.0, 0.060, 0.020])  # Centre of the rays that describe the head, in metres from the head joint.
 
 
 def blank_face(vertices: Array, faces: Array, head: Array) -> tuple[Array, Array]:
-    """Return the (N,) vertices that move for a head without a face, and their offsets.
+    """Return the vertices (N,) that move to remove the face, and their offsets.
 
-    Each vertex moves to the mean of its neighbours (Tutte 1963, "How to draw a graph"), and then along its ray from the
-    head's centre to a thin-plate surface through the surrounding skin.
+    Each vertex first moves to the mean of its neighbours (Tutte 1963, "How to draw a graph"). It then moves along its
+    ray from the centre of the head to a thin-plate surface through the surrounding skin.
     """
     folded = (vertices - head) * np.where(vertices[:, :1] < 0, [-1.0, 1.0, 1.0], 1.0)
     away = np.min([np.linalg.norm((folded - c) / radii, axis=1) for c, radii in (_FACE, _EAR)], axis=0)

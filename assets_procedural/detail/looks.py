@@ -1,8 +1,8 @@
-"""Build the looks of the shown body: athletic wear with and without short hair, a mannequin and coloured segments.
+"""Build the looks of the shown body: athletic wear with and without hair, a mannequin, and coloured segments.
 
-A look has a material per face and moves the skin. Vertices slide onto hems, hairlines and joints (``mesh.lines``).
-Cloth spans furrows of the body at a distance, a shoe covers the toes, and hair covers the scalp. Soles keep their
-height. Lengths are in metres, heights are above the floor, and ``x`` is the distance from the midline.
+A look defines a material per face and moves the skin. Vertices slide onto hems, hairlines and joints (``mesh.lines``).
+Cloth spans the furrows of the body, a shoe covers the toes, and hair covers the scalp. Soles keep their height. Lengths
+are in metres, heights are above the floor, and ``x`` is the distance from the midline.
 """
 
 from __future__ import annotations
@@ -18,31 +18,31 @@ from assets_procedural.mesh.lines import Field, LinedMesh
 from assets_procedural.skeleton.shown import DeltaMush
 from assets_procedural.skeleton.skinning import vertex_areas, vertex_normals
 
-HAIR, SHIRT, TRIM, SHORTS, SOCK, SHOE, SOLE = range(8, 15)  # Materials after the ones of ``expressions``.
+HAIR, SHIRT, TRIM, SHORTS, SOCK, SHOE, SOLE = range(8, 15)  # Materials that follow those of ``expressions``.
 SEGMENTS = ("Head", "Neck", "Chest", "Abdomen", "Pelvis", "Arm", "Forearm", "Hand", "Thigh", "Shank", "Foot", "Toes")
-FIRST_SIDED = SEGMENTS.index("Arm")  # From here on, right segments follow the left ones.
+FIRST_SIDED = SEGMENTS.index("Arm")  # From here on, each left segment is followed by its right one.
 _HAIRLINE = (
     (-0.12, 1.512), (-0.06, 1.516), (-0.025, 1.532), (-0.010, 1.575), (-0.003, 1.618), (0.02, 1.632), (0.04, 1.628),
     (0.055, 1.612), (0.065, 1.615), (0.080, 1.638), (0.095, 1.648), (0.115, 1.656), (0.14, 1.660),
 )  # fmt: skip
-"""Height of the hairline by z in metres, from the nape over the ear to the forehead. Chosen by eye."""
-_BROW = (0.0135, 1.6125), (0.033, 1.6165), (0.0465, 1.6105)  # Centre line of a brow, x and height.
+"""Height of the hairline by z, from the nape over the ear to the forehead, in metres. Chosen by eye."""
+_BROW = (0.0135, 1.6125), (0.033, 1.6165), (0.0465, 1.6105)  # Centre line of a brow, as x and height.
 _BROW_M = 0.0028  # Half the thickness of a brow.
-_HEM_M, _GAP_M = 0.016, 0.003  # Width of a hem, and of the step from its edge down to the skin.
-_UNDER = -0.5  # Height of the unit normal below which a foot's skin belongs to the sole.
-_SHOE_M, _WRAP_M = 0.006, 0.012  # Distance of leather from the skin, and radius of gaps that it covers.
+_HEM_M, _GAP_M = 0.016, 0.003  # Width of a hem, and height of its step down to the skin.
+_UNDER = -0.5  # Skin of a foot belongs to the sole if the height of its unit normal is below this.
+_SHOE_M, _WRAP_M = 0.006, 0.012  # Distance of leather from the skin, and radius of the gaps that it covers.
 
 
 @dataclass(frozen=True)
 class Look:
-    """A look of the shown body."""
+    """One look of the shown body."""
 
-    material: Array  # (F,) of each face.
+    material: Array  # (F,) material of each face.
     offsets: Array  # (V, 3) metres from the relaxed face.
 
 
 class _Half:
-    """The half body (x >= 0, floor at 0), and the data to mirror it."""
+    """The half body (x >= 0, floor at 0), and the data needed to mirror it."""
 
     def __init__(self, vertices: Array, faces: Array, mirror: Array) -> None:
         self.faces, self.floor, self._mirror = faces, vertices[:, 1].min(), mirror
@@ -50,19 +50,19 @@ class _Half:
         self.mesh = LinedMesh(vertices[: own.max() + 1] - [0.0, self.floor, 0.0], own)
 
     def whole(self) -> Array:
-        """Return the (V, 3) vertices of both halves in metres."""
+        """Return the vertices (V, 3) of both halves, in metres."""
         half, found = self.mesh.vertices, np.zeros((len(self._mirror), 3))
         found[: len(half)], found[self._mirror[: len(half)]] = half, half * FLIP
         found[: len(half)] = half
         return found
 
     def marks(self, faces: Array) -> Array:
-        """Return a (V,) mask of the vertices of some faces of the half, on both sides."""
+        """Return a mask (V,) of the vertices of some faces of the half body, on both sides."""
         return np.isin(np.arange(len(self._mirror)), self.faces[np.concatenate([faces, faces])])
 
 
 def build_looks(vertices: Array, faces: Array, mirror: Array, material: Array) -> dict[str, Look]:
-    """Build the looks of the relaxed rest body, by name, from the (F,) materials of ``expressions``."""
+    """Build the looks of the relaxed body at rest, by name, from the materials (F,) of ``expressions``."""
     body = vertices, faces, mirror
     wear = {"person": _athletic(*body, material), "shaven": _athletic(*body, material, hair=False)}
     return wear | {"mannequin": _jointed(*body), "segments": _segmented(*body)}
@@ -82,7 +82,7 @@ def _athletic(vertices: Array, faces: Array, mirror: Array, material: Array, *, 
     sole = mesh.draw(_sole, 0.0, _GAP_M)
     mesh.even_out(3)
     grown = scalp.inside & hair
-    bare = (own == SKIN) | (own == NAIL) & shoe.inside  # eyes, lips and nails of fingers stay
+    bare = (own == SKIN) | (own == NAIL) & shoe.inside  # eyes, lips and fingernails do not change
     shirt, shorts = collar.inside & sleeve.inside & waist.inside, leg.inside & ~waist.inside
     for chosen, number in (
         (brow.near | grown, HAIR),
@@ -115,24 +115,24 @@ def _brow(p: Array) -> Array:
 
 
 def _neckline(p: Array) -> Array:
-    """Return the depth of points inside a sphere around the neck, and 1 for points above its centre."""
+    """Return how deep points are inside a sphere around the neck, or 1 for points above its centre."""
     centre, radius = np.array([0.0, 1.485, 0.012]), 0.088
     return np.where(p[:, 1] > centre[1], 1.0, radius - np.linalg.norm(p - centre, axis=1))
 
 
 def _shoe_collar(p: Array) -> Array:
-    """Return the height above a shoe's collar in metres."""
+    """Return the height above the collar of a shoe, in metres."""
     return p[:, 1] - 0.078 - 4.0 * np.square(p[:, 2] + 0.022)
 
 
 def _sole(p: Array) -> Array:
-    """Return the height above a sole in metres, thicker at the heel and the arch."""
+    """Return the height above a sole, which is thicker at the heel and the arch, in metres."""
     arch = np.exp(-np.square((p[:, 0] - 0.068) / 0.022) - np.square((p[:, 2] - 0.025) / 0.045))
     return p[:, 1] - 0.019 - 0.010 * smooth_step(-p[:, 2], -0.06, 0.05) - 0.014 * arch
 
 
 def _dress(half: _Half, at: Array, shirt: Array, shorts: Array, sock: Array) -> Array:
-    """Return the (V, 3) vertices of the body in cloth, in metres."""
+    """Return the vertices (V, 3) of the body in cloth, in metres."""
     mush = DeltaMush(at, half.faces, 0.050)
     smooth = mush.smooth(mush.smooth(at))
     normals = vertex_normals(smooth, half.faces)
@@ -151,7 +151,7 @@ def _dress(half: _Half, at: Array, shirt: Array, shorts: Array, sock: Array) -> 
 
 
 def _shod(half: _Half, at: Array, shoe: Array, sole: Array) -> Array:
-    """Return the (V, 3) body in shoes, on a level set around the foot's skin."""
+    """Return the body's vertices (V, 3) in shoes, which are a level set around the skin of the foot."""
     mush, count = DeltaMush(at, half.faces, 0.020), len(half.mesh.vertices)
     foot, chosen = (at[:, 1] < 0.13) & (at[:, 0] > 0), np.flatnonzero(shoe & (at[:, 0] > 0))
     chosen = chosen[chosen < count]
@@ -166,7 +166,7 @@ def _shod(half: _Half, at: Array, shoe: Array, sole: Array) -> Array:
     start, way = smooth[chosen], vertex_normals(smooth, half.faces)[chosen]
     wrapped, mean = at.copy(), averaging(neighbour_graph(half.faces, len(at)))
     height, lined = at[chosen, 1], sole[chosen] | half.mesh.fixed[chosen] & (at[chosen, 1] < 0.035)
-    under = (at[chosen, 1] < 0.04) & (way[:, 1] < _UNDER)  # with the arch
+    under = (at[chosen, 1] < 0.04) & (way[:, 1] < _UNDER)  # includes the arch
     for reach in (0.032,) + 8 * (0.008,):
         far, step = np.full(len(chosen), -0.004), 0.002
         for ahead in np.arange(-0.002, reach, step):
@@ -188,7 +188,7 @@ def _shod(half: _Half, at: Array, shoe: Array, sole: Array) -> Array:
 
 
 def _grow_hair(half: _Half, at: Array, hair: Array, brow: Array) -> Array:
-    """Return the (V, 3) vertices of the body with short hair, in metres."""
+    """Return the vertices (V, 3) of the body with short hair, in metres."""
     normals = vertex_normals(at, half.faces)
     above = np.where(hair, -_hairline(at), 0.0)
     thick = 0.003 + 0.011 * smooth_step(above, 0.0, 0.06)
@@ -208,17 +208,17 @@ _PLANES = {
     "elbow": ((1.0, 0.0, 0.0), (0.449, 0.0, 0.0)),
     "wrist": ((1.0, 0.0, 0.0), (0.685, 0.0, 0.0)),
 }
-"""Borders of the segments: their normals, which point away from the trunk, and points on them in metres."""
-_BELOW = {"hip": 1.1, "toes": 0.12}  # Heights. A plane cuts nothing above them.
+"""Borders of the segments: normals that point away from the trunk, and points on the borders in metres."""
+_BELOW = {"hip": 1.1, "toes": 0.12}  # Heights above which a plane does not cut.
 _BEYOND = "Neck", "Head", "Abdomen", "Pelvis", "Thigh", "Shank", "Foot", "Toes", "Arm", "Forearm", "Hand"
-"""Segments beyond each border. The chest is on the near side of all borders."""
+"""Segment beyond each border. The chest is on the near side of all of them."""
 _BANDS_M = {"neck": 0.0, "head": 0.0, "waist": 0.020, "chest": 0.020, "wrist": 0.012, "ankle": 0.014, "toes": 0.010}
-"""Half widths of the mannequin's joint bands in metres. Chosen by eye."""
-_BAND_M, _GROOVE_M = 0.028, 0.0025  # Half the width of other joints' bands on the mannequin, and the depth of all.
+"""Half the width of each of these joint bands on the mannequin, in metres. Chosen by eye."""
+_BAND_M, _GROOVE_M = 0.028, 0.0025  # Half the width of all other joint bands on the mannequin, and the depth of all.
 
 
 def _planes() -> Iterator[tuple[str, str, Field]]:
-    """Yield each border's name, the segment beyond it, and a function for the distance from it."""
+    """Yield the name of each border, the segment beyond it, and a function that returns the distance to it."""
     for (name, (normal, point)), beyond in zip(_PLANES.items(), _BEYOND, strict=True):
         way, below = np.array(normal) / np.linalg.norm(normal), _BELOW.get(name, np.inf)
 
@@ -229,7 +229,7 @@ def _planes() -> Iterator[tuple[str, str, Field]]:
 
 
 def _segmented(vertices: Array, faces: Array, mirror: Array) -> Look:
-    """Return the body with a colour per segment."""
+    """Return the body with one colour per segment."""
     half = _Half(vertices, faces, mirror)
     left = np.full(len(half.mesh.faces), SEGMENTS.index("Chest"))
     for _, beyond, field in _planes():
@@ -239,7 +239,7 @@ def _segmented(vertices: Array, faces: Array, mirror: Array) -> Look:
 
 
 def _jointed(vertices: Array, faces: Array, mirror: Array) -> Look:
-    """Return the mannequin, with a dark neck and dark grooves at joints."""
+    """Return the mannequin, which has a dark neck and dark grooves at the joints."""
     half = _Half(vertices, faces, mirror)
     dark = np.zeros(len(half.mesh.faces), bool)
     for name, _, field in _planes():

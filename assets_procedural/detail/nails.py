@@ -1,4 +1,4 @@
-"""Add nails of ten fingers and the big toes as plates in the fitted skin."""
+"""Add the nails of ten fingers and of the big toes, as plates in the fitted skin."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from assets_procedural.detail.fingers import DIGITS
 from assets_procedural.detail.patches import HalfBody, Patch, fan, replace, rings_to_faces
 from assets_procedural.layout import JOINT
 
-_AROUND = 10  # Vertices of each ring.
-_RINGS = (1.0, 0.86, 0.74)  # Skin, bottom of the fold and border of the plate, as shares of the oval's radii.
-_HOLE = 1.25  # Radii of the replaced skin, larger than the nail, so that faces around it are not narrow.
-_FOLD_M, _PLATE_M = -0.0004, 0.0003  # Fold below the skin, plate above it. Chosen by hand.
-_DEEP_M, _BESIDE_M = 0.009, 0.011  # Limits of surrounding skin: depth below the nail's centre, and distance.
-_FACING = 0.45  # Minimum cosine between the normals of nail and skin for the surface.
+_AROUND = 10  # Vertices in each ring.
+_RINGS = (1.0, 0.86, 0.74)  # Skin, bottom of the fold and border of the plate, as fractions of the oval's radii.
+_HOLE = 1.25  # Radii of the skin to replace. It is larger than the nail, so that faces around it are not narrow.
+_FOLD_M, _PLATE_M = -0.0004, 0.0003  # Fold below the skin, and plate above it. Chosen by hand.
+_DEEP_M, _BESIDE_M = 0.009, 0.011  # Limits of the surrounding skin: depth below the nail's centre, and distance.
+_FACING = 0.45  # Skin belongs to the surface if the cosine between its normal and the nail's is at least this.
 
 
 @dataclass(frozen=True)
@@ -26,13 +26,13 @@ class NailPlace:
     """Position, axes and size of a nail on the left side."""
 
     centre: Array  # (3,) metres, within 2 mm of the skin.
-    tip: Array  # (3,) unit vector to the tip.
+    tip: Array  # (3,) unit vector towards the tip.
     up: Array  # (3,) unit vector out of the skin, perpendicular to ``tip``.
-    radii: Array  # (2,) across and along, metres, with the fold.
+    radii: Array  # (2,) radii across and along the nail in metres, including the fold.
 
     @property
     def axes(self) -> Array:
-        """Return the (3, 3) axes across, along and up, one per row."""
+        """Return the axes (3, 3) across, along and up, one per row."""
         return np.stack([np.cross(self.tip, self.up), self.tip, self.up])
 
 
@@ -43,12 +43,12 @@ _FINGERS: dict[str, tuple[float, float, tuple[float, float], float]] = {
     "ring": (0.54, 0.0, (0.0054, 0.0064), 0.0033),
     "little": (0.52, 0.0, (0.0046, 0.0055), 0.0040),
 }
-"""Position from knuckle to tip (0 to 1), roll in degrees, and radii and height in metres, per finger."""
-_BIG_TOE = ((-0.011, -0.0024, 0.0585), (0.0, -0.30, 1.0), (0.0080, 0.0080))  # Offset from the foot, direction, radii.
+"""For each finger: position from knuckle to tip (0 to 1), roll in degrees, and radii and height in metres."""
+_BIG_TOE = ((-0.011, -0.0024, 0.0585), (0.0, -0.30, 1.0), (0.0080, 0.0080))  # Offset from foot, direction, radii.
 
 
 def put_on_nails(half: HalfBody, joints: Array) -> HalfBody:
-    """Add nails to the half body. Raise ``BodyInvalid`` for a nail off the skin."""
+    """Add nails to the half body. Raise ``BodyInvalid`` if a nail is not on the skin."""
     for place in _places(joints):
         local = (half.vertices - place.centre) @ place.axes.T
         total = normal_sums(half.vertices, half.faces)
@@ -75,7 +75,7 @@ def _places(joints: Array) -> list[NailPlace]:
 
 
 def _upright(along: Array) -> Array:
-    """Return the unit vector perpendicular to ``along`` that is closest to up."""
+    """Return the unit vector that is perpendicular to ``along`` and closest to up."""
     up = np.array([0.0, 1.0, 0.0]) - along[1] * along
     return up / np.linalg.norm(up)
 

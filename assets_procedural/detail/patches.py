@@ -1,4 +1,4 @@
-"""Replace a part of the half mesh by rings: cut a hole and join its rim to the outermost ring."""
+"""Replace a part of the half mesh by rings: cut a hole, and join its rim to the outermost ring."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Depth = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class HalfBody:
-    """Half mesh (x >= 0, floor at y = 0) with the (T,) feature of each face."""
+    """Half mesh (x >= 0, floor at y = 0), and the feature (T,) that each face shows."""
 
     vertices: Array
     faces: Array
@@ -31,31 +31,31 @@ class HalfBody:
 
 @dataclass(frozen=True)
 class Patch:
-    """Vertices and faces that fill a hole up to an outermost ring."""
+    """Vertices and faces that fill a hole out to an outermost ring."""
 
     vertices: Array  # (P, 3) metres.
-    faces: Array  # (Q, 3) into ``vertices``, wound outwards as seen from the front.
+    faces: Array  # (Q, 3) indices into ``vertices``, wound so that the front faces outwards.
     feature: Array
-    ring: Array  # (R,) indices of the outermost vertices, counter-clockwise as seen from the front.
-    closed: bool  # Whether the ring closes. Otherwise it begins and ends on x = 0.
+    ring: Array  # (R,) indices of the outermost vertices, counter-clockwise when seen from the front.
+    closed: bool  # True if the ring is closed. If False, it begins and ends on x = 0.
 
 
 @dataclass(frozen=True)
 class Oval:
-    """Vertices inside an upright ellipse as seen from the front, except vertices far behind it."""
+    """The vertices inside an ellipse that is upright when seen from the front, without vertices far behind it."""
 
     centre: Array
     radii: Array
     least_z: float
 
     def holds(self, vertices: Array, wider_m: float = 0.0) -> Array:
-        """Return a (V,) mask of the (V, 3) vertices inside, with radii enlarged by ``wider_m``."""
+        """Return a mask (V,) of the (V, 3) vertices inside. Radii are enlarged by ``wider_m``."""
         apart = np.linalg.norm((vertices[:, :2] - self.centre) / (self.radii + wider_m), axis=1)
         return (apart < 1.0) & (vertices[:, 2] > self.least_z)
 
 
 def replace(half: HalfBody, hole: Mask, patch: Patch) -> HalfBody:
-    """Replace the marked vertices by a patch. Raise ``BodyInvalid`` for several rims."""
+    """Replace the marked vertices by a patch. Raise ``BodyInvalid`` if the hole has several rims."""
     keep = _outside(half.faces, ~hole(half.vertices)[half.faces].any(axis=1), len(half.vertices))
     used = np.unique(half.faces[keep])
     renamed = np.full(len(half.vertices), -1)
@@ -70,25 +70,25 @@ def replace(half: HalfBody, hole: Mask, patch: Patch) -> HalfBody:
 
 
 def surface_around(half: HalfBody, near: Array, left_out: Array) -> Depth:
-    """Return a function z(x, y) of the front skin, fitted to vertices ``near`` that are not ``left_out``."""
+    """Return a function z(x, y) of the front skin, fitted to vertices that are ``near`` and not ``left_out``."""
     total = normal_sums(half.vertices, half.faces)
     facing = near & (total[:, 2] > 0.35 * np.linalg.norm(total, axis=1))
     points = half.vertices[facing & ~left_out]
     points = points[_uncovered(points, half.vertices[near])]
-    across = points[points[:, 0] < 0.02] * [-1.0, 1.0, 1.0]  # even over the midline
+    across = points[points[:, 0] < 0.02] * [-1.0, 1.0, 1.0]  # mirrored, for symmetry at the midline
     points = np.concatenate([points, across[across[:, 0] < 0]])
     plate = RBFInterpolator(points[:, :2], points[:, 2], kernel="thin_plate_spline", smoothing=1e-9)
     return lambda xy: plate(xy)
 
 
 def _uncovered(points: Array, others: Array) -> Array:
-    """Return a mask of the points that no other point covers, which excludes pockets under the skin."""
+    """Return a mask of the points that no other point covers. This excludes pockets under the skin."""
     beside = KDTree(others[:, :2]).query_ball_point(points[:, :2], _BESIDE_M)
     return np.array([z > others[found, 2].max() - _BEHIND_M for z, found in zip(points[:, 2], beside, strict=True)])
 
 
 def rings_to_faces(rings: list[Array], closed: bool) -> Array:
-    """Return the (Q, 3) outward-facing faces between rings of equal length, the outermost ring first."""
+    """Return the outward-facing faces (Q, 3) between rings of equal length, which run from the outside inwards."""
     faces = []
     for outer, inner in pairwise(rings):
         after = np.roll(np.arange(len(outer)), -1) if closed else np.arange(1, len(outer))
@@ -101,12 +101,12 @@ def rings_to_faces(rings: list[Array], closed: bool) -> Array:
 
 
 def fan(ring: Array, middle: int) -> Array:
-    """Return the (R, 3) faces between a closed ring and a vertex in its centre."""
+    """Return the faces (R, 3) between a closed ring and a vertex at its centre."""
     return np.stack([ring, np.roll(ring, -1), np.full(len(ring), middle)], axis=1)
 
 
 def zip_rings(vertices: Array, rim: Array, ring: Array, closed: bool) -> Array:
-    """Return the (Q, 3) faces between a hole's rim and a ring inside it."""
+    """Return the faces (Q, 3) between the rim of a hole and a ring inside it."""
     if closed:
         start = int(np.linalg.norm(vertices[rim] - vertices[ring[0]], axis=1).argmin())
         rim = np.concatenate([np.roll(rim, -start), rim[start : start + 1]])
@@ -125,14 +125,14 @@ def zip_rings(vertices: Array, rim: Array, ring: Array, closed: bool) -> Array:
 
 
 def _gap(vertices: Array, rim: Array, ring: Array, i: int, j: int) -> float:
-    """Return the edge length between two vertices, rounded to a micrometre, or infinity beyond an end."""
+    """Return the length of the edge between two vertices, rounded to a micrometre, or infinity beyond an end."""
     if i >= len(rim) or j >= len(ring):
         return np.inf
     return round(float(np.linalg.norm(vertices[rim[i]] - vertices[ring[j]])), 6)
 
 
 def _outside(faces: Array, keep: Array, count: int) -> Array:
-    """Return a (T,) mask of the kept faces, without pockets under the skin that the hole cuts off."""
+    """Return a mask (T,) of the faces to keep, without pockets under the skin that the hole cuts off."""
     if not keep.any():
         raise BodyInvalid("The rim of a hole is empty: the hole takes all.", hint="Fit the hole to the mesh again.")
     edges = np.array(sorted(_directed(faces[keep])))

@@ -1,1 +1,1 @@
-"""Add movable fingers to the built body: joints, weights, knuckle correctives and size."""
+"""Add movable fingers to the built body: joints, weights, knuckle correctives and sizes."""

@@ -31,17 +31,17 @@ from solver_backend.body.hands import COLUMNS, hand_size_directions
 from solver_backend.exchange.body_layout import SMPL_FINGERS
 from solver_backend.exchange.joint_sets import FINGERS
 
-_RIDGE, _SMALLEST_M = 0.1, 5e-5  # Ridge of the fit of correctives, and the size in metres below which they are 0.
-_COUNT = 48  # Sampled poses per joint.
+_RIDGE, _SMALLEST_M = 0.1, 5e-5  # Ridge parameter of the fit, and size in metres below which correctives are 0.
+_COUNT = 48  # Number of poses sampled per joint.
 
 
 def fit_hand_correctives(vertices: Array, faces: Array, weights: Array, hands: HandJoints, mirror: Array) -> Array:
-    """Return (V, 3, 270) correctives of the finger joints, in metres per unit of ``flatten(R_j - I)``."""
+    """Return correctives (V, 3, 270) for the finger joints, in metres per unit of ``flatten(R_j - I)``."""
     masks = joint_masks(weights, PARENTS)[:, FIRST - 1 :]
     turns, rng = left_skeleton(hands), np.random.default_rng(0)
     directions = np.zeros((len(vertices), 3, 2, len(LEFT), 9))
     chosen = np.flatnonzero(weights[:, [WRIST, *LEFT]].any(axis=1))
-    # The part ends at the forearm, which no finger moves, so its volume changes like the whole body's.
+    # The piece ends at the forearm, which no finger moves, so its volume changes by as much as the whole body's.
     piece = (vertices[chosen], part_of(faces, chosen, len(vertices)), weights[chosen])
     for k, j in enumerate(LEFT):
         bone = hands.joints[j] - hands.joints[j - 1] if k % PER_FINGER == PER_FINGER - 1 else None
@@ -51,14 +51,14 @@ def fit_hand_correctives(vertices: Array, faces: Array, weights: Array, hands: H
         wanted = np.stack([_wanted(*piece, hands.joints, j, bone, mask, turn) for turn in sampled])
         directions[chosen, :, 0, k] = fit_to_turns(sampled, wanted, _RIDGE, mask)
     directions = np.where(np.abs(directions) < _SMALLEST_M, 0.0, directions)
-    # The mirror image: x changes its sign, and R becomes S R S with S = diag(-1, 1, 1).
+    # For the mirror image, x changes its sign, and R becomes S R S with S = diag(-1, 1, 1).
     sign = FLIP[:, None, None] * (FLIP[:, None] * FLIP).ravel()
     directions[mirror, :, 1] = directions[:, :, 0] * sign
     return directions.reshape(len(vertices), 3, -1)
 
 
 def sample_turns(skeleton: HandSkeleton, joint: int, rng: np.random.Generator) -> Array:
-    """Return (N, 3, 3) local rotations that cover the range of one left-hand joint, in SMPL-H's order."""
+    """Return local rotations (N, 3, 3) that cover the range of a left-hand joint, in SMPL-H's order."""
     finger = FINGERS.index(SMPL_FINGERS[joint // PER_FINGER])
     angles = np.tile(skeleton.rest_angles, (_COUNT, 1))
     for i in np.flatnonzero((finger == FINGER_OF) & (joint % PER_FINGER == JOINT_OF)):
@@ -70,7 +70,7 @@ def sample_turns(skeleton: HandSkeleton, joint: int, rng: np.random.Generator) -
 
 
 def left_skeleton(hands: HandJoints) -> HandSkeleton:
-    """Return the skeleton of the left hand, thumb first."""
+    """Return the skeleton of the left hand, starting with the thumb."""
     chains = np.concatenate([hands.joints[list(LEFT)].reshape(5, 3, 3), hands.tips[:5, None]], axis=1)
     order = [SMPL_FINGERS.index(finger) for finger in FINGERS]
     return HandSkeleton.of_points(np.concatenate([hands.joints[[WRIST]], chains[order].reshape(-1, 3)]), 0)
@@ -88,15 +88,15 @@ def _wanted(
     return masked_to_rest(mask, target, vertices, weights, turns, shifts)
 
 
-HANDS_FILE = BODY_FILE.with_name("hands_neutral.npz")  # The file next to the body file.
-_THUMB_SPREAD_DEG = 25.0  # Angle of the thumb of a flat hand, slightly below the palm.
+HANDS_FILE = BODY_FILE.with_name("hands_neutral.npz")  # File that is stored next to the body file.
+_THUMB_SPREAD_DEG = 25.0  # Angle of the thumb in a flat hand. The thumb is slightly below the palm.
 
 
 def build_hands(built: BuiltBody) -> dict[str, Array]:
     """Return the arrays of the hands file, which adds finger joints to the body.
 
-    - ``body_id``: the body of these hands
-    - ``vertices`` (N,): vertices that fingers move or that define their joints
+    - ``body_id``: the body that these hands belong to
+    - ``vertices`` (N,): vertices that the fingers move, or from which their joints are computed
     - ``weights`` (N, 52), and for the finger joints ``J_regressor`` (30, N) and ``posedirs`` (N, 3, 270)
     - ``flat`` (30, 3, 3): rotations of finger bones from rest to a flat hand
     - ``tips`` (10, 3): ends of the fingers in metres
@@ -127,7 +127,7 @@ def build_hands(built: BuiltBody) -> dict[str, Array]:
 
 
 def flat_rotations(hands: HandJoints) -> Array:
-    """Return (30, 3, 3) global rotations of the finger bones from rest to a flat hand, in SMPL-H's order."""
+    """Return the global rotations (30, 3, 3) of the finger bones from rest to a flat hand, in SMPL-H's order."""
     skeleton = left_skeleton(hands)
     angles = skeleton.rest_angles.copy()
     angles[[name.endswith("flexion") for name in ANGLES]] = 0.0

@@ -1,4 +1,4 @@
-"""Rest joints of the fingers: knuckles at knots, others at the finger's centre."""
+"""Compute the rest joints of the fingers: knuckles from knots, other joints from the finger's centre."""
 
 from __future__ import annotations
 
@@ -14,49 +14,49 @@ from assets_procedural.skeleton.skinning import MAX_INFLUENCES, distance_to_segm
 from solver_backend.exchange.body_layout import SMPL_FINGERS, SMPL_HANDS
 
 PARENTS, MIRROR = SMPL_HANDS.parents, SMPL_HANDS.mirror  # Parent and mirror image of each of the 52 joints.
-LEFT = SMPL_HANDS.group("left_hand")  # The left hand's finger joints, after SMPL's joints.
+LEFT = SMPL_HANDS.group("left_hand")  # Finger joints of the left hand. They follow SMPL's joints.
 FIRST, WRIST, PER_FINGER = LEFT[0], SMPL_HANDS.joints.index("left_wrist"), 3
 
 
 def left_bones(joints: Array, tips: Array) -> dict[int, list[tuple[Array, Array]]]:
-    """Return the bones (start, end) of the left wrist and finger joints."""
+    """Return the bones of the left wrist and finger joints, as (start, end)."""
     ends = {j: joints[j + 1] for j in LEFT if (j - FIRST) % PER_FINGER < PER_FINGER - 1}
     ends |= {LEFT[PER_FINGER * k + PER_FINGER - 1]: tip for k, tip in enumerate(tips)}
     bones = {WRIST: [(joints[WRIST], joints[knuckle]) for knuckle in LEFT[::PER_FINGER]]}
     return bones | {j: [(joints[j], ends[j])] for j in LEFT}
 
 
-_DIGIT = {"pinky": "little"}  # The generator's names of digits that differ from SMPL-H's.
-_ROUNDS = 3  # Iterations that move joints to the centres of sections that bisect the bend between bones.
-_FREE_SKIN, _BESIDE_M = 0.65, 0.006  # Share of the first bone beyond the web, and a knuckle's largest movement.
+_DIGIT = {"pinky": "little"}  # Names that the generator uses for digits, where they differ from SMPL-H's.
+_ROUNDS = 3  # Iterations that move joints to the centre of the section that bisects the bend between two bones.
+_FREE_SKIN, _BESIDE_M = 0.65, 0.006  # Fraction of the first bone beyond the web, and largest movement of a knuckle.
 
 
 @dataclass(frozen=True)
 class HandJoints:
-    """Joints of the body with fingers, and the fingertips."""
+    """Joints of a body that has fingers, and the fingertips."""
 
     joints: Array  # (52, 3) metres.
     joint_dirs: Array  # (52, 3, C) metres per unit of C shapes.
-    tips: Array  # (10, 3) metres: the ends of the fingers inside the skin, in SMPL-H's order.
+    tips: Array  # (10, 3) metres: ends of the fingers, inside the skin, in SMPL-H's order.
 
 
 @dataclass(frozen=True)
 class Knots:
-    """Knots of both hands' relaxed fingers, thumb first (see ``finger_knots``)."""
+    """Knots of the relaxed fingers of both hands, starting with the thumb (see ``finger_knots``)."""
 
     points: Array  # (40, 3) metres.
     directions: Array  # (40, 3, 10) metres per unit of shape.
 
     @classmethod
     def relaxed(cls, spread: Array, directions: Array) -> Knots:
-        """Return the relaxed knots from the (40, 3) knots of spread fingers and their shape directions."""
+        """Return the relaxed knots, given the knots (40, 3) of spread fingers and their shape directions."""
         return cls(relaxed_knots(spread[..., None])[..., 0], relaxed_knots(directions))
 
 
 def place_hand_joints(
     joints: Array, joint_dirs: Array, knots: Knots, vertices: Array, dirs: Array, faces: Array
 ) -> HandJoints:
-    """Return the joints of the body with fingers at rest, with shape directions."""
+    """Return the joints of the body and its fingers at rest, and how they change with the shape."""
     left, left_dirs = _in_order(knots.points), _in_order(knots.directions)
     centres = np.zeros((len(left), len(vertices)))
     moved = np.isin(np.arange(len(left)) % 4, (1, 2))
@@ -70,7 +70,7 @@ def place_hand_joints(
         place, along = left[k] + _FREE_SKIN * (left[k + 1] - left[k]), _unit(left[k + 1] - left[k])
         centre = section_centre(vertices, faces, place, along)
         shift = centre @ vertices - place
-        # Where the palm's skin surrounds the bone, its section has no part of the finger.
+        # Where palm skin surrounds the bone, no part of its section belongs to the finger.
         if np.linalg.norm(shift) < _BESIDE_M:
             place_dirs = left_dirs[k] + _FREE_SKIN * (left_dirs[k + 1] - left_dirs[k])
             left[k], left_dirs[k] = left[k] + shift, left_dirs[k] + np.tensordot(centre, dirs, axes=1) - place_dirs
@@ -95,9 +95,9 @@ def _unit(vector: Array) -> Array:
 
 
 def section_centre(vertices: Array, faces: Array, near: Array, normal: Array) -> Array:
-    """Return (V,) weights that sum to 1 and give the centre of a plane section's outline.
+    """Return weights (V,) that sum to 1 and give the centre of the outline in a plane section.
 
-    If there are several outlines, the one with its centre nearest to ``near``, a (3,) point of the plane, is used.
+    Of several outlines, the one whose centre is nearest to ``near`` is used. ``near`` is a (3,) point in the plane.
     """
     height = (vertices - near) @ normal
     crossing = (height[faces] > 0).any(axis=1) & (height[faces] <= 0).any(axis=1)
@@ -122,12 +122,12 @@ def section_centre(vertices: Array, faces: Array, near: Array, normal: Array) ->
     return weights
 
 
-_SMALLEST = 0.01  # Smallest weight of a bone.
-_BONES = 4  # Maximum number of a hand's bones per vertex, as in glTF and game engines.
+_SMALLEST = 0.01  # Smallest weight that a bone keeps.
+_BONES = 4  # Largest number of hand bones per vertex, as in glTF and game engines.
 
 
 def hand_weights(vertices: Array, faces: Array, weights: Array, joints: Array, tips: Array, mirror: Array) -> Array:
-    """Return (V, 52) weights for joints and tips, from a body without fingers."""
+    """Return weights (V, 52) for joints and tips, given the weights of a body without fingers."""
     out = np.zeros((len(vertices), len(joints)))
     out[:, :FIRST] = weights[:, :FIRST]
     carried = weights[:, WRIST] + weights[:, FIRST]

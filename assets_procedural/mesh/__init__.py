@@ -1,1 +1,1 @@
-"""Convert the implicit surface to a mesh with materials and texture charts."""
+"""Convert the implicit surface to a mesh that has materials and texture charts."""

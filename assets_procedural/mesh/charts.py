@@ -1,4 +1,4 @@
-"""Texture charts: flattened front and back shells of body parts, packed."""
+"""Make texture charts: flatten the front and back shells of body parts, and pack them."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from assets_procedural.layout import ANKLE, CUFF, NECKLINE
 from solver_backend.body.mesh import face_normals
 
 _MARGIN = 0.006  # Margin around each chart in the unit square.
-_GRID_M = 1e-6  # Lengths are rounded to this grid, so that mirrored ones are equal on every machine.
+_GRID_M = 1e-6  # Lengths are rounded to this grid, so that mirrored lengths are equal on every machine.
 
 
 @dataclass(frozen=True)
 class TextureMap:
-    """Texture coordinates with seams."""
+    """Texture coordinates, cut at seams."""
 
-    vt: Array  # (T, 2) coordinates in [0, 1].
-    ft: Array  # (F, 3) index into ``vt`` of each face's corners.
+    vt: Array  # (T, 2) texture points in [0, 1].
+    ft: Array  # (F, 3) index into ``vt`` for the corners of each face.
 
 
 def build_texture_map(vertices: Array, faces: Array, part: Array, facing: Array) -> TextureMap:
-    """Flatten and pack each (F,) part. ``facing`` (P, 3) is the direction that a part's first shell faces."""
+    """Flatten and pack each part (F,). The first shell of a part faces its direction in ``facing`` (P, 3)."""
     label = _shells(vertices, faces, part, facing)
     charts, ft = [], np.zeros_like(faces)
     offset = 0
@@ -43,7 +43,7 @@ def build_texture_map(vertices: Array, faces: Array, part: Array, facing: Array)
 
 
 def flatten(vertices: Array, faces: Array) -> Array:
-    """Return the (V, 2) least squares conformal map of a disk (Levy et al. 2002)."""
+    """Return the least squares conformal map (V, 2) of a disk (Levy et al. 2002)."""
     corners = vertices[faces]
     x, to_third = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     length, normal = np.linalg.norm(x, axis=1), np.cross(x, to_third)
@@ -67,13 +67,13 @@ def flatten(vertices: Array, faces: Array) -> Array:
 
 
 def signed_areas(points: Array, faces: Array) -> Array:
-    """Return the (F,) areas of flat triangles, negative for flipped triangles."""
+    """Return the areas (F,) of flat triangles. Areas of flipped triangles are negative."""
     a, b, c = (points[faces[:, k]] for k in range(3))
     return 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
 
 
 def _far_pair(vertices: Array, faces: Array) -> Array:
-    """Return two distant border vertices. Of two mirror images, the one with the lower index is used."""
+    """Return two border vertices that are far apart. Of two mirror images, the one with the lower index is used."""
     pairs = np.sort(half_edges(faces), axis=1)
     keys, counts = np.unique(pairs, axis=0, return_counts=True)
     rim = np.unique(keys[counts == 1])
@@ -86,7 +86,7 @@ def _furthest(points: Array, origin: Array) -> int:
 
 
 def _shells(vertices: Array, faces: Array, part: Array, facing: Array) -> Array:
-    """Return (F,) chart numbers: connected pieces of each part that face its direction or away from it."""
+    """Return chart numbers (F,). A chart is a connected piece of a part that faces its direction or away from it."""
     normal = face_normals(vertices, faces)
     towards = np.einsum("fa,fa->f", normal, facing[part]) / np.linalg.norm(normal, axis=1)
     graph = _face_graph(faces, part)
@@ -115,7 +115,7 @@ def _face_graph(faces: Array, group: Array) -> sp.csr_matrix:
     pairs = np.sort(half_edges(faces), axis=1)
     owner = np.tile(np.arange(len(faces)), 3)
     order = np.lexsort(pairs.T[::-1])
-    a, b = owner[order][0::2], owner[order][1::2]  # closed mesh: every edge has two faces
+    a, b = owner[order][0::2], owner[order][1::2]  # in a closed mesh, every edge belongs to two faces
     same = group[a] == group[b]
     a, b = a[same], b[same]
     ones = np.ones(2 * len(a))
@@ -123,7 +123,7 @@ def _face_graph(faces: Array, group: Array) -> sp.csr_matrix:
 
 
 def _upright(flat: Array, vertices: Array, facing: Array) -> Array:
-    """Return the chart with up pointing up and its corner at the origin."""
+    """Rotate a chart so that up on the body is up, and move its corner to the origin."""
     up = np.array([0.0, 1.0, 0.0]) if abs(facing[1]) < 0.5 else np.array([0.0, 0.0, 1.0])
     centred = flat - flat.mean(axis=0)
     gradient = centred.T @ (vertices @ up - (vertices @ up).mean())
@@ -149,7 +149,7 @@ def _pack(charts: list[Array]) -> Array:
 
 
 def _shelves(sizes: Array, order: Array) -> Array | None:
-    """Return the (C, 2) lower left corners, or None if the charts do not fit into the unit square."""
+    """Return the lower left corners (C, 2), or None if the charts do not fit into the unit square."""
     places, x, y, shelf = np.zeros_like(sizes), 0.0, 0.0, 0.0
     for chart in order:
         width, height = sizes[chart]
@@ -163,13 +163,13 @@ def _shelves(sizes: Array, order: Array) -> Array | None:
 
 
 SKIN, SUIT, LIPS, EYEBALL, IRIS, PUPIL, NAIL = range(7)
-MATERIAL_NAMES = ("skin", "suit", "lips", "eyeball", "iris", "pupil", "nail")  # In the order of their numbers.
-PART_FACING = np.array([(0.0, 0.0, 1.0)] * 4 + [(0.0, 1.0, 0.0)] * 6)  # Direction of each part's first shell.
+MATERIAL_NAMES = ("skin", "suit", "lips", "eyeball", "iris", "pupil", "nail")  # In the order of the material numbers.
+PART_FACING = np.array([(0.0, 0.0, 1.0)] * 4 + [(0.0, 1.0, 0.0)] * 6)  # Direction that each part's first shell faces.
 _ARM_X, _CROTCH_Y = 0.19, 0.83
 
 
 def face_parts(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return the (F,) body part of each face of the fitted mesh, with the floor at y = 0."""
+    """Return the body part (F,) of each face of the fitted mesh, whose floor is at y = 0."""
     centre = vertices[faces].mean(axis=1)
     right = (centre[:, 0] < 0).astype(np.int64)
     folded = centre * np.where(right[:, None] == 1, np.array([-1.0, 1.0, 1.0]), 1.0)
@@ -185,7 +185,7 @@ def face_parts(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def face_materials(part: np.ndarray, feature: np.ndarray) -> np.ndarray:
-    """Return the (F,) material of each face from its part and feature. The body wears a suit."""
+    """Return the material (F,) of each face, given its part and its feature. The body wears a suit."""
     plain = np.where(np.isin(part, (0, 4, 5, 8, 9)), SKIN, SUIT)
     of_feature = np.array([0, LIPS, EYEBALL, IRIS, PUPIL, NAIL])
     return np.where(feature == arrays.NONE, plain, of_feature[feature]).astype(np.uint8)

@@ -1,7 +1,7 @@
 """Slide the vertices of a mesh along its surface until edges lie on a line.
 
-A line is the zero set of a field in space. One end of each edge that crosses it slides onto it. Further rings of
-vertices then slide to given distances on both sides, which gives a hem or band its own edges.
+A line is the zero set of a field in space. For each edge that crosses it, one end slides onto the line. Then further
+rings of vertices slide to given distances on both sides, so that a hem or band gets its own edges.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ from scipy.spatial import KDTree
 from assets_procedural.arrays import Array, averaging, edges_of, neighbour_graph
 from assets_procedural.skeleton.skinning import vertex_normals
 
-Field = Callable[[Array], Array]  # Signed distances (N,) in metres of (N, 3) points, NaN where there is no line.
-_NEAREST, _STEPS, _DELTA_M = 12, 6, 1e-4  # Tried triangles, steps of Newton's method, and step of a derivative.
-_ROUNDING = 0.75  # Share of the tangent planes, as in the publication.
-_ON_M = 4e-4  # A closer vertex is on the line.
-_EAR_M = 1.2e-3  # New distance from a ring for the tip of a triangle with all corners on it.
+Field = Callable[[Array], Array]  # Signed distances (N,) in metres of (N, 3) points, or NaN where there is no line.
+_NEAREST, _STEPS, _DELTA_M = 12, 6, 1e-4  # Triangles and Newton steps to try, and step size of a derivative.
+_ROUNDING = 0.75  # Fraction of the tangent planes, as in the publication.
+_ON_M = 4e-4  # A vertex closer than this is on the line.
+_EAR_M = 1.2e-3  # If all corners of a triangle are on a ring, its tip moves this far away from it.
 
 
 class Surface:
-    """Projection of points onto a smooth surface through a triangle mesh."""
+    """Projects points onto a smooth surface through a triangle mesh."""
 
     def __init__(self, vertices: Array, faces: Array) -> None:
         self._corners, self._normals = vertices[faces], vertex_normals(vertices, faces)[faces]
         self._tree = KDTree(self._corners.mean(axis=1))
 
     def __call__(self, points: Array) -> Array:
-        """Return the (N, 3) nearest points on the rounded surface (Boubekeur and Alexa 2008)."""
+        """Return the nearest points (N, 3) on the rounded surface (Boubekeur and Alexa 2008)."""
         _, near = self._tree.query(points, _NEAREST)
         found = _on_triangles(points[:, None], *np.moveaxis(self._corners[near], 2, 0))
         best = np.linalg.norm(found - points[:, None], axis=2).argmin(axis=1)
@@ -43,7 +43,7 @@ class Surface:
 
 
 def _on_triangles(p: Array, a: Array, b: Array, c: Array) -> Array:
-    """Return the (..., 3) points of triangles that are nearest to (..., 3) points."""
+    """Return the points (..., 3) in triangles that are nearest to (..., 3) points."""
     normal = np.cross(b - a, c - a)
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-15)
     inside = p - _dot(p - a, normal)[..., None] * normal
@@ -65,27 +65,27 @@ def _dot(a: Array, b: Array) -> Array:
 
 @dataclass(frozen=True)
 class Band:
-    """Masks (T,) of the faces around a line."""
+    """Masks (T,) of the faces on either side of a line."""
 
     inside: Array  # Faces on the negative side of the field.
-    near: Array  # Faces with a vertex on the line.
+    near: Array  # Faces that have a vertex on the line.
 
     @property
     def hem(self) -> Array:
-        """Return a mask of the faces between the line and the ring inside it."""
+        """Return a mask of the faces between the line and the next ring inside."""
         return self.inside & self.near
 
     @property
     def edge(self) -> Array:
-        """Return a mask of the faces between the line and the ring outside it."""
+        """Return a mask of the faces between the line and the next ring outside."""
         return ~self.inside & self.near
 
 
 @dataclass
 class LinedMesh:
-    """Half body (x >= 0) whose vertices slide onto lines and are then fixed."""
+    """Half body (x >= 0) whose vertices slide onto lines and then stay there."""
 
-    vertices: Array  # (V, 3) metres, changed by ``draw``.
+    vertices: Array  # (V, 3) metres. ``draw`` changes them.
     faces: Array  # (T, 3).
 
     def __post_init__(self) -> None:
@@ -95,9 +95,9 @@ class LinedMesh:
         self.fixed = np.zeros(len(self.vertices), bool)
 
     def draw(self, field: Field, inner_m: float = 0.0, outer_m: float = 0.0) -> Band:
-        """Slide vertices onto a line, and return the faces around it.
+        """Slide vertices onto a line, and return the faces on both sides of it.
 
-        ``inner_m`` and ``outer_m`` are the distances of the next rings on both sides. At 0 the rings do not move.
+        ``inner_m`` and ``outer_m`` are the distances of the next rings on both sides. Rings do not move if these are 0.
         """
         value = field(self.vertices)
         value[self.fixed & (np.abs(value) < _ON_M)] = 0.0
@@ -116,7 +116,7 @@ class LinedMesh:
         return Band(value[self.faces].sum(axis=1) < 0, ring[self.faces].any(axis=1))
 
     def _cover(self, a: Array, b: Array, cost: Array) -> Array:
-        """Return a (V,) mask with one vertex to slide per crossing edge, without redundant vertices."""
+        """Return a mask (V,) of one vertex to slide for each crossing edge, without redundant vertices."""
         chosen = np.zeros(len(cost), bool)
         chosen[np.where(cost[a] <= cost[b], a, b)] = True
         for vertex in np.flatnonzero(chosen)[np.argsort(-cost[chosen], kind="stable")].tolist():
@@ -125,7 +125,7 @@ class LinedMesh:
         return chosen
 
     def _slide(self, field: Field, moved: Array, level: float, value: Array) -> None:
-        """Slide vertices to a level of a field, but keep every face open."""
+        """Slide vertices to a level of a field, as far as no face collapses."""
         wanted = np.full(len(self.vertices), level)
         for face in self.faces[moved[self.faces].all(axis=1)]:
             tip = face[np.abs(value[face] - level).argmax()]

@@ -1,4 +1,4 @@
-"""Mesh the implicit surface: half body, adaptive edges, material borders, mirror."""
+"""Mesh the implicit surface: mesh one half, adapt its edges, add material borders, and mirror it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Face = tuple[int, int, int]
 
 
 class HalfMesh:
-    """Triangles that can be split, collapsed and flipped. IDs are stable until :meth:`compact`."""
+    """Triangles that can be split, collapsed and flipped. Their IDs do not change before :meth:`compact`."""
 
     def __init__(self, vertices: Array, faces: Array) -> None:
         self.vertices: list[Point] = [(x, y, z) for x, y, z in np.asarray(vertices, dtype=np.float64).tolist()]
@@ -34,14 +34,14 @@ class HalfMesh:
         self._next = len(self.faces)
 
     def edges(self) -> Array:
-        """Return the (E, 2) sorted edges in a fixed order."""
+        """Return the sorted edges (E, 2), in a fixed order."""
         faces = np.array(list(self.faces.values()))
         pairs = np.sort(half_edges(faces), axis=1)
         keys = np.unique(pairs[:, 0] * len(self.vertices) + pairs[:, 1])
         return np.stack(np.divmod(keys, len(self.vertices)), axis=1)
 
     def compact(self) -> tuple[Array, Array]:
-        """Return (V, 3) vertices and (T, 3) faces with consecutive numbers."""
+        """Return vertices (V, 3) and faces (T, 3), numbered consecutively."""
         faces = np.array(list(self.faces.values()), dtype=np.int64)
         used, renamed = np.unique(faces, return_inverse=True)
         return np.array(self.vertices)[used], renamed.reshape(-1, 3)
@@ -51,7 +51,7 @@ class HalfMesh:
         return set().union(*map(self.faces.__getitem__, self.around[vertex])) - {vertex}
 
     def shared(self, a: int, b: int) -> list[int]:
-        """Return the faces at edge (a, b), sorted."""
+        """Return the faces at edge (a, b), in sorted order."""
         return sorted(self.around[a] & self.around[b])
 
     def on_border(self, vertex: int) -> bool:
@@ -71,7 +71,7 @@ class HalfMesh:
             self.around[vertex].discard(index)
 
     def split(self, a: int, b: int) -> int:
-        """Split an edge at its midpoint, and return the new vertex."""
+        """Split an edge at its midpoint and return the new vertex."""
         new = len(self.vertices)
         self.vertices.append(middle(self.vertices[a], self.vertices[b]))
         self.around.append(set())
@@ -83,7 +83,7 @@ class HalfMesh:
         return new
 
     def collapse(self, keep: int, gone: int, position: Point) -> bool:
-        """Merge ``gone`` into ``keep`` unless the surface would break or fold."""
+        """Merge ``gone`` into ``keep``, unless the surface would tear or fold."""
         shared = self.shared(keep, gone)
         if len(self.neighbours(keep) & self.neighbours(gone)) != len(shared):
             return False
@@ -101,12 +101,12 @@ class HalfMesh:
         return True
 
     def flip(self, a: int, b: int) -> bool:
-        """Flip an inner edge if that improves the valences and folds no face."""
+        """Flip an inner edge if this improves the valences and does not fold a face."""
         shared = self.shared(a, b)
         if len(shared) != 2:
             return False
         c, d = (next(v for v in self.faces[i] if v not in (a, b)) for i in shared)
-        # The change of e² to (e - 1)² or (e + 1)²: a and b lose a face, c and d gain one.
+        # Change from e² to (e - 1)² or (e + 1)²: a and b lose a face, c and d gain one.
         if 2 * (self._excess(a) + self._excess(b) - self._excess(c) - self._excess(d)) - 4 <= 0:
             return False
         if c == d or self.around[c] & self.around[d]:
@@ -126,7 +126,7 @@ class HalfMesh:
         return True
 
     def _excess(self, vertex: int) -> int:
-        """Return the number of faces at a vertex beyond the ideal of 6, or 3 on the border."""
+        """Return how many faces a vertex has beyond the ideal number, which is 6, or 3 on the border."""
         count = len(self.around[vertex])
         return count - 3 if self.vertices[vertex][0] == 0.0 else count - 6
 
@@ -137,7 +137,7 @@ class HalfMesh:
         return x / length, y / length, z / length
 
     def _folds(self, indices: Iterable[int], vertex: int, position: Point) -> bool:
-        # Written in scalars, because it runs half a million times per build and calls would dominate.
+        # Written with scalars, because it runs half a million times per build and function calls would dominate.
         (sx, sy, sz), (tx, ty, tz), vertices, faces = self.vertices[vertex], position, self.vertices, self.faces
         for index in indices:
             a, b, c = faces[index]
@@ -165,7 +165,7 @@ def _minus(a: Point, b: Point) -> Point:
 
 
 def middle(a: Point, b: Point) -> Point:
-    """Return the midpoint."""
+    """Return the midpoint of two points."""
     return 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
 
 
@@ -180,11 +180,11 @@ def _cross(a: Point, b: Point) -> Point:
 SizeAt = Callable[[Array], Array]
 Project = Callable[[Array, Array], Array]
 _TOO_LONG, _TOO_SHORT = 4.0 / 3.0, 0.75
-_DECIMALS = 6  # Decimals of metres for decisions, so that every machine makes the same mesh.
+_DECIMALS = 6  # Decisions use metres with this many decimals, so that every machine makes the same mesh.
 
 
 def on_grid(values: Array) -> Array:
-    """Round lengths to a micrometre, which hides differences between machines in the last bits.
+    """Round lengths to a micrometre. This hides differences in the last bits between machines.
 
     Every split, collapse and flip uses rounded values, so that the same numbers give the same topology.
     """
@@ -192,10 +192,10 @@ def on_grid(values: Array) -> Array:
 
 
 def remesh(vertices: Array, faces: Array, size_at: SizeAt, project: Project, rounds: int = 9) -> tuple[Array, Array]:
-    """Return a mesh with edges of about the wanted lengths and nearly equilateral triangles.
+    """Return a mesh whose edges have about the wanted lengths and whose triangles are almost equilateral.
 
     Args:
-        vertices: (V, 3) vertices in metres. The border has x == 0 exactly.
+        vertices: (V, 3) vertices in metres. On the border, x is exactly 0.
         size_at: function that maps (N, 3) points to (N,) wanted edge lengths in metres.
         project: function that maps (N, 3) points and an (N,) border mask to points on the surface.
         rounds: number of rounds of splits, collapses, flips and relaxation.
@@ -215,7 +215,7 @@ def remesh(vertices: Array, faces: Array, size_at: SizeAt, project: Project, rou
 def relax(
     vertices: Array, faces: Array, size_at: SizeAt, project: Project, fixed: Array | None = None, step: float = 0.6
 ) -> Array:
-    """Move the vertices along the surface towards the weighted centres of their triangles."""
+    """Move vertices along the surface towards the weighted centres of their triangles."""
     normal, centre = face_normals(vertices, faces), vertices[faces].mean(axis=1)
     area = 0.5 * np.linalg.norm(normal, axis=1)
     weight = area / size_at(centre) ** 2
@@ -243,7 +243,7 @@ def _scatter(faces: Array, values: Array, count: int) -> Array:
 
 
 def _along_border(vertices: Array, faces: Array, border: Array, step: float) -> Array:
-    """Return the displacements of border vertices towards the midpoint of their two border neighbours."""
+    """Return how far border vertices move towards the midpoint of their two neighbours on the border."""
     keys, counts = np.unique(np.sort(half_edges(faces), axis=1), axis=0, return_counts=True)
     rim = keys[counts == 1]
     total, count = np.zeros_like(vertices), np.zeros(len(vertices))
@@ -300,7 +300,7 @@ _BODY_SIZE, _GRADATION = (0.0125, 0.030), 0.35
 
 @dataclass(frozen=True)
 class Plane:
-    """Border plane ``normal . p = offset`` that gets an edge loop on the part of the body inside the box."""
+    """Border plane ``normal . p = offset``. The body part inside the box gets an edge loop on it."""
 
     normal: tuple[float, float, float]
     offset: float
@@ -308,12 +308,12 @@ class Plane:
     high: tuple[float, float, float]
 
     def side(self, points: np.ndarray) -> np.ndarray:
-        """Return the (N,) signed distance to the plane in metres."""
+        """Return the signed distance (N,) to the plane in metres."""
         normal = np.array(self.normal) / np.linalg.norm(self.normal)
         return points @ normal - self.offset
 
     def near(self, points: np.ndarray) -> np.ndarray:
-        """Return an (N,) mask of the points inside the box."""
+        """Return a mask (N,) of the points inside the box."""
         return np.all((points > self.low) & (points < self.high), axis=1)
 
 
@@ -327,7 +327,7 @@ class SymmetricMesh:
 
 
 def build_mesh(primitives: Primitives, num_vertices: int, borders: tuple[Plane, ...] = ()) -> SymmetricMesh:
-    """Mesh the skin with about ``num_vertices`` vertices. Raise ``BodyInvalid`` if open."""
+    """Mesh the skin with about ``num_vertices`` vertices. Raise ``BodyInvalid`` if the mesh is not closed."""
     vertices, faces = _marching_half(primitives)
     area, size = _wanted_sizes(primitives, vertices, faces)
     wanted = num_vertices / 2
@@ -354,7 +354,7 @@ def build_mesh(primitives: Primitives, num_vertices: int, borders: tuple[Plane, 
 
 
 def mirror_half(vertices: np.ndarray, faces: np.ndarray) -> SymmetricMesh:
-    """Weld a half mesh with border x = 0 to its mirror image."""
+    """Join a half mesh to its mirror image at the border x = 0."""
     count, border = len(vertices), vertices[:, 0] == 0.0
     mirror = np.arange(count)
     mirror[~border] = count + np.arange(int(np.sum(~border)))
@@ -370,7 +370,7 @@ def euler_number(faces: np.ndarray, num_vertices: int) -> int:
 
 
 def check_closed(faces: np.ndarray, num_vertices: int) -> None:
-    """Raise ``BodyInvalid`` unless the mesh is one closed, consistently wound surface of genus 0."""
+    """Raise ``BodyInvalid`` unless the mesh is a single closed, consistently wound surface of genus 0."""
     directed = half_edges(faces)
     forward = np.unique(directed, axis=0)
     closed = len(forward) == len(directed) and np.array_equal(forward, np.unique(directed[:, ::-1], axis=0))
@@ -414,7 +414,7 @@ def _largest(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _wanted_sizes(primitives: Primitives, vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return each vertex's area and wanted edge length, shorter in curved skin."""
+    """Return the area and the wanted edge length of each vertex. Edges are shorter where skin is curved."""
     edges = edges_of(faces)
     normal = primitives.normals(vertices)
     step = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)

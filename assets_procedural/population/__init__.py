@@ -1,1 +1,1 @@
-"""Shape components from population statistics."""
+"""Compute shape components from population statistics."""

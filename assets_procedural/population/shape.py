@@ -1,4 +1,4 @@
-"""Compute ten shape components: stature, girth and residual variations."""
+"""Compute ten shape components: stature, girth and the remaining variations."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Profile = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class RestFrame:
-    """Rest joints (24, 3) and height of the body to deform, in metres."""
+    """Rest joints (24, 3) and height, in metres, of the body to deform."""
 
     joints: Array
     top: float
@@ -29,12 +29,12 @@ class RestFrame:
 
 
 def build_fields(frame: RestFrame) -> dict[str, Field]:
-    """Return one displacement field of (N, 3) points per measure of ``MEASURES``."""
+    """Return a displacement field for each measure in ``MEASURES``. It maps (N, 3) points."""
     return _length_fields(frame) | _girth_fields(frame)
 
 
 def displace(fields: dict[str, Field], points: Array) -> Array:
-    """Return the (M, N, 3) displacements of all fields, which are mirror-symmetric by construction."""
+    """Return the displacements (M, N, 3) of all fields. By construction they are mirror-symmetric."""
     side = np.where(points[:, :1] < 0, np.array([[-1.0, 1.0, 1.0]]), 1.0)
     left = points * side
     moved = np.stack([field(left) for field in fields.values()])
@@ -153,7 +153,7 @@ def _step(x: Array, low: float, high: float) -> Array:
 
 
 def _ramp(x: Array, low: float, high: float) -> Array:
-    """Return 0 below ``low``, 1 above ``high``, and a line with rounded ends between them."""
+    """Return 0 below ``low``, 1 above ``high``, and a line with rounded ends in between."""
     soft = 0.08 * (high - low)
 
     def bend(y: Array) -> Array:
@@ -162,28 +162,28 @@ def _ramp(x: Array, low: float, high: float) -> Array:
     return (bend(x - low) - bend(x - high)) / (high - low)
 
 
-NUM_BETAS = 10  # Shape coefficients, as many as SMPL's files commonly have.
-NEUTRAL_STATURE_M = 1.70  # Stature of the mean shape, metres: between the means of women and men, chosen by hand.
-_MARGIN_M = 0.001  # Margin of shapes to the 1st and 99th percentile, metres, chosen by hand.
+NUM_BETAS = 10  # Number of shape coefficients, as in most SMPL files.
+NEUTRAL_STATURE_M = 1.70  # Stature of the mean shape in metres, between the means of women and men. Chosen by hand.
+_MARGIN_M = 0.001  # Distance in metres that shapes keep from the 1st and 99th percentiles. Chosen by hand.
 _TRUNK_GIRTHS = ("chestcircumference", "waistcircumference", "buttockcircumference")
 
 
 @dataclass(frozen=True)
 class ShapeSpace:
-    """Mean shape with the floor at y = 0, and its components in metres per standard deviation."""
+    """Mean shape with the floor at y = 0, and components in metres per standard deviation."""
 
     vertices: Array
     joints: Array
     vertex_dirs: Array  # (V, 3, 10) metres per unit of shape.
     joint_dirs: Array  # (24, 3, 10) metres per unit of shape.
-    carried: Array  # (P, 3) additional points that follow the mesh, metres.
+    carried: Array  # (P, 3) additional points that follow the mesh, in metres.
     carried_dirs: Array  # (P, 3, 10) metres per unit of shape.
-    measures: Measures  # Landmarks and girth lines on this mesh.
-    explained: float  # Share of the population's displacement variance in the ten components.
+    measures: Measures  # Landmarks and girth lines for this mesh.
+    explained: float  # Fraction of the population's displacement variance that the ten components explain.
 
 
 def population_mean(statistics: Statistics) -> Array:
-    """Return the (M,) measures of the mean person, with lengths scaled to a stature of 1.70 m."""
+    """Return the measures (M,) of the mean person. Lengths are scaled to a stature of 1.70 m."""
     mean = statistics.mean.copy()
     mean[:NUM_LENGTHS] *= NEUTRAL_STATURE_M / mean[0]
     return mean
@@ -192,9 +192,9 @@ def population_mean(statistics: Statistics) -> Array:
 def build_shape_space(
     vertices: Array, faces: Array, joints: Array, statistics: Statistics, carried: Array | None = None
 ) -> ShapeSpace:
-    """Deform a fitted body (floor at y = 0) to the population's mean, and compute its shape space.
+    """Deform a fitted body (floor at y = 0) to the population mean, and compute its shape space.
 
-    ``carried`` (P, 3) are points that move with the body but have no weight in its components.
+    ``carried`` (P, 3) are points that move with the body but do not affect its components.
     """
     carried = np.zeros((0, 3)) if carried is None else carried
     vertices, joints, carried = calibrate(vertices, faces, joints, population_mean(statistics), carried)
@@ -217,7 +217,7 @@ def build_shape_space(
 def calibrate(
     vertices: Array, faces: Array, joints: Array, wanted: Array, carried: Array, rounds: int = 6
 ) -> tuple[Array, Array, Array]:
-    """Return the body with the (M,) measures ``wanted``, by Newton steps."""
+    """Return the body that has the measures ``wanted`` (M,), found by Newton steps."""
     for _ in range(rounds):
         measures = place_measures(vertices, faces, joints)
         moved, moved_joints, moved_carried = _fields_of(vertices, joints, carried)
@@ -241,7 +241,7 @@ def _fields_of(vertices: Array, joints: Array, carried: Array) -> tuple[Array, A
 
 
 def _unit_fields(vertices: Array, joints: Array, carried: Array, measures: Measures) -> tuple[Array, Array, Array]:
-    """Return (M, n, 3) displacement fields that each change one measure by one metre and no other measure."""
+    """Return displacement fields (M, n, 3). Each changes one measure by one metre and no other measure."""
     moved, moved_joints, moved_carried = _fields_of(vertices, joints, carried)
     inverse = np.linalg.inv(measures.jacobian(vertices, joints, moved, moved_joints))
     unit_v, unit_j, unit_c = (np.tensordot(inverse.T, field, axes=1) for field in (moved, moved_joints, moved_carried))
@@ -249,7 +249,7 @@ def _unit_fields(vertices: Array, joints: Array, carried: Array, measures: Measu
 
 
 def _within_population(loadings: Array, statistics: Statistics) -> Array:
-    """Return the (M, 10) loadings, reduced where two deviations would leave the 1st to 99th percentile."""
+    """Return the loadings (M, 10), reduced where two deviations would leave the 1st to 99th percentile."""
     mean = population_mean(statistics)
     room = np.minimum(statistics.p99 - mean, mean - statistics.p01) - _MARGIN_M
     reach = np.max(2.0 * np.abs(loadings) / room[:, None], axis=0)
@@ -257,7 +257,7 @@ def _within_population(loadings: Array, statistics: Statistics) -> Array:
 
 
 def _driven_components(covariance: Array) -> list[Array]:
-    """Return the (M,) change per deviation of stature, and of trunk girth."""
+    """Return how the measures (M,) change per deviation of stature, and per deviation of trunk girth."""
     drivers = _drivers()
     shared = drivers.T @ covariance @ drivers
     effect = covariance @ drivers @ np.linalg.inv(shared)
@@ -265,14 +265,14 @@ def _driven_components(covariance: Array) -> list[Array]:
 
 
 def _drivers() -> Array:
-    """Return the (M, 2) sums that the first two betas drive: stature, and chest + waist + buttock girth."""
+    """Return the sums (M, 2) that the first two betas drive: stature, and the girth of chest + waist + buttocks."""
     stature = [1.0 if name == "stature" else 0.0 for name in MEASURES]
     girth = [1.0 if name in _TRUNK_GIRTHS else 0.0 for name in MEASURES]
     return np.array([stature, girth]).T
 
 
 def _principal_components(covariance: Array, metric: Array, driven: Array) -> tuple[Array, float]:
-    """Return the (M, 8) loadings of the largest displacements that change neither stature nor trunk girth."""
+    """Return the loadings (M, 8) of the largest displacements that change neither stature nor trunk girth."""
     drivers = _drivers()
     crossed = covariance @ drivers
     residual = covariance - crossed @ np.linalg.solve(drivers.T @ crossed, crossed.T)

@@ -1,8 +1,8 @@
-"""Population statistics from the ANSUR II survey.
+"""Compute population statistics from the ANSUR II survey.
 
-``python -m assets_procedural.population.statistics ANSUR_II_BOTH_Public.csv`` makes the table.
+``python -m assets_procedural.population.statistics ANSUR_II_BOTH_Public.csv`` writes the table.
 
-The table has only means, deviations, percentiles and correlations. Men and women count half each.
+The table contains only means, deviations, percentiles and correlations. Men and women each have half the weight.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.verb import output, parse_script, place
 
-# ANSUR II's names of the measures that drive the shape components: nine lengths, then eleven girths.
+# ANSUR II's names for the measures that drive the shape components: nine lengths, then eleven girths.
 _LENGTHS = "stature cervicaleheight crotchheight kneeheightmidpatella span biacromialbreadth radialestylionlength"
 _GIRTHS = "head neck chest waist buttock thigh calf ankle"
 MEASURES = (
@@ -33,12 +33,12 @@ MEASURES = (
     "forearmcircumferenceflexed",
     "wristcircumference",
 )
-NUM_LENGTHS = 9  # Lengths among ``MEASURES``.
+NUM_LENGTHS = 9  # Number of lengths in ``MEASURES``.
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """Mean, standard deviation, 1st and 99th percentile (metres) and correlation of the measures."""
+    """Mean, standard deviation, 1st and 99th percentiles (metres) and correlation of the measures."""
 
     mean: np.ndarray
     sd: np.ndarray
@@ -48,12 +48,12 @@ class Statistics:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Return the (M, M) covariance in square metres."""
+        """Return the covariance (M, M) in square metres."""
         return self.correlation * np.outer(self.sd, self.sd)
 
 
 def load_statistics(path: Path = NUMBERS / "ansur_statistics.json") -> Statistics:
-    """Read the committed table. Raises ``FileDamaged`` if its measures differ from ``MEASURES``."""
+    """Read the committed table. Raise ``FileDamaged`` if its measures differ from ``MEASURES``."""
     table = json.loads(path.read_text())
     if tuple(table["measures"]) != MEASURES:
         raise FileDamaged(f"The table lists {table['measures']}; {list(MEASURES)} are expected.", where=str(path))
@@ -61,7 +61,7 @@ def load_statistics(path: Path = NUMBERS / "ansur_statistics.json") -> Statistic
 
 
 def summarise(values: np.ndarray, is_male: np.ndarray) -> Statistics:
-    """Return the statistics of (N, M) values in metres. Men and women have half the weight each."""
+    """Return the statistics of (N, M) values in metres. Men and women each have half the weight."""
     weight = np.where(is_male, 0.5 / is_male.sum(), 0.5 / (~is_male).sum())
     mean = weight @ values
     covariance = ((values - mean) * weight[:, None]).T @ (values - mean)
@@ -76,7 +76,7 @@ def _weighted_quantiles(values: np.ndarray, weight: np.ndarray, levels: tuple[fl
 
 
 def main() -> None:
-    """Write ``numbers/ansur_statistics.json`` from the survey's file."""
+    """Write ``numbers/ansur_statistics.json`` from a file of the survey."""
     survey = place("path", "survey", "SURVEY.csv", "Table of the survey")
     out = output("OUT.json", "Table to write", NUMBERS / "ansur_statistics.json")
     arguments = parse_script(__doc__, survey, out)
@@ -99,14 +99,14 @@ if __name__ == "__main__":
 
 @dataclass(frozen=True)
 class Tape:
-    """Closed chain of points ``(1 - t) v_i + t v_j`` on mesh edges."""
+    """A closed chain of points ``(1 - t) v_i + t v_j`` on the edges of a mesh."""
 
     i: Array
     j: Array
     t: Array
 
     def points(self, vertices: Array) -> Array:
-        """Return the (P, 3) points of the tape on a shaped or posed mesh, in metres."""
+        """Return the points (P, 3) of the tape on a shaped or posed mesh, in metres."""
         return (1.0 - self.t)[:, None] * vertices[self.i] + self.t[:, None] * vertices[self.j]
 
     def length(self, vertices: Array) -> float:
@@ -117,7 +117,7 @@ class Tape:
 
 @dataclass(frozen=True)
 class Measures:
-    """Landmark vertices and tapes of one mesh, valid for all its shapes."""
+    """Landmark vertices and tapes of a mesh. They are valid for all its shapes."""
 
     top: int
     sole: int
@@ -126,10 +126,10 @@ class Measures:
     toe: int
     heel: int
     tapes: dict[str, Tape]
-    straightened: float  # Hand length with straight fingers relative to this mesh.
+    straightened: float  # Length of the hand with straight fingers, relative to this mesh.
 
     def __call__(self, vertices: Array, joints: Array) -> Array:
-        """Return the (M,) measures in metres, in the order of ``MEASURES``."""
+        """Return the measures (M,) in metres, in the order of ``MEASURES``."""
 
         def y(name: str) -> float:
             return float(joints[JOINT[name], 1])
@@ -154,7 +154,7 @@ class Measures:
         return np.array([values[name] + OFFSETS.get(name, 0.0) for name in MEASURES])
 
     def jacobian(self, vertices: Array, joints: Array, moved: Array, moved_joints: Array) -> Array:
-        """Return the (M, K) derivatives of the measures by K displacement fields, as central differences."""
+        """Return the derivatives (M, K) of the measures w.r.t. K displacement fields, by central differences."""
         step, columns = 0.01, []
         for dv, dj in zip(moved, moved_joints, strict=True):
             ahead = self(vertices + step * dv, joints + step * dj)
@@ -164,11 +164,11 @@ class Measures:
 
 
 OFFSETS = {"biacromialbreadth": 0.047, "radialestylionlength": 0.020, "cervicaleheight": 0.004}
-"""Offsets in metres added to measured lengths, because skin landmarks are not joint centres. Chosen by hand."""
+"""Metres added to measured lengths, because landmarks on the skin are not joint centres. Chosen by hand."""
 
 
 def place_measures(vertices: Array, faces: Array, joints: Array, straightened: float = 1.0) -> Measures:
-    """Find the landmarks and tapes of a rest mesh of about 1.70 m."""
+    """Find the landmarks and tapes of a mesh at rest that is about 1.70 m tall."""
     left = vertices[:, 0] > 0.0
     midline = np.nonzero((np.abs(vertices[:, 0]) < 1e-9) & (vertices[:, 1] > 0.5))[0]
     foot = np.nonzero(left & (vertices[:, 1] < 0.08))[0]
@@ -190,7 +190,7 @@ def place_measures(vertices: Array, faces: Array, joints: Array, straightened: f
 def place_tape(
     vertices: Array, faces: Array, normal: tuple[float, ...], through: tuple[float, ...], box: float = 0.0
 ) -> Tape:
-    """Return the convex hull of a plane section, as a tape spans hollows."""
+    """Return the convex hull of a plane section, because a tape spans hollows."""
     n = np.array(normal) / np.linalg.norm(normal)
     edges = edges_of(faces)
     height = (vertices - np.array(through)) @ n

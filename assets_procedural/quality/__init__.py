@@ -1,1 +1,1 @@
-"""Measurements and pictures of a body file."""
+"""Measure a body file, and draw pictures of it."""

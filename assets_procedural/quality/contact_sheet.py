@@ -1,4 +1,4 @@
-"""Draw the body's shapes and poses: ``python -m assets_procedural.quality.contact_sheet``."""
+"""Draw shapes and poses of the body: ``python -m assets_procedural.quality.contact_sheet``."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from solver_backend.exchange.verb import flag, option, output, parse_script
 from solver_backend.io.png import png_bytes
 
 _KEY, _FILL, _TOP = np.array([-0.45, 0.55, 0.70]), np.array([0.87, 0.11, 0.44]), np.array([0.0, 1.0, 0.0])
-_BACKGROUND = np.array([0.90, 0.91, 0.93])  # Linear background colour, chosen by hand.
+_BACKGROUND = np.array([0.90, 0.91, 0.93])  # Linear background colour. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class RasterView:
-    """Orthographic camera, rotated by ``yaw`` and tilted by ``pitch`` degrees."""
+    """Orthographic camera, rotated by ``yaw`` degrees and tilted by ``pitch`` degrees."""
 
     yaw: float = 0.0
     pitch: float = 0.0
@@ -33,7 +33,7 @@ class RasterView:
 
     @property
     def turn(self) -> Array:
-        """Return the (3, 3) rotation to view axes: x right, y up, z towards the viewer."""
+        """Return the rotation (3, 3) to the axes of the view: x right, y up, z towards the viewer."""
         a, b = np.deg2rad([self.yaw, self.pitch])
         about_y = np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])
         about_x = np.array([[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]])
@@ -41,7 +41,7 @@ class RasterView:
 
 
 def render(vertices: Array, faces: Array, colours: Array, view: RasterView, oversample: int = 2) -> Array:
-    """Return an (H, W, 3) uint8 picture with smooth shading of faces with (F, 3) colours from 0 to 1.
+    """Return an (H, W, 3) uint8 picture with smooth shading. Face colours (F, 3) are from 0 to 1.
 
     ``oversample`` is the number of samples along each side of a pixel.
     """
@@ -65,7 +65,7 @@ def _fill(xy: Array, z: Array, normals: Array, tint: Array, depth: Array, normal
     x1, y1 = np.minimum(np.ceil(xy.max(axis=0)).astype(int) + 1, (width, height))
     (ax, ay), (bx, by), (cx, cy) = xy
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-    if area >= 0 or x1 <= x0 or y1 <= y0:  # y of the picture points down, so visible faces have a negative area
+    if area >= 0 or x1 <= x0 or y1 <= y0:  # y points down in the picture, so visible faces have a negative area
         return
     x, y = np.arange(x0, x1)[None], np.arange(y0, y1)[:, None]
     v = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
@@ -89,7 +89,7 @@ def _shade(normal: Array) -> Array:
 
 
 def tile(images: list[Array], columns: int) -> Array:
-    """Combine pictures of equal size row by row. The last row is filled with background."""
+    """Combine pictures of equal size row by row. Fill the last row with background."""
     blank = np.broadcast_to(np.round(255 * _BACKGROUND ** (1 / 1.6)).astype(np.uint8), images[0].shape)
     padded = images + [blank] * (-len(images) % columns)
     rows = [np.concatenate(padded[i : i + columns], axis=1) for i in range(0, len(padded), columns)]
@@ -103,11 +103,11 @@ def write_png(path: Path, image: Array) -> None:
 
 Degrees = dict[str, tuple[float, float, float]]
 _POSES: dict[str, dict[str, Degrees]] = json.loads((NUMBERS / "poses.json").read_text(encoding="utf-8"))
-BENDS, EXTREMES = _POSES["bends"], _POSES["extremes"]  # Rotation vectors of joints in degrees. For a bend, the axis.
+BENDS, EXTREMES = _POSES["bends"], _POSES["extremes"]  # Rotation vectors of joints in degrees. For a bend, its axis.
 
 
 def rotations(pose: Degrees, scale: float = 1.0) -> np.ndarray:
-    """Return the (24, 3, 3) local rotations of a pose, with every angle multiplied by ``scale``."""
+    """Return the local rotations (24, 3, 3) of a pose, with all angles multiplied by ``scale``."""
     vectors = np.zeros((len(PARENTS), 3))
     for name, degrees in pose.items():
         vectors[JOINT[name]] = np.deg2rad(np.array(degrees, dtype=np.float64) * scale)
@@ -132,7 +132,7 @@ _PLACES: tuple[tuple[Degrees, str, tuple[float, float, float], float, tuple[tupl
     (_BENT, "left_elbow", (0.0, 0.0, 0.04), 0.34, ((40, 35), (0, 90))),
     (_REST, "left_foot", (0.0, 0.0, -0.02), 0.22, ((0, 35), (-45, 25), (50, 25))),
 )
-"""Pose, joint, offset from the joint at rest and picture height in metres, yaws and pitches in degrees."""
+"""Pose, joint, offset from the joint at rest and picture height in metres, and pairs of yaw and pitch in degrees."""
 
 
 @dataclass(frozen=True)
@@ -149,11 +149,11 @@ class BakedBody:
 
     @property
     def joints(self) -> Array:
-        """Return the (24, 3) rest joints of the mean shape in metres."""
+        """Return the rest joints (24, 3) of the mean shape in metres."""
         return self.regressor @ self.vertices
 
     def posed(self, local: Array, *, correctives: bool = True) -> Array:
-        """Return the (V, 3) skinned vertices of the mean shape in metres, for (24, 3, 3) local rotations."""
+        """Return the skinned vertices (V, 3) of the mean shape in metres, for local rotations (24, 3, 3)."""
         vertices = self.vertices
         if correctives:
             vertices = vertices + self.posedirs @ pose_features(local[None])[0]
@@ -169,7 +169,7 @@ def read_baked(path: Path = BODY_FILE) -> BakedBody:
 
 
 def draw_close(body: BakedBody) -> Array:
-    """Return the sheet of close-ups."""
+    """Return the sheet that shows close-ups."""
     colours, pictures = MATERIAL_COLOURS[body.material], []
     for pose, joint, offset, height_m, ways in _PLACES:
         local = rotations(pose)
@@ -181,7 +181,7 @@ def draw_close(body: BakedBody) -> Array:
 
 
 def draw_all(body: BakedBody) -> dict[str, Array]:
-    """Return the sheets of the whole body by file name."""
+    """Return the sheets that show the whole body, by file name."""
     colours = MATERIAL_COLOURS[body.material]
 
     def draw(vertices: Array, view: RasterView) -> Array:

@@ -1,4 +1,4 @@
-"""Check a body file against its limits: ``python -m assets_procedural.quality.figures``, 1 on a miss."""
+"""Check a body file against limits: ``python -m assets_procedural.quality.figures``. Exit with 1 on a miss."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from assets_procedural.skeleton.skinning import posed_joints, volume
 from solver_backend.body.mesh import face_normals
 from solver_backend.exchange.verb import flag, option, parse_script
 
-_SHOULDER_LIMIT, _SEATED_LIMIT = 16.0, 7.0  # Largest change of volume at shoulders and of a seated body, %.
+_SHOULDER_LIMIT, _SEATED_LIMIT = 16.0, 7.0  # Largest change of volume at the shoulders, and of a seated body, in %.
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A measured value and its allowed range."""
+    """A measured value and the range that is allowed."""
 
     name: str
     value: float
@@ -37,11 +37,11 @@ class Figure:
 
     @property
     def good(self) -> bool:
-        """Return whether the value is in its range."""
+        """Return whether the value is in the allowed range."""
         return bool(self.low <= self.value <= self.high)
 
     def row(self) -> str:
-        """Return the figure as a table row."""
+        """Return the value as a row of the table."""
         limits = f"{self.low:g} to {self.high:g}" if np.isfinite([self.low, self.high]).all() else ""
         limits = limits or (f"≤ {self.high:g}" if np.isfinite(self.high) else "")
         limits = limits or (f"≥ {self.low:g}" if np.isfinite(self.low) else "")
@@ -54,7 +54,7 @@ def volume_l(vertices: Array, faces: Array) -> float:
 
 
 def figures(body: BakedBody, path: Path) -> Iterator[Figure]:
-    """Yield every figure of a body file."""
+    """Yield every measured value of a body file."""
     yield from _mesh_figures(body)
     yield Figure("volume", volume_l(body.vertices, body.faces), "l", 60, 80)
     yield Figure("stature", float(np.ptp(body.vertices[:, 1])), "m", 1.68, 1.72)
@@ -199,7 +199,7 @@ def _rebuild_figures(path: Path) -> Iterator[Figure]:
 
 
 def main() -> None:
-    """Print the table. Exit with 1 if a figure is out of its range."""
+    """Print the table. Exit with 1 if a value is outside its range."""
     rebuild = flag("rebuild", "Also rebuild the body, time it and compare bit by bit")
     arguments = parse_script(__doc__, option("path", "body", "BODY.npz", "Body file", BODY_FILE), rebuild)
     found = list(figures(read_baked(arguments.body), arguments.body))

@@ -1,4 +1,4 @@
-"""Draw hands from both sides: ``python -m assets_procedural.quality.hand_sheet --out FILE.png``."""
+"""Draw the hands from both sides: ``python -m assets_procedural.quality.hand_sheet --out FILE.png``."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _thumb(*angles: float) -> dict[str, float]:
 
 
 _FOLDED = _thumb(35, 10, 0, 45, 60)
-HANDS: dict[str, Degrees] = {  # Angles in degrees by name. Joints without an angle are at rest.
+HANDS: dict[str, Degrees] = {  # Angles in degrees, by pose name. Joints that are not listed stay at rest.
     "rest": {},
     "flat": _all(0, 0, 0) | _spread(-8, -2, 5, 10) | _thumb(0, 5, 0, 0, 0),
     "spread": _all(-5, 0, 0) | _spread(16, 2, -10, -22) | _thumb(-25, 45, 0, -5, -10),
@@ -45,14 +45,14 @@ HANDS: dict[str, Degrees] = {  # Angles in degrees by name. Joints without an an
     | {"index_mcp_spread": 4}
     | _thumb(25, 21, 26, -6, -2),
 }
-_FACES = 0.7  # Minimum cosine between the normal of a face and the palm's direction.
-_PALM = (0.88, 0.64, 0.52)  # Colour of palms on the sheet, so that they are visible in each pose.
+_FACES = 0.7  # Smallest cosine between a palm face's normal and the direction of the palm.
+_PALM = (0.88, 0.64, 0.52)  # Colour of the palms on the sheet. It makes them visible in each pose.
 _SIDES = ((0.0, 90.0), (0.0, -90.0), (0.0, 0.0), (-90.0, 10.0), (180.0, -20.0))
-"""Yaw and pitch in degrees of a left hand's views: back, palm, thumb side, fingertips, little finger side."""
+"""Yaw and pitch of each view of a left hand in degrees: back, palm, thumb side, fingertips, little finger side."""
 
 
 def pose_hands(body: Body, degrees: Degrees, *, correctives: bool = True) -> Array:
-    """Return (V, 3) vertices of the mean shape in metres with both hands posed, by angles as in ``HANDS``."""
+    """Return vertices (V, 3) of the mean shape in metres with both hands posed by angles like those in ``HANDS``."""
     angles = rest_angles(body)[None].copy()
     for name, value in degrees.items():
         angles[..., ANGLES.index(name)] = np.radians(value)
@@ -62,9 +62,9 @@ def pose_hands(body: Body, degrees: Degrees, *, correctives: bool = True) -> Arr
 
 
 def palm_faces(body: Body, side: int) -> Array:
-    """Return a (T,) mask of the palm's faces on the left (0) or right (1) side.
+    """Return a mask (T,) of the palm faces on the left (0) or right (1) side.
 
-    These faces follow the wrist, are in front of the knuckles, and face away from the back of the hand.
+    These faces follow the wrist, lie in front of the knuckles, and face away from the back of the hand.
     """
     skeleton, start = hand_skeletons(body)[side], hand_points(body, side)
     middles, normals = body.v_template[body.faces].mean(axis=1), face_normals(body.v_template, body.faces)
@@ -77,7 +77,7 @@ def palm_faces(body: Body, side: int) -> Array:
 
 
 def draw_hands(body: Body, material: Array, *, correctives: bool = True, side: str = "left") -> Array:
-    """Return the sheet of one side's hand, with a row per pose."""
+    """Return the sheet for the hand on one side, with one row per pose."""
     centre = tuple(body.joints_template[SMPL_HANDS.joints.index(f"{side}_middle1")] + [0.0, -0.02, 0.01])
     hand = body.weights[:, list(SMPL_HANDS.group(f"{side}_hand"))].sum(axis=1)
     near = (body.weights[:, SMPL_HANDS.joints.index(f"{side}_wrist")] + hand)[body.faces].min(axis=1) > 0

@@ -1,1 +1,1 @@
-"""Joints, skinning weights, regressor and pose correctives."""
+"""Compute joints, skinning weights, the regressor and pose correctives."""

@@ -1,10 +1,10 @@
 """Compute pose correctives per joint from dual-quaternion skinning and preserved volume.
 
 One joint rotates at a time. The wanted rest offset is dual-quaternion skinning (Kavan et al. 2007) minus linear
-blending. At hips, knees and elbows, stretched skin also swells to restore the rest volume. Under a raised arm the skin
+blending. At hips, knees and elbows, stretched skin also swells to restore the rest volume. Under a raised arm, the skin
 is taut between ribs and arm, without the arc that dual quaternions would give. In the crook of an elbow it ends where
-both sides meet. The wanted offset is regressed on ``flatten(R_j - I)`` and masked to the skin that both sides of the
-joint affect.
+both sides meet. The wanted offset is regressed on ``flatten(R_j - I)``, and masked to skin that is affected by both
+sides of the joint.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from assets_procedural.skeleton.skinning import linear_blend, pose_skeleton, ver
 from solver_backend.body.kinematics import subtree_matrix
 from solver_backend.types import SMPL_JOINTS
 
-Wanted = Callable[[int, Array], Array]  # (V, 3) rest offsets in metres of a joint's (3, 3) rotation.
+Wanted = Callable[[int, Array], Array]  # Returns rest offsets (V, 3) in metres for a joint's rotation (3, 3).
 NUM_FEATURES = 9 * (len(PARENTS) - 1)
 _RIDGE, _SMALLEST_M, _MASK_FULL = 0.3, 5e-5, 0.08
-_SLIGHT_M = 1.5e-4  # Smaller correctives are removed. A row takes 116 bytes.
-_LEFT_OUT = ("hand",)  # Joints without correctives: all fingers bend together, and no solve moves them.
-_BULGING_JOINTS, _BULGE = ("shoulder",), 0.15  # removed share of the bulge of dual quaternions
-_RAISED_FROM, _RAISED = 0.35, 0.9  # Sines of the angles at which an arm starts to count as raised, and counts fully.
-_TAUT_ROUNDS, _TAUT_FROM, _TAUT_AT = 12, 1.05, 1.5  # Smoothing steps, and growth of area at which skin is taut.
+_SLIGHT_M = 1.5e-4  # Smaller correctives are removed, because a row takes 116 bytes.
+_LEFT_OUT = ("hand",)  # Joints without correctives. All fingers bend together, and no solve moves them.
+_BULGING_JOINTS, _BULGE = ("shoulder",), 0.15  # Fraction of the dual quaternions' bulge that is removed
+_RAISED_FROM, _RAISED = 0.35, 0.9  # Sines of the angles at which an arm begins to be raised, and is fully raised.
+_TAUT_ROUNDS, _TAUT_FROM, _TAUT_AT = 12, 1.05, 1.5  # Smoothing steps, and growth at which skin is partly or fully taut.
 _TOUCHING_JOINTS = ("elbow",)
 _SWELLING_JOINTS, _LARGEST_SWELLING_M = ("hip", "knee", "elbow"), 0.025
-Bends = dict[str, tuple[tuple[float, float, float], float, float]]  # Axis of a left joint, least and largest angle.
-SECOND_BEND: Bends = {"left_shoulder": ((0.0, -1.0, 0.0), -0.4, 2.2)}  # forwards, in every other sample
+Bends = dict[str, tuple[tuple[float, float, float], float, float]]  # Axis of a left joint, smallest and largest angle.
+SECOND_BEND: Bends = {"left_shoulder": ((0.0, -1.0, 0.0), -0.4, 2.2)}  # forwards, in every second sample
 _SPREAD_RAD = {"hip": 0.35, "shoulder": 0.6, "elbow": 0.35, "wrist": 0.4, "collar": 0.2, "head": 0.35, "neck": 0.3}
-"""Standard deviation of the sampled rotations per kind of joint in radians. Chosen by hand."""
+"""Standard deviation of the sampled rotations for each kind of joint, in radians. Chosen by hand."""
 _OTHER_SPREAD_RAD = 0.18  # Standard deviation of all other joints.
 
 
 def sample_turns(name: str, count: int, rng: np.random.Generator, second: Bends = SECOND_BEND) -> Array:
-    """Return (count, 3) rotation vectors that cover the range of a joint."""
+    """Return rotation vectors (count, 3) that cover the range of a joint."""
     part = name.split("_")[-1]
     vectors = rng.normal(size=(count, 3)) * _SPREAD_RAD.get(part, _OTHER_SPREAD_RAD)
     key = name.replace("right", "left")
@@ -54,7 +54,7 @@ def sample_turns(name: str, count: int, rng: np.random.Generator, second: Bends 
 
 
 def sample_poses(count: int, seed: int) -> Array:
-    """Return (count, 24, 3, 3) local rotations of all joints. The root is not rotated."""
+    """Return local rotations (count, 24, 3, 3) of all joints. The root does not rotate."""
     rng = np.random.default_rng(seed)
     vectors = np.zeros((count, len(PARENTS), 3))
     for name, j in JOINT.items():
@@ -64,12 +64,12 @@ def sample_poses(count: int, seed: int) -> Array:
 
 
 def pose_features(rotations: Array) -> Array:
-    """Return the (N, 207) pose features ``flatten(R_j - I)``, j = 1..23, row-major."""
+    """Return the pose features (N, 207), ``flatten(R_j - I)`` for j = 1..23, row-major."""
     return (rotations[:, 1:] - np.eye(3)).reshape(len(rotations), -1)
 
 
 def dual_quaternion_blend(vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
-    """Blend (V, 3) vertices by dual quaternions, with signs that match each vertex's strongest bone."""
+    """Blend vertices (V, 3) by dual quaternions whose signs match the strongest bone of each vertex."""
     real = Rotation.from_matrix(turns).as_quat()
     dual = _dual_part(real, shifts)
     strongest = real[weights.argmax(axis=1)]
@@ -82,13 +82,13 @@ def dual_quaternion_blend(vertices: Array, weights: Array, turns: Array, shifts:
 
 
 def _dual_part(real: Array, shifts: Array) -> Array:
-    """Return half the product of the shift as a pure quaternion and the rotation (x, y, z, w)."""
+    """Return half the product of the shift (as a pure quaternion) and the rotation (x, y, z, w)."""
     vector = real[:, 3:] * shifts + np.cross(shifts, real[:, :3])
     return 0.5 * np.concatenate([vector, -np.sum(shifts * real[:, :3], axis=1, keepdims=True)], axis=1)
 
 
 def rest_differences(vertices: Array, weights: Array, joints: Array, rotations: Array) -> Array:
-    """Return (N, V, 3) rest offsets from linear blending to dual quaternions in metres."""
+    """Return rest offsets (N, V, 3) in metres that turn linear blending into dual-quaternion skinning."""
     out = np.zeros((len(rotations), *vertices.shape), dtype=np.float32)
     mixed = np.nonzero(weights.max(axis=1) < 0.999)[0]
     for n, local in enumerate(rotations):
@@ -99,7 +99,7 @@ def rest_differences(vertices: Array, weights: Array, joints: Array, rotations: 
 
 
 def to_rest(target: Array, vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
-    """Return the rest offsets that move linearly blended vertices to the target, damped where skin folds."""
+    """Return rest offsets that move linearly blended vertices to the target. They are damped where skin folds."""
     blend = (weights @ turns.reshape(-1, 9)).reshape(-1, 3, 3)
     gap = target - linear_blend(vertices, weights, turns, shifts)
     normal = np.einsum("vba,vbc->vac", blend, blend) + 0.02 * np.eye(3)
@@ -107,7 +107,7 @@ def to_rest(target: Array, vertices: Array, weights: Array, turns: Array, shifts
 
 
 def joint_masks(weights: Array, parents: tuple[int, ...] = PARENTS) -> Array:
-    """Return (V, J - 1) masks: 1 where bones on both sides of joint j = 1..J-1 have weight, fading to 0."""
+    """Return masks (V, J - 1): 1 where bones on both sides of joint j = 1..J-1 have weight, falling to 0."""
     beyond = weights @ subtree_matrix(parents)[1:].T
     t = (np.minimum(beyond, 1.0 - beyond) / _MASK_FULL).clip(0.0, 1.0)
     return np.where(t < 1e-3, 0.0, t * t * (3.0 - 2.0 * t))
@@ -116,7 +116,7 @@ def joint_masks(weights: Array, parents: tuple[int, ...] = PARENTS) -> Array:
 def fit_correctives(
     vertices: Array, faces: Array, weights: Array, joints: Array, mirror: Array, *, count: int = 48, seed: int = 0
 ) -> Array:
-    """Return (V, 3, 207) pose correctives in metres, from ``count`` poses per joint."""
+    """Return pose correctives (V, 3, 207) in metres, fitted to ``count`` poses per joint."""
     masks = joint_masks(weights)
 
     def wanted(joint: int, turn: Array) -> Array:
@@ -136,14 +136,14 @@ def fit_by_joint(
     count: int = 48,
     seed: int = 0,
 ) -> Array:
-    """Return (V, 3, 207) correctives that give the wanted rest offsets when each joint rotates alone.
+    """Return correctives (V, 3, 207) that give the wanted rest offsets if only one joint rotates.
 
     Args:
-        names: joints to fit. A right joint mirrors the left one.
-        masks: (V, 23) weight of each joint's correctives.
+        names: joints to fit. Each right joint mirrors its left one.
+        masks: (V, 23) weights of each joint's correctives.
         mirror: (V,) index of the vertex on the other side.
         wanted: function of a joint and its (3, 3) rotation that returns (V, 3) offsets in metres.
-        second: bends of every other sample.
+        second: bends to use in every second sample.
         count: number of sampled rotations per joint.
         seed: seed of the samples.
     """
@@ -166,7 +166,7 @@ def fit_by_joint(
 
 
 def without_slight(directions: Array) -> Array:
-    """Return (V, 3, 207) correctives without rows and values that hardly move the skin."""
+    """Return correctives (V, 3, 207) without the rows and values that hardly move the skin."""
     blocks = directions.reshape(len(directions), 3, -1, 9)
     slight = np.sqrt(np.square(blocks).sum(axis=1)).max(axis=2) < _SLIGHT_M
     directions = np.where(slight[:, None, :, None], 0.0, blocks).reshape(directions.shape)
@@ -174,7 +174,7 @@ def without_slight(directions: Array) -> Array:
 
 
 def fit_to_turns(turns: Array, wanted: Array, ridge: float, mask: Array) -> Array:
-    """Return (N, 3, 9) masked correctives per unit of ``flatten(R - I)``, fitted to (P, N, 3) offsets."""
+    """Return masked correctives (N, 3, 9) per unit of ``flatten(R - I)``, fitted to offsets (P, N, 3)."""
     features = (turns - np.eye(3)).reshape(len(turns), 9)
     gram = features.T @ features + ridge * np.eye(9)
     fitted = np.linalg.solve(gram, features.T @ wanted.reshape(len(turns), -1)).reshape(9, -1, 3)
@@ -201,14 +201,14 @@ def _wanted_offsets(
 
 
 def masked_to_rest(mask: Array, target: Array, vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
-    """Return ``to_rest`` where the (V,) mask is positive, otherwise 0."""
+    """Return ``to_rest`` where the mask (V,) is positive, and 0 elsewhere."""
     out, chosen = np.zeros_like(vertices), mask > 0
     out[chosen] = to_rest(target[chosen], vertices[chosen], weights[chosen], turns, shifts)
     return out
 
 
 def swelling(vertices: Array, posed: Array, faces: Array, mask: Array) -> Array:
-    """Return (V, 3) offsets in metres along the normals of stretched skin that restore the rest volume."""
+    """Return offsets (V, 3) in metres along the normals of stretched skin. They restore the rest volume."""
     areas = vertex_areas(posed, faces)
     share = mask * (areas / vertex_areas(vertices, faces) - 0.7).clip(0.0, 0.8)
     lost = volume(vertices, faces) - volume(posed, faces)
@@ -218,7 +218,7 @@ def swelling(vertices: Array, posed: Array, faces: Array, mask: Array) -> Array:
 
 
 def _taut(vertices: Array, posed: Array, faces: Array, share: Array) -> Array:
-    """Move (V, 3) posed skin to the mean of its neighbours where it is stretched, weighted by ``share``."""
+    """Where posed skin (V, 3) is stretched, move it to the mean of its neighbours, weighted by ``share``."""
     stretch = vertex_areas(posed, faces) / vertex_areas(vertices, faces)
     pull = share * ((stretch - _TAUT_FROM) / (_TAUT_AT - _TAUT_FROM)).clip(0.0, 1.0)
     if not pull.any():
@@ -230,11 +230,11 @@ def _taut(vertices: Array, posed: Array, faces: Array, share: Array) -> Array:
 
 
 def parted(vertices: Array, posed: Array, joint: Array, bone: Array, turn: Array, share: Array) -> Array:
-    """Move (V, 3) vertices beyond a bend's bisecting plane back to the plane.
+    """Move vertices (V, 3) that are beyond the bisecting plane of a bend back to that plane.
 
     Args:
         vertices: (V, 3) rest vertices in metres.
-        posed: (V, 3) vertices in metres while only one joint is rotated.
+        posed: (V, 3) vertices in metres with only one joint rotated.
         joint: (3,) position of the joint in metres.
         bone: (3,) vector from the joint to its child in metres.
         turn: (3, 3) rotation of the joint.
@@ -249,7 +249,7 @@ def parted(vertices: Array, posed: Array, joint: Array, bone: Array, turn: Array
 
 
 def _mirrored(directions: Array, mirror: Array) -> Array:
-    """Return the correctives of the mirror image, with x negated."""
+    """Return the correctives of the mirror image, whose x is negated."""
     blocks = directions[mirror].reshape(len(directions), 3, -1, 3, 3)
     order = [MIRROR_JOINT[j] - 1 for j in range(1, len(PARENTS))]
     turned = blocks[:, :, order] * FLIP[:, None] * FLIP

@@ -1,8 +1,8 @@
 """Add correctives to the shown body, so that shoulders, elbows and hips bend naturally.
 
-The solver uses the body file's correctives, which do not change. The skin in Blender has a smoother target. The
-linearly blended skin is smoothed over a few centimetres, like the rest skin. Then the difference between the rest skin
-and its smoothed copy is added again in rotated frames (delta mush, Mancewicz, Derksen, Rijpkema and Wilson 2014).
+The solver uses the correctives in the body file, which do not change. The skin in Blender has a smoother target. The
+linearly blended skin and the rest skin are both smoothed over a few centimetres. Then the difference between the rest
+skin and its smoothed copy is added again in rotated frames (delta mush, Mancewicz, Derksen, Rijpkema and Wilson 2014).
 Stretched skin swells to replace lost volume. The back of a bent elbow protrudes, its inside ends where both sides
 touch, and an arm at the side does not enter the ribs.
 """
@@ -40,12 +40,12 @@ from solver_backend.types import SMPL_JOINTS
 
 
 class _Way(NamedTuple):
-    """Parameters of the skin around a joint, chosen by eye on ``tests.benchmarks.body_sheets``."""
+    """Parameters for the skin around a joint. Chosen by eye on ``tests.benchmarks.body_sheets``."""
 
     radius_m: float  # Radius of the smoothing.
-    dual: float  # Share of dual-quaternion skinning in the target.
-    gain: float  # Share of the lost volume that stretched skin restores, before the fit.
-    growth: tuple[float, float] = (0.0, 1e-9)  # Growth of area at which the swelling starts and is complete.
+    dual: float  # Fraction of dual-quaternion skinning in the target.
+    gain: float  # Fraction of the lost volume that stretched skin restores, before the fit.
+    growth: tuple[float, float] = (0.0, 1e-9)  # Relative growth of area at which swelling begins and is complete.
 
 
 _WAYS = {
@@ -54,25 +54,25 @@ _WAYS = {
     "elbow": _Way(0.022, 0.0, 1.0),
     "hip": _Way(0.040, 0.7, 1.5, (0.6, 1.0)),
 }
-"""Parameters of the joints that get further correctives."""
-_SECOND = SECOND_BEND | {"left_hip": ((-0.74, 0.66, -0.12), 0.0, 2.3)}  # as in sitting cross-legged
-_REACH = 0.02, 0.35  # Smoothed joint shares at which its shown correctives start and are complete.
+"""Parameters for the joints that get additional correctives."""
+_SECOND = SECOND_BEND | {"left_hip": ((-0.74, 0.66, -0.12), 0.0, 2.3)}  # as when sitting cross-legged
+_REACH = 0.02, 0.35  # Smoothed weights of a joint at which its added correctives begin and are complete.
 _LARGEST_SWELLING_M = 0.03
 _HIP_SCALE, _CROTCH_M, _PIT_M = 1.3, (0.05, 0.10), (0.0, 0.02)
-"""Factor at hips, and ranges in metres over which additions fade: from the midline, and in front of the elbow joint."""
-_FAINT_M = 5e-4  # Minimum size of rows that the body file lacks. A row takes 116 bytes.
-_POINT_M, _POINT_WIDTH_M = 0.010, 0.020  # Height and radius of a bent elbow's tip.
-_PUSHES, _GAP_M = 4, 0.001  # Rounds that move an arm out of the ribs, and the gap that they leave.
-_APART_M, _DEEPEST_M = 0.05, 0.03  # Skin closer than this at rest, or deeper inside, is not pushed.
+"""Factor at the hips, and ranges in metres over which additions fade: from the midline, and before the elbow."""
+_FAINT_M = 5e-4  # Smallest row to add if the body file lacks it. A row takes 116 bytes.
+_POINT_M, _POINT_WIDTH_M = 0.010, 0.020  # Height and radius of the tip of a bent elbow.
+_PUSHES, _GAP_M = 4, 0.001  # Rounds that move an arm out of the ribs, and the gap that remains.
+_APART_M, _DEEPEST_M = 0.05, 0.03  # Skin that is closer than this at rest, or deeper inside, is not pushed.
 
 
 class DeltaMush:
-    """Smooths a posed skin over a radius, and restores the details of the rest skin."""
+    """Smooths a posed skin over a radius and restores the details of the rest skin."""
 
     def __init__(self, vertices: Array, faces: Array, radius_m: float) -> None:
         laplacian, area = cotangent_laplacian(vertices, faces)
         self._mass = sp.diags(area)
-        # Two implicit steps of heat flow spread a point over the radius, independent of the triangles' size.
+        # Two implicit steps of heat flow spread a point over the radius, whatever the size of the triangles.
         self._solve = splu((self._mass + 0.25 * radius_m**2 * laplacian).tocsc()).solve
         self._graph, self._faces = neighbour_graph(faces, len(vertices)), faces
         self._degree = np.asarray(self._graph.sum(axis=1)).ravel()[:, None, None]
@@ -81,22 +81,22 @@ class DeltaMush:
         self._size = np.trace(self._spread(self._smooth), axis1=1, axis2=2)[:, None, None]
 
     def smooth(self, values: Array) -> Array:
-        """Return (V, ...) values smoothed over the radius."""
+        """Return values (V, ...) smoothed over the radius."""
         for _ in range(2):
             values = self._solve(self._mass @ values)
         return values
 
     def __call__(self, posed: Array) -> Array:
-        """Return the (V, 3) posed skin, smoothed and with its details."""
+        """Return the posed skin (V, 3), smoothed and with its details."""
         smooth = self.smooth(posed)
         normals = vertex_normals(smooth, self._faces)
         spread = self._spread(smooth) + self._size * normals[:, :, None] * self._normals[:, None]
-        left, _, right = np.linalg.svd(spread)  # the rotation of the rest neighbourhood (Kabsch 1976)
+        left, _, right = np.linalg.svd(spread)  # the rotation of the neighbourhood from rest (Kabsch 1976)
         left[:, :, 2] *= np.linalg.det(left @ right)[:, None]
         return smooth + np.einsum("vab,vb->va", left @ right, self._details)
 
     def _spread(self, points: Array) -> Array:
-        """Return (V, 3, 3) sums over neighbours j of ``(q_j - q) (p_j - p)^T``, with p the smoothed rest skin."""
+        """Return sums (V, 3, 3) of ``(q_j - q) (p_j - p)^T`` over neighbours j, where p is the smoothed rest skin."""
         rest, graph = self._smooth, self._graph
         pairs = (graph @ np.einsum("va,vb->vab", points, rest).reshape(-1, 9)).reshape(-1, 3, 3)
         pairs -= points[:, :, None] * (graph @ rest)[:, None] + (graph @ points)[:, :, None] * rest[:, None]
@@ -106,7 +106,7 @@ class DeltaMush:
 def shown_correctives(
     vertices: Array, faces: Array, weights: Array, joints: Array, mirror: Array, posedirs: Array
 ) -> Array:
-    """Return (V, 3, 207) correctives in metres per unit of pose feature that are added to ``posedirs``."""
+    """Return correctives (V, 3, 207) to add to ``posedirs``, in metres per unit of the pose features."""
     masks, wide = joint_masks(weights), np.zeros((len(vertices), len(PARENTS) - 1))
     mushes = {radius: DeltaMush(vertices, faces, radius) for radius in sorted({way.radius_m for way in _WAYS.values()})}
     names = tuple(name for name in SMPL_JOINTS if _kind(name) in _WAYS)
@@ -141,9 +141,9 @@ def shown_correctives(
 
 
 def _shares(vertices: Array, joints: Array) -> Array:
-    """Return (V, 23) weights of the additions, faded at the crotch and the elbow.
+    """Return the weights (V, 23) of the additions, which fade out at the crotch and the elbow.
 
-    The factor at the hips compensates for the fading. Chosen on 24 poses of ``body_shape``, seeds 11 and 60.
+    The factor at the hips compensates for this. It was chosen on 24 poses of ``body_shape``, seeds 11 and 60.
     """
     shares = np.ones((len(vertices), len(PARENTS) - 1))
     for name, joint in JOINT.items():
@@ -155,13 +155,13 @@ def _shares(vertices: Array, joints: Array) -> Array:
 
 
 def _has_row(directions: Array, least: float) -> Array:
-    """Return a (V, 1, 207) mask of correctives that move a vertex by more than ``least``."""
+    """Return a mask (V, 1, 207) of the correctives that move a vertex by more than ``least``."""
     largest = np.abs(directions).reshape(len(directions), 3, -1, 9).max(axis=(1, 3))
     return np.repeat(largest > least, 9, axis=1)[:, None]
 
 
 def _swelling(vertices: Array, posed: Array, faces: Array, share: Array) -> Array:
-    """Return (V, 3) offsets in metres along the normals that restore the rest volume."""
+    """Return offsets (V, 3) in metres along the normals. They restore the rest volume."""
     lost = volume(vertices, faces) - volume(posed, faces)
     amount = lost / max(float(share @ vertex_areas(posed, faces)), 1e-9)
     limit = _LARGEST_SWELLING_M / max(float(share.max()), 1e-9)
@@ -169,7 +169,7 @@ def _swelling(vertices: Array, posed: Array, faces: Array, share: Array) -> Arra
 
 
 def _pushed_out(vertices: Array, posed: Array, faces: Array, beyond: Array, mask: Array) -> Array:
-    """Push both sides of a joint apart by half their penetration."""
+    """Move both sides of a joint apart, each by half of their penetration."""
     apart, here = posed, mask > 0
     for _ in range(_PUSHES):
         normals, move = vertex_normals(apart, faces), np.zeros_like(posed)
@@ -190,7 +190,7 @@ def _kind(name: str) -> str:
 
 
 def _point(vertices: Array, joint: Array, bone: Array, turn: Array) -> Array:
-    """Return the (V, 3) offsets in metres of the skin that protrudes at a bent elbow."""
+    """Return offsets (V, 3) in metres for the skin that protrudes at a bent elbow."""
     along = bone / np.linalg.norm(bone)
     away = along - turn @ along
     fold = float(np.linalg.norm(away))

@@ -1,4 +1,4 @@
-"""Compute bone-heat skinning weights (Baran and Popovic 2007) and pose the skeleton."""
+"""Compute bone-heat skinning weights (Baran and Popovic 2007), and pose the skeleton."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ Segment = tuple[np.ndarray, np.ndarray]
 
 
 def load_joints(path: Path = NUMBERS / "skeleton.json") -> np.ndarray:
-    """Return the (24, 3) rest joints in metres, with the floor at y = 0.
+    """Return the rest joints (24, 3) in metres, with the floor at y = 0.
 
     Raises:
-        FileDamaged: a midline or left joint is missing.
+        FileDamaged: a joint on the midline or on the left side is missing.
     """
     table = json.loads(path.read_text())["joints"]
     wanted = [name for name in SMPL_JOINTS if not name.startswith("right")]
@@ -38,7 +38,7 @@ def load_joints(path: Path = NUMBERS / "skeleton.json") -> np.ndarray:
 
 
 def bone_segments(joints: np.ndarray) -> list[list[Segment]]:
-    """Return the line segments near the skin of each joint."""
+    """Return the line segments whose surrounding skin each joint moves."""
 
     def at(name: str, *offset: float) -> np.ndarray:
         return joints[JOINT[name]] + (np.array(offset) if offset else 0.0)
@@ -65,10 +65,10 @@ def fit_regressor(
     mirror: Array,
     mirror_joint: tuple[int, ...] = MIRROR_JOINT,
 ) -> Array:
-    """Return the (J, V) regressor with ``J v = joints`` and ``J shapedirs = joint_dirs``.
+    """Return the regressor (J, V) for which ``J v = joints`` and ``J shapedirs = joint_dirs``.
 
-    Weights are non-negative if such a mean is exact to 0.01 mm, except for the smallest signed weights near the joint
-    that make joints and components exact. Otherwise they are the smallest signed weights.
+    If non-negative weights reproduce a joint to 0.01 mm, they are used. The smallest signed weights near the joint are
+    added to make joints and components exact. Otherwise all weights are the smallest signed ones.
 
     Args:
         vertex_dirs: (V, 3, C) derivatives of the vertices by C shapes.
@@ -98,7 +98,7 @@ def fit_regressor(
 
 
 def _positive_mean(rows: Array, target: Array, distance: Array) -> Array | None:
-    """Return non-negative weights, or None if none reproduce the joint to 0.01 mm."""
+    """Return non-negative weights, or None if no such weights reproduce the joint to 0.01 mm."""
     ridge = 1e-5 * (0.3 + distance / _REACH_M)
     stacked = np.concatenate([rows, np.diag(ridge)])
     weights, _ = nnls(stacked, np.concatenate([target, np.zeros(len(distance))]), maxiter=50 * len(distance))
@@ -106,28 +106,28 @@ def _positive_mean(rows: Array, target: Array, distance: Array) -> Array | None:
 
 
 def _signed_mean(rows: Array, target: Array, distance: Array) -> Array:
-    """Return the weights with the smallest weighted norm that reproduce the joint."""
+    """Return the weights of smallest weighted norm that reproduce the joint."""
     share = np.exp(-0.5 * ((distance - distance.min()) / _REACH_M) ** 2) + 1e-3
     scale = np.linalg.norm(rows, axis=1).clip(1e-9)
     a, b = rows / scale[:, None], target / scale
     return share * (a.T @ np.linalg.lstsq((a * share) @ a.T, b, rcond=1e-12)[0])
 
 
-MAX_INFLUENCES = 6  # Maximum number of joints per vertex, chosen by hand.
+MAX_INFLUENCES = 6  # Largest number of joints per vertex. Chosen by hand.
 _SMALLEST = 0.005  # Smaller weights are removed. Chosen by hand.
-_FLOW = 3.0  # ``c`` of a bone's heat ``c / d²`` (Baran, Popovic 2007), chosen by hand.
+_FLOW = 3.0  # ``c`` in a bone's heat ``c / d²`` (Baran, Popovic 2007). Chosen by hand.
 _LEFT_LEG = ("left_hip", "left_knee", "left_ankle", "left_foot")
 
 
 def heat_weights(vertices: Array, faces: Array, mirror: Array, joints: Array) -> Array:
-    """Return (V, 24) weights from ``(L + H) w_j = H p_j``, where p_j marks the skin nearest to bone j."""
+    """Return weights (V, 24) from ``(L + H) w_j = H p_j``, where p_j marks the skin that is nearest to bone j."""
     weights = heat_shares(vertices, faces, _bone_distances(vertices, bone_segments(joints)))
     weights = 0.5 * (weights + weights[mirror][:, list(MIRROR_JOINT)])
     return _keep_strongest(weights)
 
 
 def heat_shares(vertices: Array, faces: Array, distance: Array) -> Array:
-    """Return (V, B) unnormalised heat weights from the (B, V) distances of bones in metres."""
+    """Return unnormalised heat weights (V, B), given the distances (B, V) from the bones in metres."""
     nearest = distance.min(axis=0)
     owner = distance <= nearest + 1e-9
     owner = owner / owner.sum(axis=0)
@@ -139,7 +139,7 @@ def heat_shares(vertices: Array, faces: Array, distance: Array) -> Array:
 
 def _keep_strongest(weights: Array) -> Array:
     weights = np.where(weights < _SMALLEST, 0.0, weights - _SMALLEST)
-    # Equal weights of a left and a right joint are removed together, so that the midline stays symmetric.
+    # If a left and a right joint have equal weights, both are removed, so that the midline stays symmetric.
     limit = -np.sort(-weights, axis=1)[:, MAX_INFLUENCES, None]
     kept = np.where(weights > limit + 1e-12, weights, 0.0)
     return kept / kept.sum(axis=1, keepdims=True)
@@ -154,14 +154,14 @@ def _bone_distances(vertices: Array, segments: list[list[Segment]]) -> Array:
 
 
 def distance_to_segment(points: Array, a: Array, b: Array) -> Array:
-    """Return the (N,) distances in metres of points from the segment between a and b."""
+    """Return the distances (N,) in metres between points and the segment from a to b."""
     along = b - a
     t = ((points - a) @ along / max(float(along @ along), 1e-12)).clip(0.0, 1.0)
     return np.linalg.norm(points - a - t[:, None] * along, axis=1)
 
 
 def cotangent_laplacian(vertices: Array, faces: Array) -> tuple[sp.csr_matrix, Array]:
-    """Return the (V, V) cotangent Laplacian and the (V,) vertex areas in m²."""
+    """Return the cotangent Laplacian (V, V), and the vertex areas (V,) in m²."""
     rows, columns, values = [], [], []
     area = np.zeros(len(vertices))
     for k in range(3):
@@ -179,7 +179,7 @@ def cotangent_laplacian(vertices: Array, faces: Array) -> tuple[sp.csr_matrix, A
 
 
 def vertex_areas(vertices: Array, faces: Array) -> Array:
-    """Return each vertex's (V,) share of the surface in square metres."""
+    """Return each vertex's part (V,) of the surface area, in square metres."""
     doubled = np.linalg.norm(face_normals(vertices, faces), axis=1)
     return np.bincount(faces.ravel(), np.repeat(doubled / 6.0, 3), minlength=len(vertices))
 
@@ -191,11 +191,11 @@ def volume(vertices: Array, faces: Array) -> float:
 
 
 def pose_skeleton(joints: Array, rotations: Array, parents: tuple[int, ...] = PARENTS) -> tuple[Array, Array]:
-    """Return the world rotation and translation ``t`` of each bone.
+    """Return the rotation and the translation ``t`` of each bone in the world.
 
     Args:
         joints: (J, 3) rest joints in metres.
-        rotations: (J, 3, 3) local rotations, the root first.
+        rotations: (J, 3, 3) local rotations, root first.
     """
     turns, origins = np.zeros_like(rotations), np.zeros_like(joints)
     for j, parent in enumerate(parents):
@@ -208,18 +208,18 @@ def pose_skeleton(joints: Array, rotations: Array, parents: tuple[int, ...] = PA
 
 
 def posed_joints(joints: Array, rotations: Array) -> Array:
-    """Return the (24, 3) joint positions of a pose in metres (see ``pose_skeleton``)."""
+    """Return the joint positions (24, 3) in a pose, in metres (see ``pose_skeleton``)."""
     turns, shifts = pose_skeleton(joints, rotations)
     return np.einsum("jab,jb->ja", turns, joints) + shifts
 
 
 def linear_blend(vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
-    """Return the (V, 3) linearly blended vertices in metres."""
+    """Return the linearly blended vertices (V, 3) in metres."""
     blend = (weights @ turns.reshape(len(turns), 9)).reshape(-1, 3, 3)
     return np.einsum("vab,vb->va", blend, vertices) + weights @ shifts
 
 
 def vertex_normals(vertices: Array, faces: Array) -> Array:
-    """Return the (V, 3) unit normals, weighted by face area."""
+    """Return unit normals (V, 3), weighted by face area."""
     out = normal_sums(vertices, faces)
     return out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-15)
