@@ -1,1 +1,1 @@
-"""Reproductions and comparisons of published methods. They are not part of the extension."""
+"""Reproduce published methods and compare with them. The extension does not contain this package."""

@@ -1,4 +1,4 @@
-"""Priors for comparison with the solver's priors, and a table of all priors by name."""
+"""Priors to compare with the solver's priors, and a table of all priors by name."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ from solver_backend.priors.sposer import load_sposer
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 from solver_backend.residuals.pose_mixture import read_mixture
 
-WEIGHTS = Path(__file__).parent / "weights"  # Folder of the weights that only comparisons need.
-SVAE_DIM = 32  # Size of the code, as in SPoser.
+WEIGHTS = Path(__file__).parent / "weights"  # Folder of weights that only comparisons need.
+SVAE_DIM = 32  # Length of the code, as in SPoser.
 
 
 class SphericalVAE(PoseAutoencoder):
-    """Poses as unit vectors in R^32 with a von Mises-Fisher posterior per pose and a uniform prior."""
+    """Poses as unit vectors in R^32. Each pose has a von Mises-Fisher posterior, and the prior is uniform."""
 
     name = "svae"
 
     def posterior(self, rotations: Poses) -> tuple[Codes, Energies]:
-        """Return the (N, 32) mean directions and the (N,) concentrations κ of (N, 21, 3, 3) poses.
+        """Return mean directions (N, 32) and concentrations κ (N,) for poses (N, 21, 3, 3).
 
         Raises:
             PoseInvalid: poses contain NaN, matrices off SO(3) or another number of joints.
@@ -51,23 +51,23 @@ class SphericalVAE(PoseAutoencoder):
         return unit(out[:, :SVAE_DIM]), kappa
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the (N, 32) mean directions."""
+        """Return the mean directions (N, 32)."""
         return self.posterior(rotations)[0]
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return the (N,) mean squared rotations to the reconstruction, relative to ``residual_sigma``.
+        """Return the mean squared rotation (N,) to the reconstruction, relative to ``residual_sigma``.
 
-        Codes have no effect, because all are equally likely.
+        Codes do not contribute, because all are equally likely.
         """
         return self._distance_to_reconstruction(rotations)
 
     def sample(self, count: int, seed: int) -> Poses:
-        """Return ``count`` poses of uniformly drawn directions."""
+        """Return ``count`` poses, decoded from directions that are drawn uniformly."""
         return self.decode(unit(np.random.default_rng(seed).standard_normal((count, SVAE_DIM))))
 
 
 def unit(z: Array) -> Array:
-    """Return (N, d) vectors scaled to unit length."""
+    """Scale (N, d) vectors to unit length."""
     xp = array_namespace(z)
     return z / xp.sqrt(xp.sum(z * z, axis=-1, keepdims=True))
 
@@ -77,7 +77,7 @@ def load_svae(path: Path | str = WEIGHTS / "svae.npz") -> SphericalVAE:
 
     Raises:
         FileMissing: the file does not exist.
-        WeightsInvalid: wrong prior, body, version or shapes, or a damaged file.
+        WeightsInvalid: the prior, body, version or shapes are wrong, or the file is damaged.
     """
     weights = read_weights(Path(path), "svae")
     encoder = read_stack(weights, "encoder", 3 * NUM_BODY_JOINTS, SVAE_DIM + 1)
@@ -86,8 +86,8 @@ def load_svae(path: Path | str = WEIGHTS / "svae.npz") -> SphericalVAE:
     return SphericalVAE(encoder, decoder, sigma, {**weights.metadata, "sha256": weights.sha256})
 
 
-FACTORS = 10  # Rotations of a code. SO(3)^10 has 30 dimensions, as SPoser's sphere has.
-LIE_DIM = 9 * FACTORS  # Size of the code as rotation matrices.
+FACTORS = 10  # Number of rotations in a code. SO(3)^10 has 30 dimensions, as SPoser's sphere does.
+LIE_DIM = 9 * FACTORS  # Length of the code as rotation matrices.
 
 
 class LieVAE(PoseAutoencoder):
@@ -96,7 +96,7 @@ class LieVAE(PoseAutoencoder):
     name = "lie_vae"
 
     def posterior(self, rotations: Array) -> tuple[Array, Array]:
-        """Return the (N, 10, 3, 3) mean rotations and (N, 10, 3) spreads in radians of (N, 21, 3, 3) poses.
+        """Return mean rotations (N, 10, 3, 3) and spreads (N, 10, 3) in radians for poses (N, 21, 3, 3).
 
         Raises:
             PoseInvalid: poses contain NaN, matrices off SO(3) or another number of joints.
@@ -107,19 +107,19 @@ class LieVAE(PoseAutoencoder):
         return mean, xp.exp(0.5 * xp.reshape(out[:, 6 * FACTORS :], (count, FACTORS, 3)))
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the (N, 90) entries of the mean rotations."""
+        """Return the entries (N, 90) of the mean rotations."""
         mean = self.posterior(rotations)[0]
         return array_namespace(mean).reshape(mean, (mean.shape[0], LIE_DIM))
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return the (N,) mean squared rotations to the reconstruction, relative to ``residual_sigma``.
+        """Return the mean squared rotation (N,) to the reconstruction, relative to ``residual_sigma``.
 
-        Codes have no effect, because all are equally likely.
+        Codes do not contribute, because all are equally likely.
         """
         return self._distance_to_reconstruction(rotations)
 
     def sample(self, count: int, seed: int) -> Poses:
-        """Return ``count`` poses of uniformly drawn rotations."""
+        """Return ``count`` poses, decoded from rotations that are drawn uniformly."""
         quats = np.random.default_rng(seed).standard_normal((count, FACTORS, 4))
         quats /= np.linalg.norm(quats, axis=-1, keepdims=True)
         return self.decode(matrix_from_quat(quats).reshape(count, LIE_DIM))
@@ -130,7 +130,7 @@ def load_lie_vae(path: Path | str = WEIGHTS / "lie_vae.npz") -> LieVAE:
 
     Raises:
         FileMissing: the file does not exist.
-        WeightsInvalid: wrong prior, body, version or shapes, or a damaged file.
+        WeightsInvalid: the prior, body, version or shapes are wrong, or the file is damaged.
     """
     weights = read_weights(Path(path), "lie_vae")
     encoder = read_stack(weights, "encoder", 3 * NUM_BODY_JOINTS, 9 * FACTORS)
@@ -139,17 +139,17 @@ def load_lie_vae(path: Path | str = WEIGHTS / "lie_vae.npz") -> LieVAE:
     return LieVAE(encoder, decoder, sigma, {**weights.metadata, "sha256": weights.sha256})
 
 
-GMM_DIM = 3 * NUM_BODY_JOINTS  # Size of a pose as rotation vectors.
+GMM_DIM = 3 * NUM_BODY_JOINTS  # Length of a pose as rotation vectors.
 
 
 class GaussianMixture(PosePrior):
-    """Mixture of K Gaussians of the 21 body joints' rotation vectors, which are also the code.
+    """Mixture of K Gaussians over the rotation vectors of the 21 body joints, which are also the code.
 
-    Reference: Bogo et al. 2016, "Keep It SMPL", eq. 4, with the whole mixture instead of its largest component.
+    Reference: Bogo et al. 2016, "Keep It SMPL", eq. 4, but with the whole mixture instead of its largest component.
     """
 
     def __init__(self, weights: np.ndarray, means: np.ndarray, factors: np.ndarray, metadata: dict[str, Any]) -> None:
-        """Store K weights, (K, 63) means and (K, 63, 63) lower Cholesky factors of the covariances."""
+        """Store weights (K,), means (K, 63), and lower Cholesky factors (K, 63, 63) of the covariances."""
         self._weights, self._means, self._factors = weights, means, factors
         self._whitening = np.linalg.inv(factors)
         diagonal = np.diagonal(factors, axis1=-2, axis2=-1)
@@ -170,7 +170,7 @@ class GaussianMixture(PosePrior):
         return GMM_DIM
 
     def encode(self, rotations: Poses) -> Codes:
-        """Return the (N, 63) rotation vectors in radians.
+        """Return the rotation vectors (N, 63) in radians.
 
         Raises:
             PoseInvalid: poses contain NaN, matrices off SO(3) or another number of joints.
@@ -179,19 +179,19 @@ class GaussianMixture(PosePrior):
         return array_namespace(rotations).reshape(log_so3(rotations), (rotations.shape[0], GMM_DIM))
 
     def decode(self, z: Codes) -> Poses:
-        """Convert (N, 63) rotation vectors to (N, 21, 3, 3) rotations."""
+        """Convert rotation vectors (N, 63) to rotations (N, 21, 3, 3)."""
         check_codes(z, GMM_DIM)
         return exp_so3(array_namespace(z).reshape(z, (z.shape[0], NUM_BODY_JOINTS, 3)))
 
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
-        """Return ``decode(z)`` and J (N, 21, 3, 63), the left Jacobian of SO(3) in each joint's own columns."""
+        """Return ``decode(z)`` and J (N, 21, 3, 63), the left Jacobian of SO(3) in the columns of each joint."""
         vectors = array_namespace(z).reshape(z, (z.shape[0], NUM_BODY_JOINTS, 3))
         return self.decode(z), in_own_columns(left_jacobian_so3(vectors))
 
     def energy(self, rotations: Poses) -> Energies:
-        """Return the (N,) negative log densities, which would be zero with every component at its peak.
+        """Return the negative log densities (N,), which would be 0 if all components were at their peaks.
 
-        ``-log Σ_k s_k exp(-½ |L_k⁻¹ (x - μ_k)|²)``, with ``s_k`` the components' shares of the sum of peaks.
+        ``-log Σ_k s_k exp(-½ |L_k⁻¹ (x - μ_k)|²)``, where ``s_k`` is each component's share in the sum of peaks.
         """
         x = self.encode(rotations)
         xp = array_namespace(x)
@@ -203,10 +203,10 @@ class GaussianMixture(PosePrior):
         return -(top + xp.log(xp.sum(xp.exp(exponents - top[:, None]), axis=-1)))
 
     def posterior_mean(self, rotations: np.ndarray, sigma: float) -> np.ndarray:
-        """Denoise (N, 21, 3, 3) poses with normal noise of ``sigma`` rad in every rotation vector.
+        """Denoise poses (N, 21, 3, 3) whose rotation vectors contain normal noise of ``sigma`` rad.
 
-        ``E[x | y] = Σ_k r_k(y) (μ_k + Σ_k (Σ_k + σ² I)⁻¹ (y - μ_k))``, with ``r_k`` the components' shares of y's
-        density.
+        ``E[x | y] = Σ_k r_k(y) (μ_k + Σ_k (Σ_k + σ² I)⁻¹ (y - μ_k))``, where ``r_k`` is each component's share of the
+        density at y.
         """
         y = self.encode(rotations)
         logs, means = [], []
@@ -228,7 +228,7 @@ class GaussianMixture(PosePrior):
 
 
 def load_gmm(path: Path | str = ASSETS / "gmm.npz") -> GaussianMixture:
-    """Load the mixture's weights. Errors are as in ``read_mixture``."""
+    """Load the weights of the mixture. Raises the same errors as ``read_mixture``."""
     return GaussianMixture(*read_mixture(Path(path)))
 
 
@@ -240,11 +240,11 @@ LOADERS: dict[str, Callable[[Path], PosePrior]] = {
     "gmm": load_gmm,
     "pose_ndf": load_pose_ndf,
 }
-"""Function that loads the weights of each prior."""
+"""Functions that load the weights of each prior."""
 
 
 def load_prior(name: str, path: Path | None = None) -> PosePrior:
-    """Load the weights of a prior, by default the stored weights.
+    """Load the weights of a prior, from its stored file by default.
 
     Raises:
         WeightsInvalid: the name is unknown, or the file belongs to another prior.
@@ -256,10 +256,10 @@ def load_prior(name: str, path: Path | None = None) -> PosePrior:
 
 
 def weight_file(name: str) -> Path:
-    """Return the path of a prior's stored weights."""
+    """Return the path of the stored weights of a prior."""
     return (WEIGHTS if name in ("svae", "lie_vae") else ASSETS) / f"{name}.npz"
 
 
 def stored_priors() -> list[str]:
-    """Return the names of the priors with stored weights."""
+    """Return the names of the priors whose weights are stored."""
     return [name for name in LOADERS if weight_file(name).is_file()]

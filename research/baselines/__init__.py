@@ -1,4 +1,4 @@
-"""Published and common methods with a common interface, for comparison with a solve in one run."""
+"""Published and common methods behind a common interface, to compare them with a solve in one run."""
 
 from research.baselines.base import Baseline, BaselineResult
 from research.baselines.bundlemocap import BundleMoCap, BundleMoCapPlusPlus

@@ -1,4 +1,4 @@
-"""Define the result that every baseline returns."""
+"""Define the result that all baselines return."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from solver_backend.types import Capture, Motion
 
 @dataclass(frozen=True)
 class BaselineResult:
-    """Result of a baseline for F frames."""
+    """Result of a baseline over F frames."""
 
-    keypoints3d: np.ndarray  # (F, K, 3) world metres in the capture's joint set, NaN for points without an estimate.
-    motion: Motion | None = None  # Animated body, if the method has one.
-    statistics: dict[str, Any] = field(default_factory=dict)  # Statistics of the method, as plain values.
+    keypoints3d: np.ndarray  # (F, K, 3) world metres in the capture's joint set, NaN where there is no estimate.
+    motion: Motion | None = None  # The animated body, if the method estimates one.
+    statistics: dict[str, Any] = field(default_factory=dict)  # Statistics that the method reports, as plain values.
 
 
 class Baseline(ABC):
-    """A method to compare with."""
+    """A method to compare a solve with."""
 
-    name: str  # Name in tables.
-    simplified: str  # Differences from the publication in a sentence, empty if there are none.
+    name: str  # Name shown in tables.
+    simplified: str  # A sentence about differences from the publication, or "" if there are none.
 
     @abstractmethod
     def solve(self, capture: Capture) -> BaselineResult:
-        """Solve a multi-view capture.
+        """Solve a capture with several views.
 
         Raises:
             TooFewViews, NoDetections: nothing can be triangulated.

@@ -1,7 +1,7 @@
-"""BundleMoCap (Albanis et al. 2023) and BundleMoCap++ (Albanis 2026, thesis 6.2) as published.
+"""BundleMoCap (Albanis et al. 2023) and BundleMoCap++ (Albanis 2026, thesis 6.2), as published.
 
-The solver's method ``bundlemocap++`` has the same windows. Here start, curve and minimiser vary for the comparison, and
-both methods get the shape of the common start (``person.py``).
+The solver's method ``bundlemocap++`` uses the same windows. Here start, curve and minimiser can vary for comparisons,
+and both methods get the shape from the common start (``person.py``).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from solver_backend.solver.descent import MinimiseResult, MinimiseSettings, grad
 from solver_backend.solver.manifolds import Product
 
 MAX_ITERATIONS = 30  # Iterations per window (thesis 6.3.1).
-MOST_KEYS = 6  # Free keys per window. A polynomial through more keys oscillates.
+MOST_KEYS = 6  # Free keys per window. A polynomial through more keys would oscillate.
 _START = "start and shape from triangulated points in place of HMR"
 Optimiser = Literal["gradient", "lbfgs"]
 Start = Literal["previous", "points"]
@@ -34,18 +34,18 @@ Start = Literal["previous", "points"]
 
 @dataclass(frozen=True)
 class BundleMoCapPlusPlus(BodyBaseline):
-    """SPoser and SIDER-2 with windows of 20 frames, two free keys each, and only the data term."""
+    """SPoser and SIDER-2 with windows of 20 frames, two free keys per window, and nothing but the data term."""
 
     window: int = 20  # Frames per window.
     optimiser: Optimiser = "gradient"
-    """Algorithm 1, or limited-memory BFGS on the same manifold, which favours the thesis' method."""
+    """Algorithm 1, or limited-memory BFGS on the same manifold, which favours the method of the thesis."""
     start: Start = "points"
-    """Keys start from fits to their frames' triangulated points, which favours the method, or as copies of the previous
-    key, as the thesis seems to mean. On training motions the copies double the error."""
-    scale: float = 4.0 * ROBUST_SCALE  # Scale of Geman-McClure's penalty, chosen by ``tune_baselines``.
+    """Each key starts from a fit to the triangulated points of its frame, which favours the method, or as a copy of the
+    previous key, which the thesis seems to mean. On training motions, copies double the error."""
+    scale: float = 4.0 * ROBUST_SCALE  # Scale of the Geman-McClure penalty, chosen by ``tune_baselines``.
     root: Root = "sider"  # Motion of the root between keys.
     interpolation: int = 2
-    """n of SIDER-n, and the number of free keys per window. 1 is SLERP (table 6.8), more is the thesis' outlook."""
+    """n of SIDER-n, and the number of free keys per window. 1 means SLERP (table 6.8). The thesis suggests larger n."""
     name: str = "BundleMoCap++"
     simplified: str = f"{_START}, translations on the parabola through the keys (eq. 6.10's cubic has one degree more)."
 
@@ -53,7 +53,7 @@ class BundleMoCapPlusPlus(BodyBaseline):
         """Slide SIDER-n windows over the take.
 
         Raises:
-            JobInvalid: n is not supported, or SLERP from key to key is combined with n other than 2.
+            JobInvalid: n is not supported, or SLERP from key to key is combined with an n other than 2.
         """
         if not 1 <= self.interpolation <= MOST_KEYS or (self.root == "slerp" and self.interpolation != 2):
             raise JobInvalid(
@@ -69,13 +69,13 @@ class BundleMoCapPlusPlus(BodyBaseline):
 
 @dataclass(frozen=True)
 class BundleMoCap(BodyBaseline):
-    """VPoser and SLERP between two keys, with windows of 10 frames and one free key each."""
+    """VPoser and SLERP between two keys, with windows of 10 frames and one free key per window."""
 
     window: int = 10  # Frames per window.
-    optimiser: Optimiser = "lbfgs"  # The successor introduced algorithm 1.
-    start: Start = "points"  # As in BundleMoCapPlusPlus.
+    optimiser: Optimiser = "lbfgs"  # Algorithm 1 was introduced by the successor.
+    start: Start = "points"  # See BundleMoCapPlusPlus.
     latent_weight: float = 3.0  # Weight of ``|z|²/2`` in every frame, chosen by ``tune_baselines``.
-    scale: float = 2.0 * ROBUST_SCALE  # Scale of Geman-McClure's penalty, chosen by ``tune_baselines``.
+    scale: float = 2.0 * ROBUST_SCALE  # Scale of the Geman-McClure penalty, chosen by ``tune_baselines``.
     name: str = "BundleMoCap"
     simplified: str = f"{_START}."
 
@@ -125,7 +125,7 @@ class _Slider:
         return self.prepared.result(name, slid.frames, layout.key_times, counts)
 
     def _keys_at(self, times: np.ndarray) -> KeyState:
-        """Return keys fitted to the points of visible frames near these times, for Gaussian codes also to the views."""
+        """Return keys fitted to points in visible frames near these times, and to the views if codes are Gaussian."""
         problem, subject, seen = self.prepared.problem, self.prepared.subject, self.prepared.seen
         if self.keys is KEYS:
             return keys_near(problem, subject, times, seen)

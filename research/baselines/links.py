@@ -1,4 +1,4 @@
-"""Terms that link the frames of a sequence: slow joints, slow codes, low-frequency joints."""
+"""Terms that link the frames of a sequence: slow joints, slow codes, and joints that move at low frequencies."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ class SlowJoints:
 
     subject: Subject
     fps: float
-    speed_m_s: float  # v in m/s.
+    speed_m_s: float  # v in m/s
 
     def __call__(self, states: States, poses: PosedFrames, d_pose_d_state: np.ndarray) -> Equations:
-        """Return cost and Gauss-Newton equations."""
+        """Return the cost and the Gauss-Newton equations."""
         posed = PosedJoints.of(self.subject, poses, d_pose_d_state)
         return first_differences(posed.joints, posed.by_states, (self.fps / self.speed_m_s) ** 2)
 
@@ -38,7 +38,7 @@ class SlowCodes:
     root_per_s: float  # v in rad/s and m/s.
 
     def __call__(self, states: States, poses: PosedFrames, d_pose_d_state: np.ndarray) -> Equations:
-        """Return cost and Gauss-Newton equations."""
+        """Return the cost and the Gauss-Newton equations."""
         per_s = np.full(DOF, self.root_per_s)
         per_s[STATE[CODE]] = self.codes_per_s
         weight = per_s**-2.0 * self.fps**2
@@ -56,14 +56,14 @@ class SlowCodes:
 
 @dataclass(frozen=True)
 class JointTargets:
-    """``E = 1/2 Σ_t |J_t - M_t|² / σ²``, which pulls the joints of each frame to given positions."""
+    """``E = 1/2 Σ_t |J_t - M_t|² / σ²``, which pulls the joints in each frame towards given positions."""
 
     subject: Subject
     targets: np.ndarray  # (F, 72) targets M in metres.
     sigma_m: float
 
     def __call__(self, states: States, poses: PosedFrames, d_pose_d_state: np.ndarray) -> Equations:
-        """Return cost and Gauss-Newton equations."""
+        """Return the cost and the Gauss-Newton equations."""
         posed = PosedJoints.of(self.subject, poses, d_pose_d_state)
         weight, error = self.sigma_m**-2.0, posed.joints - self.targets
         J = posed.by_states
@@ -73,7 +73,7 @@ class JointTargets:
 
 
 def first_differences(values: np.ndarray, J: np.ndarray, weight: float) -> Equations:
-    """Return ``1/2 w Σ_t |x_{t+1} - x_t|²`` of (F, m) values with (F, m, 38) derivatives."""
+    """Return ``1/2 w Σ_t |x_{t+1} - x_t|²``, given values (F, m) and their derivatives (F, m, 38)."""
     step, J_T = np.diff(values, axis=0), J.swapaxes(-1, -2)
     cost, by_values = np.zeros(len(values)), np.zeros_like(values)
     cost[1:] = 0.5 * weight * (step**2).sum(-1)
@@ -86,7 +86,7 @@ def first_differences(values: np.ndarray, J: np.ndarray, weight: float) -> Equat
 
 
 def low_frequencies(values: np.ndarray, segment: int, kept: int) -> np.ndarray:
-    """Return (F, m) values with only the ``kept`` slowest cosines of every part of about ``segment`` frames.
+    """Keep only the ``kept`` slowest cosines of (F, m) values in every part of about ``segment`` frames.
 
     Reference: Akhter et al. 2008 and Huang et al. 2017, eq. 6 (DCT-II basis).
     """

@@ -1,4 +1,4 @@
-"""Body fits to markers, for comparison with the noise-aware method (thesis 5.3.1)."""
+"""Fit a body to markers, for comparison with the noise-aware method (thesis 5.3.1)."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ _SIMPLIFIED = "Markers stay where their layout has them, codes of RVPoser, no ha
 class AdaptiveLoss:
     """Barron's general loss ``|α - 2|/α ((r²/c² / |α - 2| + 1)^(α/2) - 1)`` with a fixed shape α.
 
-    α = 2 is least squares, 0 Cauchy's loss, -2 Geman-McClure's. Lower values reduce the weight of outliers (Barron
-    2019, "A general and adaptive robust loss function", eqs. 1, 8 and 9).
+    α = 2 gives least squares, 0 Cauchy's loss, and -2 Geman-McClure's. Lower values reduce the weight of outliers
+    (Barron 2019, "A general and adaptive robust loss function", eqs. 1, 8 and 9).
     """
 
     alpha: float
@@ -55,7 +55,7 @@ class AdaptiveLoss:
 
 
 class MarkerBaseline(Baseline):
-    """The two stages of the noise-aware method with another loss in the second stage."""
+    """Both stages of the noise-aware method, with a different loss in the second stage."""
 
     @property
     @abstractmethod
@@ -80,7 +80,7 @@ class MarkerBaseline(Baseline):
         return BaselineResult(motion.markers, motion)
 
     def motion_of(self, problem: Problem) -> Motion:
-        """Fit measured landmarks."""
+        """Fit the body to measured landmarks."""
         subject = Subject.average(problem.body, problem.measurements.landmarks, np.zeros(1))
         settings = SolveSettings(method="noise-aware")
         solved, _ = solve_noise_aware(problem, subject, settings, silent, loss=self.loss)
@@ -91,26 +91,26 @@ class MarkerBaseline(Baseline):
 
 @dataclass(frozen=True)
 class MoSh(MarkerBaseline):
-    """MoSh++ (Mahmood et al. 2019) as in thesis 5.3.1: unweighted least squares, also in the second stage."""
+    """MoSh++ (Mahmood et al. 2019) as in thesis 5.3.1: unweighted least squares in both stages."""
 
     name: str = "MoSh++"
     simplified: str = f"{_SIMPLIFIED}."
 
     @property
     def loss(self) -> LandmarkLoss:
-        """Loss with equal weights for all landmarks."""
+        """Loss that gives all landmarks equal weight."""
         return FixedVariances()
 
 
 @dataclass(frozen=True)
 class AdaptiveRobust(MarkerBaseline):
-    """Barron's adaptive loss (2019) with a shape α from a grid search, as in thesis 5.3.1."""
+    """Barron's adaptive loss (2019) whose shape α comes from a grid search, as in thesis 5.3.1."""
 
-    alpha: float = -1.0  # Shape. The best one of the thesis's search is -4.5.
+    alpha: float = -1.0  # The shape α. In the thesis, -4.5 was best.
     name: str = "Barron's loss"
     simplified: str = f"{_SIMPLIFIED}."
 
     @property
     def loss(self) -> LandmarkLoss:
-        """Loss with lower weights for distant landmarks."""
+        """Loss that gives distant landmarks less weight."""
         return AdaptiveLoss(self.alpha)

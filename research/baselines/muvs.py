@@ -1,4 +1,4 @@
-"""MuVS (Huang et al. 2017) as the thesis uses it (6.3.5): separate frames in stages, VPoser, and its DCT stage."""
+"""MuVS (Huang et al. 2017) as used in the thesis (6.3.5): frames fitted in stages with VPoser, and its DCT stage."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _START = "start and shape from triangulated points in place of HMR"
 
 @dataclass(frozen=True)
 class MuVS(BodyBaseline):
-    """Separate fits of each frame with a robust data term and VPoser's density, both narrowed in three stages."""
+    """Fits each frame separately with a robust data term and VPoser's density. Both are narrowed in three stages."""
 
     latent_weight: float = 3.0  # Weight of ``|z|²/2`` in the last stage, chosen by ``tune_baselines``.
-    iterations: int = 10  # Maximum number of linearisations per stage.
+    iterations: int = 10  # Largest number of linearisations per stage.
     name: str = "MuVS"
     simplified: str = f"Levenberg-Marquardt in place of L-BFGS, no silhouettes, {_START}."
 
@@ -37,10 +37,10 @@ class MuVS(BodyBaseline):
 
 @dataclass(frozen=True)
 class DCT(BodyBaseline):
-    """MuVS, followed by a fit to the slowest cosines of the joints over half a second."""
+    """MuVS, followed by a fit to the slowest cosines of each joint's path over half a second."""
 
     latent_weight: float = 3.0  # As in MuVS, chosen by ``tune_baselines``.
-    sigma_m: float = 0.003  # Deviation of joints from low frequencies, chosen by ``tune_baselines``.
+    sigma_m: float = 0.003  # Deviation of joints from their low frequencies, chosen by ``tune_baselines``.
     segment: int = 30  # Frames per segment (Huang et al. 2017).
     kept: int = 10  # Cosines per segment (Huang et al. 2017).
     rounds: int = 4  # Number of alternations between coefficients and poses.
@@ -48,7 +48,7 @@ class DCT(BodyBaseline):
     simplified: str = f"As MuVS. Coefficients and poses are found in turn instead of together, {_START}."
 
     def fit(self, prepared: Prepared) -> BaselineResult:
-        """Fit each frame, then the trajectories."""
+        """Fit each frame, then fit the trajectories."""
         sequence, states = by_frame(prepared, self.latent_weight, MuVS.iterations)
         for _ in range(self.rounds):
             joints = PosedJoints.of(prepared.subject, sequence.poses(states), sequence.d_pose_d_state(states)).joints
@@ -59,7 +59,7 @@ class DCT(BodyBaseline):
 
 
 def by_frame(prepared: Prepared, latent_weight: float, iterations: int) -> tuple[Sequence, States]:
-    """Return all frames, with visible frames fitted separately through the stages."""
+    """Return all frames. Visible frames are fitted separately in stages."""
     prior = pose_prior()
     sequence = Sequence(prepared.subject, prior, prepared.problem.objective, latent_weight)
     states = initial_states(prepared, prior)

@@ -1,7 +1,7 @@
-"""Prepare the common start of all body baselines: triangulated points, noise and a fixed shape.
+"""Prepare the start that all body baselines share: triangulated points, noise and a fixed shape.
 
-The thesis starts shape and first frame with an HMR regressor (6.3.2). Here both come from fits to triangulated points
-of frames distributed over the take, which favours the baselines.
+The thesis initialises shape and first frame with an HMR regressor (6.3.2). Here both come from fits to triangulated
+points in frames spread over the take, which favours the baselines.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from solver_backend.fitters.problem import Problem, SolvedFrames
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Capture
 
-ROBUST_SCALE = 3.0  # Final Geman-McClure scale of every method, in standard deviations of the detector's noise.
+ROBUST_SCALE = 3.0  # Final Geman-McClure scale of all methods, in standard deviations of the detector's noise.
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """A prepared capture, and the person with a fixed shape."""
+    """A prepared capture, and the person, whose shape is fixed."""
 
     problem: Problem
     subject: Subject
 
     @property
     def seen(self) -> np.ndarray:
-        """Return the frames with enough points to locate a body."""
+        """Return the frames that have enough points to locate a body."""
         return np.flatnonzero(self.problem.measurements.seen)
 
     def result(
@@ -67,7 +67,7 @@ class BodyBaseline(Baseline):
 
 
 def prepare(capture: Capture) -> Prepared:
-    """Triangulate, measure the noise and fit the shape.
+    """Triangulate the points, measure the noise and fit the shape.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
@@ -75,9 +75,9 @@ def prepare(capture: Capture) -> Prepared:
     cameras, keypoints = capture.require_multiview()
     body, like = load_body(), np.zeros(1)
     triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
-    # The weights of the baselines were tuned only with the detector's noise.
+    # The baselines' weights were tuned with no other noise than the detector's.
     measurements = measurements_of(capture, triangulation, body, like, model_error=False)
-    # Published methods have a prior already. Our mixture of poses would be a second one.
+    # Published methods already have a prior. Our mixture of poses would be a second one.
     problem = replace(Problem.of(body, load_sposer(), measurements), pose_terms=())
     subject = Subject.average(body, problem.measurements.landmarks, like)
     return Prepared(problem, learn_subject(problem, subject, SolveSettings(), silent))

@@ -1,7 +1,7 @@
-"""Common gap filling: a missing marker moves with a rigid cluster of its neighbours.
+"""Fill gaps in the usual way: a missing marker moves with a rigid cluster of neighbouring markers.
 
-A marker's neighbours are the markers with the most constant distances to it over the take. From both ends of a gap, the
-cluster's rigid motion (Kabsch 1976) extrapolates the marker, and both results are blended across the gap.
+A marker's neighbours are the markers whose distance to it varies least over the take. The rigid motion of the cluster
+(Kabsch 1976) extrapolates the marker from both ends of a gap, and the two results are blended across the gap.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ import numpy as np
 
 from solver_backend.geometry.arrays import true_runs
 
-NEIGHBOURS = 4  # Maximum number of markers in a cluster.
+NEIGHBOURS = 4  # Largest number of markers in a cluster.
 
 
 def fill_rigidly(measured: np.ndarray) -> np.ndarray:
-    """Return (F, M, 3) markers with filled gaps. With fewer than three visible neighbours, gaps are filled linearly.
+    """Fill the gaps of markers (F, M, 3). If fewer than three neighbours are visible, gaps are filled linearly.
 
     Args:
         measured: (F, M, 3) positions in metres, NaN where missing.
@@ -33,7 +33,7 @@ def fill_rigidly(measured: np.ndarray) -> np.ndarray:
 
 
 def _distance_spread(measured: np.ndarray) -> np.ndarray:
-    """Return (M, M) standard deviations of marker distances, infinite on the diagonal or if never seen."""
+    """Return standard deviations (M, M) of the distances between markers, infinite on the diagonal or if never seen."""
     count = measured.shape[1]
     spread = np.full((count, count), np.inf)
     for m in range(count):
@@ -48,7 +48,7 @@ def _distance_spread(measured: np.ndarray) -> np.ndarray:
 def _carried(
     measured: np.ndarray, seen: np.ndarray, spread: np.ndarray, marker: int, end: int, gap: np.ndarray
 ) -> np.ndarray:
-    """Return (n, 3) positions of a gap's marker, moved from one end of the gap with its neighbours."""
+    """Return positions (n, 3) of the marker in a gap, moved from one end of the gap along with its neighbours."""
     whole = seen[end] & seen[gap].all(axis=0) & np.isfinite(spread)
     cluster = np.flatnonzero(whole)[np.argsort(spread[whole], kind="stable")][:NEIGHBOURS]
     if len(cluster) < 3:

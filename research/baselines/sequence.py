@@ -1,8 +1,8 @@
-"""Equations of frames with Gaussian codes as poses, for single frames and for linked frames.
+"""Equations of frames whose poses are Gaussian codes, for single frames and for linked frames.
 
-The unknowns of a frame are ``(z (32,), R (3, 3), t (3,))`` with 38 tangents: code 32, rotation of the root 3 (world),
-translation 3. The cost is the robust data term and ``w/2 |z|²``, the code's negative log density (Bogo et al. 2016;
-Pavlakos et al. 2019), plus the terms that link frames.
+The unknowns of a frame are ``(z (32,), R (3, 3), t (3,))`` with 38 tangents: 32 for the code, 3 for the root's rotation
+(world), and 3 for the translation. The cost is the robust data term and ``w/2 |z|²``, the negative log density of the
+code (Bogo et al. 2016; Pavlakos et al. 2019), plus the terms that link frames.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.solver.levenberg_marquardt import DenseBlocks, LMSettings, levenberg_marquardt
 from solver_backend.types import JointSet
 
-STATE = StateLayout.of(LATENT_DIM, len(BODY_JOINTS)).without(RESIDUAL)  # Layout of a frame's state with 38 values.
+STATE = StateLayout.of(LATENT_DIM, len(BODY_JOINTS)).without(RESIDUAL)  # Layout of a frame's state of 38 values.
 DOF = STATE.dof
-_FLOOR = 1e-2  # Added to the diagonal, so that unobserved parts do not move.
+_FLOOR = 1e-2  # Value added to the diagonal, so that unobserved parts do not move.
 
 
 @dataclass(frozen=True)
@@ -49,12 +49,12 @@ class States(Rows):
     transl: np.ndarray  # (F, 3) metres.
 
     def retract(self, step: np.ndarray) -> States:
-        """Move the states by (F, 38) tangent steps."""
+        """Move the states by tangent steps (F, 38)."""
         root = exp_so3(step[:, STATE[ROOT]]) @ self.root
         return States(self.z + step[:, STATE[CODE]], root, self.transl + step[:, STATE[TRANSL]])
 
     def replaced(self, frames: np.ndarray, new: States) -> States:
-        """Return the states with new states for some frames."""
+        """Return the states with some frames replaced by new states."""
         parts = {name: getattr(self, name).copy() for name in ("z", "root", "transl")}
         for name, values in parts.items():
             values[frames] = getattr(new, name)
@@ -76,7 +76,7 @@ class Equations:
 
 
 Link = Callable[[States, PosedFrames, np.ndarray], Equations]
-"""Function of states, poses and (F, 69, 38) derivatives of the pose tangents that returns the linking terms."""
+"""Function that returns the linking terms, given states, poses and derivatives (F, 69, 38) of the pose tangents."""
 
 
 def pose_prior() -> GaussianVAE:
@@ -86,23 +86,23 @@ def pose_prior() -> GaussianVAE:
 
 @dataclass(frozen=True)
 class Sequence:
-    """Inputs that do not change while frames are fitted."""
+    """Data that do not change while frames are fitted."""
 
     subject: Subject
     prior: PosePrior
-    objective: FrameObjective  # Objective of the F frames.
+    objective: FrameObjective  # Objective for the F frames.
     latent_weight: float  # Weight w.
 
     def poses(self, states: States) -> PosedFrames:
-        """Return the poses that the states decode to."""
+        """Decode the states to poses."""
         return PosedFrames(states.root, decoded(self.prior, states.z), states.transl)
 
     def d_pose_d_state(self, states: States) -> np.ndarray:
-        """Return the (F, 69, 38) derivative of the pose tangents by the states' tangents."""
+        """Return the derivative (F, 69, 38) of the pose tangents w.r.t. the tangents of the states."""
         return d_pose_d_state(STATE, decoder_jacobian(self.prior, states.z)[0])
 
     def equations(self, states: States, scale: float, link: Link | None) -> Equations:
-        """Return the Gauss-Newton model at the states."""
+        """Return the Gauss-Newton model at these states."""
         poses, C = self.poses(states), self.d_pose_d_state(states)
         data = frame_equations(self.subject, poses, self.objective, scale)
         C_T = C.swapaxes(-1, -2)
@@ -115,7 +115,7 @@ class Sequence:
         return own if link is None else own + link(states, poses, C)
 
     def solve(self, states: States, scale: float, iterations: int, link: Link | None = None) -> States:
-        """Minimise from these states: each frame separately, or all frames together if the link couples them."""
+        """Minimise from these states: each frame separately, or all frames together if a link couples them."""
 
         def linearise(s: States) -> tuple[np.ndarray, DenseBlocks | BlockTridiagonal]:
             found = self.equations(s, scale, link)
@@ -137,7 +137,7 @@ def _masked(states: States, mask: np.ndarray) -> States:
 
 
 def initial_states(prepared: Prepared, prior: PosePrior) -> States:
-    """Return the codes of poses fitted to the triangulated points. Unseen frames are interpolated."""
+    """Return the codes of poses fitted to the triangulated points. Frames without points are interpolated."""
     problem = prepared.problem
     fitted = fit_to_points(problem, prepared.subject, prepared.seen)
     start = posed(problem.prior, bridged_states(fitted, prepared.seen, problem.num_frames))
@@ -146,14 +146,14 @@ def initial_states(prepared: Prepared, prior: PosePrior) -> States:
 
 @dataclass(frozen=True)
 class PosedJoints:
-    """Joints of the posed body, and their derivatives by the states."""
+    """Joints of the posed body, and their derivatives w.r.t. the states."""
 
     joints: np.ndarray  # (F, 72) joint positions in metres.
-    by_states: np.ndarray  # (F, 72, 38) derivatives by the states.
+    by_states: np.ndarray  # (F, 72, 38) derivatives w.r.t. the states.
 
     @classmethod
     def of(cls, subject: Subject, poses: PosedFrames, by_states: np.ndarray) -> PosedJoints:
-        """Compute and differentiate the 24 joints."""
+        """Compute the 24 joints and their derivatives."""
         landmarks = keypoint_landmarks(subject.body, JointSet.SMPL_24)
         found = pose_landmarks(
             subject.body, landmarks, subject.betas, poses.root, poses.local, poses.transl, jacobian=True
@@ -166,5 +166,5 @@ class PosedJoints:
 
 
 def with_weight(sequence: Sequence, latent_weight: float) -> Sequence:
-    """Return the sequence with another weight of the codes' density."""
+    """Return the sequence with a different weight of the codes' density."""
     return replace(sequence, latent_weight=latent_weight)

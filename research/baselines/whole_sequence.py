@@ -1,4 +1,4 @@
-"""Methods that solve a whole sequence of Gaussian codes at once: ETC and DMMR (thesis 6.3.5)."""
+"""Methods that solve a whole sequence of Gaussian codes in one problem: ETC and DMMR (thesis 6.3.5)."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _START = "start and shape from triangulated points in place of HMR"
 
 @dataclass(frozen=True)
 class ETC(BodyBaseline):
-    """Exploiting temporal context (Arnab et al. 2019) for several views, with slow joints over the whole take."""
+    """Exploiting temporal context (Arnab et al. 2019), for several views, with slow joints throughout the take."""
 
     latent_weight: float = 0.3  # Weight of ``|z|²/2``, chosen by ``tune_baselines``.
     speed_m_s: float = 1.0  # Standard deviation of a joint's speed per axis, chosen by ``tune_baselines``.
-    iterations: int = 12  # Maximum number of linearisations.
+    iterations: int = 12  # Largest number of linearisations.
     name: str = "ETC"
     simplified: str = (
         "Gauss-Newton over all frames in place of L-BFGS, squared differences in place of Huber's, VPoser in place of "
@@ -27,7 +27,7 @@ class ETC(BodyBaseline):
     )
 
     def fit(self, prepared: Prepared) -> BaselineResult:
-        """Fit each frame, then all frames together."""
+        """Fit each frame separately, then fit all frames together."""
         sequence, states = by_frame(prepared, self.latent_weight, self.iterations)
         link = SlowJoints(prepared.subject, prepared.problem.fps, self.speed_m_s)
         states = sequence.solve(states, ROBUST_SCALE, self.iterations, link)
@@ -36,12 +36,12 @@ class ETC(BodyBaseline):
 
 @dataclass(frozen=True)
 class DMMR(BodyBaseline):
-    """Dynamic multi-person mesh recovery (Huang et al. 2021) with slow latent codes, in four stages."""
+    """Dynamic multi-person mesh recovery (Huang et al. 2021), with slow latent codes, in four stages."""
 
     latent_weight: float = 12.0  # Weight of ``|z|²/2``, chosen by ``tune_baselines``.
     codes_per_s: float = 1.25  # Standard deviation of a code's speed, chosen by ``tune_baselines``.
-    root_per_s: float = 2.0  # Standard deviation of the root's speed, rad/s and m/s, chosen by an earlier search.
-    iterations: int = 8  # Maximum number of linearisations per stage.
+    root_per_s: float = 2.0  # Standard deviation of the root's speed in rad/s and m/s, chosen by an earlier search.
+    iterations: int = 8  # Largest number of linearisations per stage.
     name: str = "DMMR"
     simplified: str = (
         "VPoser's latents with a penalty on their speed in place of a recurrent motion autoencoder's, one person, "

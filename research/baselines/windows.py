@@ -1,4 +1,4 @@
-"""Windows for comparison with the published method: SLERP between Gaussian codes, and other curves of the root.
+"""Windows for comparison with the published method: SLERP between Gaussian codes, and other root curves.
 
 The cost is the published data term and, for Gaussian codes, the density of the codes.
 """
@@ -16,22 +16,22 @@ from solver_backend.fitters.recipes.bundlemocap import KeyState, Window
 from solver_backend.geometry.interpolation import KeyWeights, sider_weights
 from solver_backend.solver.manifolds import SO3, Euclidean, Product
 
-GAUSSIAN = Product((Euclidean(), SO3(), Euclidean()))  # Space of the free keys of a window with Gaussian codes.
+GAUSSIAN = Product((Euclidean(), SO3(), Euclidean()))  # Space of a window's free keys when codes are Gaussian.
 Root = Literal["sider", "slerp", "se3"]
-"""Separate rotation and translation as in SIDER-n or SLERP, or both together on SE(3)."""
+"""Separate curves for rotation and translation as in SIDER-n or SLERP, or one curve for both on SE(3)."""
 
 
 @dataclass(frozen=True)
 class OtherWindow(Window):
-    """A window with another curve through its keys."""
+    """A window that uses another curve through its keys."""
 
-    gaussian: bool = False  # True for codes of a Gaussian prior, with interpolated lengths.
+    gaussian: bool = False  # True for codes from a Gaussian prior, whose lengths are interpolated.
     latent_weight: float = 0.0  # Weight of ``|z|²/2`` in every frame.
     root: Root = "sider"
-    """Root motion between three keys: rotation on a spherical parabola, from key to key, or a screw motion."""
+    """Root motion between three keys: rotation on a spherical parabola, rotation from key to key, or a screw motion."""
 
     def codes_cost(self, z: np.ndarray) -> tuple[float, np.ndarray]:
-        """Return ``w |z|²/2`` over the frames and its gradient."""
+        """Return ``w |z|²/2``, summed over the frames, and its gradient."""
         return 0.5 * self.latent_weight * float((z**2).sum()), self.latent_weight * z
 
     def curve(self, state: KeyState) -> KeyframeCurve:
@@ -48,15 +48,15 @@ class OtherWindow(Window):
 
 @dataclass(frozen=True)
 class KeyToKeySlerp:
-    """SLERP from the first of three keys to the second, then to the third."""
+    """SLERP from the first of three keys to the second, and from there to the third."""
 
     early: KeyWeights
     late: KeyWeights
-    is_late: np.ndarray  # (W, n, 1) mask of frames in the second half.
+    is_late: np.ndarray  # (W, n, 1) mask of the frames in the second half.
 
     @classmethod
     def between(cls, keys: np.ndarray, time: np.ndarray) -> KeyToKeySlerp:
-        """Interpolate (W, 1, 3, d) keys at (W, n) times in 0..1."""
+        """Interpolate keys (W, 1, 3, d) at times (W, n) in 0..1."""
         early, late = (sider_weights(keys[..., i : i + 2, :], 2 * time - i) for i in (0, 1))
         return cls(early, late, (time > 0.5)[..., None])
 
@@ -66,31 +66,31 @@ class KeyToKeySlerp:
         return np.where(self.is_late, self.late.value, self.early.value)
 
     def vjp(self, cotangent: np.ndarray) -> np.ndarray:
-        """Return the (W, n, 3, d) vector-Jacobian products by each key."""
+        """Return the vector-Jacobian products (W, n, 3, d) for each key."""
         early = self.early.vjp(np.where(self.is_late, 0.0, cotangent))
         late = self.late.vjp(np.where(self.is_late, cotangent, 0.0))
         middle = early[..., 1:, :] + late[..., :1, :]
         return np.concatenate([early[..., :1, :], middle, late[..., 1:, :]], axis=-2)
 
     def jacobian(self, key: int) -> np.ndarray:
-        """Return the (W, n, d, d) derivatives of the points by one of the keys."""
+        """Return the derivatives (W, n, d, d) of the points w.r.t. one of the keys."""
         return _jacobian(self, key)
 
 
 @dataclass(frozen=True)
 class StretchedSlerp:
-    """``sin((1-t)ψ)/sinψ z_0 + sin(tψ)/sinψ z_1`` of two vectors of any length.
+    """``sin((1-t)ψ)/sinψ z_0 + sin(tψ)/sinψ z_1`` for two vectors of any length.
 
     The weights depend only on the directions u: ``dw_i = Σ_jk M[j, i, k] u_k · du_j``, ``du = (I - uuᵀ) dz / |z|``.
     """
 
-    keys: np.ndarray  # (W, 1, 2, d) keys, not zero.
+    keys: np.ndarray  # (W, 1, 2, d) keys, which must not be zero.
     length: np.ndarray  # (W, 1, 2, 1) lengths of the keys.
-    unit: KeyWeights  # Weights of the directions.
+    unit: KeyWeights  # Weights computed from the directions.
 
     @classmethod
     def between(cls, keys: np.ndarray, time: np.ndarray) -> StretchedSlerp:
-        """Interpolate (W, 1, 2, d) keys at (W, n) times in 0..1."""
+        """Interpolate keys (W, 1, 2, d) at times (W, n) in 0..1."""
         length = np.maximum(np.linalg.norm(keys, axis=-1, keepdims=True), 1e-9)
         return cls(keys, length, sider_weights(keys / length, time))
 
@@ -100,19 +100,19 @@ class StretchedSlerp:
         return self.unit.weights @ self.keys[:, 0]
 
     def vjp(self, cotangent: np.ndarray) -> np.ndarray:
-        """Return the (W, n, 2, d) vector-Jacobian products by each key."""
+        """Return the vector-Jacobian products (W, n, 2, d) for each key."""
         along, u = cotangent @ self.keys[:, 0].swapaxes(-1, -2), self.unit.keys
         by_unit = np.einsum("wfi,wfjik->wfjk", along, self.unit.mixing) @ u
         by_unit = by_unit - (by_unit * u).sum(-1, keepdims=True) * u
         return self.unit.weights[..., :, None] * cotangent[..., None, :] + by_unit / self.length
 
     def jacobian(self, key: int) -> np.ndarray:
-        """Return the (W, n, d, d) derivatives of the points by one of the keys."""
+        """Return the derivatives (W, n, d, d) of the points w.r.t. one of the keys."""
         return _jacobian(self, key)
 
 
 def _jacobian(points: Interpolant, key: int) -> np.ndarray:
-    """Return (W, n, d, d) Jacobians of points between keys. Row i is the vector-Jacobian product of unit vector i."""
+    """Return Jacobians (W, n, d, d) of points between keys. Row i is the vector-Jacobian product of unit vector i."""
     value = points.value
     rows = [points.vjp(np.broadcast_to(unit, value.shape))[..., key, :] for unit in np.eye(value.shape[-1])]
     return np.stack(rows, axis=-2)

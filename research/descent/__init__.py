@@ -1,1 +1,1 @@
-"""Descent on manifolds (thesis 6.2.4), the minimiser of published methods for whole windows."""
+"""Descent on manifolds (thesis 6.2.4), by which published methods minimise whole windows."""

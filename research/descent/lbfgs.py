@@ -1,4 +1,4 @@
-"""Limited-memory BFGS on manifolds, a stronger minimiser for the published methods than Algorithm 1."""
+"""Limited-memory BFGS on manifolds. For the published methods, it is a stronger minimiser than Algorithm 1."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from solver_backend.solver.descent import MinimiseResult, MinimiseSettings, Obje
 from solver_backend.solver.line_search import StepTrial, strong_wolfe
 from solver_backend.solver.manifolds import Manifold, State
 
-MEMORY = 12  # Number of stored pairs of steps and gradient changes.
+MEMORY = 12  # Number of stored pairs of a step and a gradient change.
 
 
 def lbfgs(
     manifold: Manifold, objective: Objective, state: State, settings: MinimiseSettings = MinimiseSettings()
 ) -> MinimiseResult:
-    """Minimise by limited-memory BFGS with its pairs projected on the tangent space of the iterate.
+    """Minimise by limited-memory BFGS whose pairs are projected onto the tangent space at the iterate.
 
     Args:
-        manifold: manifold of the state.
-        objective: function from a state to cost and gradient.
+        manifold: manifold on which the state lies.
+        objective: function that returns the cost and gradient of a state.
         state: initial state on the manifold.
         settings: stopping criteria.
 
@@ -71,7 +71,7 @@ class _LimitedMemory:
         return q
 
     def learn(self, manifold: Manifold, y: State, step: State, old: State, new: State) -> None:
-        """Project all pairs on the tangent space at ``y``, and add the last pair if its curvature is positive."""
+        """Project all pairs onto the tangent space at ``y``. Add the latest pair if its curvature is positive."""
         carried = [(manifold.project(y, s), manifold.project(y, d), p) for s, d, p in self.pairs]
         s = manifold.project(y, step)
         change = manifold.combine(1.0, new, -1.0, manifold.project(y, old))

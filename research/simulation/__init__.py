@@ -1,1 +1,1 @@
-"""Benchmark captures: recorded motion, simulated cameras and detectors with errors, and recording faults."""
+"""Make benchmark captures from recorded motion: simulated cameras and detectors with errors, and recording faults."""

@@ -1,7 +1,7 @@
-"""Add a fault to a capture and record it in the capture's truth.
+"""Add a fault to a capture, and describe the fault in the capture's truth.
 
-Every function takes a capture and returns one. ``truth["bad_view"]`` and ``truth["bad_frames"]`` (first, one past the
-last) state the view and frames of the fault.
+Each function takes a capture and returns a new one. ``truth["bad_view"]`` and ``truth["bad_frames"]`` (first, one past
+the last) give the view and the frames of the fault.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from solver_backend.synthesis.simulation.cast import Person, Take, cast_person
 from solver_backend.synthesis.simulation.keypoint_detector import DetectorOutput
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
-WALK_M_S = 1.4  # A passer-by's speed.
+WALK_M_S = 1.4  # Walking speed of a passer-by.
 
 
 def bumped(capture: Capture, view: int, degrees: float = 5.0, first: int = 0) -> Capture:
-    """Rotate a camera after its calibration, from a frame on. Its detections move, its calibration does not change."""
+    """Rotate a camera from a frame on, after it was calibrated. Its detections move, but its calibration does not."""
     cameras, keypoints = capture.require_multiview()
     turn = exp_so3(np.radians(degrees) * np.array([0.6, 0.8, 0.0]))
     one = cameras.subset([view])
@@ -39,7 +39,7 @@ def bumped(capture: Capture, view: int, degrees: float = 5.0, first: int = 0) ->
 
 
 def calibrations_exchanged(capture: Capture, first: int, second: int) -> Capture:
-    """Exchange the calibrations of two cameras, as if their names were mixed up."""
+    """Exchange the calibrations of two cameras, as if their names had been mixed up."""
     cameras, keypoints = capture.require_multiview()
     order = list(range(len(cameras)))
     order[first], order[second] = second, first
@@ -65,7 +65,7 @@ def unsynchronised(capture: Capture, view: int, frames: int = 12) -> Capture:
 
 
 def mirrored(capture: Capture, view: int) -> Capture:
-    """Mirror the image of a camera, as some webcams do. Pixels flip and the detector exchanges left and right."""
+    """Mirror the image of a camera, as some webcams do. The pixels flip, so the detector exchanges left and right."""
     cameras, keypoints = capture.require_multiview()
     sides = list(keypoints.joint_set.mirrored())
     xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
@@ -84,7 +84,7 @@ def sides_exchanged(capture: Capture, view: int) -> Capture:
 
 
 def away(capture: Capture, first: int, seconds: float = 3.0) -> Capture:
-    """Let the person leave the volume. The views lose them one after another, and find them again."""
+    """Let the person walk out of the volume. The views lose the person one after another, and find them again."""
     _, keypoints = capture.require_multiview()
     last = min(first + round(seconds * keypoints.fps), keypoints.num_frames)
     edge = max(1, round(0.1 * keypoints.fps))
@@ -104,11 +104,11 @@ def with_passerby(
     clearance_m: float = 0.7,
     reach_m: float = 2.5,
 ) -> tuple[Capture, Detections]:
-    """Move a second person past the first at ``clearance_m``, detected within ``reach_m``.
+    """Let a second person pass the first at a distance of ``clearance_m``, detected within ``reach_m``.
 
     Returns:
-        The capture, and the detections of both people in every view and frame, in changing order. The capture has the
-        person that the program selects or, with a detector for a single person, the person who looks larger.
+        The capture, and the detections of both people in every view and frame, in changing order. The capture shows the
+        person whom the program selects or, if the detector finds only one person, the one who looks larger.
     """
     cameras, keypoints = capture.require_multiview()
     rng = np.random.default_rng(seed)
@@ -139,7 +139,7 @@ def with_passerby(
 
 
 def _across(person: Person, pelvis: np.ndarray, clearance_m: float, fps: float) -> tuple[Person, np.ndarray]:
-    """Return the person walking past ``pelvis`` (F, 3) halfway, and the (F,) distances from there in metres."""
+    """Return the person who walks past ``pelvis`` (F, 3) halfway, and the distances (F,) from there in metres."""
     frames = np.arange(len(pelvis))
     way = WALK_M_S * (frames - len(pelvis) // 2) / fps
     cycle = frames % len(person.transl)
@@ -162,7 +162,7 @@ def _both(
 
 
 def _height(xy: np.ndarray) -> np.ndarray:
-    """Return the (C, F) height in pixels of a person's detections, 0 without any."""
+    """Return the height (C, F) in pixels of a person's detections, or 0 if there are none."""
     y = xy[..., 1]
     seen = np.isfinite(y)
     high, low = np.where(seen, y, -np.inf).max(-1), np.where(seen, y, np.inf).min(-1)

@@ -1,4 +1,4 @@
-"""Benchmark captures: recorded motion on our body, seen by tripod cameras and a detector with realistic errors."""
+"""Benchmark captures: recorded motion on our body, seen by cameras on tripods and a detector with realistic errors."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ JOINT_SET = JointSet.BODY_25
 
 @dataclass(frozen=True)
 class BenchmarkSettings:
-    """Settings for filming a take."""
+    """Settings for filming a take with simulated cameras."""
 
     num_views: int = 4  # Number of cameras.
-    seed: int = 0  # Seed of shape, bias and noise.
-    sync_offset_frames: float = 0.0  # Largest delay of a camera. All except the first are uniform in ± this.
+    seed: int = 0  # Seed of the shape, the bias and the noise.
+    sync_offset_frames: float = 0.0  # Largest delay of a camera. All except the first draw uniformly from ± this.
     largest_delay_frames: float = 0.0
-    """Largest delay of a camera in frames. Each camera but the first draws its delay uniformly from 0, in addition to
-    the value above."""
+    """Largest additional delay of a camera in frames. All cameras except the first draw uniformly from 0 to this. It
+    adds to the value above."""
     anatomy_mm: float = 8.0
     """Standard deviation in millimetres per axis between the detector's and the body's definition of a joint. A solve
-    of the recording gives its landmarks 9.6 mm. Part of it is common to all people and is in the landmarks' definition.
-    """
+    of the recording gives its landmarks 9.6 mm. A part of that is common to all people and included in the definition
+    of the landmarks."""
     calibration_mm: float = 8.0
-    """Standard deviation in millimetres per axis of the calibration's error at the person in a view. The recording has
-    22 mm (its views disagree by 27 mm as calibrated and by 10 mm with refined cameras), which is a poor calibration.
-    The chosen value is acceptable to users (Pagnon et al. 2021 ask for less than 10 mm)."""
-    detector: DetectorFaults = MEASURED_DETECTOR  # The detector.
-    touches_floor: bool = False  # The lowest point of the skin is on the floor in every frame. Recorded feet may float.
+    """Standard deviation in millimetres per axis of the calibration error, measured at the person in a view. The
+    recording has 22 mm, which is a poor calibration (its views disagree by 27 mm as calibrated, and by 10 mm with
+    refined cameras). The chosen value is acceptable to users (Pagnon et al. 2021 ask for less than 10 mm)."""
+    detector: DetectorFaults = MEASURED_DETECTOR  # The simulated detector and its errors.
+    touches_floor: bool = False  # Put the lowest skin point on the floor in every frame. Recorded feet may float.
 
 
 def benchmark_capture(
@@ -46,14 +46,14 @@ def benchmark_capture(
 ) -> Capture:
     """Film a take and add its truth.
 
-    The truth has SMPL parameters, joints, keypoints3d, and ``meant3d``, the points by the detector's definition. It
-    also has ``swapped`` and ``outlier`` (C, F, K), ``swaps`` (N, 4: view, limb, first frame, one past the last),
-    ``delay_frames`` (C,), and the true cameras, ``R`` and ``t``.
+    The truth contains SMPL parameters, joints, keypoints3d, and ``meant3d``, the points as the detector defines them.
+    It also contains ``swapped`` and ``outlier`` (C, F, K), ``swaps`` (N, 4: view, limb, first frame, one past the
+    last), ``delay_frames`` (C,), and the true cameras, ``R`` and ``t``.
 
     Args:
         take: recorded motion.
-        settings: settings for filming.
-        body: body with the shape space for the person, by default the bundled body.
+        settings: settings for filming the take.
+        body: body whose shape space the person is drawn from, by default the bundled body.
 
     Raises:
         TakeTooShort: there are fewer than four frames.
@@ -70,7 +70,7 @@ def benchmark_capture(
 def film_benchmark(
     person: Person, fps: float, name: str, settings: BenchmarkSettings, rng: np.random.Generator
 ) -> Capture:
-    """Film a person and add the truth, see ``benchmark_capture``."""
+    """Film a person and add the truth (see ``benchmark_capture``)."""
     true = person.landmarks(JOINT_SET)
     pelvis = true.skeleton.joints[:, 0]
     cameras = around(pelvis, settings.num_views)

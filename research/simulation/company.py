@@ -1,4 +1,4 @@
-"""Two people who cross in front of cameras. They occlude each other, and a detector lists them in any order."""
+"""Film two people who pass each other. They occlude each other, and the detector lists them in any order."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from solver_backend.synthesis.simulation.keypoint_detector import DetectorOutput
 from solver_backend.types import Cameras, Keypoints2D
 
 PASSING_M = (0.5, 0.7)
-"""Range of the smallest distance in metres between both pelvises. At less, their shoulders would touch."""
-CROSSING_RAD = (np.pi / 3, np.pi)  # Angle between their directions.
-HIDDEN_SHARE = 0.6  # A person is undetected if another hides a larger share of the keypoints.
+"""Range of the smallest distance between both pelvises in metres. Closer people would touch shoulders."""
+CROSSING_RAD = (np.pi / 3, np.pi)  # Angle between the directions in which they walk.
+HIDDEN_SHARE = 0.6  # A person is not detected if the other hides a larger fraction of the keypoints.
 
 
 @dataclass(frozen=True)
 class Crossing:
-    """Two people filmed together, and each person filmed alone by the same cameras with the same noise."""
+    """Two people filmed together, and each of them filmed alone, with the same cameras and the same noise."""
 
     cameras: Cameras  # C calibrated cameras.
-    detections: Detections  # Detections of both people, in any order in each view and frame.
-    who: np.ndarray  # (C, F, 2) person of each detection, 0 or 1, or -1 for none.
+    detections: Detections  # Detections of both people, in any order per view and frame.
+    who: np.ndarray  # (C, F, 2) person in each detection: 0, 1, or -1 for none.
     alone: tuple[Keypoints2D, Keypoints2D]  # Detections of each person without the other.
     joints: tuple[np.ndarray, np.ndarray]  # (F, J, 3) true joints of each person in metres.
     fps: float  # Frames per second.
@@ -37,8 +37,8 @@ def crossing(takes: tuple[Take, Take], settings: BenchmarkSettings = BenchmarkSe
     """Film two people who walk past each other in the middle of the shorter take.
 
     Args:
-        takes: motions of the two people. The longer one is cut.
-        settings: cameras, detector and its errors. The seed draws people, paths, noise and the order of detections.
+        takes: motions of the two people. The longer one is shortened.
+        settings: cameras, detector and its errors. The seed determines people, paths, noise and detection order.
 
     Raises:
         TakeTooShort: there are fewer than four frames.
@@ -70,7 +70,7 @@ def crossing(takes: tuple[Take, Take], settings: BenchmarkSettings = BenchmarkSe
 
 
 def _past_each_other(people: list[Person], rng: np.random.Generator) -> list[Person]:
-    """Return both people, rotated and moved so that they meet in the middle of the take."""
+    """Return both people, rotated and moved so that they meet halfway through the take."""
     middle = len(people[0].transl) // 2
     angle = (0.0, rng.uniform(*CROSSING_RAD))
     gap = rng.uniform(*PASSING_M)
@@ -79,10 +79,10 @@ def _past_each_other(people: list[Person], rng: np.random.Generator) -> list[Per
         way = person.transl[-1] - person.transl[0]
         turn = exp_so3(np.array([0.0, 0.0, angle[number] - np.arctan2(way[1], way[0])]))
         transl = (person.transl - person.transl[middle] * [1, 1, 0]) @ turn.T
-        # Perpendicular to the relative motion. At equal speeds, this is the mean of both directions.
+        # Perpendicular to the relative motion. At equal speeds, this is the mean of the two directions.
         aside = 0.5 * angle[1]
         transl = transl + (number - 0.5) * gap * np.array([np.cos(aside), np.sin(aside), 0.0])
-        # The mesh rotates about the pelvis of its rest pose, not about the origin.
+        # The mesh rotates about the pelvis of its rest pose and not about the origin.
         pelvis = person.body.rest_joints(person.betas)[0]
         moved = transl + (turn - np.eye(3)) @ pelvis
         placed.append(replace(person, orient=turn @ person.orient, transl=moved))
@@ -92,7 +92,7 @@ def _past_each_other(people: list[Person], rng: np.random.Generator) -> list[Per
 def _listed(
     cameras: Cameras, found: list[DetectorOutput], hidden: np.ndarray, rng: np.random.Generator
 ) -> tuple[Detections, np.ndarray]:
-    """Return the contents of files with visible people in random order, and the people's identities."""
+    """Return the contents of files that list the visible people in random order, and who each person is."""
     xy = np.stack([output.xy for output in found], axis=2)
     confidence = np.stack([output.confidence for output in found], axis=2)
     there = (hidden.mean(axis=-1) <= HIDDEN_SHARE) & (confidence > 0).any(axis=-1)

@@ -1,4 +1,4 @@
-"""Film a person with simulated cameras: tripods, a calibration with errors, and a detector."""
+"""Film a person with simulated cameras: on tripods, with calibration errors, and with a detector."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from solver_backend.synthesis.simulation.keypoint_detector import (
 )
 from solver_backend.types import Cameras, JointSet
 
-LENS = (-0.047, 0.137, 0.0003, 0.0002, 0.0, 0.0, 0.0, 0.0)  # Distortion like that of the recording's cameras.
+LENS = (-0.047, 0.137, 0.0003, 0.0002, 0.0, 0.0, 0.0, 0.0)  # Distortion similar to that of the recording's cameras.
 OCCLUSION_HZ = 30.0  # Rate at which occlusion is tested.
-_CHUNK = 64  # Frames that are processed together, limited by memory, chosen by hand.
+_CHUNK = 64  # Frames processed together. Limits memory. Chosen by hand.
 
 
 def around(pelvis: np.ndarray, num_views: int) -> Cameras:
-    """Return tripod cameras that keep a person on this (F, 3) path in view.
+    """Return cameras on tripods that keep a person on the path (F, 3) in view.
 
-    Two of them are roughly at a right angle.
+    Two of them are roughly at a right angle to each other.
     """
     low, high = pelvis.min(axis=0), pelvis.max(axis=0)
     centre = np.array([*(0.5 * (low + high))[:2], 0.95])
@@ -40,23 +40,23 @@ def around(pelvis: np.ndarray, num_views: int) -> Cameras:
 
 @dataclass(frozen=True)
 class FilmSettings:
-    """Simulated cameras and detector, with their errors."""
+    """Simulated cameras and a simulated detector, with their errors."""
 
     joint_set: JointSet  # Names of the K keypoints.
     fps: float  # Frames per second.
     detector: DetectorFaults  # The detector.
     offsets: np.ndarray | None = None
-    """(K, 3) offsets in metres in the rest frames, from the body's to the detector's keypoint definition, or None."""
-    delays: np.ndarray | None = None  # (C,) delays of the views in frames, None for none.
-    hidden: np.ndarray | None = None  # (C, F, K) mask of keypoints hidden by others, None for none.
+    """(K, 3) offsets in metres in the rest frames from the body's to the detector's keypoint definition, or None."""
+    delays: np.ndarray | None = None  # (C,) delays of the views in frames, or None.
+    hidden: np.ndarray | None = None  # (C, F, K) mask of keypoints that others hide, or None.
 
 
 def film(person: Person, cameras: Cameras, settings: FilmSettings, rng: np.random.Generator) -> DetectorOutput:
     """Return the detector's output for a person.
 
     Args:
-        person: person over F frames.
-        cameras: C cameras with their true poses.
+        person: the person in F frames.
+        cameras: C cameras in their true poses.
         settings: the detector and its errors.
         rng: seeded source of randomness.
     """
@@ -78,7 +78,7 @@ def film(person: Person, cameras: Cameras, settings: FilmSettings, rng: np.rando
 
 
 def _out_of_sight(person: Person, cameras: Cameras, points: np.ndarray, settings: FilmSettings) -> np.ndarray:
-    """Return a (C, F, K) mask of points occluded by the own body or others, tested at ``OCCLUSION_HZ``."""
+    """Return a mask (C, F, K) of points occluded by the person or by others, tested at ``OCCLUSION_HZ``."""
     step = max(1, round(settings.fps / OCCLUSION_HZ))
     frames, keypoints = np.arange(0, len(points), step), settings.joint_set.keypoints
     hidden = [
@@ -90,7 +90,7 @@ def _out_of_sight(person: Person, cameras: Cameras, points: np.ndarray, settings
 
 
 def hidden_by(other: Person, cameras: Cameras, points: np.ndarray, fps: float) -> np.ndarray:
-    """Return a (C, F, K) mask of (F, K, 3) points that another person occludes, tested at ``OCCLUSION_HZ``."""
+    """Return a mask (C, F, K) of the (F, K, 3) points that another person occludes, tested at ``OCCLUSION_HZ``."""
     step = max(1, round(fps / OCCLUSION_HZ))
     frames = np.arange(0, len(points), step)
     hidden = [

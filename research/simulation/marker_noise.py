@@ -1,4 +1,4 @@
-"""Simulate the noise of optical markers: thesis 4.22 to 4.27 and 5.3.1."""
+"""Simulate the noise of optical markers (thesis 4.22 to 4.27 and 5.3.1)."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ import numpy as np
 
 @dataclass(frozen=True)
 class DataNoise:
-    """Corruption of F frames of n labelled points, drawn for every frame (thesis 4.22-4.27).
+    """Corrupts F frames of n labelled points. Every frame is drawn separately (thesis 4.22-4.27).
 
-    The thesis gives the distributions without numbers. Our numbers are chosen so that least squares has about the same
-    error as in its table 5.1.
+    The thesis gives distributions without numbers. We chose numbers for which least squares has about the same error as
+    in table 5.1 of the thesis.
     """
 
-    least_hidden: int = 0  # m of 4.23.
-    most_hidden: int = 10  # n' of 4.23.
-    ghosts: int = 2  # n_ghost of 4.25.
+    least_hidden: int = 0  # m in 4.23.
+    most_hidden: int = 10  # n' in 4.23.
+    ghosts: int = 2  # n_ghost in 4.25.
     reach_m: float = 0.3
-    """Largest distance in metres from a hidden point for a ghost to get its label. Other ghosts have no label."""
-    displaced_share: float = 0.4  # N of the measurement noise, as a share of the n points.
-    displacement_m: float = 0.1  # M_noise of 4.26.
+    """A ghost gets the label of a hidden point up to this far away, in metres. Other ghosts have no label."""
+    displaced_share: float = 0.4  # N in the measurement noise, as a fraction of the n points.
+    displacement_m: float = 0.1  # M_noise in 4.26.
 
     def __call__(self, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return (F, n, 3) corrupted points, NaN where hidden. A ghost near a hidden point replaces it."""
+        """Return corrupted points (F, n, 3), NaN where hidden. A ghost near a hidden point takes its place."""
         noisy, ghosts, hidden = self._spoiled(points, rng)
         frames = np.arange(len(points))
         for ghost in np.swapaxes(ghosts, 0, 1):
@@ -35,12 +35,12 @@ class DataNoise:
         return noisy
 
     def cloud(self, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return (F, n + ghosts, 3) corrupted points without labels, with ghosts as separate points."""
+        """Return corrupted points (F, n + ghosts, 3) without labels. Ghosts are separate points."""
         noisy, ghosts, _ = self._spoiled(points, rng)
         return np.concatenate([noisy, ghosts], axis=1)
 
     def _spoiled(self, points: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (F, n, 3) points, (F, ghosts, 3) ghosts, and an (F, n) mask of hidden points."""
+        """Return points (F, n, 3), ghosts (F, ghosts, 3), and a mask (F, n) of hidden points."""
         hidden = self._chosen(points, rng.integers(self.least_hidden, self.most_hidden + 1, len(points)), rng)
         visible = np.where(hidden[..., None], np.nan, points)
         noisy = visible + self._displacements(points, rng)
@@ -48,7 +48,7 @@ class DataNoise:
 
     @staticmethod
     def _chosen(points: np.ndarray, count: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return an (F, n) mask of ``count`` points in each frame, drawn without replacement (4.24)."""
+        """Return a mask (F, n) of ``count`` points in each frame, drawn without replacement (4.24)."""
         ranks = rng.random(points.shape[:2]).argsort(axis=1).argsort(axis=1)
         return ranks < count[:, None]
 
@@ -59,7 +59,7 @@ class DataNoise:
         return np.where(moved[..., None], rng.uniform(-self.displacement_m, self.displacement_m, points.shape), 0.0)
 
     def _ghosts(self, visible: np.ndarray, hidden: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return (F, ghosts, 3) draws from median and covariance of the visible points (4.25)."""
+        """Return draws (F, ghosts, 3) that have the median and covariance of the visible points (4.25)."""
         centre = np.nanmedian(visible, axis=1)
         off = np.nan_to_num(visible - np.nanmean(visible, axis=1, keepdims=True))
         covariance = np.swapaxes(off, 1, 2) @ off / ((~hidden).sum(1)[:, None, None] - 1)

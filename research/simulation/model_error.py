@@ -1,4 +1,4 @@
-"""Measure the error of body and prior on unfamiliar bodies with exact detections."""
+"""Measure the error that body and prior cause on unfamiliar bodies when detections are exact."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ EXACT = DetectorFaults(
     view_bias_mm=0.0, drift_mm=0.0, jitter_mm=0.0, occluded_missing=0.0, missing=0.0, outliers=0.0, swaps_per_minute=0.0
 )
 """A detector without errors."""
-Q95 = 2.795  # 95 % quantile of the norm of three standard normal numbers.
+Q95 = 2.795  # 95 % quantile of the norm of three independent standard normal numbers.
 
 
 def exact_capture(take: Take, seed: int) -> Capture:
-    """Return a take performed by an unfamiliar body, filmed by exact cameras and an exact detector."""
+    """Return a take performed by an unfamiliar body, filmed with exact cameras and an exact detector."""
     settings = BenchmarkSettings(seed=seed, calibration_mm=0.0, detector=EXACT)
     return benchmark_capture(take, settings, strange_body(seed))
 
 
 def measure_model_error(captures: Iterable[Capture]) -> dict[str, float]:
-    """Return the deviation in mm per axis between solves and intended points, by keypoint without its side.
+    """Return the deviation in mm per axis between solves and intended points, per keypoint, both sides combined.
 
-    ``m = q95(|y - x|) / 2.795`` over all frames, takes and both sides, the standard deviation of a Gaussian with that
-    quantile. It is the error that body, offsets and prior cause with exact detections.
+    ``m = q95(|y - x|) / 2.795`` over all frames, takes and both sides, which is the standard deviation of a Gaussian
+    with that quantile. It is the error that body, offsets and prior cause when detections are exact.
 
     Args:
-        captures: captures of unfamiliar bodies, see ``exact_capture``.
+        captures: captures of unfamiliar bodies (see ``exact_capture``).
     """
     distances: dict[str, list[np.ndarray]] = {}
     for capture in captures:

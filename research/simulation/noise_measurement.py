@@ -1,9 +1,9 @@
 """Measure a real detector's errors on a recording, relative to the take's own smooth 3D points.
 
-The reference is a robust triangulation of all views, low-pass filtered. An error that is equal in all views is
-invisible. With C views the residuals contain ``sqrt((2C - 3) / 2C)`` of a constant error. Errors that a small rotation
+The reference is a robust triangulation of all views after low-pass filtering. An error that is the same in all views is
+invisible. With C views, the residuals contain ``sqrt((2C - 3) / 2C)`` of a constant error. Errors that a small rotation
 of the cameras explains belong to the calibration, so the cameras are refined first. Lengths are in millimetres at the
-person's distance (``px · depth / focal``), so that figures of different lenses are comparable.
+person's distance (``px · depth / focal``), so that lenses can be compared.
 """
 
 from __future__ import annotations
@@ -19,38 +19,38 @@ from solver_backend.geometry.arrays import quantile
 from solver_backend.metrics.positions import spearman
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
-REFERENCE_CUTOFF_HZ = 12.0  # Cutoff of the reference, above people's movement and below the jitter.
-OUTLIER_MM = 100.0  # Smallest distance of an outlier from the reference.
-CLIP_MM = 60.0  # Errors are clipped to this for their correlation in time.
-LONGEST_LAG_S = 1.0  # Largest lag of the measured correlation.
+REFERENCE_CUTOFF_HZ = 12.0  # Cutoff of the reference, above human movement and below the jitter.
+OUTLIER_MM = 100.0  # Smallest distance between an outlier and the reference.
+CLIP_MM = 60.0  # Errors are clipped to this when their correlation in time is computed.
+LONGEST_LAG_S = 1.0  # Largest lag for which correlation is measured.
 
 
 @dataclass(frozen=True)
 class NoiseFigures:
-    """A detector's errors for K keypoints, pooled over views and frames unless stated otherwise."""
+    """A detector's errors for K keypoints, pooled over views and frames unless otherwise stated."""
 
     keypoints: tuple[str, ...]  # Names of the K keypoints.
-    as_calibrated_mm: np.ndarray  # (K,) ``bias_mm`` with the cameras as calibrated.
+    as_calibrated_mm: np.ndarray  # (K,) ``bias_mm`` before the cameras are refined.
     bias_mm: np.ndarray
-    """(K,) root mean square over views of each view's median error in millimetres, constant over the take."""
-    jitter_mm: np.ndarray  # (K,) robust standard deviation per axis around the bias.
+    """(K,) root mean square over views of the median error in each view in millimetres, constant over the take."""
+    jitter_mm: np.ndarray  # (K,) robust standard deviation around the bias, per axis.
     error_mm: float  # Root mean square error per axis, clipped to ``CLIP_MM``.
-    constant_share: float  # Share of the error's variance that is constant over a second.
-    drift_share: float  # Share that decays exponentially. The rest is independent in every frame.
+    constant_share: float  # Fraction of the error's variance that is constant over a second.
+    drift_share: float  # Fraction that decays exponentially. The remainder is independent in every frame.
     drift_s: float  # Time constant of the decay in seconds.
-    unevenness: float  # Standard deviation of the logarithm of the jitter over views and keypoints.
-    missing: np.ndarray  # (K,) share of detections that are missing.
-    burst_frames: float  # Mean length of a run of missing detections, NaN without any.
-    outliers: float  # Share of detections further than ``OUTLIER_MM`` from the reference.
-    outlier_mm: float  # Median distance of outliers, NaN without any.
+    unevenness: float  # Standard deviation of the logarithm of the jitter among views and keypoints.
+    missing: np.ndarray  # (K,) fraction of detections that are missing.
+    burst_frames: float  # Mean length of a run of missing detections, or NaN if there are none.
+    outliers: float  # Fraction of detections farther than ``OUTLIER_MM`` from the reference.
+    outlier_mm: float  # Median distance of outliers, or NaN if there are none.
     outlier_frames: float  # Mean length of a run of outliers.
-    swaps: float  # Share of left/right pairs that fit better exchanged.
-    delay_frames: np.ndarray  # (C,) delay of each view relative to all views.
-    confidence_rank_correlation: float  # Spearman's correlation of confidence and error.
-    error_by_confidence_mm: np.ndarray  # (5,) median error within each fifth of the detections, least confident first.
+    swaps: float  # Fraction of left/right pairs that fit better if exchanged.
+    delay_frames: np.ndarray  # (C,) delay of each view relative to the others.
+    confidence_rank_correlation: float  # Spearman correlation between confidence and error.
+    error_by_confidence_mm: np.ndarray  # (5,) median error in each fifth of the detections, least confident first.
 
     def lines(self) -> list[str]:
-        """Return the figures as rows of text."""
+        """Return the figures as lines of text."""
         rows = [f"{'keypoint':<16} {'as given mm':>12} {'bias mm':>8} {'jitter mm':>10} {'missing %':>10}"]
         columns = (self.keypoints, self.as_calibrated_mm, self.bias_mm, self.jitter_mm, 100 * self.missing)
         rows += [f"{k:<16} {g:12.1f} {b:8.1f} {j:10.1f} {m:10.1f}" for k, g, b, j, m in zip(*columns, strict=True)]
@@ -72,7 +72,7 @@ class NoiseFigures:
 
 
 def measure_noise(capture: Capture) -> NoiseFigures:
-    """Measure the detector of a multi-view recording.
+    """Measure the detector that was used for a multi-view recording.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
@@ -111,7 +111,7 @@ def measure_noise(capture: Capture) -> NoiseFigures:
 
 
 def _errors(cameras: Cameras, keypoints: Keypoints2D) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the (F, K, 3) reference points, their pixels, and the (C, F, K, 2) detection errors in millimetres."""
+    """Return reference points (F, K, 3), their pixels, and detection errors (C, F, K, 2) in millimetres."""
     points = triangulate_and_filter(cameras, keypoints, REFERENCE_CUTOFF_HZ)
     px = project(cameras, points)
     return points, px, (keypoints.xy - px) * millimetres_per_px(cameras, points)[..., None]
@@ -127,13 +127,13 @@ def _bias(inlier: np.ndarray) -> np.ndarray:
 
 
 def millimetres_per_px(cameras: Cameras, points: np.ndarray) -> np.ndarray:
-    """Return the (C, F, K) millimetres that a pixel spans at the distance of (F, K, 3) points."""
+    """Return how many millimetres (C, F, K) a pixel spans at the distance of each of (F, K, 3) points."""
     depth = np.einsum("cj,fkj->cfk", cameras.R[:, 2], points) + cameras.t[:, 2, None, None]
     return 1000.0 * depth / cameras.K[:, 0, 0, None, None]
 
 
 def _shares(error: np.ndarray, fps: float) -> tuple[float, float, float]:
-    """Fit ``ρ(l) = c + a exp(-l / τ)`` and return the constant share c, the drifting share a, and τ in seconds."""
+    """Fit ``ρ(l) = c + a exp(-l / τ)``. Return the constant fraction c, the drifting fraction a, and τ in seconds."""
     lags = np.arange(1, max(3, min(round(LONGEST_LAG_S * fps), error.shape[1] - 1)))
     measured = np.array([_correlation(error, int(lag)) for lag in lags])
     fits = []
@@ -146,7 +146,7 @@ def _shares(error: np.ndarray, fps: float) -> tuple[float, float, float]:
 
 
 def _correlation(values: np.ndarray, lag: int) -> float:
-    """Return the pooled correlation about zero of (C, F, K, 2) values with themselves ``lag`` frames later."""
+    """Return the pooled correlation, about zero, between (C, F, K, 2) values and those ``lag`` frames later."""
     before, after = values[:, :-lag], values[:, lag:]
     both = np.isfinite(before) & np.isfinite(after)
     power = 0.5 * (before[both] ** 2 + after[both] ** 2).sum()
@@ -154,7 +154,7 @@ def _correlation(values: np.ndarray, lag: int) -> float:
 
 
 def _delays(jitter: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Return the (C,) delays d in frames from least squares of ``error = -d · velocity`` in millimetres."""
+    """Return the delays d (C,) in frames from a least-squares fit of ``error = -d · velocity`` in millimetres."""
     velocity = np.gradient(place, axis=1)
     product = np.nansum(jitter * velocity, axis=(1, 2, 3))
     power = np.nansum(np.where(np.isfinite(jitter), velocity, 0.0) ** 2, axis=(1, 2, 3))
@@ -162,13 +162,13 @@ def _delays(jitter: np.ndarray, place: np.ndarray) -> np.ndarray:
 
 
 def _run_length(missing: np.ndarray) -> float:
-    """Return the mean length of runs along axis 1 of a (C, F, K) mask."""
+    """Return the mean length of runs along axis 1 of a mask (C, F, K)."""
     starts = missing[:, 0].sum() + (missing[:, 1:] & ~missing[:, :-1]).sum()
     return float(missing.sum() / starts) if starts else float("nan")
 
 
 def _swapped(xy: np.ndarray, px: np.ndarray, scale: np.ndarray, mirrored: list[int]) -> float:
-    """Return the share of pairs at least ``OUTLIER_MM`` apart that fit twice as well after an exchange."""
+    """Return the fraction of pairs at least ``OUTLIER_MM`` apart that fit twice as well after an exchange."""
     first = [k for k, other in enumerate(mirrored) if k < other]
     second = [mirrored[k] for k in first]
 

@@ -1,4 +1,4 @@
-"""Find the keypoints that the own body occludes from a camera, by sight lines cast at the posed mesh."""
+"""Find keypoints that the body itself hides from a camera, by casting sight lines at the posed mesh."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from solver_backend.types import Cameras
 def self_occluded(
     cameras: Cameras, body: Body, vertices: np.ndarray, points: np.ndarray, keypoints: tuple[str, ...]
 ) -> np.ndarray:
-    """Return a (C, F, K) mask of keypoints that the skin of another body part occludes.
+    """Return a mask (C, F, K) of the keypoints that the skin of another body part occludes.
 
     Args:
         cameras: C cameras.
-        body: body model, for its faces and parts.
-        vertices: (F, V, 3) vertices of the posed skin in metres.
+        body: body model that provides faces and body parts.
+        vertices: (F, V, 3) posed skin vertices in metres.
         points: (F, K, 3) true keypoint positions in metres.
         keypoints: names of the K keypoints.
     """
@@ -32,7 +32,7 @@ def self_occluded(
 
 
 def occluded_by(cameras: Cameras, body: Body, vertices: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return a (C, F, K) mask of points that the skin of another person occludes.
+    """Return a mask (C, F, K) of the points that the skin of another person occludes.
 
     Args: as in ``self_occluded``, with the body and the skin of the other person.
     """
