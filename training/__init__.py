@@ -1,1 +1,1 @@
-"""Train pose priors and networks. Only this package needs torch."""
+"""Train pose priors and networks. This is the only package that needs torch."""

@@ -1,4 +1,4 @@
-"""Train a prior from recordings to the shipped weight file and model card."""
+"""Train a prior, from recordings to the shipped weight file and model card."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ RECIPES: dict[str, Callable[[TrainingJob], Finished]] = {
     "view_lifter": train_view_lifter,
     "limb_slants": train_limb_slants,
 }
-"""Training function of each prior."""
-STARTED = ("sposer", "lifter", "view_lifter")  # Priors that can start from earlier weights.
+"""The function that trains each prior."""
+STARTED = ("sposer", "lifter", "view_lifter")  # Priors whose training can start from earlier weights.
 MORE_HELD_OUT: dict[str, frozenset[str]] = {name: frozenset({"49", "135"}) for name in ("view_lifter", "limb_slants")}
-"""Additional subjects excluded from a network's training: dance and cartwheels, martial arts."""
+"""Further subjects that a network's training excludes: dance and cartwheels, and martial arts."""
 
 
 def train(
@@ -66,12 +66,12 @@ def train(
 
     Args:
         prior: one of ``RECIPES``.
-        data_dir: folder with ``motion_cmu``.
+        data_dir: folder that contains ``motion_cmu``.
         out: folder of the weights and the model card.
         seed: seed of the initial weights and all draws.
-        settings: steps, batch size and others. Each prior has its own defaults.
+        settings: steps, batch size and so on. Each prior has its own defaults.
         hidden: width of SPoser's decoder layers.
-        start: weights of the same prior and widths to start from, None for random weights.
+        start: weights to start from (same prior, same widths), or None for random weights.
         work: folder of the checkpoint and the log, by default ``<out>/<prior>_run``.
         progress: called as stages advance.
 
@@ -107,7 +107,7 @@ def train(
 
 
 def _command(prior: str, settings: TrainingSettings) -> str:
-    """Return the command that repeats a training, with all options that differ from their defaults."""
+    """Return the command that repeats a training, including all options that differ from their defaults."""
     defaults, command = TrainingSettings(), f"manifold train model {prior} --data DIR --seed {settings.seed}"
     command += f" --steps {settings.steps}"
     for name in ("batch", "learning_rate", "part", "device"):

@@ -1,1 +1,1 @@
-"""Fit the generated body's primitives to a reference body."""
+"""Fit the primitives of the generated body to a reference body."""

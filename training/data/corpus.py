@@ -17,26 +17,26 @@ from solver_backend.geometry.rotations import exp_so3
 from training.data.points import rotation_points
 from training.data.sources.clips import KEYED, UNKNOWN, Clip
 
-HELD_OUT = frozenset({"03", "08", "13", "60_61", "ui_prmd_s07", "ui_prmd_s08"})  # Subjects excluded from training.
-NEAR_REPEAT_M = 0.012  # Poses closer than this are repeats (root mean square over the joints).
+HELD_OUT = frozenset({"03", "08", "13", "60_61", "ui_prmd_s07", "ui_prmd_s08"})  # Subjects not used in training.
+NEAR_REPEAT_M = 0.012  # Closer poses are repeats. The distance is the root mean square over the joints.
 KEYED_REPEATS = 4
-"""Weight of each pose of a hand-keyed animation. These poses are few, and some are missing in recordings."""
-SIMPLIFIED = "jump"  # Source with a skeleton without separate hands, toes and head.
-SIMPLIFIED_EVERY = 4  # Only every n-th of its distinct poses is used.
-_SAME_TAKE_M = 0.004  # Largest distance of poses from the same frame, metres, chosen by hand.
+"""Weight of each pose in a hand-keyed animation. There are few such poses, and recordings lack some of them."""
+SIMPLIFIED = "jump"  # Source whose skeleton has no separate hands, toes and head.
+SIMPLIFIED_EVERY = 4  # Only one in this many of its distinct poses is used.
+_SAME_TAKE_M = 0.004  # Largest distance in metres between poses of the same frame. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class Corpus:
-    """Concatenated clips of one side of the split."""
+    """Concatenated clips for one side of the split."""
 
     rotations: np.ndarray  # (N, 21, 3, 3) local rotations, float32.
-    clip_start: np.ndarray  # (N,) first frame of each frame's clip.
-    clip_end: np.ndarray  # (N,) end of each frame's clip, exclusive.
-    distinct: np.ndarray  # (D,) frames without near-repeats, with hand-keyed ones several times.
+    clip_start: np.ndarray  # (N,) first frame of the clip that each frame belongs to.
+    clip_end: np.ndarray  # (N,) end (exclusive) of the clip that each frame belongs to.
+    distinct: np.ndarray  # (D,) frames without near-repeats. Hand-keyed frames occur several times.
     names: tuple[str, ...]
-    subjects: tuple[str, ...]  # Subjects of the same clips.
-    root: np.ndarray  # (N, 3, 3) float32, the pelvis since the T-pose, Y up, NaN if unknown.
+    subjects: tuple[str, ...]  # Subject of each clip.
+    root: np.ndarray  # (N, 3, 3) float32, pelvis rotation since the T-pose, Y up, NaN if unknown.
 
     @property
     def num_frames(self) -> int:
@@ -44,7 +44,7 @@ class Corpus:
         return len(self.rotations)
 
     def some_distinct(self, most: int) -> np.ndarray:
-        """Return about ``most`` of the distinct poses as (n, 21, 3, 3) rotations, at equal steps."""
+        """Return about ``most`` of the distinct poses, at equal steps, as rotations (n, 21, 3, 3)."""
         return self.rotations[self.distinct[:: max(1, len(self.distinct) // most)]]
 
     @property
@@ -56,8 +56,8 @@ class Corpus:
     def people(self) -> np.ndarray:
         """(N,) index of the person in each frame.
 
-        Each hand-keyed clip counts as another person, because its poses do not repeat between clips. All unknown people
-        of a source count as one.
+        Each hand-keyed clip counts as a separate person, because its poses do not repeat in other clips. All unknown
+        people of a source count as one person.
         """
         named = zip(self.names, self.subjects, strict=True)
         who = [name if who == KEYED else name.split("/")[0] if who == UNKNOWN else who for name, who in named]
@@ -71,10 +71,10 @@ class Corpus:
 
 
 def split_corpus(clips: list[Clip], held_out_subjects: frozenset[str] = HELD_OUT) -> tuple[Corpus, Corpus]:
-    """Return the training and validation corpus. Neither has takes of the held-out subjects under another name.
+    """Split clips into a training and a validation corpus. Unnamed clips that repeat a held-out take are dropped.
 
     Raises:
-        FileMissing: there are no recordings for one side.
+        FileMissing: one side has no recordings.
     """
     held_out = [clip for clip in clips if clip.subject in held_out_subjects]
     rest = [clip for clip in clips if clip.subject not in held_out_subjects]
@@ -85,7 +85,7 @@ def split_corpus(clips: list[Clip], held_out_subjects: frozenset[str] = HELD_OUT
 
 
 def absent_subjects(clips: list[Clip], held_out_subjects: frozenset[str] = HELD_OUT) -> tuple[str, ...]:
-    """Return the held-out subjects without clips, which are missing in the results."""
+    """Return the held-out subjects that have no clips and so are missing in the results."""
     return tuple(sorted(held_out_subjects - {clip.subject for clip in clips}))
 
 
@@ -108,7 +108,7 @@ def check_sides(training: list[Clip], validation: list[Clip], held_out_subjects:
 
 
 def build_corpus(clips: list[Clip]) -> Corpus:
-    """Concatenate clips and find the distinct poses."""
+    """Concatenate clips, and find the distinct poses."""
     rotations = np.concatenate([clip.rotations for clip in clips])
     ends = np.cumsum([len(clip.rotations) for clip in clips])
     lengths = [len(clip.rotations) for clip in clips]
@@ -128,12 +128,12 @@ def _root(clip: Clip) -> np.ndarray:
 
 
 def distinct_poses(features: np.ndarray, radius: float, block: int = 1024) -> np.ndarray:
-    """Return indices of poses that cover all others within ``radius`` (leader clustering in temporal order).
+    """Return the indices of poses such that all others are within ``radius`` (leader clustering in temporal order).
 
     Args:
-        features: (N, d) features with Euclidean distances.
-        radius: largest distance from any pose to a kept pose.
-        block: number of poses compared at a time.
+        features: (N, d) features, compared by Euclidean distance.
+        radius: largest distance from any pose to the nearest kept pose.
+        block: number of poses to compare at a time.
     """
     kept: list[np.ndarray] = []
     leaders = np.zeros((0, features.shape[1]), dtype=features.dtype)
@@ -152,7 +152,7 @@ def distinct_poses(features: np.ndarray, radius: float, block: int = 1024) -> np
 
 
 def _features(rotations: np.ndarray) -> np.ndarray:
-    """Return (N, 69) scaled joint positions. Their Euclidean distance is the RMS distance of 23 joints in metres."""
+    """Return scaled joint positions (N, 69), whose Euclidean distance is the RMS distance of 23 joints in metres."""
     joints = rotation_points(rotations.astype(np.float32))[:, 1:NUM_JOINTS]
     return (joints / np.sqrt(joints.shape[1])).reshape(len(joints), -1)
 
@@ -186,10 +186,10 @@ EXCHANGED_JOINTS: tuple[tuple[int, ...], ...] = (
 """Joints that are exchanged together: left arm, right arm, both legs, left leg, right leg, head, spine."""
 EXCHANGE_CHANCE = (0.25, 0.25, 0.3, 0.15, 0.15, 0.3, 0.15)
 CLEARANCE_M = 0.07
-"""Distance in metres from trunk or legs below which an arm joint of an exchanged pose counts as penetrating."""
-LIMIT_SHARE = (0.6, 1.0)  # Range of a moved joint's position, as shares of its limits.
-MOVED_JOINTS = 2  # Number of joints per window that are moved towards their limits.
-_ALLOWED_DEG = 10.0  # Allowed degrees beyond a joint's limits, chosen by hand.
+"""An arm joint of an exchanged pose penetrates trunk or legs if its distance in metres is below this."""
+LIMIT_SHARE = (0.6, 1.0)  # Position to which a joint is moved, as fractions of its limits.
+MOVED_JOINTS = 2  # Number of joints that are moved towards their limits in each window.
+_ALLOWED_DEG = 10.0  # Degrees by which a joint may exceed its limits. Chosen by hand.
 _REACH = torch.as_tensor(JOINT_LIMITS).abs().amax(dim=(-1, -2), keepdim=False)  # Largest angle of each joint, radians.
 _COLLARS, _WRISTS = SMPL.both("collar"), SMPL.both("wrist")
 _MIDLINE = SMPL.numbers("spine1", "spine2", "spine3", "neck", "head")
@@ -207,27 +207,27 @@ _BODY_BONES = tuple(
         ("neck", "head"),
     )
 )
-"""Pairs of SMPL's joints that are bones of trunk, head and legs."""
+"""Pairs of SMPL joints that form the bones of trunk, head and legs."""
 
 
 def middle_frame(windows: torch.Tensor) -> int:
-    """Return the index of the middle key in (B, K, ...) windows: the second of four frames, or the only frame."""
+    """Return the index of the middle key in (B, K, ...) windows: the second of four frames, or the only one."""
     return (windows.shape[1] - 1) // 2
 
 
 def mirrored(rotations: torch.Tensor) -> torch.Tensor:
-    """Return (..., 21, 3, 3) poses reflected left to right, ``R' = S R S`` with ``S = diag(-1, 1, 1)``."""
+    """Mirror poses (..., 21, 3, 3) left to right: ``R' = S R S`` with ``S = diag(-1, 1, 1)``."""
     return rotations[..., _MIRRORED, :, :] * _FLIP.to(rotations)
 
 
 def maybe_mirrored(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Mirror half of the (B, K, 21, 3, 3) windows."""
+    """Mirror half of the windows (B, K, 21, 3, 3)."""
     chosen = torch.rand(len(windows), 1, 1, 1, 1, generator=generator) < 0.5
     return torch.where(chosen, mirrored(windows), windows)
 
 
 def exchanged_limbs(windows: torch.Tensor, generator: torch.Generator, chance: float) -> torch.Tensor:
-    """Replace limbs in a share of the (B, K, 21, 3, 3) windows by limbs of other windows, possibly mirrored."""
+    """In some of the windows (B, K, 21, 3, 3), replace limbs by limbs from other windows, possibly mirrored."""
     count = len(windows)
     any_chance = torch.rand(count, generator=generator) < chance
     out, windows = windows.clone(), maybe_mirrored(windows, generator)
@@ -241,7 +241,7 @@ def exchanged_limbs(windows: torch.Tensor, generator: torch.Generator, chance: f
 
 
 def varied_joints(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Add one random rotation per joint and window: collars 5°, wrists 12°, neck, head and spine 3°, others 1.5°."""
+    """Add a random rotation per joint and window: 5° for collars, 12° wrists, 3° neck, head and spine, 1.5° others."""
     sigma = torch.full((NUM_BODY_JOINTS, 1), math.radians(1.5))
     for joints, degrees in (_COLLARS, 5.0), (_WRISTS, 12.0), (_MIDLINE, 3.0):
         sigma[[joint - 1 for joint in joints]] = math.radians(degrees)
@@ -251,10 +251,10 @@ def varied_joints(windows: torch.Tensor, generator: torch.Generator) -> torch.Te
 
 
 def near_limits(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Move two joints of every (B, K, 21, 3, 3) window towards an end of one of their ranges.
+    """In each window (B, K, 21, 3, 3), move two joints towards an end of one of their ranges.
 
-    One of the joint's three angles (swing across the bone or twist about it) gets 60 to 100 % of its range on either
-    side in the window's middle frame. The joint's motion in the window is kept.
+    One of the joint's three angles (swing across the bone, or twist about it) gets 60 to 100 % of its range on either
+    side, in the middle frame of the window. The motion of the joint within the window is kept.
     """
     count, frames = windows.shape[:2]
     if count == 0:
@@ -276,18 +276,18 @@ def near_limits(windows: torch.Tensor, generator: torch.Generator) -> torch.Tens
 
 
 def within_reach(angles: torch.Tensor) -> torch.Tensor:
-    """Return (..., 21, 3) angles in radians, reduced if all three together exceed the joint's largest single limit."""
+    """Return angles (..., 21, 3) in radians, reduced where all three together exceed the joint's largest limit."""
     length, reach = torch.linalg.vector_norm(angles, dim=-1), _REACH.to(angles.dtype)
     return angles * (reach / torch.maximum(length, reach))[..., None]
 
 
 def beyond_reach(poses: torch.Tensor) -> torch.Tensor:
-    """Return an (N,) mask of the (N, 21, 3, 3) poses with a joint more than 10 degrees beyond its range."""
+    """Return a mask (N,) of the poses (N, 21, 3, 3) in which a joint is more than 10 degrees beyond its range."""
     return (excess_deg(poses) > _ALLOWED_DEG).any(dim=1)
 
 
 def penetrating(joints: torch.Tensor) -> torch.Tensor:
-    """Return an (N,) mask of the (N, 24, 3) joints with an elbow, wrist or hand inside trunk, head or legs."""
+    """Return a mask (N,) of the joints (N, 24, 3) with an elbow, wrist or hand inside trunk, head or legs."""
     points = joints[:, list(_ARM_POINTS)]
     inside = torch.zeros(len(joints), dtype=torch.bool)
     for a, b in _BODY_BONES:
@@ -304,20 +304,20 @@ LIMBS: tuple[tuple[int, ...], ...] = (
     SMPL.numbers("neck", "head"),
 )
 """Joints that are rotated together: legs, arms, spine, neck and head."""
-LIMB_CHANCE = 0.4  # Chance of each limb of a window to be rotated. At least one is.
+LIMB_CHANCE = 0.4  # Probability that a limb in a window is rotated. At least one is.
 LIMB_SPREAD = (0.05, 0.3)
 """Smallest and largest standard deviation of a rotated joint's angles, relative to their ranges. Drawn per window."""
 ENDS: tuple[int, ...] = SMPL.both("ankle", "foot", "wrist")
-"""Ankles, toes and wrists, which recordings rarely show at the ends of their ranges."""
-END_CHANCE = 0.5  # Chance of each end of a window to be moved.
+"""Ankles, toes and wrists. In recordings, they are rarely at the ends of their ranges."""
+END_CHANCE = 0.5  # Probability that such a joint in a window is moved.
 _LIMITS = torch.as_tensor(JOINT_LIMITS, dtype=torch.float32)
 
 
 def limbs_turned(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Rotate limbs of (B, K, 21, 3, 3) windows within their joint limits, by one draw of angles per window.
+    """Rotate limbs in windows (B, K, 21, 3, 3) within their joint limits, using one draw of angles per window.
 
-    A normal draw of ``LIMB_SPREAD`` of the range is added to each of a joint's three angles (swing across the bone and
-    twist about it). The range limits the result. The joint's motion in the window is kept.
+    A normal draw of ``LIMB_SPREAD`` times the range is added to each of a joint's three angles (swing across the bone
+    and twist about it). The range limits the result. The motion of the joint within the window is kept.
     """
     count = len(windows)
     chosen = torch.rand(count, len(LIMBS), generator=generator) < LIMB_CHANCE
@@ -332,9 +332,9 @@ def limbs_turned(windows: torch.Tensor, generator: torch.Generator) -> torch.Ten
 
 
 def ends_reaching(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Move ankles, toes and wrists of (B, K, 21, 3, 3) windows to a random angle up to an end of their range.
+    """Move ankles, toes and wrists in windows (B, K, 21, 3, 3) by a random amount, up to an end of their range.
 
-    One of the joint's three angles moves, to either side. It reaches the drawn angle in the window's middle frame.
+    One of the joint's three angles moves, to either side. It reaches the drawn angle in the middle frame of the window.
     """
     count, ends = len(windows), torch.tensor(ENDS) - 1
     joints = torch.zeros(count, NUM_BODY_JOINTS, dtype=torch.bool)
@@ -350,7 +350,7 @@ def ends_reaching(windows: torch.Tensor, generator: torch.Generator) -> torch.Te
 
 
 def _moved(windows: torch.Tensor, turn: torch.Tensor, joints: torch.Tensor) -> torch.Tensor:
-    """Add ``turn`` (B, 21, 3) in radians to the angles of the chosen (B, 21) joints, within limits."""
+    """Add ``turn`` (B, 21, 3), in radians, to the angles of the chosen joints (B, 21), within their limits."""
     count, frames = windows.shape[:2]
     angles = swing_and_twist(windows.flatten(0, 1)).unflatten(0, (count, frames)) + turn[:, None]
     angles = within_reach(angles.clamp(_LIMITS[..., 0], _LIMITS[..., 1]))
@@ -358,24 +358,24 @@ def _moved(windows: torch.Tensor, turn: torch.Tensor, joints: torch.Tensor) -> t
     return torch.where(joints[:, None, :, None, None], moved, windows)
 
 
-MAX_SPACING = 9  # Largest distance of adjacent keys in frames at 30 Hz (0.3 s).
+MAX_SPACING = 9  # Largest distance between adjacent keys in frames at 30 Hz (0.3 s).
 
 
 @dataclass(frozen=True)
 class WindowBatch:
     """A batch of B windows."""
 
-    rotations: torch.Tensor  # (B, 4, 21, 3, 3) rotations of keys at 0, 1/2 and 1, and of a frame between.
-    time: torch.Tensor  # (B,) time of the frame between, 0..1.
+    rotations: torch.Tensor  # (B, 4, 21, 3, 3) rotations of keys at 0, 1/2 and 1, and of a frame in between.
+    time: torch.Tensor  # (B,) time of the frame in between, 0..1.
 
     def to(self, device: torch.device) -> WindowBatch:
-        """Return the batch on a device."""
+        """Move the batch to a device."""
         return WindowBatch(self.rotations.to(device), self.time.to(device))
 
 
 @dataclass(frozen=True)
 class WindowSampler:
-    """Draws windows around distinct poses of a corpus."""
+    """Draws windows around the distinct poses of a corpus."""
 
     rotations: torch.Tensor
     clip_start: torch.Tensor
@@ -384,12 +384,12 @@ class WindowSampler:
     exchange_chance: float = 0.6
     variation_chance: float = 0.7
     limit_chance: float = 0.15
-    turned_chance: float = 0.0  # Share of windows with limbs rotated within anatomical limits.
-    end_chance: float = 0.0  # Share of windows with ankles, toes and wrists moved towards their limits.
+    turned_chance: float = 0.0  # Fraction of windows whose limbs are rotated within anatomical limits.
+    end_chance: float = 0.0  # Fraction of windows whose ankles, toes and wrists are moved towards their limits.
 
     @classmethod
     def of(cls, corpus: Corpus, *, turned_chance: float = 0.0, end_chance: float = 0.0) -> WindowSampler:
-        """Convert a corpus to torch."""
+        """Convert a corpus to torch tensors."""
         rotations, start, end, distinct = (
             torch.as_tensor(np.ascontiguousarray(a))
             for a in (corpus.rotations, corpus.clip_start, corpus.clip_end, corpus.distinct)
@@ -397,7 +397,7 @@ class WindowSampler:
         return cls(rotations, start, end, distinct, turned_chance=turned_chance, end_chance=end_chance)
 
     def draw(self, count: int, generator: torch.Generator) -> WindowBatch:
-        """Return ``count`` augmented windows. Each has one frame spacing, reduced at the end of its clip."""
+        """Return ``count`` augmented windows. Each has one frame spacing, which is reduced at the end of its clip."""
         middle = self.distinct[torch.randint(len(self.distinct), (count,), generator=generator)]
         room = torch.minimum(middle - self.clip_start[middle], self.clip_end[middle] - 1 - middle)
         spacing = torch.minimum(torch.randint(1, MAX_SPACING + 1, (count,), generator=generator), room)
@@ -408,7 +408,7 @@ class WindowSampler:
         return WindowBatch(self._augment(self.rotations[frames], generator), time.to(torch.float32))
 
     def draw_poses(self, count: int, generator: torch.Generator) -> torch.Tensor:
-        """Draw ``count`` augmented poses (count, 21, 3, 3) without their motion."""
+        """Draw ``count`` augmented poses (count, 21, 3, 3), without their motion."""
         chosen = self.distinct[torch.randint(len(self.distinct), (count,), generator=generator)]
         return self._augment(self.rotations[chosen, None], generator)[:, 0]
 

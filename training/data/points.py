@@ -1,4 +1,4 @@
-"""Points that represent the body in losses and errors: joints, and tips along each joint's axes."""
+"""Points that represent the body in losses and errors: joints, and tips on the axes of each joint."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS, SMPL
 from solver_backend.geometry.arrays import Array, array_namespace, device_of
 
 AXIS_TIPS_M: tuple[float, ...] = tuple(0.2 if joint == "head" else 0.1 for joint in SMPL.joints)
-"""Distance in metres of the three points on each joint's axes, which express rotations as distances."""
-_TURNED = 1 + NUM_BODY_JOINTS  # Number of joints with a rotation, including the pelvis.
+"""Distance in metres between a joint and the tips on its three axes. Tips express rotations as distances."""
+_TURNED = 1 + NUM_BODY_JOINTS  # Number of joints that rotate, including the pelvis.
 
 
 @dataclass(frozen=True)
 class _PointLevel:
     """Joints at the same depth of the joint tree."""
 
-    parents: Array  # (k,) indices of the parents in the previous level.
-    offsets: Array  # (k, 3, 1) metres from their parents at rest.
+    parents: Array  # (k,) indices of their parents in the previous level.
+    offsets: Array  # (k, 3, 1) offset in metres from their parents at rest.
     columns: Array | None  # (k,) columns of their rotations, or None if they have none.
 
 
 @dataclass(frozen=True)
 class _Tree:
     levels: tuple[_PointLevel, ...]
-    order: Array  # (24,) indices of joints 0 to 23 in the order of the levels.
-    tips: Array  # (22, 1, 1) lengths of the tips in metres.
+    order: Array  # (24,) indices of joints 0 to 23 in level order.
+    tips: Array  # (22, 1, 1) distance of the tips in metres.
     eye: Array  # (3, 3) identity.
 
 
 def rotation_points(rotations: Array) -> Array:
-    """Return the joints and axis tips of poses, with an unrotated pelvis at the origin.
+    """Return the joints and axis tips of poses whose pelvis is not rotated and at the origin.
 
     Args:
         rotations: (N, 21, 3, 3) local rotations.
@@ -65,7 +65,7 @@ def _tree(xp: Any, dtype: Any, device: Any) -> _Tree:
     depth = [0] * NUM_JOINTS
     for joint in range(1, NUM_JOINTS):
         depth[joint] = depth[SMPL_PARENTS[joint]] + 1
-    # Joints without a rotation are last, so that they do not change the other indices.
+    # Joints that do not rotate come last, so that they do not change the other indices.
     members = [[j for j in range(NUM_JOINTS) if depth[j] == level] for level in range(max(depth) + 1)]
 
     def table(value: Any, of: Any = dtype) -> Array:

@@ -1,1 +1,1 @@
-"""Shared parts of all trainings: the loop, devices, logs, weight files and model cards."""
+"""Parts that all trainings share: the loop, devices, logs, weight files and model cards."""

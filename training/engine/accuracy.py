@@ -1,4 +1,4 @@
-"""Measure the accuracy with which an autoencoder reproduces poses."""
+"""Measure how accurately an autoencoder reproduces poses."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from training.data.corpus import Corpus
 from training.data.points import rotation_points
 from training.engine.dense_layers import stack_arrays
 
-VALIDATION_POSES = 4000  # Number of distinct poses for validation during training.
+VALIDATION_POSES = 4000  # Number of distinct poses used for validation during training.
 
 
 class Autoencoder(Protocol):
@@ -27,37 +27,37 @@ class Autoencoder(Protocol):
         ...
 
     def encode(self, rotations: torch.Tensor) -> torch.Tensor:
-        """Return the codes of (N, 21, 3, 3) poses."""
+        """Return the codes of poses (N, 21, 3, 3)."""
         ...
 
     def decode(self, z: torch.Tensor) -> torch.Tensor:
-        """Return (N, 21, 3, 3) poses."""
+        """Decode codes to poses (N, 21, 3, 3)."""
         ...
 
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Reconstruction errors over poses: joints 0..23, pelvis fixed, skeleton of ``rest_skeleton``."""
+    """Reconstruction errors over poses, for joints 0..23 of ``rest_skeleton`` with a fixed pelvis."""
 
-    mpjpe_mm: float  # Mean joint distance.
-    worst5_mpjpe_mm: float  # Mean joint distance of the worst twentieth of poses.
+    mpjpe_mm: float  # Mean distance between joints.
+    worst5_mpjpe_mm: float  # Mean distance between joints in the worst twentieth of the poses.
     pck3_percent: float  # Percentage of joints within 3 cm.
     angle_deg: float  # Mean angle between local rotations.
 
     def as_dict(self) -> dict[str, float]:
-        """Return the figures by name."""
+        """Return the values by name."""
         return {key: float(value) for key, value in asdict(self).items()}
 
 
 def reconstructed(model: Autoencoder, rotations: np.ndarray) -> np.ndarray:
-    """Encode and decode (N, 21, 3, 3) poses without noise and dropout."""
+    """Encode and decode poses (N, 21, 3, 3) without noise or dropout."""
     model.eval()
     with torch.no_grad():
         return model.decode(model.encode(torch.as_tensor(rotations, dtype=torch.float32))).numpy().astype(np.float64)
 
 
 def reconstruction_accuracy(truth: np.ndarray, decoded: np.ndarray) -> Accuracy:
-    """Compare (N, 21, 3, 3) poses with their reconstructions."""
+    """Compare poses (N, 21, 3, 3) with their reconstructions."""
     distance = joint_distances(truth, decoded)
     per_pose = np.sort(distance.mean(axis=1))
     worst = per_pose[-max(1, len(per_pose) // 20) :]
@@ -71,7 +71,7 @@ def reconstruction_accuracy(truth: np.ndarray, decoded: np.ndarray) -> Accuracy:
 
 
 def accuracy_by_source(corpus: Corpus, reconstruct: Callable[[np.ndarray], np.ndarray]) -> dict[str, dict[str, float]]:
-    """Return the reconstruction figures of each source's distinct poses."""
+    """Return the reconstruction errors for the distinct poses of each source."""
     distinct = np.unique(corpus.distinct)
     sources = corpus.sources[distinct]
     figures = {}
@@ -82,21 +82,21 @@ def accuracy_by_source(corpus: Corpus, reconstruct: Callable[[np.ndarray], np.nd
 
 
 def joint_distances(truth: np.ndarray, decoded: np.ndarray) -> np.ndarray:
-    """Return the (N, 24) distances of joints in metres."""
+    """Return the distances (N, 24) between joints in metres."""
     difference = rotation_points(truth)[:, :NUM_JOINTS] - rotation_points(decoded)[:, :NUM_JOINTS]
     return np.linalg.norm(difference, axis=-1)
 
 
 def residual_rotvecs(truth: np.ndarray, decoded: np.ndarray) -> np.ndarray:
-    """Return (N, 21, 3) left rotations from the reconstruction to the truth, ``exp(r) R_decoded = R_true``."""
+    """Return left rotations (N, 21, 3) from the reconstruction to the truth, ``exp(r) R_decoded = R_true``."""
     return log_so3(truth @ np.swapaxes(decoded, -1, -2))
 
 
 def reconstruction_statistics(truth: np.ndarray, decoded: np.ndarray) -> np.ndarray:
-    """Return the (21, 3) standard deviations in radians of true rotations about a prior's reconstruction.
+    """Return standard deviations (21, 3) in radians of true rotations about a prior's reconstruction.
 
-    This is the 68.3rd percentile of the absolute components of ``residual_rotvecs``. It equals a Gaussian's standard
-    deviation, and takes with a wrongly tracked head or hand do not affect it.
+    They are the 68.3rd percentile of the absolute components of ``residual_rotvecs``. This equals the standard
+    deviation of a Gaussian, and takes in which a head or hand is tracked wrongly do not affect it.
     """
     return np.percentile(np.abs(residual_rotvecs(truth, decoded)), 68.27, axis=0)
 
@@ -104,17 +104,17 @@ def reconstruction_statistics(truth: np.ndarray, decoded: np.ndarray) -> np.ndar
 def autoencoder_arrays(
     model: Autoencoder, encoder: nn.Sequential, decoder: nn.Sequential, truth: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Return the contents of an autoencoder's weight file: both stacks, and its errors on (N, 21, 3, 3) poses."""
+    """Return the arrays of an autoencoder's weight file: both stacks, and its errors on poses (N, 21, 3, 3)."""
     sigma = reconstruction_statistics(truth, reconstructed(model, truth)).astype(np.float32)
     return stack_arrays(encoder, "encoder") | stack_arrays(decoder, "decoder") | {"residual_sigma": sigma}
 
 
 def pose_loss(truth: torch.Tensor, decoded: torch.Tensor, weight: torch.Tensor, orthogonality: float) -> torch.Tensor:
-    """Return ``2 mean w (mean_p |p - p̂|² + λ mean_j (1 - cos angle_j))`` over (N, 21, 3, 3) poses, distances in dm.
+    """Return ``2 mean w (mean_p |p - p̂|² + λ mean_j (1 - cos angle_j))`` over (N, 21, 3, 3) poses, in dm.
 
-    L_rec: points represent the mesh's vertices. They are joints, and tips on the axes of every joint's frame. L_orth:
-    the thesis prints ``cos = (Tr - 1) / 2``, which decreases with the difference. One minus this value is minimised.
-    The factor 2 converts the mean over one batch of keys and intermediate frames to the sum of both means.
+    L_rec: points represent the vertices of the mesh. They are the joints, and tips on the axes of each joint's frame.
+    L_orth: the thesis prints ``cos = (Tr - 1) / 2``, which decreases with the difference, so 1 minus this is minimised.
+    The factor 2 converts the mean over a batch of keys and intermediate frames into the sum of two means.
 
     Args:
         truth: (N, 21, 3, 3) true local rotations.

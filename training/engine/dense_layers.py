@@ -1,4 +1,4 @@
-"""Dense layer stacks in torch, and their arrays in the form of the weight files."""
+"""Dense layer stacks in torch, and their arrays in the format of the weight files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _ACTIVATIONS = {"silu": nn.SiLU, "elu": nn.ELU, "leaky_relu": nn.LeakyReLU}
 
 
 def dense_stack(widths: tuple[int, ...], activation: str) -> nn.Sequential:
-    """Return linear layers with the activation between them."""
+    """Return linear layers with activations in between."""
     layers: list[nn.Module] = []
     for number, (before, after) in enumerate(pairwise(widths)):
         layers.append(nn.Linear(before, after))
@@ -30,10 +30,10 @@ def linear_layers(stack: nn.Sequential) -> list[nn.Linear]:
 
 
 def take_over(stack: nn.Sequential, weights: DenseStack) -> None:
-    """Load the weights of a file into a stack.
+    """Load weights from a file into a stack.
 
     Raises:
-        TrainingMismatch: the file's layers have other widths.
+        TrainingMismatch: the layers in the file have other widths.
     """
     layers = linear_layers(stack)
     widths = (layers[0].in_features, *(layer.out_features for layer in layers))
@@ -49,7 +49,7 @@ def take_over(stack: nn.Sequential, weights: DenseStack) -> None:
 
 
 def stack_arrays(stack: nn.Sequential, part: str) -> dict[str, np.ndarray]:
-    """Return the arrays of a dense stack: weights in half precision, biases in float32."""
+    """Return the arrays of a dense stack: weights in half precision and biases in float32."""
     arrays: dict[str, np.ndarray] = {}
     for number, layer in enumerate(linear_layers(stack)):
         arrays[f"{part}_w{number}"] = layer.weight.detach().numpy().astype(np.float16)
@@ -58,7 +58,7 @@ def stack_arrays(stack: nn.Sequential, part: str) -> dict[str, np.ndarray]:
 
 
 class AttentionLayer(nn.Module):
-    """Attention with an optional bias, then two dense layers, with a normalisation before each."""
+    """Attention with an optional bias, followed by two dense layers. Each part starts with a normalisation."""
 
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()
@@ -68,7 +68,7 @@ class AttentionLayer(nn.Module):
         self.up, self.down = nn.Linear(width, 2 * width), nn.Linear(2 * width, width)
 
     def forward(self, x: torch.Tensor, bias: torch.Tensor | None = None) -> torch.Tensor:
-        """Map (B, N, d) to (B, N, d). The bias is added to the (B, heads, N, N) scores."""
+        """Map (B, N, d) to (B, N, d). The bias is added to the scores (B, heads, N, N)."""
         q, k, v = (split_heads(part, self.heads) for part in self.qkv(self.first(x)).chunk(3, -1))
         x = x + self.out(attention(q, k, v, bias))
         return x + self.down(self.up(self.second(x)).relu())
@@ -80,7 +80,7 @@ def split_heads(x: torch.Tensor, heads: int) -> torch.Tensor:
 
 
 def attention(q: torch.Tensor, k: torch.Tensor, v: torch.Tensor, bias: torch.Tensor | None = None) -> torch.Tensor:
-    """Return the (B, N, d) attention values. All inputs are (B, heads, N, d_h)."""
+    """Return attention values (B, N, d). All inputs are (B, heads, N, d_h)."""
     if bias is None:
         return nn.functional.scaled_dot_product_attention(q, k, v).transpose(1, 2).flatten(-2)
     scores = q @ k.transpose(-1, -2) * q.shape[-1] ** -0.5 + bias

@@ -1,4 +1,4 @@
-"""Training loop of all priors: AdamW, cosine schedule, averaged weights, and checkpoints that resume exactly."""
+"""Training loop for all priors: AdamW, cosine schedule, averaged weights, and checkpoints that resume exactly."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from solver_backend.exchange.outputs import atomic_output, write_text
 from solver_backend.exchange.progress import Progress, silent
 
 Draw = Callable[[torch.Generator], Any]  # Draws one batch, on the CPU.
-_AHEAD = 4  # Batches that each process prepares in advance.
+_AHEAD = 4  # Number of batches that each process prepares in advance.
 
 
 def step_generator(seed: int, step: int, purpose: int = 0) -> torch.Generator:
-    """Return the CPU generator for one step's batch (purpose 0) or for the noise in its loss (purpose 1)."""
+    """Return the CPU generator for a step's batch (purpose 0) or for the noise in its loss (purpose 1)."""
     words = np.random.SeedSequence((seed, step, purpose)).generate_state(2)
     return torch.Generator().manual_seed(int(words[0]) << 31 ^ int(words[1]))
 
 
 def batches(draw: Draw, seed: int, first: int, last: int, workers: int) -> Iterator[Any]:
-    """Yield the batches of steps ``first`` to ``last - 1``, drawn in this process or ahead in ``workers`` processes."""
+    """Yield the batches of steps ``first`` to ``last - 1``, drawn here or in advance by ``workers`` processes."""
     if not workers:
         return (draw(step_generator(seed, step)) for step in range(first, last))
     ahead = DataLoader(
@@ -77,17 +77,17 @@ def check_device(name: str) -> None:
 
 
 def device_of(model: nn.Module) -> torch.device:
-    """Return the device of a network's parameters."""
+    """Return the device that stores a network's parameters."""
     return next(model.parameters()).device
 
 
 def dropout_state(device: str) -> torch.Tensor:
-    """Return the state of the random generator that dropout uses on a device."""
+    """Return the state of the random generator for dropout on a device."""
     return torch.get_rng_state() if device == "cpu" else torch.cuda.get_rng_state()
 
 
 def set_dropout_state(device: str, state: torch.Tensor) -> None:
-    """Restore the state of the random generator that dropout uses on a device."""
+    """Restore the state of the random generator for dropout on a device."""
     if device == "cpu":
         torch.set_rng_state(state)
     else:
@@ -98,10 +98,10 @@ logger = logging.getLogger(__name__)
 
 
 class EventLog:
-    """Writes ``log.jsonl`` and event files into a folder."""
+    """Writes ``log.jsonl`` and event files to a folder."""
 
     def __init__(self, folder: Path, step: int) -> None:
-        """Continue after ``step``. Later lines of an interrupted run are removed, so that no step appears twice."""
+        """Continue after ``step``. Later lines from an interrupted run are removed, so that no step appears twice."""
         self._path = folder / "log.jsonl"
         if self._path.is_file():
             lines = self._path.read_text(encoding="utf-8").splitlines(keepends=True)
@@ -110,13 +110,13 @@ class EventLog:
         self._events = _summary_writer(folder, step)
 
     def figures(self, step: int, figures: dict[str, float]) -> None:
-        """Append the figures of a validation."""
+        """Append the figures from a validation."""
         with self._path.open("a", encoding="utf-8") as stream:
             stream.write(json.dumps({"step": step, **figures}) + "\n")
         self.scalars(step, {f"validation/{name}": value for name, value in figures.items() if name != "loss"})
 
     def scalars(self, step: int, scalars: dict[str, float]) -> None:
-        """Add points to TensorBoard's curves."""
+        """Add points to the curves in TensorBoard."""
         for name, value in scalars.items():
             if self._events is not None:
                 self._events.add_scalar(name, value, step)
@@ -128,7 +128,7 @@ class EventLog:
 
 
 def _summary_writer(folder: Path, step: int) -> Any:
-    """Return TensorBoard's writer, None if TensorBoard is not installed."""
+    """Return TensorBoard's writer, or None if TensorBoard is not installed."""
     try:
         from torch.utils.tensorboard import SummaryWriter
     except ImportError:
@@ -137,24 +137,24 @@ def _summary_writer(folder: Path, step: int) -> Any:
     return SummaryWriter(str(folder / "events"), purge_step=step + 1)
 
 
-_CURVE_EVERY = 20  # Steps between points of the loss curve.
-_FREE = ("checkpoint_s", "workers")  # Settings that do not affect weights, so that a run may resume with others.
+_CURVE_EVERY = 20  # Steps between two points of the loss curve.
+_FREE = ("checkpoint_s", "workers")  # Settings that do not affect weights, so that a run may be resumed with others.
 
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """Duration, learning rate and other settings of a training."""
+    """Settings of a training, such as duration and learning rate."""
 
     steps: int = 6000  # Total number of gradient steps.
-    batch: int = 256  # Windows per step.
-    learning_rate: float = 2e-3  # Maximum, after the warm-up.
+    batch: int = 256  # Number of windows per step.
+    learning_rate: float = 2e-3  # Largest learning rate, reached after the warm-up.
     weight_decay: float = 1e-4  # Weight decay of AdamW.
-    averaging: float = 0.998  # Decay of the exponential average of the weights. The average is the result.
-    seed: int = 0  # Seed of the initial weights and of all random numbers.
+    averaging: float = 0.998  # Decay of the exponential moving average of the weights. This average is the result.
+    seed: int = 0  # Seed of the initial weights and of all random draws.
     checkpoint_s: float = 60.0  # Seconds between checkpoints.
     evaluate_every: int = 500  # Steps between validations.
-    start: str = ""  # SHA-256 of the initial weights, empty for random ones.
-    part: str = ""  # Trained part of the network (SPoser's ``encoder``), or all of it if empty.
+    start: str = ""  # SHA-256 of the initial weights, or "" for random ones.
+    part: str = ""  # Part of the network to train (SPoser's ``encoder``), or "" for all of it.
     device: str = "cpu"
     """``cpu`` or ``cuda``. Both draw on the CPU with equal results, except dropout and the view lifter's windows."""
     workers: int = 0
@@ -162,28 +162,28 @@ class TrainingSettings:
 
 
 class Task(Protocol):
-    """A model to train, with a loss and a validation."""
+    """A model to train, its loss and its validation."""
 
     @property
     def model(self) -> nn.Module:
-        """The network with the trained parameters."""
+        """The network that contains the trained parameters."""
         ...
 
     def draw(self, generator: torch.Generator) -> Any:
-        """Return a new batch. If it is drawn on the CPU, the worker processes also call this method."""
+        """Return a new batch. If batches are drawn on the CPU, worker processes call this method too."""
         ...
 
     def loss(self, batch: Any, generator: torch.Generator) -> torch.Tensor:
-        """Return a batch's loss on the model's device. The generator is for noise within the network."""
+        """Return the loss of a batch on the model's device. The generator is for noise inside the network."""
         ...
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
-        """Return validation figures of a model on the CPU."""
+        """Return the validation figures of a model on the CPU."""
         ...
 
 
 def run_training(task: Task, settings: TrainingSettings, folder: Path, progress: Progress = silent) -> nn.Module:
-    """Train, or resume from the last checkpoint in ``folder``, and return the averaged model on the CPU.
+    """Train, or resume from the last checkpoint in ``folder``. Return the averaged model on the CPU.
 
     Raises:
         JobInvalid, BackendMissing: the device is unknown or unavailable.
@@ -237,7 +237,7 @@ class _TrainingRun:
 
     @property
     def learning_rate(self) -> float:
-        """Learning rate of the next step."""
+        """Learning rate for the next step."""
         return self.settings.learning_rate * _schedule(self.step, self.settings.steps)
 
     @property
@@ -277,7 +277,7 @@ class _TrainingRun:
             )
 
     def save(self) -> None:
-        """Write the checkpoint to a complete file or none."""
+        """Write the checkpoint. The file is complete or is not written."""
         state = {
             "settings": asdict(self.settings),
             "step": self.step,
@@ -325,7 +325,7 @@ class _TrainingRun:
 
 
 def _schedule(step: int, steps: int) -> float:
-    """Return the learning rate factor: linear warm-up over 2 % of the steps, then a cosine down to 1 %."""
+    """Return the factor of the learning rate: a linear warm-up over 2 % of the steps, then a cosine down to 1 %."""
     warm = max(1, steps // 50)
     if step < warm:
         return (step + 1) / warm

@@ -1,4 +1,4 @@
-"""Convert a trained network to the shipped weight file, measure this file, and write its model card."""
+"""Convert a trained network to the shipped weight file, measure that file, and write its model card."""
 
 from __future__ import annotations
 
@@ -57,13 +57,13 @@ _LIKELIHOOD = """Mean log densities of the rotation vectors of all distinct pose
 
 @dataclass(frozen=True)
 class Card:
-    """Additional texts of a model card."""
+    """Texts to add to a model card."""
 
-    title: str  # Name of the prior.
+    title: str  # Name of the prior in the title.
     summary: str  # Short description.
-    method: str = ""  # Method of measurement, if it differs from the other priors'.
-    augmented: bool = True  # True if training used augmented poses.
-    augmentation: str = ""  # Additional augmentation, beyond all other augmented trainings'.
+    method: str = ""  # How it was measured, if not as the other priors were.
+    augmented: bool = True  # True if augmented poses were used in training.
+    augmentation: str = ""  # Augmentation in addition to that of all other augmented trainings.
 
 
 def write_model_card(path: Path, card: Card, metadata: dict[str, Any]) -> None:
@@ -90,7 +90,7 @@ def write_model_card(path: Path, card: Card, metadata: dict[str, Any]) -> None:
 
 
 def _source_table(sources: dict[str, dict[str, Any]]) -> str:
-    """Return the rows of the data table. Keys are "side/source"."""
+    """Return the rows of the data table. Keys have the form "side/source"."""
     rows = []
     for key, counts in sources.items():
         side, source = key.split("/")
@@ -112,31 +112,31 @@ def _accuracy_table(by_source: dict[str, dict[str, float]]) -> str:
 
 @dataclass(frozen=True)
 class TrainingJob:
-    """Settings for training one prior."""
+    """Settings for training a prior."""
 
     training: Corpus
     validation: Corpus
     settings: TrainingSettings
-    out: Path  # Folder of the weights and the model card.
-    work: Path  # Folder of the checkpoint and the log.
-    command: str  # The command that repeats the training.
-    data: dict[str, object]  # Counts of clips and frames, for the model card.
+    out: Path  # Folder for the weights and the model card.
+    work: Path  # Folder for the checkpoint and the log.
+    command: str  # Command that repeats the training.
+    data: dict[str, object]  # Numbers of clips and frames, for the model card.
     progress: Progress
     hidden: int = 512  # Width of SPoser's decoder layers.
-    far: Corpus | None = None  # Motions unlike the corpus for evaluation, or None if they are missing.
-    start: Path | None = None  # Weights to start from (SPoser and the lifter).
+    far: Corpus | None = None  # Motions that differ from the corpus, for evaluation, or None if there are none.
+    start: Path | None = None  # Weights to start from (for SPoser and the lifter).
 
 
 @dataclass(frozen=True)
 class Finished:
-    """A trained prior."""
+    """A prior whose training has finished."""
 
     weights: Path
     metrics: dict[str, float]
-    absent: tuple[str, ...] = ()  # Held-out subjects that the recordings and therefore the figures lack.
+    absent: tuple[str, ...] = ()  # Held-out subjects that are missing in the recordings, and therefore in the figures.
 
 
-Figures = dict[str, Any]  # ``metrics``, the figures of the card by name, and optionally ``by_source``.
+Figures = dict[str, Any]  # ``metrics``, which are the card's figures by name, and optionally ``by_source``.
 
 
 def publish(
@@ -154,10 +154,10 @@ def publish(
         job: training job.
         prior: name of the prior.
         arrays: contents of the weight file.
-        header: further data for loading.
-        settings: training settings for the card.
+        header: further data needed to load the weights.
+        settings: training settings to list on the card.
         measure: function that loads the file and returns its figures.
-        card: additional texts of the card.
+        card: texts to add to the card.
     """
     path = job.out / f"{prior}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,1 +1,1 @@
-"""Fit the Gaussian mixture of poses."""
+"""Fit the Gaussian mixture prior of poses."""

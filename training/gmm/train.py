@@ -1,4 +1,4 @@
-"""Train the Gaussian mixture from the corpus to the weights."""
+"""Train the Gaussian mixture, from the corpus to the weights."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from training.engine.publish import Card, Finished, TrainingJob, publish
 class Mixture:
     """K Gaussians in d dimensions."""
 
-    weights: np.ndarray  # (K,) weights of the components.
+    weights: np.ndarray  # (K,) component weights.
     means: np.ndarray  # (K, d) means.
-    factors: np.ndarray  # (K, d, d) lower Cholesky factors of the covariances.
+    factors: np.ndarray  # (K, d, d) lower Cholesky factors of the covariance matrices.
 
     def log_densities(self, x: np.ndarray) -> np.ndarray:
-        """Return the (N, K) logarithms of ``w_k N(x; μ_k, Σ_k)`` at (N, d) points."""
+        """Return ``log w_k N(x; μ_k, Σ_k)``, shape (N, K), at points (N, d)."""
         columns = []
         for weight, mean, factor in zip(self.weights, self.means, self.factors, strict=True):
             scaled = np.linalg.solve(factor, (x - mean).T)
@@ -39,18 +39,18 @@ class Mixture:
 def fit_mixture(
     x: np.ndarray, components: int, seed: int, *, ridge: float = 1e-3, iterations: int = 60, progress: Progress = silent
 ) -> tuple[Mixture, list[float]]:
-    """Fit a mixture to (N, d) points.
+    """Fit a mixture of Gaussians to points (N, d).
 
     Args:
         x: (N, d) points.
         components: number K of Gaussians.
         seed: seed of the initial means (k-means++).
-        ridge: value added to the covariances' diagonals.
-        iterations: largest number of iterations. Fitting stops when the mean log likelihood gains less than 1e-4.
+        ridge: value added to the diagonal of each covariance.
+        iterations: largest number of iterations. Fitting stops once the mean log likelihood gains less than 1e-4.
         progress: called at every iteration.
 
     Returns:
-        The mixture, and the mean log likelihood at every iteration. Only the ridge can decrease it.
+        The mixture, and the mean log likelihood at every iteration. Only the ridge can make it decrease.
 
     Reference: Dempster, Laird & Rubin 1977, and Arthur & Vassilvitskii 2007 for the initial means.
     """
@@ -82,7 +82,7 @@ def _maximised(x: np.ndarray, shares: np.ndarray, ridge: float) -> Mixture:
 
 
 def _nearest_seed(x: np.ndarray, components: int, rng: np.random.Generator) -> np.ndarray:
-    """Return the (N,) index of the nearest of K distant points drawn by k-means++."""
+    """Return the index (N,) of the nearest among K distant points that k-means++ draws."""
     chosen = [x[rng.integers(len(x))]]
     for _ in range(components - 1):
         distance = np.min([((x - c) ** 2).sum(axis=1) for c in chosen], axis=0)
@@ -92,7 +92,7 @@ def _nearest_seed(x: np.ndarray, components: int, rng: np.random.Generator) -> n
 
 COMPONENTS = 8
 RIDGE = 1e-3
-"""Value in rad² added to every variance. Joints that never bend in recordings may then bend by 1.8 degrees."""
+"""Value in rad² added to every variance. A joint that never bends in recordings may then bend by 1.8 degrees."""
 _CARD = Card(
     "Gaussian mixture",
     """This prior is a mixture of eight Gaussians over the rotation vectors of the 21 body joints (Bogo et al. 2016). It
@@ -102,7 +102,7 @@ is fitted by expectation maximisation to the distinct poses and their mirror ima
 
 
 def train_gmm(job: TrainingJob) -> Finished:
-    """Fit, export and measure the mixture.
+    """Fit, export and measure the mixture of Gaussians.
 
     Raises:
         JobInvalid: the device is not the CPU.
@@ -131,7 +131,7 @@ def train_gmm(job: TrainingJob) -> Finished:
 
 
 def rotation_vectors(corpus: Corpus) -> np.ndarray:
-    """Return (2 D, 63) rotation vectors in radians of the distinct poses and their mirror images."""
+    """Return rotation vectors (2 D, 63) in radians of the distinct poses and of their mirror images."""
     vectors = log_so3(corpus.rotations[corpus.distinct].astype(np.float64))
     flipped = vectors[:, BODY_MIRROR] * np.array([1.0, -1.0, -1.0])
     return np.concatenate((vectors, flipped)).reshape(-1, 3 * NUM_BODY_JOINTS)

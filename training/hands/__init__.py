@@ -1,1 +1,1 @@
-"""Train the hand prior from recordings and poses with free licences."""
+"""Train the hand prior from recordings and poses whose licences are free."""

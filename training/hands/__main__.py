@@ -1,4 +1,4 @@
-"""The command that learns the prior of hands."""
+"""The command that trains the hand prior."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from training.hands.train import train_hands
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Train the hand prior, write it and its card, and print the figures."""
+    """Train the hand prior, write it and its model card, and print the figures."""
     parser = argparse.ArgumentParser(prog="python -m training.hands", description=__doc__)
     parser.add_argument("--data", type=Path, required=True, help="folder of recorded and keyed hands")
     parser.add_argument("--out", type=Path, required=True, help="folder of the weights and their model card")

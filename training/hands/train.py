@@ -19,10 +19,10 @@ from solver_backend.priors.weights import PriorWeights, write_weights
 
 _GODOT = ("Thumb", "Index", "Middle", "Ring", "Little")
 _GODOT_JOINTS = (("Metacarpal", "Proximal", "Distal", "Tip"), ("Proximal", "Intermediate", "Distal", "Tip"))
-"""Joints of the thumb, and of the other fingers, which have no metacarpal joints in our body."""
+"""Joints of the thumb and of the other fingers. In our body, fingers have no metacarpal joints."""
 _KEYED = ("thumb", "f_index", "f_middle", "f_ring", "f_pinky")
 _KEYED_TIP = 0.8
-"""Length of a distal bone relative to the bone before. The clips' skeleton ends at the distal joint."""
+"""Length of a distal bone relative to the bone before it. The skeleton in the clips ends at the distal joint."""
 _MARKERS = (
     ("CMC1", "MP1", "IP", "FT1"),
     ("MP2", "PP2", "DP2", "FT2"),
@@ -31,7 +31,7 @@ _MARKERS = (
     ("MP5", "PP5", "DP5", "FT5"),
 )
 _MARKER_STRIDE = 15
-"""Frame stride of the 150 Hz recordings, which gives ten frames per second."""
+"""Number of frames per step in the 150 Hz recordings, which gives ten frames per second."""
 _RIGHT = 1
 
 
@@ -45,7 +45,7 @@ class HandPoses:
 
 
 def load_sources(folder: Path | str) -> tuple[HandPoses, ...]:
-    """Return the poses of all sources in the data's folder of hands.
+    """Return the poses from all sources in the hand data folder.
 
     Raises:
         FileMissing: a source is missing.
@@ -93,7 +93,7 @@ def _keyed(folder: Path) -> HandPoses:
 
 
 def _markers(folder: Path) -> HandPoses:
-    """Return the frames of the finger exercises in which the whole hand is visible."""
+    """Return the frames of the finger exercises in which all of the hand is visible."""
     found = []
     for path in sorted((folder / "leap").glob("*.npz")):
         points = marker_points(read_npz(path))[::_MARKER_STRIDE]
@@ -105,7 +105,7 @@ def _markers(folder: Path) -> HandPoses:
 
 
 def marker_points(arrays: dict[str, Any]) -> np.ndarray:
-    """Return (F, 21, 3) positions of ``HAND_POINTS`` in metres from markers on the back of a hand, NaN if missing."""
+    """Return ``HAND_POINTS`` (F, 21, 3) in metres from markers on the back of a hand, NaN if missing."""
     labels, recorded = [str(n) for n in arrays["labels"]], arrays["positions_01mm"].astype(np.float64)
     recorded = np.where(recorded == np.iinfo(np.int16).min, np.nan, recorded) * 1e-4
     wrist = 0.5 * (recorded[:, labels.index("RS")] + recorded[:, labels.index("US")])
@@ -114,7 +114,7 @@ def marker_points(arrays: dict[str, Any]) -> np.ndarray:
 
 
 def _distinct(angles: np.ndarray) -> np.ndarray:
-    """Return the rows that differ by at least a degree from each other."""
+    """Return rows that differ from each other by at least one degree."""
     return angles[np.unique(np.round(np.rad2deg(angles)), axis=0, return_index=True)[1]]
 
 
@@ -133,12 +133,12 @@ RANGES_DEG = {
     "thumb_mcp_flexion": (-20.0, 70.0),
     "thumb_ip_flexion": (-30.0, 90.0),
 }
-"""Active ranges of healthy adults and the hyperextension of supple ones in degrees, rounded outwards (American Academy
-of Orthopaedic Surgeons 1965; Hume et al. 1990), by the ending of the angle's name."""
-OWN_SIGMA_DEG = 5.0  # Smallest independent deviation per angle, because sources are few.
-TWIST_SIGMA_DEG = 15.0  # Standard deviation of the thumb's twist, which joint centres do not show.
+"""Active ranges of healthy adults and the hyperextension of supple adults in degrees, rounded outwards (American
+Academy of Orthopaedic Surgeons 1965; Hume et al. 1990), by the end of the angle's name."""
+OWN_SIGMA_DEG = 5.0  # Smallest independent deviation of each angle, because there are few sources.
+TWIST_SIGMA_DEG = 15.0  # Standard deviation of the thumb's twist, because joint centres do not show it.
 HELD = 0.95
-"""Fraction of every source's poses inside the ellipsoid of that probability. It scales the covariance."""
+"""Fraction of each source's poses that lie inside the ellipsoid of this probability. It scales the covariance."""
 
 _CARD = """# Hand prior
 
@@ -180,11 +180,11 @@ Arrays' SHA-256: `{digest}`
 
 
 def train_hands(data: Path | str, out: Path | str) -> dict[str, float]:
-    """Write ``hands.npz`` and ``hands.md``, and return the figures of the card.
+    """Write ``hands.npz`` and ``hands.md``, and return the figures on the card.
 
     Args:
-        data: folder of the hand data.
-        out: folder of the weights and the card.
+        data: folder that contains the hand data.
+        out: folder for the weights and the card.
 
     Raises:
         FileMissing: a source is missing.
@@ -212,16 +212,16 @@ def train_hands(data: Path | str, out: Path | str) -> dict[str, float]:
 
 
 def ranges() -> tuple[np.ndarray, np.ndarray]:
-    """Return the (A,) lower and upper limits of the angles in radians."""
+    """Return the lower and upper limits of the angles, each (A,), in radians."""
     found = [RANGES_DEG.get(name, RANGES_DEG.get(name.split("_", 1)[1], (0.0, 0.0))) for name in ANGLES]
     low, high = np.deg2rad(np.array(found)).T
     return low, high
 
 
 def moments(sources: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (A,) mean and (A, A) covariance of sources with equal weights. Each angle gets an added variance.
+    """Return the mean (A,) and the covariance (A, A) of equally weighted sources. Each angle gets an added variance.
 
-    Sources contain right and left hands of people and animators. Differences of their means count as variance.
+    Sources contain right and left hands of people and animators. Differences between their means count as variance.
     """
     mean = np.mean([angles.mean(0) for angles in sources], axis=0)
     covariance = np.mean([(angles - mean).T @ (angles - mean) / len(angles) for angles in sources], axis=0)
@@ -231,13 +231,13 @@ def moments(sources: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def squared_distances(angles: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Return the (n,) squared Mahalanobis distances of (n, A) angles."""
+    """Return the squared Mahalanobis distances (n,) of angles (n, A)."""
     off = angles - mean
     return (off @ np.linalg.inv(covariance) * off).sum(1)
 
 
 def chi_square(probability: float, dof: int = NUM_ANGLES) -> float:
-    """Return the squared distance that contains a given probability of a ``dof``-dimensional Gaussian.
+    """Return the squared distance within which a ``dof``-dimensional Gaussian has a given probability.
 
     ``n (1 - 2/(9n) + z √(2/(9n)))³`` (Wilson and Hilferty 1931), accurate to a hundredth.
     """
@@ -246,7 +246,7 @@ def chi_square(probability: float, dof: int = NUM_ANGLES) -> float:
 
 
 def _needed(angles: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> float:
-    """Return the factor by which a covariance must grow to contain ``HELD`` of a source's poses."""
+    """Return the factor by which a covariance must be enlarged to contain ``HELD`` of a source's poses."""
     return float(np.quantile(squared_distances(angles, mean, covariance), HELD)) / chi_square(HELD)
 
 

@@ -1,1 +1,1 @@
-"""Train the networks that read marker clouds (thesis chapter 4)."""
+"""Train the networks that read clouds of markers (thesis chapter 4)."""

@@ -1,4 +1,4 @@
-"""Endless stream of corrupted marker clouds, computed on the training device and never stored."""
+"""An endless stream of corrupted marker clouds. They are computed on the training device and never stored."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PLACES: tuple[str, ...] = (*MARKERS, *OTHER_PLACES)
 
 
 def rodrigues(rotvec: torch.Tensor) -> torch.Tensor:
-    """Return the (..., 3, 3) rotations ``exp([v]x)`` of (..., 3) rotation vectors."""
+    """Return rotations ``exp([v]x)``, shape (..., 3, 3), for rotation vectors (..., 3)."""
     angle = (rotvec.square().sum(-1) + 1e-12).sqrt()[..., None, None]
     x, y, z = rotvec.unbind(-1)
     zero = torch.zeros_like(x)
@@ -31,7 +31,7 @@ class BodyPoints:
     """Skinned marker positions and joints of a body, for B samples, P positions and J = 24 joints.
 
     ``y_l = sum_b w_lb p_b + G_b (a_lb + S_lb beta + w_lb o_l - w_lb J_b(beta)) + blend_l P_l f`` as in ``Landmarks``
-    (Loper et al. 2015, eqs. 2-10), with separate shapes and offsets o for each sample.
+    (Loper et al. 2015, eqs. 2-10). Each sample has its own shape and offsets o.
     """
 
     def __init__(self, body: Body, device: str) -> None:
@@ -80,7 +80,7 @@ class BodyPoints:
         return points + (blend @ correction[..., None])[..., 0], joints
 
     def _posed(self, root: torch.Tensor, local: torch.Tensor, rest: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return (B, 24, 3, 3) global rotations and (B, 24, 3) joints, one level of the tree at a time."""
+        """Return global rotations (B, 24, 3, 3) and joints (B, 24, 3), one level of the tree after another."""
         count = len(root)
         hands = torch.eye(3, device=root.device).expand(count, 2, 3, 3)
         local = torch.cat((root[:, None], local, hands), 1)
@@ -93,7 +93,7 @@ class BodyPoints:
 
 
 def _levels(parents: tuple[int, ...]) -> list[tuple[list[int], list[int]]]:
-    """Return joints by their distance from the root, with their parents."""
+    """Return the joints at each distance from the root, and their parents."""
     depth = [0] * len(parents)
     for joint, parent in enumerate(parents):
         depth[joint] = 0 if parent < 0 else depth[parent] + 1
@@ -102,16 +102,16 @@ def _levels(parents: tuple[int, ...]) -> list[tuple[list[int], list[int]]]:
 
 
 OTHERS, FREE, PROP = 10, 4, 6
-"""Largest numbers of points at other positions, of ghosts (random and reflections), and of points on a rigid prop."""
+"""Largest numbers of points at positions of other layouts, of ghosts (random and reflections), and of prop points."""
 
 
 @dataclass(frozen=True)
 class SpoiledClouds:
-    """B clouds of N = 53 + 10 + 4 + 6 slots."""
+    """B clouds that have N = 53 + 10 + 4 + 6 slots."""
 
     points: torch.Tensor  # (B, N, 3) points in metres.
-    seen: torch.Tensor  # (B, N) mask of existing points.
-    labels: torch.Tensor  # (B, N) marker of each point, -1 if not seen.
+    seen: torch.Tensor  # (B, N) mask of slots that contain a point.
+    labels: torch.Tensor  # (B, N) marker of each point, or -1 if there is no point.
 
 
 @dataclass(frozen=True)
@@ -121,15 +121,15 @@ class Corruption:
     device: str
     ghosts: bool = True
     noise: bool = True
-    most_hidden: int = 10  # n' of 4.23.
-    displacement_m: float = 0.02  # M_noise of 4.26.
+    most_hidden: int = 10  # n' in 4.23.
+    displacement_m: float = 0.02  # M_noise in 4.26.
     hidden_chance: float = 0.7
     ghost_chance: float = 0.6
     noise_chance: float = 0.8
     prop_chance: float = 0.08
 
     def __call__(self, places: torch.Tensor, worn: torch.Tensor) -> SpoiledClouds:
-        """Return corrupted clouds of (B, P, 3) positions. ``worn`` (B, P) marks positions with a marker."""
+        """Return corrupted clouds of positions (B, P, 3). ``worn`` (B, P) marks positions that have a marker."""
         count, device = len(places), self.device
         seen = worn[:, :GHOST] & ~self._hidden(worn[:, :GHOST])
         points = places[:, :GHOST]
@@ -150,7 +150,7 @@ class Corruption:
         )
 
     def _hidden(self, worn: torch.Tensor) -> torch.Tensor:
-        """Return a (B, 53) mask of k hidden markers, with k drawn uniformly. At least one marker stays visible."""
+        """Return a mask (B, 53) of k hidden markers, where k is uniform. At least one marker stays visible."""
         count = len(worn)
         rank = torch.where(worn, torch.rand(worn.shape, device=self.device), 2.0).argsort(1).argsort(1)
         k = torch.randint(self.most_hidden + 1, (count, 1), device=self.device)
@@ -158,7 +158,7 @@ class Corruption:
         return (rank < k) & (torch.rand(count, 1, device=self.device) < self.hidden_chance)
 
     def _displaced(self, points: torch.Tensor) -> torch.Tensor:
-        """Return offsets inside a cube for some points, plus millimetre noise for all points."""
+        """Return offsets inside a cube for some points, and noise of a few millimetres for all points."""
         shape = points.shape[:2]
         share = torch.rand(shape[0], 1, device=self.device)
         moved = (torch.rand(shape, device=self.device) < 0.6 * share)[..., None]
@@ -167,7 +167,7 @@ class Corruption:
         return torch.where(moved, cube, 0.0) + 0.001 * torch.randn(points.shape, device=self.device)
 
     def _free(self, points: torch.Tensor, seen: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return (B, 4, 3) ghosts, drawn from the visible points' Gaussian or next to a marker, and a mask of them."""
+        """Return ghosts (B, 4, 3), from the Gaussian of the visible points or next to a marker, and a mask of them."""
         count, device = len(points), self.device
         gaussian = self.gaussian(points, seen)
         beside = points[:, torch.randint(points.shape[1], (FREE,), device=device)]
@@ -178,7 +178,7 @@ class Corruption:
         return ghosts, there & (torch.rand(count, 1, device=device) < self.ghost_chance)
 
     def gaussian(self, points: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
-        """Return (B, 4, 3) draws with the mean of the visible points and 1.2 times their deviations (4.25).
+        """Return draws (B, 4, 3) that have the mean of the visible points and 1.2 times their deviations (4.25).
 
         Sums of the centred points with standard normal weights have the sample covariance.
         """
@@ -189,7 +189,7 @@ class Corruption:
         return mean + 1.2 * draw / (number - 1.0).sqrt()
 
     def _prop(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return (B, 6, 3) points of a stick or a box near one of the markers, and a mask of existing points."""
+        """Return points (B, 6, 3) on a stick or box near one of the markers, and a mask of the points that exist."""
         count, device = len(points), self.device
         near = points.gather(1, torch.randint(points.shape[1], (count, 1, 1), device=device).expand(-1, -1, 3))
         longest = torch.arange(3, device=device) == 0
@@ -201,11 +201,11 @@ class Corruption:
 
 
 _CHANCES = {"MANIFOLD_53": 0.28, "CMU_41": 0.18, "PLUGIN_GAIT_39": 0.18}
-"""Probability of each layout. Layouts of other systems share the remaining probability."""
+"""Probability of each of these layouts. Layouts of other systems share the remaining probability."""
 
 
 def layout_masks(device: str) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return a (layouts, P) mask of each layout's positions, and the (layouts,) cumulative probabilities."""
+    """Return a mask (layouts, P) of the positions in each layout, and cumulative probabilities (layouts,)."""
     file = load_layouts()
     masks, chances = [], []
     rest = (1.0 - sum(_CHANCES.values())) / len(file.label_sets)
@@ -232,11 +232,11 @@ PARTS = tuple(
         set(_LEFT),
     )
 )
-"""Joints of people with markers on part of the body: legs, no legs, no head, no arms, no hands, one side."""
+"""Joints of people who wear markers on a part of the body: legs, no legs, no head, no arms, no hands, one side."""
 
 
 def part_masks(weights: torch.Tensor) -> torch.Tensor:
-    """Return a (parts, P) mask of the positions of each of ``PARTS``, using the largest of their (P, 24) weights."""
+    """Return a mask (parts, P) of the positions in each of ``PARTS``, based on the largest of their weights (P, 24)."""
     joint = weights.argmax(1)
     return torch.stack([torch.isin(joint, torch.tensor(part, device=joint.device)) for part in PARTS])
 
@@ -245,9 +245,9 @@ DOMINANT = 3  # Number of leading shape coefficients that 4.21 may replace.
 
 
 def thesis_shapes(betas: torch.Tensor, shift_chance: float = 0.5, redraw_chance: float = 0.5) -> torch.Tensor:
-    """Shift all coefficients of (B, 10) shapes by one number (4.20), and redraw up to three of the first (4.21).
+    """Shift all coefficients of shapes (B, 10) by one number (4.20), and redraw up to three of the first ones (4.21).
 
-    The probabilities are from the paper: each augmentation is applied to half of the samples.
+    The probabilities are those in the paper: each augmentation is applied to half of the samples.
     """
     count, device = len(betas), betas.device
     shift = (2.0 * torch.rand(count, 1, device=device) - 1.0) * (torch.rand(count, 1, device=device) < shift_chance)
@@ -261,25 +261,25 @@ def thesis_shapes(betas: torch.Tensor, shift_chance: float = 0.5, redraw_chance:
 
 @dataclass(frozen=True)
 class ThesisCorruption:
-    """Adds occlusion (4.22 to 4.24), ghosts of the remaining markers' Gaussian (4.25) and bounded offsets (4.26, 4.27).
+    """Adds occlusion (4.22 to 4.24), ghosts from the other markers' Gaussian (4.25) and bounded offsets (4.26, 4.27).
 
-    The probabilities are from the paper. Neither the thesis nor the paper states the numbers of hidden markers and
-    ghosts or the size of offsets. Those values are ours.
+    The probabilities are those in the paper. The numbers of hidden markers and ghosts, and the size of offsets, are
+    ours, because neither the thesis nor the paper states them.
     """
 
     device: str
-    least_hidden: int = 0  # m of 4.23.
-    most_hidden: int = 10  # n' of 4.23.
-    most_ghosts: int = 4  # n_ghost of 4.25 is uniform from 1 to this.
-    displacement_m: float = 0.02  # M_noise of 4.26.
+    least_hidden: int = 0  # m in 4.23.
+    most_hidden: int = 10  # n' in 4.23.
+    most_ghosts: int = 4  # n_ghost in 4.25 is uniform from 1 to this.
+    displacement_m: float = 0.02  # M_noise in 4.26.
     hidden_chance: float = 0.7
     ghost_chance: float = 0.7
     noise_chance: float = 0.8
 
     def __call__(self, places: torch.Tensor, worn: torch.Tensor) -> SpoiledClouds:
-        """Return corrupted clouds of (B, P, 3) positions.
+        """Return corrupted clouds of positions (B, P, 3).
 
-        ``worn`` (B, P) marks positions with a marker. Ghosts follow the 53 markers.
+        ``worn`` (B, P) marks positions that have a marker. Ghosts follow after the 53 markers.
         """
         points, seen = places[:, :GHOST], worn[:, :GHOST]
         seen = seen & ~(self._chosen(seen, self.least_hidden, self.most_hidden) & self._at(self.hidden_chance, points))
@@ -296,7 +296,7 @@ class ThesisCorruption:
         )
 
     def ghosts(self, points: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
-        """Return (B, G, 3) draws from N(μ, Σ): per-axis median and sample covariance of the remaining markers (4.25).
+        """Return draws (B, G, 3) from N(μ, Σ), the per-axis median and sample covariance of the other markers (4.25).
 
         Sums of the centred points with standard normal weights have the sample covariance.
         """
@@ -308,12 +308,12 @@ class ThesisCorruption:
         return median + normal @ centred / (number - 1.0).sqrt()
 
     def _chosen(self, among: torch.Tensor, least: int, most: int) -> torch.Tensor:
-        """Return a (B, n) mask of k elements of ``among``, with k uniform from ``least`` to ``most``."""
+        """Return a mask (B, n) of k elements of ``among``, where k is uniform from ``least`` to ``most``."""
         rank = torch.where(among, torch.rand(among.shape, device=self.device), 2.0).argsort(1).argsort(1)
         return rank < torch.randint(least, most + 1, (len(among), 1), device=self.device)
 
     def _at(self, chance: float, like: torch.Tensor) -> torch.Tensor:
-        """Return a (B, 1) mask of the samples that get a corruption, with probability ``chance``."""
+        """Return a mask (B, 1) of the samples to corrupt, with probability ``chance``."""
         return torch.rand(len(like), 1, device=self.device) < chance
 
 
@@ -323,41 +323,41 @@ _LIMBS = (
     SMPL.both("hip", "knee", "ankle", "foot"),
     SMPL.numbers("neck", "head"),
 )
-"""Joints that are exchanged together when poses exchange limbs."""
+"""Joints that move together when limbs are exchanged between poses."""
 
 
 @dataclass(frozen=True)
 class Clouds:
-    """B clouds of up to N points in metres, Z up, with the median of the points at the origin."""
+    """B clouds of up to N points in metres, Z up, whose median is at the origin."""
 
     points: torch.Tensor  # (B, N, 3) points in metres.
-    seen: torch.Tensor  # (B, N) mask of existing points.
-    labels: torch.Tensor  # (B, N) marker of each point, ``GHOST`` for none, -1 without a point.
-    targets: torch.Tensor  # (B, 77, 3) markers and joints in metres, seen or not.
-    weight: torch.Tensor  # (B,) share of each sample in the loss.
+    seen: torch.Tensor  # (B, N) mask of the points that exist.
+    labels: torch.Tensor  # (B, N) marker of each point, or ``GHOST``, or -1 if there is no point.
+    targets: torch.Tensor  # (B, 77, 3) markers and joints in metres, whether or not they are seen.
+    weight: torch.Tensor  # (B,) weight of each sample in the loss.
 
 
 @dataclass(frozen=True)
 class Variety:
-    """Variation of clouds apart from their poses."""
+    """How clouds vary, apart from their poses."""
 
-    layouts: bool = True  # Use layouts and subsets of the superset instead of all 53 markers.
+    layouts: bool = True  # Use layouts and subsets of the superset. If False, use all 53 markers.
     ghosts: bool = True  # Add points that are not markers.
-    noise: bool = True  # Add noise to points, and differences of marker positions between people.
-    pose_noise: float = 0.05  # Standard deviation of each joint's rotation, rad.
-    exchanged: float = 0.1  # Chance that a limb comes from another pose.
-    thinned: float = 0.35  # Chance that a layout lacks up to half of its markers.
-    parts: float = 0.12  # Chance that only a part of the body has markers.
-    tilted: float = 0.12  # Chance that the whole cloud is rotated by up to 90° about a horizontal axis.
-    wobble_rad: float = 0.05  # Standard deviation of every cloud's tilt.
-    headings: bool = True  # Randomise people's headings.
+    noise: bool = True  # Add noise to points, and vary marker positions between people.
+    pose_noise: float = 0.05  # Standard deviation of each joint's rotation in rad.
+    exchanged: float = 0.1  # Probability that a limb comes from another pose.
+    thinned: float = 0.35  # Probability that up to half of a layout's markers are missing.
+    parts: float = 0.12  # Probability that only a part of the body has markers.
+    tilted: float = 0.12  # Probability that the cloud is rotated by up to 90° about a horizontal axis.
+    wobble_rad: float = 0.05  # Standard deviation of the tilt of every cloud.
+    headings: bool = True  # Give people random headings.
     sizes: float = 0.12  # Largest relative change of people's size.
-    strayed: bool = True  # Displace markers from their rules by each marker's standard deviation.
-    thesis: bool = False  # Use only shapes by 4.20 and 4.21, and corruption by 4.22 to 4.27.
+    strayed: bool = True  # Move each marker from where its rule puts it, by its own standard deviation.
+    thesis: bool = False  # Use nothing but shapes by 4.20 and 4.21, and corruption by 4.22 to 4.27.
 
 
 class CloudStream:
-    """Draws clouds of given poses."""
+    """Draws clouds from given poses."""
 
     def __init__(self, body: Body, device: str, variety: Variety = Variety()) -> None:
         self.points = BodyPoints(body, device)
@@ -373,7 +373,7 @@ class CloudStream:
         self.limbs = [torch.tensor(limb, device=device) for limb in _LIMBS]
 
     def draw(self, rotvec: torch.Tensor, weight: torch.Tensor | None = None) -> Clouds:
-        """Return clouds of (B, 22, 3) poses, the pelvis first, Y up. All draws use torch's global generator."""
+        """Return clouds for poses (B, 22, 3), pelvis first, Y up. All draws use torch's global generator."""
         with torch.no_grad():
             places, joints = self._posed(rotvec)
             count = len(rotvec)
@@ -387,7 +387,7 @@ class CloudStream:
             return whole if self.device == "cuda" else without_empty_slots(whole)
 
     def _posed(self, rotvec: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return (B, P, 3) positions and (B, 24, 3) joints of people with random shapes and headings."""
+        """Return positions (B, P, 3) and joints (B, 24, 3) of people who have random shapes and headings."""
         count, device, v = len(rotvec), self.device, self.variety
         rotations = rodrigues(rotvec)
         for limb in self.limbs:
@@ -407,7 +407,7 @@ class CloudStream:
         return everything[:, : len(PLACES)], everything[:, -NUM_JOINTS:]
 
     def _shapes(self, like: torch.Tensor) -> torch.Tensor:
-        """Return (B, 10) shapes: the thesis' augmentation of a normal draw, or our distribution."""
+        """Return shapes (B, 10): a normal draw with the thesis' augmentation, or our distribution."""
         count, device = len(like), self.device
         betas = 0.7 * _normal(count, 10, like=like)
         if self.variety.thesis:
@@ -416,18 +416,18 @@ class CloudStream:
         return torch.where(torch.rand(count, 10, device=device) < 0.1, _normal(count, 10, like=like), betas)
 
     def placement(self, count: int) -> torch.Tensor:
-        """Return (B, P, 3) deviations in metres of each person's markers from their rules, along and off the skin."""
+        """Return how far (B, P, 3) each person's markers are from their rules, along the skin and off it, in metres."""
         b = self.points
         if not (self.variety.noise and self.variety.strayed):
             return torch.zeros(count, len(PLACES), 3, device=self.device)
-        # Three quarters of a marker's deviation, because placement differs between laboratories.
+        # Three quarters of a marker's deviation, because laboratories place markers differently.
         along = _normal(count, len(PLACES), 3, like=b.spread).clamp(-2.0, 2.0) * b.spread[:, 1:]
         along = along - (along * b.normals).sum(-1, keepdim=True) * b.normals
         off = _normal(count, len(PLACES), 1, like=b.spread) * b.spread[:, :1] * b.normals
         return (0.2 + 0.8 * torch.rand(count, 1, 1, device=self.device)) * (0.75 * along + off)
 
     def _turns(self, count: int) -> torch.Tensor:
-        """Return (B, 3, 3) rotations from Y up to Z up with random headings. Some are tilted."""
+        """Return rotations (B, 3, 3) from Y up to Z up with random headings. Some of them are tilted."""
         device = self.device
         heading = 2.0 * torch.pi * torch.rand(count, device=device) * self.variety.headings
         axis = 2.0 * torch.pi * torch.rand(count, device=device)
@@ -441,7 +441,7 @@ class CloudStream:
         return level @ rodrigues(torch.stack((zero, zero, heading), -1)) @ self.z_up
 
     def _worn(self, count: int) -> torch.Tensor:
-        """Return a (B, P) mask of the positions with a marker."""
+        """Return a mask (B, P) of the positions that have a marker."""
         device = self.device
         if not self.variety.layouts:
             worn = torch.zeros(count, len(PLACES), dtype=torch.bool, device=device)
@@ -461,7 +461,7 @@ class CloudStream:
 
 
 def without_empty_slots(clouds: Clouds) -> Clouds:
-    """Move existing points to the first slots, and remove slots that no cloud needs."""
+    """Move all points to the first slots, and remove slots that no cloud needs."""
     most = int(clouds.seen.sum(1).max())
     order = (~clouds.seen).to(torch.int8).argsort(dim=1, stable=True)[:, :most]
     points = clouds.points.gather(1, order[..., None].expand(-1, -1, 3))
@@ -469,7 +469,7 @@ def without_empty_slots(clouds: Clouds) -> Clouds:
 
 
 def _median(points: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
-    """Return the (B, 1, 3) lower medians of the existing points."""
+    """Return the lower medians (B, 1, 3) of the points that exist."""
     ordered = torch.where(seen[..., None], points, torch.inf).sort(dim=1).values
     middle = ((seen.sum(1) - 1) // 2).clamp(min=0)
     return ordered.gather(1, middle[:, None, None].expand(-1, 1, 3))

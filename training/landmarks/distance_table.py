@@ -1,4 +1,4 @@
-"""Tabulate marker distances in windows of recorded motion for many people: ``marker_distances.npz``."""
+"""Tabulate marker distances of many people in windows of recorded motion: ``marker_distances.npz``."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from training.landmarks.poses import PoseTable
 
 WINDOWS, FRAMES = 2400, 24
 LONGEST = 400
-"""Maximum number of poses per window. The logarithms of the lengths are distributed uniformly."""
-STRAY = 1.2  # Placement error relative to the network's training, for people who do not know our rules.
-NOISE_M = 0.003  # Standard deviation of a marker's position in metres, chosen by hand.
-_FAR_M = 0.3  # Smallest distance of pairs that determine a body's size, metres, as in labelling.
+"""Largest number of poses in a window. The logarithm of the length is distributed uniformly."""
+STRAY = 1.2  # Placement error relative to the training of the network, for people who do not know our rules.
+NOISE_M = 0.003  # Standard deviation of a marker's position in metres. Chosen by hand.
+_FAR_M = 0.3  # Pairs that are farther apart than this, in metres, determine a body's size, as in labelling.
 
 
 def write_distance_table(path: Path, table: PoseTable, *, windows: int = WINDOWS, seed: int = 0) -> Path:
-    """Write the mean and spread of marker distances, and of the logarithm of their change, over windows of poses.
+    """Write mean and spread of marker distances, and of the logarithm of their change, over windows of poses.
 
     Distances are relative to each person's size: the median ratio of distances over 0.3 m to their means.
 
     Args:
         path: file to write.
         table: poses. The poses of one recording are in temporal order.
-        windows: number of people, each with another window.
+        windows: number of people. Each has a different window.
         seed: seed of all draws.
     """
     rng, pairs = np.random.default_rng(seed), np.triu_indices(len(PLACES), 1)
@@ -56,7 +56,7 @@ def write_distance_table(path: Path, table: PoseTable, *, windows: int = WINDOWS
 
 
 def _window(stream: CloudStream, poses: torch.Tensor, rng: np.random.Generator) -> np.ndarray:
-    """Return (FRAMES, P, 3) marker positions of one person in a window of a recording."""
+    """Return marker positions (FRAMES, P, 3) of one person in a window of a recording."""
     length = int(np.exp(rng.uniform(np.log(2), np.log(min(LONGEST, len(poses) - 1)))))
     rows = rng.integers(len(poses) - length) + rng.integers(length, size=FRAMES)
     rotations = rodrigues(poses[rows])

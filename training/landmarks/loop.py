@@ -17,27 +17,27 @@ from solver_backend.exchange.outputs import atomic_output
 from training.landmarks.models import LandmarkModel
 from training.landmarks.poses import Draw
 
-_WARM_UP = 3  # Steps before a graph is captured, while libraries choose their kernels.
+_WARM_UP = 3  # Steps before a graph is captured, during which libraries choose their kernels.
 _SYNCHRONISED = 10  # Steps between checks of the time.
 
 
 @dataclass(frozen=True)
 class LandmarkTraining:
-    """Duration, learning rate and other settings of a landmark training."""
+    """Settings of a landmark training, such as duration and learning rate."""
 
-    steps: int = 0  # Total number of gradient steps. 0 means no limit except the time.
-    seconds: float = 60.0  # Total time if steps are 0. The learning rate decreases with the remaining time.
+    steps: int = 0  # Total number of gradient steps. 0 means that only the time is limited.
+    seconds: float = 60.0  # Total time if ``steps`` is 0. The learning rate follows the remaining time.
     processor: bool = False
-    """Count processor time over all threads instead of wall-clock time. It is the same on a shared machine."""
+    """Measure processor time of all threads instead of elapsed time. Other load on the machine does not affect it."""
     batch: int = 256
     learning_rate: float = 1e-3
     weight_decay: float = 1e-2
-    averaging: float = 0.999  # Decay of the average of the weights. The average is the result.
+    averaging: float = 0.999  # Decay of the moving average of the weights. This average is the result.
     seed: int = 0
     device: str = "cpu"
     graph: bool = False  # Capture the step as a CUDA graph.
     checkpoint_s: float = 60.0
-    judged: int = 3  # Number of evaluations, evenly distributed. The best weights are the result.
+    judged: int = 3  # Number of evaluations at equal intervals. The best weights are the result.
 
 
 Evaluate = Callable[[LandmarkModel, float, int], None]  # Called with the averaged model, the seconds and the steps.
@@ -52,16 +52,16 @@ def train_landmarks(
     start: Path | None = None,
     row: Mapping[str, Any] | None = None,
 ) -> LandmarkModel:
-    """Train a model on drawn clouds, or resume from the checkpoint in ``folder``. Return the averaged model.
+    """Train a model on a stream of clouds, or resume from the checkpoint in ``folder``. Return the averaged model.
 
     Args:
         model: untrained model.
         draw: function that makes a batch of clouds, given the completed fraction of the training.
-        settings: duration, learning rate and others.
-        folder: folder of the checkpoint.
+        settings: duration, learning rate and so on.
+        folder: folder for the checkpoint.
         evaluate: function that is called a few times with the averaged model.
         start: checkpoint of another row or seed to start from, if ``folder`` has none.
-        row: description of the training with its ``name``. The checkpoint contains it, and must match it.
+        row: description of the training, including its ``name``. It must equal the one in the checkpoint.
 
     Raises:
         TrainingMismatch, FileMissing, FileDamaged: the checkpoint belongs to another training, is missing or damaged.
@@ -119,7 +119,7 @@ class _LandmarkRun:
 
     @property
     def seconds(self) -> float:
-        """Training time in seconds so far, over all runs."""
+        """Total training time in seconds, over all runs."""
         return self.before_s + self.now() - self.started - self.paused
 
     @property
@@ -165,7 +165,7 @@ class _LandmarkRun:
                 a.copy_(b)
 
     def _captured(self) -> torch.cuda.CUDAGraph:
-        """Return the step as a CUDA graph, warmed up on a separate stream."""
+        """Return the step as a CUDA graph after warming it up on a separate stream."""
         side = torch.cuda.Stream()
         side.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(side):
@@ -180,12 +180,12 @@ class _LandmarkRun:
         return graph
 
     def synchronise(self) -> None:
-        """Wait for the device."""
+        """Wait until the device has finished."""
         if self.settings.device == "cuda":
             torch.cuda.synchronize()
 
     def check_loss(self) -> None:
-        """Raise an error if the loss is not finite, because later losses would not be either."""
+        """Raise an error if the loss is not finite, because it would never be finite again."""
         if not bool(torch.isfinite(self.loss)):
             raise NonFiniteData(
                 f"The loss is not a number at step {self.steps}.",
@@ -194,7 +194,7 @@ class _LandmarkRun:
             )
 
     def save(self) -> None:
-        """Write the checkpoint to a complete file or none."""
+        """Write the checkpoint. The file is complete or is not written."""
         state = {
             "row": self.row,
             "settings": asdict(self.settings),
@@ -208,9 +208,9 @@ class _LandmarkRun:
             torch.save(state, temporary)
 
     def resume(self, checkpoint: Path, *, other_row: bool = False) -> None:
-        """Load a checkpoint, optionally of another row or seed.
+        """Load a checkpoint, optionally from another row or seed.
 
-        The number of steps or seconds may be larger than before.
+        The number of steps or seconds may have been increased.
         """
         if not checkpoint.is_file():
             raise FileMissing(
@@ -249,7 +249,7 @@ class _LandmarkRun:
 
 
 def _same_row(theirs: Mapping[str, Any] | None, mine: Mapping[str, Any], checkpoint: Path) -> None:
-    """Raise an error if a checkpoint belongs to another row."""
+    """Raise an error if a checkpoint belongs to a different row."""
     changed = [] if theirs is None else [key for key, value in mine.items() if theirs.get(key, value) != value]
     if theirs is None or not changed:
         return
@@ -265,5 +265,5 @@ def _same_row(theirs: Mapping[str, Any] | None, mine: Mapping[str, Any], checkpo
 
 
 def _schedule(share: float, steps: int) -> float:
-    """Return the learning rate factor: a warm-up of 200 steps, then a cosine down to 1 %."""
+    """Return the factor of the learning rate: a warm-up over 200 steps, then a cosine down to 1 %."""
     return min(1.0, (steps + 1) / 200) * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * min(share, 1.0))))

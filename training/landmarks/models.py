@@ -1,4 +1,4 @@
-"""The compared networks, with their loss on a batch of clouds and their landmark positions."""
+"""The networks to compare. Each has a loss on a batch of clouds and estimates landmark positions."""
 
 from __future__ import annotations
 
@@ -17,47 +17,47 @@ from solver_backend.labelling.point_network import FREQUENCIES, NEARNESS, NEARNE
 from training.engine.dense_layers import AttentionLayer, attention, split_heads
 from training.landmarks.cloud_stream import Clouds
 
-SIZE = 160  # Side of a map in pixels.
+SIZE = 160  # Width and height of a map in pixels.
 MARGIN = 1.25
-"""Half width of the map relative to the cloud's extent from its centre. The margin includes hidden hands."""
+"""Half the width of a map relative to the cloud's extent from its centre. The margin leaves room for hidden hands."""
 _RADIUS = 1
 _THINNEST = 1e-3
-"""Minimum extent of a cloud in metres, which avoids a division by zero."""
+"""Smallest extent of a cloud in metres. It avoids a division by zero."""
 
 
 @dataclass(frozen=True)
 class CanvasFrame:
-    """Transformation of normalised coordinates to metres: ``metres = centre + half * normalised``."""
+    """Transformation from normalised coordinates to metres: ``metres = centre + half * normalised``."""
 
     centre: torch.Tensor  # (B, 1, 3) centre of the cloud.
     half: torch.Tensor  # (B, 1, 1) half the size of the cloud.
 
     def normalised(self, points: torch.Tensor) -> torch.Tensor:
-        """Return points in -1..1."""
+        """Convert points to -1..1."""
         return (points - self.centre) / self.half
 
     def metres(self, points: torch.Tensor) -> torch.Tensor:
-        """Return normalised points in metres."""
+        """Convert normalised points to metres."""
         return self.centre + self.half * points
 
 
 def y_up(points: torch.Tensor) -> torch.Tensor:
-    """Convert Z-up points to the published network's axes, with gravity along y."""
+    """Convert points from Z up to the axes of the published network, in which gravity is along y."""
     return torch.stack((points[..., 0], points[..., 2], -points[..., 1]), -1)
 
 
 def frame_of(points: torch.Tensor, seen: torch.Tensor) -> CanvasFrame:
-    """Return the frame of Y-up clouds: the centre of their bounding box, and their extent with a margin."""
+    """Return the frame of Y-up clouds: the centre of the bounding box, and its extent with a margin."""
     low, high = _box(points, seen)
     return CanvasFrame(0.5 * (low + high), MARGIN * 0.5 * (high - low).amax(-1, keepdim=True).clamp(min=0.2))
 
 
 def depth_maps(points: torch.Tensor, seen: torch.Tensor, size: int = SIZE) -> torch.Tensor:
-    """Return the (B, 2, size, size) xy and yz views of normalised (B, N, 3) points, with rows along y.
+    """Return xy and yz views (B, 2, size, size) of normalised points (B, N, 3), with rows along y.
 
-    The second view looks along +x, so that z increases to the right. One network reads both views, so a mirrored view
-    would make left and right ambiguous. A marker covers 3 x 3 pixels with its nearness to the viewer, from 0.1 for the
-    cloud's farthest point to 1. The nearest of several markers is visible.
+    The second view looks along +x, so z increases to the right. One network reads both views, so a mirrored view would
+    make left and right ambiguous. A marker covers 3 x 3 pixels. Their value is its nearness to the viewer, from 0.1 for
+    the cloud's farthest point to 1. Of several markers, the nearest one is visible.
     """
     near = _nearness(points, seen)
     xy = _splatted(points[..., 0], points[..., 1], 0.1 + 0.9 * near[..., 2], seen, size)
@@ -66,7 +66,7 @@ def depth_maps(points: torch.Tensor, seen: torch.Tensor, size: int = SIZE) -> to
 
 
 def front_and_back(points: torch.Tensor, seen: torch.Tensor, size: int = SIZE) -> torch.Tensor:
-    """Return the (B, 2, size, size) xy views from the front and from the back, as in Democap's network."""
+    """Return xy views (B, 2, size, size) from the front and from the back, as in Democap's network."""
     z = 0.9 * _nearness(points, seen)[..., 2]
     front = _splatted(points[..., 0], points[..., 1], 0.1 + z, seen, size)
     back = _splatted(points[..., 0], points[..., 1], 1.0 - z, seen, size)
@@ -74,19 +74,19 @@ def front_and_back(points: torch.Tensor, seen: torch.Tensor, size: int = SIZE) -
 
 
 def _nearness(points: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
-    """Return (B, N, 3) positions in 0..1 between the first and the last point of the cloud along each axis."""
+    """Return positions (B, N, 3) from 0 to 1 between the first and the last point of the cloud along each axis."""
     low, high = _box(points, seen)
     return ((points - low) / (high - low).clamp(min=_THINNEST)).clamp(0.0, 1.0)
 
 
 def _box(points: torch.Tensor, seen: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the (B, 1, 3) minimum and maximum coordinates of the visible points."""
+    """Return the minimum and maximum coordinates of the visible points, each (B, 1, 3)."""
     low = torch.where(seen[..., None], points, torch.inf).amin(1, keepdim=True)
     return low, torch.where(seen[..., None], points, -torch.inf).amax(1, keepdim=True)
 
 
 def _splatted(u: torch.Tensor, v: torch.Tensor, value: torch.Tensor, seen: torch.Tensor, size: int) -> torch.Tensor:
-    """Return (B, size, size) maps with the largest value of the points over each pixel, 0 without points."""
+    """Return maps (B, size, size) that have the largest value of the points over each pixel, or 0 without points."""
     device = u.device
     around = torch.arange(-_RADIUS, _RADIUS + 1, device=device)
     columns = ((u + 1.0) * 0.5 * (size - 1)).round().long()[..., None, None] + around
@@ -95,7 +95,7 @@ def _splatted(u: torch.Tensor, v: torch.Tensor, value: torch.Tensor, seen: torch
     inside = (columns >= 0) & (columns < size) & (rows >= 0) & (rows < size) & seen[..., None, None]
     index = (rows.clamp(0, size - 1) * size + columns.clamp(0, size - 1)).flatten(1)
     values = torch.where(inside, value[..., None, None], 0.0).flatten(1)
-    maps = torch.zeros(u.shape[0], size * size, device=device)  # len() would fix it in ONNX
+    maps = torch.zeros(u.shape[0], size * size, device=device)  # len() would become a constant in ONNX
     return maps.scatter_reduce(1, index, values, "amax").unflatten(1, (size, size))
 
 
@@ -106,15 +106,15 @@ def drawn(clouds: Clouds) -> tuple[torch.Tensor, torch.Tensor, CanvasFrame, torc
     return frame.normalised(points), clouds.seen, frame, frame.normalised(y_up(clouds.targets))
 
 
-SIGMA_PX = 2.0  # Standard deviation of a drawn heatmap.
-SKIPPED = 2  # Every second pixel along each axis gives the same centre within 0.8 mm.
-REACH_SIGMAS = 4.5  # Radius of a Gaussian in standard deviations. Beyond it, values are negligible.
-WELSCH_NU = 0.05  # Scale of Welsch's loss for normalised positions, chosen by hand.
+SIGMA_PX = 2.0  # Standard deviation of a heatmap to learn.
+SKIPPED = 2  # Using every second pixel along each axis changes the centre by less than 0.8 mm.
+REACH_SIGMAS = 4.5  # Radius of a Gaussian in standard deviations. Values beyond it are negligible.
+WELSCH_NU = 0.05  # Scale of Welsch's loss for normalised positions. Chosen by hand.
 HEAT_SHARE, WELSCH_SHARE = 1.0, 1.0
 
 
 def _profile(where: torch.Tensor, size: int) -> torch.Tensor:
-    """Return the (..., size) Gaussian profiles along one axis, which sum to 1."""
+    """Return Gaussian profiles (..., size) along one axis. Each sums to 1."""
     pixels = torch.linspace(-1.0, 1.0, size, device=where.device)
     sigma = 2.0 * SIGMA_PX / (size - 1)
     return torch.softmax(-0.5 * ((pixels - where.clamp(-1.0, 1.0)[..., None]) / sigma).square(), -1)
@@ -122,21 +122,21 @@ def _profile(where: torch.Tensor, size: int) -> torch.Tensor:
 
 @dataclass(frozen=True)
 class MapReading:
-    """Values read from heatmaps without computing them. Heatmaps are the softmax of (..., S, S) logits."""
+    """Values of heatmaps, read without computing the heatmaps, which are the softmax of logits (..., S, S)."""
 
-    across: torch.Tensor  # (...) centre of mass along columns, in -1..1.
-    down: torch.Tensor  # (...) centre of mass along rows, in -1..1.
-    log_total: torch.Tensor  # (...) logarithm of the sum of exponentials, which normalises the logits.
-    log_near: torch.Tensor  # (..., n) logarithms of the maps at the given pixels.
+    across: torch.Tensor  # (...) centre of mass in x, in -1..1.
+    down: torch.Tensor  # (...) centre of mass in y, in -1..1.
+    log_total: torch.Tensor  # (...) logarithm of the sum of exponentials. It normalises the logits.
+    log_near: torch.Tensor  # (..., n) logarithms of the heatmaps at the given pixels.
 
 
 def read_maps(logits: torch.Tensor, pixels: torch.Tensor | None = None, line: torch.Tensor | None = None) -> MapReading:
-    """Read heatmaps with (..., S, S) logits, and their logarithms at (..., n) pixel indices.
+    """Read heatmaps from logits (..., S, S), and their logarithms at pixel indices (..., n).
 
     Args:
         logits: (..., S, S) logits of the heatmaps.
         pixels: (..., n) pixel indices, counted along rows.
-        line: (S,) coordinates of rows and columns, None for equal steps over -1..1.
+        line: (S,) coordinates of rows and columns, or None for equal steps over -1..1.
     """
     side, shape = logits.shape[-1], logits.shape[:-2]
     flat = logits.reshape(-1, side * side)
@@ -152,7 +152,7 @@ def read_maps(logits: torch.Tensor, pixels: torch.Tensor | None = None, line: to
 class _SoftmaxReading(torch.autograd.Function):
     """Total, centre and some values of a softmax in one pass, and their derivatives in a second pass.
 
-    With ``h = softmax(l)``: ``d log_total / dl = h``, ``d c / dl = h (x - c)``.
+    If ``h = softmax(l)``, then ``d log_total / dl = h`` and ``d c / dl = h (x - c)``.
     """
 
     @staticmethod
@@ -170,7 +170,7 @@ class _SoftmaxReading(torch.autograd.Function):
 
     @staticmethod
     def symbolic(graph: Any, logits: Any, index: Any, basis: Any) -> tuple[Any, Any, Any]:
-        """Return the same reading as operators of an ONNX file (opset 18)."""
+        """Return the same values computed by operators of an ONNX file (opset 18)."""
         last, of_places = (graph.op("Constant", value_t=torch.tensor(which)) for which in ([-1], [1, 2]))
         sums = graph.op("MatMul", graph.op("Softmax", logits, axis_i=-1), basis)
         return (
@@ -189,13 +189,13 @@ class _SoftmaxReading(torch.autograd.Function):
 
 
 def fused(reading: MapReading) -> torch.Tensor:
-    """Fuse (B, 2, L) readings of the xy and yz views to (B, L, 3) normalised positions, averaging y."""
+    """Fuse readings (B, 2, L) of the xy and yz views into normalised positions (B, L, 3). y is averaged."""
     across, down = reading.across, reading.down
     return torch.stack((across[:, 0], 0.5 * (down[:, 0] + down[:, 1]), across[:, 1]), -1)
 
 
 def gaussians_near(u: torch.Tensor, v: torch.Tensor, size: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return Gaussians about (...) coordinates where they are not zero, and the (..., n) indices of those pixels."""
+    """Return Gaussians around (...) coordinates where they are not zero, and the indices (..., n) of those pixels."""
     side = min(size, 2 * math.ceil(REACH_SIGMAS * SIGMA_PX) + 1)
     around = torch.arange(side, device=u.device)
     columns, rows = (
@@ -209,10 +209,10 @@ def gaussians_near(u: torch.Tensor, v: torch.Tensor, size: int) -> tuple[torch.T
 
 
 def divergence_from_gaussians(gaussians: torch.Tensor, log_near: torch.Tensor) -> torch.Tensor:
-    """Return the (...) Jensen-Shannon divergence of maps from Gaussians, evaluated near the Gaussians.
+    """Return the Jensen-Shannon divergence (...) of maps from Gaussians, evaluated near the Gaussians.
 
-    It equals ``jensen_shannon`` of the whole maps except for the Gaussians beyond ``REACH_SIGMAS``. Where one map is 0,
-    the mass of the other map counts ``log(2) / 2``.
+    It equals ``jensen_shannon`` of the whole maps, except for the parts of Gaussians beyond ``REACH_SIGMAS``. Where one
+    map is 0, the mass of the other counts ``log(2) / 2``.
     """
     a, b = gaussians, log_near.exp()
     log_middle = (0.5 * (a + b) + 1e-12).log()
@@ -221,27 +221,27 @@ def divergence_from_gaussians(gaussians: torch.Tensor, log_near: torch.Tensor) -
 
 
 def relative_entropy(gaussians: torch.Tensor, log_near: torch.Tensor) -> torch.Tensor:
-    """Return the (...) relative entropy ``KL(G || H) = sum G (log G - log H)``, evaluated near the Gaussians.
+    """Return the relative entropy ``KL(G || H) = sum G (log G - log H)``, shape (...), evaluated near the Gaussians.
 
-    Its gradient by a logit is ``H - G``. The Jensen-Shannon gradient is ``H (log(H / M) - JS) / 2``, which is zero
+    Its gradient w.r.t. a logit is ``H - G``. The Jensen-Shannon gradient is ``H (log(H / M) - JS) / 2``, which is zero
     where a map is confidently wrong.
     """
     return (gaussians * ((gaussians + 1e-12).log() - log_near)).sum(-1)
 
 
 def welsch(truth: torch.Tensor, estimate: torch.Tensor) -> torch.Tensor:
-    """Return ``1 - exp(-|e|² / 2 ν²)`` of (..., 3) normalised positions (thesis eq. 4.15)."""
+    """Return ``1 - exp(-|e|² / 2 ν²)`` for normalised positions (..., 3) (thesis eq. 4.15)."""
     return 1.0 - torch.exp(-(truth - estimate).square().sum(-1) / (2.0 * WELSCH_NU**2))
 
 
-BLOCKS = 5  # Number of resolutions, each half the previous one, chosen by hand.
+BLOCKS = 5  # Number of resolutions, each half of the previous one. Chosen by hand.
 
 
 class UNet(nn.Module):
-    """Network from maps to maps of the same size.
+    """Network that maps maps to maps of the same size.
 
     Blocks have ``width * (1, 2, 4, 8, 16)`` features and two 3 x 3 convolutions each, with ReLU before batch
-    normalisation as in the paper. The paper's width is 32.
+    normalisation as in the paper. The width in the paper is 32.
     """
 
     def __init__(self, inputs: int, outputs: int, width: int = 32) -> None:
@@ -259,7 +259,7 @@ class UNet(nn.Module):
         self.to(memory_format=torch.channels_last)  # pyrefly: ignore[no-matching-overload]
 
     def forward(self, maps: torch.Tensor, every: int = 1) -> torch.Tensor:
-        """Map (B, inputs, H, W) to (B, outputs, H, W), with H and W divisible by 16, at every ``every``-th pixel."""
+        """Map (B, inputs, H, W) to (B, outputs, H, W) at every ``every``-th pixel. H and W must be divisible by 16."""
         kept = []
         x = maps
         for number, encoder in enumerate(self.encoders):
@@ -275,7 +275,7 @@ class UNet(nn.Module):
             return self._predicted(x[..., ::every, ::every].float())
 
     def _predicted(self, x: torch.Tensor) -> torch.Tensor:
-        """Return the prediction layer's maps, each contiguous in memory.
+        """Return the maps of the prediction layer, each contiguous in memory.
 
         They are computed as a matrix product, because they are used one at a time.
         """
@@ -298,7 +298,7 @@ class _ConvolutionBlock(nn.Sequential):
 
 
 class _SmoothPool(nn.Module):
-    """Maximum of 2 x 2 at every pixel, then a binomial filter, then every second pixel (Zhang 2019)."""
+    """Take the maximum of 2 x 2 at every pixel, apply a binomial filter, and keep every second pixel (Zhang 2019)."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
@@ -312,7 +312,7 @@ class _SmoothPool(nn.Module):
         return functional.conv2d(x, kernel, stride=2, padding=1, groups=self.channels)
 
 
-_HIDDEN = -30000.0  # Score of a missing point.
+_HIDDEN = -30000.0  # Score of a point that does not exist.
 
 
 @dataclass(frozen=True)
@@ -330,18 +330,18 @@ class PointNetWidths:
 
 @dataclass(frozen=True)
 class LabelReading:
-    """Output of the network for B clouds of N points."""
+    """Output of the network for B clouds of up to N points."""
 
     scores: torch.Tensor
     """(B, N, 54) score of each label, ghost last. A softmax over labels describes a point, over points a marker."""
-    missing: torch.Tensor  # (53,) score of a marker without a point.
+    missing: torch.Tensor  # (53,) score for a marker that has no point.
     positions: torch.Tensor  # (B, 77, 3) metres.
     spread: torch.Tensor
-    """(B, 77, 6): log diagonal and lower part of L, the Cholesky factor of a position's precision in 1/dm²."""
+    """(B, 77, 6): log diagonal and lower part of L, the Cholesky factor of the position's precision in 1/dm²."""
 
 
 class PointNet(nn.Module):
-    """Attention network with distance biases, from points to landmarks. Landmarks are the queries, points the keys."""
+    """Attention network with distance biases that reads landmarks from points. Landmarks query the points."""
 
     def __init__(self, widths: PointNetWidths = PointNetWidths()) -> None:
         super().__init__()
@@ -363,9 +363,9 @@ class PointNet(nn.Module):
         self.register_buffer("nearness", torch.tensor(NEARNESS), persistent=False)
 
     def forward(self, points: torch.Tensor, seen: torch.Tensor, asked_of: int | None = None) -> LabelReading:
-        """Read the (B, N, 3) points that ``seen`` (B, N) marks.
+        """Read the points (B, N, 3) that ``seen`` (B, N) marks.
 
-        Landmarks are computed for the first ``asked_of`` clouds.
+        Landmarks are computed only for the first ``asked_of`` clouds.
         """
         waves = (points[..., None] * self.get_buffer("frequencies")).flatten(-2)
         x = self.embed(torch.cat((points, waves.sin(), waves.cos()), -1))
@@ -385,7 +385,7 @@ class PointNet(nn.Module):
 
 
 class _Asking(nn.Module):
-    """Attention of landmarks to points, then to each other, then two dense layers."""
+    """Attention of landmarks to points and then to each other, followed by two dense layers."""
 
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()
@@ -401,15 +401,15 @@ class _Asking(nn.Module):
 
 MARKER_SHARE, POSITION_SHARE, SPREAD_SHARE = 0.5, 4.0, 0.05
 FREEDOM = 4.0
-"""Degrees of freedom of Student's t. Chosen by hand."""
-_SHARP_M = 0.01  # Distance in metres below which the loss is quadratic, chosen by hand.
+"""Degrees of freedom in Student's t. Chosen by hand."""
+_SHARP_M = 0.01  # Distance in metres below which the loss is quadratic. Chosen by hand.
 
 
 def point_loss(reading: LabelReading, clouds: Clouds) -> torch.Tensor:
-    """Return the mean sum of the labels' cross-entropies, the positions' robust distances and their likelihoods.
+    """Return the mean sum of the labels' cross-entropy, and the positions' robust distance and likelihood.
 
-    A point's label is a softmax over markers and ghost, and a marker's point is a softmax over points and "missing".
-    Covariances do not affect positions during training, so that no landmark is neglected as uncertain.
+    The label of a point is a softmax over markers and ghost. The point of a marker is a softmax over points and
+    "missing". Covariances do not affect positions during training, so that no landmark is neglected as uncertain.
     """
     weight = clouds.weight / clouds.weight.mean()
     seen = clouds.labels >= 0
@@ -429,9 +429,9 @@ def point_loss(reading: LabelReading, clouds: Clouds) -> torch.Tensor:
 
 
 def spread_loss(spread: torch.Tensor, error: torch.Tensor) -> torch.Tensor:
-    """Return ``(ν + 3)/2 log(1 + |Lᵀ e|²/ν) - log det L`` of (..., 6) factors and (..., 3) errors in dm.
+    """Return ``(ν + 3)/2 log(1 + |Lᵀ e|²/ν) - log det L`` for factors (..., 6) and errors (..., 3) in dm.
 
-    This is Student's likelihood with ν = 4, in which one wrong landmark does not inflate all covariances.
+    This is Student's likelihood with ν = 4. With it, a single wrong landmark does not inflate all covariances.
     """
     log_diagonal, lower = spread[..., :3].clamp(-4.0, 5.0), spread[..., 3:]
     diagonal = log_diagonal.exp()
@@ -446,25 +446,25 @@ def spread_loss(spread: torch.Tensor, error: torch.Tensor) -> torch.Tensor:
 
 Loss = Literal["welsch", "bmse"]
 Divergence = Literal["kullback-leibler", "jensen-shannon"]
-"""Losses of heatmaps. The paper uses the second, which has no gradient where a map is confidently wrong."""
+"""Losses for heatmaps. The paper uses the second, whose gradient is zero where a map is confidently wrong."""
 ALL_LANDMARKS = tuple(range(len(MARKERS) + len(JOINTS)))
 PUBLISHED_JOINTS: tuple[str, ...] = (
     "pelvis", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_foot",
     "right_foot", "spine3", "neck", "head", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow",
     "left_wrist", "right_wrist",
 )  # fmt: skip
-"""The 18 joints of the published network. They are our choice, because the paper does not list them."""
+"""The 18 joints of the published network. We chose them, because the paper does not list them."""
 PUBLISHED = (*range(len(MARKERS)), *(len(MARKERS) + JOINTS.index(name) for name in PUBLISHED_JOINTS))
 """Columns of the 53 markers and 18 joints."""
-BMSE_SIGMA = 0.02  # Noise of balanced MSE, in normalised units.
+BMSE_SIGMA = 0.02  # Noise in balanced MSE, in normalised units.
 
 
 class LandmarkModel(nn.Module, ABC):
-    """A network that estimates landmark positions from a cloud."""
+    """A network that estimates landmark positions from clouds."""
 
-    columns: tuple[int, ...] = ALL_LANDMARKS  # Estimated landmarks among the 77.
+    columns: tuple[int, ...] = ALL_LANDMARKS  # Landmarks that it estimates, among all 77.
     half_precision: bool = True
-    """True if a GPU may round products to bfloat16 in training, which costs millimetres of accuracy in coordinates."""
+    """True if a GPU may round products to bfloat16 in training. For coordinates, this costs millimetres of accuracy."""
 
     @abstractmethod
     def loss(self, clouds: Clouds) -> torch.Tensor:
@@ -472,11 +472,11 @@ class LandmarkModel(nn.Module, ABC):
 
     @abstractmethod
     def positions(self, clouds: Clouds) -> torch.Tensor:
-        """Return the (B, columns, 3) positions in metres, Z up, in the clouds' frame."""
+        """Return positions (B, columns, 3) in metres, Z up, in the frame of the clouds."""
 
 
 class Ours(LandmarkModel):
-    """Our network, with attention over the points."""
+    """Our network, which uses attention over the points."""
 
     half_precision = False
 
@@ -487,17 +487,17 @@ class Ours(LandmarkModel):
         """Fraction of a batch that learns positions. They take a third of the time, and labels are harder to learn."""
 
     def loss(self, clouds: Clouds) -> torch.Tensor:
-        """Return the loss of labels, positions and covariances."""
+        """Return the sum of the losses for labels, positions and covariances."""
         share = None if self.asked_share == 1.0 else max(1, round(self.asked_share * len(clouds.points)))
         return point_loss(self.net(clouds.points, clouds.seen, share), clouds)
 
     def positions(self, clouds: Clouds) -> torch.Tensor:
-        """Return the attended positions of landmarks with their offsets."""
+        """Return the landmark positions, computed by attention and offsets."""
         return self.net(clouds.points, clouds.seen).positions
 
 
 class Published(LandmarkModel):
-    """Published network: one UNet reads two views in turn, and the shared y fuses the heatmaps (thesis 4.2.3)."""
+    """The published network: one UNet reads both views in turn. Their y is shared to fuse heatmaps (thesis 4.2.3)."""
 
     def __init__(
         self,
@@ -513,11 +513,11 @@ class Published(LandmarkModel):
         self.register_buffer("which", torch.tensor(columns), persistent=False)
 
     def logits(self, maps: torch.Tensor, every: int = 1) -> torch.Tensor:
-        """Return (B, 2, L, H, W) heatmap logits of (B, 2, H, W) views, at every ``every``-th pixel."""
+        """Return heatmap logits (B, 2, L, H, W) for views (B, 2, H, W), at every ``every``-th pixel."""
         return self.unet(maps.flatten(0, 1)[:, None], every).unflatten(0, (-1, 2))
 
     def loss(self, clouds: Clouds) -> torch.Tensor:
-        """Return the heatmaps' divergence plus Welsch's loss or balanced MSE of the positions (4.14, 4.15)."""
+        """Return the divergence of the heatmaps plus Welsch's loss or balanced MSE of the positions (4.14, 4.15)."""
         points, seen, _, targets = drawn(clouds)
         truth = targets[:, self.get_buffer("which")]
         views = torch.stack((truth[..., 0], truth[..., 2]), 1), torch.stack((truth[..., 1],) * 2, 1)
@@ -539,7 +539,7 @@ class Published(LandmarkModel):
 
 
 class DemocapLike(LandmarkModel):
-    """Front and back depth of one view, with a heatmap and a depth map per landmark (after Chatzitofis et al. 2021)."""
+    """Front and back depth in one view, with a heatmap and a depth map per landmark (after Chatzitofis et al. 2021)."""
 
     def __init__(
         self, width: int = 32, columns: tuple[int, ...] = PUBLISHED, loss: Loss = "welsch", size: int = SIZE
@@ -550,7 +550,7 @@ class DemocapLike(LandmarkModel):
         self.register_buffer("which", torch.tensor(columns), persistent=False)
 
     def _read(self, maps: torch.Tensor, pixels: torch.Tensor | None = None) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return (B, L, n) logarithms of heatmaps at pixels, and (B, L, 3) positions."""
+        """Return logarithms (B, L, n) of heatmaps at pixels, and positions (B, L, 3)."""
         logits, depth = self.unet(maps).chunk(2, 1)
         reading = read_maps(logits, pixels)
         heat = (logits - reading.log_total[..., None, None]).exp()
@@ -558,13 +558,13 @@ class DemocapLike(LandmarkModel):
         return reading.log_near, torch.stack((reading.across, reading.down, 1.25 * z), -1)
 
     def loss(self, clouds: Clouds) -> torch.Tensor:
-        """Return the heatmaps' divergence, Welsch's loss or balanced MSE of positions, and absolute depth errors."""
+        """Return heatmap divergence plus Welsch's loss or balanced MSE of positions, and absolute depth errors."""
         points, seen, _, targets = drawn(clouds)
         truth = targets[:, self.get_buffer("which")]
         gaussians, pixels = gaussians_near(truth[..., 0], truth[..., 1], self.size)
         log_near, found = self._read(front_and_back(points, seen, self.size), pixels)
         apart = relative_entropy(gaussians, log_near).mean(1)
-        # Far from the truth, Welsch's gradient vanishes and heatmaps lack depth, so absolute distance is used.
+        # Far from the truth, Welsch's gradient vanishes and heatmaps have no depth, so the absolute distance is used.
         depth = (found[..., 2] - truth[..., 2]).abs().mean(1)
         if self.kind == "bmse":
             return (HEAT_SHARE * apart + depth).mean() + balanced_mse(found, truth, BMSE_SIGMA)
@@ -572,7 +572,7 @@ class DemocapLike(LandmarkModel):
         return (weight * (HEAT_SHARE * apart + WELSCH_SHARE * welsch(truth, found).mean(1) + depth)).mean()
 
     def positions(self, clouds: Clouds) -> torch.Tensor:
-        """Return centres of mass with the expected depth there."""
+        """Return the centres of mass and the expected depth there."""
         points, seen, frame, _ = drawn(clouds)
         return _z_up(frame.metres(self._read(front_and_back(points, seen, self.size))[1]))
 
@@ -602,7 +602,7 @@ class FromCoordinates(LandmarkModel):
         return self.all(features).float().unflatten(-1, (-1, 3))
 
     def loss(self, clouds: Clouds) -> torch.Tensor:
-        """Return the mean distance of normalised positions."""
+        """Return the mean distance between normalised positions."""
         points, seen, _, targets = drawn(clouds)
         error = self._found(points, seen) - targets[:, self.get_buffer("which")]
         weight = clouds.weight / clouds.weight.mean()
@@ -615,9 +615,9 @@ class FromCoordinates(LandmarkModel):
 
 
 def balanced_mse(found: torch.Tensor, truth: torch.Tensor, sigma: float) -> torch.Tensor:
-    """Return Ren et al.'s batch-based balanced MSE (2022, eq. 3.9) of (B, L, 3) positions, as a cross-entropy.
+    """Return the batch-based balanced MSE of positions (B, L, 3) as a cross-entropy (Ren et al. 2022, eq. 3.9).
 
-    Each landmark of each sample should be nearer to its own truth than to the other truths of the batch.
+    In each sample, a landmark should be nearer to its own truth than to the truths of the other samples in the batch.
     """
     a, b = found.transpose(0, 1), truth.transpose(0, 1)
     logits = -torch.cdist(a, b).square() / (2.0 * sigma**2)

@@ -1,4 +1,4 @@
-"""Export landmark networks to ONNX files, from points to positions in metres."""
+"""Export landmark networks to ONNX files that map points to positions in metres."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from training.landmarks.cloud_stream import Clouds
 from training.landmarks.models import LandmarkModel, PointNet, PointNetWidths
 from training.landmarks.rows import Row
 
-OPSET = 18  # Version of ONNX's operators (December 2022), the first with the maximum of scattered values.
+OPSET = 18  # Version of ONNX's operators (December 2022). It is the first with the maximum of scattered values.
 INPUTS = ("points", "seen")
 OUTPUTS = ("scores", "missing", "positions", "spread")
-"""Output names of the point network."""
+"""Names of the point network's outputs."""
 _AXES = {0: "clouds", 1: "n"}
 
 
 def export_point_network(network: PointNetwork, path: Path, *, overwrite: bool = False) -> Path:
-    """Write the labelling network with inputs ``points`` (B, N, 3) float32 (medians at 0) and ``seen`` (B, N) bool.
+    """Write the labelling network. Inputs: ``points`` (B, N, 3) float32 (median at 0) and ``seen`` (B, N) bool.
 
     Raises:
         BackendMissing: the package onnx is not installed.
@@ -39,11 +39,11 @@ def export_point_network(network: PointNetwork, path: Path, *, overwrite: bool =
 
 
 def export_row(model: LandmarkModel, path: Path, *, overwrite: bool = False) -> Path:
-    """Write a row of the tables including pre- and post-processing: drawing, network and centres of mass.
+    """Write a row of the tables with its pre- and post-processing: drawing, network and centres of mass.
 
     The inputs are ``points`` (B, N, 3) float32 in metres, Z up, and ``seen`` (B, N) bool, with at least one point per
-    cloud. The output is ``positions`` (B, L, 3) in metres of the landmarks ``model.columns``. Rows with attention over
-    points also need medians at the origin.
+    cloud. The output is ``positions`` (B, L, 3) in metres of the landmarks ``model.columns``. Rows that use attention
+    over points also need their median at the origin.
 
     Raises:
         BackendMissing: the package onnx is not installed.
@@ -64,10 +64,10 @@ def _export(
     module: nn.Module, path: Path, outputs: tuple[str, ...], axes: dict[str, dict[int, str]], overwrite: bool
 ) -> Path:
     rng = torch.Generator().manual_seed(0)
-    example = (torch.randn(1, 8, 3, generator=rng), torch.ones(1, 8, dtype=torch.bool))  # size 1 broadcasts
+    example = (torch.randn(1, 8, 3, generator=rng), torch.ones(1, 8, dtype=torch.bool))  # size 1 would broadcast
     axes = dict.fromkeys(INPUTS, _AXES) | axes
     with atomic_output(path, overwrite=overwrite) as temporary, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # about the exporter's deprecations and about sizes that it fixes
+        warnings.simplefilter("ignore")  # about deprecations in the exporter and about sizes that it makes constant
         try:
             torch.onnx.export(
                 module.eval(),
@@ -87,7 +87,7 @@ def _export(
 
 
 class _Reading(nn.Module):
-    """Module that returns plain tensors instead of a reading."""
+    """Module that returns plain tensors instead of a ``LabelReading``."""
 
     def __init__(self, model: PointNet) -> None:
         super().__init__()
@@ -99,7 +99,7 @@ class _Reading(nn.Module):
 
 
 class _Positions(nn.Module):
-    """Module that reads point clouds without other information."""
+    """Module that needs nothing but point clouds."""
 
     def __init__(self, model: LandmarkModel) -> None:
         super().__init__()
@@ -111,10 +111,10 @@ class _Positions(nn.Module):
 
 
 def read_trained(folder: Path) -> LandmarkModel:
-    """Return the network from a training's ``--work`` folder.
+    """Return the network that a training stored in its ``--work`` folder.
 
     Raises:
-        FileMissing, FileDamaged: the folder has no trained row, or it is damaged.
+        FileMissing, FileDamaged: the folder contains no trained row, or is damaged.
     """
     try:
         figures = json.loads((folder / "figures.json").read_text(encoding="utf-8"))
@@ -133,8 +133,8 @@ def trained_model(figures: Mapping[str, Any], weights: Path) -> LandmarkModel:
     """Return the network of a row, ready to read clouds.
 
     Args:
-        figures: figures that the training wrote.
-        weights: weights of the same training.
+        figures: figures that were written by the training.
+        weights: weights from the same training.
 
     Raises:
         FileMissing, FileDamaged: the weights are missing, or belong to another network.

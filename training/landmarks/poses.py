@@ -1,4 +1,4 @@
-"""Poses for training and evaluating landmark networks, with the pelvis' rotation, split and stored in one file."""
+"""Poses (including pelvis rotation) for training and evaluating landmark networks, split and stored in one file."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ from training.landmarks.cloud_stream import Clouds, CloudStream
 
 GROUPS: tuple[str, ...] = ("crossed legs", "crossed arms", "kicks", "crouching")
 CROSSED_M = 0.06
-"""Distance in metres by which crossed ankles or wrists are on the wrong side of each other, along hips or shoulders."""
-KICK_M = -0.25  # Smallest height of a kicking ankle relative to the pelvis.
-CROUCH_M = 0.5  # Largest pelvis height above the lower ankle in a crouch, with legs of 0.78 m.
-LEANING_DEG = 55.0  # Largest lean of a trunk that is not on the floor or in the air.
+"""Metres by which crossed ankles or wrists are on the wrong side of each other, along hips or shoulders."""
+KICK_M = -0.25  # Smallest height of a kicking ankle, relative to the pelvis.
+CROUCH_M = 0.5  # Largest height of the pelvis above the lower ankle in a crouch, for legs of 0.78 m.
+LEANING_DEG = 55.0  # Largest lean of the trunk of a person who is neither on the floor nor in the air.
 _PAIR = {part: SMPL.both(part) for part in ("hip", "ankle", "shoulder", "wrist")}
-"""Left and right joint of each part."""
+"""Left and right joint of each body part."""
 (_CHEST,) = SMPL.numbers("spine3")
 
 
 def groups_of(rotations: np.ndarray) -> np.ndarray:
-    """Return an (N, 4) mask per group of ``GROUPS``, for (N, 22, 3, 3) poses with the pelvis first, Y up."""
+    """Return a mask (N, 4) with a column per group in ``GROUPS``, for poses (N, 22, 3, 3), pelvis first, Y up."""
     joints = _joints(rotations)
     upright = _lean_deg(rotations) < LEANING_DEG
     ankles = joints[:, _PAIR["ankle"], 1]
@@ -56,13 +56,13 @@ def groups_of(rotations: np.ndarray) -> np.ndarray:
 
 
 def on_the_floor(rotations: np.ndarray) -> np.ndarray:
-    """Return an (N,) mask of people who lie, or kneel so far forward that the hands reach the floor."""
+    """Return a mask (N,) of people who lie, or who kneel so far forward that their hands reach the floor."""
     joints = _joints(rotations)
     return (_lean_deg(rotations) >= LEANING_DEG) | (np.ptp(joints[:, :, 1], axis=1) < 0.85)
 
 
 def _joints(rotations: np.ndarray) -> np.ndarray:
-    """Return (N, 24, 3) joints relative to the pelvis in metres, in the world's axes."""
+    """Return joints (N, 24, 3) relative to the pelvis in metres, along the axes of the world."""
     joints = rotation_points(rotations[:, 1:].astype(np.float32))[:, :NUM_JOINTS]
     return np.einsum("nij,nkj->nki", rotations[:, 0].astype(np.float32), joints)
 
@@ -72,7 +72,7 @@ def _lean_deg(rotations: np.ndarray) -> np.ndarray:
 
 
 def _order(joints: np.ndarray, base: str, end: str) -> np.ndarray:
-    """Return the signed distance in metres from the right to the left end, along the line of the base joints."""
+    """Return the signed distance in metres from the right to the left end, along the line through the base joints."""
     (left, right), (left_end, right_end) = _PAIR[base], _PAIR[end]
     across = joints[:, left] - joints[:, right]
     across /= np.linalg.norm(across, axis=-1, keepdims=True)
@@ -80,19 +80,19 @@ def _order(joints: np.ndarray, base: str, end: str) -> np.ndarray:
 
 
 HELD_TAKES = ("asfamc/02_01", "asfamc/135_02", "mb2/02_01", "jump/140_", "keyed/Fixing_Kneeling", "keyed/Death01")
-"""Takes that are excluded in addition to the held-out subjects: takes for evaluating labels, and floor poses."""
+"""Takes to exclude in addition to the held-out subjects: takes for evaluating labels, and floor poses."""
 SAMPLERS = ("random", "lerp", "slerp", "squad", "bezier", "bspline")
 TAIL_SHARE = 0.03
-"""Fraction of the training poses with the largest Mahalanobis distances, which are anchors."""
-SAMPLED = 8000  # Poses drawn by each sampling operator.
+"""Fraction of the training poses that are anchors: those with the largest Mahalanobis distances."""
+SAMPLED = 8000  # Number of poses drawn by each sampling operator.
 _ORDINARY, _TAIL = 3000, 1500
 
 
 @dataclass(frozen=True)
 class PoseTable:
-    """Poses by name as (N, 22, 3) rotation vectors (pelvis first, Y up), and more data of the training poses.
+    """Named sets of poses as rotation vectors (N, 22, 3), pelvis first, Y up, and further data of the training poses.
 
-    ``absent`` contains the held-out subjects that are missing in the recordings.
+    ``absent`` lists the held-out subjects that are missing in the recordings.
     """
 
     arrays: Mapping[str, np.ndarray]
@@ -111,7 +111,7 @@ class PoseTable:
         write_npz(path, dict(self.arrays), overwrite=True)
 
     def poses(self, name: str) -> np.ndarray:
-        """Return (N, 22, 3) float32 rotation vectors: ``training``, ``ordinary``, ``tail``, ``floor`` or a sampler."""
+        """Return float32 rotation vectors (N, 22, 3): ``training``, ``ordinary``, ``tail``, ``floor`` or a sampler."""
         return self.arrays[name].astype(np.float32)
 
     def check_finite(self) -> None:
@@ -131,11 +131,11 @@ class PoseTable:
 def pose_table(clips: Iterable[Clip], far: Iterable[Clip], prior: AutoencodingPrior, seed: int = 0) -> PoseTable:
     """Return the poses of the clips that include the pelvis' rotation.
 
-    Anchors, the rarest poses by Mahalanobis distance of their codes, are not in training or validation.
+    Anchors (the rarest poses, by Mahalanobis distance of their codes) are not in training or validation.
 
     Args:
-        clips: clips of ``load_clips``.
-        far: motions unlike the corpus. Only their rare poses are used, for evaluation.
+        clips: clips returned by ``load_clips``.
+        far: motions that differ from the corpus. Only their rare poses are used, for evaluation.
         prior: autoencoder that measures the rarity of poses (RVPoser).
         seed: seed of all draws.
     """
@@ -166,7 +166,7 @@ def pose_table(clips: Iterable[Clip], far: Iterable[Clip], prior: AutoencodingPr
 
 
 def held_out_poses(held: list[Clip], far: list[Clip], rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Return the poses of the held-out takes: ``ordinary``, ``tail`` with ``tail_group`` and frames, ``floor``."""
+    """Return the poses of the held-out takes: ``ordinary``, ``tail`` with ``tail_group`` and frames, and ``floor``."""
     rotations, names, frames = _laid_out([*held, *far])
     tail = groups_of(rotations)
     lying = on_the_floor(rotations) & ~np.char.startswith(names, f"{FAR}/")
@@ -197,7 +197,7 @@ def _sampled(anchors: np.ndarray, codes: np.ndarray, name: str, seed: int) -> np
 
 
 def _laid_out(clips: list[Clip]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the concatenated (N, 22, 3, 3) rotations, clip names and frame numbers."""
+    """Return the concatenated rotations (N, 22, 3, 3), the clip names and the frame numbers."""
     rotations = np.concatenate([_rooted(clip) for clip in clips])
     names = np.repeat([clip.name for clip in clips], [len(clip.rotations) for clip in clips])
     return rotations, names, np.concatenate([np.arange(len(clip.rotations)) for clip in clips])
@@ -209,17 +209,17 @@ def _rooted(clip: Clip) -> np.ndarray:
 
 
 def _distinct(clips: list[Clip]) -> np.ndarray:
-    """Return the rotations of poses without near-duplicates, ignoring the heading of the pelvis."""
+    """Return the rotations of poses without near-duplicates. The heading of the pelvis is ignored."""
     rotations, _, _ = _laid_out(clips)
     points = rotation_points(rotations[:, 1:])[:, 1:NUM_JOINTS]
     features = points.reshape(len(points), -1) / np.sqrt(NUM_JOINTS - 1.0)
-    # The lean of the pelvis is part of the pose here, its heading is not.
+    # Here the lean of the pelvis is a part of the pose, but its heading is not.
     features = np.concatenate([features, 0.1 * rotations[:, 0, 1]], axis=1)
     return rotations[np.sort(distinct_poses(features.astype(np.float32), NEAR_REPEAT_M))]
 
 
 def _spread_out(rotations: np.ndarray, rows: np.ndarray, most: int, rng: np.random.Generator) -> np.ndarray:
-    """Return up to ``most`` of the rows, without near-duplicates."""
+    """Return up to ``most`` of these rows, without near-duplicates."""
     if not len(rows):
         return rows
     features = rotation_points(rotations[rows, 1:])[:, 1:NUM_JOINTS].reshape(len(rows), -1) / np.sqrt(NUM_JOINTS - 1.0)
@@ -236,29 +236,30 @@ def _parts(array: np.ndarray, size: int = 8192) -> list[np.ndarray]:
 
 
 RELEVANCE = {"e(R)": "reconstruction", "σ(R)": "reconstruction", "e(D)": "mahalanobis", "σ(D)": "mahalanobis"}
-"""Error measure on which each relevance is based."""
+"""Error measure that each relevance is based on."""
 FADES = (0.45, 0.75)
-"""Completed fractions of a training between which a fading balance decreases to recorded poses only."""
+"""Fractions of a training between which a fading balance falls to recorded poses only."""
 EXPONENTIAL_SCALE = 1.5
-"""φ of the exponential kernel relative to the median error, so that not every pose is limited. The sigmoid uses 1."""
+"""φ of the exponential kernel relative to the median error, so that not every pose reaches the limit. The sigmoid uses
+1 instead."""
 
-Draw = Callable[[torch.Tensor], Clouds]  # Draws a batch for a given share of completed training.
+Draw = Callable[[torch.Tensor], Clouds]  # Draws a batch, given the completed fraction of the training.
 
 
 @dataclass(frozen=True)
 class Balance:
-    """Balance of the training, by default none."""
+    """How training is balanced. By default it is not."""
 
-    relevance: str = ""  # One of ``RELEVANCE``, or none.
-    sampler: str = ""  # One of ``SAMPLERS``, or none.
+    relevance: str = ""  # One of ``RELEVANCE``, or "" for none.
+    sampler: str = ""  # One of ``SAMPLERS``, or "" for none.
     blended: float = 0.25
-    """Number of blended poses added to a batch per recorded pose. Oversampling removes no recorded pose."""
+    """Blended poses that are added to a batch per recorded pose. No recorded pose is removed."""
     fades: bool = False
-    """Remove the balance in the last part of the training, when rare poses are learned, to improve ordinary ones."""
+    """Remove the balance late in training, when rare poses have been learned, to improve ordinary poses."""
 
 
 def relevance_of(table: PoseTable, kind: str) -> np.ndarray:
-    """Return the (N,) relevance of the training poses."""
+    """Return the relevance (N,) of the training poses."""
     error = table.arrays[RELEVANCE[kind]].astype(np.float64)
     median = float(np.median(error))
     if kind.startswith("e"):
@@ -267,13 +268,13 @@ def relevance_of(table: PoseTable, kind: str) -> np.ndarray:
 
 
 def drawer(stream: CloudStream, table: PoseTable, batch: int, balance: Balance = Balance()) -> Draw:
-    """Return a function that draws a batch of clouds on the stream's device, given the completed fraction.
+    """Return a function that draws a batch of clouds on the stream's device, given the completed training fraction.
 
     Args:
-        stream: stream that makes clouds of poses.
-        table: recorded poses, and poses that operators blended.
+        stream: stream that makes clouds from poses.
+        table: recorded poses, and poses blended by the operators.
         batch: number of recorded poses in a batch. Blended poses are added.
-        balance: weights of the poses, and the added poses.
+        balance: how poses are weighted, and which are added.
     """
     device = stream.device
     recorded = torch.as_tensor(table.poses("training"), device=device)
@@ -282,7 +283,7 @@ def drawer(stream: CloudStream, table: PoseTable, batch: int, balance: Balance =
         weight = torch.as_tensor(relevance_of(table, balance.relevance), dtype=torch.float32, device=device)
     drawn = round(balance.blended * batch) if balance.sampler else 0
     rare = torch.as_tensor(table.poses(balance.sampler), device=device) if balance.sampler else recorded[:1]
-    # Blended anchors have the same weight as the rarest recorded poses.
+    # Blended anchors get the weight of the rarest recorded poses.
     rare_weight = torch.quantile(weight[:: max(1, len(weight) // 10000)], 0.99).expand(drawn).clone()
 
     added = torch.arange(batch + drawn, device=device) >= batch
@@ -294,7 +295,7 @@ def drawer(stream: CloudStream, table: PoseTable, batch: int, balance: Balance =
         if balance.fades:
             left = ((FADES[1] - done) / (FADES[1] - FADES[0])).clamp(0.0, 1.0)
             weights = (1.0 + (weights - 1.0) * left) * torch.where(added, left, 1.0)
-            if device == "cpu" and not left:  # a GPU's step is one graph, so poses with weight 0 are computed there
+            if device == "cpu" and not left:  # on a GPU a step is one graph, so poses of weight 0 are computed too
                 poses, weights = poses[:batch], weights[:batch]
         return stream.draw(poses, weights)
 

@@ -1,4 +1,4 @@
-"""Rows of the published tables: network, width, balance and clouds."""
+"""Rows of the published tables: each has a network, width, balance and clouds."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ LIMBS = {
     "legs": tuple(i for i, name in enumerate(LANDMARKS) if name.endswith(_LEG)),
 }
 PART = 250
-"""Number of poses per draw. Chosen by hand."""
+"""Number of poses in each draw. Chosen by hand."""
 
 
 def evaluation_clouds(
     stream: CloudStream, poses: Mapping[str, torch.Tensor], seed: int = 1234
 ) -> dict[str, list[Clouds]]:
-    """Return the clouds of every set of poses, equal for equal seeds."""
+    """Return the clouds for each set of poses. Equal seeds give equal clouds."""
     torch.manual_seed(seed)
     return {name: [stream.draw(part) for part in poses[name].split(PART)] for name in poses}
 
@@ -55,7 +55,7 @@ def evaluation_clouds(
 def evaluate(model: LandmarkModel, clouds: list[Clouds]) -> dict[str, float]:
     """Return RMSE and MPJPE in mm, PCK in percent, ``rmse3`` = (1 - PCK3) RMSE.
 
-    Our network also gets the percentage of correct labels. RMSE is the mean over samples of the root mean squared
+    For our network, the percentage of correct labels is added. RMSE is the mean over samples of the root mean square
     distance over landmarks.
     """
     model.eval()
@@ -78,7 +78,7 @@ def evaluate(model: LandmarkModel, clouds: list[Clouds]) -> dict[str, float]:
 
 
 def _labels(model: Ours, clouds: list[Clouds]) -> dict[str, float]:
-    """Return the percentage of points with correct labels."""
+    """Return the percentage of points whose label is correct."""
     right = points = 0
     for c in clouds:
         estimated = model.net(c.points, c.seen).scores.argmax(-1)
@@ -88,24 +88,24 @@ def _labels(model: Ours, clouds: list[Clouds]) -> dict[str, float]:
 
 
 FIXED = Variety(layouts=False, pose_noise=0.0, exchanged=0.0, thinned=0.0, parts=0.0, tilted=0.0)
-"""Our clouds of all 53 markers: the thesis' corruptions, and sizes, headings, misplaced markers and props."""
+"""Our clouds of all 53 markers, with the thesis' corruptions, sizes, headings, misplaced markers and props."""
 THESIS = replace(FIXED, wobble_rad=0.0, headings=False, sizes=0.0, strayed=False, thesis=True)
-"""The thesis' clouds: all 53 markers, with only its augmentations and corruptions (4.20 to 4.27)."""
+"""The clouds in the thesis: all 53 markers, with its augmentations and corruptions only (4.20 to 4.27)."""
 CLOUDS = {"thesis": THESIS, "fixed": FIXED}
-"""Clouds of 53 markers on which all rows are compared, by their name in figures and tables."""
+"""Clouds of 53 markers on which all rows are compared, by the names used in figures and tables."""
 UNBALANCED = Balance()
 ORTHO = Balance(relevance="σ(D)", sampler="squad")
-"""The thesis' best balance: weighted by relevance, with added poses."""
-FADING = replace(ORTHO, blended=0.5, fades=True)  # Ours: twice the share, faded out halfway.
+"""The best balance in the thesis: poses are weighted by relevance, and poses are added."""
+FADING = replace(ORTHO, blended=0.5, fades=True)  # Ours: twice as many added poses, faded out halfway.
 
 
-HALVED = 2 ** (BLOCKS - 1)  # Factor by which a UNet reduces maps.
-OURS_WIDTH = 128  # Width of the shipped network.
+HALVED = 2 ** (BLOCKS - 1)  # Factor by which a UNet reduces the size of maps.
+OURS_WIDTH = 128  # Width of our shipped network.
 
 
 @dataclass(frozen=True)
 class Row:
-    """One network to train and evaluate."""
+    """A network to train and evaluate."""
 
     network: str  # ``ours``, ``published``, ``democap`` or ``coordinates``.
     width: int
@@ -113,7 +113,7 @@ class Row:
     loss: Loss = "welsch"
     divergence: Divergence = "kullback-leibler"
     variety: Variety = FIXED
-    resolution: int = SIZE  # Side of a drawn map in pixels.
+    resolution: int = SIZE  # Width and height of a drawn map in pixels.
     name: str = ""  # Name in the tables.
 
     def model(self) -> LandmarkModel:
@@ -128,9 +128,9 @@ class Row:
 
 
 def named_rows(width: int, ours_width: int = 0, resolution: int = SIZE) -> dict[str, Row]:
-    """Return the rows by name.
+    """Return all rows by name.
 
-    The width and resolution of the UNets (32 and 160 in the paper) and our width are settings.
+    The UNets' width and resolution (32 and 160 in the paper) and the width of our network are settings.
 
     Raises:
         JobInvalid: maps of that size cannot be halved four times.
@@ -168,14 +168,14 @@ def named_rows(width: int, ours_width: int = 0, resolution: int = SIZE) -> dict[
 def train_row(
     row: Row, table: PoseTable, body: Body, settings: LandmarkTraining, out: Path, start: Path | None = None
 ) -> dict[str, Any]:
-    """Train a row, evaluate it on all sets, and write ``weights.npz`` and ``figures.json`` to ``out``.
+    """Train a row, evaluate it on all sets of poses, and write ``weights.npz`` and ``figures.json`` to ``out``.
 
     The weights with the smallest ``rmse3`` are kept. It is measured on a third of the ordinary poses, in the row's kind
-    of clouds, and no figure uses these poses. With ``start``, training continues from another row's checkpoint with
-    this row's settings.
+    of clouds. No figure uses these poses. With ``start``, training continues from another row's checkpoint with this
+    row's settings.
 
     Raises:
-        TrainingMismatch: ``out`` has a checkpoint of another row or other settings.
+        TrainingMismatch: ``out`` contains a checkpoint of another row or with other settings.
         NonFiniteData: poses of the table or the loss are NaN or infinite.
     """
     table.check_finite()
@@ -213,9 +213,9 @@ def train_row(
 
 
 def evaluation_poses(table: PoseTable, device: str = "cpu") -> dict[str, torch.Tensor]:
-    """Return the (N, 22, 3) poses of each evaluation set.
+    """Return the poses (N, 22, 3) of each evaluation set.
 
-    ``selection`` is used to choose the weights and for no figure.
+    ``selection`` serves to choose the weights. No figure uses it.
     """
     poses = {name: torch.as_tensor(table.poses(name), device=device) for name in SETS}
     return {"selection": poses["ordinary"][::3], **poses, "ordinary": poses["ordinary"][1::3]}

@@ -1,4 +1,4 @@
-"""Train the landmark network from recordings, or from a table of poses, to the shipped weights."""
+"""Train the landmark network, from recordings or a table of poses to the shipped weights."""
 
 from __future__ import annotations
 
@@ -31,18 +31,17 @@ TEMPERATURE = 1.45
 GHOST_LOGIT = 1.5
 """Value subtracted from the score of "no marker", because training clouds have more points that are not markers.
 
-Both values are from ``python -m tests.benchmarks.landmark_calibration``. The smallest cross-entropy over takes of
-UI-PRMD's subjects 1 to 6 and nimble's Subject4, plain and corrupted, is near 1.5 and 2. The weaker correction is kept,
-because files with clusters have more points that are not markers than these takes.
-"""
+Both values come from ``python -m tests.benchmarks.landmark_calibration``. On takes of UI-PRMD's subjects 1 to 6 and
+nimble's Subject4, plain and corrupted, the cross-entropy is smallest near 1.5 and 2. The weaker correction is used,
+because files with clusters have more points that are not markers than these takes."""
 _LABELS = ("labels.weight", "labels.bias", "missing")
 
 
 def calibrated(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the weights with label scores ``s / T``, less ``GHOST_LOGIT`` for ghosts (Guo et al. 2017, eq. 9).
+    """Change the label scores to ``s / T``, minus ``GHOST_LOGIT`` for ghosts (Guo et al. 2017, eq. 9).
 
     Args:
-        arrays: weights of ``PointNet`` by name. The last label is ghost.
+        arrays: weights of ``PointNet`` by name. The last label is the ghost.
     """
     out = {name: array.astype(np.float32) / TEMPERATURE if name in _LABELS else array for name, array in arrays.items()}
     out["labels.bias"][-1] -= GHOST_LOGIT
@@ -50,26 +49,26 @@ def calibrated(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 TABLES: dict[VaeName, str] = {"rvposer": "landmark_poses.npz", "vposer": "landmark_poses_vposer.npz"}
-"""Pose tables by the autoencoder that measures rarity and blends poses. Table 4.6 of the thesis compares both."""
-DISTANCES = "distances"  # Row without a network: the table of marker distances.
-PUBLISHED_WIDTH = 32  # Channels of the published rows' first block, chosen by hand.
+"""Pose tables, by the autoencoder that measures rarity and blends poses. Table 4.6 in the thesis compares both."""
+DISTANCES = "distances"  # Row that has no network: the table of marker distances.
+PUBLISHED_WIDTH = 32  # Channels in the first block of the published rows. Chosen by hand.
 
 
 def train_landmark_rows(
     data: Path, out: Path, settings: LandmarkTraining, *, row: str = "ours", width: int = 0, resolution: int = 0,
     work: Path | None = None, start: Path | None = None, balanced_by: VaeName = "rvposer", progress: Progress = silent,
 ) -> Finished:  # fmt: skip
-    """Train one row of the tables, or resume from its checkpoint.
+    """Train a row of the tables, or resume from its checkpoint.
 
-    Our row is published as ``landmarks.npz`` with its card.
+    Our row is published as ``landmarks.npz`` together with a card.
 
     Args:
         data: folder with ``motion_cmu``, or a table of poses (``.npz``) of an earlier training.
         out: folder of the weights.
-        settings: steps or seconds, batch size and others.
+        settings: steps or seconds, batch size and so on.
         row: one of ``named_rows``, or ``DISTANCES`` for the table of marker distances.
-        width: width of the network, 0 for its default (ours 128, the published network 32).
-        resolution: size in pixels of the maps of the published rows, 0 for the paper's 160.
+        width: width of the network, or 0 for its default (128 for ours, 32 for the published one).
+        resolution: map size of the published rows in pixels, or 0 for the paper's 160.
         work: folder of the checkpoint, by default ``out`` with the row's name.
         start: checkpoint of another row or seed to start from, if ``work`` has none.
         balanced_by: autoencoder that measures the rarity of recorded poses. A table already includes it.
@@ -106,9 +105,9 @@ def train_landmark_rows(
 
 
 def table_of(data: Path, out: Path, balanced_by: VaeName = "rvposer", progress: Progress = silent) -> PoseTable:
-    """Return the poses from a folder of recordings, or from a table.
+    """Return the poses from a folder of recordings or from a table.
 
-    They are stored in ``out``, because loading takes minutes.
+    They are stored in ``out``, because loading them takes minutes.
     """
     kept = data if data.suffix == ".npz" else out / TABLES[balanced_by]
     if not kept.is_file():
@@ -124,7 +123,7 @@ def publish(
     table: PoseTable,
     note: str = "",
 ) -> Path:
-    """Write ``landmarks.npz`` (half precision) and ``landmarks.md`` with a note. Return the path of the weights."""
+    """Write ``landmarks.npz`` (half precision), and ``landmarks.md`` with a note. Return the path of the weights."""
     path = out / f"{NAME}.npz"
     named = {name.removeprefix("net."): np.asarray(array) for name, array in arrays.items()}
     halved = {name: array.astype(np.float16) for name, array in calibrated(named).items()}

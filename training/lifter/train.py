@@ -1,4 +1,4 @@
-"""Train the lifter from the corpus to the shipped weights."""
+"""Train the lifter, from the corpus to the shipped weights."""
 
 from __future__ import annotations
 
@@ -26,26 +26,26 @@ from training.engine.publish import Card, Finished, TrainingJob, publish
 
 _JOINT_SET = JointSet.BODY_25B
 _VALIDATION_POSES = 2000
-"""Number of poses per validation. Chosen by hand."""
+"""Number of poses in each validation. Chosen by hand."""
 
 
 @dataclass(frozen=True)
 class LifterSettings:
-    """Settings of the network and of the simulated people."""
+    """Settings of the network and of the people who are simulated."""
 
     hidden: tuple[int, ...] = (384, 384)  # Widths of the hidden layers.
     people: int = 8  # Number of shapes per batch.
-    betas_sigma: float = 1.0  # Standard deviation of the shapes.
-    offset_m: float = 0.012  # Standard deviation of a point's bias, per axis and person.
+    betas_sigma: float = 1.0  # Standard deviation of the shape coefficients.
+    offset_m: float = 0.012  # Standard deviation of a point's bias, for each axis and person.
     noise_m: tuple[float, float] = (0.003, 0.03)
-    """Smallest and largest noise of a triangulated point in metres per axis, drawn per pose."""
-    missing: float = 0.5  # Largest share of missing points outside the trunk. Most poses lack few.
-    exchanged: float = 0.3  # Share of poses with limbs of other poses.
+    """Smallest and largest noise of a triangulated point in metres per axis. One draw per pose."""
+    missing: float = 0.5  # Largest fraction of points outside the trunk that are missing. In most poses, few are.
+    exchanged: float = 0.3  # Fraction of poses that have limbs from other poses.
 
 
 @dataclass(frozen=True)
 class LifterPeople:
-    """Poses, shapes, and the visible points."""
+    """Poses, shapes, and the points that are visible."""
 
     points: torch.Tensor  # (N, 19, 3) points in metres.
     seen: torch.Tensor  # (N, 19) mask of seen points.
@@ -55,12 +55,12 @@ class LifterPeople:
     betas: torch.Tensor  # (N, 10) shapes.
 
     def to(self, device: torch.device) -> LifterPeople:
-        """Return the people on a device."""
+        """Move the people to a device."""
         return LifterPeople(*(getattr(self, part.name).to(device) for part in fields(self)))
 
 
 class LifterTask:
-    """Batches of people, the loss, and figures on unseen subjects."""
+    """Draws batches of people, computes the loss, and reports figures on unseen subjects."""
 
     def __init__(
         self,
@@ -84,7 +84,7 @@ class LifterTask:
 
     @property
     def model(self) -> nn.Module:
-        """Network from 76 inputs to 51 outputs."""
+        """Network that maps 76 inputs to 51 outputs."""
         return self._network
 
     def draw(self, generator: torch.Generator) -> LifterPeople:
@@ -106,7 +106,7 @@ class LifterTask:
 
     @torch.no_grad()
     def evaluate(self, model: nn.Module) -> dict[str, float]:
-        """Return figures on unseen subjects: points about an unrotated pelvis, root, pelvis, shape."""
+        """Return figures on unseen subjects: points around an unrotated pelvis, root, pelvis and shape."""
         lifted, people = self._lifted(model, self._unseen), self._unseen
         cosine = ((lifted.root * people.root).sum((-1, -2)) - 1.0) / 2.0
         angle = torch.rad2deg(torch.arccos(cosine.clamp(-1.0, 1.0)))
@@ -127,7 +127,7 @@ class LifterTask:
         return interpreted(network(features(people.points, people.seen, trunk)), trunk)
 
     def _people(self, local: torch.Tensor, generator: torch.Generator) -> LifterPeople:
-        """Return people of random shape and orientation in these poses, and their noisy points."""
+        """Return people in these poses, of random shape and orientation, and their noisy points."""
         chosen, count = self._settings, len(local)
         root = exp_so3(_directions(count, generator) * np.pi * torch.rand(count, 1, generator=generator))
         parts = [
@@ -146,7 +146,7 @@ class LifterTask:
     def _person(
         self, local: torch.Tensor, root: torch.Tensor, generator: torch.Generator
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Return points, pelvis and shape of one person in several poses."""
+        """Return the points, pelvis and shape of one person in several poses."""
         betas = self._settings.betas_sigma * torch.randn(NUM_BETAS, generator=generator)
         bias = self._settings.offset_m * torch.randn(len(self._landmarks), 3, generator=generator)
         posed = pose_landmarks(

@@ -1,4 +1,4 @@
-"""Poses from which Pose-NDF learns distances: recorded, rotated, blended, and poses visited by projections."""
+"""Poses whose distances Pose-NDF learns: recorded, rotated and blended poses, and poses visited by projections."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.rotations import matrix_from_quat, quat_from_matrix, quat_from_rotvec, quat_multiply
 from solver_backend.priors.pose_ndf import JOINT_WEIGHTS, JointSpread, PoseNDF, ProjectionSettings, pose_distance
 
-NEIGHBOURS = 5  # Number of nearest poses for the mean distance (Tiwari et al. 2022, supplement).
-_CANDIDATES = 64  # Number of exactly compared poses after a coarse search, chosen by hand.
-_BLOCK = 512  # Poses that are processed together, limited by memory, chosen by hand.
+NEIGHBOURS = 5  # Number of nearest poses in the mean distance (Tiwari et al. 2022, supplement).
+_CANDIDATES = 64  # Number of poses to compare exactly after a coarse search. Chosen by hand.
+_BLOCK = 512  # Poses processed together. Limits memory. Chosen by hand.
 
 
 class NearestPoses:
-    """Set of poses that computes distances of other poses to it.
+    """A set of poses that measures how far other poses are from it.
 
-    Candidates come from the chordal distance ``Σ w_k/2 sin²ψ_k = Σ w_k/8 (3 - tr R_kᵀ R'_k)``, one matrix product over
-    all pairs. The geodesic distance ``Σ w_k/2 ψ_k²`` of the candidates decides.
+    Candidates are found by the chordal distance ``Σ w_k/2 sin²ψ_k = Σ w_k/8 (3 - tr R_kᵀ R'_k)``, one matrix product
+    over all pairs. The geodesic distance ``Σ w_k/2 ψ_k²`` of the candidates decides.
     """
 
     def __init__(self, quats: torch.Tensor, people: torch.Tensor | None = None, device: str = "cpu") -> None:
-        """Store (M, 21, 4) unit quaternions and, to exclude people, their (M,) person indices.
+        """Store unit quaternions (M, 21, 4) and, to exclude people, their person indices (M,).
 
         Arguments and results are on the CPU. The search runs on ``device``.
         """
@@ -34,24 +34,24 @@ class NearestPoses:
         self._features = _features(self.quats)
 
     def mean_distance(self, quats: torch.Tensor, without: torch.Tensor | None = None) -> torch.Tensor:
-        """Return the (N,) mean distances in radians of (N, 21, 4) poses to their nearest poses.
+        """Return the mean distance (N,) in radians from each pose (N, 21, 4) to its nearest poses.
 
         Args:
             quats: (N, 21, 4) unit quaternions.
-            without: (N,) person to exclude for each pose, None to exclude no person.
+            without: (N,) person to exclude for each pose, or None to exclude nobody.
         """
         return self.distances(quats, without=without).mean(dim=1)
 
     def distances(
         self, quats: torch.Tensor, neighbours: int = NEIGHBOURS, *, without: torch.Tensor | None = None
     ) -> torch.Tensor:
-        """Return the (N, neighbours) distances in radians of (N, 21, 4) poses to their nearest poses, ascending."""
+        """Return ascending distances (N, neighbours) in radians from each pose (N, 21, 4) to its nearest poses."""
         blocks = quats.to(torch.float32).split(_BLOCK)
         left_out = without.split(_BLOCK) if without is not None else [None] * len(blocks)
         return torch.cat([self._block(*pair, neighbours)[0] for pair in zip(blocks, left_out, strict=True)])
 
     def nearest(self, quats: torch.Tensor) -> torch.Tensor:
-        """Return the (N,) index of the nearest pose."""
+        """Return the index (N,) of each pose's nearest pose."""
         return torch.cat([self._block(block, None, 1)[1][:, 0] for block in quats.to(torch.float32).split(_BLOCK)])
 
     def _block(
@@ -70,20 +70,20 @@ class NearestPoses:
 
 
 def _features(quats: torch.Tensor) -> torch.Tensor:
-    """Return (N, 189) rotation matrices times the root of their weights, with the products ``Σ w_k tr R_kᵀ R'_k``."""
+    """Return rotation matrices (N, 189) times the root of their weights, whose products are ``Σ w_k tr R_kᵀ R'_k``."""
     weights = torch.as_tensor(np.sqrt(JOINT_WEIGHTS), dtype=quats.dtype, device=quats.device)
     return (matrix_from_quat(quats) * weights[:, None, None]).flatten(1)
 
 
 def unit_quats(rotations: torch.Tensor) -> torch.Tensor:
-    """Convert (N, 21, 3, 3) poses to (N, 21, 4) unit quaternions in single precision."""
+    """Convert poses (N, 21, 3, 3) to unit quaternions (N, 21, 4) in single precision."""
     return quat_from_matrix(rotations.to(torch.float64)).to(torch.float32)
 
 
 Noise = Literal["normal", "von Mises"]
-"""Distribution of the negatives' rotations: normal per axis, or von Mises about a random axis."""
-START_DEG = 60.0  # Standard deviation of the random poses for projections.
-NOBODY = -1  # Person of a pose that was not made from a recording.
+"""Distribution of the negatives' rotations: normal for each axis, or von Mises about a random axis."""
+START_DEG = 60.0  # Standard deviation of the random poses from which projections start.
+NOBODY = -1  # Person index of a pose that was not made from a recording.
 
 
 @dataclass(frozen=True)
@@ -91,17 +91,17 @@ class PoseManifold:
     """Recorded poses to which distances are measured."""
 
     quats: torch.Tensor  # (M, 21, 4) unit quaternions.
-    people: torch.Tensor  # (M,) person of each pose.
+    people: torch.Tensor  # (M,) person in each pose.
     nearest: NearestPoses
 
     @property
     def spread(self) -> JointSpread:
-        """Distribution of each joint's rotations."""
+        """Distribution of the rotations of each joint."""
         return JointSpread.of(matrix_from_quat(self.quats.numpy().astype(np.float64)))
 
     @classmethod
     def of(cls, quats: torch.Tensor, people: torch.Tensor, device: str = "cpu") -> PoseManifold:
-        """Store (M, 21, 4) poses and their people. Distances are computed on ``device``."""
+        """Store poses (M, 21, 4) and their people. Distances are computed on ``device``."""
         return cls(quats, people, NearestPoses(quats, people, device))
 
     def drawn(self, count: int, generator: torch.Generator) -> Poses:
@@ -112,10 +112,10 @@ class PoseManifold:
 
 @dataclass(frozen=True)
 class Poses:
-    """Poses, and the index of the person before the rotation."""
+    """Poses, and the person whose recorded pose each was before the rotation."""
 
     quats: torch.Tensor  # (N, 21, 4) unit quaternions.
-    people: torch.Tensor  # (N,) person of each pose.
+    people: torch.Tensor  # (N,) person in each pose.
 
     def __len__(self) -> int:
         return len(self.quats)
@@ -123,25 +123,25 @@ class Poses:
 
 @dataclass(frozen=True)
 class Labelled:
-    """Poses with their distance to the manifold."""
+    """Poses, and their distances to the manifold."""
 
     quats: torch.Tensor  # (N, 21, 4) unit quaternions, single precision.
-    distance: torch.Tensor  # (N,) mean distance to the nearest recorded poses in rad (``NearestPoses.mean_distance``).
+    distance: torch.Tensor  # (N,) mean distance in rad to the nearest recorded poses (``NearestPoses.mean_distance``).
 
 
 def spread(count: int, degrees: tuple[float, float], generator: torch.Generator, *, even: bool = False) -> torch.Tensor:
-    """Draw (count,) standard deviations in radians from a range in degrees, uniform or uniform in the logarithm."""
+    """Draw standard deviations (count,) in radians from a range in degrees, uniformly or uniformly in the logarithm."""
     low, high = (math.radians(d) if even else math.log(math.radians(d)) for d in degrees)
     drawn = low + (high - low) * torch.rand(count, generator=generator)
     return drawn if even else torch.exp(drawn)
 
 
 def rotated(poses: Poses, sigma: torch.Tensor, generator: torch.Generator, noise: Noise = "normal") -> Poses:
-    """Rotate the joints of poses about random axes, in half of the poses only some joints.
+    """Rotate the joints of poses about random axes. In half of the poses, only some joints are rotated.
 
     Args:
         poses: N poses.
-        sigma: (N,) standard deviation about each axis in radians.
+        sigma: (N,) standard deviation in radians about each axis.
         generator: generator of all draws.
         noise: distribution of the angles. The paper draws them from von Mises (Tiwari et al. 2022, 3.3).
     """
@@ -155,12 +155,12 @@ def rotated(poses: Poses, sigma: torch.Tensor, generator: torch.Generator, noise
 
 
 def von_mises_turns(directions: torch.Tensor, sigma: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Return (N, J, 3) rotation vectors along given directions, with von Mises angles about zero.
+    """Return rotation vectors (N, J, 3) along given directions, whose angles are von Mises around zero.
 
-    ``κ = 1 / (3 σ²)``: for small σ the angle then equals a rotation by σ about each of three axes.
+    ``κ = 1 / (3 σ²)``: for small σ, the angle then equals a rotation by σ about each of three axes.
 
     Args:
-        directions: (N, J, 3) directions, not zero.
+        directions: (N, J, 3) directions, which must not be zero.
         sigma: (N,) standard deviations in radians.
         generator: generator of the angles.
     """
@@ -180,9 +180,9 @@ def blended(manifold: PoseManifold, count: int, generator: torch.Generator) -> P
 
 
 def projected(prior: PoseNDF, manifold: PoseManifold, count: int, generator: torch.Generator) -> Poses:
-    """Return about ``count`` poses visited by projections onto the field, after 4, 12 and 40 steps.
+    """Return about ``count`` poses that projections onto the field visit after 4, 12 and 40 steps.
 
-    A third starts at random poses (60 degrees about every axis, at one sigma), the others at rotated recorded poses.
+    A third starts from random poses (one sigma is 60 degrees about every axis), the others from rotated recorded ones.
     """
     third = count // 3
     random = quat_from_rotvec(
@@ -200,16 +200,16 @@ def projected(prior: PoseNDF, manifold: PoseManifold, count: int, generator: tor
 
 
 def labelled(poses: Poses, manifold: PoseManifold) -> Labelled:
-    """Return poses with their true distances to the recorded poses of all other people.
+    """Return poses and their true distances to the recorded poses of all other people.
 
     A new person is as far from the recorded poses as one recorded person is from all others. If a person's own poses
-    counted as neighbours, the field would learn that almost no pose is near. Measured medians are 0.40 rad for unseen
-    and 0.07 rad for recorded people's poses.
+    counted as neighbours, the field would learn that almost no pose is near. Measured medians are 0.40 rad for poses of
+    unseen people and 0.07 rad for poses of recorded people.
     """
     quats = poses.quats.to(torch.float32)
     return Labelled(quats, manifold.nearest.mean_distance(quats, poses.people))
 
 
 def joined(parts: list[Labelled]) -> Labelled:
-    """Return several sets joined into one."""
+    """Join several sets into one."""
     return Labelled(torch.cat([p.quats for p in parts]), torch.cat([p.distance for p in parts]))

@@ -1,4 +1,4 @@
-"""Network and losses of Pose-NDF in torch (Tiwari et al. 2022, 3.2, 3.3)."""
+"""Network and losses of Pose-NDF in torch (Tiwari et al. 2022, sections 3.2 and 3.3)."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ from training.pose_ndf.negatives import Labelled, Noise
 class PoseNdfSettings:
     """Network, losses and data of Pose-NDF."""
 
-    features: int = 8  # Features per joint. The paper has 6.
+    features: int = 8  # Features per joint. The paper uses 6.
     encoder_hidden: int = 16
-    field_hidden: tuple[int, ...] = (384, 384, 384, 384)  # Hidden layers of the five-layer distance network.
+    field_hidden: tuple[int, ...] = (384, 384, 384, 384)  # Hidden layers. The distance network has five layers.
     eikonal: float = 0.1  # Weight of the eikonal term.
-    eikonal_share: float = 0.2  # Share of a batch for the eikonal term, where it is valid.
+    eikonal_share: float = 0.2  # Fraction of a batch used for the eikonal term, where it is valid.
     eikonal_from: float = 0.6
-    """Smallest distance in radians for the eikonal loss. The slope is below 1 near several neighbours."""
+    """Smallest distance in radians for the eikonal loss. Nearer to several neighbours, the slope is below 1."""
     pool: int = 40_000
-    """Number of poses far from the manifold. There are half as many recorded poses, twice as many near poses, and as
-    many poses visited by projections."""
-    noise: Noise = "normal"  # Distribution of the rotations of poses far from the manifold and near it.
+    """Number of poses far from the manifold. There are half as many recorded poses, twice as many near poses, and
+    equally many poses visited by projections."""
+    noise: Noise = "normal"  # Distribution of the rotations that make poses far from the manifold and near it.
     stages: tuple[float, ...] = (0.15, 0.5, 0.35)
     """Fraction of the steps per stage: poses far from and on the manifold, then also near it, then also projections."""
-    validation: int = 1500  # Number of perturbed poses of unseen subjects for validation.
-    samples: int = 1000  # Number of evaluated samples.
+    validation: int = 1500  # Number of perturbed poses of unseen subjects used for validation.
+    samples: int = 1000  # Number of samples to evaluate.
 
 
 class PoseFieldNet(nn.Module):
-    """Parameters of ``PoseField``, in a layout from which the field's own code computes value and gradient."""
+    """Parameters of ``PoseField``, laid out so that the field's own code computes value and gradient."""
 
     def __init__(self, settings: PoseNdfSettings) -> None:
         super().__init__()
@@ -57,16 +57,16 @@ class PoseFieldNet(nn.Module):
 
     @property
     def field(self) -> PoseField:
-        """The network as the product's field. Gradients flow to the parameters."""
+        """The network as the field that the product uses. Gradients flow to the parameters."""
         layers = [cast(nn.Linear, layer) for layer in self.layers]
         stack = SoftplusStack(tuple(x.weight for x in layers), tuple(x.bias for x in layers), last_is_positive=True)
         return PoseField(self.w0, self.b0, self.w1, self.b1, stack)
 
 
 class PoseNdfTask:
-    """Losses on one stage's poses (Tiwari et al. 2022, eq. 4), and validation.
+    """Losses on the poses of one stage (Tiwari et al. 2022, eq. 4), and validation.
 
-    ``labelled`` explains why distances are not zero.
+    See ``labelled`` for why distances are not zero.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class PoseNdfTask:
 
         Args:
             model: network to train.
-            poses: function that makes the stage's poses. It is called once, for the first batch.
+            poses: function that makes the poses of the stage. It is called once, for the first batch.
             validation: perturbed poses of unseen subjects.
             settings: losses and fractions.
             batch: number of poses per step.
@@ -94,7 +94,7 @@ class PoseNdfTask:
         return self._make()
 
     def draw(self, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-        """Draw poses of the stage and their distances."""
+        """Draw poses of the stage, and their distances."""
         pool = self._poses
         chosen = torch.randint(len(pool.quats), (self._batch,), generator=generator)
         return upper_hemisphere(pool.quats[chosen]), pool.distance[chosen]
@@ -102,7 +102,7 @@ class PoseNdfTask:
     def loss(self, batch: tuple[torch.Tensor, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
         """Return ``mean |f - d| + λ mean (|∇f| - 1)²`` with gradients off the manifold, in the metric of the distance.
 
-        Reference: Tiwari et al. 2022, eq. 4: the distance's error, and the eikonal equation.
+        Reference: Tiwari et al. 2022, eq. 4: the error of the distance, and the eikonal equation.
         """
         s, device = self._settings, device_of(self.model)
         quats, target = (tensor.to(device) for tensor in batch)
@@ -113,7 +113,7 @@ class PoseNdfTask:
         return error.mean() + s.eikonal * off.square().mean()
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
-        """Return figures on the ranking and distances of perturbed poses of unseen subjects."""
+        """Return figures on how perturbed poses of unseen subjects are ranked, and on their distances."""
         with torch.no_grad():
             found = cast(PoseFieldNet, model).field(upper_hemisphere(self._validation.quats))
         truth = self._validation.distance
@@ -124,12 +124,12 @@ class PoseNdfTask:
 
 
 def as_prior(model: PoseFieldNet, spread: JointSpread) -> PoseNDF:
-    """Return the prior of a network that is still being trained."""
+    """Return the prior of a network whose training is not finished."""
     return PoseNDF(copy.deepcopy(model).requires_grad_(False).field, spread, {})
 
 
 def field_arrays(model: PoseFieldNet) -> dict[str, np.ndarray]:
-    """Return the arrays of a weight file: weights in half precision, biases in single precision."""
+    """Return the arrays of a weight file: weights in half precision and biases in single precision."""
     arrays = {
         "encoder_w0": model.w0,
         "encoder_b0": model.b0,

@@ -1,4 +1,4 @@
-"""Train Pose-NDF from the corpus to the weights."""
+"""Train Pose-NDF, from the corpus to the weights."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ from training.pose_ndf.negatives import (
 from training.pose_ndf.network import PoseFieldNet, PoseNdfSettings, PoseNdfTask, as_prior, field_arrays
 
 FAR_DEG, NEAR_DEG, ALL_DEG = (15.0, 90.0), (0.5, 40.0), (1.0, 60.0)
-"""Range of the rotations' standard deviations in degrees per axis, for the first stage, the second, and validation."""
+"""Ranges of the rotations' standard deviations in degrees per axis, for the first stage, the second, and validation."""
 
 
 def manifold_of(training: Corpus, device: str = "cpu") -> PoseManifold:
-    """Return a corpus's distinct poses within the joint limits, and their mirror images.
+    """Return the distinct poses in a corpus that are within the joint limits, and their mirror images.
 
     Raises:
-        JobInvalid: all poses are of one person, so distances to other people are undefined.
+        JobInvalid: all poses are from one person, so distances to other people are undefined.
     """
     frames = possible_frames(training)
     rotations, people = torch.as_tensor(training.rotations[frames]), torch.as_tensor(training.people[frames])
@@ -51,15 +51,15 @@ def manifold_of(training: Corpus, device: str = "cpu") -> PoseManifold:
 
 
 def possible_frames(corpus: Corpus) -> np.ndarray:
-    """Return the distinct frames within the joint limits. In other frames a limb or the head was tracked wrongly."""
+    """Return the distinct frames within the joint limits. In other frames, a limb or the head was tracked wrongly."""
     distinct = np.unique(corpus.distinct)
     return distinct[(excess_deg(corpus.rotations[distinct].astype(np.float64)) == 0).all(axis=1)]
 
 
 def perturbed_validation(validation: Corpus, manifold: PoseManifold, count: int, *, even: bool = True) -> Labelled:
-    """Return poses of unseen subjects, rotated by 1 to 60 degrees, with their distance to the training poses.
+    """Return poses of unseen subjects, rotated by 1 to 60 degrees, and their distances to the training poses.
 
-    The standard deviation of the rotations is drawn uniformly, or uniformly in its logarithm. In the second case half
+    The standard deviation of the rotations is drawn uniformly, or uniformly in its logarithm. In the second case, half
     of the poses are rotated by less than 8 degrees, and their distances mostly show how subjects differ.
     """
     poses = unit_quats(torch.as_tensor(validation.rotations[possible_frames(validation)]))
@@ -70,17 +70,17 @@ def perturbed_validation(validation: Corpus, manifold: PoseManifold, count: int,
 
 
 class Stages:
-    """Poses of every stage. Poses of a finished stage are made again only if a later stage needs them."""
+    """Poses for every stage. Those of a finished stage are made again only if a later stage needs them."""
 
     def __init__(self, manifold: PoseManifold, settings: PoseNdfSettings, seed: int) -> None:
         self._manifold, self._settings, self._seed = manifold, settings, seed
         self._pools: dict[int, Labelled] = {}
 
     def poses(self, stage: int, before: list[PoseFieldNet]) -> Labelled:
-        """Return the poses of a stage and of all earlier stages, so that near poses join far poses.
+        """Return the poses of a stage and of all earlier stages, so that near poses are added to far poses.
 
         Args:
-            stage: stage number from 0.
+            stage: stage number, counted from 0.
             before: final networks of the earlier stages.
         """
         for number in range(stage + 1):
@@ -104,7 +104,7 @@ class Stages:
 
 
 def train_stages(job: TrainingJob, settings: PoseNdfSettings, manifold: PoseManifold) -> PoseFieldNet:
-    """Train stage after stage, each starting from the previous one, with checkpoints in separate folders."""
+    """Train one stage after another. Each starts from the previous one and has its own folder for checkpoints."""
     torch.manual_seed(job.settings.seed)
     model = PoseFieldNet(settings)
     validation = perturbed_validation(job.validation, manifold, settings.validation)
@@ -164,7 +164,7 @@ def train_pose_ndf(job: TrainingJob, settings: PoseNdfSettings = PoseNdfSettings
 
 
 def measure(prior: PoseNDF, validation: Corpus, manifold: PoseManifold, settings: PoseNdfSettings) -> dict[str, float]:
-    """Return figures on the field's ranking, distances, projections and samples."""
+    """Return figures on the ranking, distances, projections and samples of the field."""
     perturbed = perturbed_validation(validation, manifold, settings.validation)
     truth = perturbed.distance.numpy().astype(np.float64)
     start = matrix_from_quat(perturbed.quats.numpy().astype(np.float64))

@@ -1,4 +1,4 @@
-"""Train SPoser from the corpus to the shipped weights."""
+"""Train SPoser, from the corpus to the shipped weights."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from training.engine.publish import Card, Figures, Finished, TrainingJob, publis
 
 
 class SphericalAutoencoder(nn.Module):
-    """Autoencoder between poses and unit zero-mean codes."""
+    """Autoencoder between poses and zero-mean codes of unit length."""
 
     def __init__(self, encoder_hidden: tuple[int, ...], decoder_hidden: tuple[int, ...], activation: str) -> None:
         super().__init__()
@@ -40,7 +40,7 @@ class SphericalAutoencoder(nn.Module):
         self.decoder = dense_stack((LATENT_DIM, *decoder_hidden, 126), activation)
 
     def start_from(self, mean_6d: torch.Tensor) -> None:
-        """Centre the encoder's input and the decoder's output on the mean pose, and scale codes to one."""
+        """Centre the encoder's input and the decoder's output on the mean pose, and scale codes to 1."""
         with torch.no_grad():
             first, last = linear_layers(self.encoder)[0], linear_layers(self.decoder)[-1]
             first.weight.mul_(3.0)
@@ -50,11 +50,11 @@ class SphericalAutoencoder(nn.Module):
             last.bias.copy_(mean_6d)
 
     def encode(self, rotations: torch.Tensor) -> torch.Tensor:
-        """Map (N, 21, 3, 3) poses to (N, 32) codes."""
+        """Map poses (N, 21, 3, 3) to codes (N, 32)."""
         return spherical_normalisation(self.encoder(matrix_to_6d(rotations).flatten(-2)))
 
     def decode(self, z: torch.Tensor) -> torch.Tensor:
-        """Map (N, 32) codes to (N, 21, 3, 3) poses."""
+        """Map codes (N, 32) to poses (N, 21, 3, 3)."""
         return matrix_from_6d(self.decoder(z).unflatten(-1, (NUM_BODY_JOINTS, 6)))
 
 
@@ -67,14 +67,14 @@ class SPoserSettings:
     activation: str = "silu"
     orthogonality: float = 0.05
     """Weight of ``1 - (Tr(R^T R̂) - 1) / 2`` relative to squared point distances in dm² (thesis eqs. 6.4, 6.3)."""
-    between: float = 0.5  # Weight of the frame between keys relative to the keys.
-    latent_noise: float = 0.01  # Standard deviation of each coordinate's noise before decoding.
-    turned_chance: float = 0.35  # Share of windows with limbs rotated randomly within anatomical limits.
-    end_chance: float = 0.3  # Share of windows with ankles, toes and wrists moved towards their limits.
+    between: float = 0.5  # Weight of the frame between keys, relative to the keys.
+    latent_noise: float = 0.01  # Standard deviation of the noise on each coordinate before decoding.
+    turned_chance: float = 0.35  # Fraction of windows whose limbs are rotated randomly within anatomical limits.
+    end_chance: float = 0.3  # Fraction of windows whose ankles, toes and wrists are moved towards their limits.
 
 
 class SPoserTask:
-    """Losses and validation of SPoser, on held-out subjects and, if available, on motions unlike the corpus."""
+    """Losses of SPoser, and validation on held-out subjects and, if available, on motions unlike the corpus."""
 
     def __init__(
         self,
@@ -99,7 +99,7 @@ class SPoserTask:
         return self._sampler.draw(self._batch, generator)
 
     def loss(self, batch: Any, generator: torch.Generator) -> torch.Tensor:
-        """Reconstruct middle keys from noisy codes, and intermediate frames from SIDER2 of three codes."""
+        """Reconstruct middle keys from noisy codes, and intermediate frames by SIDER2 from three codes."""
         s, batch = self._settings, batch.to(device_of(self.model))
         codes = self.model.encode(batch.rotations[:, :3].flatten(0, 1)).unflatten(0, (self._batch, 3))
         noise = s.latent_noise * torch.randn(self._batch, codes.shape[-1], generator=generator).to(codes.device)
@@ -120,7 +120,7 @@ class SPoserTask:
 
 
 class EncoderTask(SPoserTask):
-    """Training of only the encoder for a fixed decoder, which finds codes that decode nearest to the input.
+    """Trains only the encoder, for a fixed decoder. It finds the codes that decode nearest to the input.
 
     A decoder can represent more poses than the encoder that was trained with it finds.
     """
@@ -142,7 +142,7 @@ class EncoderTask(SPoserTask):
         return self._sampler.draw_poses(self._batch, generator)
 
     def loss(self, batch: Any, generator: torch.Generator) -> torch.Tensor:
-        """Return the reconstruction loss of poses."""
+        """Return the loss of reconstructing poses."""
         truth = batch.to(device_of(self.model))
         decoded = self.model.decode(self.model.encode(truth))
         return pose_loss(truth, decoded, truth.new_ones(self._batch), self._settings.orthogonality)
@@ -192,7 +192,7 @@ def _card(settings: SPoserSettings, part: str) -> Card:
 
 
 def measure(prior: SPoser, truth: np.ndarray, validation: Corpus) -> dict[str, float]:
-    """Return reconstruction figures, and the error of frames between keys at 0.1, 0.2 and 0.3 s."""
+    """Return reconstruction figures, and the error of frames between keys that are 0.1, 0.2 and 0.3 s apart."""
     figures = reconstruction_accuracy(truth, prior.reconstruct(truth)).as_dict()
     for spacing in (3, 6, 9):
         error = between_error_mm(prior, validation, spacing)
@@ -201,7 +201,7 @@ def measure(prior: SPoser, truth: np.ndarray, validation: Corpus) -> dict[str, f
 
 
 def between_error_mm(prior: SPoser, corpus: Corpus, spacing: int, most: int = 4000) -> float:
-    """Return the mean joint error in millimetres of frames halfway between keys, from SIDER2 of three keys' codes.
+    """Return the mean joint error in millimetres of frames halfway between keys, using SIDER2 on three keys' codes.
 
     Args:
         prior: prior that encodes the keys and decodes the frame.

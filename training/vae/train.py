@@ -1,4 +1,4 @@
-"""Train the variational autoencoders from the corpus to the weights."""
+"""Train the variational autoencoders, from the corpus to the weights."""
 
 from __future__ import annotations
 
@@ -33,32 +33,32 @@ Kind = Literal["vposer", "vposer_worded", "rvposer", "rvposer_second_norm", "sva
 GAUSSIAN_DIM = 32
 SPHERE_DIM = 32
 ROTATIONS = 10
-"""Number of rotations in a code of the Lie group, which have 30 dimensions like SPoser's codes."""
-_LOG_VARIANCE = (-12.0, 6.0)  # Range of a log-variance, so that exponentials are finite. Chosen by hand.
+"""Number of rotations in a code of the Lie group. They have 30 dimensions, like SPoser's codes."""
+_LOG_VARIANCE = (-12.0, 6.0)  # Range of a log-variance that keeps exponentials finite. Chosen by hand.
 
 
 class Latent(Protocol):
-    """Posterior over codes that an encoder's outputs describe."""
+    """The posterior over codes that an encoder's outputs describe."""
 
     outputs: int  # Size of the encoder's output.
     width: int  # Size of the decoder's input.
 
     def mean(self, out: torch.Tensor) -> torch.Tensor:
-        """Return the (N, width) code of (N, outputs) encoder outputs."""
+        """Return the codes (N, width) of encoder outputs (N, outputs)."""
         ...
 
     def draw(self, out: torch.Tensor, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return an (N, width) draw of the posterior and its (N,) divergence from the prior in nats."""
+        """Return a draw (N, width) of the posterior, and its divergence (N,) from the prior in nats."""
         ...
 
 
 class GaussianLatent:
-    """Vectors. The prior is standard normal (Kingma & Welling 2014)."""
+    """Codes are vectors. The prior is standard normal (Kingma & Welling 2014)."""
 
     outputs, width = 2 * GAUSSIAN_DIM, GAUSSIAN_DIM
 
     def mean(self, out: torch.Tensor) -> torch.Tensor:
-        """Return the posterior's mean."""
+        """Return the mean of the posterior."""
         return out[:, :GAUSSIAN_DIM]
 
     def draw(self, out: torch.Tensor, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
@@ -70,7 +70,7 @@ class GaussianLatent:
 
 
 class SphereLatent:
-    """Directions with a von Mises-Fisher posterior. The prior is uniform on the sphere (Davidson et al. 2018)."""
+    """Codes are directions with a von Mises-Fisher posterior and a uniform prior (Davidson et al. 2018)."""
 
     outputs, width = SPHERE_DIM + 1, SPHERE_DIM
 
@@ -79,7 +79,7 @@ class SphereLatent:
         return torch.nn.functional.normalize(out[:, :SPHERE_DIM], dim=-1)
 
     def draw(self, out: torch.Tensor, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-        """Draw by rejection (Ulrich 1984): ``z = w μ + sqrt(1 - w²) v``, with v a unit vector perpendicular to μ."""
+        """Draw by rejection (Ulrich 1984): ``z = w μ + sqrt(1 - w²) v``, where v is a unit vector normal to μ."""
         mean, kappa = self.mean(out), 1.0 + torch.nn.functional.softplus(out[:, SPHERE_DIM])
         w = _along_mean(kappa, generator)[:, None]
         across = torch.randn(mean.shape, generator=generator).to(mean.device)
@@ -88,7 +88,7 @@ class SphereLatent:
 
 
 class RotationLatent:
-    """Rotations with a normal posterior in the tangent space. The prior is uniform (Falorsi et al. 2018)."""
+    """Codes are rotations with a normal posterior in the tangent space. The prior is uniform (Falorsi et al. 2018)."""
 
     outputs, width = 9 * ROTATIONS, 9 * ROTATIONS
 
@@ -97,7 +97,7 @@ class RotationLatent:
         return self._means(out).flatten(1)
 
     def draw(self, out: torch.Tensor, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-        """Draw ``R_μ exp(σ ε)``. The divergence is estimated at the draw, with its density wrapped twice."""
+        """Draw ``R_μ exp(σ ε)``. The divergence is estimated at the draw, whose density is wrapped twice."""
         log_sigma = 0.5 * out[:, 6 * ROTATIONS :].clamp(*_LOG_VARIANCE).unflatten(-1, (ROTATIONS, 3))
         noise = torch.randn(log_sigma.shape, generator=generator).to(log_sigma.device)
         turn = torch.exp(log_sigma) * noise
@@ -136,14 +136,14 @@ class SphereDivergence(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *grads: torch.Tensor) -> torch.Tensor:
-        """Return the derivative by the concentration."""
+        """Return the derivative w.r.t. the concentration."""
         return grads[0] * ctx.saved_tensors[0]
 
 
 def _along_mean(kappa: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Return (N,) components along the mean.
+    """Return components (N,) along the mean.
 
-    They are ``w(ε) = (1 - (1+b) ε) / (1 - (1-b) ε)`` with ε accepted from a beta distribution.
+    They are ``w(ε) = (1 - (1+b) ε) / (1 - (1-b) ε)``, where ε is accepted from a beta distribution.
     """
     accepted = _accepted(kappa.detach().cpu(), generator).to(kappa.device)
     b = _breadth(kappa)
@@ -157,7 +157,7 @@ def _breadth(kappa: torch.Tensor) -> torch.Tensor:
 
 
 def _accepted(kappa: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Return (N,) draws ε that the rejection step accepts, on the generator's device."""
+    """Return draws ε (N,) that the rejection step accepts, on the generator's device."""
     m, b = SPHERE_DIM - 1, _breadth(kappa)
     centre = (1.0 - b) / (1.0 + b)
     level = kappa * centre + m * torch.log(1.0 - centre.square())
@@ -176,7 +176,7 @@ def _accepted(kappa: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
 
 
 def _wrapped_log_density(turn: torch.Tensor, log_sigma: torch.Tensor) -> torch.Tensor:
-    """Return the (N, K) log density of exp(turn) with respect to the Haar measure of mass 8π²."""
+    """Return the log density (N, K) of exp(turn) with respect to the Haar measure, whose mass is 8π²."""
     angle = torch.linalg.vector_norm(turn, dim=-1, keepdim=True).clamp_min(1e-6)
     terms = []
     for wraps in (-1, 0, 1):
@@ -190,17 +190,17 @@ def _wrapped_log_density(turn: torch.Tensor, log_sigma: torch.Tensor) -> torch.T
 
 HIDDEN = 512  # Width of the layers, as in VPoser (Pavlakos et al. 2019).
 _DROPOUT = 0.1  # Dropout rate, as in VPoser.
-_INPUTS = 3 * NUM_BODY_JOINTS  # Size of a pose as rotation vectors.
+_INPUTS = 3 * NUM_BODY_JOINTS  # Length of a pose as rotation vectors.
 
 
 @dataclass(frozen=True)
 class VaeForm:
-    """Differences between the autoencoders apart from their codes."""
+    """How the autoencoders differ, apart from their codes."""
 
-    first_norm: bool = False  # Batch normalisation before the encoder's first layer.
-    second_norm: bool = False  # Batch normalisation after the encoder's first activation.
+    first_norm: bool = False  # Apply batch normalisation before the encoder's first layer.
+    second_norm: bool = False  # Apply batch normalisation after the encoder's first activation.
     decoder_dropout: bool = False
-    last_activation: bool = False  # An activation after the decoder's last layer.
+    last_activation: bool = False  # Apply an activation after the decoder's last layer.
     charbonnier: bool = False  # Use the Charbonnier penalty of the divergence (thesis eq. 4.17).
 
 
@@ -212,18 +212,18 @@ FORMS: dict[Kind, VaeForm] = {
     "svae": VaeForm(),
     "lie_vae": VaeForm(),
 }
-"""VPoser as in its public code and as in the thesis (4.2.4). RVPoser without normalisation, and with the second
+"""VPoser as in its public code and as in the thesis (4.2.4), and RVPoser without normalisation and with the second
 normalisation, which the thesis does not mention."""
 
 
 @dataclass(frozen=True)
 class VaeSettings:
-    """Kind of autoencoder, and weights of the losses."""
+    """Kind of autoencoder, and weights of its losses."""
 
     kind: Kind
     divergence: float = 1e-3
-    """Weight of the Kullback-Leibler divergence (nats), or of its Charbonnier penalty (thesis eq. 4.17)."""
-    orthogonality: float = 0.5  # Weight of the rotations' difference (thesis eq. 4.19).
+    """Weight of the Kullback-Leibler divergence in nats, or of its Charbonnier penalty (thesis eq. 4.17)."""
+    orthogonality: float = 0.5  # Weight of the difference between rotations (thesis eq. 4.19).
 
 
 class VariationalAutoencoder(nn.Module):
@@ -255,15 +255,15 @@ class VariationalAutoencoder(nn.Module):
         )
 
     def posterior(self, rotations: torch.Tensor) -> torch.Tensor:
-        """Return the encoder's outputs for (N, 21, 3, 3) poses."""
+        """Return the encoder's outputs for poses (N, 21, 3, 3)."""
         return self.encoder(self.norm(log_so3(rotations).flatten(-2)))
 
     def encode(self, rotations: torch.Tensor) -> torch.Tensor:
-        """Return the codes of (N, 21, 3, 3) poses without noise."""
+        """Return the codes of poses (N, 21, 3, 3) without noise."""
         return self.latent.mean(self.posterior(rotations))
 
     def decode(self, z: torch.Tensor) -> torch.Tensor:
-        """Map (N, width) codes to (N, 21, 3, 3) poses."""
+        """Map codes (N, width) to poses (N, 21, 3, 3)."""
         return matrix_from_6d(self.decoder(z).unflatten(-1, (NUM_BODY_JOINTS, 6)))
 
 
@@ -277,11 +277,11 @@ class VaeTask:
         self._validation = validation.some_distinct(VALIDATION_POSES).astype(np.float64)
 
     def draw(self, generator: torch.Generator) -> torch.Tensor:
-        """Draw the middle and the intermediate frame of windows."""
+        """Draw the middle frames and the intermediate frames of windows."""
         return self._sampler.draw(self._batch, generator).rotations[:, [1, 3]].flatten(0, 1)
 
     def loss(self, batch: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-        """Return the reconstruction loss of poses plus the divergence."""
+        """Return the loss of reconstructing poses plus the divergence."""
         s, truth = self._settings, batch.to(device_of(self.model))
         self.model.train()
         z, nats = self.model.latent.draw(self.model.posterior(truth), generator)
@@ -291,7 +291,7 @@ class VaeTask:
         return pose_loss(truth, decoded, evenly, s.orthogonality) + s.divergence * penalty.mean()
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
-        """Return reconstruction figures on the validation poses, from codes without noise."""
+        """Return reconstruction figures on the validation poses, whose codes have no noise."""
         decoded = reconstructed(cast(VariationalAutoencoder, model), self._validation)
         return reconstruction_accuracy(self._validation, decoded).as_dict()
 
@@ -347,7 +347,7 @@ def train_vae(kind: Kind, job: TrainingJob) -> Finished:
 
 
 def folded_encoder(model: VariationalAutoencoder) -> nn.Sequential:
-    """Return the encoder with each batch normalisation's scale and shift merged into the next layer."""
+    """Return the encoder with the scale and shift of each batch normalisation merged into the layer after it."""
     first, *rest = linear_layers(model.encoder)
     return nn.Sequential(_folded(model.norm, first), _folded(model.second_norm, rest[0]), *rest[1:])
 

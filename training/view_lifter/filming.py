@@ -19,45 +19,45 @@ from solver_backend.types import NUM_BETAS, JointSet
 from training.data.corpus import EXCHANGED_JOINTS, Corpus, mirrored
 from training.data.points import rotation_points
 
-SHAPES = 4  # Number of varied shape parameters.
-TILTED_COSINE = 0.7  # Smallest cosine of an upright pelvis axis (45 degrees from vertical).
-TILTED_REPEATS = 4  # Number of times each tilted pose is used, because they are rare.
-INVERTED_COSINE = -0.3  # Largest cosine of the pelvis axis in an inverted pose.
+SHAPES = 4  # Number of shape parameters that vary.
+TILTED_COSINE = 0.7  # Smallest cosine of the angle between an upright pelvis and the vertical (45 degrees).
+TILTED_REPEATS = 4  # How often each tilted pose is used, because tilted poses are rare.
+INVERTED_COSINE = -0.3  # Largest cosine of the angle between an inverted pelvis and the vertical.
 INVERTED_REPEATS = 20
-"""Number of times each inverted pose is used, because only a few dozen frames of cartwheels and flips exist."""
-RAISED_M = 0.05  # Smallest height of raised hands above the head. Inverted, they support the body.
-RAISED_REPEATS = 2  # Number of times each raised pose is used, because half of them are inverted.
+"""How often each inverted pose is used, because there are only a few dozen frames of cartwheels and flips."""
+RAISED_M = 0.05  # Smallest height of raised hands above the head. In inverted poses, they support the body.
+RAISED_REPEATS = 2  # How often each pose with raised hands is used, because half of them are inverted.
 _SUPPORTS = (*SMPL.both("ankle", "foot", "wrist", "knee"), *SMPL.numbers("pelvis"))
-"""Joints that can support a body: ankles, toes, wrists, knees, pelvis."""
-_BLOCK = 2048  # Poses that are processed together, limited by memory, chosen by hand.
+"""Joints that can support a body: ankles, toes, wrists, knees and pelvis."""
+_BLOCK = 2048  # Poses processed together. Limits memory. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class Recordings:
-    """N frames of recordings, Y up."""
+    """N frames of recordings with Y up."""
 
     local: torch.Tensor  # (N, 21, 3, 3) local rotations.
     root: torch.Tensor  # (N, 3, 3) rotations from body to world.
     place: torch.Tensor  # (N, 3) pelvis positions in metres.
     points: torch.Tensor
-    """(N, 19, 3, 1 + SHAPES) half precision: points relative to the pelvis, and their change per shape parameter."""
-    raised: torch.Tensor  # (N,) mask of upright poses with both hands above the head.
-    clip_start: torch.Tensor  # (N,) first frame of each frame's clip.
-    clip_end: torch.Tensor  # (N,) end of each frame's clip, exclusive.
-    centres: torch.Tensor  # (C,) centre frames of windows.
+    """(N, 19, 3, 1 + SHAPES) half precision: points relative to the pelvis, and how they change per shape parameter."""
+    raised: torch.Tensor  # (N,) mask of upright poses in which both hands are above the head.
+    clip_start: torch.Tensor  # (N,) first frame of the clip that each frame belongs to.
+    clip_end: torch.Tensor  # (N,) end (exclusive) of the clip that each frame belongs to.
+    centres: torch.Tensor  # (C,) centre frames of the windows.
 
     @classmethod
     def of(
         cls, corpus: Corpus, body: Body, exchanged: int, seed: int, device: torch.device = torch.device("cpu")
     ) -> Recordings:
-        """Return the recordings of a corpus, and copies with exchanged limbs.
+        """Return the recordings in a corpus, and copies in which limbs are exchanged.
 
         Args:
-            corpus: recordings. Clips without the rotation of the pelvis are not used.
-            body: body with the visible points.
+            corpus: recordings. Clips whose pelvis rotation is unknown are not used.
+            body: body that has the visible points.
             exchanged: number of copies.
             seed: seed of the exchange.
-            device: device on which they are computed and kept.
+            device: device on which they are computed and stored.
         """
         kept = np.isfinite(corpus.root).all(axis=(1, 2))
         number = np.cumsum(kept) - 1
@@ -82,7 +82,7 @@ class Recordings:
 
 
 def standing_place(local: torch.Tensor, root: torch.Tensor, clip_start: torch.Tensor) -> torch.Tensor:
-    """Return the (N, 3) pelvis positions in metres for which the lowest joint does not move between frames."""
+    """Return pelvis positions (N, 3) in metres such that the lowest joint does not move between frames."""
     blocks = zip(local.split(_BLOCK), root.split(_BLOCK), strict=True)
     joints = torch.cat([torch.matmul(rotation_points(part)[:, :NUM_JOINTS], turn.mT) for part, turn in blocks])
     joints = joints - joints[:, :1]
@@ -101,7 +101,7 @@ def standing_place(local: torch.Tensor, root: torch.Tensor, clip_start: torch.Te
 
 
 def _raised(local: torch.Tensor, root: torch.Tensor) -> torch.Tensor:
-    """Return an (N,) mask of upright people with both hands above the head."""
+    """Return a mask (N,) of upright people whose hands are both above the head."""
     (head,), hands = SMPL.numbers("head"), list(SMPL.both("wrist"))
     above = []
     for part, turn in zip(local.split(_BLOCK), root.split(_BLOCK), strict=True):
@@ -111,7 +111,7 @@ def _raised(local: torch.Tensor, root: torch.Tensor) -> torch.Tensor:
 
 
 def mirrored_points(points: torch.Tensor) -> torch.Tensor:
-    """Return (..., 19, 3, k) points with left and right exchanged and x negated."""
+    """Return points (..., 19, 3, k) with left and right exchanged and x negated."""
     swap = [POINTS.index(_other_side(name)) for name in POINTS]
     return points[..., swap, :, :] * points.new_tensor((-1.0, 1.0, 1.0))[:, None]
 
@@ -122,7 +122,7 @@ def _other_side(name: str) -> str:
 
 
 def _points(body: Body, local: torch.Tensor, root: torch.Tensor) -> torch.Tensor:
-    """Return (N, 19, 3, 1 + SHAPES) half precision points relative to the pelvis."""
+    """Return points (N, 19, 3, 1 + SHAPES) relative to the pelvis, in half precision."""
     landmarks = keypoint_landmarks(body, JointSet.BODY_25B)
     columns = [landmarks.names.index(name) for name in POINTS]
     out = torch.empty((len(local), len(POINTS), 3, 1 + SHAPES), dtype=torch.float16)
@@ -142,7 +142,7 @@ def _points(body: Body, local: torch.Tensor, root: torch.Tensor) -> torch.Tensor
 def _with_limbs_of_others(
     local: torch.Tensor, start: torch.Tensor, end: torch.Tensor, generator: torch.Generator
 ) -> torch.Tensor:
-    """Return (N, 21, 3, 3) recordings with limbs exchanged between clips, possibly from the other side."""
+    """Return recordings (N, 21, 3, 3) in which limbs are exchanged between clips, possibly from the other side."""
     out = local.clone()
     for first in start.unique().tolist():
         length = int(end[first]) - first
@@ -159,26 +159,26 @@ def _with_limbs_of_others(
     return out
 
 
-DISTANCE_M = (1.8, 12.0)  # Range of the camera's distance from the pelvis, uniform in the logarithm.
-PITCH_DEG = (6.0, 11.0)  # Mean and standard deviation of the angle by which a camera looks down.
-STEEP = 0.2  # Share of cameras from 25 degrees below to 65 above.
-ROLL_DEG = 12.0  # Standard deviation of the camera's roll, as with hand-held telephones.
+DISTANCE_M = (1.8, 12.0)  # Range of the distance between camera and pelvis, uniform in the logarithm.
+PITCH_DEG = (6.0, 11.0)  # Mean and standard deviation of the angle at which a camera looks down.
+STEEP = 0.2  # Fraction of cameras that look from 25 degrees below to 65 degrees above.
+ROLL_DEG = 12.0  # Standard deviation of the camera's roll, as for hand-held telephones.
 TUMBLED = 0.15
-"""Fraction of windows with a person rotated about a level axis by up to 180 degrees: somersaults, handstands."""
-TURNED_OVER = 0.5  # Share of windows of raised hands that are inverted, onto the hands.
-TURNED_OVER_DEG = 60.0  # Largest angle of inverted people from the vertical.
-TURNING_DEG_S = 360.0  # Largest rate of rotation of inverted people. Half of them do not rotate.
-OFF_AXIS = 0.45  # Largest distance of the person from the principal point, in focal lengths.
-NOISE_M = (0.004, 0.03)  # Range of a point's noise per axis, at the person's distance.
-BIAS_M = 0.018  # Standard deviation of a point's bias per axis, almost constant in a window.
-THROWN = 0.03  # Share of outliers.
-KNOWN_UP = 0.5  # Share of windows with a known up direction.
+"""Fraction of windows in which the person rotates about a level axis by up to 180 degrees (somersaults, handstands)."""
+TURNED_OVER = 0.5  # Fraction of windows with raised hands that are inverted, so that the person stands on the hands.
+TURNED_OVER_DEG = 60.0  # Largest angle between an inverted person and the vertical.
+TURNING_DEG_S = 360.0  # Largest rate at which inverted people rotate. Half of them do not.
+OFF_AXIS = 0.45  # Largest distance between the person and the principal point, in focal lengths.
+NOISE_M = (0.004, 0.03)  # Range of a point's noise per axis, measured at the person's distance.
+BIAS_M = 0.018  # Standard deviation of a point's bias per axis. It hardly changes in a window.
+THROWN = 0.03  # Fraction of points that are outliers.
+KNOWN_UP = 0.5  # Fraction of windows whose up direction is known.
 UP_DEG = 1.5  # Error of the up direction per axis.
-CUT = 0.12  # Share of windows with people cut by the picture's border.
-LOST = 0.25  # Share of windows with some points missing for a time.
-EXCHANGED = 0.06  # Share of windows with left and right limbs exchanged for a time.
-SHORT = 0.08  # Share of windows at the end of a take.
-FLAT = 0.1  # Share of windows without confidences. Every visible point has 1.
+CUT = 0.12  # Fraction of windows in which the border of the picture cuts off a part of the person.
+LOST = 0.25  # Fraction of windows in which some points are missing for a time.
+EXCHANGED = 0.06  # Fraction of windows in which left and right limbs are exchanged for a time.
+SHORT = 0.08  # Fraction of windows that are at the end of a take.
+FLAT = 0.1  # Fraction of windows without confidences. All visible points then have 1.
 _OTHER = {"left": "right", "right": "left"}
 _SWAPPED = [POINTS.index("_".join([_OTHER.get(n.split("_")[0], n.split("_")[0]), *n.split("_")[1:]])) for n in POINTS]
 _LOST_TOGETHER = (
@@ -200,30 +200,30 @@ _LIMBS = tuple(
 )
 _OWN = [[point in part for point in range(len(POINTS))] for part in (_TRUNK, *((a, b) for a, b, _ in _LIMBS))]
 TRUNK_M, BEHIND_M = 0.14, 0.1
-"""Half the trunk's width, and the smallest distance of a hidden point behind the occluding body part, in metres."""
+"""Half the width of the trunk, and how far a hidden point is at least behind the occluding body part, in metres."""
 _TOES = [POINTS.index(f"{side}_{part}") for side in SIDES for part in ("big_toe", "heel")]
 NO_TOES = 0.2
-"""Fraction of windows from detectors without toes and heels."""
+"""Fraction of windows that come from detectors without toes and heels."""
 
 
 @dataclass(frozen=True)
 class FilmedWindows:
-    """B windows with detections, and the truth in the middle frame."""
+    """B windows of detections, and the truth in the middle frame."""
 
-    points: torch.Tensor  # (B, 27, 19, 2) points in focal lengths from the principal point.
+    points: torch.Tensor  # (B, 27, 19, 2) image points, in focal lengths from the principal point.
     confidence: torch.Tensor  # (B, 27, 19) confidences.
-    up: torch.Tensor  # (B, 3) up direction in the camera's axes, zero if unknown.
-    local: torch.Tensor  # (B, 21, 3, 3) local rotations of the middle frame.
+    up: torch.Tensor  # (B, 3) up direction in the camera's axes, or zero if unknown.
+    local: torch.Tensor  # (B, 21, 3, 3) local rotations in the middle frame.
     root: torch.Tensor  # (B, 3, 3) rotations from body to camera.
     true_up: torch.Tensor  # (B, 3) true up direction in the camera's axes.
 
     def to(self, device: torch.device) -> FilmedWindows:
-        """Return the windows on a device."""
+        """Move the windows to a device."""
         return FilmedWindows(*(getattr(self, part.name).to(device) for part in fields(self)))
 
 
 def film(recordings: Recordings, centres: torch.Tensor, generator: torch.Generator) -> FilmedWindows:
-    """Return the windows around (B,) frames, each seen by a random camera, drawn on the recordings' device."""
+    """Return windows around frames (B,), each seen by a random camera, drawn on the device of the recordings."""
     with recordings.points.device:
         return _filmed(recordings, centres, generator)
 
@@ -266,7 +266,7 @@ def _filmed(recordings: Recordings, centres: torch.Tensor, generator: torch.Gene
 
 
 def _tumbles(raised: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Return (B, 27, 3, 3) rotations about level axes. Most are zero, and some continue over the window."""
+    """Return rotations (B, 27, 3, 3) about level axes. Most are zero, and some continue through the window."""
     count = len(raised)
     heading, turn, chance, rate, turning = torch.rand(5, count, generator=generator)
     over = raised & (chance < TURNED_OVER)
@@ -283,7 +283,7 @@ def _tumbles(raised: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
 
 
 def _cameras(count: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return (B, 3, 3) rotations from the world (Y up) to cameras, and (B, 3) up directions in the cameras' axes."""
+    """Return rotations (B, 3, 3) from the world (Y up) to cameras, and up directions (B, 3) in the cameras' axes."""
     yaw = 2.0 * torch.pi * torch.rand(count, generator=generator)
     mean, spread = PITCH_DEG
     pitch = mean + spread * torch.randn(count, generator=generator)
@@ -307,7 +307,7 @@ def _detected(
     inside: torch.Tensor,
     generator: torch.Generator,
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the (B, 27, 19, 2) image points of a simulated detector, and their confidences."""
+    """Return image points (B, 27, 19, 2) of a simulated detector, and their confidences."""
     count, metre = len(image), (1.0 / distance)[:, None, None]
     noise = _log_uniform(NOISE_M, (count, 1, 1), generator)
     behind = _behind_body(image, depth, distance)
@@ -316,7 +316,7 @@ def _detected(
     bias = BIAS_M * (steady + 0.5 * torch.linspace(-1.0, 1.0, WINDOW)[:, None, None] * drift)
     thrown = torch.rand(count, WINDOW, len(POINTS), generator=generator) < THROWN
     far = torch.where(thrown, 0.25, 0.0)[..., None] * torch.randn(image.shape, generator=generator)
-    # A detector's errors are smooth. Half of its noise is constant over three frames.
+    # Errors of a detector are smooth. Half of the noise is constant over three frames.
     white = torch.randn(image.shape, generator=generator)
     smooth = torch.nn.functional.avg_pool1d(white.permute(0, 2, 3, 1).flatten(0, 2)[:, None], 3, 1, 1)[:, 0]
     smooth = 1.7 * smooth.unflatten(0, (count, len(POINTS), 2)).permute(0, 3, 1, 2)
@@ -333,7 +333,7 @@ def _detected(
 
 
 def _behind_body(image: torch.Tensor, depth: torch.Tensor, distance: torch.Tensor) -> torch.Tensor:
-    """Return a (B, 27, 19) mask of points behind trunk, thighs or upper arms: near their axes and farther away."""
+    """Return a mask (B, 27, 19) of points hidden by trunk, thighs or upper arms: near their axes and farther away."""
     first, last = (torch.tensor(ends) for ends in zip(*((a, b) for a, b, _ in _LIMBS), strict=True))
     start = torch.cat([image[:, :, 0:2].mean(2, keepdim=True), image[:, :, first]], dim=2)
     end = torch.cat([image[:, :, 2:4].mean(2, keepdim=True), image[:, :, last]], dim=2)
@@ -350,7 +350,7 @@ def _behind_body(image: torch.Tensor, depth: torch.Tensor, distance: torch.Tenso
 
 
 def _exchanged(image: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Exchange left and right legs or arms of some windows for a range of frames."""
+    """Exchange left and right legs or arms in some windows for a range of frames."""
     count = len(image)
     chosen = (torch.rand(count, 1, 1, generator=generator) < EXCHANGED) & _for_a_time(count, generator)[..., None]
     legs = torch.rand(count, 1, 1, generator=generator) < 0.5
@@ -361,7 +361,7 @@ def _exchanged(image: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
 
 
 def _lost(image: torch.Tensor, behind: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Return a (B, 27, 19) mask of the points that a detector misses."""
+    """Return a mask (B, 27, 19) of the points that the detector misses."""
     count = len(image)
     lost = torch.rand(behind.shape, generator=generator) < torch.where(behind, 0.35, 0.01)
     gone = (torch.rand(count, len(_GROUPS), generator=generator) < 0.2).float()
@@ -379,7 +379,7 @@ def _lost(image: torch.Tensor, behind: torch.Tensor, generator: torch.Generator)
 
 
 def _cut(image: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Return a (B, 27, 19) mask of points outside the image, in windows with a person at the image's edge."""
+    """Return a mask (B, 27, 19) of points outside the image, in windows whose person is at the edge of the image."""
     count = len(image)
     angle = torch.where(
         torch.rand(count, generator=generator) < 0.6,
@@ -395,7 +395,7 @@ def _cut(image: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
 
 
 def _for_a_time(count: int, generator: torch.Generator) -> torch.Tensor:
-    """Return a (B, 27) mask of a frame range or of all frames."""
+    """Return a mask (B, 27) of a range of frames or of all frames."""
     first, last = (torch.randint(-WINDOW, 2 * WINDOW, (count, 1), generator=generator) for _ in range(2))
     frame = torch.arange(WINDOW)
     return (frame >= torch.minimum(first, last)) & (frame <= torch.maximum(first, last))

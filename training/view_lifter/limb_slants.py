@@ -1,4 +1,4 @@
-"""Train the limb slants from recordings to shipped weights. Windows are drawn once, and the view lifter reads them."""
+"""Train the limb slants from recordings to shipped weights. Windows are drawn once and read by the view lifter."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from training.view_lifter.filming import Recordings, film
 
 NAME = "limb_slants"
 _BLOCK = 1000
-"""Number of windows per draw, which limits memory. Chosen by hand."""
-FLAGGED_PERCENT = 20.0  # Share of limbs with the highest chance, for the flips on the card.
+"""Number of windows per draw. It limits memory. Chosen by hand."""
+FLAGGED_PERCENT = 20.0  # Percentage of limbs with the highest probability that count as flagged on the card.
 CARD = Card(
     "Limb slants",
     """This network estimates the probabilities that the bones of arms and legs point towards the camera, across or away
@@ -47,27 +47,27 @@ the three classes. `flips_percent` counts limbs with a bone that the view lifter
 
 @dataclass(frozen=True)
 class LimbSlantSettings:
-    """Settings of the network and its windows."""
+    """Settings of the network and of the windows that it learns from."""
 
     hidden: int = 64  # Width of the only layer.
-    dropout: float = 0.2  # Dropout of that layer in training.
-    windows: int = 16_000  # Total number of windows. The view lifter reads 200 per second on a CPU.
-    unseen: int = 3_000  # Number of windows of unseen subjects.
-    exchanged: int = 1  # Copies of the recordings with limbs exchanged between clips.
+    dropout: float = 0.2  # Dropout rate of that layer during training.
+    windows: int = 16_000  # Total number of windows. On a CPU, the view lifter reads 200 per second.
+    unseen: int = 3_000  # Number of windows from unseen subjects.
+    exchanged: int = 1  # Number of copies of the recordings in which limbs are exchanged between clips.
 
 
 @dataclass(frozen=True)
 class SlantWindows:
-    """B windows as the view lifter has read them."""
+    """B windows, as the view lifter has read them."""
 
     hidden: torch.Tensor  # (B, d) features.
-    classes: torch.Tensor  # (B, 8) classes of the true slants.
-    lifted: np.ndarray  # (B, 8) lifted slants.
+    classes: torch.Tensor  # (B, 8) classes of the true limb slants.
+    lifted: np.ndarray  # (B, 8) slants that were lifted.
     true: np.ndarray  # (B, 8) true slants.
 
 
 class LimbSlantTask:
-    """Batches of windows that are drawn once, the loss, and figures on unseen subjects."""
+    """Draws batches from fixed windows, computes the loss, and reports figures on unseen subjects."""
 
     def __init__(
         self, training: Corpus, validation: Corpus, body: Body, settings: LimbSlantSettings, batch: int, seed: int
@@ -86,15 +86,15 @@ class LimbSlantTask:
 
     @property
     def model(self) -> nn.Module:
-        """Network from the lifter's features to 24 logits."""
+        """Network that maps the lifter's features to 24 logits."""
         return self._network
 
     def draw(self, generator: torch.Generator) -> torch.Tensor:
-        """Return the (B,) window indices of a batch."""
+        """Return the indices (B,) of the windows in a batch."""
         return torch.randint(len(self._seen.hidden), (self._batch,), generator=generator)
 
     def loss(self, batch: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-        """Return the cross-entropy of the eight bones' classes."""
+        """Return the cross-entropy of the classes of all eight bones."""
         return _entropy(self._network(self._seen.hidden[batch]), self._seen.classes[batch])
 
     @torch.no_grad()

@@ -27,7 +27,7 @@ from training.view_lifter.filming import INVERTED_COSINE, FilmedWindows, Recordi
 
 
 class ViewNet(nn.Module):
-    """Network from (N, 27, 62) features to (N, 89) outputs."""
+    """Network that maps features (N, 27, 62) to outputs (N, 89)."""
 
     def __init__(self, width: int, layers: int, heads: int) -> None:
         super().__init__()
@@ -45,25 +45,25 @@ class ViewNet(nn.Module):
         return self.out(self.norm(x[:, MIDDLE]))
 
 
-_VALIDATION_WINDOWS = 2000  # Windows of each validation, chosen by hand.
-_JOINTS = NUM_JOINTS  # Number of the body's joints, which precede the other points.
+_VALIDATION_WINDOWS = 2000  # Number of windows in each validation. Chosen by hand.
+_JOINTS = NUM_JOINTS  # Number of body joints. They precede the other points.
 
 
 @dataclass(frozen=True)
 class ViewLifterSettings:
-    """Settings of the network and of the simulated people."""
+    """Settings of the network and of the people who are simulated."""
 
     width: int = 192  # Features per frame.
-    layers: int = 6  # Layers of attention between frames.
-    heads: int = 6  # Heads of each attention layer.
-    exchanged: int = 3  # Copies of the recordings with limbs exchanged between clips.
-    tips: float = 0.3  # Weight of points along the joints' axes relative to the joints.
+    layers: int = 6  # Number of layers of attention between frames.
+    heads: int = 6  # Number of heads in each attention layer.
+    exchanged: int = 3  # Number of copies of the recordings in which limbs are exchanged between clips.
+    tips: float = 0.3  # Weight of points on the joints' axes, relative to the joints.
     up: float = 0.1  # Weight of the up direction, in metres per unit.
     error: float = 0.01  # Weight of the logarithmic density of the errors, in metres.
 
 
 class ViewLifterTask:
-    """Batches of windows, the loss, and figures on unseen subjects."""
+    """Draws batches of windows, computes the loss, and reports figures on unseen subjects."""
 
     def __init__(
         self, training: Corpus, validation: Corpus, body: Body, prior: SPoser, settings: ViewLifterSettings,
@@ -80,7 +80,7 @@ class ViewLifterTask:
 
     @property
     def model(self) -> nn.Module:
-        """Network from 27 frames of 62 numbers to 89 numbers."""
+        """Network that maps 27 frames of 62 numbers to 89 numbers."""
         return self._network
 
     def draw(self, generator: torch.Generator) -> FilmedWindows:
@@ -136,9 +136,9 @@ class ViewLifterTask:
 
 @dataclass(frozen=True)
 class _Poses:
-    found: torch.Tensor  # (B, 90, 3) points relative to the pelvis, metres.
-    truth: torch.Tensor  # (B, 90, 3) points relative to the pelvis, metres.
-    off: torch.Tensor  # (B, 90, 3) errors relative to their mean over the joints, metres.
+    found: torch.Tensor  # (B, 90, 3) points relative to the pelvis in metres.
+    truth: torch.Tensor  # (B, 90, 3) points relative to the pelvis in metres.
+    off: torch.Tensor  # (B, 90, 3) errors relative to their mean over the joints, in metres.
 
 
 def _lifted(network: nn.Module, footage: FilmedWindows) -> LiftedView:
@@ -150,7 +150,7 @@ def _lifted(network: nn.Module, footage: FilmedWindows) -> LiftedView:
 
 
 def _density(off: torch.Tensor, lifted: LiftedView) -> torch.Tensor:
-    """Return (B, 24) negative logarithms of the normal densities of (B, 24, 3) errors."""
+    """Return the negative logarithms (B, 24) of the normal densities of errors (B, 24, 3)."""
     seen = torch.matmul(off, lifted.sight.mT)
     sigma = lifted.sigma_m[..., (0, 0, 1)]
     return (0.5 * (seen / sigma).square() + torch.log(sigma)).sum(-1)

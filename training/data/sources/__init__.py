@@ -1,1 +1,1 @@
-"""Readers for the corpus's recordings."""
+"""Readers for the recordings in the corpus."""

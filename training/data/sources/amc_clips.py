@@ -1,4 +1,4 @@
-"""Read Acclaim motions (AMC, optionally gzipped) as recorded clips with the product's reader."""
+"""Read Acclaim motions (AMC, optionally gzipped) as recorded clips, using the product's reader."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _TPOSE = {
     "lhumerus": (0.0, 0.0, -0.14),
     "rhumerus": (0.0, 0.0, 0.14),
 }
-"""Rotation vectors of the T-pose in radians, as in the other conversions of the same recordings."""
+"""Rotation vectors of the T-pose in radians, as in other conversions of the same recordings."""
 
 
 def read_amc(path: Path, skeleton: Path) -> RecordedClip:
-    """Read a motion with its skeleton (ASF).
+    """Read a motion together with its skeleton (ASF).
 
     Raises:
         FileMissing: the file does not exist.

@@ -1,4 +1,4 @@
-"""Load all recordings that the priors learn from, as clips of body rotations at 30 Hz."""
+"""Load all recordings from which the priors learn, as clips of body rotations at 30 Hz."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ from training.data.sources.amc_clips import read_amc
 from training.data.sources.marker_takes import FIT_FPS, fitted_takes
 
 _ARMS = ((13, 16, 1.0), (14, 17, -1.0))
-"""(collar, shoulder, sign of x of the arm in the T-pose). Subtract 1 for columns of SMPL's 21 body joints."""
-RAISING_SHARE = 0.22  # Share of the collar in the upper arm's elevation above the horizontal.
-REACHING_SHARE = 0.15  # Share of the collar in the upper arm's forward swing.
+"""(collar, shoulder, sign of the arm's x in the T-pose). Subtract 1 for columns of SMPL's 21 body joints."""
+RAISING_SHARE = 0.22  # Part of the upper arm's elevation that the collar takes over.
+REACHING_SHARE = 0.15  # Part of the upper arm's forward swing that the collar takes over.
 
 
 _FIELDS = ("names", "parents", "offsets", "rotvec", "root", "fps")
 
 
 def read_clip(path: Path) -> RecordedClip:
-    """Read one clip (``names, parents, offsets, rotvec, root, fps``, optionally ``tpose_rotvec, root_rotvec``).
+    """Read a clip (``names, parents, offsets, rotvec, root, fps``, optionally ``tpose_rotvec, root_rotvec``).
 
     If a clip starts with its T-pose, that frame is skipped. ``root_rotvec`` (F, 3) replaces root rotations that have
     only half precision.
 
     Raises:
         FileMissing: the file does not exist.
-        FileDamaged: it is not a clip file, or lacks fields.
+        FileDamaged: it is not a clip file, or fields are missing.
         NonFiniteData: a rotation is NaN or infinite.
     """
     if not path.is_file():
@@ -70,7 +70,7 @@ def read_clip(path: Path) -> RecordedClip:
 
 
 def resample(rotations: np.ndarray, fps: float, target_fps: float) -> np.ndarray:
-    """Resample (F, ..., 3, 3) rotations to another frame rate, by geodesics between neighbouring frames."""
+    """Resample rotations (F, ..., 3, 3) to another frame rate, along geodesics between neighbouring frames."""
     count = int(np.floor((len(rotations) - 1) * target_fps / fps + 1e-6)) + 1
     position = np.minimum(np.arange(count) * (fps / target_fps), len(rotations) - 1.0)
     first = np.minimum(np.floor(position + 1e-3).astype(int), len(rotations) - 1)
@@ -83,7 +83,7 @@ def resample(rotations: np.ndarray, fps: float, target_fps: float) -> np.ndarray
 
 
 def with_shoulder_rhythm(rotations: np.ndarray) -> np.ndarray:
-    """Return poses with collars that follow the arms. Each upper arm keeps its direction in the chest's frame.
+    """Make the collars follow the arms. Each upper arm keeps its direction in the frame of the chest.
 
     The collar rotates by 0.22 of the arm's elevation about z, and by 0.15 of its forward swing about y. The swing is
     multiplied by the cosine of the elevation, because an upright arm has no swing. The shoulder compensates.
@@ -94,7 +94,7 @@ def with_shoulder_rhythm(rotations: np.ndarray) -> np.ndarray:
     Returns:
         (F, 21, 3, 3) local rotations.
 
-    Reference: after the scapulohumeral rhythm of Inman, Saunders & Abbott 1944, with shares for the T-pose as zero.
+    Reference: after the scapulohumeral rhythm of Inman, Saunders & Abbott 1944, but with zero rotation in the T-pose.
     """
     out = rotations.copy()
     for collar, shoulder, side in _ARMS:
@@ -108,9 +108,9 @@ def with_shoulder_rhythm(rotations: np.ndarray) -> np.ndarray:
     return out
 
 
-TPOSE = "T-Pose"  # Name of the animation with the T-pose.
-_FPS = 30.0  # Frames per second at which curves are sampled, chosen by hand.
-_COMPONENTS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}  # Components per element by type (glTF 2.0, section 5.1.3).
+TPOSE = "T-Pose"  # Name of the animation that contains the T-pose.
+_FPS = 30.0  # Rate at which curves are sampled, in frames per second. Chosen by hand.
+_COMPONENTS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}  # Number of components by element type (glTF 2.0, section 5.1.3).
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ class _Scene:
 
 
 def read_archive_clips(archive: Path) -> list[RecordedClip]:
-    """Read every animation of the ``.glb`` files with a T-pose in a tar archive, sorted by name.
+    """Read all animations of the ``.glb`` files in a tar archive that have a T-pose, sorted by name.
 
     Raises:
         FileMissing: the archive does not exist.
@@ -150,7 +150,7 @@ def read_archive_clips(archive: Path) -> list[RecordedClip]:
 
 
 def gltf_clips(data: bytes, where: str = "") -> list[RecordedClip]:
-    """Return the animations of a ``.glb`` at 30 Hz, or none if it lacks an animation ``T-Pose``.
+    """Return the animations of a ``.glb`` file at 30 Hz, or none if it has no animation named ``T-Pose``.
 
     Raises:
         FileDamaged: the bytes are not a glTF binary file.
@@ -178,7 +178,7 @@ def _parse(data: bytes, where: str) -> _Scene:
 
 
 def _tree(nodes: list[dict[str, Any]]) -> tuple[list[int], np.ndarray]:
-    """Return node numbers with parents before children, and the position of each node's parent (-1 at roots)."""
+    """Return node numbers, parents before children, and the position of each node's parent (-1 for roots)."""
     parent_of = {child: i for i, node in enumerate(nodes) for child in node.get("children", ())}
     order = [i for i in range(len(nodes)) if i not in parent_of]
     for i in order:
@@ -188,7 +188,7 @@ def _tree(nodes: list[dict[str, Any]]) -> tuple[list[int], np.ndarray]:
 
 
 def _rotvecs(scene: _Scene, animation: dict[str, Any], order: list[int], rest: np.ndarray) -> np.ndarray:
-    """Return (F, J, 3) local rotation vectors in radians at 30 Hz. Nodes without a channel keep their rest rotation."""
+    """Return local rotation vectors (F, J, 3) in radians at 30 Hz. Nodes without a channel keep their rest rotation."""
     channels = {
         c["target"]["node"]: animation["samplers"][c["sampler"]]
         for c in animation["channels"]
@@ -205,7 +205,7 @@ def _rotvecs(scene: _Scene, animation: dict[str, Any], order: list[int], rest: n
 
 
 def _sampled(times: np.ndarray, quats: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Interpolate quaternions of any component order at other times, along the shorter path."""
+    """Interpolate quaternions, in any component order, at other times along the shorter path."""
     before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 1)
     after = np.minimum(before + 1, len(times) - 1)
     gap = times[after] - times[before]
@@ -218,44 +218,44 @@ def _sampled(times: np.ndarray, quats: np.ndarray, at: np.ndarray) -> np.ndarray
 FPS = 30.0
 KEYED = "keyed"
 """Subject of hand-keyed animations."""
-UNKNOWN = "unknown"  # Subject of conversions that do not preserve it.
+UNKNOWN = "unknown"  # Subject of clips from conversions that do not preserve it.
 KEYED_ARCHIVE = "mesh2motion_cc0.tar.xz"
 FAULT_DEG = 30.0
-"""Angle in degrees beyond its anatomical range at which a joint counts as wrongly tracked."""
-FAR = "far"  # Folder of motions unlike all training motions, for evaluating priors.
+"""A joint that exceeds its anatomical range by more than this many degrees was tracked wrongly."""
+FAR = "far"  # Folder of motions that differ from all training motions, for evaluating priors.
 _FOLDERS = ("asfamc", "amc", "mb2", "expmap", "max", "daz", "daz_more", "segments", "jump")
-"""Folders of converted recordings. If several contain a take, the first one is used."""
+"""Folders of converted recordings. If several of them contain a take, the first folder is used."""
 _AMC = ("11_01", "13_30", "13_31", "14_14", "14_20")
-"""Motions that no other conversion contains with hands and toes. All CMU skeletons have the same axes, so one is
-enough."""
-_TAKE = re.compile(r"(?:[a-z]+_)?(\d+)_\d+")  # CMU's subject and trial in a file's name, optionally after a word.
+"""Motions that have hands and toes in no other conversion. One skeleton is enough, because all CMU skeletons have the
+same axes."""
+_TAKE = re.compile(r"(?:[a-z]+_)?(\d+)_\d+")  # CMU's subject and trial in a file name, optionally after a word.
 _NUMBERED = ("asfamc", "amc", "mb2", "daz_more", "segments", "jump", FAR)
-"""Folders with files named by subject and trial."""
+"""Folders whose files are named by subject and trial."""
 _BVH = "makehuman_data_bvhs_10_01.bvh"
 _MIN_FRAMES = 3
-"""Minimum number of frames of a clip. Chosen by hand."""
+"""Smallest number of frames in a clip. Chosen by hand."""
 
 
 @dataclass(frozen=True)
 class Clip:
-    """A clip ready for training."""
+    """A clip that is ready for training."""
 
-    name: str  # Source and file, with a slash between.
+    name: str  # Source and file, separated by a slash.
     subject: str
     rotations: np.ndarray  # (F, 21, 3, 3) local rotations at 30 Hz, float32.
-    root: np.ndarray | None = None  # (F, 3, 3) float32, the pelvis since the T-pose, Y up, or None if unknown.
+    root: np.ndarray | None = None  # (F, 3, 3) float32, pelvis rotation since the T-pose, Y up, or None if unknown.
 
 
 def load_clips(
     data: Path, progress: Progress = silent, *, cache: Path | None = None, fitted: bool = True
 ) -> list[Clip]:
-    """Read CMU's recordings under ``data``, and the marker takes and hand-keyed animations if they exist.
+    """Read CMU's recordings in ``data``, and marker takes and hand-keyed animations if they exist.
 
     Args:
-        data: folder with ``motion_cmu``.
+        data: folder that contains ``motion_cmu``.
         progress: called after every file.
-        cache: folder that keeps the fitted marker takes, because fitting takes minutes.
-        fitted: also read the marker takes.
+        cache: folder that stores the fitted marker takes, because fitting takes minutes.
+        fitted: whether to read the marker takes too.
 
     Raises:
         FileMissing: the folder contains no clips.
@@ -277,16 +277,16 @@ def load_clips(
 
 
 def load_far_clips(data: Path) -> list[Clip]:
-    """Read the motions under ``data`` that differ from all training motions, without tracking faults.
+    """Read the motions in ``data`` that differ from all training motions, without tracking faults.
 
-    The list is empty if they are missing.
+    The list is empty if there are no such motions.
     """
     clips = [_recorded(read_clip(path), FAR, subject_of(path)) for path in _recordings(data / "motion_cmu" / FAR)]
     return [piece for clip in clips for piece in without_faults(clip)]
 
 
 def without_faults(clip: Clip) -> list[Clip]:
-    """Return the frame ranges of a clip in which every joint is near its anatomical range."""
+    """Return the frame ranges of a clip in which every joint is close to its anatomical range."""
     sound = (excess_deg(clip.rotations.astype(np.float64)) < FAULT_DEG).all(axis=1)
     long = [slice(first, last + 1) for first, last in true_runs(sound) if last - first + 1 >= _MIN_FRAMES]
     root = clip.root
@@ -296,7 +296,7 @@ def without_faults(clip: Clip) -> list[Clip]:
 
 
 def subject_of(path: Path) -> str:
-    """Return the CMU subject of a clip's file, or UNKNOWN for conversions without a subject."""
+    """Return the CMU subject of a clip file, or UNKNOWN for conversions that do not preserve it."""
     folder, take = path.parent.name, _TAKE.match(path.name)
     if folder in _NUMBERED and take:
         return take.group(1)
@@ -306,14 +306,14 @@ def subject_of(path: Path) -> str:
 
 
 def _recordings(folder: Path) -> list[Path]:
-    """Return the files of CMU recordings in a folder that the corpus uses."""
+    """Return the CMU recordings in a folder that the corpus uses."""
     if folder.name == "amc":
         return [path for name in _AMC if (path := folder / f"{name}.amc.gz").is_file()]
     return sorted(folder.glob("*.npz"))
 
 
 def _one_of_each_take(paths: Iterable[Path]) -> list[Path]:
-    """Return the first file of every numbered take, and all files that are not numbered."""
+    """Return the first file of every numbered take, and all files without a number."""
     first: dict[str, Path] = {}
     for path in paths:
         name = path.name.split(".")[0]
@@ -333,13 +333,13 @@ def _recorded(clip: RecordedClip, source: str, subject: str) -> Clip:
 
 
 def _clip(name: str, subject: str, rotations: np.ndarray) -> Clip:
-    """Return a clip of (F, 22, 3, 3) rotations, the pelvis first."""
+    """Return a clip from rotations (F, 22, 3, 3), pelvis first."""
     rotations = rotations.astype(np.float32)
     return Clip(name, subject, rotations[:, 1:], rotations[:, 0])
 
 
 def _at_corpus_rate(clip: RecordedClip) -> np.ndarray:
-    """Return the (F, 22, 3, 3) rotations of the pelvis and the body joints at the corpus's frame rate."""
+    """Return the rotations (F, 22, 3, 3) of the pelvis and the body joints at the frame rate of the corpus."""
     return resample(body_rotations(clip), clip.fps, FPS)
 
 

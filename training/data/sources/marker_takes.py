@@ -1,4 +1,4 @@
-"""Fit body rotations to UI-PRMD's marker takes (rehabilitation exercises of eight people)."""
+"""Fit body rotations to the marker takes of UI-PRMD (rehabilitation exercises by eight people)."""
 
 from __future__ import annotations
 
@@ -24,31 +24,31 @@ from solver_backend.types import MarkerCloud
 
 @dataclass(frozen=True)
 class MarkerFit:
-    """Settings for fitting a person."""
+    """Settings for fitting one person."""
 
-    sigma_m: float = 0.004  # Standard deviation of skin and marker noise.
+    sigma_m: float = 0.004  # Standard deviation of skin movement and marker noise.
     coarse_sigma_m: float = 0.015  # Standard deviation while the shape is unknown.
-    robust_scale: float = 1000.0  # Geman-McClure's scale in sigmas. 1000 means least squares.
-    sample: int = 40  # Number of frames for estimating shape and offsets.
-    shape: ShapePrior = field(default_factory=ShapePrior)  # Prior of shape and offsets.
+    robust_scale: float = 1000.0  # Geman-McClure scale in sigmas. 1000 amounts to least squares.
+    sample: int = 40  # Number of frames from which shape and offsets are estimated.
+    shape: ShapePrior = field(default_factory=ShapePrior)  # Prior for shape and offsets.
 
 
 @dataclass(frozen=True)
 class FittedMarkers:
-    """A person and their poses."""
+    """A person and the fitted poses."""
 
     subject: Subject
     frames: PosedFrames
-    residual_m: np.ndarray  # (F, L) distance of every marker to the body's, NaN if unseen.
+    residual_m: np.ndarray  # (F, L) distance between each marker and its point on the body, NaN if unseen.
 
 
 def fit_markers(cloud: MarkerCloud, body: Body, prior: SPoser, settings: MarkerFit = MarkerFit()) -> FittedMarkers:
-    """Fit shape and marker offsets on sampled frames, then all frames with the prior, then each joint freely.
+    """Fit shape and marker offsets to sampled frames, then all frames with the prior, then each joint freely.
 
     Args:
         cloud: F frames of L named markers.
         body: body to fit.
-        prior: prior that initialises the fit and regularises joints without visible markers.
+        prior: prior that initialises the fit and regularises joints that have no visible markers.
         settings: noise and priors.
 
     Raises:
@@ -82,7 +82,7 @@ def free_joints(
     iterations: int = 12,
     block: int = 512,
 ) -> PosedFrames:
-    """Fit each joint's rotation freely, regularised to its initial value by the prior's reconstruction error."""
+    """Fit each joint's rotation freely. The prior's reconstruction error keeps it near its initial value."""
     parts = [slice(i, i + block) for i in range(0, len(start.transl), block)]
     fitted = [_free(subject, start.select(p), objective.select(p), prior, scale, iterations) for p in parts]
     return PosedFrames.concatenate(fitted)
@@ -115,24 +115,24 @@ def _free(
     ).state
 
 
-FIT_FPS = 10.0  # Frame rate of the fit, sufficient for movements of seconds.
-FIT = MarkerFit(robust_scale=5.0, sample=80)  # Settings of the fit, chosen by hand.
+FIT_FPS = 10.0  # Frame rate of the fit, which is enough for movements that take seconds.
+FIT = MarkerFit(robust_scale=5.0, sample=80)  # Settings of the fit. Chosen by hand.
 _UNIT_M = 1e-4  # Metres per unit of these files, a tenth of a millimetre.
 _CACHE = "ui_prmd_poses.npz"
 
 
 @dataclass(frozen=True)
 class FittedTake:
-    """One fitted take."""
+    """A take that was fitted."""
 
-    name: str  # Name of the file: movement, subject, episode.
+    name: str  # File name: movement, subject, episode.
     subject: str  # Subject, s01 to s08.
     rotations: np.ndarray  # (F, 21, 3, 3) local rotations at ``FIT_FPS``.
-    residual_mm: np.ndarray  # (F,) mean distance of the markers to the body's in mm.
+    residual_mm: np.ndarray  # (F,) mean distance in mm between markers and their points on the body.
 
 
 def fitted_takes(folder: Path, cache: Path | None = None, progress: Progress = silent) -> list[FittedTake]:
-    """Fit every take with one body per person. The folder ``cache`` keeps the result, because fitting takes minutes.
+    """Fit every take, with one body per person. The results are stored in ``cache``, because fitting takes minutes.
 
     Raises:
         FileDamaged: a take is damaged.
@@ -150,7 +150,7 @@ def fitted_takes(folder: Path, cache: Path | None = None, progress: Progress = s
 
 
 def read_markers(path: Path) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return labels and (F, 39, 3) positions in metres at ``FIT_FPS``. Missing markers (zeros in the files) are NaN.
+    """Return labels and positions (F, 39, 3) in metres at ``FIT_FPS``. Missing markers (zeros in the files) are NaN.
 
     Raises:
         FileDamaged: the take is damaged.
