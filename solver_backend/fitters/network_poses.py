@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -98,10 +99,13 @@ def with_network_results(
     prior: AutoencodingPrior,
     results: Sequence[StartingResult],
     like: Array,
+    *,
+    is_sized: bool = False,
 ) -> Measurements:
     """Add a layer for each network result.
 
-    A single camera's size also depends on the result, and its solve may start from the result's poses.
+    A single camera's size also depends on the result unless ``is_sized``, and its solve may start from the result's
+    poses.
 
     Raises:
         JobInvalid: a result's camera does not exist, or is not named although there are several.
@@ -114,7 +118,7 @@ def with_network_results(
     for result in results:
         view = _view(capture, result, measurements.landmarks)
         match = _matched(result, view, measurements.landmarks, body, betas)
-        if isinstance(measurements.source, OneCamera) and match.local is not None and not layers:
+        if isinstance(measurements.source, OneCamera) and match.local is not None and not layers and not is_sized:
             measurements = _sized(measurements.source, match)
             assert measurements.known_person is not None
             betas = to_numpy(measurements.known_person.betas)
@@ -135,7 +139,11 @@ def with_network_results(
         if isinstance(measurements.source, OneCamera):
             measurements = _surer(measurements, match, view, sigma, trust, body, prior, like)
     provenance = noted(measurements.provenance, found)
-    return replace(measurements, layers=(*layers, *measurements.layers), provenance=provenance)
+    source = measurements.source
+    if isinstance(source, OneCamera):
+        size, add = source.sized_by, partial(with_network_results, is_sized=True)
+        source = replace(source, sized_by=lambda poses: add(size(poses), capture, body, prior, results, like))
+    return replace(measurements, source=source, layers=(*layers, *measurements.layers), provenance=provenance)
 
 
 def _sized(source: OneCamera, match: _Match) -> Measurements:

@@ -11,6 +11,7 @@ from solver_backend.body.body import load_body
 from solver_backend.exchange.errors import JobInvalid, MotionInvalid
 from solver_backend.exchange.progress import silent
 from solver_backend.fitters.network_poses import NetworkPoses, with_network_results
+from solver_backend.fitters.one_view.depth import OneCamera
 from solver_backend.fitters.one_view.measure import measure_one_view
 from solver_backend.fitters.problem import Measurements
 from solver_backend.geometry.rotations import exp_so3
@@ -114,3 +115,15 @@ def test_the_size_follows_from_both_poses(filmed: Filmed) -> None:
         assert measured.known_person is not None
         off.append(abs(filmed.body.stature_of(np.asarray(measured.known_person.betas)) / true - 1.0))
     assert off[1] < 0.7 * off[0]
+
+
+def test_another_size_keeps_the_result(filmed: Filmed) -> None:
+    joined = filmed.joined(filmed.simulated.result)
+    assert isinstance(joined.source, OneCamera) and filmed.whole.cameras is not None
+    root = filmed.whole.cameras.R[0] @ filmed.person.orient
+    true = replace(joined.source.take, view=replace(joined.source.take.view, root=root), local=filmed.person.local)
+    again = joined.source.sized_by(true)
+    assert isinstance(again.layers[0], NetworkPoses) and _note(again).keys() == _note(joined).keys()
+    assert again.known_person is not None
+    stature = filmed.body.stature_of(np.asarray(again.known_person.betas))
+    assert abs(stature / filmed.body.stature_of(filmed.person.betas) - 1.0) < 0.01  # The true poses give the true size.

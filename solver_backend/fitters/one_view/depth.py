@@ -300,11 +300,9 @@ class OneCamera(PointSource):
     def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
         """Return the problem with the person's size from the solved poses, if a calibrated floor shows it.
 
-        Detections and planted feet correct lifted poses, for example legs that are bent too little. Networks' poses
-        have their own size (``with_network_results``).
+        Detections and planted feet correct lifted poses, for example legs that are bent too little.
         """
-        has_poses = any(layer.terms().relative for layer in problem.measurements.layers)
-        if settings.betas is not None or self.heights is None or self.open.up_from_person or has_poses:
+        if settings.betas is not None or self.heights is None or self.open.up_from_person:
             return problem
         root, local = (to_numpy(part) for part in (solved.frames.root, solved.frames.local))
         R, _ = self.views.cameras.subset([self.views.cameras.names.index(self.open.camera)]).poses(0, len(root))
