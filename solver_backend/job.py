@@ -63,8 +63,8 @@ class Job(JobFile):
             message = f"The job has version {version!r}, but {VERSION} is needed."
             raise JobInvalid(message, where="job", hint=f'Write "version": {VERSION}.')
         if missing := [key for key in ("capture", "out") if not values.get(key)]:
-            what = f"The job lacks {' and '.join(missing)}."
-            raise JobInvalid(what, where="job", hint="Give both as file paths.")
+            what = f"The job has no {' and '.join(missing)}."
+            raise JobInvalid(what, where="job", hint="Specify both as file paths.")
         own = {item.name: str(item.type) for item in fields(JobFile) if item.name not in READING}
         kinds = own | {name: row.kind for name, row in READING.items()}
         types: dict[str, Any] = {name: _TYPES[kind] for name, kind in kinds.items() if kind in _TYPES}
@@ -144,7 +144,7 @@ def settings_of(values: Mapping[str, Any], folder: Path) -> SolveSettings:
     settings = SolveSettings.from_dict(values)
     given = {name: getattr(settings, name) for name in PATHS}
     if any("\0" in text for text in given.values()):
-        what = "A path of the settings contains the character U+0000, which is not possible in a path."
+        what = "A path in the settings contains the character U+0000, which no path can contain."
         raise JobInvalid(what, where="settings")
     files: dict[str, Any] = {name: str(folder / text) for name, text in given.items() if PATHS[name](text)}
     return replace(settings, **files)
@@ -161,7 +161,7 @@ def _resolve(values: Mapping[str, Any] | None, folder: Path) -> Resolve | None:
         return None
     motion = _typed(values, "motion", str)
     if motion is None:
-        raise JobInvalid("`resolve` has no `motion`.", where="resolve", hint="Give the earlier motion.")
+        raise JobInvalid("`resolve` has no `motion`.", where="resolve", hint="Specify the earlier motion.")
     _typed(values, "pins", list)
     _typed(values, "contacts", list)
     try:

@@ -12,7 +12,7 @@ from solver_backend.exchange.verbs import GROUPS
 from solver_backend.exchange.verbs import shared as named_settings
 
 _SETTINGS = (
-    ("SOLVING", 0.5, "the [settings of a solve](settings.md)"),
+    ("SOLVING", 0.5, "the [solve settings](settings.md)"),
     ("READING", 1.0, "the [reading options](settings.md#reading)"),
     ("WORLD", 1.0, "the [world options](settings.md#world)"),
 )  # Name of a group of settings, the least share of its rows that a verb has to have, and the link.
@@ -20,8 +20,8 @@ _MADE = """<!-- Made by python3 dev.py docs from the tables of verbs in solver_b
 blender_addon/headless/verbs.json; edit those. -->
 
 """
-_JSON = """A progress line has `stage`, `done`, `total` and `eta_s`. The result of `solve` has `motion`, `report`,
-`frames`, `fps`, `duration_s`, `solve_s`, `reprojection_median_px`, `marker_median_mm`, `unseen_frames`,
+_JSON = """A progress line contains `stage`, `done`, `total` and `eta_s`. The result of `solve` contains `motion`,
+`report`, `frames`, `fps`, `duration_s`, `solve_s`, `reprojection_median_px`, `marker_median_mm`, `unseen_frames`,
 `unsure_frames` and [`diagnostics`](diagnostics.md). Ignore keys that you do not know."""
 _HEAD = """# Command line
 
@@ -34,7 +34,7 @@ retarget or import also need Blender's Python module `bpy`.
 | a clone without an environment | `python -m solver_backend` and `python -m blender_addon` |
 | Blender with the extension | `blender --command manifold_mocap`, for the verbs of `manifold blender` |
 
-`VERB --help` prints the options of a verb. `--help-all` adds the rarely used ones. Every verb also takes `--json` and
+`VERB --help` prints the options of a verb. `--help-all` adds the rarely used ones. Every verb also accepts `--json` and
 `--verbose`."""
 
 

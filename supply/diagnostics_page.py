@@ -34,8 +34,8 @@ _ERRORS = """# Error codes
 
 An error ends a command. The message states what happened, where it happened and what to do. With `--json`, the error
 also has one of these codes, which `manifold explain CODE` explains. The exit code is 3 unless the table states another.
-A message that does not end the command is a [diagnostic](diagnostics.md). See also the
-[exit codes](command-line.md#exit-codes-and-json).
+See also the [exit codes](command-line.md#exit-codes-and-json) and the [diagnostics](diagnostics.md), which do not end
+a command.
 
 | code | exit code | meaning |
 |---|---|---|"""

@@ -11,8 +11,8 @@ _HEAD = """<!-- Made by python3 dev.py docs from solver_backend/exchange/job_fil
 
 # The job file
 
-A job file is JSON with the input, the settings and the output of one solve. `solve --job JOB.json` runs it. Do not add
-other options of a solve. The panel *Solve* writes a job file next to each take.
+A job file is a JSON file that defines the input, settings and output of one solve. Run it with `solve --job JOB.json`,
+without other solve options. The *Solve* panel writes a job file next to each take.
 [Batches](../how-to/batch-and-cluster.md#batches) accept a job without `capture` and `out`.
 
 ```json
@@ -26,8 +26,8 @@ other options of a solve. The panel *Solve* writes a job file next to each take.
 }
 ```
 
-If a key is missing, its default applies. A job with an unknown key, or an older or newer version, is rejected. The
-object `settings` contains [settings of a solve](settings.md). Paths are absolute, or relative to the job file's
+If a key is missing, its default applies. A job with an unknown key or another version is rejected. The
+object `settings` contains [solve settings](settings.md). Paths are absolute, or relative to the job file's
 folder."""
 _TABLES = (
     (
@@ -38,10 +38,10 @@ _TABLES = (
     (
         "JobRange",
         "Solve a range again: `resolve`",
-        "The object `resolve` describes the range. Frames outside the range do not change.",
+        "The object `resolve` describes the range. Frames outside it do not change.",
     ),
-    ("JobContact", "Edited contacts: items of `contacts`", "The solver applies them to the frames of the range."),
-    ("JobPin", "Pinned poses: items of `pins`", "Each item is a pose that the solver keeps in its frame."),
+    ("JobContact", "Edited contacts: items of `contacts`", "The solver applies them to frames in the range."),
+    ("JobPin", "Pinned poses: items of `pins`", "Each item is a pose that the solver keeps unchanged in its frame."),
 )
 _REQUIRED = "–"
 

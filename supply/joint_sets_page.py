@@ -12,7 +12,7 @@ A joint set names the points that a detector finds. If several sets fit your fil
 file has more points than names, the other points belong to the hands and the face. For other points, write a
 [`keypoints.json`](../how-to/choose-a-detector.md#your-own-keypoints-keypointsjson).
 
-| name | points in a file | names of the points, in order |
+| name | points in a file | point names, in order |
 |---|---|---|"""
 
 

@@ -8,9 +8,9 @@ _HEAD = """<!-- Made by python3 dev.py docs from solver_backend.__all__; edit th
 
 # Python API
 
-These are the public names of the package `solver_backend`. Import it with `.venv/bin/python` in a clone, or run
-`pip install .` there for another Python. `help(NAME)` prints the description of a name, and the site
-shows all descriptions. The folder `docs/examples` of the repository has example scripts, such as
+These are the public names of the `solver_backend` package. Import it with `.venv/bin/python` in a clone, or run
+`pip install .` there to use another Python. `help(NAME)` prints the documentation of a name. The folder
+`docs/examples` of the repository contains example scripts, such as
 [`bake_headless`](../examples/bake_headless.py), which bakes a motion without Blender's window.
 
 The public names follow [Semantic Versioning](https://semver.org/spec/v2.0.0.html). Before version 1.0.0, a minor

@@ -8,11 +8,11 @@ from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.exchange.verb import describe_default, describe_range
 
 SOURCE = "solver_backend/exchange/solve_settings.py, and reading_settings.py"
-_HEAD = """# Settings of a solve
+_HEAD = """# Solve settings
 
 If you are unsure, keep the defaults. Each setting is an option of `solve` and `from-videos`, a key under `settings` in
-a [job file](job-file.md), and a control in Blender's panel *Solve*. The key `foot_lock` is the option `--foot-lock`.
-For a setting with the values on and off, `--no-contacts` turns `--contacts` off."""
+a [job file](job-file.md), and a control in Blender's *Solve* panel. The key `foot_lock` is the option `--foot-lock`.
+The prefix `no-` turns an on/off setting off, as in `--no-contacts`."""
 _OF_READING = """Every command that reads a capture has these options and `--sync`. In a job file, they are keys next to
 `settings`. In Blender, they are under *Reading Options*."""
 
@@ -37,7 +37,6 @@ def _row(name: str, row: Setting) -> str:
         raise ValueError(f"The page derives the option of {name} from its key, but it is {row.options[0]}.")
     panel = row.control or f"*{row.label}*"
     values = describe_range(row) or row.metavar or "on, off"
-    several = "s" * (len(row.methods) > 1)
-    alone = f" Only for method{several} {' and '.join(f'`{name}`' for name in row.methods)}." if row.methods else ""
+    alone = f" Only used by {' and '.join(f'`{name}`' for name in row.methods)}." if row.methods else ""
     cells = (f"`{name}`", panel, values, describe_default(row) or "–", f"{row.description}.{alone}")
     return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"

@@ -219,7 +219,7 @@ class KeyDeviation:
 
     def __str__(self) -> str:
         off = f"Joints are up to {self.joints_mm:.1f} mm and {self.degrees:.1f}° from the take."
-        return f"{self.keys} keys are left. {off}"
+        return f"{self.keys} keys remain. {off}"
 
 
 def thin_channels(

@@ -86,7 +86,7 @@ def write_lanes(
     if resting is None:
         return
     for j in np.flatnonzero(resting.any(axis=0)):
-        write(j, RESTING, 0.0, "1 where nothing measured the joint", resting[frames, j].astype(np.float64))
+        write(j, RESTING, 0.0, "1 where the joint was not measured", resting[frames, j].astype(np.float64))
 
 
 def edit_contact(

@@ -75,7 +75,7 @@ def _add_finger_joints(arrays: dict[str, np.ndarray], path: Path, hands_file: Pa
     """Convert the arrays of an SMPL, SMPL-H or SMPL-X body to the joints of ``SMPL_HANDS``."""
     tree, vertices, count = np.asarray(arrays["kintree_table"]), len(arrays["v_template"]), _joint_count(arrays)
     if count not in FAMILY:
-        raise BodyInvalid(f"A body of {count} joints has no known fingers.", where=str(path))
+        raise BodyInvalid(f"A body of {count} joints has no known finger joints.", where=str(path))
     _require_shapes(arrays, path, _skin_shapes(vertices, count))
     given = FAMILY[count]
     if tuple(tree[0].astype(np.int64)[1:]) != given.parents[1:]:
@@ -246,7 +246,7 @@ def _require_numbers(arrays: dict[str, np.ndarray], path: Path) -> None:
     for key in set(arrays) - _TEXTS:
         if arrays[key].dtype.kind not in "fiub" or not arrays[key].ndim:
             found = f"{key} is {arrays[key].dtype} of shape {arrays[key].shape}"
-            hint = "Use the .npz of the model as it was downloaded."
+            hint = "Use the model's .npz file as downloaded."
             raise BodyInvalid(f"{found}, but an array of numbers is expected.", where=str(path), hint=hint)
 
 
@@ -285,7 +285,7 @@ def body_path_of(provenance: str) -> Path:
         if os.path.isfile(place):
             return place
     message = f"The motion was solved with the body '{places[0].stem}', but its file does not exist."
-    hint = f"Put the file into {bodies_folder()}, or give its path when you bake."
+    hint = f"Put the file into {bodies_folder()}, or specify its path when you bake."
     raise BodyMissing(message, where=str(places[0]), hint=hint)
 
 

@@ -183,6 +183,6 @@ def all_sliders(mesh: bpy.types.Object) -> list[bpy.types.ShapeKey]:
     if len(found) < NUM_BETAS:
         names = f"{_slider_name(0)} to {_slider_name(NUM_BETAS - 1)}"
         raise BodyInvalid(
-            f"The object lacks the shape keys {names}.", where=mesh.name, hint="Select the mesh of a body."
+            f"The object does not have the shape keys {names}.", where=mesh.name, hint="Select the mesh of a body."
         )
     return found

@@ -30,7 +30,7 @@ def add_shown(arrays: dict[str, np.ndarray], path: Path) -> tuple[dict[str, np.n
     vertices = len(arrays["v_template"])
     named = max(int(stored[key].max(initial=0)) for key in ("row_vertex", "shape_vertex", "look_vertex"))
     if str(stored["body_id"]) != str(arrays.get("body_id")) or named >= vertices:
-        raise BodyInvalid("The shown skin belongs to another body.", where=str(path), hint="Install the add-on again.")
+        raise BodyInvalid("The displayed skin is for another body.", where=str(path), hint="Install the add-on again.")
     order = stored["shape"]
     shapes = {
         str(name): (stored["shape_vertex"][order == k].astype(np.int64), stored["shape_offset"][order == k])

@@ -20,7 +20,7 @@ class Format:
 _SKINNED, _BONES = "Skeleton, skinned mesh and motion", ("root", "fingers")
 _RIGGED = "Rig, controls, skin and take, to append or link"
 _VRM = "Motion of humanoid bones for VRM characters, in metres, Y up"
-_POSES = "The same with jaw and eyes, as SMPL-X has them"
+_POSES = "The same with jaw and eyes, as in SMPL-X"
 FORMATS: dict[str, Format] = {
     "bvh": Format(".bvh", "BVH", "Skeleton and rotations in centimetres, Y up", "joint_tables.export_bvh", _BONES),
     "fbx": Format(".fbx", "FBX", f"{_SKINNED}, Y up", "blender_exporters.export_fbx", ("unit", "up", *_BONES, "node")),
@@ -42,8 +42,8 @@ ROOT_MOTIONS = (
 )
 """Where the travel over the ground can be stored, as the identifiers, labels and descriptions of an enum."""
 UNITS = (
-    ("m", "Metres", "One unit of the file is a metre"),
-    ("cm", "Centimetres", "One unit of the file is a centimetre, without a scale on the skeleton"),
+    ("m", "Metres", "One file unit is a metre"),
+    ("cm", "Centimetres", "One file unit is a centimetre, without a scale on the skeleton"),
 )
 """Length units of FBX files."""
 UP_AXES = (
@@ -82,14 +82,14 @@ class Destination:
 
 
 _UNREAL = FileLayout(unit="cm", root="root", node="Armature")
-_UNITY = "FBX in metres, with the travel on the hips as humanoid rigs expect it"
+_UNITY = "FBX in metres, with the travel on the hips, as humanoid rigs expect"
 _BLENDER = "Blender file with the rig, its controls, its skin and the take, to append or link"
 DESTINATIONS: dict[str, Destination] = {
     "unreal": Destination("Unreal", "fbx", "FBX in centimetres with root motion on a root bone", _UNREAL),
     "unity": Destination("Unity", "fbx", _UNITY, AS_RECORDED),
     "maya": Destination("Maya", "fbx", "FBX in centimetres, Y up, with the travel on the hips", FileLayout("cm")),
     "godot": Destination("Godot", "gltf", "glTF in metres with root motion on a root bone", FileLayout(root="root")),
-    "vrm": Destination("VRM", "vrma", "VRM Animation, which every VRM character plays", AS_RECORDED),
+    "vrm": Destination("VRM", "vrma", "VRM Animation, which every VRM character can play", AS_RECORDED),
     "three.js": Destination("three.js", "gltf", "glTF in metres, with the travel on the hips", AS_RECORDED),
     "blender": Destination("Blender", "blend", _BLENDER, FileLayout(up="Z")),
 }

@@ -177,7 +177,7 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
     if not is_body(take):
         if not take.is_on_frames:
             hint = f"Choose {scene_frame_rate(take.scene):g} frames per second, or bvh, trc or csv."
-            raise NothingToExport("Only a body of this add-on can be resampled here.", where=take.name, hint=hint)
+            raise NothingToExport("Only a body from this add-on can be resampled here.", where=take.name, hint=hint)
         yield take
         return
     layout = take.layout

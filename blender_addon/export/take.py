@@ -88,7 +88,7 @@ def take_of(
     fps = own_rate(scene, armature) if fps is None else fps
     if frames is None:
         if action is None:
-            hint = "Assign an action, or give a frame range."
+            hint = "Assign an action, or specify a frame range."
             raise NothingToExport("The armature has no current action.", where=armature.name, hint=hint)
         start, end = action.frame_range
         frames = (start, end) if solved is not None else (math.floor(start + _WHOLE), math.ceil(end - _WHOLE))
@@ -164,7 +164,7 @@ def uniform_scale(take: ExportTake) -> float:
     scale = float(even_scale(take.armature.matrix_world, _SAME_SIZE))
     if np.isnan(scale) or take.armature.matrix_world.determinant() < 0:
         hint = "Scale the armature and its parents equally in all directions."
-        raise NothingToExport("The armature is scaled unevenly or mirrored.", where=take.name, hint=hint)
+        raise NothingToExport("The armature is mirrored or not scaled uniformly.", where=take.name, hint=hint)
     return 1.0 if abs(scale - 1) < _SAME_SIZE else scale
 
 
@@ -205,7 +205,7 @@ def sample_pose(take: ExportTake, progress: Progress, names: tuple[str, ...] | N
     names = names or tuple(b.name for root in roots for b in (root, *root.children_recursive) if b.use_deform)
     missing = [name for name in names if name not in data]
     if missing or not names:
-        lacks = f"lacks the bones {', '.join(missing)}" if missing else "has no deforming bones"
+        lacks = f"does not have the bones {', '.join(missing)}" if missing else "has no deforming bones"
         hint = "Export an armature that this add-on baked."
         raise NothingToExport(f"The armature {lacks}.", where=take.name, hint=hint)
     index = {name: i for i, name in enumerate(names)}

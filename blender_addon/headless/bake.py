@@ -76,8 +76,8 @@ def _bake(args: Namespace, kinds: dict[str, str], settings: dict[str, Any], prog
         is_full = settings.get("keys_per_second") is None and settings.get("tolerance_mm") is None
         if is_full and joints_mm > _TOLERATED_MM:
             notes.append(
-                f"The armature's joints are up to {joints_mm:.1f} mm from the motion file, which was solved with "
-                "another body of this name."
+                f"The armature's joints are up to {joints_mm:.1f} mm from the motion file, which may come from "
+                "another body of the same name."
             )
         notes += _write_pictures({kind: temporary[name] for kind, name in names.items()}, subject, progress)
     length = {"frames": motion.num_frames, "fps": motion.fps, "baked_s": round(baked_s, 3)}

@@ -64,6 +64,6 @@ def open_body(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
     if len(chosen) != 1 or chosen[0] not in found:
         name = args.armature
         message = f"There is no animated armature '{name}'." if name else "Exactly one animated armature is needed."
-        hint = f"Name one with --armature: {', '.join(found) or 'the file has none'}."
+        hint = f"Specify one with --armature: {', '.join(found) or 'the file has none'}."
         raise NothingToExport(message, where=str(args.source), hint=hint)
     return scene, found[chosen[0]]

@@ -176,7 +176,7 @@ def _run(kind: str, path: Path, folder: Path, limits: ImportLimits, **options: A
         else:
             return None
         hint = f"If you trust the file, allow more with {hint}."
-        return ImportStopped(f"Blender's import of the file takes {what}. It was stopped.", where=str(path), hint=hint)
+        return ImportStopped(f"Blender's import of the file needs {what}. It was stopped.", where=str(path), hint=hint)
 
     words = [str(path.absolute()), "--kind", kind, "--out", str(folder)]
     words += [word for name, value in options.items() if value for word in (f"--{name}={value}",)]
@@ -186,4 +186,4 @@ def _run(kind: str, path: Path, folder: Path, limits: ImportLimits, **options: A
         if error.code != "solver_died" or not reached[0]:  # the child ended before it opened the file
             raise
         hint = "Open it in the program that wrote it and export it again."
-        raise FileDamaged("Blender crashed while it read the file.", where=str(path), hint=hint) from error
+        raise FileDamaged("Blender crashed while reading the file.", where=str(path), hint=hint) from error

@@ -42,7 +42,7 @@ def _remarks(result: CommandResult) -> list[str]:
     lines = []
     if "joints_deviation_mm" in result:
         joints_mm, skin_mm = result["joints_deviation_mm"], result["skin_deviation_mm"]
-        lines.append(f"Blender agrees with the motion to {joints_mm:.3f} mm (joints) and {skin_mm:.3f} mm (skin)")
+        lines.append(f"Blender agrees with the motion within {joints_mm:.3f} mm (joints) and {skin_mm:.3f} mm (skin)")
     if "hands_and_feet_deviation_mm" in result:
         off_mm, scale = result["hands_and_feet_deviation_mm"], result["scale"]
         within = max(0.1, math.ceil(10 * off_mm) / 10)

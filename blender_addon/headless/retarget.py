@@ -49,7 +49,7 @@ def run_retarget(args: Namespace, progress: Progress) -> CommandResult:
         hint = "Rename one of the files, because their results would be in one folder."
         raise BatchInvalid(f"Two targets have the same name: {', '.join(names)}.", hint=hint)
     if args.save_map is not None:
-        raise BatchInvalid("A map file can only hold the map of one rig.", hint="Leave out --save-map.")
+        raise BatchInvalid("A map file can only contain the map of one rig.", hint="Omit --save-map.")
     results: dict[str, CommandResult] = {}
     failed: list[dict[str, Any]] = []
     for done, (name, target) in enumerate(zip(names, targets, strict=True)):
@@ -211,7 +211,7 @@ def _open_target(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
         message = f"There are {len(found)} armatures '{args.object}': {', '.join(o.name_full for o in found)}."
     else:
         message = "Exactly one armature is needed."
-    raise TargetUnsuitable(message, where=str(args.target), hint=f"Name one with --object: {names}.")
+    raise TargetUnsuitable(message, where=str(args.target), hint=f"Specify one with --object: {names}.")
 
 
 def _lay_out_time(args: Namespace, scene: bpy.types.Scene, rates: Collection[float]) -> TakeTiming:

@@ -42,7 +42,7 @@ def run_studio(args: Namespace, progress: Progress) -> CommandResult:
 
         engine_id(planned["engine"])
     size = f"about {planned['needed_mb']:.0f} MiB on disk"
-    notes = [f"{len(planned['shots'])} shots, {planned['pictures']} pictures, {size}."]
+    notes = [f"{len(planned['shots'])} shots, {planned['pictures']} images, {size}."]
     result: CommandResult = {**planned, "outputs": [str(args.out)], "notes": notes}
     if args.plan:
         return result

@@ -23,7 +23,7 @@ def read_targa(path: Path) -> np.ndarray:
     channels = depth // 8
     if len(data) < start + width * height * channels or channels not in (3, 4) or data[2] != 2:
         hint = "Rendering needs OpenGL. Without a display, install EGL and Mesa (libegl1, libgl1-mesa-dri)."
-        raise RenderFailed("Blender wrote no picture.", where=path.name, hint=hint)
+        raise RenderFailed("Blender did not write an image.", where=path.name, hint=hint)
     pixels = np.frombuffer(data, np.uint8, width * height * channels, start).reshape(height, width, channels)
     order = (2, 1, 0, 3)[:channels]
     return pixels[:, :, order] if descriptor & 0x20 else pixels[::-1, :, order]

@@ -188,7 +188,7 @@ def encode_video(pictures: list[Path], size: tuple[int, int], fps: float, path: 
     finally:
         bpy.data.scenes.remove(scene)
     if not path.is_file() or not path.stat().st_size:
-        raise RenderFailed("Blender wrote no video.", where=path.name, hint="Render without a video.")
+        raise RenderFailed("Blender did not write a video.", where=path.name, hint="Render without a video.")
 
 
 def _sequencer_scene(name: str, size: tuple[int, int]) -> bpy.types.Scene:

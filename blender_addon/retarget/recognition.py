@@ -62,7 +62,7 @@ def _recognised(skeleton: Skeleton) -> RigMap:
     parents = {name: skeleton.names[p] for name, p in zip(skeleton.names, skeleton.parents, strict=True) if p >= 0}
     named = guess_roles(skeleton.names, parents)
     if not is_plausible(named, skeleton):
-        return RigMap(GUESSED, {}, doubts=("Neither bone names nor structure show a person.",))
+        return RigMap(GUESSED, {}, doubts=("Neither the bone names nor the structure match a person.",))
     return RigMap(GUESSED, named)
 
 

@@ -101,7 +101,7 @@ def measure_deviation_mm(rig: TargetRig, scene: bpy.types.Scene, done: Transferr
             worst = max(worst, 1000.0 * float(np.linalg.norm(heads - wanted, axis=1).max()))
     if worst > _REFUSED_MM * done.scale:
         message = f"Hands or feet would be up to {worst / 1000:.2f} m from their planned positions."
-        hint = "Mute constraints and drivers that move the limbs, or correct the map of the bones."
+        hint = "Mute constraints and drivers that move the limbs, or correct the bone map."
         raise TargetUnsuitable(message, where=rig.armature.name, hint=hint)
     return worst
 

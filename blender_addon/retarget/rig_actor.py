@@ -54,8 +54,8 @@ def _played_bones(
     """Return the evaluated matrices (..., 4, 4) of the object and of its bones, including constraints."""
     worlds, poses = sample_poses(armature, scene, names, times)
     if not (np.isfinite(worlds).all() and np.isfinite(poses).all()):
-        message = "The actor's bones have values that are not numbers on some frames."
-        hint = "Look for keys that are not numbers in the Graph Editor."
+        message = "The actor's bones have invalid values (NaN) in some frames."
+        hint = "Look for invalid keys in the Graph Editor."
         raise ActorMissing(message, where=armature.name, hint=hint)
     if np.isnan(even_scale(worlds)).any():
         hint = "Apply its scale (Object > Apply > Scale), or give it the same scale in all directions."
@@ -167,7 +167,7 @@ def _stand_at_rest(armature: bpy.types.Object, rig_map: RigMap, unit_m: float) -
     """Return the mapped bones at rest, with the feet on the stage's floor. Missing bones are left out."""
     bones = {role: bone for role, bone in rig_map.bones.items() if bone in armature.data.bones}
     if "pelvis" not in bones:
-        message = " ".join(rig_map.doubts) or "Neither names nor structure show a person."
+        message = " ".join(rig_map.doubts) or "Neither the names nor the structure match a person."
         raise ActorMissing("The actor's pelvis was not found.", where=armature.name, hint=message)
     roles = tuple(role for role in bones if role != "root" and not role.endswith(("_ik", "_pole")))
     names = tuple(bones[role] for role in roles)
@@ -273,9 +273,9 @@ def chosen_actor(scene: bpy.types.Scene, name: str, where: str) -> bpy.types.Obj
     if len(chosen) == 1 and chosen[0] in rigs:
         return rigs[chosen[0]]
     if not rigs:
-        raise ActorMissing("No armature moves.", where=where, hint="Export the animation with its armature.")
-    wanted = f"There is no armature '{name}' that moves." if name else "Several armatures move."
-    hint = f"Name one with --armature: {', '.join(rigs)}."
+        raise ActorMissing("No armature is animated.", where=where, hint="Export the animation with its armature.")
+    wanted = f"There is no armature '{name}' that moves." if name else "Several armatures are animated."
+    hint = f"Specify one with --armature: {', '.join(rigs)}."
     raise ActorMissing(wanted, where=where, hint=hint)
 
 

@@ -57,7 +57,7 @@ def map_of(values: Any, where: str) -> RigMap:
     """Return the map that a file's values describe. Raises ``MapInvalid`` if they are not a map."""
     if not isinstance(values, dict) or values.get("format") != FORMAT or values.get("version") != VERSION:
         hint = f'It must be an object with "format": "{FORMAT}" and "version": {VERSION}.'
-        raise MapInvalid("The file is not a map of a rig.", where=where, hint=hint)
+        raise MapInvalid("The file is not a rig map.", where=where, hint=hint)
     if unknown := sorted(set(values) - _KEYS):
         hint = f"Known entries: {', '.join(sorted(_KEYS))}."
         raise MapInvalid(f"The map has unknown entries: {', '.join(unknown)}.", where=where, hint=hint)
@@ -71,7 +71,7 @@ def map_of(values: Any, where: str) -> RigMap:
         )
         pose = {bone: _quaternion(turn) for bone, turn in values.get("map_pose", {}).items()}
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
-        hint = "Compare it with a map that --save-map wrote."
+        hint = "Compare it with a map written by --save-map."
         raise MapInvalid(f"The map cannot be read: {error!r}.", where=where, hint=hint) from error
     if wrong := sorted(role for role in bones if not is_role(role)):
         hint = "Roles are pelvis, spine (a list), neck (a list), head, clavicle, … (docs/how-to/retarget.md)."

@@ -110,7 +110,7 @@ def read_target(
 
 def _check_object(armature: bpy.types.Object) -> None:
     if armature is None or armature.type != "ARMATURE":
-        hint = "Choose the armature of the character."
+        hint = "Choose the character's armature."
         raise TargetUnsuitable("The target is not an armature.", where=getattr(armature, "name", ""), hint=hint)
     if armature.library is not None:
         hint = "Make a library override of it first (Object > Library Override > Make)."
@@ -144,7 +144,7 @@ def _usable_bones(armature: bpy.types.Object, rig_map: RigMap, notes: list[str])
     missing = [role for role in JOINT_OF if role not in bones]
     if "pelvis" not in bones or not any(set(roles) <= bones.keys() for roles in LIMBS.values()):
         needed = "Map at least the pelvis and one whole limb: choose a preset or fill the table."
-        what = f"The map has no bones for {', '.join(missing)}" if bones else "No bones of a person are recognised"
+        what = f"The map has no bones for {', '.join(missing)}" if bones else "No human bones were recognised"
         raise MapInvalid(f"{what}.", where=armature.name, hint=" ".join([*rig_map.doubts, needed]))
     if missing:
         notes.append(f"The rig has no bones for {', '.join(missing)}, so these parts are not animated.")
@@ -152,7 +152,7 @@ def _usable_bones(armature: bpy.types.Object, rig_map: RigMap, notes: list[str])
     hinges = {role for roles in LIMBS.values() for role in roles[:2]} | {"pelvis", "carrier"}
     if stuck := [bone for role, bone in locked.items() if role in hinges]:
         hint = "Unlock their rotation (and the carrier's location) in the bones' Transform panel."
-        raise TargetUnsuitable(f"Locked channels keep {', '.join(stuck)} from moving.", where=armature.name, hint=hint)
+        raise TargetUnsuitable(f"Locked channels stop {', '.join(stuck)} from moving.", where=armature.name, hint=hint)
     if locked:
         notes.append(f"Locked and not animated: {', '.join(locked.values())}.")
     return {role: bone for role, bone in bones.items() if role not in locked}
@@ -182,7 +182,7 @@ def _check_controls(armature: bpy.types.Object, hanging: Hanging, role_of: dict[
     by_role = {role_of[name]: name for name in hanging.names}
     carrier = by_role.get("carrier") or by_role["pelvis"]
     if stuck := [name for name in hanging.held if not role_of[name].endswith("_pole")]:
-        message = f"Constraints or drivers keep {', '.join(stuck)} from turning."
+        message = f"Constraints or drivers prevent {', '.join(stuck)} from turning."
         hint = "Mute their constraints, or map the controls that turn them."
         raise TargetUnsuitable(message, where=armature.name, hint=hint)
     if carrier in hanging.unmoved:

@@ -80,7 +80,7 @@ def capture_range(take: bpy.types.Action, first: int, last: int) -> tuple[int, i
     count, (start, end) = int(take["frames"]), (capture_frame(take, frame) for frame in (first, last))
     if end < 0 or start > count - 1 or start > end:
         message = f"The frames {first} to {last} are outside the take or in the wrong order."
-        raise TakeMissing(message, where=take.name, hint="Set First and Last inside the take.")
+        raise TakeMissing(message, where=take.name, hint="Set First and Last within the take.")
     return max(start, 0), min(end, count - 1)
 
 

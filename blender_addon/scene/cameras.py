@@ -63,7 +63,7 @@ def near_footage(capture: CaptureFile, folders: Sequence[Path]) -> tuple[Capture
             name, path = plain(camera.name), plain(str(camera.footage))
             refused.append(
                 f"Camera {name}: its footage is outside the capture's folder and was not opened: {path}. "
-                "If you trust the capture, name its folder with --footage-from, or tick Footage Anywhere."
+                "If you trust the capture, add its folder with --footage-from, or enable Footage Anywhere."
             )
         cameras.append(replace(camera, footage=None) if outside else camera)
     return replace(capture, cameras=tuple(cameras)), tuple(refused)

@@ -66,14 +66,14 @@ def _named_failure(path: Path) -> Iterator[None]:
         yield
     except (OSError, RuntimeError) as error:
         message = f"Blender cannot save the file: {why_not_written(error)}."
-        hint = "Choose a folder you may write to, with enough free space."
+        hint = "Choose a writable folder with enough free space."
         raise OutputNotWritable(message, where=path.name, hint=hint) from error
 
 
 def why_not_written(error: Exception) -> str:
     """Return the reason that Blender gives for a failed write, if any."""
     text = str(error).strip().removeprefix("Error: ").rstrip(".")
-    return "Blender stopped in the middle of the file. The disk may be full" if text.startswith(_CAUSELESS) else text
+    return "Blender stopped while writing the file. The disk may be full" if text.startswith(_CAUSELESS) else text
 
 
 _STARTUP = frozenset({"Cube", "Camera", "Light"})  # Objects in Blender's start-up file.

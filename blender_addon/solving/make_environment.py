@@ -34,7 +34,7 @@ NO_PIP = (
     "Its part ensurepip is missing: install python3-venv (Debian, Ubuntu), or use a Blender or Python from its maker."
 )
 OTHER_WAY = (
-    "See the log, then try again with the other detector or a folder of wheels. You can also import keypoints that "
+    "See the log, then try again with the other detector or a wheel folder. You can also import keypoints that "
     "another program detected."
 )
 LARGEST_MODEL = 64_000_000
@@ -55,7 +55,7 @@ KINDS = {
     "mediapipe": Kind("MediaPipe", (MEDIAPIPE,), IMPORTED, PROBE),
     "litert": Kind("LiteRT", (), LITERT, LITERT_PROBE),
 }
-STAGES = ("Making the environment", "Installing the detector", "Installing its packages", "Testing")
+STAGES = ("Creating the environment", "Installing the detector", "Installing its packages", "Testing")
 
 
 def main(folder: Path, kind: Kind, wheels: Path | None) -> int:
@@ -65,7 +65,7 @@ def main(folder: Path, kind: Kind, wheels: Path | None) -> int:
     try:
         venv.create(unfinished, clear=True, with_pip=True)
     except subprocess.CalledProcessError:
-        return fail(f"Python {sys.version.split()[0]} cannot make environments.", Path(sys.executable), NO_PIP)
+        return fail(f"Python {sys.version.split()[0]} cannot create environments.", Path(sys.executable), NO_PIP)
     except OSError as error:
         return fail(
             f"The environment was not created: {error}",
@@ -79,12 +79,12 @@ def main(folder: Path, kind: Kind, wheels: Path | None) -> int:
     for number, command in enumerate([*alone, [*pip, *kind.packages]], start=1):
         progress(number)
         if wrong := run(command):
-            where = "the folder of wheels" if wheels is not None else "the package registry that pip is set up for"
+            where = "the wheel folder" if wheels is not None else "the package registry configured for pip"
             message = f"A package could not be installed from {where}: {wrong}"
             return fail(message, folder, OTHER_WAY)
     progress(3)
     if wrong := run([str(unfinished / python), "-c", kind.probe]):
-        return fail(f"{kind.name} is installed and does not start: {wrong}", folder, OTHER_WAY)
+        return fail(f"{kind.name} is installed but does not start: {wrong}", folder, OTHER_WAY)
     models = [] if wheels is None else unpacked_models(wheels, unfinished / "models")
     shutil.rmtree(folder, ignore_errors=True)
     unfinished.replace(folder)

@@ -85,11 +85,11 @@ def python_to_make_with(kind: str = "mediapipe") -> Path:
             return Path(candidate)
     name, newest = ("MediaPipe", "LiteRT")[kind == "litert"], f"3.{minors[-1]}"
     own = f"is {sys.version_info.major}.{sys.version_info.minor}"
-    why = "cannot make environments (ensurepip is missing)" if fits else own
+    why = "cannot create environments (ensurepip is missing)" if fits else own
     raise PythonUnsuitable(
-        f"{name} needs Python 3.{minors[0]} to {newest}. This Blender's own {why}, and no other was found.",
+        f"{name} needs Python 3.{minors[0]} to {newest}. Blender's own Python {why}, and no other was found.",
         where="Set Up Detector",
-        hint=f"Install Python {newest} from python.org (on Debian and Ubuntu python3-venv, too), or name a Python that "
+        hint=f"Install Python {newest} from python.org (on Debian and Ubuntu, also python3-venv), or set a Python that "
         "has a detector in the preferences.",
     )
 
@@ -163,7 +163,7 @@ def probe_python(python: Path | None) -> PythonFound:
         done = _ask(executable, _SOLVER_PROBE, environment_for_child(python))
         values = json.loads(done.stdout.splitlines()[-1]) if done.returncode == 0 and done.stdout.strip() else None
     except (OSError, ValueError, subprocess.TimeoutExpired) as error:
-        raise _unsuitable(f"It does not answer as a Python does: {error}", executable) from error
+        raise _unsuitable(f"It does not respond like Python: {error}", executable) from error
     if values is None:
         message = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
         raise _unsuitable(f"This Python cannot run the solver: {message}", executable)

@@ -123,7 +123,7 @@ def start_script(verb: str, script: Path, arguments: Sequence[str], python: Path
 def _silent_end(code: int, *, cancelled: bool) -> ErrorEvent:
     if cancelled:
         return Cancelled("The work was cancelled.").as_event()
-    how = f"it was ended from outside or ran out of memory (signal {-code})" if code < 0 else f"exit code {code}"
+    how = f"it was terminated or ran out of memory (signal {-code})" if code < 0 else f"exit code {code}"
     hint = "Its last messages are in the log. Your scene and earlier takes are untouched."
     return SolverDied(f"The solver stopped without a result: {how}.", hint=hint).as_event()
 

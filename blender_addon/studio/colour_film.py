@@ -78,7 +78,7 @@ def engine_id(name: str) -> str:
         bpy.data.scenes.remove(scene)
     if found is None:
         hint = f"It has {', '.join(usable)}."
-        raise RenderFailed(f"This Blender has no engine '{name}'.", where=bpy.app.version_string, hint=hint)
+        raise RenderFailed(f"This version of Blender has no engine '{name}'.", where=bpy.app.version_string, hint=hint)
     return found
 
 

@@ -49,11 +49,11 @@ def read_places(path: Path) -> list[PlaceMap]:
             for item in values["places"]
         ]
     except (ValueError, KeyError, TypeError, OverflowError) as error:
-        raise FileDamaged(f"This is not a map of errors: {error}.", where=str(path)) from error
+        raise FileDamaged(f"This is not an error map: {error}.", where=str(path)) from error
     if not maps:
         raise FileDamaged("The map contains no camera array.", where=str(path), hint="Run the benchmark again.")
     if any(m.error_mm.shape != (*m.y_m.shape, *m.x_m.shape) or min(m.error_mm.shape, default=0) < 2 for m in maps):
-        raise FileDamaged("The map's rows do not fit its positions.", where=str(path))
+        raise FileDamaged("The number of rows in the map does not match its positions.", where=str(path))
     return maps
 
 

@@ -51,7 +51,7 @@ def read_scene(path: Path) -> SceneFile:
 def _numbers(fields: Fields, name: str, shape: Shape) -> np.ndarray:
     array = fields.shaped(name, shape, FileDamaged)
     if not (np.abs(array.astype(np.float64)) < _LARGEST).all():
-        raise FileDamaged(f"{name} has numbers above {_LARGEST:g}, or NaN.", where=str(fields.path))
+        raise FileDamaged(f"{name} contains numbers above {_LARGEST:g}, or NaN.", where=str(fields.path))
     return array.astype(np.int64)
 
 

@@ -25,7 +25,7 @@ class SendingProperties:
 class MocapLive(SendingProperties, bpy.types.PropertyGroup):
     """Settings of a live run."""
 
-    kind: choice("Source", "Origin of the points or poses", "live.kind")
+    kind: choice("Source", "Source of the points or poses", "live.kind")
     source: path(
         "Recording", "Marker recording (C3D, TRC, CSV, TSV) or motion (.npz), or blank for the capture's markers"
     )
@@ -39,12 +39,12 @@ class MocapLive(SendingProperties, bpy.types.PropertyGroup):
         "Two to four sources: webcam:0, oak:ID or a video file, with the name in the calibration if it differs "
         "(left=webcam:0)",
     )
-    calibration: path("Calibration", "File with the positions and lenses of the cameras")
+    calibration: path("Calibration", "File with the camera positions and lenses")
     subject: path("Subject", _SUBJECT)
     record: switch("Record", "Save the points as a take, or the poses as a motion", on=True)
-    drive: switch("Drive Character", "Move the target of the Retarget panel live")
+    drive: switch("Drive Character", "Animate the Retarget panel's target live")
     face_mesh: text("Face", "Mesh with shape keys that follow the received face")
-    face_table: path("Face Table", "JSON file with the shape key of each channel (leave blank if names are equal)")
+    face_table: path("Face Table", "JSON file that maps each channel to a shape key (leave blank if the names match)")
 
 
 def sending_options(properties: Any) -> list[str]:
@@ -64,7 +64,7 @@ def allowed_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
 
 PARTS = {
     "WAND": ("Wave the Wand", "Record the wand, and show which parts of each image it has not reached yet", "wand"),
-    "GAMMA": ("Film the Γ", "Record three markers on the floor, which set the origin and the up axis", "gamma"),
+    "GAMMA": ("Film the Γ", "Record the three floor markers that define the origin and the up axis", "gamma"),
     "TAKE": ("Start", "Show the points and a body live, and record them", "take"),
 }
 """Label, description and property of each kind of sensor run."""
@@ -74,23 +74,23 @@ GAMMA_S = 5.0  # Recording time of the Γ in seconds.
 class MocapSensors(SendingProperties, bpy.types.PropertyGroup):
     """Settings and recordings of the sensor array."""
 
-    kind: choice("Sensors", "Origin of the images: connected cameras or a recording", "sensors.kind")
-    source: path("Recording", "Folder of infrared and depth images from several sensors", folder=True)
+    kind: choice("Sensors", "Source of the images: connected cameras or a recording", "sensors.kind")
+    source: path("Recording", "Folder with infrared and depth images from several sensors", folder=True)
     oaks: text(
-        "Cameras", "Identifiers, if needed with names (ID=front ID=left), first the camera that drives a sync wire"
+        "Cameras", "IDs with optional names (ID=front ID=left), starting with the camera that drives a sync wire"
     )
     sync: choice("Sync", "Signal that makes all cameras expose at the same time", "sensors.sync")
-    calibration: path("Calibration", "Calibration of the sensors (leave blank to use the recording's calibration)")
+    calibration: path("Calibration", "Sensor calibration (leave blank to use the recording's calibration)")
     wand: path("Wand", "Recording of a single moving marker", folder=True)
-    gamma: path("Γ", "Recording of three floor markers (leave blank for an origin at the first sensor)", folder=True)
-    long_edge: number("Long Edge", "Distance of the marker centres along the longer side of the Γ", 0.6, 0.05, 5, "m")
+    gamma: path("Γ", "Recording of three floor markers (leave blank to use the first sensor as origin)", folder=True)
+    long_edge: number("Long Edge", "Distance between marker centres along the longer side of the Γ", 0.6, 0.05, 5, "m")
     short_edge: number(
-        "Short Edge", "Distance of the marker centres along the shorter side of the Γ", 0.4, 0.05, 5, "m"
+        "Short Edge", "Distance between marker centres along the shorter side of the Γ", 0.4, 0.05, 5, "m"
     )
-    trigger: switch("One Trigger", "One signal exposes all sensors, so their clocks are not estimated")
+    trigger: switch("One Trigger", "One signal triggers all sensors, so their clocks are not estimated")
     subject: path("Subject", _SUBJECT)
-    record: switch("Record", "Save the sensor images to solve them later, 90 MB per second and sensor", on=True)
-    take: path("Take", "Recording of the sensors to solve", folder=True)
+    record: switch("Record", "Save the sensor images for a later solve (90 MB per second and sensor)", on=True)
+    take: path("Take", "Sensor recording to solve", folder=True)
     findings: str  # Calibration results, one sentence per line.
 
     def sensors(self) -> list[str]:
@@ -139,33 +139,33 @@ class MocapBenchmarkRow(bpy.types.PropertyGroup):
 class MocapStudio(bpy.types.PropertyGroup):
     """Settings of data sets and benchmarks."""
 
-    motion: choice("Motion", "Origin of the filmed people's movement", "studio.motion", **_PLAN)
-    motion_path: path("Path", "Motion file, or a folder with several", **_PLAN)
+    motion: choice("Motion", "Source of the simulated people's motion", "studio.motion", **_PLAN)
+    motion_path: path("Path", "Motion file, or a folder with several motion files", **_PLAN)
     frames: number("Frames", "Maximum number of frames per shot", 60, 1, 100_000, **_PLAN)
     fps: number("Rate", "Images per second and camera", 30.0, 1, 1000, **_PLAN)
     people: number("People", "Number of different bodies, each filmed alone", 1, 1, 1000, **_PLAN)
     strange: switch("Unusual Proportions", "Use body proportions outside our body model", **_PLAN)
-    seed: number("Seed", "Number that selects the random people, clothes and errors", 0, 0, 2**31 - 1, **_PLAN)
+    seed: number("Seed", "Random seed for people, clothes and errors", 0, 0, 2**31 - 1, **_PLAN)
     array: choice(
         "Camera Array",
         "Positions and lenses of the simulated cameras",
         (*items_of("studio.array"), *PRESET_ARRAYS),
         **_PLAN,
     )
-    count: number("Cameras", "Number in the ring", 4, 1, 64, **_PLAN)
+    count: number("Cameras", "Number of cameras in the ring", 4, 1, 64, **_PLAN)
     radius_m: number("Radius", "Distance from the centre of the ring", 3.0, 0.2, 50, "m", **_PLAN)
-    height_m: number("Height", "Distance from the floor to the lenses", 1.4, 0, 20, "m", **_PLAN)
+    height_m: number("Height", "Height of the lenses above the floor", 1.4, 0, 20, "m", **_PLAN)
     look: choice("Look", "Clothes and room", "studio.look", **_PLAN)
     film: flags("Film", "Images that each camera records", "studio.film", "infrared", "depth", "masks", **_PLAN)
     write: flags("Write", "Additional files for other programs", "studio.write", **_PLAN)
     faults: choice("Faults", "Errors added to the simulated detections or markers", FAULTS, **_PLAN)
-    engine: choice("Engine", "Blender's renderer of the colour images", "studio.engine", **_PLAN)
+    engine: choice("Engine", "Blender render engine for the colour images", "studio.engine", **_PLAN)
     scale: number(
-        "Image Scale", "Factor of width and height, such as 0.5 for a quarter of the pixels", 1.0, 0.05, 4, **_PLAN
+        "Image Scale", "Factor for width and height, such as 0.5 for a quarter of the pixels", 1.0, 0.05, 4, **_PLAN
     )
-    out: path("Folder", "Folder of the data set (leave blank to create a folder among the takes)", folder=True, **_PLAN)
-    methods: flags("Methods", "Solve the simulated take by each of these methods", _METHODS, "triangulation", "global")
-    against: flags("Compare With", "Additional camera arrays in the comparison", PRESET_ARRAYS)
+    out: path("Folder", "Data set folder (leave blank to create one next to the takes)", folder=True, **_PLAN)
+    methods: flags("Methods", "Solve the simulated take with these methods", _METHODS, "triangulation", "global")
+    against: flags("Compare With", "Additional camera arrays to compare", PRESET_ARRAYS)
     fewer: switch("One Camera Fewer", "Also evaluate the array without its last camera")
     planned: str  # Size of the data set after the check, or "" once a setting has changed.
     planned_file: str

@@ -14,7 +14,7 @@ from .setting_properties import Items, choice, number, path, switch
 from .tags import TaggedObject, active_name, active_object, find_collection, give_tag, tag_of
 
 _BONE_ITEMS = (
-    ("AUTO", "Automatic", "By the label, or by the bone that the marker moves with if the label is unknown"),
+    ("AUTO", "Automatic", "Use the label, or the bone that the marker moves with if the label is unknown"),
     ("NONE", "Nothing", "Do not use this marker in the solve"),
     *((joint, joint.replace("_", " ").capitalize(), f"The bone {joint}") for joint in JOINTS[:-2]),
 )
@@ -100,7 +100,7 @@ class MocapReview(bpy.types.PropertyGroup):
     armature = TaggedObject("body_tag", prefer_active=True)
     colours: bpy.props.BoolProperty(update=_recolour)
     below: number("Review Threshold", "List frames with a confidence below this value for review", 0.5, 0.02, 0.98)
-    floor_offset: number("Floor Offset", "Raise or lower the body without a key", 0.0, -1e3, 1e3, "m", **_LIFT)
+    floor_offset: number("Floor Offset", "Raise or lower the body without adding a key", 0.0, -1e3, 1e3, "m", **_LIFT)
     first: number("First", "First scene frame to solve again", 1, *_FRAMES)
     last: number("Last", "Last scene frame to solve again", 1, *_FRAMES)
     pins: Items[MocapPin]
@@ -158,7 +158,7 @@ class MocapCapture(bpy.types.PropertyGroup):
     marker_items: Items[MocapMarker]
     marker_index: int
     point_labels: Items[MocapPointLabel]
-    label_name: choice("Label", "Name for the selected point, used as long as its track is unbroken", _NAME_ITEMS, "C7")
+    label_name: choice("Label", "Name of the selected point, until its track ends", _NAME_ITEMS, "C7")
     subjects: str
     cloud_tag: str
     cloud = TaggedObject("cloud_tag")
@@ -170,8 +170,8 @@ class MocapCapture(bpy.types.PropertyGroup):
         update=_colour_markers,
     )
     cameras: Items[MocapCamera]
-    network: path("Network Result", "Result of GVHMR, WHAM or another network on the same video, to measure depth with")
-    show_agreement: switch("Agreement", "Outline cameras: green, orange with a problem, grey if unused", on=True)
+    network: path("Network Result", "Result of GVHMR, WHAM or another network for this video, used to estimate depth")
+    show_agreement: switch("Agreement", "Outline cameras in green, orange (problem) or grey (unused)", on=True)
     left_out: Items[MocapLeftOut]
     checked: str  # Results of the calibration check, one per line.
     check_findings: str  # JSON text of the diagnostics of the calibration check.

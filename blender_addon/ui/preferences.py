@@ -30,7 +30,7 @@ class MocapPreferences(bpy.types.AddonPreferences):
     )
     detector: path(
         "Python with MediaPipe",
-        "Python 3.9 or later with NumPy and MediaPipe or onnxruntime (leave blank to use that of Set Up Detector)",
+        "Python 3.9 or later with NumPy and MediaPipe or onnxruntime (leave blank to use the one from Set Up Detector)",
         **_WHOLE,
     )
     acquisition: switch("Acquire Tab", "Show the tab for live capture, the sensor array and the studio")

@@ -48,7 +48,7 @@ STEPS = {
     "detect": ("Keypoints", "Detect people in every image"),
     "sync": ("Sync", "Estimate the camera delays"),
     "calibrate": ("Calibration", "Calibrate the cameras with the board or the person"),
-    "capture": ("Capture", "Combine the detections of all cameras, and check the fit"),
+    "capture": ("Capture", "Combine the detections from all cameras, and check the fit"),
 }
 """Label and description of each step from videos to a capture, in order."""
 _UNITS = {"m": "Metres", "cm": "Centimetres", "mm": "Millimetres", "inch": "Inches"}
@@ -61,7 +61,7 @@ _UP_ITEMS = (
     *((axis, axis.upper(), f"{axis.upper()} is up in the calibration") for axis in ("z", "y", "-y", "x", "-z", "-x")),
 )
 _JOINT_SET_ITEMS = (
-    (AUTO, "Automatic", "Recognise the keypoint set by its size and by anatomy"),
+    (AUTO, "Automatic", "Recognise the keypoint set from its size and bone lengths"),
     *((name, name.replace("COCO_WHOLEBODY", "Whole Body").replace("_", " "), f"{name} keypoints") for name in JointSet),
 )
 
@@ -71,7 +71,7 @@ class MocapReading(ReadingProperties, bpy.types.PropertyGroup):
 
     scene_setup: SCENE_SETUP
     footage_anywhere: switch(
-        "Footage Anywhere", "Also load footage from outside the capture's folder, only for captures that you trust"
+        "Footage Anywhere", "Also load footage from outside the capture's folder (only for captures that you trust)"
     )
     joint_set: listed("joint_set", _JOINT_SET_ITEMS)
     unit: listed("unit", _UNIT_ITEMS)
@@ -90,14 +90,14 @@ def _is_mesh(_self: bpy.types.PropertyGroup, obj: bpy.types.Object) -> bool:
 class MocapSolve(SolveProperties, bpy.types.PropertyGroup):
     """Settings of a solve."""
 
-    preset: choice("Preset", "Choose all settings by purpose instead of one by one", "solve.preset", "BALANCED")
-    subject: path("Subject", "Calibrated person with the markers (leave blank to calibrate on the take itself)")
-    keep_shape: switch("Keep Shape", "Use the shape of the body's sliders instead of estimating it", on=True)
+    preset: choice("Preset", "Choose settings by purpose instead of individually", "solve.preset", "BALANCED")
+    subject: path("Subject", "Calibrated person wearing the markers (leave blank to calibrate from the take itself)")
+    keep_shape: switch("Keep Shape", "Use the shape set by the body's sliders instead of estimating it", on=True)
     report: switch("Report", "Write an HTML page with errors, warnings and charts", on=True)
     contact_mesh: bpy.props.PointerProperty(
         type=bpy.types.Object,
         name="Contact Mesh",
-        description="Closed mesh at rest that the body touches but cannot enter, instead of a file of objects",
+        description="Stationary closed mesh that the body can touch but not enter, used instead of an objects file",
         poll=_is_mesh,
     )
 
@@ -139,12 +139,12 @@ class MocapVideos(
 
     folder: path(
         "Videos",
-        "Folder with one video per camera, and with footage of the board in 'calibration'",
+        "Folder with one video per camera, and board footage in 'calibration'",
         folder=True,
     )
     stature: number(
         "Stature",
-        "Height of the person, for the scale without a board (0 is automatic: the mean height)",
+        "Height of the person, which sets the scale without a board (0 is automatic: the mean height)",
         0.0,
         0,
         2.6,
@@ -225,7 +225,7 @@ def show_map(settings: bpy.types.PropertyGroup, rig_map: RigMap) -> None:
 class MocapRole(bpy.types.PropertyGroup):
     """One role in the bone map."""
 
-    bone: text("Bone", "Bone of the rig in this role (leave blank if there is none)")
+    bone: text("Bone", "Rig bone with this role (leave blank if there is none)")
 
 
 _ACTOR = {"type": bpy.types.Object, "name": "Actor", "poll": _is_other_than_target}
@@ -243,13 +243,11 @@ class MocapRetarget(bpy.types.PropertyGroup):
         description="Armature that provides the motion (leave blank to use the solved body)", **_ACTOR
     )
     target: bpy.props.PointerProperty(description="Armature that receives the motion", **_TARGET)
-    limbs: choice(
-        "Limbs", "Controls that the rig follows after retargeting, while both sets get keys", "retarget.limbs"
-    )
-    way: choice("Root Motion", "Bone with the motion over the ground", "retarget.way")
+    limbs: choice("Limbs", "Controls that drive the rig after retargeting (both sets get keys)", "retarget.limbs")
+    way: choice("Root Motion", "Bone that carries the motion over the ground", "retarget.way")
     scale: number(
         "Scale",
-        "Factor of the motion over the ground (0 is automatic: the ratio of the leg lengths)",
+        "Scale factor for the motion over the ground (0 is automatic: the ratio of the leg lengths)",
         0.0,
         0,
         1000,
@@ -280,7 +278,7 @@ _LOOKS = (
     (SHAVEN_LOOK, "Shaven Head", "Athletic wear without hair"),
     (SUIT_LOOK, "Suit", "A tight suit without hair, with exactly the skin that the solver uses"),
     (MANNEQUIN, "Mannequin", "A grey figure with marked joints and no face"),
-    (SEGMENTS_LOOK, "Segments", "One colour per body segment, left in blue and right in orange"),
+    (SEGMENTS_LOOK, "Segments", "One colour per body segment, with the left side in blue and the right side in orange"),
 )
 
 
@@ -288,7 +286,7 @@ class MocapSettings(bpy.types.PropertyGroup):
     """All of the add-on's settings and data in one scene."""
 
     folder: path(
-        "Folder", "Folder of captures and takes (leave blank to use 'mocap' next to the .blend file)", folder=True
+        "Folder", "Folder for captures and takes (leave blank to use 'mocap' next to the .blend file)", folder=True
     )
     exported: str  # Description of the files and the folder of the last export.
     session: str  # Folder of the takes until the scene is saved.

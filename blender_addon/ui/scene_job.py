@@ -124,7 +124,7 @@ def _write_mesh(
 
     Raises ``JobInvalid`` if the object is hidden in the viewport, has no faces, or moves.
     """
-    label, depsgraph = f"{chosen.name} in the field Contact Mesh", bpy.context.evaluated_depsgraph_get()
+    label, depsgraph = f"{chosen.name} in the Contact Mesh field", bpy.context.evaluated_depsgraph_get()
     if chosen not in [*scene.objects]:
         raise JobInvalid(f"{label} is not in the scene.", hint="Choose another object, or clear the field.")
     if chosen not in {block.original for block in depsgraph.ids}:
@@ -137,7 +137,7 @@ def _write_mesh(
     if not len(faces):
         raise JobInvalid(f"{label} has no faces.", hint="Choose a closed mesh.")
     if not np.linalg.det(T_world_body) or not np.linalg.det(chosen.matrix_world):
-        raise JobInvalid(f"{label}, or the body, has the scale 0.", hint="Change the scale, or choose another object.")
+        raise JobInvalid(f"{label}, or the body, has a scale of 0.", hint="Change the scale, or choose another object.")
     if _moves(chosen, scene):
         hint = "The object must not move during the take. Remove its animation, or choose another object."
         raise JobInvalid(f"{label} moves.", hint=hint)
@@ -184,8 +184,8 @@ def _file_of(settings: bpy.types.PropertyGroup, name: str, remedy: str) -> Path 
         return None
     path, label = file_of(getattr(settings, name)), settings.bl_rna.properties[name].name
     if not path.is_file():
-        hint = f"{remedy}, or clear the field {label}."
-        raise TakeMissing(f"The file of {label} no longer exists.", where=str(path), hint=hint)
+        hint = f"{remedy}, or clear the {label} field."
+        raise TakeMissing(f"The file for {label} no longer exists.", where=str(path), hint=hint)
     return path
 
 

@@ -60,7 +60,7 @@ def follow_people(cameras: Cameras, detections: Detections, fps: float, progress
     found = persons(people, tracks, fps)
     if not found:
         raise NoDetections(
-            f"No two cameras agree on a person's position within {TOLERANCE_M} m.",
+            f"No two cameras agree on a person's position to within {TOLERANCE_M} m.",
             where=", ".join(cameras.names),
             hint="Check that the calibration belongs to this recording, its unit and camera names, and that the "
             "cameras are synchronised.",
@@ -91,7 +91,7 @@ def _require_two_views(detections: Detections) -> None:
     with_people = (detections.people() > 0).any(axis=1)
     if not with_people.any():
         raise NoDetections(
-            "Every confidence is zero, so no person was detected.", hint="Run the detector again or choose other files."
+            "All confidences are zero, so no person was detected.", hint="Run the detector again or choose other files."
         )
     if with_people.sum() < 2:
         names = ", ".join(np.array(detections.cameras)[with_people])

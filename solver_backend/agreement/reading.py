@@ -111,7 +111,7 @@ def extent(xy: np.ndarray) -> np.ndarray:
     return np.where(known.any((-1, -2)), np.hypot(span[..., 0], span[..., 1]), np.nan)
 
 
-MIRROR_MEANINGS = ("the pictures are mirrored", "x and y are swapped", "y counts from the bottom of the pictures", "")
+MIRROR_MEANINGS = ("the images are mirrored", "x and y are swapped", "y counts from the bottom of the images", "")
 """Meaning of mirrored images by quarter turns. The last one does not occur."""
 Change = tuple[object, ...]
 Pose = tuple[float, ...]  # Nine numbers of a rotation by rows and three of a translation, as a hashable tuple.

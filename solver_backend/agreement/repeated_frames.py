@@ -127,7 +127,7 @@ def left_out_views(texts: Sequence[str], names: Sequence[str], frames: int) -> B
         first, last = (0, frames - 1) if found is None or not found["first"] else map(int, found.group("first", "last"))
         if found is None or (found["first"] and first > last):
             raise JobInvalid(
-                f"'{text}' is not a camera to leave out.", where="leave_out", hint="Write CAMERA or CAMERA:FIRST-LAST."
+                f"'{text}' is not a camera to exclude.", where="leave_out", hint="Write CAMERA or CAMERA:FIRST-LAST."
             )
         if found["camera"] not in names:
             what, hint = f"There is no camera '{found['camera']}' to leave out.", f"Cameras: {', '.join(names)}."

@@ -267,8 +267,8 @@ def posed_segments(motion: Motion, body: Body) -> PosedSegments:
     motion.require_body(body.id, body.layout.recorded, "motion")
     names = body.layout.joints
     if not has_segments(body):
-        hint = "Choose a motion of the neutral body or of the SMPL family."
-        raise MotionInvalid(f"The body {body.id} lacks joints of the SMPL family.", where="motion", hint=hint)
+        hint = "Choose a motion of the neutral body or of an SMPL-type body."
+        raise MotionInvalid(f"The body {body.id} has no SMPL joints.", where="motion", hint=hint)
     own = [j - 1 for j in body.recorded_joints[1:]]
     local = np.zeros((motion.num_frames, len(names) - 1, 3))
     local[:, own] = motion.body_pose.reshape(motion.num_frames, -1, 3)

@@ -100,7 +100,7 @@ def body_from_arrays(arrays: Mapping[str, Any], *, where: str, default_id: str) 
             not form a tree with parents first.
     """
     if missing := [key for key in REQUIRED_KEYS if key not in arrays]:
-        what = f"The body file lacks {', '.join(missing)}. It contains {', '.join(sorted(arrays))}."
+        what = f"The body file does not contain {', '.join(missing)}. It contains {', '.join(sorted(arrays))}."
         raise BodyInvalid(what, where=where, hint=f"A body file contains {', '.join(REQUIRED_KEYS)}.")
     body_id = str(arrays["body_id"]) if "body_id" in arrays else default_id
     names, groups = (arrays.get(key) for key in _LAYOUT_KEYS)
@@ -154,7 +154,7 @@ def _layout(
     except BodyInvalid as error:
         raise BodyInvalid(error.message, where=where, hint=error.hint) from error
     known = ", ".join(f"{count} ({layout.name})" for count, layout in FAMILY.items())
-    hint = "Name the joints in joint_names if the body is not of the SMPL family. See docs/reference/body-file.md."
+    hint = "If the body is not of the SMPL family, name its joints in joint_names. See docs/reference/body-file.md."
     raise BodyInvalid(f"kintree_table has {len(parents)} joints, but {known} are expected.", where=where, hint=hint)
 
 

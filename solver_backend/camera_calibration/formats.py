@@ -161,7 +161,7 @@ def qualisys_xml(cameras: Cameras, rmse_px: float | None = None) -> str:
     for c, name in enumerate(cameras.names):
         bent = cameras.distortion[c]
         if cameras.models[c] != DEFAULT_MODEL or bent[5:].any():
-            message = "A Qualisys file can only contain the coefficients k1 k2 p1 p2 k3, but the lens has others."
+            message = "A Qualisys file can only store the coefficients k1 k2 p1 p2 k3, but the lens has others."
             hint = "Calibrate with --lens pinhole5, or write another format."
             raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
         width, height = cameras.image_size[c].tolist()

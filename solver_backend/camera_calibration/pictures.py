@@ -21,7 +21,7 @@ def opencv() -> Any:
         message = "This step needs OpenCV, which is not installed."
         if not isinstance(error, ModuleNotFoundError):
             message = f"This step needs OpenCV, which cannot be imported: {error}."
-        hint = "Install it with: pip install opencv-contrib-python-headless. In Blender, use a zip that includes it."
+        hint = "Install it with: pip install opencv-contrib-python-headless. In Blender, use a zip with it."
         raise BackendMissing(message, hint=hint) from error
 
 

@@ -48,12 +48,12 @@ class CameraCorrection:
 
     def meaning(self) -> str:
         """Describe the changes for users. The text is empty if there are none."""
-        parts = [f"the recorded pictures are {each}" for each in _window_words(self.window)]
+        parts = [f"the recorded images are {each}" for each in _window_words(self.window)]
         if self.factor != 1.0:
-            parts.append(f"the recorded pictures are {self.factor:.3g} times as large as the calibrated ones")
+            parts.append(f"the recorded images are {self.factor:.3g} times as large as the calibrated ones")
         if self.turn:
             way = {1: "90° clockwise", 2: "180°", 3: "90° counter-clockwise"}[self.turn]
-            parts.append(f"the recorded pictures are rotated by {way} relative to the calibrated ones")
+            parts.append(f"the recorded images are rotated by {way} relative to the calibrated ones")
         if self.pose != POSES[0]:
             meaning = {
                 "transposed": "rotations are transposed",

@@ -73,7 +73,7 @@ def read_noise_map(path: Path | str) -> NoiseMap:
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         why = f"it has no {error.args[0]}" if isinstance(error, KeyError) else str(error)
         hint = "Measure a noise map with `cameras noise CAPTURE --out NOISE.json`."
-        raise FileDamaged(f"The file is not a noise map of a detector: {why}.", where=str(path), hint=hint) from error
+        raise FileDamaged(f"The file is not a detector noise map: {why}.", where=str(path), hint=hint) from error
 
 
 def _checked(values: dict[str, Any]) -> NoiseMap:

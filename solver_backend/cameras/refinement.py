@@ -127,7 +127,7 @@ def refine_calibration(capture: Capture) -> RefinedCalibration:
     """
     cameras, keypoints = capture.require_multiview()
     if keypoints.num_frames < LEAST_FRAMES:
-        hint = "Choose a longer take of a person who walks through the whole room."
+        hint = "Choose a longer take in which a person walks through the whole room."
         what = f"A refinement needs at least {LEAST_FRAMES} frames, but the take has {keypoints.num_frames}."
         raise NoDetections(what, where=capture.name, hint=hint)
     everybody = [person.keypoints for person in capture.people] or [keypoints]

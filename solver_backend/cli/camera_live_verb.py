@@ -37,7 +37,7 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run until the cameras end, the time is up or a signal arrives. Recordings are kept."""
     if not 2 <= len(args.sources) <= MOST_CAMERAS:
         message = f"Live poses need 2 to {MOST_CAMERAS} cameras, not {len(args.sources)}."
-        raise CommandLineInvalid(message, hint="Name a video, webcam:NUMBER or oak:ID for each.")
+        raise CommandLineInvalid(message, hint="Specify a video, webcam:NUMBER or oak:ID for each camera.")
     if args.send is not None:
         read_address(args.send, SENT)
     sources = picture_sources(args.sources, repeat=args.repeat)

@@ -67,7 +67,7 @@ def _board_options(args: argparse.Namespace) -> tuple[Board, board_session.Board
     there = (folder / name for name in ("board.toml", "charuco.toml"))
     given = args.board or next((str(path) for path in there if path.is_file()), None)
     if given is None:
-        hint = "Give --board, such as --board charuco:5x7:35mm."
+        hint = "Add --board, for example --board charuco:5x7:35mm."
         raise CommandLineInvalid("The calibration board is unknown.", hint=hint)
     models = tuple(name for name in LENS_MODELS if not args.lens or name in args.lens)
     return board_named(given), board_session.BoardOptions(models, args.fps, args.origin, args.refine_lenses)
@@ -119,8 +119,8 @@ def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequenc
         known = known_lenses(args.lenses, names)
         return names, [known[n] for n in names], keypoints, False
     if any(v is None for v in videos):
-        hint = "Give lenses with --lenses, or put the videos next to the detections."
-        message = "The lenses and the picture sizes are unknown."
+        hint = "Specify the lenses with --lenses, or put the videos next to the detections."
+        message = "The lenses and the image sizes are unknown."
         raise CalibrationMissing(message, where=str(args.source), hint=hint)
     return names, [rough_lens(v.size) for v in videos if v is not None], keypoints, True
 
@@ -128,7 +128,7 @@ def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequenc
 def _by_points(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
     clicks = together.read_clicks(args.source)
     if args.lenses is None:
-        raise CommandLineInvalid("Clicked points need lenses.", hint="Give them with --lenses CALIBRATION|LENSES.json.")
+        raise CommandLineInvalid("Clicked points need lenses.", hint="Set them with --lenses CALIBRATION|LENSES.json.")
     progress("Cameras from clicks", 0, 1)
     return together.calibrate_by_points(clicks, known_lenses(args.lenses, tuple(clicks.px)))
 
@@ -142,7 +142,7 @@ def _refined(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
 def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
     """Adjust an existing calibration to a board, a take and clicks jointly."""
     if args.footage is None and args.take is None and args.clicks is None:
-        hint = "Give at least one of --footage, --take and --clicks."
+        hint = "Specify at least one of --footage, --take and --clicks."
         raise CommandLineInvalid("--from together needs a source.", hint=hint)
     if args.hold is not None and not args.hold > 0:
         raise CommandLineInvalid("--hold is the accuracy of the calibration, and must be above 0 mm.")
@@ -159,7 +159,7 @@ def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras
         _known_cameras(cameras.names, start.names, args.take)
         if len(cameras) != len(start):
             missing = ", ".join(n for n in start.names if n not in cameras.names)
-            raise CalibrationMismatch(f"The take has no recording of the cameras {missing}.", where=str(args.take))
+            raise CalibrationMismatch(f"The take has no recordings from the cameras {missing}.", where=str(args.take))
         sources.append(together.person_evidence(start, keypoints.views([cameras.names.index(n) for n in start.names])))
     progress("All sources at once", 0, 1)
     hold_m = None if args.hold is None else 1e-3 * args.hold

@@ -96,7 +96,7 @@ def _lenses(args: argparse.Namespace, progress: Progress) -> Outcome:
         fit, held_out = lens.fit, lens.held_out
         lines.append(
             f"  {name:<11} {fit.model.name}, {held_out:.2f} px held out, f {lens.lens.K[0, 0]:.1f} px "
-            f"± {fit.focal_sigma_px:.1f}, {len(lens.frames)} pictures, worst {fit.view_rmse_px.max():.2f} px, "
+            f"± {fit.focal_sigma_px:.1f}, {len(lens.frames)} images, worst {fit.view_rmse_px.max():.2f} px, "
             f"left out {len(lens.left_out)}"
         )
         lines += rows("finding", *lens.advice)
@@ -139,7 +139,7 @@ def fit_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     world = check_world(cameras, keypoints)
     write_calibration(args.out, cameras, kind, world.residual_px, overwrite=args.overwrite)
     lines = [
-        f"{len(cameras)} cameras of {capture.name}, views agree to {world.residual_px:.1f} px",
+        f"{len(cameras)} cameras of {capture.name}, views agree to within {world.residual_px:.1f} px",
         *rows("note", *capture.notes),
         *rows("problem", *capture.problems),
         *rows("written", f"{args.out} ({kind})"),

@@ -47,7 +47,7 @@ def retime(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Change the playback speed without changing the frame rate."""
     motion = _read(args, args.motion)
     if (args.speed is None) == (args.seconds is None):
-        raise CommandLineInvalid("Give --speed or --seconds.", where=args.verb)
+        raise CommandLineInvalid("Specify --speed or --seconds.", where=args.verb)
     if args.seconds is not None and motion.num_frames < 2:
         raise MotionInvalid("The motion has only one frame, so its duration cannot change.", where=motion.name)
     length = (motion.num_frames - 1) / motion.fps

@@ -46,7 +46,7 @@ def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
         lines.append(f"  subjects    {', '.join(data['subjects'])}")
     if resting := _resting(cloud, names.known):
         data["resting"] = list(resting)
-        but = " unless markers of unknown names move with them" if names.unknown else ""
+        but = " unless markers with unknown names move with them" if names.unknown else ""
         lines.append(
             f"  at rest     {listed(list(resting))}: they have no known markers and stay at rest in a solve{but}"
         )
@@ -101,7 +101,7 @@ def describe_person(person: MarkerSubject) -> tuple[str, dict[str, Any]]:
     lines = [
         f"Calibrated {len(person.labels)} markers on the body {person.body}",
         f"  shape       {', '.join(f'{value:+.2f}' for value in person.betas)}",
-        f"  farthest    {far} from the positions of their names",
+        f"  farthest    {far} from their named positions",
         f"  loosest     {loose} around their positions on the body",
     ]
     return "\n".join([*lines, *(f"  warning     {sentence(item)}" for item in doubts)]), data

@@ -38,7 +38,7 @@ def explain(args: argparse.Namespace, progress: Progress) -> Outcome:
         remedy = [f"What to do: {named[code].hint}"] if named[code].hint else []
         lines = [f"{code}: error", named[code].__doc__ or "", *remedy, f"Exit code {int(named[code].exit_code)}."]
         return Outcome("\n".join(lines), {"code": code, "severity": "error", "text": named[code].__doc__})
-    hint = suggest(code, [*table, *named], _LIKENESS) or "Errors of the add-on have no code. Their message is complete."
+    hint = suggest(code, [*table, *named], _LIKENESS) or "Add-on errors have no code. Their message is complete."
     raise CommandLineInvalid(f"There is no code {code!r}.", where="explain", hint=hint)
 
 
@@ -80,6 +80,6 @@ def _of_diagnostic(code: str, entry: DiagnosticEntry) -> Outcome:
     if entry.remedy:
         lines.append("What to do: " + _VALUE.sub(r"<\1>", entry.remedy))
     if code in list_refusals():
-        lines.append(f"If the fault is large, the solve is refused. --accept {code} keeps the result.")
+        lines.append(f"If the fault is large, the solve is rejected. --accept {code} keeps the result.")
     data = {"severity": entry.severity.value, "text": entry.text, "cause": entry.cause, "remedy": entry.remedy}
     return Outcome("\n".join(lines), {"code": code, **data})

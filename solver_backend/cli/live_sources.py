@@ -82,7 +82,7 @@ def _refuse(args: argparse.Namespace, of: str, source: str, *names: str) -> None
 
 def _refuse_ending(path: Path | None, what: str, ending: str) -> None:
     if path is not None and path.suffix.lower() != ending:
-        hint = f"Name a file that ends in {ending}."
+        hint = f"Specify a file name that ends in {ending}."
         raise CommandLineInvalid(f"{what}.", where=str(path), hint=hint)
 
 

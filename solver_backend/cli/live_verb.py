@@ -152,7 +152,7 @@ class Lines:
 
     def require_whole(self) -> None:
         """Raise ``OutputNotWritable`` if any line was lost."""
-        self._file.require_whole("Free disk space for the file of --lines. The file of --record is not affected.")
+        self._file.require_whole("Free disk space for the --lines file. The --record file is not affected.")
 
     def __enter__(self) -> Lines:
         return self

@@ -63,7 +63,7 @@ def main(argv: list[str] | None = None) -> int:
 def _run_blender_half(argv: list[str], report: Report) -> int:
     """Run the add-on's command line as a separate program. Return its exit code."""
     if find_spec("blender_addon") is None:
-        hint = "Run it with the package blender_addon, or inside Blender: blender --command manifold_mocap"
+        hint = "Run it with the blender_addon package, or inside Blender: blender --command manifold_mocap"
         return report.error(
             CommandLineInvalid(
                 "This verb needs the Blender add-on, which is not installed here.", where="blender", hint=hint

@@ -30,7 +30,7 @@ from solver_backend.types import FLAG_UNSEEN
 MODEL = "Rajagopal2016.osim"  # Generic model to which the setup of the Scale Tool refers.
 ENDINGS = (".mot", "_markers.trc", "_scale.xml", "_ik.xml", "_angles.csv")
 GAIT_ENDINGS = ("_events.c3d", "_gait.csv", "_cycles.csv")  # Endings of further files for a person who walks or runs.
-TREADMILL = "no length and speed on a treadmill"
+TREADMILL = "length and speed are unknown on a treadmill"
 OLD = "This motion has no steps. {} in the folder is from an earlier export."
 TOO_MANY = f"The C3D file has the first {PER_PARAMETER} of {{}} events. The gait table has all of them."
 
@@ -38,7 +38,7 @@ TOO_MANY = f"The C3D file has the first {PER_PARAMETER} of {{}} events. The gait
 def export_motion(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write the joint angles, the gait and the OpenSim files of a motion."""
     if args.model is not None and not args.model.is_file():
-        raise FileMissing("The OpenSim model does not exist.", where=str(args.model), hint="Give an .osim file.")
+        raise FileMissing("The OpenSim model does not exist.", where=str(args.model), hint="Choose an .osim file.")
     body = load_chosen_body(args.body)
     motion = without_fingers(any_motion(args.motion, args.body), body)
     name, folder, frames = args.motion.stem, Path(args.out), motion.num_frames

@@ -54,7 +54,7 @@ def any_motion(path: Path, choice: str, *, keep_shape: bool = True, fps: float |
         return motion
     if not isinstance(motion, AmassClip):
         hint = "Choose a motion file (.npz) or an AMASS file."
-        raise MotionInvalid("The file does not contain the motion of a body.", where=str(path), hint=hint)
+        raise MotionInvalid("The file does not contain a body motion.", where=str(path), hint=hint)
     if not keep_shape:
         motion = replace(motion, betas=np.zeros_like(motion.betas))
     body = load_chosen_body(choice)

@@ -155,7 +155,7 @@ def _named(args: argparse.Namespace) -> dict[str, str]:
     given = [device_named(text if ":" in text else f"oak:{text}") for text in args.oak]
     found = {oak.name: oak.identifier for oak in given}
     if len(found) < len(given):
-        raise CommandLineInvalid("Two cameras have the same name.", hint="Give --oak ID=NAME.")
+        raise CommandLineInvalid("Two cameras have the same name.", hint="Specify --oak ID=NAME.")
     return found
 
 

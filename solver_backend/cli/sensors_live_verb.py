@@ -70,7 +70,7 @@ def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
 def _check(args: argparse.Namespace) -> None:
     """Reject contradictory options before opening any sensor."""
     if (args.source is None) == (args.oak is None):
-        raise CommandLineInvalid("Give either FOLDER or cameras with --oak ID=NAME.")
+        raise CommandLineInvalid("Specify either FOLDER or cameras with --oak ID=NAME.")
     if args.subject is not None and not args.poses:
         raise CommandLineInvalid("--subject needs --poses.")
     if args.send is not None:
@@ -136,7 +136,7 @@ def _waved(chain: MarkerChain, moments: Iterator[LiveMoment]) -> Iterator[LiveLi
 
 def _coverage_line(number: int, moment: LiveMoment, coverage: Coverage, several: list[str]) -> FrameLine:
     shares = dict(zip(coverage.names, coverage.shares.round(3).tolist(), strict=True))
-    why = f"More than one point is lit in front of {', '.join(several)}." if several else coverage.next_place()
+    why = f"More than one light is visible in front of {', '.join(several)}." if several else coverage.next_place()
     why, cloud = why or "The whole volume is covered.", moment.tracked.points.round(4).tolist()
     line: FrameLine = {"frame": number - 1, "t": round(moment.tracked.time, 6), "state": "waving"}
     return {**line, "why": why, "coverage": shares, "cloud": cloud}

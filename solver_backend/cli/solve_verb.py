@@ -163,8 +163,8 @@ def _starts(job: Job, progress: Progress) -> tuple[Motion | None, list[StartingR
         elif begun is None:
             begun = read_motion(file)
         else:
-            hint = "Give one motion. You can give several results of networks."
-            raise CommandLineInvalid("Only one earlier motion can be given as the start.", where=text, hint=hint)
+            hint = "Specify one motion. You can specify several network results."
+            raise CommandLineInvalid("Only one earlier motion can be used as the start.", where=text, hint=hint)
     return begun, results
 
 
@@ -270,7 +270,7 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[Ta
         except Cancelled:
             raise
         except MocapError as error:
-            line = f"warning: The solve with other people failed, so the motion of the person alone is used: {error}"
+            line = f"warning: The joint solve of all people failed, so the separate solve is used: {error}"
             ended[index] = own, title, replace(alone, summary=(line, *alone.summary))
     texts: list[str] = []
     summary: list[str] = []
@@ -357,7 +357,7 @@ def _jobs(args: argparse.Namespace) -> list[Job]:
         ]
         if given:
             message = f"--job cannot be combined with {', '.join(given)}."
-            raise CommandLineInvalid(message, hint="Write it in the job file.")
+            raise CommandLineInvalid(message, hint="Put it in the job file.")
         return [Job.read(path, allow_outside=args.allow_outside) for path in args.job]
     if args.capture is None or args.out is None:
         raise CommandLineInvalid("solve needs a capture and --out, or --job.", hint="solve CAPTURE --out MOTION.npz")
@@ -372,8 +372,8 @@ def _jobs(args: argparse.Namespace) -> list[Job]:
 
 def _files_of_trial(args: argparse.Namespace, trial: Path) -> dict[str, Any]:
     if args.out.suffix.lower() == MOTION_SUFFIX or args.resolve is not None:
-        hint = "To solve all trials, give a folder with --out. To solve one, use solve SESSION/TRIAL --out MOTION.npz."
-        raise CommandLineInvalid("The capture is a session of several trials.", where=str(args.capture), hint=hint)
+        hint = "To solve all trials, set a folder with --out. To solve one, use solve SESSION/TRIAL --out MOTION.npz."
+        raise CommandLineInvalid("The capture is a session with several trials.", where=str(args.capture), hint=hint)
     page = None if args.report is None else args.out / f"{trial.name}.html"
     return {"out": args.out / f"{trial.name}{MOTION_SUFFIX}", "report": page}
 

@@ -52,8 +52,8 @@ class ClusterStretches:
         try:
             self._client = Client(**where, timeout=_CONNECT_S, set_as_default=False)
         except Exception as error:  # network, protocol or message errors caused by another version
-            message = f"No scheduler answers: {type(error).__name__}: {error}."
-            hint = "Start one with 'dask scheduler', or leave out --scheduler."
+            message = f"No scheduler responds: {type(error).__name__}: {error}."
+            hint = "Start one with 'dask scheduler', or omit --scheduler."
             raise CommandLineInvalid(message, where=address, hint=hint) from error
         self.solved_there = 0
         """Number of segments that workers have solved."""

@@ -34,7 +34,7 @@ def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
         data_set=str(args.out), free_mb=round(free, 1),
     )  # fmt: skip
     if args.plan or args.claim:
-        message = f"{len(found.shots)} shots, {found.frames} frames, {found.pictures} pictures, {needed:.0f} MiB"
+        message = f"{len(found.shots)} shots, {found.frames} frames, {found.pictures} images, {needed:.0f} MiB"
         return Outcome(f"would make at most {message}", data)
     records = data_set.make_data_set(spec, args.out, progress, args.shot)
     data["frames"] = sum(record["frames"] for record in records)
@@ -79,7 +79,7 @@ def studio_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     ]
     write_text(args.out, page_html(args.out.parent, spec.name, (), places), overwrite=args.overwrite)
     medians = {p.array: p.median_mm for p in places}
-    shown = {name: "nobody located" if value is None else f"{value:6.1f} mm" for name, value in medians.items()}
+    shown = {name: "no person located" if value is None else f"{value:6.1f} mm" for name, value in medians.items()}
     return Outcome("\n".join(f"{name:<32} {value}" for name, value in shown.items()), {"median_mm": medians})
 
 

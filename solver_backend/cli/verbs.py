@@ -73,13 +73,13 @@ def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
     trials = trials_of(args.capture)
     if not trials:
         if args.out.suffix.lower() != ".npz":
-            hint = f"--out {args.out.with_suffix('.npz')}" if args.out.name else "Name a file that ends in .npz."
+            hint = f"--out {args.out.with_suffix('.npz')}" if args.out.name else "Use a name that ends in .npz."
             raise CommandLineInvalid("The name of a capture file must end in .npz.", where=str(args.out), hint=hint)
         check_output(args.out, overwrite=args.overwrite)
         return Outcome(*_write(args.out, _converted(args, progress), args.overwrite))
     if args.out.suffix.lower() == ".npz":
         raise CommandLineInvalid(
-            "The capture is a session of several trials.", where=str(args.capture), hint="Give a folder with --out."
+            "The capture is a session with several trials.", where=str(args.capture), hint="Use a folder for --out."
         )
     files = [args.out / trial.name / "capture.npz" for trial in trials]
     for path in files:
@@ -143,7 +143,7 @@ def bodies(args: argparse.Namespace, progress: Progress) -> Outcome:
     found = {body.name: str(body.path) for body in list_bodies()}
     width = max(map(len, found))
     lines = [f"  {name:<{width}}  {path}" for name, path in found.items()]
-    text = "\n".join(["Bodies", *lines, f"Body files in {bodies_folder()} are choices, too."])
+    text = "\n".join(["Bodies", *lines, f"You can also choose body files in {bodies_folder()}."])
     return Outcome(text, {"bodies": found, "folder": str(bodies_folder())})
 
 

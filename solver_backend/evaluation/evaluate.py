@@ -242,12 +242,12 @@ def _of_reference(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndar
     names = tuple(name for name in dict.fromkeys(columns) if name in points)
     if markers is None or len(names) < _LEAST_POINTS:
         hint = "Use a simulated capture (dataset demo, dataset make), or joint centres with names such as left_knee."
-        what = "It has no ground truth to compare with, and no three of its points have names of joints."
+        what = "It has no ground truth to compare with, and fewer than three of its points are named after joints."
         raise MotionInvalid(what, where=capture.name, hint=hint)
     lasts, needed = len(markers.positions) / markers.fps, motion.num_frames / motion.fps
     if abs(lasts - needed) > 1 / min(markers.fps, motion.fps) + 1e-6:
         what = f"The motion lasts {needed:.2f} s and the reference {lasts:.2f} s."
-        raise MotionInvalid(what, where=capture.name, hint="Choose the frames of the reference by --frames.")
+        raise MotionInvalid(what, where=capture.name, hint="Choose the frames of the reference with --frames.")
     found = np.stack([points[name] for name in names], axis=1)
     return found, _at_frames(markers, [columns.index(name) for name in names], motion), names
 

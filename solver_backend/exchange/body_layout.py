@@ -90,7 +90,7 @@ class BodyLayout:
             )
             raise BodyInvalid(what, where=self.name, hint="Give each joint a unique name, a parent and a group.")
         if any(not -1 <= p < j for j, p in enumerate(self.parents)) or self.parents.count(-1) != 1:
-            what = "one root (-1) and parents before their children are expected"
+            what = "a single root (-1) is expected, and parents must precede their children"
             raise BodyInvalid(f"Parents {self.parents} are not a tree: {what}.", where=self.name)
 
     @property

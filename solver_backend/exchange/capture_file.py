@@ -76,7 +76,7 @@ def read_capture(path: Path) -> CaptureFile:
     if "marker_positions" in fields:
         markers = fields.shaped("marker_positions", ("frames", "markers", 3), CaptureInvalid)
     if labels and len(labels) != (count := 0 if markers is None else markers.shape[1]):
-        raise CaptureInvalid(f"{len(labels)} labels do not fit {count} markers.", where=str(path))
+        raise CaptureInvalid(f"{len(labels)} labels do not match {count} markers.", where=str(path))
     name, joint_set = fields.text("name", path.stem), fields.text("joint_set", "")
     return CaptureFile(name, cameras, fps, xy, confidence, joint_set, markers, labels)
 

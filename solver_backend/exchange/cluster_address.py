@@ -34,7 +34,7 @@ def require_safe(address: str) -> None:
     if protocol in ("tls", "inproc") or _is_loopback(rest.rpartition(":")[0] if ":" in rest else rest):
         return
     hint = (
-        "Start scheduler and workers with TLS, and give tls://HOST:PORT and --tls FOLDER. See "
+        "Start scheduler and workers with TLS, and use tls://HOST:PORT and --tls FOLDER. See "
         "docs/how-to/batch-and-cluster.md."
     )
     what = f"The connection to the scheduler {found or address} on another host is not encrypted."
@@ -44,8 +44,8 @@ def require_safe(address: str) -> None:
 def require_certificates(address: str, known: object) -> None:
     """Raise ``SchedulerUnsafe`` if a scheduler uses TLS but Dask has no certificates."""
     if address.startswith("tls://") and not known:
-        what = f"The scheduler {address} uses TLS, but no certificates were given."
-        raise SchedulerUnsafe(what, where=address, hint="Give the folder with its certificates: --tls FOLDER.")
+        what = f"The scheduler {address} uses TLS, but no certificates were specified."
+        raise SchedulerUnsafe(what, where=address, hint="Specify the folder with its certificates: --tls FOLDER.")
 
 
 def _is_loopback(host: str) -> bool:
@@ -61,7 +61,7 @@ def use_certificates(folder: Path) -> None:
         path = folder.absolute() / file
         if not path.is_file():
             raise FileMissing(
-                f"The folder of certificates lacks {file}.",
+                f"The certificate folder does not contain {file}.",
                 where=str(folder),
                 hint="See docs/how-to/batch-and-cluster.md.",
             )

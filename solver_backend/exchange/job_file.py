@@ -75,13 +75,13 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
         files = [value for item in fields(self) if isinstance(value := getattr(self, item.name), Path)]
         files += [start_of(text)[1] for text in self.start_from]
         if any("\0" in str(path) for path in (*files, earlier)):
-            raise JobInvalid("A path of the job contains the character U+0000, which no path can have.", where="job")
+            raise JobInvalid("A path in the job contains the character U+0000, which no path can contain.", where="job")
         if self.out.suffix.lower() != MOTION_SUFFIX:
             hint = f"Try {self.out.name}{MOTION_SUFFIX}."
             raise JobInvalid(f"A motion file must end in {MOTION_SUFFIX}.", where=f"out = {self.out}", hint=hint)
         if self.resolve is not None and self.start_from:
             what = "`resolve` and `start_from` cannot be combined, because a range starts from its own motion."
-            raise JobInvalid(what, where="start_from", hint="Leave `start_from` out, or solve the whole take.")
+            raise JobInvalid(what, where="start_from", hint="Omit `start_from`, or solve the whole take.")
         # A motion whose recording is not available is its own capture. It may also be the earlier motion.
         if earlier is not None and earlier.resolve() != self.capture.resolve():
             files.append(earlier)

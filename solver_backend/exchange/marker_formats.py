@@ -50,8 +50,8 @@ def other_kind(found: str, expected: str, where: str) -> FileDamaged:
         what, readers = _KINDS[found]
         hint = readers[0].upper() + readers[1:]
         return FileDamaged(f"The file is {what}, but {wanted} is expected.", where=where, hint=hint)
-    stated = f"its format is '{found}'" if found else "it states no format"
-    hint = "" if found else "`motion convert` reads AMASS and results of networks."
+    stated = f"its format is '{found}'" if found else "it does not state a format"
+    hint = "" if found else "`motion convert` reads AMASS files and network results."
     return FileDamaged(f"The file is not {wanted}: {stated}.", where=where, hint=hint)
 
 

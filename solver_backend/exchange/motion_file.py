@@ -296,7 +296,7 @@ def _betas(fields: Fields) -> np.ndarray:
 
 def _frame_rate(fields: Fields) -> float:
     key = "mocap_framerate" if "mocap_framerate" in fields else "mocap_frame_rate"
-    _require(key in fields, "The motion states no frame rate (mocap_framerate).", fields)
+    _require(key in fields, "The motion has no frame rate (mocap_framerate).", fields)
     return fields.first_number(key, MotionInvalid)
 
 

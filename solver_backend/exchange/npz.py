@@ -123,7 +123,7 @@ def _require_characters(values: np.ndarray, name: str) -> None:
     if values.dtype.kind == "U" and values.nbytes:
         codes = values.view(np.dtype(np.uint32).newbyteorder(values.dtype.byteorder))
         if codes.max() > sys.maxunicode:
-            raise ValueError(f"'{name}' contains text of characters that do not exist")
+            raise ValueError(f"'{name}' contains text with invalid characters")
 
 
 # Errors that Python's zip reader raises for bytes that are not a valid archive.
@@ -156,7 +156,7 @@ def read_arrays(path: Path | str, *, required: Iterable[str], optional: Iterable
         arrays = {key: members.read(key) for key in dict.fromkeys((*required, *optional)) if key in found}
     if missing := [key for key in required if key not in arrays]:
         held = ", ".join(sorted(found)) or "nothing"
-        raise FileDamaged(f"The file lacks {', '.join(missing)}. It contains {held}.", where=str(path))
+        raise FileDamaged(f"The file does not contain {', '.join(missing)}. It contains {held}.", where=str(path))
     return arrays
 
 

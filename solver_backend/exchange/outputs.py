@@ -218,7 +218,7 @@ def atomic_outputs(folder: Path, names: tuple[str, ...], *, overwrite: bool = Fa
     """Yield a temporary path for each name in a folder. See ``atomic_files``."""
     existing = [name for name in names if os.path.lexists(folder / name)]
     if existing and not overwrite:
-        what = f"{', '.join(existing)} {'is' if len(existing) == 1 else 'are'} already there and not overwritten."
+        what = f"{', '.join(existing)} already exist{'s' * (len(existing) == 1)}. Nothing was overwritten."
         raise OutputExists(what, where=str(folder), hint="Choose another folder or delete the files.")
     with atomic_files([folder / name for name in names], overwrite=overwrite) as unfinished:
         yield dict(zip(names, unfinished, strict=True))
@@ -311,7 +311,7 @@ def _require_plain(path: Path) -> None:
 
 def _exists(path: Path) -> OutputExists:
     hint = "Choose another name, delete it, or allow overwriting (--overwrite)."
-    return OutputExists("The output is already there and is not overwritten.", where=str(path), hint=hint)
+    return OutputExists("The output already exists and was not overwritten.", where=str(path), hint=hint)
 
 
 def full_disk(error: BaseException) -> OutputNotWritable | None:
@@ -322,7 +322,7 @@ def full_disk(error: BaseException) -> OutputNotWritable | None:
 
 
 def _not_writable(where: Path | str, error: OSError) -> OutputNotWritable:
-    hint = "Choose a folder you may write to, with enough free space."
+    hint = "Choose a writable folder with enough free space."
     return OutputNotWritable(f"The output cannot be written: {error.strerror or error}.", where=str(where), hint=hint)
 
 

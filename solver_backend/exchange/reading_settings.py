@@ -14,8 +14,8 @@ from .setting import Choice, Setting, check_settings, setting, settings_of_class
 READING, TIME, WORLD = "Reading", "Time", "World"  # Groups.
 AUTO, ON, OFF = "auto", "on", "off"
 LEVELS = (
-    Choice(AUTO, "If Certain", "Correct a tilt that balance, feet and cameras show (recommended)"),
-    Choice(ON, "From the Person", "Use a walking person, for a tilted calibration"),
+    Choice(AUTO, "If Certain", "Correct a tilt indicated by balance, feet and cameras (recommended)"),
+    Choice(ON, "From the Person", "Level the world from a walking person, for a tilted calibration"),
     Choice(OFF, "As Calibrated", "Keep the up direction and floor of the calibration"),
 )
 _JOINT_SETS = ", ".join(joint_set.value for joint_set in JointSet)
@@ -38,10 +38,10 @@ class TimeSettings:
         "texts", (), "Start Offsets", "Frames by which a camera started after the others (negative: before), instead "
         "of an estimate", metavar="CAMERA=FRAMES", rare=True)
     by_order: bool = _time(
-        "switch", False, "Frames by Order", "Ignore the frame numbers in the files, because all cameras started "
+        "switch", False, "Frames by Order", "Ignore the frame numbers in the files, if all cameras started "
         "together", rare=True)
     frames: tuple[int, int] | None = _time(
-        "range", None, "Frames", "First and last frame of the take to read, from 0", metavar="FIRST LAST")
+        "range", None, "Frames", "First and last frame of the take to read, counted from 0", metavar="FIRST LAST")
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -66,8 +66,8 @@ class WorldSettings:
         "choice", AUTO, "Level", "Rotation and shift that make Z point up and put the floor at z = 0",
         choices=LEVELS, metavar="NAME", rare=True)
     camera_path: str = _world(
-        "file", "", "Camera Path", "File with the motion of a carried camera: COLMAP text model, TUM trajectory, or "
-        "JSON of ARKit, ARCore or Blender", metavar="FILE", rare=True)
+        "file", "", "Camera Path", "File with the path of a moving camera: COLMAP text model, TUM trajectory, or "
+        "JSON from ARKit, ARCore or Blender", metavar="FILE", rare=True)
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -85,10 +85,10 @@ class ReadingSettings:
 
     # fmt: off
     fps: float | None = _reading(
-        "number", None, "Frame Rate", "Frames per second, if the capture has none", low=1e-3, high=1e6, soft_high=240,
+        "number", None, "Frame Rate", "Frame rate, if the capture does not state it", low=1e-3, high=1e6, soft_high=240,
         unit="Hz")
     joint_set: str | None = _reading(
-        "text", None, "Keypoints", f"Joint set, if the number of keypoints fits several: {_JOINT_SETS}",
+        "text", None, "Keypoints", f"Joint set, if several match the number of keypoints: {_JOINT_SETS}",
         metavar="NAME", control="*Keypoints*", rare=True)
     unit: str | None = _reading(
         "text", None, "Unit", "Length unit of the recording: m, cm, mm, inch or foot", metavar="UNIT",
@@ -97,7 +97,7 @@ class ReadingSettings:
         "text", None, "Up Axis", "Axis that points up: x, y, z, -x, -y or -z", metavar="AXIS",
         control="*Up Axis*")
     trim: bool = _reading(
-        "switch", False, "Cut to the Shortest", "Drop the frames that some cameras lack", rare=True)
+        "switch", False, "Cut to the Shortest", "Drop frames that are missing from some cameras", rare=True)
     as_calibrated: bool = _reading(
         "switch", False, "Calibration as Written",
         "Trust the calibration file, even if the views contradict it", rare=True)
@@ -105,7 +105,7 @@ class ReadingSettings:
         "text", None, "Subject", "Label prefix of the person to solve, or several prefixes for the parts of one "
         "person", metavar="NAME[,NAME…]", rare=True)
     person: str | None = _reading(
-        "text", None, "Person", "Name of the person to solve, from the list of info", metavar="NAME",
+        "text", None, "Person", "Name of the person to solve, as listed by info", metavar="NAME",
         control="the list of people")
     # fmt: on
 

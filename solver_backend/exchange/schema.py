@@ -33,7 +33,7 @@ class Fields:
         """Return a required array."""
         if key not in self.arrays:
             raise FileDamaged(
-                f"The file lacks '{key}'. It contains {', '.join(sorted(self.arrays)) or 'nothing'}.",
+                f"The file does not contain '{key}'. It contains {', '.join(sorted(self.arrays)) or 'nothing'}.",
                 where=str(self.path),
             )
         return self.arrays[key]

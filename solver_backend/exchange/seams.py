@@ -504,7 +504,7 @@ def splice(motion: MotionFile, part: MotionFile, first: int, fades: tuple[int, i
     """
     last = first + part.num_frames - 1
     if part.body_layout.joints != motion.body_layout.joints or not 0 <= first <= last < motion.num_frames:
-        what = f"A part of {part.num_frames} frames does not fit into the motion at frame {first}."
+        what = f"A part of {part.num_frames} frames does not fit in the motion at frame {first}."
         hint = f"The motion has {motion.num_frames} frames. Both must have the same joints."
         raise MotionInvalid(what, where=motion.name, hint=hint)
     frames, place = slice(first, last + 1), np.arange(1, part.num_frames + 1)

@@ -61,7 +61,7 @@ def require_distinct(names: tuple[str, ...], where: str) -> None:
     """Raise ``MotionInvalid`` if two joints have the same name."""
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise MotionInvalid(f"Several joints are called '{twice}'.", where=where, hint="Give every joint its own name.")
+        raise MotionInvalid(f"Several joints are called '{twice}'.", where=where, hint="Give each joint a unique name.")
 
 
 @dataclass(frozen=True)
@@ -103,6 +103,6 @@ def read_skeleton(path: Path) -> SkeletonFile:
     try:
         roles = json.loads(fields.text("roles", "{}"))
     except (ValueError, RecursionError) as error:
-        raise FileDamaged("The roles are not JSON.", where=str(path)) from error
+        raise FileDamaged("The roles are not valid JSON.", where=str(path)) from error
     roles = {str(role): str(name) for role, name in roles.items() if name in names} if isinstance(roles, dict) else {}
     return SkeletonFile(fields.text("name", path.stem), names, parents, rest, joints, turns, fps, roles)

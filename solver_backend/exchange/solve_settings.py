@@ -17,7 +17,7 @@ METHODS = (
     Choice(
         BUNDLEMOCAP,
         "BundleMoCap++",
-        "Solve windows from the detections alone, as in Albanis 2026 (thesis 6.2.5)",
+        "Solve windows using only the detections, as in Albanis 2026 (thesis 6.2.5)",
     ),
     Choice(
         SLIDING, "Sliding Windows", "Solve windows with our pose mixture and Gauss-Newton steps, for very long takes"
@@ -26,13 +26,13 @@ METHODS = (
     Choice(
         NOISE_AWARE,
         "Noise-Aware",
-        "Estimate reliability in each frame, for a network's landmarks (Albanis 2026, chapter 5)",
+        "Estimate the reliability in each frame, for network landmarks (Albanis 2026, chapter 5)",
     ),
 )
 """Sources: thesis (Albanis 2026), 6.2.5 for 'bundlemocap++', eq. 6.5 for 'frame', eq. 5.8 for 'noise-aware'."""
 AUTO_PRIOR = "auto"
 PRIORS = (
-    Choice(AUTO_PRIOR, "Method Default", "Use SPoser, or RVPoser for the method noise-aware (recommended)"),
+    Choice(AUTO_PRIOR, "Method Default", "Use SPoser, or RVPoser for the noise-aware method (recommended)"),
     Choice("sposer", "SPoser", "Codes on a sphere (Albanis 2026, thesis 6.2.2), for most methods"),
     Choice("rvposer", "RVPoser", "Robust Gaussian codes (Albanis 2026, thesis 4.2.4), for noise-aware"),
     Choice("vposer", "VPoser", "Gaussian codes (Pavlakos et al. 2019), for comparison"),
@@ -61,17 +61,17 @@ ROOT_CURVES = (
 METHOD_NAMES = tuple(method.value for method in METHODS)
 BACKENDS = (
     Choice("numpy", "NumPy", "Works everywhere (recommended)"),
-    Choice("torch", "PyTorch", "Not faster than NumPy in our tests, with a Python that has torch"),
-    Choice("cuda", "CUDA", "For NVIDIA graphics processors, with a Python that has torch for CUDA"),
+    Choice("torch", "PyTorch", "Needs a Python with torch, and is not faster than NumPy in our tests"),
+    Choice("cuda", "CUDA", "Needs an NVIDIA GPU and a Python with torch for CUDA"),
 )
 """The results of the two backends agree within 0.1 mm."""
 SYNC_AUTO, SYNC_ON, SYNC_OFF = "auto", "on", "off"
 SYNCS = (
-    Choice(SYNC_AUTO, "If Certain", "Shift cameras in time if the views then agree clearly better (recommended)"),
+    Choice(SYNC_AUTO, "If Certain", "Shift cameras in time if the views clearly agree better afterwards (recommended)"),
     Choice(
         SYNC_ON,
         "Required",
-        "Like auto, but refuse a capture that stays uncertain, for unsynchronised cameras",
+        "Like auto, but reject captures that remain uncertain, for unsynchronised cameras",
     ),
     Choice(SYNC_OFF, "As Recorded", "Do not shift cameras in time, for cameras that started together"),
 )
@@ -92,16 +92,16 @@ class SolveSettings:
     method: str = _method("choice", GLOBAL, "Method", "Frames that are solved together", choices=METHODS,
         metavar="NAME")
     window: int = _method(
-        "whole", 20, "Window", "Length of the windows of keyframes, in frames at 60 Hz", low=4, high=240,
+        "whole", 20, "Window", "Length of the keyframe windows, in frames at 60 Hz", low=4, high=240,
         unit="frames", methods=(SLIDING, BUNDLEMOCAP), rare=True)
     """Frames per window in both sliding methods, with a key at each end and ``interpolation`` - 1 keys between them."""
     refine_window: int = _method(
-        "whole", 10, "Refined Window", "Length of a window in the last passes, short for fast limbs",
+        "whole", 10, "Refined Window", "Window length in the last passes, shorter for fast limbs",
         low=2, high=240, unit="frames", methods=(GLOBAL,), rare=True)
     """The same for 'global', given as a duration in frames at 60 Hz. Fast takes use shorter windows, which are at least
     0.6 times as long with views and 0.4 times with markers."""
     interpolation: int = _method(
-        "whole", 2, "Keys per Window", "Free keyframes per window: 1 gives SLERP, 2 the curve of Albanis 2026",
+        "whole", 2, "Keys per Window", "Free keyframes per window: 1 gives SLERP, 2 the curve from Albanis 2026",
         low=1, high=6, methods=(SLIDING,), rare=True)
     """Used only by 'sliding' (thesis 6.4). Above 6, a polynomial for translations oscillates between its keys."""
     root_curve: str = _method(
@@ -109,7 +109,7 @@ class SolveSettings:
         choices=ROOT_CURVES, metavar="NAME", methods=(SLIDING,), rare=True)
     """Used only by 'sliding'."""
     residual_rotations: bool = _method(
-        "switch", True, "Free Joints", "Let each joint leave the poses of the pose prior by a small rotation",
+        "switch", True, "Free Joints", "Let each joint deviate from the pose prior by a small rotation",
         methods=(GLOBAL,), rare=True)
     """Each joint may leave the prior's manifold by a small rotation during refinement."""
     contacts: bool = _method(
@@ -120,11 +120,11 @@ class SolveSettings:
         methods=(GLOBAL,), rare=True)
     """If it is off, all views of a keypoint have the same weight."""
     temporal: bool = _method(
-        "switch", False, "Temporal Term", "Limit the accelerations of landmarks, which Albanis 2026 does not",
+        "switch", False, "Temporal Term", "Limit landmark accelerations, unlike Albanis 2026",
         methods=(NOISE_AWARE,), rare=True)
     """Solves the frames of a block together (thesis 5.4 names the absence of this term as a limitation)."""
     iterations: int = _method(
-        "whole", 30, "Iterations", "Largest number of solver steps at each robust scale", low=1, high=200, rare=True)
+        "whole", 30, "Iterations", "Maximum number of solver steps at each robust scale", low=1, high=200, rare=True)
     """Most steps end earlier, when the cost stops decreasing."""
     robust_scale: float = _method(
         "number", 4.0, "Outlier Scale", "Error above which a detection loses weight", low=0.1, high=100,
@@ -144,40 +144,40 @@ class SolveSettings:
         "switch", False, "Correct Delays",
         "Also correct delays below 0.3 frames", rare=True)
     leave_out: tuple[str, ...] = _recording(
-        "texts", (), "Left-out Views", "Camera to ignore in all frames, or in a range of frames from 0",
+        "texts", (), "Left-out Views", "Camera to ignore in all frames, or in a frame range counted from 0",
         metavar="CAMERA[:FIRST-LAST]", control="*Cameras*", rare=True)
     accept: tuple[str, ...] = _recording(
-        "texts", (), "Accepted Faults", "Error that becomes a warning, so that the result is kept: "
+        "texts", (), "Accepted Faults", "Error code to treat as a warning, so that the result is kept: "
         "views_contradict, residual_large, markers_far, markers_of_nobody, stature_odd, motion_rate_odd or "
         "motion_place_impossible", metavar="CODE", rare=True)
     """Codes of errors in the diagnostics table."""
     body: str = _resource(
-        "name_or_file", "neutral", "Body", "Name of a body, or path of a body file",
+        "name_or_file", "neutral", "Body", "Body name, or path of a body file",
         metavar="NAME|PATH")
     betas: tuple[float, ...] | None = _resource(
         "numbers", None, "Shape", "Shape coefficients of a known body, which are otherwise estimated", count=10,
         metavar="B0,B1,…", control="*Keep Shape* and the body's sliders", rare=True)
     noise: str = _resource(
-        "file", "", "Detector Noise", "File of `cameras noise` with the scatter of keypoints at each confidence",
+        "file", "", "Detector Noise", "Noise map from `cameras noise`, with the keypoint scatter at each confidence",
         metavar="NOISE.json", rare=True)
     objects: str = _resource(
-        "file", "", "Objects", "File of planes, boxes and meshes that the body touches but cannot enter, by "
+        "file", "", "Objects", "File with planes, boxes and meshes that the body can touch but not enter, by "
         "default the floor for views and nothing for markers", metavar="OBJECTS.json", methods=(GLOBAL,), rare=True)
     landmarks: str = _recording(
-        "choice", LANDMARKS_LABELLED, "Landmarks", "Marker points that the method noise-aware fits",
+        "choice", LANDMARKS_LABELLED, "Landmarks", "Marker points that the noise-aware method uses",
         choices=LANDMARKS, metavar="NAME", rare=True)
     """Solves a network's landmarks per frame directly, without labelling markers first."""
     network: str = _resource(
-        "file", "", "Label Network", "Labelling network made by train model or train export, by default "
+        "file", "", "Label Network", "Labelling network created by train model or train export, by default "
         "the included one", metavar="NETWORK.npz|.onnx", rare=True)
     """Labels points, and provides the landmarks for ``landmarks``."""
     layout: str = _resource(
-        "file", "", "Marker Layout", "File of `markers layout` with the position of each label, by default the "
+        "file", "", "Marker Layout", "File from `markers layout` with the position of each label, by default the "
         "known layouts", metavar="LAYOUT.json", control="*Markers*", rare=True)
     prior: str = _resource(
         "name_or_file", AUTO_PRIOR, "Pose Prior", "Model of plausible poses: sposer, rvposer, vposer, or a file of "
         "trained weights", choices=PRIORS, metavar="NAME|PATH", rare=True)
-    backend: str = _resource("choice", "numpy", "Compute", "Library for the array computations",
+    backend: str = _resource("choice", "numpy", "Compute", "Library for array computations",
         choices=BACKENDS, metavar="NAME", rare=True)
     # fmt: on
 

@@ -374,7 +374,7 @@ def _numbers(text: str) -> tuple[float, ...]:
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text} is not a list of numbers with commas between") from None
+        raise argparse.ArgumentTypeError(f"{text} is not a list of numbers separated by commas") from None
 
 
 def _with_signed_axis(argv: list[str]) -> list[str]:

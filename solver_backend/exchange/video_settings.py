@@ -12,17 +12,17 @@ CAMERAS = (
     Choice(
         "auto",
         "Automatic",
-        "Use the calibration next to the videos, else the board, else the person (recommended)",
+        "Use the calibration next to the videos, otherwise the board, otherwise the person (recommended)",
     ),
     Choice(
         "board",
         "Filmed Board",
         "Use the board in 'calibration' or 'extrinsics', for cameras that moved after calibration",
     ),
-    Choice("person", "The Person", "Use the person who walks in the take, for a wrong calibration"),
+    Choice("person", "The Person", "Use the person who walks in the take, if the calibration is wrong"),
 )
 CLOCKS = (
-    Choice("auto", "Automatic", "Use keypoints, else sound, else correct nothing (recommended)"),
+    Choice("auto", "Automatic", "Use keypoints, otherwise sound, otherwise correct nothing (recommended)"),
     Choice("keypoints", "Keypoints", "Compare the person's movement, for videos without sound"),
     Choice("sound", "Sound", "Compare a clap, music or speech that all microphones recorded"),
     Choice("none", "In Step", "Correct nothing, for cameras that started together"),
@@ -41,12 +41,12 @@ class VideoSettings:
         "text", "", "Board", "Filmed calibration board, such as charuco:5x7:35mm, by default from board.toml",
         metavar="BOARD")
     lenses: str = _video(
-        "file", "", "Lenses", "Calibration or lens library with the lenses, by default found or estimated",
+        "file", "", "Lenses", "Calibration or lens library, by default found or estimated",
         metavar="FILE")
     focal: str = _video(
-        "text", "", "Focal Length", "Value for an unknown lens: 26mm (35 mm equivalent) or 1450px, by "
+        "text", "", "Focal Length", "Focal length of unknown lenses: 26mm (35 mm equivalent) or 1450px, by "
         "default from the video file or estimated", metavar="26mm|1450px")
-    people: int = _video("whole", 1, "People", "Largest number of people to find in each view", low=1, high=8)
+    people: int = _video("whole", 1, "People", "Maximum number of people to find in each view", low=1, high=8)
     clocks: str = _video(
         "choice", "auto", "Sync", "Source of the camera delays", choices=CLOCKS, metavar="NAME")
     """The option is --sync, which is also a solve setting for captures."""
@@ -74,7 +74,7 @@ MEDIAPIPE = "mediapipe"  # Default detector.
 DETECTORS = {
     MEDIAPIPE: NamedDetector(
         "MediaPipe",
-        "33 keypoints of one person, in the Python environment of the preferences",
+        "33 keypoints of one person, detected in the Python environment set in the preferences",
         "mediapipe_pose",
         True,
     )

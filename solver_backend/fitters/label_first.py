@@ -115,7 +115,7 @@ def labelled_capture(
     from solver_backend.labelling.point_network import load_network
 
     if reason := no_person_in(cloud.positions):
-        hint = "Record markers on the whole body, or label an arm or a leg by a layout. Faces cannot be solved."
+        hint = "Record markers on the whole body, or label an arm or leg according to a layout. Faces cannot be solved."
         raise MarkersUnknown(f"{reason}. A person cannot be recognised.", where=capture.name, hint=hint)
     persistent = has_own_names(cloud)
     if not always and (unread := _crowd(capture, persistent=persistent)) is not None:

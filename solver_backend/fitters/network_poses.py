@@ -211,10 +211,10 @@ def _view(capture: Capture, result: StartingResult, landmarks: Landmarks) -> _Vi
         raise JobInvalid(message, where=result.file)
     if not result.camera and len(seen) > 1:
         hint = f"Write --start-from {cameras.names[seen[0]]}={result.file}, with the camera's name."
-        raise JobInvalid("Several cameras see the person. Give the result's camera.", where=result.file, hint=hint)
+        raise JobInvalid("Several cameras see the person. Specify the result's camera.", where=result.file, hint=hint)
     if cameras.path is not None:
-        hint = "Leave --start-from out, or solve without --camera-path."
-        raise JobInvalid("A network's result cannot be used for a moving camera.", where=result.file, hint=hint)
+        hint = "Omit --start-from, or solve without --camera-path."
+        raise JobInvalid("A network result cannot be used with a moving camera.", where=result.file, hint=hint)
     number = cameras.names.index(result.camera) if result.camera else int(seen[0])
     named, camera = keypoints.named, cameras.subset([number])
     image = np.asarray(undistort(camera, named.xy[[number]]))[0]
@@ -306,8 +306,8 @@ def _matched(result: StartingResult, view: _View, landmarks: Landmarks, body: Bo
                 where = numbers * (length - 1) / max(len(numbers) - 1, 1) if np.isnan(shift) else numbers + shift
                 best = off, person, points, _rows(person, where), reason
     if best is None:
-        hint = "Give a result of this camera's video, and of these frames."
-        raise MotionInvalid("The network's result covers too few frames of the take.", where=result.file, hint=hint)
+        hint = "Use a result for this camera's video and these frames."
+        raise MotionInvalid("The network result covers too few frames of the take.", where=result.file, hint=hint)
     off, person, points, rows, reason = best
     if len(result.people) > 1:
         text = f", {reason}" if reason else ""
@@ -344,7 +344,7 @@ def _require_not_mirrored(points: np.ndarray, view: _View, off: float, result: S
     other = distances(mirrored[frames], view, frames)
     if np.isfinite(other).any() and np.median(other[~np.isnan(other)]) < BETTER * min(off, FITS_M):
         message = "The network's poses are mirrored."
-        hint = "Run the network on the original video, which must not be mirrored."
+        hint = "Run the network on the original video, without mirroring."
         raise MotionInvalid(message, where=result.file, hint=hint)
 
 

@@ -168,9 +168,9 @@ def require_network(settings: SolveSettings, where: str) -> None:
 def require_start(settings: SolveSettings, capture: Capture) -> None:
     """Raise ``JobInvalid`` unless the method can start from a motion."""
     if capture.several_views is None:
-        hint = "Leave --start-from out, or give a capture with a second camera."
-        raise JobInvalid("--start-from needs a take of several cameras.", where=capture.name, hint=hint)
-    require(settings, "starts_at", capture.name, "cannot start from a motion", "leave --start-from out")
+        hint = "Omit --start-from, or use a capture with a second camera."
+        raise JobInvalid("--start-from needs a multi-camera take.", where=capture.name, hint=hint)
+    require(settings, "starts_at", capture.name, "cannot start from a motion", "omit --start-from")
 
 
 def diagnose_settings(settings: SolveSettings, measured: Measurements) -> Iterator[Diagnostic]:
@@ -201,8 +201,8 @@ def prepare(
     if markers is None:
         capture.require_views()
     elif results:
-        hint = "Leave --start-from out."
-        raise JobInvalid("A network's result needs a take with keypoint detections.", where=capture.name, hint=hint)
+        hint = "Omit --start-from."
+        raise JobInvalid("A network result needs a take with keypoint detections.", where=capture.name, hint=hint)
     if settings.other_curves:
         names = " and ".join(settings.other_curves)
         require(settings, "has_curves", capture.name, f"has no setting {names}", f"leave {names} out")
@@ -304,7 +304,7 @@ def make_origin(backend: str) -> Array:
         raise BackendMissing(message, hint="Install torch in this Python, or use the backend 'numpy'.") from error
     if backend == "cuda" and not torch.cuda.is_available():
         hint = "Use the backend 'torch' or 'numpy', or install a driver and a torch build for CUDA."
-        raise BackendMissing("The backend 'cuda' needs a CUDA device, but torch finds none.", hint=hint)
+        raise BackendMissing("The backend 'cuda' needs a CUDA device, but torch does not find one.", hint=hint)
     return torch.zeros(1, dtype=torch.float64, device="cuda" if backend == "cuda" else None)
 
 

@@ -153,7 +153,7 @@ def _read_mesh(path: Path) -> np.ndarray:
                 faces += [[ring[0], ring[k], ring[k + 1]] for k in range(1, len(ring) - 1)]
         found = np.array(vertices, dtype=float)[np.array(faces, dtype=int)]
     except (ValueError, IndexError) as error:
-        raise _damaged(path, "The mesh has a line that is not valid in an OBJ file.") from error
+        raise _damaged(path, "The mesh contains a line that is not valid in an OBJ file.") from error
     if found.ndim != 3 or not np.isfinite(found).all():
         raise _damaged(path, "The mesh has no triangles, or a vertex that is not a number.")
     normals = np.cross(found[:, 1] - found[:, 0], found[:, 2] - found[:, 0])

@@ -116,7 +116,7 @@ def _frames_of(stated: StatedPath, frames: int, fps: float, path: Path) -> np.nd
         return at - (at[0] if at[-1] >= frames + 1 else 0.0 if from_zero else 1.0)
     number = unit * at
     beyond = float(number[-1] - number[0]) - last
-    hint = "Give the path of this video, with a time or a frame number for each pose."
+    hint = "Provide the path for this video, with a time or a frame number for each pose."
     if abs(beyond) > _SAME_SPAN * last:
         long = f"{at[-1] - at[0]:g} s" if stated.clock == SECONDS else f"{at[-1] - at[0] + 1:g} poses"
         what = f"The camera path is {long} long, but the take has {frames} frames in {frames / fps:.1f} s."
@@ -126,7 +126,7 @@ def _frames_of(stated: StatedPath, frames: int, fps: float, path: Path) -> np.nd
     if abs(beyond) > max(LOOSE_S * fps, 1.5):
         many = f"{abs(beyond):.0f} frames {'longer' if beyond > 0 else 'shorter'}"
         what = f"The camera path is {many} than the take, and no time or frame number shows where it begins."
-        hint = "Number the poses by video frames from 0, or give their times since the first frame."
+        hint = "Number the poses by video frames from 0, or add their times since the first frame."
         raise FrameCountMismatch(what, where=str(path), hint=hint)
     return number - number[0]
 
@@ -183,8 +183,8 @@ def _read_colmap(path: Path) -> StatedPath:
     rows = [row for row in _lines(file) if len(row) == 10 or (len(row) > 10 and not _is_number(row[-1]))]
     names = [re.findall(r"\d+", Path(" ".join(row[9:])).stem) for row in rows]
     if not rows or not all(names):
-        hint = "Number the pictures, such as frame_000001.png, or export the model as text."
-        raise CalibrationInvalid("The pictures of the COLMAP model have no frame numbers.", where=str(file), hint=hint)
+        hint = "Number the images, such as frame_000001.png, or export the model as text."
+        raise CalibrationInvalid("The images of the COLMAP model have no frame numbers.", where=str(file), hint=hint)
     values = _numbers([row[1:8] for row in rows], file)
     R = _turns(values[:, :4], file).swapaxes(-1, -2)
     at = _numbers([parts[-1:] for parts in names], file)[:, 0]

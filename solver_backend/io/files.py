@@ -35,7 +35,7 @@ def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
         require_file(path)
         raise unreadable(path, error) from error
     if (size := max(size, len(data))) > largest:
-        what = f"The file has {size / 1e6:,.1f} MB, but a file of this kind has at most {largest / 1e6:g} MB."
+        what = f"The file has {size / 1e6:,.1f} MB, but files of this kind have at most {largest / 1e6:g} MB."
         raise FileDamaged(what, where=str(path), hint="Check that it is the right file, or remove it.")
     return data
 
@@ -102,7 +102,7 @@ def load_array(path: Path) -> np.ndarray:
     with open_regular(require_file(path)) as stream:
         if stream.read(4) == b"PK\x03\x04":
             hint = "Rename it to .npz, or save one array with numpy.save."
-            raise FileDamaged("The file is an archive of arrays (.npz), not one array.", where=str(path), hint=hint)
+            raise FileDamaged("The file is an .npz archive of arrays, not a single array.", where=str(path), hint=hint)
         stream.seek(0)
         try:
             shape, dtype, by_columns, used = read_array_header(stream, path.name)
@@ -115,7 +115,7 @@ def load_array(path: Path) -> np.ndarray:
         except (OSError, ValueError) as error:
             what = f"The file is not a NumPy array, or cannot be read ({error})."
             packed = isinstance(error, NeedsPickle)
-            hint = "`motion convert` reads results of networks." if packed else "Save it again."
+            hint = "`motion convert` reads network results." if packed else "Save it again."
             raise FileDamaged(what, where=str(path), hint=hint) from error
 
 

@@ -163,7 +163,7 @@ def _require_markers(source: MarkerSource) -> None:
     if not markers:
         channels = len(source.analog_channels)
         what = f", only {channels} analog channels (forces, muscles)" if channels else ""
-        hint = "Choose the recording's file of markers, or export it with trajectories."
+        hint = "Choose the recording's marker file, or export it with trajectories."
         what = " ".join((f"The file contains no markers{what}.", *map(sentence, source.notes)))
         raise NoDetections(what, where=str(source.path), hint=hint)
     if not frames:
@@ -184,9 +184,9 @@ def _labels(source: MarkerSource) -> tuple[tuple[str, ...], tuple[Diagnostic, ..
 def _rate(source: MarkerSource, fps: float | None) -> float:
     rate = source.rate if fps is None else fps
     if rate is None or not (np.isfinite(rate) and rate > 0):
-        found = "states no frame rate" if rate is None else f"states a frame rate of {rate:g}"
+        found = "does not state a frame rate" if rate is None else f"states a frame rate of {rate:g}"
         what = f"The file {found}, but a positive number is expected."
-        raise FileDamaged(what, where=str(source.path), hint="Give the frame rate.")
+        raise FileDamaged(what, where=str(source.path), hint="Specify the frame rate.")
     return float(rate)
 
 

@@ -90,7 +90,7 @@ def read_packed(path: Path) -> Any:
     except UnsafePickle:
         raise
     except _DAMAGE as error:
-        what = f"The network's result cannot be read: {error}"
+        what = f"The network result cannot be read: {error}"
         raise FileDamaged(what, where=str(path), hint="The file may be truncated. Copy or write it again.") from error
 
 
@@ -282,7 +282,7 @@ def _inflated(data: bytes) -> bytes:
     stream = zlib.decompressobj()
     content = stream.decompress(data, _LARGEST)
     if not stream.eof:
-        raise Damage("it is cut off, or expands to too much")
+        raise Damage("it is truncated off, or expands to too much")
     return content
 
 

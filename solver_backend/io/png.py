@@ -41,12 +41,12 @@ def png_bytes(picture: np.ndarray, *, noisy: bool = False) -> bytes:
 def read_png(path: Path) -> np.ndarray:
     """Read a greyscale or colour PNG that is not interlaced. Raise FileMissing or FileDamaged."""
     if not path.is_file():
-        raise FileMissing("The picture does not exist.", where=str(path))
+        raise FileMissing("The image does not exist.", where=str(path))
     data = read_bytes(path)
     try:
         return _decoded(data)
     except (ValueError, KeyError, struct.error, zlib.error, IndexError) as error:
-        raise FileDamaged("The picture is not a PNG of a known kind.", where=str(path), hint=str(error)) from error
+        raise FileDamaged("The image is not a supported kind of PNG.", where=str(path), hint=str(error)) from error
 
 
 def _decoded(data: bytes) -> np.ndarray:

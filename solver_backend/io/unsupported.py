@@ -24,34 +24,34 @@ MOST_NAMES = 1000  # Largest number of names examined in a folder, chosen by han
 _LINES, _LEAST_COLUMNS = 5, 8  # Table lines to examine, and numbers in each: two counts and two markers.
 _BTS = ".rah .raw .ric .rif .ang .mom .pwr .gr1 .gr2 .emf .emg .emr"
 _FILES = (
-    (".trb", "binary tracks of Motion Analysis EVaRT or Cortex", "Export TRC or C3D from Cortex."),
-    (".cap", "a project of Motion Analysis Cortex", "Export TRC or C3D from Cortex."),
-    (".tdf", "a recording of BTS SMART", "Export C3D from SMART Tracker or SMART Analyzer."),
-    (_BTS, "a file of BTS ELITE", "Export C3D from the program that recorded it."),
-    (".x1d .x2d .xcp .vsk .mp .trial", "a part of a Vicon trial", "Choose the trial's .c3d."),
-    (".tak", "a take of OptiTrack Motive", "Export C3D or CSV from Motive."),
-    (".qtm .qca", "a recording of Qualisys Track Manager", "Export C3D or TSV from QTM."),
-    (".mvn", "a recording of Xsens MVN", "Export C3D, or MVNX for `motion convert`, from MVN."),
-    (".bvh .mvnx .asf .amc", "a motion of a skeleton", "Use `motion convert`."),
-    (".fbx .glb .gltf .vrm .vrma .blend", "a motion of a skeleton", "Use `blender motion convert`."),
-    (" ".join(PACKED), "a result of a network", "Use `motion convert`."),
+    (".trb", "binary tracks from Motion Analysis EVaRT or Cortex", "Export TRC or C3D from Cortex."),
+    (".cap", "a Motion Analysis Cortex project", "Export TRC or C3D from Cortex."),
+    (".tdf", "a BTS SMART recording", "Export C3D from SMART Tracker or SMART Analyzer."),
+    (_BTS, "a BTS ELITE file", "Export C3D from the program that recorded it."),
+    (".x1d .x2d .xcp .vsk .mp .trial", "part of a Vicon trial", "Choose the trial's .c3d."),
+    (".tak", "an OptiTrack Motive take", "Export C3D or CSV from Motive."),
+    (".qtm .qca", "a Qualisys Track Manager recording", "Export C3D or TSV from QTM."),
+    (".mvn", "an Xsens MVN recording", "Export C3D, or MVNX for `motion convert`, from MVN."),
+    (".bvh .mvnx .asf .amc", "a skeleton motion", "Use `motion convert`."),
+    (".fbx .glb .gltf .vrm .vrma .blend", "a skeleton motion", "Use `blender motion convert`."),
+    (" ".join(PACKED), "a network result", "Use `motion convert`."),
     (".npy", "an array that does not contain 3D points", "Use `motion convert` if a network wrote it."),
-    (".mot .sto .osim", "a file of OpenSim without markers", "Choose the TRC or C3D file with the recording."),
+    (".mot .sto .osim", "an OpenSim file without markers", "Choose the TRC or C3D file with the recording."),
     (".xmove .xml", "an XML file", "Export C3D or TRC from the program that wrote it."),
-    (".xlsx .xls .ods", "a spreadsheet", "Save the sheet as CSV or text. Supported are TRC and CSV files of tracks."),
+    (".xlsx .xls .ods", "a spreadsheet", "Save the sheet as CSV or text. TRC and CSV files with tracks are supported."),
 )
 """Suffixes, names and remedies for unsupported marker files."""
 _JSON = "Export JSON or CSV from the program that wrote them, such as MMPose's inferencer with --pred-out-dir."
 _CSV = "Write one CSV per camera as DeepLabCut does (scorer, bodyparts, coords, frames), or OpenPose's JSON files."
 _MATRICES = "*_pose.yml *_pose.yaml *_pose.xml"
 _DETECTIONS = (
-    ("*.pkl *.pickle", "Python pickles, which can run code when a program opens them", _JSON),
+    ("*.pkl *.pickle", "Python pickles, which can run code when they are opened", _JSON),
     ("*.mat", "MATLAB files", _CSV),
-    (_MATRICES, "OpenPose's matrices of --write_keypoint", "Run OpenPose with --write_json FOLDER."),
+    (_MATRICES, "OpenPose matrices written by --write_keypoint", "Run OpenPose with --write_json FOLDER."),
     ("*.parquet", "Parquet tables", _CSV),
 )
 """File name patterns, names and remedies for unsupported detections."""
-_PACKED = (("*.zip *.gz *.7z *.rar *.tar *.tgz *.xz *.bz2", "packed files", "Unpack them, one folder per camera."),)
+_PACKED = (("*.zip *.gz *.7z *.rar *.tar *.tgz *.xz *.bz2", "archives", "Unpack them into one folder per camera."),)
 """File name patterns, names and remedies for archives, which any folder may contain."""
 
 
@@ -68,11 +68,11 @@ def _name_file(path: Path) -> tuple[str, str]:
         return "The file is a video.", f"Use from-videos {path.name}, which detects keypoints and solves them."
     if is_picture(path):
         return (
-            "The file is a picture.",
-            "Use from-videos. It solves videos, and folders with the pictures of each camera.",
+            "The file is an image.",
+            "Use from-videos, which solves videos, or folders with each camera's images.",
         )
     if path.is_file() and _is_table_without_header(path):
-        what = "The file is not supported: a table of numbers that names neither markers nor frame rate."
+        what = "The file is not supported: a table of numbers without marker names or a frame rate."
         return what, "Export it again with its header (Nexus: labels and units), or as C3D."
     for suffixes, what, how in _FILES if path.is_file() else ():
         if path.suffix.lower() in suffixes.split():
@@ -82,27 +82,27 @@ def _name_file(path: Path) -> tuple[str, str]:
 
 def _name_folder(path: Path) -> tuple[str, str]:
     if (path / SENSOR_RECORDING).is_file():
-        what = "The folder is a recording of infrared and depth sensors. Its markers are not detected yet."
+        what = "The folder is an infrared and depth recording whose markers have not been detected yet."
         return what, f"Use sensors markers {path.name} --out {path.name}.npz"
     if trials := trials_below(path):
-        return "The folder is not a recording but contains several.", f"Choose one: {listing(trials)}."
+        return "The folder is not a recording, but contains several recordings.", f"Choose one: {listing(trials)}."
     folders = [path, *(path / name for name in DETECTION_FOLDERS)]
     if (known := _matching(folders, _DETECTIONS)) is not None:
         return known
     if (footage := count_recordings(path)) > 1:
-        what = f"The folder contains videos or pictures of {footage} cameras, and no detections in them."
+        what = f"The folder contains videos or images from {footage} cameras, but no detections."
         return (
             what,
             "Use from-videos, which detects, synchronises, calibrates and solves (Capture from Videos in Blender).",
         )
     if deeper := [below.name for below in sorted(path.iterdir()) if below.is_dir() and camera_sources(below)]:
-        what = f"The folder has no detections, but its folder {listing(deeper[:_NAMED])} does."
+        what = f"The folder has no detections, but its subfolder {listing(deeper[:_NAMED])} does."
         return what, f"Choose {path / deeper[0]}."
     if (known := _matching(folders, _PACKED)) is not None:
         return known
     if footage:
         return (
-            "The folder contains the pictures of one camera and no detections.",
+            "The folder contains one camera's images, but no detections.",
             f"Use from-videos {path.name}, which can also solve a single camera.",
         )
     return f"The folder contains no supported detections: {_contents(path)}.", ""

@@ -146,9 +146,9 @@ def network_of(arrays: Arrays, sha256: str = "") -> PointNetwork:
         fits = fits and len(arrays["queries"]) == len(LANDMARKS)
         fits = fits and arrays["embed.weight"].shape[1] == 3 + 6 * len(FREQUENCIES)
     except (KeyError, ValueError) as error:
-        raise WeightsInvalid("The weights do not belong to a landmark network.") from error
+        raise WeightsInvalid("The weights are not for a landmark network.") from error
     if not fits or not all(np.isfinite(a).all() for a in arrays.values()):
-        raise WeightsInvalid("The weights are damaged, or belong to another landmark network.")
+        raise WeightsInvalid("The weights are damaged, or are for another landmark network.")
     return PointNetwork(arrays, layers, heads, sha256)
 
 

@@ -71,14 +71,14 @@ def decode_live_link(packet: bytes) -> FacePacket:
         count = packet[at] if at < len(packet) else 0
         values = struct.unpack_from(f">{count}f", packet, at + 1)
     except struct.error as error:
-        raise FacePacketInvalid("it is cut") from error
+        raise FacePacketInvalid("it is truncated") from error
     seconds = None
     if numerator > 0 and denominator > 0 and math.isfinite(part) and abs(part) <= 1.0:
         seconds = (number + part) * denominator / numerator
     if not count:
         return FacePacket({}, seconds)
     if count < len(BLEND_SHAPES):
-        raise FacePacketInvalid(f"it has {count} values, and a face has {len(BLEND_SHAPES)}")
+        raise FacePacketInvalid(f"it has {count} values, but a face has {len(BLEND_SHAPES)}")
     if not all(abs(value) < LARGEST_CHANNEL for value in values[: len(BLEND_SHAPES)]):  # NaN fails this test
         raise FacePacketInvalid("a value is not valid")
     return FacePacket(dict(zip(BLEND_SHAPES, values, strict=False)), seconds)
@@ -119,7 +119,7 @@ class FaceFrame(NamedTuple):
 class FaceAssembly(OneSender[FacePacket, FaceFrame]):
     """Builds frames from the packets of one phone. Late, repeated and invalid packets are dropped."""
 
-    words = "Another phone is ignored while the first one sends.", "A packet is not one of this app's"
+    words = "Another phone is ignored while the first one sends.", "A packet is not from this app"
 
     def __init__(self, scheme: str) -> None:
         super().__init__()
@@ -154,7 +154,7 @@ def face_lines(found: Iterable[FaceFrame | EventLine], recorder: FaceRecorder | 
         if recorder is not None and item.channels:
             recorder.add(item.time, item.channels)
         lag_s = time.perf_counter() - item.arrived
-        state, shown = "no_person", {"why": "the phone sees no face"}
+        state, shown = "no_person", {"why": "the phone does not see a face"}
         if item.channels:
             state, shown = "tracking", {"face": rounded_face(item.channels)}
         yield frame_line(next(number), item.time, state, lag_s, lag_s, points=0, **shown)

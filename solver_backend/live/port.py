@@ -38,12 +38,12 @@ def listen(
     """
     there = _bound(address)
     if there is None:
-        yield event_line("port_busy", f"Another program uses {address}. Waiting until it ends.")
+        yield event_line("port_busy", f"Another program is using {address}. Waiting for it to end.")
     while there is None:
         time.sleep(_RETRY_S)
         there = _bound(address)
     with there:
-        yield event_line("listening", f"Listening at {address}.")
+        yield event_line("listening", f"Listening on {address}.")
         yield from _received(there, assembly, ask)
 
 
@@ -76,7 +76,7 @@ def _received(
         heard, broken = time.perf_counter(), False
         if silent:
             silent = False
-            yield event_line("sender_back", "Packets arrive again.")
+            yield event_line("sender_back", "Packets are arriving again.")
         yield from assembly.take(packet, sender, heard)
         while assembly.news:
             yield event_line(*assembly.news.pop(0))

@@ -37,7 +37,7 @@ from solver_backend.live.frames import PointFrame
 from solver_backend.types import Motion
 
 Item = ParamSpec("Item")
-_AGAIN = "Record again. The unfinished recording is kept."
+_AGAIN = "Record again. The unfinished recording was kept."
 
 
 class RecordingFormat(ABC, Generic[Item]):
@@ -355,7 +355,7 @@ class FaceRecording(RecordingFormat[[float, dict[str, float]]]):
                     seconds, channels = json.loads(line)
                     frames.append((float(seconds), {str(name): float(value) for name, value in channels.items()}))
         except (ValueError, TypeError, AttributeError, RecursionError) as error:
-            raise FileDamaged("The recording of a face cannot be read.", where=str(recording), hint=_AGAIN) from error
+            raise FileDamaged("The face recording cannot be read.", where=str(recording), hint=_AGAIN) from error
         if frames:
             names = list(dict.fromkeys(name for _, channels in frames for name in channels))
             table, last = io.StringIO(newline=""), dict.fromkeys(names, 0.0)

@@ -70,7 +70,7 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
                 yield from self.step(moment)
             except (ValueError, IndexError, FloatingPointError, np.linalg.LinAlgError) as error:
                 self._reset()
-                message = f"The current pose could not be solved ({error}). The solve starts again."
+                message = f"The current pose could not be solved ({error}). The solve is restarting."
                 yield event("restarted", message, moment.time)
 
     def step(self, moment: Shown) -> Iterator[LiveLine]:
@@ -82,7 +82,7 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
         dt = NEVER if before is None else moment.time - before
         if dt < -1e-6:
             self._reset()
-            yield event("time_ran_back", "The time stamps went backwards. The estimation starts again.", moment.time)
+            yield event("time_ran_back", "The timestamps went backwards. The estimation is restarting.", moment.time)
             dt = NEVER
         elif dt > LOST_S:
             self._reset()
@@ -151,7 +151,7 @@ def doubts_of(off_m: np.ndarray, unexplained: int, limbs: Mapping[str, list[int]
     medians = {limb: float(np.median(off)) for limb, off in seen.items() if len(off) >= _FEWEST}
     found = [f"the {limb} is {1e3 * off:.0f} mm off" for limb, off in medians.items() if off > OFF_M]
     if unexplained >= UNEXPLAINED:
-        found.append(f"{unexplained} points do not fit the body")
+        found.append(f"{unexplained} points do not match the body")
     return "; ".join(found)
 
 
@@ -412,7 +412,7 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
         metres = UNITS[unit]
         axis = self.up_axis or up_axis_of([metres * p for p in self._first], self.network)
         self.to_metres = metres * rotation_to_z_up(axis)
-        end = "." if self.unit and self.up_axis else ", as far as can be seen."
+        end = "." if self.unit and self.up_axis else ", judging from the points."
         yield event("world", f"Points are in {unit}, {axis} is up{end}", frame.time)
 
     def _nothing(self, frame: PointFrame, why: str, state: str) -> FrameLine:

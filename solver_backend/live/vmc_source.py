@@ -186,7 +186,7 @@ class BonesOnBody:
         if not self._fingers and any(finger in bone for bone in frame.quat for finger in _FINGERS):
             self._fingers, self.body = True, with_fingers(self.body)
             self._humanoid = Humanoid(*self.proportions())
-            self.news.append(event_line("fingers", "The sender moves fingers, so the body has them too."))
+            self.news.append(event_line("fingers", "The sender moves its fingers, so the body has fingers too."))
         humanoid = self._humanoid
         assert humanoid is not None
         quat = np.array([frame.quat.get(bone, (1.0, 0.0, 0.0, 0.0)) for bone in humanoid.bones])
@@ -201,7 +201,7 @@ class BonesOnBody:
         if self.betas is None and np.isfinite(legs).all():
             own = own_shape(self.body, rest)
             self.betas = shape_from_lengths(self.body, rest) if own is None else own
-            message = "The body shape comes from the bone lengths of the sender."
+            message = "The body shape is estimated from the sender's bone lengths."
             self.news.append({**event_line("shape", message), "betas": np.round(self.betas, 6).tolist()})
         layout, ours = self.proportions()
         self._humanoid = Humanoid(layout, ours)

@@ -107,14 +107,14 @@ def _load(choice: str) -> AutoencodingPrior:
         return _load_named(choice)
     path = Path(os.path.expanduser(choice))
     if not path.is_file():
-        hint = f"Use one of {', '.join(NAMES)}, or give a file of weights that train wrote."
-        raise FileMissing(f"There is no prior {choice!r} and no such file.", hint=hint)
+        hint = f"Use one of {', '.join(NAMES)}, or specify a weights file written by train."
+        raise FileMissing(f"There is no prior or file {choice!r}.", hint=hint)
     name = read_weights(path, None).prior
     if name == SPHERICAL:
         return load_sposer(path)
     if name in get_args(VaeName):
         return load_vae(name, path)  # type: ignore[arg-type]
-    hint = f"Use one of {', '.join(NAMES)}, or a file that train wrote for one of these."
+    hint = f"Use one of {', '.join(NAMES)}, or a file written by train for one of these."
     raise JobInvalid(f"A solve cannot decode the prior {name!r}.", where=path.name, hint=hint)
 
 

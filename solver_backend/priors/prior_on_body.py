@@ -96,7 +96,7 @@ def _placed(rotations: Array, taken: np.ndarray, count: int, put: np.ndarray) ->
 def _check(prior: AutoencodingPrior, layout: BodyLayout) -> None:
     if not set(prior.joints) & set(layout.solved):
         message = f"The prior {prior.name} models none of the joints of {layout.name}."
-        raise PriorInvalid(message, where=prior.name, hint="Use a prior with the joint names of the body.")
+        raise PriorInvalid(message, where=prior.name, hint="Use a prior with the body's joint names.")
     count, width = len(prior.joints), prior.latent_dim
 
     def require(name: str, found: Any, shape: tuple[int, ...]) -> Any:

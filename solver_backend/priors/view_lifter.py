@@ -284,7 +284,7 @@ def load_view_lifter(path: Path = DEFAULT_WEIGHTS) -> ViewLifter:
     width = shapes.get("place", (0, 0))[-1]
     wanted = {"embed.weight": (width, TOKEN), "place": (WINDOW, width), "out.weight": (OUTPUTS, width)}
     if shapes != wanted or type(heads) is not int or heads < 1 or width % heads:
-        message = "The file contains another kind of view lifter."
+        message = "The file contains a different kind of view lifter."
         raise WeightsInvalid(message, where=path.name, hint="Train the network again, or reinstall the program.")
     if not all(np.isfinite(array).all() for array in arrays.values()):
         raise WeightsInvalid("The view lifter's weights are not all finite.", where=path.name, hint="Reinstall them.")

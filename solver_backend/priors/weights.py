@@ -40,7 +40,7 @@ class PriorWeights:
             WeightsInvalid: it is missing, not finite, or has another shape.
         """
         if name not in self.arrays:
-            raise WeightsInvalid(f"The weights of {self.prior} lack the array {name!r}.")
+            raise WeightsInvalid(f"The weights of {self.prior} do not contain the array {name!r}.")
         value = np.asarray(self.arrays[name])
         if value.dtype.kind not in "fiub":
             raise WeightsInvalid(f"The array {name!r} of {self.prior} is {value.dtype}, but numbers are expected.")

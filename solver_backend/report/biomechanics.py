@@ -15,9 +15,9 @@ from solver_backend.report.markup import facts, number, section, text
 from solver_backend.types import Motion
 
 _LEAD = (
-    "The table shows the smallest, mean and largest joint angles in degrees, as recommended by the ISB (Wu et "
-    "al. 2002 and 2005). The deviation is the median standard deviation from the posterior covariance of the "
-    "pose. It excludes differences between definitions. <code>motion export</code> writes the angles of every frame."
+    "The table shows the minimum, mean and maximum joint angles in degrees, defined as the ISB recommends (Wu et "
+    "al. 2002 and 2005). The deviation is the median standard deviation from the pose's posterior covariance. It "
+    "excludes differences between definitions. <code>motion export</code> writes the angles of every frame."
 )
 
 
@@ -48,15 +48,15 @@ def _support_section(motion: Motion, body: Body) -> str:
     known = support.margin_m[np.isfinite(support.margin_m)]
     if len(known):
         rows.append(
-            ("centre of mass above the support", f"{100 * float((known > 0).mean()):.0f} % of the frames with contact")
+            ("centre of mass above support area", f"{100 * float((known > 0).mean()):.0f} % of the frames with contact")
         )
     rows.append(("longest time above the floor", f"{support.longest_flight_s:.2f} s"))
     lead = (
-        "Contacts are detected from the height and the speed of the skin above the floor. The centre of mass "
-        "assumes an even body density. If it is outside the support area, the person moves or leans on something."
+        "Contacts are detected from the height and speed of the skin above the floor. The centre of mass assumes "
+        "uniform body density. If it is outside the support area, the person is moving or leaning on something."
     )
     if support.is_floating:
-        lead += f" No jump lasts longer than {JUMP_S:g} s, so the person is on something, or the heights are wrong."
+        lead += f" No jump lasts longer than {JUMP_S:g} s, so the person may be on something, or heights may be wrong."
     return section("Contacts and balance", facts(rows), lead, "balance")
 
 

@@ -133,11 +133,11 @@ def poses_section(motion: Motion) -> str:
         height = floor + scale * max(below, 0.0) + CAPTION - 4
         parts.append(f'<text class="x" x="{middle:.0f}" y="{height:.0f}">{frame / motion.fps:.2f} s</text>')
         left += scale * view.size_px[1]
-    far = f"The body is at a height of {lowest:.1f} m, too far from the floor to show it."
+    far = f"The body is at a height of {lowest:.1f} m, so the floor is not shown."
     lead = (
-        "The pictures show the solved body at six times, seen from one direction. "
+        "The images show the solved body at six times, seen from one direction. "
         f"{'The line is the floor.' if has_floor else far} "
-        "Use them to check the body shape, the ground contact and the direction of the face."
+        "Use them to check the body shape, the ground contact and the direction that the body faces."
     )
     return section("The body", figure("poses", WIDTH, floor + scale * max(below, 0.0) + CAPTION, parts), lead, "body")
 
@@ -156,9 +156,9 @@ def rest_pose_section(motion: Motion) -> str:
     views = [SurfaceView.of(title, side, vertices, body.faces) for title, side in sides]
     figures = [_figure(view, motion.marker_labels, found, expected, usual) for view in views]
     lead = (
-        "The pictures show the person's body and the estimated position of every marker. A line connects each "
-        "marker with its position in the layout. Larger and redder markers have a larger median distance from the "
-        "recording. In the front view, the person's left side is on the right."
+        "The images show the person's body and the estimated position of every marker. A line connects each "
+        "marker to its position in the layout. The larger and redder a marker is, the larger is its median distance "
+        "from the recording. In the front view, the person's left side is on the right."
     )
     return section("Marker positions on the body", f'<div class="pair">{"".join(figures)}</div>', lead, "places")
 

@@ -20,9 +20,9 @@ ELLIPSE = 5.991**0.5
 OPEN_CODES = ("limb_depth_open",)  # Diagnostics which state that a limb's depth is ambiguous.
 TRUNK = "pelvis"
 _LEAD = (
-    "Ellipses are 95 % confidence regions: coloured for hands, feet and head, grey for the pelvis. The "
-    "uncertainty of the pelvis, with the person's distance and size, applies to all joints. Dashed limbs could "
-    "point towards the camera or away from it. In the side view, the camera is on the left."
+    "Ellipses are 95 % confidence regions, coloured for hands, feet and head, and grey for the pelvis. The pelvis "
+    "uncertainty, which includes the person's distance and size, applies to all joints. Dashed limbs could point "
+    "towards the camera or away from it. In the side view, the camera is on the left."
 )
 
 
@@ -166,9 +166,9 @@ def hands_section(motion: Motion) -> str:
     curls = [(f"{side} {finger}", curl[:, s, f]) for s, side in enumerate(SIDES) for f, finger in enumerate(FINGERS)]
     hidden = 100 * (1 - seen.max(axis=2).mean(axis=0))
     unseen = [f"the {side} hand in {share:.0f} %" for side, share in zip(SIDES, hidden, strict=True) if share > 0]
-    lead = "Fingers without data stay relaxed and are flagged. The solver estimates the standard deviations."
+    lead = "Fingers without data stay relaxed and are flagged. The standard deviations are estimated by the solver."
     if unseen:
-        lead += f" No camera sees {' and '.join(unseen)} of the frames."
+        lead += f" No camera sees {' and '.join(unseen)} of frames."
     body = (
         f'<div class="pair">{table}{facts(_rows(motion))}</div><h3>Curl of each finger over time</h3>'
         f"{strip_plot(curls, motion.fps)}<h3>Hands from the back and from the side of the index finger</h3>"

@@ -69,7 +69,7 @@ def _tiles(capture: Capture, views: _SharedViews | None, warnings: int) -> list[
     if views is not None:
         agreement = float(share(views.agrees, views.seen, (0, 1, 2)))
         level = "good" if agreement >= 90 else "look" if agreement >= 75 else "bad"
-        found.append(Tile("View agreement", number(agreement, 0), "%", "of the detections fit the other views", level))
+        found.append(Tile("View agreement", number(agreement, 0), "%", "of detections match the other views", level))
         middle = float(quantile(views.off_px.ravel(), 0.5, axis=0))
         found.append(Tile("Distance between views", number(middle), "px", "median of all detections"))
     located = located_share(capture)
@@ -110,10 +110,10 @@ def _space_section(capture: Capture, views: _SharedViews | None, rows: np.ndarra
     way = middle[known_rows.any(1)] if len(points) else np.empty((0, 3))
     above = plan(capture.cameras, way[:, :2]) if len(way) else ""
     lead = (
-        "The drawing shows the person at a few times, from faint to strong, with the left side in blue and the "
-        "right in orange. It also shows the floor at z = 0 and the view of each camera. The plan below shows them "
-        "from above, with the world's Y axis up. If the feet are off the floor or the person leans, the axes of "
-        "the world are wrong."
+        "The drawing shows the person at several times, from faint to strong, with the left side in blue and the "
+        "right side in orange. It also shows the floor at z = 0 and each camera's view. The plan below shows the "
+        "same from above, with the world's Y axis up. If the feet are off the floor or the person leans, the world "
+        "axes may be wrong."
     )
     return section("Space", f'{drawing}<div class="pair">{above}{facts(values)}</div>', lead, "space")
 
@@ -124,7 +124,7 @@ def _agreement_section(capture: Capture, views: _SharedViews | None) -> str:
         return ""
     names, fps = capture.cameras.names, capture.keypoints.fps
     shown = f"<h3>Keypoints that each camera detected</h3>{strip_plot(_strips(names, seen), fps)}"
-    lead = "The detections of each camera over time. Full colour means all keypoints, and empty none."
+    lead = "The strips show each camera's detections over time. Full colour means all keypoints, and empty means none."
     if views is None:
         return section("Views", shown, lead, "views")
     frames = np.maximum(views.seen.sum(-1), 1)
@@ -133,9 +133,9 @@ def _agreement_section(capture: Capture, views: _SharedViews | None) -> str:
     table = _camera_table(names, views)
     lead += (
         f" Detections agree if they are within {INLIER_SIGMAS:g} standard deviations of the triangulated "
-        "point. If a strip is always empty, the camera has a wrong position, picture size or name. If it is empty "
-        "for a while, the camera was touched or saw another person. Gaps in all strips mean that the cameras did "
-        "not start together."
+        "point. If a strip is always empty, the camera may have a wrong position, image size or name. If it is "
+        "empty for a while, the camera may have been touched or have seen another person. Gaps in all strips "
+        "suggest that the cameras did not start together."
     )
     shown = f"<h3>Detections that agree with the other views</h3>{strip_plot(_strips(names, agrees), rate)}{shown}"
     return section("Views", f"{shown}<h3>Camera by camera</h3>{table}", lead, "views")

@@ -21,8 +21,8 @@ def labelling_html(name: str, take: LabelledTake, fps: float) -> str:
     unknown = labels < 0
     headline = tiles(
         [
-            Tile("named", number(100 * float(named.mean())), "%", f"{len(set(labels[named].tolist()))} markers"),
-            Tile("not the person's", number(100 * float((labels == GHOST).mean())), "%"),
+            Tile("labelled", number(100 * float(named.mean())), "%", f"{len(set(labels[named].tolist()))} markers"),
+            Tile("not on the person", number(100 * float((labels == GHOST).mean())), "%"),
             Tile("unknown", number(100 * float(unknown.mean())), "%", level="look" if unknown.any() else "good"),
             Tile("track segments", str(len(take.tracklets)), "", f"{take.tracklets.num_chains} after joining"),
         ]
@@ -70,7 +70,7 @@ def _stretches(take: LabelledTake, fps: float) -> str:
         for i in order[:MOST_LISTED]
     )
     head = "<tr><th>point</th><th>frames</th><th>seconds</th><th>label</th><th>confidence %</th></tr>"
-    lead = "Labels in these frames are unknown or uncertain. Label them by hand (--labels), and run label again."
+    lead = "Labels in these frames are unknown or uncertain. Assign them by hand (--labels), and run label again."
     return section("Frame ranges to check", f'<table class="facts">{head}{rows}</table>', lead, "stretches")
 
 

@@ -111,7 +111,7 @@ def headline_tiles(capture: Capture, motion: Motion, residuals: KeypointResidual
     solved, truth, names = motion.beside_truth(capture.truth.get("joints", np.zeros(0)))
     if names:
         accel = accel_error_m_s2(solved, truth, motion.fps)
-        note = f"mean of {len(names)} joints; acceleration {number(accel, 2)} m/s²"
+        note = f"mean of {len(names)} joints, acceleration {number(accel, 2)} m/s²"
         found.append(Tile("Error against the truth", number(mpjpe_mm(solved, truth)), "mm", note))
     if residuals is not None:
         found.append(Tile("Reprojection error", number(residuals.median_px), "px", "median of all detections"))

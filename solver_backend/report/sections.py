@@ -87,9 +87,9 @@ def reprojection_section(capture: Capture, residuals: KeypointResiduals | None) 
     low, high = (number(float(limit), 0) for limit in (residuals.limit_px.min(), residuals.limit_px.max()))
     limits = f"{low} px" if low == high else f"{low} to {high} px, by keypoint"
     lead = (
-        "The tables show the distance of the solved body from the detections of each camera, and the share of "
-        f"detections within the outlier limit ({limits}). A conspicuous column means a problem with a camera, a "
-        "row with a keypoint, and a single cell with an occlusion."
+        "The tables show the distance between the solved body and each camera's detections, and the share of "
+        f"detections within the outlier limit ({limits}). A conspicuous column suggests a problem with a camera, a "
+        "conspicuous row a problem with a keypoint, and a single cell an occlusion."
     )
     body = (
         f'<div class="pair"><div><h3>Median reprojection error in pixels</h3>{left}</div>'
@@ -109,10 +109,10 @@ def missing_section(capture: Capture, motion: Motion) -> str:
         return ""
     names = capture.cameras.names if capture.cameras is not None else [f"view {c}" for c in range(len(seen))]
     rows = [(str(name), seen[c]) for c, name in enumerate(names)]
-    lead = "The share of keypoints that each camera detected in each frame. Full colour means all, and empty none."
+    lead = "The strips show the share of keypoints that each camera detected. Full colour means all, and empty none."
     if capture.least_views > 1:
         rows.append(("two or more", located))
-        lead += " Keypoints that two or more cameras detected can be triangulated."
+        lead += " Keypoints detected by two or more cameras can be triangulated."
     return section("Missing data", strip_plot(rows, motion.fps, shades=shades_of(motion)), lead, "missing")
 
 
@@ -134,7 +134,7 @@ def _residual_section(motion: Motion, curves: tuple[np.ndarray, np.ndarray], uni
     lines = [PlotCurve(curves[1], "90 % below", "quiet"), PlotCurve(curves[0], "median", "a")]
     marks = None if motion.keyframes is None else np.flatnonzero(motion.keyframes)
     plot = time_plot(lines, motion.fps, unit, shades=shades_of(motion), marks=marks, from_zero=True, size=(WIDTH, 190))
-    key = f'<p class="key"><b class="a">— median</b> &nbsp; — 90 % of the {points} are below</p>'
+    key = f'<p class="key"><b class="a">— median</b> &nbsp; — 90 % of the {points} are below this line</p>'
     lead = f"The plot shows the distance between {ends}. Check the peaks first."
     return section("Residual over time", plot + key + shades_key(motion), lead, "residual")
 
@@ -159,8 +159,8 @@ def angles_section(capture: Capture, motion: Motion) -> str:
     plots.append(_small_plot("Trunk lean from the vertical", "°", lean, motion))
     key = SIDES_KEY.format(truth=' &nbsp; <b class="truth">┄ truth</b>' if truth is not None else "")
     lead = (
-        "Curves should be smooth. Spikes mean jitter, and steps mean swapped limbs. At 0°, a joint is straight "
-        "or an arm hangs down."
+        "Curves should be smooth. Spikes indicate jitter, and steps indicate swapped limbs. At 0°, a joint is "
+        "straight or an arm hangs down."
     )
     return section("Joint angles", f'<div class="pair">{"".join(plots)}</div>{key}', lead, "angles")
 
@@ -185,9 +185,9 @@ def truth_section(capture: Capture, motion: Motion, figures: list[str]) -> str:
     summary = f"<pre>{text(chr(10).join(figures))}</pre>" if figures else ""
     joints = f"<details><summary>Each joint</summary>{table}</details>"
     body = f"{summary}<h3>Error of the {len(names)} joints over time, mm</h3>{plot}{joints}"
-    lead = "The capture is synthetic, so its motion is known."
+    lead = "The capture is synthetic, so its true motion is known."
     if capture.keypoints is not None:
-        lead += " The baseline is triangulation and a 6 Hz Butterworth filter."
+        lead += " The baseline is triangulation followed by a 6 Hz Butterworth filter."
     return section("Against the truth", body, lead, "truth")
 
 
@@ -202,7 +202,7 @@ def uncertainty_section(motion: Motion) -> str:
     if motion.joint_sigma is None:
         return ""
     sigma = 1000.0 * np.asarray(motion.joint_sigma, dtype=np.float64)
-    lead, marks = "The plot shows the standard deviation of the joints, estimated by the solver.", None
+    lead, marks = "The plot shows the standard deviations of the joints as estimated by the solver.", None
     if motion.keyframes is not None:
         marks = np.flatnonzero(motion.keyframes)
         lead += " The regular ripple is not motion. Frames between keyframes (ticks) average their neighbours' errors."
@@ -234,8 +234,8 @@ def scene_section(capture: Capture, motion: Motion) -> str:
         rows.append(("height of the cameras", ", ".join(f"{name} {z:.2f} m" for name, z in named)))
     wedges = "" if capture.cameras is None else ". Wedges show the camera views"
     lead = (
-        "The plan shows the scene from above, with the world's Y axis up. The path of the pelvis starts at "
-        f"green and ends at red{wedges}."
+        "The plan shows the scene from above, with the world's Y axis up. The path of the pelvis starts at the "
+        f"green point and ends at the red point{wedges}."
     )
     drawing = plan(capture.cameras, motion.joints[:, 0, :2])
     return section("Scene", f'<div class="pair">{drawing}{facts(rows)}</div>', lead, "scene")
@@ -270,9 +270,9 @@ def marker_section(motion: Motion) -> str:
     faint = np.concatenate([(100 - shares[:, :1]) / 40, shares[:, 1:] / 10], axis=1)
     right = heat_table(shares, names, heads, strength=faint, unit="%", digits=0)
     lead = (
-        "The table shows the distance between the recorded markers and the markers on the solved body. The "
-        "position of each marker on the body was estimated. A conspicuous marker may be loose, have a wrong name, "
-        "or be far from its position in the layout."
+        "The table shows the distance between the recorded markers and the markers on the solved body. Each "
+        "marker's position on the body was estimated. A conspicuous marker may be loose, have a wrong name, or be "
+        "far from its position in the layout."
     )
     body = (
         f'<div class="pair"><div><h3>Residual in millimetres</h3>{left}</div>'
@@ -297,21 +297,21 @@ def gaps_section(motion: Motion) -> str:
     incomplete = np.flatnonzero(~seen.all(axis=0))
     rows = [(motion.marker_labels[i].rpartition(":")[2], seen[:, i].astype(float)) for i in incomplete]
     rows.append(("all markers", seen.mean(axis=1)))
-    lead = "Visible markers over time. Only markers with gaps have a row. The last row is the share of all markers."
+    lead = "The rows show when markers are visible. Markers without gaps have no row. The last row is for all markers."
     return section("Missing data", strip_plot(rows, motion.fps, shades=shades_of(motion)), lead, "missing")
 
 
 def props_section(motion: Motion) -> str:
     """Plot the deviations of each prop over time, and show how often its markers are visible."""
     lead = (
-        "Props are objects with markers that the person does not wear. They are solved as rigid bodies. The "
-        "curves are the standard deviations of the origin and of the rotation about its least certain axis."
+        "Props are objects with markers that are not on the person. They are solved as rigid bodies. The curves "
+        "are the standard deviations of the origin and of the rotation about the least certain axis."
     )
     parts = list[str]()
     for prop in motion.props:
         seen = 100 * (np.asarray(prop.seen) >= 3).mean()
         who = f"{len(prop.labels)} markers ({', '.join(prop.labels)})"
-        facts = f"{who}, three or more are visible in {seen:.0f} % of the frames"
+        facts = f"{who}, of which three or more are visible in {seen:.0f} % of the frames"
         curves = (
             (PlotCurve(1000 * prop.sigma[:, 0], "origin", "a"), "mm"),
             (PlotCurve(np.degrees(prop.sigma[:, 1]), "rotation", "b"), "°"),
@@ -340,16 +340,16 @@ def calibration_section(capture: Capture, fit: CameraFits | None) -> str:
     tilt = f"{number(fit.tilt_deg)}° ± {number(fit.tilt_sigma_deg)}°"
     stature = f"{number(fit.stature_m, 2)} m"
     world = facts(
-        [("stature according to the calibration", stature), ("tilt of the person from the world's up direction", tilt)]
+        [("height according to the calibration", stature), ("tilt of the person from the world's up direction", tilt)]
     )
     lead = (
-        f"Result of the check: {text(fit.verdict)}. The column <i>at best</i> is the error after the poses "
-        "were adjusted to the take. A camera with a far larger error was moved. If the error at the rim is far "
-        "above the error in the centre, the lens had another zoom. If the epipolar distance grows, the camera was "
-        "touched, or its clock runs at another rate."
+        f"Result of the check: {text(fit.verdict)}. The column <i>at best</i> shows the error after the camera "
+        "poses were adjusted to the take. A camera whose error is far larger than this has probably moved. If the "
+        "error is far larger at the edges than in the centre, the zoom may differ. If the epipolar distance grows, "
+        "the camera may have been touched, or its clock may drift."
     )
     body = (
-        f'<ul class="findings">{items}</ul><h3>Reprojection error by part of the picture, px</h3>{table}'
+        f'<ul class="findings">{items}</ul><h3>Reprojection error by part of the image, px</h3>{table}'
         f"<h3>Distance to epipolar lines over the take, px</h3>{plot}<h3>The world</h3>{world}"
     )
     return section("Calibration", body, lead, "calibration")

@@ -84,7 +84,7 @@ class Cameras:
             object.__setattr__(self, name, value)
         models = tuple(self.models) * count if len(self.models) == 1 else tuple(self.models)
         if len(models) != count:
-            raise CalibrationInvalid(f"{len(models)} lens models do not fit {count} cameras.", where="cameras")
+            raise CalibrationInvalid(f"{len(models)} lens models do not match {count} cameras.", where="cameras")
         require_models(models)
         object.__setattr__(self, "models", models)
         if self.path is not None:

@@ -65,7 +65,7 @@ def checked_hands(hands: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     if beyond.any():
         view, frame, hand, point = np.argwhere(beyond)[0]
         hint = "Write NaN (or 0 0 0) for a point that was not seen."
-        what = "A point of a hand is infinite or beyond any picture."
+        what = "A hand point is infinite or far outside any image."
         raise NonFiniteData(what, where=f"view {view}, frame {frame}, {SIDES[hand]} {HAND_POINTS[point]}", hint=hint)
     hands[~np.isfinite(hands).all(-1) | ~(hands[..., 2] > 0)] = UNSEEN_POINT
     return hands
@@ -225,11 +225,11 @@ class Capture:
             raise CaptureInvalid(what, where=self.name)
         if cameras is not None and self.footage and len(self.footage) != len(cameras):
             hint = "One entry per camera is expected, none without footage."
-            what = f"{len(self.footage)} entries of footage do not fit {len(cameras)} cameras."
+            what = f"{len(self.footage)} footage entries do not match {len(cameras)} cameras."
             raise CaptureInvalid(what, where=self.name, hint=hint)
         for person in self.people:
             if found is None or person.keypoints.xy.shape != found.xy.shape:
-                what = f"The detections of {person.name} have other views or frames than the capture."
+                what = f"The detections of {person.name} have different views or frames from the capture."
                 raise CaptureInvalid(what, where=self.name)
 
     @property
@@ -307,7 +307,7 @@ class Capture:
             raise TooFewViews("The capture has no calibrated 2D keypoints.", where=self.name)
         if not (self.keypoints.confidence > 0).any():
             hint = "Run the detector again, or choose other files."
-            raise NoDetections("Every confidence is zero, so no person was detected.", where=self.name, hint=hint)
+            raise NoDetections("All confidences are zero, so no person was detected.", where=self.name, hint=hint)
         return self.cameras, self.keypoints
 
     def of_person(self, name: str) -> Capture:

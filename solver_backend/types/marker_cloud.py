@@ -40,7 +40,7 @@ class MarkerCloud:
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise NonFiniteData(f"The frame rate must be a positive number, not {self.fps}.", where="markers")
         if self.labels is not None and len(self.labels) != shape[1]:
-            raise ShapeMismatch(f"{len(self.labels)} labels do not fit {shape[1]} markers.", where="markers")
+            raise ShapeMismatch(f"{len(self.labels)} labels do not match {shape[1]} markers.", where="markers")
         for name, expected in (("residual", shape[:2]), ("covariance", (*shape[:2], 3, 3))):
             value = getattr(self, name)
             if value is not None and np.shape(value) != expected:
@@ -110,4 +110,4 @@ class MarkerSubject:
         require_within("sigma_m", self.sigma_m, FARTHEST_M, SubjectInvalid, "subject")
         require_within("skin_m", np.nan_to_num(self.skin_m, nan=0.0), FARTHEST_M, SubjectInvalid, "subject")
         if count and not (np.asarray(self.sigma_m) >= _LEAST_SIGMA_M).all():
-            raise SubjectInvalid("sigma_m contains a number that is not positive.", where="subject")
+            raise SubjectInvalid("sigma_m contains a value that is not positive.", where="subject")

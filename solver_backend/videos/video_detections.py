@@ -46,11 +46,11 @@ class VideoDetections(TimedPictures):
         """Check the times, and mark implausible points as missing."""
         times = self.times_s
         if not len(times) or not np.isfinite(times).all() or (np.diff(times) < 0).any():
-            raise CaptureInvalid("The picture times do not increase.", where=self.name, hint=_AGAIN)
+            raise CaptureInvalid("The image times do not increase.", where=self.name, hint=_AGAIN)
         if len(times) > 1:
             require_rate(self.fps if np.median(np.diff(times)) > 0 else np.inf, CaptureInvalid, self.name)
         if times[-1] - times[0] > LONGEST_S:
-            what = f"The pictures span {times[-1] - times[0]:.3g} s, which is not possible."
+            what = f"The images span {times[-1] - times[0]:.3g} s, which is not possible."
             raise CaptureInvalid(what, where=self.name, hint="Convert the video to another file, and detect it again.")
         missing = ~(np.abs(self.xy) <= FARTHEST_PX).all(-1) | ~(np.abs(self.confidence) <= FARTHEST_PX)
         if missing.any():
@@ -95,10 +95,10 @@ def read_detections(path: Path, video: Path) -> VideoDetections:
     fields.require_format(FORMAT, VERSION)
     xy = fields.numbers("xy", (None, None, None, 2))
     if xy.shape[2] != fields.joint_set().num_keypoints:
-        raise CaptureInvalid("The keypoints do not fit their joint set.", where=str(path), hint=_AGAIN)
+        raise CaptureInvalid("The keypoints do not match their joint set.", where=str(path), hint=_AGAIN)
     size, track = fields.numbers("size", (2,)), fields.numbers("track", xy.shape[:2])
     if not (np.isfinite(size).all() and (size >= 1).all() and (size < 1e6).all()) or not (np.abs(track) < 2**31).all():
-        raise CaptureInvalid("The picture size or a person's number is impossible.", where=str(path), hint=_AGAIN)
+        raise CaptureInvalid("The image size or a person's number is impossible.", where=str(path), hint=_AGAIN)
     facts: dict[str, Any] = {"joint_set": fields.joint_set(), "size": tuple(int(n) for n in size)}
     facts |= {key: fields.text(key, "") for key in ("video_hash", "detector")}
     arrays = {"times_s": fields.numbers("times_s", (len(xy),)), "xy": xy, "track": track.astype(np.int64)}

@@ -153,10 +153,10 @@ def test_rotations_and_places_written_the_other_way(written: Cameras) -> None:
     [
         pytest.param(
             mirrored,
-            "the pictures are mirrored, and left and right are swapped in the keypoint names",
+            "the images are mirrored, and left and right are swapped in the keypoint names",
             marks=SLOW,
         ),
-        (lambda seen: mirrored(seen, (1,)), "the pictures are mirrored, and left and right are swapped"),
+        (lambda seen: mirrored(seen, (1,)), "the images are mirrored, and left and right are swapped"),
         (lambda seen: replace(seen, xy=np.array([0, 1079]) + seen.xy * [1, -1]), "y counts from the bottom"),
         pytest.param(lambda seen: replace(seen, xy=seen.xy[..., ::-1]), "x and y are swapped", marks=SLOW),
         pytest.param(
@@ -347,7 +347,7 @@ def test_a_person_in_the_middle_of_a_level_ring_is_told_by_the_body() -> None:
     assert not explain(cameras, seen).changed
     from_below = replace(seen, xy=np.array([0, cameras.image_size[0, 1] - 1]) + seen.xy * [1, -1])
     found = explain(cameras, from_below)
-    assert [a.meaning for a in found.applied] == ["y counts from the bottom of the pictures"]
+    assert [a.meaning for a in found.applied] == ["y counts from the bottom of the images"]
     handstand = (points - [0, 0, 0.9]) * [1, -1, -1] + [0, 0, 0.9]
     assert not explain(*seen_by_ring(handstand)).changed
 

@@ -180,6 +180,6 @@ def test_views_that_share_nothing_are_named(exact: Capture) -> None:
         calibrate_from_person(cameras.names, lenses, replace(keypoints, confidence=alone))
     other = keypoints.xy.copy()
     other[3] = np.random.default_rng(0).uniform(100, 900, other[3].shape)
-    with pytest.raises(CalibrationInvalid, match="fit the other cameras") as raised:
+    with pytest.raises(CalibrationInvalid, match="match the other cameras") as raised:
         calibrate_from_person(cameras.names, lenses, replace(keypoints, xy=other))
     assert cameras.names[3] in raised.value.where

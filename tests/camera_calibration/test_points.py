@@ -98,5 +98,5 @@ def test_clicks_that_no_picture_has_are_named(tmp_path: Path) -> None:
 def test_clicks_where_the_lens_shows_nothing_are_named() -> None:
     _, clicks, lenses = clicked(BOX)
     folded = {name: replace(lens, distortion=np.r_[-9.0, np.zeros(7)]) for name, lens in lenses.items()}
-    with pytest.raises(CalibrationInvalid, match="was clicked outside the picture"):
+    with pytest.raises(CalibrationInvalid, match="was clicked outside the lens's image area"):
         calibrate_by_points(clicks, folded)

@@ -49,7 +49,7 @@ def test_a_verb_writes_a_motion_that_solves_can_read(
     assert made.provenance["edits"][-1]["verb"] == f"motion {verb}"
     assert made.contacts is not None and made.joint_covariance is not None
     assert source.read_bytes() == before
-    assert main(words) != 0 and "already there" in capsys.readouterr().err
+    assert main(words) != 0 and "already exist" in capsys.readouterr().err
 
 
 def test_clips_are_joined_and_looped(walk: MotionFile, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -59,8 +59,8 @@ def test_another_program_reads_the_c3d(tmp_path, arrays):
     [
         ("cleaned_markers", "take.c3d", "contains no cleaned markers.*export the solved ones", 3),
         ("marker_labels", "take.c3d", "was not solved from markers", 3),
-        ("poses", "take.c3d", "lacks 'poses'", 3),
-        ("mocap_framerate", "take.c3d", "lacks 'mocap_framerate'", 3),
+        ("poses", "take.c3d", "does not contain 'poses'", 3),
+        ("mocap_framerate", "take.c3d", "does not contain 'mocap_framerate'", 3),
         ("", "take.fbx", r"must end in \.c3d.* or \.\w+\.", 2),
     ],
 )

@@ -172,7 +172,7 @@ def test_an_output_that_exists_is_refused_before_the_solve(stand_ins, tmp_path, 
     places[option].write_bytes(b"mine")
     argv = ["solve", "take", *(str(part) for pair in places.items() for part in pair)]
     assert main(argv) == 3
-    assert "already there" in capsys.readouterr().err
+    assert "already exist" in capsys.readouterr().err
     assert stand_ins.calls == []
     assert places[option].read_bytes() == b"mine"
     assert main([*argv, "--overwrite"]) == 0
@@ -244,7 +244,7 @@ def test_convert_writes_the_capture_it_read(stand_ins, tmp_path, capsys):
     assert read_capture(out).num_frames == FRAMES
     assert events(capsys.readouterr().out)[-1]["capture"] == str(out)
     assert main(["convert", "take", "--out", str(out)]) == 3
-    assert "already there" in capsys.readouterr().err
+    assert "already exist" in capsys.readouterr().err
 
 
 def test_bodies_lists_what_can_be_chosen(tmp_path, monkeypatch, capsys):

@@ -95,7 +95,7 @@ def test_a_worker_of_another_version_solves_nothing(
 
 def test_no_scheduler_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(spread, "_CONNECT_S", 0.5)
-    with pytest.raises(CommandLineInvalid, match="No scheduler answers"):
+    with pytest.raises(CommandLineInvalid, match="No scheduler responds"):
         ClusterStretches("tcp://127.0.0.1:9")
 
 

@@ -96,11 +96,11 @@ def test_the_layouts_have_these_keys() -> None:
     known = json.loads(LAYOUTS_FILE.read_text("utf-8"))
     text = (ROOT / "docs" / "how-to" / "extend.md").read_text("utf-8")
     assert keys(section(text, "Add marker names")) == known.keys()
-    assert keys(section(_FORMATS, "Marker files, and the layouts")) == {"format", "version", "places"}
+    assert keys(section(_FORMATS, "Marker files and layouts")) == {"format", "version", "places"}
 
 
 def test_every_export_format_has_its_row() -> None:
-    text = section(_FORMATS, "Formats a take can be exported to")
+    text = section(_FORMATS, "Export formats")
     rows = re.findall(r"^\| [^|]+ \| `([\w-]+)` \| `(\.\w+)` \|", text, re.MULTILINE)
     assert dict(rows) == {name: item.suffix for name, item in FORMATS.items()}
 

@@ -40,7 +40,7 @@ def test_npz_round_trip_keeps_dtypes_values_and_names(tmp_path: Path) -> None:
 
 def test_existing_output_is_kept_unless_asked(tmp_path: Path) -> None:
     path = write_text(tmp_path / "x.txt", "old")
-    with pytest.raises(OutputExists, match=r"already there.*x\.txt.*another name"):
+    with pytest.raises(OutputExists, match=r"already exist.*x\.txt.*another name"):
         write_text(path, "new")
     assert path.read_text() == "old"
     write_text(path, "new", overwrite=True)
@@ -78,7 +78,7 @@ def test_folder_without_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(Path, "touch", denied)
-    with pytest.raises(OutputNotWritable, match=r"Permission denied.*x\.npz.*folder you may write to"):
+    with pytest.raises(OutputNotWritable, match=r"Permission denied.*x\.npz.*writable folder"):
         write_npz(tmp_path / "x.npz", {"a": np.zeros(3)})
     assert names(tmp_path) == []
 

@@ -192,7 +192,7 @@ def test_hosts_whose_writers_have_the_same_pid_damage_no_read(tmp_path: Path) ->
 
 
 def test_a_name_that_is_taken_meanwhile_is_kept(tmp_path: Path) -> None:
-    with pytest.raises(OutputExists, match=r"already there.*b\.txt"):
+    with pytest.raises(OutputExists, match=r"already exist.*b\.txt"):
         write_while_b_is_taken(tmp_path, ("a.txt", "b.txt"))
     assert names(tmp_path) == ["b.txt"]
     assert (tmp_path / "b.txt").read_text() == "theirs"

@@ -65,9 +65,9 @@ def test_hand_pose_is_read(tmp_path: Path, files: Any) -> None:
         ({"poses": np.zeros((0, 156)), "trans": np.zeros((0, 3))}, MotionInvalid, "no frames"),
         ({"trans": np.full((60, 3), np.nan)}, MotionInvalid, "transl contains NaN or infinite values"),
         ({"mocap_framerate": np.array(0.0)}, MotionInvalid, "frame rate must be 0.01 to 30000, not 0.0"),
-        ({"mocap_framerate": None}, MotionInvalid, "states no frame rate"),
+        ({"mocap_framerate": None}, MotionInvalid, "has no frame rate"),
         ({"keypoints3d": np.zeros((3, 17, 3))}, MotionInvalid, r"keypoints3d has shape .*\(60, keypoints, 3\)"),
-        ({"poses": None}, FileDamaged, "lacks poses. It contains betas, body, format"),
+        ({"poses": None}, FileDamaged, "does not contain poses. It contains betas, body, format"),
         (
             {"format": np.array("manifold_mocap_capture")},
             FileDamaged,

@@ -104,7 +104,7 @@ def test_skeleton_files_that_are_none_are_named(tmp_path: Path, known: KnownMoti
 def test_a_skeleton_without_size_is_named(tmp_path: Path, known: KnownMotion) -> None:
     whole = skeleton_of(known)
     write_skeleton(tmp_path / "flat.npz", replace(whole, rest=1e-170 * whole.rest, roles={}))
-    with pytest.raises(MotionInvalid, match="units large at rest"):
+    with pytest.raises(MotionInvalid, match="units large"):
         read_foreign_clip(tmp_path / "flat.npz")
 
 
@@ -169,7 +169,7 @@ def test_segments_of_a_markerless_program(tmp_path: Path, body: Body) -> None:
     done = import_motion(source, roles, body)
     assert source.num_frames == 340 and len(roles) == 18
     assert max(off for role, off in done.distances_mm.items() if not role.endswith(("toe", "head"))) < 10.0
-    with pytest.raises(FileDamaged, match="no rotations"):
+    with pytest.raises(FileDamaged, match="no segment rotations"):
         read_foreign_clip(SHARED / "cases" / "markers" / "bts_labels" / "bts.c3d")
 
 

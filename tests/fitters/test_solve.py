@@ -123,7 +123,7 @@ def test_the_frame_method_bridges_too(capture):
 
 
 def test_all_zero_confidences(capture):
-    with pytest.raises(NoDetections, match="Every confidence is zero"):
+    with pytest.raises(NoDetections, match="All confidences are zero"):
         solve(hidden(cut(capture, 0, 20), slice(None)))
 
 

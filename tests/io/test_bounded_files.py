@@ -32,7 +32,7 @@ def sparse(path: Path, size: int) -> Path:
 
 @pytest.mark.parametrize("read", [read_json, read_toml, read_qualisys, read_bvh])
 def test_ten_gigabytes_are_refused_by_their_size(tmp_path: Path, read: object) -> None:
-    with pytest.raises(FileDamaged, match=r"has 10,000\.0 MB, but a file of this kind has at most .*big"):
+    with pytest.raises(FileDamaged, match=r"has 10,000\.0 MB, but files of this kind have at most .*big"):
         read(sparse(tmp_path / "big", 10_000_000_000))  # type: ignore[operator]
 
 

@@ -88,7 +88,7 @@ def test_detections_in_a_folder_below_are_named(trial: Path) -> None:
     write_trial(trial / "work", config="")
     (trial / "work" / "pose").rename(trial / "export")
     shutil.rmtree(trial / "work")
-    with pytest.raises(CaptureNotRecognised, match=r"no detections, but its folder export does.*Choose .*export"):
+    with pytest.raises(CaptureNotRecognised, match=r"no detections, but its subfolder export does.*Choose .*export"):
         load_capture(trial)
 
 
@@ -184,7 +184,7 @@ def test_all_confidences_zero(trial: Path) -> None:
     write_trial(trial, people=[(xy, confidence)])
     for path in (trial / "pose").rglob("*.json"):
         path.write_text('{"people": [{"pose_keypoints_2d": [' + ", ".join(["5.0, 5.0, 0.0"] * 17) + "]}]}")
-    with pytest.raises(NoDetections, match="Every confidence is zero"):
+    with pytest.raises(NoDetections, match="All confidences are zero"):
         load_capture(trial)
 
 
@@ -192,7 +192,7 @@ def test_all_confidences_zero_in_a_file(tmp_path: Path) -> None:
     capture = small_capture()
     assert capture.keypoints is not None
     capture.keypoints.confidence[:] = 0
-    with pytest.raises(NoDetections, match="Every confidence is zero"):
+    with pytest.raises(NoDetections, match="All confidences are zero"):
         load_capture(write_capture(tmp_path / "c.npz", capture))
 
 

@@ -67,5 +67,5 @@ def test_a_small_file_of_many_pixels_keeps_nobody_waiting(tmp_path: Path) -> Non
 def test_sides_that_no_sensor_has_and_unknown_filters_are_named(
     width: int, height: int, rows: bytes, tmp_path: Path
 ) -> None:
-    with pytest.raises(FileDamaged, match="not a PNG of a known kind"):
+    with pytest.raises(FileDamaged, match="not a supported kind of PNG"):
         read_png(write(tmp_path / "a.png", width, height, rows))

@@ -27,7 +27,7 @@ from tests.support.verb_inputs import PLAYED_OAK
 
 ROOT = Path(__file__).resolve().parents[2]
 _LONG_AGO_S = 120.0
-_KEPT = ("already there", "there already")
+_KEPT = ("already exist", "there already")
 """Of the sentences by which an operation refuses to replace what is whole."""
 _BLEND_BEGINS = (b"BLENDER", b"\x28\xb5\x2f\xfd", b"\x1f\x8b")  # Plain, and packed by Zstandard or gzip.
 

@@ -114,7 +114,7 @@ def test_ten_points_that_nothing_explains_make_a_pose_unsure_and_are_counted(ses
     extra = np.tile(beside(count), (len(walk), 1, 1))
     last = list(session.run(frames(np.concatenate([walk, extra], axis=1), session, walk)))[-1]
     assert last["state"] == state and last["off_mm"] < 10
-    assert last.get("why", "") == ("10 points do not fit the body" if count == 10 else "")
+    assert last.get("why", "") == ("10 points do not match the body" if count == 10 else "")
 
 
 def test_a_leg_that_is_off_makes_a_pose_unsure_and_is_named_with_its_distance(session, walk):

@@ -203,7 +203,7 @@ def test_all_zero_confidences_and_single_views_are_errors() -> None:
     with pytest.raises(TooFewViews, match="Of 4 cameras, only cam_c has detections, but two are needed"):
         select_people(cameras, detections, 30.0)[0]
     detections.confidence[:] = 0
-    with pytest.raises(NoDetections, match="Every confidence is zero"):
+    with pytest.raises(NoDetections, match="All confidences are zero"):
         select_people(cameras, detections, 30.0)[0]
 
 

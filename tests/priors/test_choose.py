@@ -73,7 +73,7 @@ def test_a_prior_is_chosen_by_name_or_by_its_file() -> None:
 
 def test_a_file_that_is_no_prior_is_refused(tmp_path: Path) -> None:
     for choice in (str(tmp_path / "none.npz"), "spozer", "~no-such-user/a.npz"):
-        with pytest.raises(FileMissing, match=f"no prior '{choice}' and no such file") as caught:
+        with pytest.raises(FileMissing, match=f"no prior or file '{choice}'") as caught:
             load_prior(choice)
         assert "sposer, rvposer, vposer" in caught.value.hint
     wrong = tmp_path / "wrong.npz"

@@ -95,7 +95,7 @@ def test_the_page_is_written_whole_and_never_over_another(tmp_path):
     assert write_report(path, *solved()) == path
     assert NAME.replace("&", "&amp;").replace("<", "&lt;")[:9] in path.read_text(encoding="utf-8")
     assert [p.name for p in tmp_path.iterdir()] == ["page.html"]
-    with pytest.raises(OutputExists, match="already there"):
+    with pytest.raises(OutputExists, match="already exist"):
         write_report(path, *solved())
     write_report(path, *solved(faults=False), overwrite=True)
 

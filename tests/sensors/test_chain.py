@@ -193,7 +193,7 @@ def test_a_wand_is_told_where_it_was_and_where_to_go(
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["moments"] > 0
     told = [line for line in map(json.loads, lines.read_text("utf-8").splitlines()) if "coverage" in line]
     assert told and all(line["coverage"] == dict.fromkeys(CAMERAS.names, 0.0) for line in told)
-    assert any("More than one point is lit" in line["why"] for line in told)
+    assert any("More than one light is visible" in line["why"] for line in told)
     assert "Wave in the" in told[-1]["why"] and len(told[-1]["cloud"]) > 0
 
 

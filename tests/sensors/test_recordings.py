@@ -292,7 +292,7 @@ def test_a_shot_without_measurements_states_no_rate(tmp_path: Path) -> None:
     write_capture(tmp_path / "clean.npz", Capture("m", cameras=CAMERAS))
     for part in ("infrared", "depth"):
         (tmp_path / part / CAMERAS.names[0]).mkdir(parents=True)
-    with pytest.raises(RecordingInvalid, match="states no frame rate"):
+    with pytest.raises(RecordingInvalid, match="has no frame rate"):
         open_folder(tmp_path)
 
 

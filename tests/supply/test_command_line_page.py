@@ -20,7 +20,7 @@ from solver_backend.synthesis.studio.spec import PRESETS
 from supply.command_line_page import command_line_page, group_page
 from supply.settings_page import settings_page
 
-LINKS = {"[settings of a solve](": "SOLVING", "[reading options](": "READING", "[world options](": "WORLD"}
+LINKS = {"[solve settings](": "SOLVING", "[reading options](": "READING", "[world options](": "WORLD"}
 """Named settings that a section replaces by a link to their page."""
 PAGE = "\n".join([command_line_page(), *map(group_page, GROUPS)])
 
@@ -51,7 +51,7 @@ def test_an_option_that_a_section_names_is_described_once_on_its_page() -> None:
 
 
 def test_the_settings_of_a_solve_are_claimed_where_they_are() -> None:
-    assert "[settings of a solve](" in section("solve") and "[settings of a solve](" in section("from-videos")
+    assert "[solve settings](" in section("solve") and "[solve settings](" in section("from-videos")
     assert not any(link in section("sensors record") for link in LINKS)
     assert "`none\\|wire\\|ptp`" in group_page("sensors")
 

@@ -36,7 +36,7 @@ def run_exporter(
     try:
         known = {prop.identifier for prop in operator.get_rna_type().properties}
     except KeyError as error:
-        message = f"This Blender cannot write {path.suffix[1:].upper()}."
+        message = f"This version of Blender cannot write {path.suffix[1:].upper()}."
         hint = "Enable the format's add-on in the preferences, or use a Blender that was built with it."
         raise ExporterMissing(message, where=f"Blender {bpy.app.version_string}", hint=hint) from error
     fitting = {name: value for name, value in (newer_settings or {}).items() if name in known}
@@ -83,7 +83,7 @@ def require_whole(path: Path) -> None:
         _CRATE[:5]: head[:8] == _CRATE and 0 < int.from_bytes(head[16:24], "little") < path.stat().st_size,
     }
     if not is_whole.get(head[:5], False):
-        raise OSError(errno.ENOSPC, "the exporter stopped in the middle of the file. The disk may be full")
+        raise OSError(errno.ENOSPC, "the exporter stopped while writing the file. The disk may be full")
 
 
 _FORWARD = {"Y": "-Z", "Z": "Y"}  # Axis in the file to which Blender's Y is mapped, for each up axis.
@@ -148,7 +148,7 @@ def export_blend(path: Path, take: ExportTake, progress: Progress) -> None:
     """Write the armature and its meshes as a collection with the armature's name. The scene is left out."""
     action = current_action(take.armature)
     if action is not None and is_take(action) and not same_rate(take.fps, float(action["fps"])):
-        hint = "Leave the frame rate out, or choose another format."
+        hint = "Omit the frame rate, or choose another format."
         raise NothingToExport(
             "A Blender file keeps the keys of the take, so it cannot change the frame rate.", where=take.name, hint=hint
         )
@@ -237,7 +237,7 @@ def export_alembic(path: Path, take: ExportTake, progress: Progress) -> None:
     """Write the moving meshes to Alembic, which does not store bones."""
     if not take.meshes:
         hint = "Alembic stores meshes. Choose a format that stores bones."
-        raise NothingToExport("The armature deforms no mesh.", where=take.name, hint=hint)
+        raise NothingToExport("The armature does not deform a mesh.", where=take.name, hint=hint)
     vertices = sum(len(mesh.data.vertices) for mesh in take.meshes)
     require_space(path, _BYTES_PER_SAMPLE * vertices * take.num_frames)
     with sampled_meshes(take) as sampled, chosen(sampled):

@@ -81,7 +81,7 @@ def _record_of(work: Work, one: Ended, engine: Engine) -> TakeRecord:
         return record
     if record is None or "error" not in record:
         known = read_record(folder) or begun_record(one.ticket.name, one.ticket.capture)
-        hint = "Solve it alone, with --take-memory. It is not tried again until its files or settings change."
+        hint = "Solve it alone, with --take-memory. It is not retried until its files or settings change."
         what = "Every worker that tried this take stopped."
         record, why = known, failure_of(TakeUndoable(what, where=str(one.ticket.capture), hint=hint))
     else:

@@ -34,7 +34,7 @@ class TakeLimits:
         """
         # On Windows, the Python of a virtual environment is a launcher, and the solver runs in its child process.
         if self.memory_mb is not None and (sys.platform == "win32" or resident_mb(os.getpid()) is None):
-            hint = "Leave out --take-memory."
+            hint = "Omit --take-memory."
             raise BatchInvalid("This system does not report a process's memory.", hint=hint)
 
 
@@ -51,7 +51,7 @@ class TakeWatch:
             message = f"The take took longer than {seconds:g} s and was stopped."
             return TakeTooSlow(message, hint="Raise --take-seconds, or solve the take alone.")
         if most_mb is not None and (used_mb := resident_mb(pid) or 0.0) > most_mb:
-            message = f"The solver took {used_mb:.0f} MB for the take, more than the {most_mb:g} MB it may have"
+            message = f"The solver used {used_mb:.0f} MB for the take, more than the allowed {most_mb:g} MB"
             return TakeTooLarge(f"{message}, and was stopped.", hint="Raise --take-memory, or cut the take.")
         return None
 
@@ -111,7 +111,7 @@ def find_captures(request: BatchRequest) -> list[Path]:
         BatchInvalid: there are no captures, or two of them would have the same name.
     """
     if not request.captures.is_dir():
-        hint = "Name the folder of the captures."
+        hint = "Specify the capture folder."
         raise BatchInvalid("There is no such folder.", where=str(request.captures), hint=hint)
     found = captures_in(request)
     names = [take_name(path) for path in found]
@@ -120,7 +120,7 @@ def find_captures(request: BatchRequest) -> list[Path]:
         message = (
             f"Several captures have the same name: {', '.join(twice)}." if twice else "The folder contains no captures."
         )
-        hint = f"Captures are files .npz, {', '.join(MARKER_SUFFIXES)} and folders with unique names."
+        hint = f"Captures are .npz files, {', '.join(MARKER_SUFFIXES)} and folders with unique names."
         raise BatchInvalid(message, where=str(request.captures), hint=hint)
     return found
 
@@ -161,7 +161,7 @@ def _shared(path: Path | None) -> dict[str, Any]:
         values = read_json_file(path)
     except MocapError as error:
         raise BatchInvalid(f"The job file cannot be read: {error}", where=str(path)) from error
-    unknown = sorted(set(values) - _SHARED_KEYS) if isinstance(values, dict) else ["anything but an object"]
+    unknown = sorted(set(values) - _SHARED_KEYS) if isinstance(values, dict) else ["a list or a single value"]
     if unknown:
         hint = f"It may contain {', '.join(sorted(_SHARED_KEYS))}."
         raise BatchInvalid(f"A batch's job file cannot contain {', '.join(unknown)}.", where=str(path), hint=hint)

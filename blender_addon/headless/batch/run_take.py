@@ -115,7 +115,7 @@ def _known(record: TakeRecord, folder: Path, wanted: tuple[Step, ...]) -> TakeRe
     """Complete a take's record with the valid parts of the record in its folder."""
     known = read_record(folder)
     if known is None and not is_free(folder):
-        message = "The folder of the take has files that a batch did not write."
+        message = "The take's folder contains files that no batch wrote."
         raise OutputExists(message, where=str(folder), hint="Choose another --out.")
     record = {**record, "inputs": wanted[0].key}
     if known is None or known.get("inputs") != record["inputs"]:

@@ -85,5 +85,5 @@ def require_all(records: list[TakeRecord], data_set: Path) -> None:
     if failed:
         reasons = "; ".join(f"{one['take']}: {one['error']['message']}" for one in failed[:3] if "error" in one)
         message = f"{len(failed)} of {len(records)} shots failed: {reasons}"
-        hint = "The other shots are complete. Repeat the command to make the missing ones."
+        hint = "The other shots are complete. Run the command again to make the missing ones."
         raise ShotsMissing(message, where=str(data_set), hint=hint)

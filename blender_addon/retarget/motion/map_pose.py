@@ -140,7 +140,7 @@ def scale_of(proportions: Proportions) -> float:
     """Return the ratio of the legs if it is plausible, or else the median of the other ratios."""
     known = [value for value in vars(proportions).values() if np.isfinite(value)]
     if known and not 1 / _ANY_UNIT <= np.median(known) <= _ANY_UNIT:
-        hint = "One of the two uses another unit. Set the scale of the armature."
+        hint = "One of the two may use another unit. Set the scale of the armature."
         raise TargetUnsuitable(f"The rig is {np.median(known):.3g} times as large as the actor.", hint=hint)
     others = [value for value in (proportions.arms, proportions.trunk) if np.isfinite(value)]
     if not np.isfinite(proportions.legs):

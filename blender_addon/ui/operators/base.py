@@ -54,7 +54,7 @@ EDITABLE = Need(
     "This body is linked. Choose Object > Library Override > Make first",
     lambda context: context.scene.mocap.review.armature.is_editable,
 )
-OBJECT_MODE = Need("Change to object mode first", lambda context: context.mode == "OBJECT")
+OBJECT_MODE = Need("Switch to Object Mode first", lambda context: context.mode == "OBJECT")
 IDLE = Need("The solver is running. Wait or cancel first", lambda context: not current.busy)
 
 

@@ -20,7 +20,7 @@ from .base import CAMERAS, IDLE, MARKERS, Call, MocapOperator, Need, Steps, oper
 if TYPE_CHECKING:
     from ..._exchange.verb_results import CaptureResult, CheckResult, RefineResult
 
-_REFINED = Need("The calibration is the recording's own", lambda context: context.scene.mocap.capture.original)
+_REFINED = Need("This is already the recording's calibration", lambda context: context.scene.mocap.capture.original)
 
 
 def in_camera_view(context: bpy.types.Context) -> bool:
@@ -49,7 +49,7 @@ def use_range(self: Any, context: bpy.types.Context) -> None:
 
 @operator("Check Calibration", CAMERAS)
 def check_cameras(self: Any, context: bpy.types.Context) -> Steps:
-    """Compare each camera, the scale and the up axis of the calibration with the take, without any change."""
+    """Check the cameras, scale and up axis of the calibration against the take, without changing anything."""
     from ..scene_job import capture_file
 
     source = capture_file(context.scene.mocap.capture)
@@ -58,7 +58,7 @@ def check_cameras(self: Any, context: bpy.types.Context) -> Steps:
     lines = [
         f"{verdict[:1].upper()}{verdict[1:]}",
         f"Its scale makes the person {result['stature_m']:.2f} m tall.",
-        f"Up differs by {result['tilt_deg']:.1f}° from the upright person (± {result['tilt_sigma_deg']:.1f}°).",
+        f"The up axis is {result['tilt_deg']:.1f}° from the upright person (± {result['tilt_sigma_deg']:.1f}°).",
     ]
     capture.checked = "\n".join(map(plain, lines))
     found = read_diagnostics(result.get("diagnostics"))
@@ -68,7 +68,7 @@ def check_cameras(self: Any, context: bpy.types.Context) -> Steps:
 
 @operator("Refine Calibration", CAMERAS)
 def refine_cameras(self: Any, context: bpy.types.Context) -> Steps:
-    """Correct the camera calibration with the people in the images, to solve the capture again."""
+    """Refine the camera calibration using the people in the images, before you solve again."""
     from ..scene_job import capture_file, folder_of_takes
 
     source = capture_file(context.scene.mocap.capture)
@@ -95,7 +95,7 @@ def restore_cameras(self: Any, context: bpy.types.Context) -> Steps:
     capture = context.scene.mocap.capture
     capture = _replace_cameras(context.scene, capture, {**result, "capture": str(file_of(capture.original))})
     capture.original = ""
-    return "The cameras are restored to the recording's calibration"
+    return "The cameras were reset to the recording's calibration"
 
 
 def _replace_cameras(
@@ -127,7 +127,7 @@ def view_camera(self: Any, context: bpy.types.Context) -> None:
         context.space_data.region_3d.view_perspective = "CAMERA"
 
 
-@operator("Leave Camera", Need("The viewport does not look through a camera", in_camera_view))
+@operator("Leave Camera", Need("The viewport is not looking through a camera", in_camera_view))
 def leave_camera(self: Any, context: bpy.types.Context) -> None:
     """Return to the free view, with the detections of all cameras and the whole floor."""
     _show_detections(context.scene, None)
@@ -234,7 +234,7 @@ def leave_camera_out(self: Any, context: bpy.types.Context) -> str | set[str]:
     if item is None:
         return self.give_up(f"The capture has no camera '{self.camera}'")
     item.use = False
-    return f"'{self.camera}' is excluded: solve again"
+    return f"'{self.camera}' is excluded. Solve again"
 
 
 class MOCAP_OT_read_again(MocapOperator, bpy.types.Operator):
@@ -257,7 +257,7 @@ class MOCAP_OT_read_again(MocapOperator, bpy.types.Operator):
         try:
             setattr(group, self.option, type(getattr(group, self.option))(self.value))
         except (AttributeError, TypeError, ValueError):  # the option or its value was read from a file
-            return self.give_up(f"Reading Options have no {self.option} '{self.value}'", "ERROR")
+            return self.give_up(f"The reading options have no {self.option} '{self.value}'", "ERROR")
         source = context.scene.mocap.capture.source
         started = bpy.ops.mocap.import_capture("INVOKE_DEFAULT", filepath=source)
         return {"CANCELLED"} if started == {"CANCELLED"} else {"FINISHED"}
@@ -291,13 +291,13 @@ _FIXES = {
     _again("As Written", "as_calibrated", "on"): (
         "calibration_corrected camera_placed detections_corrected camera_names_exchanged"
     ),
-    _again("Keep Its Level", "level", "off"): "world_levelled floor_by_feet",
-    _again("Level by the Person", "level", "on", is_choice=False): "floor_off person_tilted",
+    _again("Keep Calibrated Level", "level", "off"): "world_levelled floor_by_feet",
+    _again("Level from Person", "level", "on", is_choice=False): "floor_off person_tilted",
     _again("As Recorded", "sync", "off"): "starts_apart start_ambiguous",
     _again("Read as {guessed}", "unit", "{guessed}"): "unit_by_person",
     _again("Read as {stated}", "unit", "{stated}"): "marker_unit_not_as_stated",
     _again("Keep Z Up", "up_axis", "z"): "up_by_person",
-    _again("Take {axis} as Up", "up_axis", "{axis}", is_choice=False): "person_along_axis",
+    _again("Use {axis} as Up", "up_axis", "{axis}", is_choice=False): "person_along_axis",
     _again("Read at {video:g} fps", "fps", "{video:g}"): "frame_rate_contradicts",
     _again("Frames 0-{first_end}", "frames", "0 {first_end}"): "takes_joined",
 }

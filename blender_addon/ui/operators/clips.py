@@ -83,9 +83,9 @@ def range_of_take(take: bpy.types.Action, scene_range: Any) -> tuple[int, int]:
     return max(first, 0), min(last, take["frames"] - 1)
 
 
-_SHORTEST = number("Shortest Cycle", "Reject cycles that take less time than this, in seconds", 0.4, 0.1, 60)
+_SHORTEST = number("Shortest Cycle", "Reject cycles that are shorter than this, in seconds", 0.4, 0.1, 60)
 """Shortest cycle in seconds (see ``seams.SHORTEST_S``)."""
-_STAY = switch("In Place", "Remove the travel and the turn of the cycle")
+_STAY = switch("In Place", "Remove the cycle's travel and turning")
 
 
 @operator("Loop", TAKE, EDITABLE, ALONE, options=_UNDO, invoke=ask, shortest_s=_SHORTEST, in_place=_STAY)
@@ -105,7 +105,7 @@ def loop_take(self: Any, context: bpy.types.Context) -> str:
 
 @operator("Mirror", TAKE, EDITABLE, ALONE, options=_UNDO)
 def mirror_take(self: Any, context: bpy.types.Context) -> str:
-    """Add a take with left and right exchanged, from the same place and direction."""
+    """Add a take with left and right swapped, starting at the same place and in the same direction."""
     from ..._exchange.clips import mirror
 
     return _add(context, "mirror", mirror)
@@ -116,7 +116,7 @@ def _draw_other(self: Any, context: bpy.types.Context) -> None:
     self.layout.prop(self, "blend_s")
 
 
-_BLEND = number("Blend Time", "Seconds on each side of the seam over which the difference fades", 0.25, 0, 5)
+_BLEND = number("Blend Time", "Blend duration on each side of the seam, in seconds", 0.25, 0, 5)
 """Blend time in seconds (see ``seams.BLEND_S``)."""
 
 
@@ -143,7 +143,7 @@ def join_takes(self: Any, context: bpy.types.Context) -> str:
     return ". ".join([_add(context, "join", edit), *notes])
 
 
-_SPEED = number("Speed", "Factor, such as 2 for twice as fast", 1.0, 0.05, 20)
+_SPEED = number("Speed", "Speed factor, such as 2 for twice as fast", 1.0, 0.05, 20)
 """Speed factor. Limits chosen by hand."""
 
 
@@ -168,7 +168,7 @@ _FPS = number("Frame Rate", "Frames per second of the new take", 30.0, 1, 1000)
 
 @operator("Resample", TAKE, EDITABLE, ALONE, options=_UNDO, invoke=_ask_rate, fps=_FPS)
 def resample_take(self: Any, context: bpy.types.Context) -> str:
-    """Add a take with the same speed and another frame rate."""
+    """Add a take at the same speed with a different frame rate."""
     from ..._exchange.clips import resample
 
     return _add(context, "resample", lambda motion: resample(motion, self.fps))
@@ -192,7 +192,7 @@ def root_take(self: Any, context: bpy.types.Context) -> str:
 
 @operator("Mark as Asset", TAKE)
 def mark_take(self: Any, context: bpy.types.Context) -> str:
-    """Add this take to the asset browser, with its length, its frame rate and a picture of this frame."""
+    """Add this take to the asset browser, with its length, frame rate and a preview image of this frame."""
     from ...animation.takes import mark_as_asset
     from ...render.asset import TAKES
 
@@ -203,7 +203,7 @@ def mark_take(self: Any, context: bpy.types.Context) -> str:
 
 @operator("Mark Pose as Asset", BODY)
 def mark_pose(self: Any, context: bpy.types.Context) -> str:
-    """Add the body's current pose to the asset browser, with a picture."""
+    """Add the body's current pose to the asset browser, with a preview image."""
     from ...render.asset import POSES
     from ...scene.clips import add_pose
 
@@ -222,6 +222,6 @@ def _file_asset(self: Any, context: bpy.types.Context, action: bpy.types.Action,
         except RenderFailed as error:
             self.tell(str(error), kind="WARNING")
     if not bpy.data.filepath:
-        return f"'{action.name}' is an asset of this file. Save the file to put assets into a catalog"
+        return f"'{action.name}' is an asset of this file. Save the file to put assets in a catalog"
     action.asset_data.catalog_id = add_catalog(Path(bpy.data.filepath).parent, catalog)
     return f"'{action.name}' is an asset in the catalog {catalog[1]}"

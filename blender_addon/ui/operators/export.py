@@ -72,7 +72,7 @@ class MOCAP_OT_export_take(
     format: choice("Format", "File type that the receiving program reads", _FORMATS, "fbx")
     fps: number(
         "Frame Rate",
-        "Frames per second of the file (0 is automatic: the rate of the solve)",
+        "Frame rate of the file (0 is automatic: the rate of the solve)",
         0.0,
         0,
         1e6,
@@ -81,9 +81,9 @@ class MOCAP_OT_export_take(
     )
     unit: choice("Unit", "Unit in which the file stores lengths", UNITS, **_UNSAVED)
     up: choice("Up Axis", "Axis that points up in the receiving program", UP_AXES, **_UNSAVED)
-    root: choice("Root Motion", "Bone with the motion over the ground", ROOT_MOTIONS, **_UNSAVED)
-    fingers: switch("Fingers", "Include the bones of the hands, if the body has any", on=True, **_UNSAVED)
-    node: text("Object Name", "Name of the skeleton's object (leave blank to use the armature's name)", **_UNSAVED)
+    root: choice("Root Motion", "Bone that carries the motion over the ground", ROOT_MOTIONS, **_UNSAVED)
+    fingers: switch("Fingers", "Include the hand bones, if the body has any", on=True, **_UNSAVED)
+    node: text("Object Name", "Name of the skeleton object (leave blank to use the armature's name)", **_UNSAVED)
     skeleton: switch("Only Skeleton", "Leave out the skinned mesh")
     use_range: switch("Range", "Write only the frames from First to Last")
     first: number("First", "First scene frame to write", 1, *_FRAMES)

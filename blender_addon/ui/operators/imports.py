@@ -48,7 +48,7 @@ def _bring(
     bring_home()
     self.tell(*remarks(result), *take.notes, kind="WARNING")
     off_mm = result.get("distance_mm")
-    near = "" if off_mm is None else f". Limbs are {off_mm:.1f} mm from the clip (root mean square)"
+    near = "" if off_mm is None else f". The limbs differ from the clip by {off_mm:.1f} mm (root mean square)"
     return f"Baked '{take.action.name}'{near}"
 
 
@@ -57,7 +57,7 @@ def remarks(result: Remarks) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*result.get("problems", ()), *result.get("notes", ()))))
 
 
-_ARMATURE = text("Armature", "Armature of an FBX, glTF or Blender file, if several move")
+_ARMATURE = text("Armature", "Armature in an FBX, glTF or Blender file, if several are animated")
 _TIMES = -1e6, 1e6
 """Limits for accepted times, in seconds."""
 
@@ -73,10 +73,10 @@ class MOCAP_OT_import_motion(SolverOperator, bpy.types.Operator, base.choose_fil
     capture_path: text("Capture", "Capture file of a solved motion, to add its cameras, footage and detections")
     body_path: text("Body", "Body file (leave blank to use the solve's body, or the neutral one)")
     armature: _ARMATURE
-    clip: text("Action", "Action of an FBX, glTF or Blender file (leave blank to use the active one)")
+    clip: text("Action", "Action in an FBX, glTF or Blender file (leave blank to use the active one)")
     keep_height: switch("Keep Height", "Keep the height of a clip instead of placing it on the floor")
     scene_setup: SCENE_SETUP
-    floor: switch("Floor", "Add a floor with tiles of one metre", on=True)
+    floor: switch("Floor", "Add a floor with one-metre tiles", on=True)
 
     def steps(self, context: bpy.types.Context) -> Steps:
         """Bake a motion in our format immediately. Fit any other clip to the body first."""
@@ -146,13 +146,13 @@ def motion_from_rig(self: Any, context: bpy.types.Context) -> Steps:
 
 
 class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, base.choose_file(GLOVES, several=True), ImportHelper):
-    """Add the fingers of glove recordings (BVH, FBX, glTF or CSV) to this take as a new take."""
+    """Add finger motion from glove recordings (BVH, FBX, glTF or CSV) to this take, as a new take."""
 
     bl_label = "Add Gloves"
     needs = (base.TAKE, base.IDLE)
 
-    side: choice("Hand", "Side of a file that has a single hand", "add_gloves.side")
-    states_offset: switch("Set the Start", "Enter the start of the gloves instead of finding it by the wrists")
+    side: choice("Hand", "Side of the hand, if the file contains only one", "add_gloves.side")
+    states_offset: switch("Set the Start", "Enter the start of the gloves instead of estimating it from the wrists")
     offset: number("Gloves Start At", "Time of the first glove frame in the take", 0.0, *_TIMES, unit="TIME_ABSOLUTE")
     armature: _ARMATURE
 
@@ -178,7 +178,7 @@ class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, base.choose_file(G
         action = take_motion(context, SolveFiles(out, source, None, None), tell=self.tell)
         self.tell(*remarks(result), kind="WARNING")
         hands = sum(len(recording["sides"]) for recording in result["gloves"])
-        return f"Baked '{action.name}' with the fingers of {counted(hands, 'hand')}"
+        return f"Baked '{action.name}' with the fingers from {counted(hands, 'hand')}"
 
 
 SUFFIXES = (".npz", ".json", ".toml", ".txt", ".yml", ".yaml", *MARKER_SUFFIXES)
@@ -188,7 +188,7 @@ SUFFIXES = (".npz", ".json", ".toml", ".txt", ".yml", ".yaml", *MARKER_SUFFIXES)
 class MOCAP_OT_import_capture(
     SolverOperator, bpy.types.Operator, base.choose_file(SUFFIXES, several=True), ImportHelper
 ):
-    """Import detections with a calibration, or markers, with cameras, footage and floor."""
+    """Import detections with a calibration, or markers, and add cameras, footage and floor."""
 
     bl_label = "Import Capture"
 
@@ -236,10 +236,10 @@ class MOCAP_OT_import_capture(
 
 @operator(
     "Try the Demo Capture",
-    kind=choice("Kind", "Keypoints of four cameras, or markers", "demo_capture.kind"),
+    kind=choice("Kind", "Keypoints from four cameras, or markers", "demo_capture.kind"),
 )
 def demo_capture(self: Any, context: bpy.types.Context) -> Steps:
-    """Make a synthetic capture of a moving person to try the add-on without your own data."""
+    """Create a synthetic capture of a moving person, to try the add-on without your own data."""
     from .import_results import bring_capture
 
     markers = self.kind == "MARKERS"

@@ -205,7 +205,7 @@ _CAMERAS = Need("Enter the cameras, such as webcam:0 webcam:1, and choose their 
 
 @operator("Start Live", ALONE, OBJECT_MODE, _SOURCE, _CAMERAS)
 def live_start(self: MocapOperator, context: bpy.types.Context) -> None:
-    """Move a body live with the markers or poses of a recording, another program or cameras."""
+    """Animate a body live with markers or poses from a recording, another program or cameras."""
     from ...scene.live_figure import LiveFace, read_face_table
 
     scene, settings = context.scene, context.scene.mocap.live
@@ -319,7 +319,7 @@ def _require_there(*paths: str) -> None:
 
 
 _PARTS = tuple((name, *texts[:2]) for name, texts in PARTS.items())
-_SENSORS = Need("Choose a recording of sensors, or find cameras", lambda context: context.scene.mocap.sensors.sensors())
+_SENSORS = Need("Choose a sensor recording, or find cameras", lambda context: context.scene.mocap.sensors.sensors())
 
 
 @operator("Find Cameras")
@@ -362,7 +362,7 @@ _WAVED = Need("Wave the wand first, or choose a recording of it", lambda context
 
 @operator("Calibrate", _WAVED)
 def calibrate_sensors(self: MocapOperator, context: bpy.types.Context) -> Steps:
-    """Calibrate the sensors with the wand, and set origin and up axis with the Γ on the floor."""
+    """Calibrate the sensors with the wand, and set the origin and up axis with the Γ on the floor."""
     sensors = context.scene.mocap.sensors
     _require_there(sensors.wand, sensors.gamma)
     folder = usable(files_folder(context.scene))

@@ -71,12 +71,12 @@ def denoise_range(self: Any, context: bpy.types.Context) -> Steps:
     return (yield from _reposed(context, "denoised", lambda part: ("denoise", []), fades=True))
 
 
-_LIMB = choice("Limb", "Arm, leg, trunk or head that gets new poses", "complete_limb.limb")
+_LIMB = choice("Limb", "Arm, leg, trunk or head to replace with new poses", "complete_limb.limb")
 
 
 @operator("Complete Limb", TAKE, EDITABLE, ALONE, invoke=ask, limb=_LIMB)
 def complete_limb(self: Any, context: bpy.types.Context) -> Steps:
-    """Add a take with plausible poses of one limb in the range, to fit the rest of the body (Pose-NDF)."""
+    """Add a take with plausible poses of one limb in the range that match the rest of the body (Pose-NDF)."""
     return (yield from _reposed(context, "completed", lambda part: ("complete", ["--missing", self.limb]), fades=True))
 
 

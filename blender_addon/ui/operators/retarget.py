@@ -62,7 +62,7 @@ def _ask_for_name(self: Any, context: bpy.types.Context, event: bpy.types.Event)
     return context.window_manager.invoke_props_dialog(self)
 
 
-_NAME = text("Name", "Name of the preset, which replaces one with the same name", options={"SKIP_SAVE"})
+_NAME = text("Name", "Preset name (replaces an existing preset with the same name)", options={"SKIP_SAVE"})
 
 
 @operator("Save Preset", _ACTOR, invoke=_ask_for_name, name=_NAME)
@@ -129,7 +129,7 @@ def chosen_target(context: bpy.types.Context) -> bpy.types.Object:
     """Return the rig to animate. It is an error if no target is chosen, or if the target is the actor."""
     rig = context.scene.mocap.retarget.target
     if rig is not None and rig == actor_object(context.scene):
-        raise MapInvalid("Actor and target are the same armature.", hint="Choose two in the Retarget panel.")
+        raise MapInvalid("Actor and target are the same armature.", hint="Choose different ones in the Retarget panel.")
     if rig is None or context.scene.objects.get(rig.name) != rig:
         hint = "Choose the character's armature in the Retarget panel."
         raise MapInvalid("There is no target in this scene.", hint=hint)

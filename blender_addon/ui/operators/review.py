@@ -198,11 +198,11 @@ def open_report(self: Any, context: bpy.types.Context) -> set[str]:
     take = context.scene.mocap.review.take
     path = take_file(take, "report_file")
     if not path.is_file():
-        hint = "Solve again with Report switched on under Advanced."
+        hint = "Solve again with Report enabled under Advanced."
         raise FileMissing("This take has no report.", where=str(path), hint=hint)
     if not is_report(path, take_file(take, "motion_file").parent):
-        hint = "Solve again with Report switched on, or open it yourself if you trust it."
-        message = "This file is not a report of the solver, so it is not opened."
+        hint = "Solve again with Report enabled, or open it yourself if you trust it."
+        message = "This file is not a solver report, so it was not opened."
         raise FileDamaged(message, where=str(path), hint=hint)
     self.tell(f"Report: {path}")
     return bpy.ops.wm.path_open(filepath=str(path))
@@ -244,16 +244,16 @@ _FOREIGN = Need(
     lambda context: not context.scene.mocap.capture.file or CLIP in (context.scene.mocap.review.take or ()),
 )
 _ON_BODY = Need(
-    "The root control carries this take. Show its source take",
+    "This take is on the root control. Show its source take",
     lambda context: ROOT_MOTION not in context.scene.mocap.review.take,
 )
-_SLIDE = number("Longest Slide", "Largest slide to correct in mm, as longer ones are intentional", 100.0, 1, 500)
+_SLIDE = number("Longest Slide", "Largest slide to correct in mm (longer ones are intentional)", 100.0, 1, 500)
 """Largest slide of a planted foot that is corrected, in millimetres."""
 
 
 @operator("Lock Feet", _FOREIGN, TAKE, _ON_BODY, EDITABLE, waits=False, slide_mm=_SLIDE)
 def lock_feet(self: Any, context: bpy.types.Context) -> Steps:
-    """Add a take with your edits and without sliding feet, for clips of other programs."""
+    """Add a take with your edits and without sliding feet, for clips from other programs."""
     from ...retarget.locked_feet import lock_feet
 
     review = context.scene.mocap.review
@@ -271,7 +271,7 @@ def lock_feet(self: Any, context: bpy.types.Context) -> Steps:
 
 @operator("Mark Gaps", TAKE)
 def mark_gaps(self: Any, context: bpy.types.Context) -> str:
-    """Replace our timeline markers at interpolated frame ranges and ranges to review."""
+    """Renew the add-on's timeline markers at interpolated frame ranges and ranges to review."""
     from ...review.ranges import doubtful_ranges
 
     scene, review = context.scene, context.scene.mocap.review
@@ -286,7 +286,7 @@ def mark_gaps(self: Any, context: bpy.types.Context) -> str:
 
 @operator("Clear Gap Markers")
 def clear_marks(self: Any, context: bpy.types.Context) -> None:
-    """Remove our gap markers from the timeline, and keep your own markers."""
+    """Remove the add-on's gap markers from the timeline, and keep your own markers."""
     _remove_marks(context.scene)
 
 
@@ -299,7 +299,7 @@ def _meet(a: tuple[int, int], b: tuple[int, int]) -> bool:
     return a[0] <= b[1] and b[0] <= a[1]
 
 
-_TO = choice("To", "Controls to animate the limbs with from now on", "switch_limbs.to")
+_TO = choice("To", "Controls used to animate the limbs from now on", "switch_limbs.to")
 _LIMB = choice("Limb", "Switch all limbs, or a single arm or leg", "switch_limbs.limb")
 
 

@@ -136,7 +136,7 @@ def spans(frames: list[int]) -> str:
     return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in runs(frames))
 
 
-@operator("Solve All", CAPTURE, scope=choice("Scope", "Extent of the run", "solve_all.scope"))
+@operator("Solve All", CAPTURE, scope=choice("Scope", "Captures to solve", "solve_all.scope"))
 def solve_all(self: Any, context: bpy.types.Context) -> Steps:
     """Solve all people one after another, and store each result as an action on that person's body."""
     from .import_results import take_motion
@@ -162,7 +162,7 @@ def solve_all(self: Any, context: bpy.types.Context) -> Steps:
         done = [motion for motion in by_motion if motion.is_file()]
         for motion in done:
             bake(motion)
-        return f"{len(done)} of {counted(len(by_motion), 'take')} finished and arrived." if done else ""
+        return f"{len(done)} of {counted(len(by_motion), 'take')} finished and imported." if done else ""
     takes, failed = result.get("takes", [result]), result.get("failed", [])
     for take in takes:
         bake(Path(take["motion"]), take)
@@ -173,7 +173,7 @@ def solve_all(self: Any, context: bpy.types.Context) -> Steps:
 
 @operator("Calibrate Subject", MARKERS)
 def calibrate_subject(self: Any, context: bpy.types.Context) -> Steps:
-    """Estimate shape and marker positions from much movement, for all takes of the person."""
+    """Estimate shape and marker positions from varied movement, for all takes of the person."""
     from ..scene_job import capture_file, folder_of_takes, write_layout
 
     settings = context.scene.mocap

@@ -73,7 +73,7 @@ def check_data_set(self: Any, context: bpy.types.Context) -> Steps:
 
 @operator("Make Data Set", Need("Check the settings first", lambda context: context.scene.mocap.studio.planned))
 def make_data_set(self: Any, context: bpy.types.Context) -> Steps:
-    """Film all shots without blocking Blender, and continue a run that was cancelled."""
+    """Film all shots without blocking Blender, or continue a cancelled run."""
     settings = context.scene.mocap.studio
     result: DataSetPlan = yield _film(file_of(settings.planned_file), file_of(settings.planned_out))
     return f"{counted(len(result['shots']), 'shot')} in {result['data_set']}"

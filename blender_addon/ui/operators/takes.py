@@ -18,7 +18,7 @@ from ..viewport import colour_markers, ghost_of, ghosts
 from .base import BODY, EDITABLE, INTERNAL, TAKE, Call, Need, Steps, operator, options, works_here
 
 _NOT_ON_NLA = Need(
-    "The take is on the NLA already",
+    "The take is already on the NLA",
     lambda context: context.scene.mocap.review.armature.animation_data.action == context.scene.mocap.review.take,
 )
 
@@ -41,7 +41,7 @@ def show_take(self: Any, context: bpy.types.Context) -> str:
 
 @operator("Show as Ghost", TAKE, options=INTERNAL, name=str)
 def ghost_take(self: Any, context: bpy.types.Context) -> str:
-    """Compare with this take as a translucent body that moves along, or remove that body."""
+    """Show this take as a translucent body for comparison, or remove that body."""
     from ...review.ghost import make_ghost
 
     settings = context.scene.mocap
@@ -80,7 +80,7 @@ def _choose_folder(self: Any, context: bpy.types.Context, event: bpy.types.Event
     return {"RUNNING_MODAL"}
 
 
-_PLACE = path("Folder", "Folder that has the files now", folder=True)
+_PLACE = path("Folder", "Folder that now contains the files", folder=True)
 
 
 @operator("Relink Moved Files", invoke=_choose_folder, directory=_PLACE)
@@ -90,7 +90,7 @@ def relink_files(self: Any, context: bpy.types.Context) -> str | set[str]:
     if not changed:
         return self.give_up(f"The folder has no {missing[0].name}, or several" if missing else "No file is missing")
     still = f". Still missing: {', '.join(path.name for path in missing)}" if missing else ""
-    return self.finish(f"Linked {counted(changed, 'file')} again{still}", warn=missing)
+    return self.finish(f"Relinked {counted(changed, 'file')}{still}", warn=missing)
 
 
 def takes_of_person(settings: bpy.types.PropertyGroup) -> list[bpy.types.Action]:
@@ -105,7 +105,7 @@ def take_named(settings: bpy.types.PropertyGroup, name: str) -> bpy.types.Action
     """Return the current person's take that has this name."""
     action = next((take for take in takes_of_person(settings) if take.name == name), None)
     if action is None:
-        raise TakeMissing(f"There is no take '{name}' of this person in this capture.")
+        raise TakeMissing(f"This capture has no take '{name}' for this person.")
     return action
 
 
@@ -117,7 +117,7 @@ def _draw_limit(self: Any, context: bpy.types.Context) -> None:
 # Options for thinning a take, with their defaults and limits.
 _THINNING: dict[str, Any] = {
     "by": choice("Keep by", "Rule that decides how many keys remain", "thin_take.by", "TOLERANCE"),
-    "tolerance_mm": number("Tolerance", "Largest distance of a joint from the full take, in mm", 10.0, 0.5, 500),
+    "tolerance_mm": number("Tolerance", "Maximum distance of a joint from the full take, in mm", 10.0, 0.5, 500),
     "keys_per_second": number("Keys per Second", "Average density of the remaining keys", 10.0, 0.1, 30),
 }
 
@@ -195,7 +195,7 @@ def thin_take(self: Any, context: bpy.types.Context) -> Steps:
 
 @operator("Push Down to NLA", TAKE, EDITABLE, _NOT_ON_NLA)
 def push_down(self: Any, context: bpy.types.Context) -> str:
-    """Move this take to an NLA track with its name, from where the body plays it."""
+    """Move this take to an NLA track of the same name, which the body then plays."""
     from ...animation.takes import push_down
 
     review = context.scene.mocap.review
@@ -213,7 +213,7 @@ def edit_on_layer(self: Any, context: bpy.types.Context) -> str:
     review = context.scene.mocap.review
     take = review.take
     layer = add_layer(review.armature, take)
-    return f"Your keys go to '{layer.name}', on top of '{take.name}'"
+    return f"Your keys are added to '{layer.name}', on top of '{take.name}'"
 
 
 @operator("Follow Frame Rate")
@@ -232,7 +232,7 @@ def follow_rate(self: Any, context: bpy.types.Context) -> str:
             exact = start + (pin.frame + pin.subframe - start) * ratio
             pin.frame, pin.subframe = round(exact), exact - round(exact)
     show_frame(scene)
-    return f"Everything is resampled to {scene_frame_rate(scene):g} fps"
+    return f"Everything was resampled to {scene_frame_rate(scene):g} fps"
 
 
 def takes_of_captures(scene: bpy.types.Scene) -> list[bpy.types.Action]:

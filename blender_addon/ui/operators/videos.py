@@ -45,7 +45,7 @@ def _run_steps(self: Any, context: bpy.types.Context, until: str, redo: str = ""
     except RunFailed:
         shown.update()
         done = [STEPS[step.name][0].lower() for step in context.scene.mocap.videos.steps]
-        return f"Finished before: {', '.join(done)}." if done else ""
+        return f"Already finished: {', '.join(done)}." if done else ""
     takes, settings, names = list(result["takes"].values()), context.scene.mocap, []
     shown.update(takes)
     for read, source in [(take["read"], Path(take["source"])) for take in takes if take["read"] is not None]:
@@ -187,20 +187,20 @@ _ABOUT = {
 }
 _MODELS = (
     "LiteRT runs models from files: put the npm packages @mediapipe/pose",
-    "and @mediapipe/hands (.tgz) into the folder of the wheels.",
+    "and @mediapipe/hands (.tgz) into the wheel folder.",
 )
 _WIDTH_PX = 520
 """Width of the dialog in pixels, wide enough for the folder's path."""
 
 
 class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
-    """Install MediaPipe or LiteRT in a separate environment, after you confirm."""
+    """Install MediaPipe or LiteRT in a separate environment (asks for confirmation first)."""
 
     bl_label = "Set Up Detector…"
     bl_options = base.OPENS | base.INTERNAL
 
     kind: choice("Detector", "Program that finds people in videos", "set_up_detector.kind")
-    wheels: path("Wheels", "Folder of wheels to install (leave blank to use the package registry)", folder=True)
+    wheels: path("Wheels", "Folder with wheels to install (leave blank to use the package registry)", folder=True)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         from ...solving.pythons import detector_kind

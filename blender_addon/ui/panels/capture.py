@@ -33,7 +33,7 @@ def capture(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     if draw_progress(layout, ("convert", "dataset demo")):
         return
     if not settings.capture.file:
-        draw_next(layout, context, "Drop any file of your capture on the viewport, or choose its folder.")
+        draw_next(layout, context, "Drop any file from your capture into the viewport, or choose its folder.")
     draw_button(layout, "mocap.import_capture", "IMPORT", 1.0 if settings.capture.file else TALLEST)
     column = layout.column(align=True)
     column.operator("mocap.capture_from_videos", icon="FILE_MOVIE")
@@ -145,7 +145,7 @@ def summarise(capture: MocapCapture) -> list[str]:
         worst = max(gaps, key=lambda item: item.missing_percent)
         label = worst.name.rpartition(":")[2]
         count = counted(sum(item.gaps for item in gaps), "gap")
-        most = f"{label} misses most, {worst.missing_percent:.0f} % of the frames"
+        most = f"{label} is missing most often, in {worst.missing_percent:.0f} % of the frames"
         lines.append(f"{count} in {counted(len(gaps), 'marker')}. {most}")
     return lines
 

@@ -67,7 +67,7 @@ def _draw_worst(layout: bpy.types.UILayout, settings: MocapReview, frame: int) -
 
     resting = resting_bones(settings.armature, frame)
     if resting:
-        text = counted(len(resting), "joint") + " at rest: nothing measured"
+        text = counted(len(resting), "joint") + " at rest: not measured"
         layout.label(text=text, icon="GHOST_ENABLED", translate=False)
     confidence = {name: c for name, c in current_confidence(settings.armature).items() if name not in resting}
     if not confidence:
@@ -179,7 +179,7 @@ def shape(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
                 layout, context, "This body does not contain the chosen look. Add the body again to use it.", "INFO"
             )
     else:
-        wrapped(layout, context, "Looks need a local body that this add-on made, in Object Mode.", "INFO")
+        wrapped(layout, context, "To change the look, use a local body from this add-on, in Object Mode.", "INFO")
     column = layout.column(align=True)
     for key in sliders(mesh):
         effect = effect_of(key)

@@ -73,7 +73,7 @@ def _draw_rate(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
     if not _needs_new_rate(context.scene):
         return
-    rate = f"The scene now has {scene_frame_rate(context.scene):g} fps, so motion or detections play too fast or slow."
+    rate = f"The scene now has {scene_frame_rate(context.scene):g} fps, so motion or detections run at the wrong speed."
     box = layout.box()
     wrapped(box, context, rate, "ERROR", alert=True)
     box.operator("mocap.follow_rate", icon="TIME")

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from ..._exchange.verb_results import SolveResult, TakesResult
 
 ADDED_BY_DEFAULT = (
-    "Whole Take adds to BundleMoCap++: a pose mixture, joints that may leave the learned poses, a bound on "
-    "accelerations, standing feet, and a learned shape and detector noise"
+    "Whole Take adds these to BundleMoCap++: a pose mixture, joints that may deviate from the learned poses, limited "
+    "accelerations, foot contacts, and a learned shape and detector noise"
 )
 
 

@@ -77,7 +77,7 @@ def videos(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     draw_progress(layout, ("from-videos",))
     _draw_detector(layout, context)
     if not settings.folder:
-        draw_next(layout, context, "Drop a video of the take on the viewport, or choose its folder.")
+        draw_next(layout, context, "Drop a video of the take into the viewport, or choose its folder.")
     layout.operator("mocap.capture_from_videos", icon="FILE_MOVIE")
     if settings.folder:
         wrapped(layout, context, settings.folder, "FILE_FOLDER")

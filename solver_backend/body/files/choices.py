@@ -92,7 +92,7 @@ def resolve_body(choice: str) -> Path:
     for body in list_bodies():
         if body.name == choice:
             return body.path
-    hint = "Put a body file into this folder, or name a file by its path."
+    hint = "Put a body file in this folder, or specify the path of a file."
     what = f"Unknown body '{choice}'. Known bodies: {_names()}."
     raise BodyUnknown(what, where=str(bodies_folder()), hint=hint)
 

@@ -143,7 +143,7 @@ class Dialect:
     objects: bool = False  # Whether arrays of objects become lists.
     most: int = 0  # Largest number of operations, or 0 for ``MAX_OPERATIONS``.
     kind: str = "body model"  # Type of file, for messages.
-    remedy: str = "Get the body model again from its own site"  # Advice if a file is rejected.
+    remedy: str = "Download the body model again from its official site"  # Advice if a file is rejected.
     least: int = MIN_ALLOWANCE  # Bytes allowed for the arrays in a small file.
 
 
@@ -360,7 +360,7 @@ def _sparse_columns(state: dict[str, Any]) -> np.ndarray:
     )
     if not sound:
         hint = "The file may be truncated. Download the model again."
-        raise BodyInvalid(f"A sparse matrix of {rows} x {columns} has parts that do not fit together.", hint=hint)
+        raise BodyInvalid(f"A sparse matrix of {rows} x {columns} has inconsistent parts.", hint=hint)
     dense = np.zeros((rows, columns))
     dense[indices, np.repeat(np.arange(columns), np.diff(pointers.astype(np.int64)))] = data
     return dense

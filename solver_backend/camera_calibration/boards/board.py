@@ -45,7 +45,7 @@ class Board:
         if not 0.001 <= self.square_m <= 2.0:
             raise JobInvalid(f"Squares of {square} are not possible. Their sides must be 1 mm to 2 m long.")
         if self.kind == "charuco" and not 0.3 * self.square_m <= self.marker_m < self.square_m:
-            raise JobInvalid(f"A marker of {marker} does not fit a square of {square}.")
+            raise JobInvalid(f"A marker of {marker} does not fit in a square of {square}.")
 
     @property
     def points(self) -> Float[np.ndarray, "points 3"]:
@@ -121,7 +121,7 @@ def _from_table(table: dict[str, Any], where: str) -> Board:
         board = Board("charuco", charuco["columns"], charuco["rows"], square, square * charuco["aruco_scale"])
         return replace(board, dictionary=charuco["dictionary"], inverted=bool(charuco["inverted"]))
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        message = f"The description of the board is incomplete ({error})."
+        message = f"The board description is incomplete ({error})."
         raise JobInvalid(message, where=where, hint=f"Write {EXAMPLE}.") from error
 
 
@@ -210,7 +210,7 @@ def charuco_boards(board: Board) -> list[Any]:
     cv2 = opencv()
     number = getattr(cv2.aruco, board.dictionary, None)
     if number is None:
-        raise JobInvalid(f"OpenCV has no dictionary {board.dictionary}.", hint="Use one, such as DICT_4X4_100.")
+        raise JobInvalid(f"OpenCV has no dictionary {board.dictionary}.", hint="Use a known one, such as DICT_4X4_100.")
     dictionary = cv2.aruco.getPredefinedDictionary(number)
     needed = board.columns * board.rows // 2
     if len(dictionary.bytesList) < needed:

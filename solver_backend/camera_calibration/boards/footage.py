@@ -43,8 +43,8 @@ def board_footage(folder: Path) -> BoardFootage:
     if not lens and not extrinsic:
         extrinsic = board_cameras(folder)
     if not lens and not extrinsic:
-        hint = "Put one video per camera into it, or into its subfolders intrinsics and extrinsics."
-        raise CaptureNotRecognised("The folder contains no pictures of a board.", where=str(folder), hint=hint)
+        hint = "Put one video per camera in it, or in its subfolders intrinsics and extrinsics."
+        raise CaptureNotRecognised("The folder contains no images of a board.", where=str(folder), hint=hint)
     return BoardFootage(lens, extrinsic)
 
 
@@ -111,14 +111,14 @@ def entries(folder: Path) -> list[Path]:
 def grey_frames(path: Path) -> Iterator[tuple[int, np.ndarray]]:
     """Yield the frame number, starting at 0, and the grey image (H, W) uint8 of each frame."""
     if not path.exists():
-        raise FileMissing("The path is not a video, a picture or a folder of pictures.", where=str(path))
+        raise FileMissing("The path is not a video, an image or a folder of images.", where=str(path))
     any_frame = False
     for item in _of_pictures(path) if path.is_dir() or is_picture(path) else _of_video(path):
         any_frame = True
         yield item
     if not any_frame:
         hint = "Play it in a video player, or export it again as MP4."
-        raise FileDamaged("No picture can be decoded.", where=str(path), hint=hint)
+        raise FileDamaged("No image can be decoded.", where=str(path), hint=hint)
 
 
 def _of_pictures(path: Path) -> Iterator[tuple[int, np.ndarray]]:

@@ -266,7 +266,7 @@ def calibrate_by_board(
     names = tuple(footage.extrinsic)
     if len(names) < 2:
         message = f"{len(names)} cameras filmed the board, but two are needed."
-        raise CalibrationMissing(message, hint="Put one video per camera into the folder extrinsics.")
+        raise CalibrationMissing(message, hint="Put one video per camera in the folder 'extrinsics'.")
     seen, sizes = find_together(footage, names, board, progress)
     if coverage is not None:
         for name, sightings, size in zip(names, seen, sizes, strict=True):
@@ -322,8 +322,8 @@ def _mirrored(names: Sequence[str], seen: Sequence[Sightings]) -> tuple[Diagnost
     for name, sightings in zip(names, seen, strict=True):
         mirrored = sum(s.mirrored for s in sightings.values())
         if sightings and mirrored > len(sightings) / 2:
-            message = f"The board is mirrored in {mirrored} of {len(sightings)} pictures."
-            hint = "Switch the camera's mirroring (selfie view) off, or turn the printed sheet over."
+            message = f"The board is mirrored in {mirrored} of {len(sightings)} images."
+            hint = "Turn off the camera's mirroring (selfie view), or turn the printed sheet over."
             raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
         if mirrored:
             words.append(diagnostic("board_mirrored", cameras=[name], count=mirrored))

@@ -99,8 +99,8 @@ class _FlatViews:
     def of(cls, lenses: Cameras, keypoints: Keypoints2D, most: int) -> _FlatViews:
         frames, xy, confidence = sample_person(keypoints, most)
         if len(frames) < LEAST_MOMENTS:
-            message = f"Only {len(frames)} pictures show the person to two cameras, but {LEAST_MOMENTS} are needed."
-            hint = "Film the person walking through the whole space for half a minute, or film a board."
+            message = f"Only {len(frames)} frames show the person to two cameras, but {LEAST_MOMENTS} are needed."
+            hint = "Film the person while they walk through the whole space for half a minute, or film a board."
             raise NoDetections(message, hint=hint)
         return cls(lenses, xy, confidence, frames, keypoints.xy.shape[2])
 
@@ -151,8 +151,8 @@ class _FlatViews:
             raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
         R, t, share = two_views.resected_pose(X[use], n[c, use], self.scale(c), rng)
         if share < 0.3:
-            message = f"Only {share:.0%} of this camera's keypoints fit the other cameras."
-            hint = "Check its synchronisation, zoom and mirroring, and that it sees the same person."
+            message = f"Only {share:.0%} of this camera's keypoints match the other cameras."
+            hint = "Check its synchronisation, zoom and mirroring, and check that it sees the same person."
             raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
         R, t = np.concatenate([cameras.R, R[None]]), np.concatenate([cameras.t, t[None]])
         return replace(self.lenses.subset([*joined, c]), R=R, t=t)

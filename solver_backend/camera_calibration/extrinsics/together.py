@@ -51,7 +51,7 @@ def read_clicks(path: Path) -> Clicks:
         try:
             values = [float(v) for v in fields[2:] if v]
             if not (np.abs(values) <= FARTHEST_PX).all():
-                raise ValueError("a row has neither a position nor a pixel")
+                raise ValueError("a row contains no position and no pixel")
             if fields[1] == "world":
                 x, y, z = values
                 places[fields[0]] = x, y, z
@@ -78,7 +78,7 @@ def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> Calibrate
     rng = np.random.default_rng(0)
     for name in names:
         if name not in lenses:
-            raise CalibrationInvalid("The lens is unknown.", where=f"camera {name}", hint="Give it with --lenses.")
+            raise CalibrationInvalid("The lens is unknown.", where=f"camera {name}", hint="Specify it with --lenses.")
     R, t = map(np.stack, zip(*(_pose(name, clicks, lenses[name], rng) for name in names), strict=True))
     cameras = build_cameras(names, [lenses[name] for name in names], R, t)
     evidence = clicks_evidence(cameras, clicks)
@@ -108,7 +108,7 @@ def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tu
     xy = undistort(lens.as_camera(), px[None])[0]
     if not np.isfinite(xy).all():
         first = seen[int(np.argmin(np.isfinite(xy).all(-1)))]
-        message = f"The point {first} was clicked outside the picture of the lens."
+        message = f"The point {first} was clicked outside the lens's image area."
         hint = "Check that the lenses belong to these cameras."
         raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
     middle = world.mean(0) if len(world) else np.zeros(3)
@@ -119,7 +119,7 @@ def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tu
         shape = "in a plane" if flat else "not in a plane"
         count = f"{len(seen)} points with known positions were clicked"
         message = f"{count}, {shape}. At least {least} that are not in a line are needed."
-        hint = "Click more known points, spread over the whole picture and over different depths."
+        hint = "Click more known points, spread over the whole image and over different depths."
         raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
     if not flat:
         R, t, _ = two_views.resected_pose(world, xy, 3.0 * CLICK_SIGMA_PX / float(lens.K[0, 0]), rng)
@@ -161,7 +161,7 @@ def board_evidence(
     poses = [poses_seen(board, seen, lens_of(cameras, c)) for c, seen in enumerate(sightings)]
     moments = tuple(sorted(set().union(*(p.keys() for p in poses))))
     if not moments:
-        raise NoDetections(f"No camera sees the {board}.", hint="Check that --board names the board that was filmed.")
+        raise NoDetections(f"No camera sees the {board}.", hint="Check that --board describes the filmed board.")
     bodies, seen = placed_boards(board, sightings, poses, list(zip(cameras.R, cameras.t, strict=True)), moments, fps)
     return Evidence("board", bodies, seen, metric=True, labels=moments)
 
@@ -225,7 +225,7 @@ def calibrate_together(
     References: Triggs et al. 2000; Foerstner 1979 (variance components).
     """
     if not sources:
-        raise CalibrationInvalid("There are no observations to use.", hint="Give a board, a take or clicked points.")
+        raise CalibrationInvalid("There are no observations to use.", hint="Provide a board, a take or clicked points.")
     unseen = set(range(len(start))) - set(np.concatenate([e.seen.camera for e in sources]).tolist())
     if unseen and hold_m is None:
         names = ", ".join(start.names[c] for c in sorted(unseen))
@@ -321,7 +321,7 @@ def _in_world(
                 R, t, note = board_world(found.bodies, e.labels, origin, first)
                 return two_views.moved_world(result, R, t), note
             first += len(e.bodies.t)
-        raise CalibrationInvalid("--origin needs footage of a board.", hint="Give --footage, or omit --origin.")
+        raise CalibrationInvalid("--origin needs footage of a board.", hint="Add --footage, or omit --origin.")
     if held:
         return result, diagnostic("world_origin", source="held")
     metric, cameras = any(e.metric for e in sources), result.cameras

@@ -258,7 +258,7 @@ def chained(names: Sequence[str], seen: np.ndarray, fewest: int, pair: Pair) -> 
             inside = ", ".join(names[c] for c in sorted(poses))
             outside = ", ".join(name for c, name in enumerate(names) if c not in poses)
             message = f"The cameras {inside} never see the target at the same time as {outside}."
-            raise CalibrationInvalid(message, hint="Film the target where both groups see it at the same time.")
+            raise CalibrationInvalid(message, hint="Film the target where both groups can see it at the same time.")
         _, i, j = max(edges)
         if i in poses:
             poses[j] = composed(pairs[i, j][0], poses[i])

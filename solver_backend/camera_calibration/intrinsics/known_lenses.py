@@ -34,7 +34,7 @@ def read_lenses(path: Path) -> dict[str, Lens]:
         return {}
     table = read_json(path)
     if not isinstance(table, dict) or table.get("format") != FORMAT or table.get("version") != VERSION:
-        raise FileDamaged("The file is not a lens library, as --keep-lenses writes it.", where=str(path))
+        raise FileDamaged("The file is not a lens library written by --keep-lenses.", where=str(path))
     lenses = table.get("lenses", {})
     if not isinstance(lenses, dict):
         raise FileDamaged("'lenses' must be an object that maps each camera name to a lens.", where=str(path))
@@ -62,8 +62,8 @@ def lens_named(lenses: dict[str, Lens], name: str, image_size: tuple[int, int] |
     share = image_size[0] / lens.image_size[0]
     if abs(image_size[1] / lens.image_size[1] / share - 1.0) > 0.01:
         own, other = (f"{width} x {height}" for width, height in (lens.image_size, image_size))
-        shape = "with another aspect ratio, so they show another part of the sensor"
-        message = f"The lens was calibrated with pictures of {own}, but these have {other}, {shape}."
+        shape = "with another aspect ratio, so they use another part of the sensor"
+        message = f"The lens was calibrated with images of {own}, but these have {other}, {shape}."
         raise CalibrationInvalid(message, where=where, hint="Film the board in the video mode of the takes.")
     K = lens.K.copy()
     K[:2] *= share
@@ -79,7 +79,7 @@ def _lens(entry: Any, where: str) -> Lens:
         lens.as_camera()
         return lens
     except (KeyError, TypeError, ValueError, OverflowError, CalibrationInvalid) as error:
-        raise FileDamaged(f"The description of the lens is incomplete ({error}).", where=where) from error
+        raise FileDamaged(f"The lens description is incomplete ({error}).", where=where) from error
 
 
 def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
@@ -129,20 +129,20 @@ def find_focal_length(given: str, footage: Path, image_size: tuple[int, int]) ->
         source = f"the file's 35 mm equivalent of {recorded:g} mm"
         return FocalLength(_of_equivalent(recorded, image_size), EQUIVALENT_SIGMA, source)
     guessed = rough_lens(image_size)
-    return FocalLength(float(guessed.K[0, 0]), GUESSED_SIGMA, "the picture's size, a guess")
+    return FocalLength(float(guessed.K[0, 0]), GUESSED_SIGMA, "the image size, a guess")
 
 
 def _given(text: str, image_size: tuple[int, int]) -> FocalLength:
     match = _FOCAL.fullmatch(text)
     if match is None:
-        raise CommandLineInvalid(f"'{text}' is not a focal length.", hint=f"Give it as {EXAMPLE}.")
+        raise CommandLineInvalid(f"'{text}' is not a focal length.", hint=f"Write it as {EXAMPLE}.")
     value, unit = float(match[1]), match[2]
     px = value if unit == "px" else _of_equivalent(value, image_size)
     low, high = (share * max(image_size) for share in PLAUSIBLE_SHARE)
     if not (low <= px <= high and (unit == "px" or PLAUSIBLE_MM[0] <= value <= PLAUSIBLE_MM[1])):
-        size = f"{px:.0f} px in pictures of {image_size[0]} x {image_size[1]}"
+        size = f"{px:.0f} px in images of {image_size[0]} x {image_size[1]}"
         message = f"A focal length of {text.strip()} is {size}. It must be {low:.0f} to {high:.0f} px."
-        raise CommandLineInvalid(message, hint=f"Give it as {EXAMPLE}.")
+        raise CommandLineInvalid(message, hint=f"Write it as {EXAMPLE}.")
     return FocalLength(px, 0.0 if unit == "px" else EQUIVALENT_SIGMA, f"{text.strip()} as given")
 
 

@@ -61,8 +61,8 @@ def fitted_lens(
     Reference: Zhang 2000, "A flexible new technique for camera calibration", sec. 3.
     """
     if len(views) < FEWEST_VIEWS:
-        message = f"The board is visible in {len(views)} pictures, but a lens needs at least {FEWEST_VIEWS}, better 20."
-        hint = "Hold the board still, tilted and in every corner, and fill a quarter of the picture or more."
+        message = f"The board is visible in {len(views)} images, but a lens needs {FEWEST_VIEWS}, preferably 20."
+        hint = "Hold the board still, tilted and in every corner, so that it fills at least a quarter of the image."
         raise CalibrationInvalid(message, hint=hint)
     if start is None or start.distortion_model != model.distortion_model:
         start = _start(board, views, image_size)
@@ -178,8 +178,8 @@ def chosen_lens(
     held_out = {name: _held_out(board, views, image_size, LENS_MODELS[name], first.lens) for name in models}
     finite = {name: value for name, value in held_out.items() if np.isfinite(value)}
     if not finite:
-        hint = "Check that all pictures are from one camera at one zoom, and that --board describes the board."
-        raise CalibrationInvalid("No lens model fits the pictures.", hint=hint)
+        hint = "Check that all images are from one camera at one zoom, and that --board describes the board."
+        raise CalibrationInvalid("No lens model fits the images.", hint=hint)
     best = next(iter(finite))
     for name, error in finite.items():
         best = name if error < (1 - GAIN) * finite[best] else best

@@ -280,7 +280,7 @@ def _left_first(skeleton: Skeleton, limbs: _Limbs, up: np.ndarray) -> tuple[bool
         return True, ["The names and the toes disagree about left and right. Correct the table."]
     if clear:
         return shown > 0, []
-    return votes_left > 0, [] if unanimous else ["Neither toes nor names show which side of the figure is left."]
+    return votes_left > 0, [] if unanimous else ["Neither the toes nor the names show which side is left."]
 
 
 def _side_votes(skeleton: Skeleton, a: int, b: int) -> tuple[int, int]:

@@ -116,7 +116,7 @@ class Humanoid:
             raise MotionInvalid(
                 f"The layout {self.layout.name} has joints that are not bones of a humanoid: "
                 f"{', '.join(unnamed or self.layout.joints[:1])}.",
-                hint="Send a motion of a body of the SMPL family.",
+                hint="Send a motion of an SMPL-type body.",
             )
 
     @cached_property

@@ -79,12 +79,12 @@ def decode_packet(packet: bytes) -> list[OscMessage]:
 
 def _elements(bundle: bytes) -> list[bytes]:
     if len(bundle) < 16:
-        raise PacketInvalid("a bundle is cut in its head")
+        raise PacketInvalid("a bundle's header is truncated")
     elements, at = [], 16
     while at < len(bundle):
         (size,) = _unpacked(">i", bundle, at)
         if size <= 0 or size % 4 or at + 4 + size > len(bundle):
-            raise PacketInvalid(f"an element of {size} bytes does not fit its bundle")
+            raise PacketInvalid(f"an element of {size} bytes does not fit in its bundle")
         elements.append(bundle[at + 4 : at + 4 + size])
         at += 4 + size
     return elements
@@ -118,7 +118,7 @@ def _argument(tag: str, element: bytes, at: int) -> tuple[Value, int]:
         (size,) = _unpacked(">i", element, at)
         end = at + 4 + size
         if size < 0 or end > len(element):
-            raise PacketInvalid(f"a blob of {size} bytes does not fit its message")
+            raise PacketInvalid(f"a blob of {size} bytes does not fit in its message")
         return element[at + 4 : end], end + -size % 4
     raise PacketInvalid(f"the type tag {tag!r} is unknown")
 
@@ -130,10 +130,10 @@ _CONSTANTS: dict[str, Value] = {"T": True, "F": False, "N": None, "I": float("in
 def _read_text(element: bytes, at: int) -> tuple[str, int]:
     end = element.find(b"\0", at)
     if end < 0:
-        raise PacketInvalid("a text has no end")
+        raise PacketInvalid("a string has no end")
     after = end + 4 - (end - at) % 4
     if after > len(element):
-        raise PacketInvalid("a text is cut in its padding")
+        raise PacketInvalid("a string's padding is truncated")
     return element[at:end].decode("utf-8", "replace"), after
 
 
@@ -141,19 +141,19 @@ def _unpacked(layout: str, element: bytes, at: int) -> tuple[Any, ...]:
     try:
         return struct.unpack_from(layout, element, at)
     except struct.error as error:
-        raise PacketInvalid("a number is cut") from error
+        raise PacketInvalid("a number is truncated") from error
 
 
 def _packed(layout: str, value: int) -> bytes:
     try:
         return struct.pack(layout, value)
     except struct.error as error:
-        raise ValueError(f"{value} does not fit 32 bits") from error
+        raise ValueError(f"{value} does not fit in 32 bits") from error
 
 
 def _text(text: str) -> bytes:
     if "\0" in text:
-        raise ValueError("a text of Open Sound Control has no null character")
+        raise ValueError("an Open Sound Control string cannot contain a null character")
     return _padded(text.encode() + b"\0")
 
 

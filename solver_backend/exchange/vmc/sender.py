@@ -50,9 +50,9 @@ def read_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
     port = int(found["port"] or PORTS.get(scheme, 0)) if found else 0
     if found is None or scheme not in schemes or not 0 < port < 65536:
         forms = ", ".join(f"{name}://HOST:PORT" for name in schemes)
-        sent: dict[tuple[str, ...], str] = {(VMC,): "a VMC address", SENT: "an address of a receiver"}
-        what = f"The text is not {sent.get(schemes, 'an address of a sender')}."
-        hint = f"Write {forms} with a port of 1 to 65535. {SCHEME} alone means {VmcAddress()}."
+        sent: dict[tuple[str, ...], str] = {(VMC,): "a VMC address", SENT: "a receiver address"}
+        what = f"The text is not {sent.get(schemes, 'a sender address')}."
+        hint = f"Write {forms} with a port from 1 to 65535. {SCHEME} alone means {VmcAddress()}."
         raise CommandLineInvalid(what, where=text[:80], hint=hint)
     return VmcAddress(found["host"].strip("[]") or LOOPBACK, port, scheme)
 

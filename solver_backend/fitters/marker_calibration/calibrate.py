@@ -388,7 +388,7 @@ def matched(record: MarkerSubject, labels: tuple[str, ...]) -> tuple[MarkerSubje
     least = least_markers(record.places)
     if len(kept) < least:
         message = f"Only {len(kept)} of the subject's {len(keys)} markers are in the take, but {least} are needed."
-        hint = "Choose the subject of this person and layout, or calibrate on the take."
+        hint = "Choose the subject file for this person and layout, or calibrate from the take."
         raise SubjectInvalid(message, where="subject", hint=hint)
     found, places = [columns[keys[m]] for m in kept], tuple(record.places[m] for m in kept)
     own = {name: getattr(record, name)[kept] for name in ("offsets", "sigma_m", "skin_m")}

@@ -80,19 +80,19 @@ def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyTy
         read = [label for label in labels if label not in names.virtual]
         words = load_layouts().words
         if not names.known and (reason := no_person_in(cloud.positions)):
-            hint = "Use markers on a body, or on an arm or leg with labels of a layout. Faces cannot be solved."
+            hint = "Use markers on a body, or on an arm or leg with labels from a layout. Faces cannot be solved."
             raise MarkersUnknown(f"{reason}. There is no body to solve.", where="markers", hint=hint)
         sideless = [label for label in names.unknown if words.lacks_side(names.affixes.bare(label))]
-        hint = "Label the markers by a layout such as Plug-in Gait, or add markers."
+        hint = "Label the markers according to a layout such as Plug-in Gait, or add markers."
         if len(labels) >= LEAST_MARKERS:
-            hint = f"Write the positions of {LEAST_MARKERS} or more labels with `markers layout`. Solve with --layout."
+            hint = f"Define {LEAST_MARKERS} or more marker positions with `markers layout`, and solve with --layout."
         if sideless:
             hint = (
-                f"Labels name a limb without its side: {_listed(sideless)}. Write the positions of the limb "
+                f"Labels name a limb without its side: {_listed(sideless)}. Define its marker positions "
                 "(such as LELB, RWRA) with `markers layout`, and solve with --layout."
             )
         message = (
-            f"A body needs {LEAST_MARKERS} markers with labels of a known layout, and a single arm or leg needs "
+            f"A body needs {LEAST_MARKERS} markers with labels from a known layout, and a single arm or leg needs "
             f"{LEAST_LIMB_MARKERS}. Of the {len(labels)} labels, {len(names.known)} are known: "
             f"{_listed(list(names.known))}. All labels: {_listed(read)}."
         )
@@ -174,7 +174,7 @@ def _places(cloud: MarkerCloud, own: Mapping[str, str]) -> tuple[str, ...]:
     if len(names.known) < len(labels):
         taken = [names.known.get(label) or layouts.place_of(label) for label in labels]
         twice = sorted({str(place) for place in taken if taken.count(place) > 1})
-        raise MarkersUnknown(f"Labels occur more than once: {', '.join(twice)}.", hint="Give each marker its own name.")
+        raise MarkersUnknown(f"Labels occur more than once: {', '.join(twice)}.", hint="Use unique names.")
     return tuple(names.known[label] for label in labels)
 
 
@@ -259,10 +259,10 @@ def measure_directly(
     """
     if capture.markers is None or capture.keypoints is not None:
         message = f"The landmarks '{settings.landmarks}' need a marker recording."
-        raise JobInvalid(message, where=capture.name, hint="Leave --landmarks out.")
+        raise JobInvalid(message, where=capture.name, hint="Omit --landmarks.")
     if person is not None:
-        message = "A calibrated person cannot be combined with a network's landmarks."
-        raise SubjectInvalid(message, where=capture.name, hint="Give the shape with --betas, or omit --landmarks.")
+        message = "A calibrated person cannot be combined with network landmarks."
+        raise SubjectInvalid(message, where=capture.name, hint="Specify the shape with --betas, or omit --landmarks.")
     joints = settings.landmarks == LANDMARKS_JOINTS
     return measure_network_landmarks(
         capture.markers, body, like, joints=joints, progress=progress, network_file=settings.network

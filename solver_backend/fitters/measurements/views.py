@@ -290,10 +290,10 @@ def with_meant_confidence(capture: Capture, path: str) -> Capture:
     noise = read_noise_map(path)
     if capture.keypoints is None:
         message = "A noise map needs detected keypoints, but the capture has none."
-        raise JobInvalid(message, where=capture.name, hint="Leave out --noise for recordings of markers.")
+        raise JobInvalid(message, where=capture.name, hint="Omit --noise for marker recordings.")
     if capture.noise_map:
         message = "The capture's confidences were weighted by a noise map when it was written."
-        raise JobInvalid(message, where=capture.name, hint="Leave out --noise here, or detect again without it.")
+        raise JobInvalid(message, where=capture.name, hint="Omit --noise here, or detect again without it.")
     keypoints, note = noise.applied(capture.keypoints, capture.detector or noise.detector)
     return replace(capture, keypoints=keypoints, notes=(*capture.notes, note), noise_map=noise.detector)
 

@@ -165,8 +165,8 @@ def merge_gloves(motion: Motion, body: Body, gloves: GloveTake, offset_s: float 
     times = np.arange(motion.num_frames) / motion.fps - offset_s
     covered = (times > gloves.times[0] - 1e-6) & (times < gloves.times[-1] + 1e-6)
     if not covered.any():
-        message = f"The {gloves.times[-1]:.1f} s of the gloves, from {offset_s:+.1f} s, do not overlap the motion."
-        raise MotionInvalid(message, where=gloves.name, hint="Give a different --offset.")
+        message = f"The gloves' {gloves.times[-1]:.1f} s, starting at {offset_s:+.1f} s, do not overlap the motion."
+        raise MotionInvalid(message, where=gloves.name, hint="Use a different --offset.")
     if not covered.all():
         found.append(diagnostic("gloves_cover_part", frames=true_runs(~covered), share=100.0 * covered.mean()))
     turns, resting, had = _fingers(motion)

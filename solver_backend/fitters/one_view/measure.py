@@ -77,12 +77,12 @@ def size_of(
         by_floor = None
     has_floor = by_floor is not None or capture.floor_from_person
     if betas is not None:
-        known = Size(np.asarray(betas, dtype=float), SHAPE_SIGMA, "the given shape", has_floor)
+        known = Size(np.asarray(betas, dtype=float), SHAPE_SIGMA, "the specified shape", has_floor)
         given = body.stature_of(known.betas)
     elif capture.stature_m:
         given = capture.stature_m
         betas_of = fit(floor if by_floor is not None else None, given).betas
-        known = Size(betas_of, SHAPE_SIGMA, "the given stature", has_floor)
+        known = Size(betas_of, SHAPE_SIGMA, "the specified height", has_floor)
     elif by_floor is not None and by_floor.fits_people:
         return Size(by_floor.betas, by_floor.sigma, "feet on the floor", pose_sigma=by_floor.pose_sigma)
     else:

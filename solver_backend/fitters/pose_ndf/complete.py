@@ -276,7 +276,7 @@ def missing_joints(names: Sequence[str]) -> tuple[int, ...]:
     known = BODY_JOINTS
     unknown = [name for name in names if name not in LIMBS and name not in known]
     if unknown or not names:
-        message = f"There is no joint or limb {', '.join(unknown)}." if unknown else "No missing joint was given."
+        message = f"There is no joint or limb {', '.join(unknown)}." if unknown else "No missing joint was specified."
         raise JobInvalid(message, where="missing", hint=f"Limbs: {', '.join(LIMBS)}. Joints: {', '.join(known)}.")
     joints = {joint for name in names for joint in LIMBS.get(name, (name,))}
     return tuple(column for column, joint in enumerate(known) if joint in joints)

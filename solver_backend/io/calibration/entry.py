@@ -151,7 +151,7 @@ def meant_entries(entries: Sequence[CameraEntry]) -> tuple[list[CameraEntry], tu
     short = (0 < e.K[0, 0] < SHORTEST_SHARE * size[0] for e, size in zip(entries, sizes, strict=True))
     if sized and all(LENS_MODELS[e.model].is_straight for e in entries) and all(short):
         shortest, longest = min(e.K[0, 0] for e in entries), max(e.K[0, 0] for e in entries)
-        hint = "Convert them to pixels. Multiply by the picture width in pixels, and divide by the sensor width in mm."
+        hint = "Convert them to pixels. Multiply by the image width in pixels, and divide by the sensor width in mm."
         what = f"The focal lengths are {shortest:.3g} to {longest:.3g} px, which is not plausible. They may be in mm."
         raise CalibrationInvalid(what, hint=hint)
     if sized and all((np.abs(e.K[:2, 2]) < OFF_MIDDLE * size).all() for e, size in zip(entries, sizes, strict=True)):

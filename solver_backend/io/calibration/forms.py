@@ -454,7 +454,7 @@ def _nerf_camera(stated: Values, place: str) -> Values:
     by_angle = 0.5 * width / np.tan(0.5 * angle) if width and angle and 0 < angle < np.pi else None
     focal = _number(stated, "fl_x") or by_angle
     if not focal:
-        hint = "Write fl_x, or camera_angle_x with w, for each picture or for all."
+        hint = "Write fl_x, or camera_angle_x with w, for each image or for all images."
         raise CalibrationInvalid("The camera has no focal length.", where=place, hint=hint)
     model = model_named(str(stated.get("camera_model")))
     node = {"fx": focal, "fy": _number(stated, "fl_y") or focal, "width": width, "height": height, "model": model}

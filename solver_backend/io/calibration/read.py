@@ -119,7 +119,7 @@ def _not_understood(files: Iterable[MatrixFile]) -> Iterator[CalibrationMissing]
             poses = [name for name, _ in file.content.nodes]
             held = f"the poses of {', '.join(poses)} without intrinsics" if poses else f"the keys {file.keys}"
             missing = _NEEDED[0] if poses else " with ".join(_NEEDED)
-            what = f"The file is not recognised as a calibration. It has {held}. Each camera lacks {missing}."
+            what = f"The file was not recognised as a calibration. It has {held}. Each camera lacks {missing}."
             hint = f"Supported formats: {FORMATS}."
             yield CalibrationMissing(what, where=str(file.path), hint=hint)
 

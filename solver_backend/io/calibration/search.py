@@ -36,7 +36,7 @@ _CAMERAS = ("cameras", "camera_parameters", "camera_params", "sparse", "sparse/0
 _OPENCAP, _MAPPING = "Videos", "mapping.txt"
 """OpenCap's folder with one subfolder per camera, and AIST++'s file that lists the cameras of each take."""
 _SESSION = re.compile(r"^S\d+(_P\d+)?", re.IGNORECASE)
-_PICKLE = "a pickle of another form", "Name a pickle of arrays calibration.pkl, or write the arrays as JSON."
+_PICKLE = "another kind of pickle", "Name an array pickle calibration.pkl, or write the arrays as JSON."
 _UNSUPPORTED = {
     ".mat": ("a MATLAB file", "Write K, R and t of each camera as JSON, with MATLAB's jsonencode."),
     ".pkl": _PICKLE,
@@ -129,7 +129,7 @@ def find_calibration(
     if not others and (broken := [e for e in damaged if not isinstance(e, CalibrationMissing)]):
         raise broken[0]
     if not others:
-        what, how = _name_unsupported(_folders(root)) or ("", "Put one into its 'calibration' folder.")
+        what, how = _name_unsupported(_folders(root)) or ("", "Put one in its 'calibration' folder.")
         what, where = (damaged[0].message, damaged[0].where) if damaged else (what, str(root))
         what = f"The recording has no camera calibration. {what}".rstrip()
         raise CalibrationMissing(what, where=where, hint=f"{how} Supported formats: {FORMATS}.")
@@ -150,7 +150,7 @@ def _is_named(error: MocapError) -> bool:
 def _mismatch(root: Path, others: Sequence[Calibration], recorded: Sequence[str]) -> CalibrationMismatch:
     for calibration in others:
         if takes := takes_in_names(recorded, calibration.cameras.names):
-            hint = "Put each take into a separate folder."
+            hint = "Put each take in a separate folder."
             what = f"The folder contains {len(takes)} takes: {listing(takes)}."
             return CalibrationMismatch(what, where=str(root), hint=hint)
     for calibration in others:

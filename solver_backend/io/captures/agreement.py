@@ -83,7 +83,7 @@ def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, opti
         doubt = _doubt(detections, found)
         why = word(doubt).what
         if options.sync == SYNC_ON:
-            hint = "Give --offset CAMERA=FRAMES, or --sync auto."
+            hint = "Use --offset CAMERA=FRAMES, or --sync auto."
             raise NotSynchronised(why, where=listing(detections.cameras), hint=hint)
         if detections.first_frames and not (options.trim or options.by_order):
             raise different_frames(_spans(detections), why)

@@ -89,7 +89,7 @@ def _rows(path: Path) -> tuple[np.ndarray, np.ndarray]:
     needed = ("sync_index", camera, "point_id", "img_loc_x", "img_loc_y")
     if missing := [name for name in needed if name not in header]:
         hint = "Export it from caliscope again."
-        raise FileDamaged(f"The table lacks {', '.join(missing)}.", where=str(path), hint=hint)
+        raise FileDamaged(f"The table does not contain {', '.join(missing)}.", where=str(path), hint=hint)
     order = [header.index(name) for name in needed]
     if any(len(row) <= max(order) for row in rows):
         raise FileDamaged("A row of the table is incomplete.", where=str(path))

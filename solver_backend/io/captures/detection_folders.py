@@ -166,7 +166,7 @@ def _assumed_camera(root: Path, detections: Detections, video: VideoHeader | Non
     name = detections.cameras[0]
     entry = CameraEntry(name, K, np.zeros(0), np.eye(3), np.zeros(3), (int(width), int(height)))
     figures: dict[str, Any] = {"size": f, "share": 100 * GUESSED_SIGMA}
-    source = f"a guess for pictures of {width} x {height}, because there is no calibration"
+    source = f"a guess for images of {width} x {height}, because there is no calibration"
     assumed = diagnostic("focal_length_of_video", severity=Severity.WARNING, cameras=[name], source=source, **figures)
     return Calibration(build_cameras([entry], where=str(root)), root, (True,), problems=(assumed,))
 

@@ -215,7 +215,7 @@ def _frames_of_points(heading: list[str], cells: Callable[[int], list[str]], pat
         raise _not_a_number(path, error) from error
     at = _places(spelled)
     if max(at.values(), default=0) > MOST_POINTS:
-        hint = f"Number the points of a person from 0 to {MOST_POINTS} at most."
+        hint = f"Number a person's points from 0 to {MOST_POINTS} at most."
         raise FileDamaged(f"A point has the number {max(at.values())}.", where=str(path), hint=hint)
     there = np.isfinite(values[:, :2]).all(-1)
     sure = np.where(there, values[:, 2] if score is not None else 1.0, 0.0)
@@ -276,7 +276,7 @@ def read_deeplabcut(path: Path) -> CameraFrames:
         headings[heading] = [cell.strip() for cell in rows.pop(0)[1:]]
     if missing := [name for name in ("bodyparts", "coords") if name not in headings]:
         hint = "Export the CSV again."
-        raise FileDamaged(f"The table lacks DeepLabCut's heading row '{missing[0]}'.", where=str(path), hint=hint)
+        raise FileDamaged(f"The table has no DeepLabCut heading row '{missing[0]}'.", where=str(path), hint=hint)
     parts, coords = headings["bodyparts"], [name.lower() for name in headings["coords"]]
     people = headings.get("individuals", ["single"] * len(parts))
     if not len(parts) == len(coords) == len(people):

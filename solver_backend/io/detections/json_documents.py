@@ -40,7 +40,7 @@ _BOXES = ("bboxes", "labels")  # Keys of an image in MMDetection files.
 def _triples(values: object, name: str, where: str) -> np.ndarray:
     """Convert 3 K numbers or K triples to (K, 3) points. ``name`` is for errors."""
     if not isinstance(values, list):
-        raise FileDamaged(f"A person in the file lacks '{name}'.", where=where)
+        raise FileDamaged(f"A person in the file has no '{name}'.", where=where)
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
@@ -71,7 +71,7 @@ def _person(entry: Any, where: str) -> np.ndarray:
         try:
             return np.array([_object_point(point) for point in points], dtype=np.float64).reshape(-1, 3)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
-            raise FileDamaged("A point in the file lacks x or y, or they are not numbers.", where=where) from error
+            raise FileDamaged("A point in the file has no x or y, or they are not numbers.", where=where) from error
     scores = next((entry[name] for name in _SCORES if name in entry), None)
     if scores is None:
         return _triples(points, "keypoints", where)
@@ -120,7 +120,7 @@ def people_in_picture(document: Any, where: str) -> People:
     if (people := listed_people(document)) is not None:
         return _kept(_person(entry, where) for entry in people)
     if all(name in values for name in _BOXES):
-        hint = "Run a pose estimator on the pictures, such as MMPose's inferencer with --pred-out-dir."
+        hint = "Run a pose estimator on the images, such as MMPose's inferencer with --pred-out-dir."
         what = "The file has only boxes, as MMDetection writes them, and no keypoints."
         raise FileDamaged(what, where=where, hint=hint)
     hint = (
@@ -128,7 +128,7 @@ def people_in_picture(document: Any, where: str) -> People:
         "'keypoint_scores', OpenPifPaf's "
     )
     hint += "predictions, and points that are objects with x, y and score."
-    raise FileDamaged("The file lacks OpenPose's list 'people'.", where=where, hint=hint)
+    raise FileDamaged("The file has no OpenPose list 'people'.", where=where, hint=hint)
 
 
 def _kept(people: Iterable[np.ndarray | None]) -> People:
@@ -156,7 +156,7 @@ def _openpose_person(entry: Any, where: str) -> np.ndarray | None:
     if entry == {}:
         return None
     if not isinstance(entry, dict):
-        raise FileDamaged(f"A person in the file lacks '{_OPENPOSE[0]}'.", where=where)
+        raise FileDamaged(f"A person in the file has no '{_OPENPOSE[0]}'.", where=where)
     name = next((name for name in _OPENPOSE if name in entry), _OPENPOSE[0])
     return _triples(entry.get(name), name, where)
 
@@ -209,7 +209,7 @@ def _hands(entry: dict[str, Any], where: str) -> np.ndarray | None:
     for s, name in enumerate(names):
         points = _triples(entry[name], name, where) if name else hands[s]
         if len(points) != NUM_HAND_POINTS:
-            what = f"'{name}' contains {len(points)} points, but {NUM_HAND_POINTS} of a hand are expected."
+            what = f"'{name}' contains {len(points)} points, but a hand has {NUM_HAND_POINTS}."
             raise KeypointCountMismatch(what, where=where)
         hands[s] = points
     return hands
@@ -517,7 +517,7 @@ def _coco(document: dict[str, Any], path: Path, camera: str) -> CameraFrames:
     people: list[tuple[str, np.ndarray]] = []
     for entry in document["annotations"]:
         if not isinstance(entry, dict) or str(entry.get("image_id")) not in names:
-            raise FileDamaged("An annotation refers to a picture that is not in the file's list.", where=str(path))
+            raise FileDamaged("An annotation refers to an image that is not in the file's list.", where=str(path))
         person = _triples(entry.get("keypoints"), "keypoints", str(path))
         if person[:, 2].max(initial=0) > 1:
             person[:, 2] = person[:, 2] > 0

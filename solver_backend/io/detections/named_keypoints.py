@@ -68,7 +68,7 @@ def match_cameras(
         return []
     if not all(names):
         hint = "Export all cameras in one format."
-        raise KeypointCountMismatch("Only some of the cameras' files name their keypoints.", where=where, hint=hint)
+        raise KeypointCountMismatch("Only some of the camera files name their keypoints.", where=where, hint=hint)
     everywhere = list(dict.fromkeys(n for camera in names for n in camera if n not in own))
     joint_set = _best_set(everywhere, given, where)
     return [_in_set(camera, joint_set, own) for camera in names]
@@ -83,7 +83,7 @@ def _best_set(names: list[str], given: JointSet | None, where: str) -> JointSet:
     if known[best] < LEAST_KNOWN:
         strange = next((name for name, p in zip(names, plain, strict=True) if p not in best.keypoints), names[0])
         what = f"Of the {len(names)} named keypoints only {known[best]} are known: {', '.join(names[:12])}."
-        hint = f'Name them in a file keypoints.json next to the recording, such as {{"landmarks": {{"{strange}": '
+        hint = f'Name them in a keypoints.json file next to the recording, such as {{"landmarks": {{"{strange}": '
         hint += f'"left_knee"}}}}. Landmarks: {", ".join(JointSet.COCO_17.keypoints)}, ...'
         raise KeypointCountMismatch(what, where=where, hint=hint)
     return best

@@ -78,8 +78,8 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
     """Return the arrays in a file by name. The array in a .npy file has the name ''."""
     if path.suffix.lower() == ".npz":
         if not 1 < len(array_names(path)) <= MOST_CAMERAS:
-            hint = f"Save 2 to {MOST_CAMERAS} arrays of shape (frames, K, 3), each under the name of its camera."
-            raise FileDamaged("The archive has no array per camera.", where=str(path), hint=hint)
+            hint = f"Save 2 to {MOST_CAMERAS} arrays of shape (frames, K, 3), each named after its camera."
+            raise FileDamaged("The archive does not contain one array per camera.", where=str(path), hint=hint)
         return {name: _checked(array, path) for name, array in read_npz(path).items()}
     if path.suffix.lower() != ".npy":
         raise FileDamaged("The file is not a NumPy array.", where=str(path))
@@ -145,7 +145,7 @@ def _opened(path: Path, program: str) -> Iterator[Any]:
     try:
         h5py = import_module("h5py")
     except ModuleNotFoundError as error:
-        what = f"Reading HDF5 files of {program} needs h5py, which is not installed."
+        what = f"Reading HDF5 files from {program} needs h5py, which is not installed."
         raise BackendMissing(what, where=str(path), hint="Install it with: pip install h5py.") from error
     try:
         file = h5py.File(path, "r")
@@ -198,10 +198,10 @@ def _pickled_texts(pickled: Any) -> list[tuple[str, ...]]:
     try:
         found = Machine(io.BytesIO(bytes(pickled)), "", frozenset()).load()
     except UnsafePickle as error:
-        raise ValueError(f"its column names are not a list of texts: {error.message}") from error
+        raise ValueError(f"its column names are not a list of strings: {error.message}") from error
     texts = isinstance(found, list) and all(isinstance(column, tuple) for column in found)
     if not texts or not all(isinstance(text, str) for column in found for text in column):
-        raise ValueError("its column names are not a list of texts")
+        raise ValueError("its column names are not a list of strings")
     return found
 
 
@@ -249,7 +249,7 @@ def _sleap_labels(file: Any, path: Path) -> CameraFrames:
     names = tuple(str(about["nodes"][i]["name"]) for i in order)
     table, instances = file["frames"][()], file["instances"][()]
     if len(np.unique(table["video"])) > 1:
-        raise ValueError("it has several videos: export an analysis file of each")
+        raise ValueError("it contains several videos, so export an analysis file for each")
     points = {True: file["pred_points"][()], False: file["points"][()]}
     frames = {}
     for row in table:

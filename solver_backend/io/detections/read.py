@@ -170,7 +170,7 @@ def _require_count(picture: _Picture, count: int, expected: str) -> None:
     for person in picture.people:
         if len(person) != count:
             hint = "Use one detector with one model for the whole take."
-            what = f"A person has {len(person)} keypoints where {expected.format(count)}."
+            what = f"A person has {len(person)} keypoints, but {expected.format(count)}."
             raise KeypointCountMismatch(what, where=picture.where, hint=hint)
 
 

@@ -454,11 +454,11 @@ def write_c3d_parts(
     if not (np.isfinite(size.fps) and size.fps > 0):
         raise NonFiniteData(f"The frame rate must be a positive number, not {size.fps}.", where=str(path))
     if not (size.largest_m < LARGEST_M and size.fps < LARGEST_M):
-        what = f"A coordinate of {size.largest_m:.3g} m or the rate of {size.fps:.3g} Hz does not fit into a C3D file."
-        hint = f"The limit is {LARGEST_M:g}. Leave out this marker or these frames."
+        what = f"A coordinate of {size.largest_m:.3g} m or the rate of {size.fps:.3g} Hz does not fit in a C3D file."
+        hint = f"The limit is {LARGEST_M:g}. Omit this marker or these frames."
         raise NonFiniteData(what, where=str(path), hint=hint)
     if markers > MOST:
-        what = f"{markers} markers do not fit into a C3D file, which can contain at most {MOST}."
+        what = f"{markers} markers do not fit in a C3D file, which can contain at most {MOST}."
         raise ShapeMismatch(what, where=str(path), hint="Write fewer markers.")
     # Use half the range of 16-bit integers, for programs that store the points as integers.
     scale = max(0.1, size.largest_m * _MM / 32000.0)

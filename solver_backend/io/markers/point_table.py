@@ -47,7 +47,7 @@ def read_point_table(path: Path) -> MarkerSource:
     lines = [line for line in read_text(path).splitlines() if line.strip()]
     layout = _layout(lines[:_HEADING_LINES])
     if layout is None:
-        what = "The table names no points: columns NAME_x, NAME_y, NAME_z are expected, or marker, x, y, z."
+        what = "The table does not name its points: columns NAME_x, NAME_y, NAME_z are expected, or marker, x, y, z."
         raise FileDamaged(what, where=str(path), hint="Export it again with its headings.")
     first, headings, columns, stated = layout
     rows = csv_rows("\n".join(lines[first:]), delimiter_of(lines[first - 1]), path)
@@ -172,7 +172,7 @@ def read_point_array(path: Path) -> MarkerSource:
         what = (
             f"The array contains {array.dtype} of shape {array.shape}, but numbers of (frames, points, 3) are expected."
         )
-        raise FileDamaged(what, where=str(path), hint="Save the points of one person.")
+        raise FileDamaged(what, where=str(path), hint="Save the points of a single person.")
     names, note = _names(path, array.shape[1])
     positions = np.array(array, np.float64)
     return MarkerSource(path, "NumPy array", positions, names, None, "mm", "z", notes=(note,))
@@ -187,7 +187,7 @@ def _names(path: Path, count: int) -> tuple[tuple[str, ...], Diagnostic]:
             note = diagnostic("point_names_read", source="count", count=count, joint_set=sets[0].value)
             return sets[0].keypoints, note
         several = f" It might be {' or '.join(s.value for s in sets)}." if sets else ""
-        hint = f"Write them into {path.stem}.txt next to it, one per line."
+        hint = f"Write them to {path.stem}.txt next to it, one per line."
         raise FileMissing(f"The names of the array's {count} points are missing.{several}", where=str(path), hint=hint)
     if found.suffix == ".json":
         names = read_json(found)

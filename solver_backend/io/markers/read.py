@@ -81,7 +81,7 @@ def read_markers(path: Path | str, **options: Any) -> MarkerTake:
     reader = next((reader for reader in MARKERS if reader.recognises(path)), None)
     if reader is None:
         kinds = "; ".join(reader.kind for reader in MARKERS)
-        what = "The file is not a recording of markers that can be read."
+        what = "The file is not a readable marker recording."
         raise CaptureNotRecognised(what, where=str(path), hint=f"Supported files: {kinds}.")
     return reader.open(path, chosen)
 

@@ -96,7 +96,7 @@ def _other(path: Path, suffix: str) -> Path:
         hint = f"Put it next to {path.name}, with the same name."
         raise FileMissing(f"The {kind} of the pair is missing.", where=str(path), hint=hint)
     listed = ", ".join(p.name for p in found[:5])
-    hint = f"Name one of them: {listed}." if suffix == ".amc" else f"Give one the name {path.stem}.asf: {listed}."
+    hint = f"Name one of them: {listed}." if suffix == ".amc" else f"Name one of them {path.stem}.asf: {listed}."
     raise FileMissing(f"{len(found)} files could be the {kind} of the pair.", where=str(path), hint=hint)
 
 
@@ -156,7 +156,7 @@ def _set(bone: _Bone, key: str, words: list[str]) -> None:
 
 def _channels(words: list[str]) -> tuple[str, ...]:
     if len({word.lower() for word in words}) < len(words):
-        raise ValueError("there are two channels of one name")
+        raise ValueError("two channels have the same name")
     return tuple(word.lower() for word in words)
 
 
@@ -169,7 +169,7 @@ def _vector(words: list[str]) -> np.ndarray:
 
 def _order(word: str) -> str:
     if not set(word.lower()) <= set("xyz"):
-        raise ValueError("an order of axes is expected")
+        raise ValueError("an axis order is expected")
     return word.lower()
 
 

@@ -111,8 +111,8 @@ def _poses(fields: Fields, frames: int) -> tuple[np.ndarray, np.ndarray, np.ndar
 def _frame_rate(fields: Fields, fps: float | None) -> float:
     key = next((key for key in _RATES if key in fields), None)
     if fps is None and key is None:
-        hint = "Give it with --fps, such as --fps 60."
-        raise FileDamaged(f"The file states no frame rate ({', '.join(_RATES)}).", where=str(fields.path), hint=hint)
+        hint = "Specify it with --fps, for example --fps 60."
+        raise FileDamaged(f"The file has no frame rate ({', '.join(_RATES)}).", where=str(fields.path), hint=hint)
     rate = fps if fps is not None else fields.number(str(key))
     if not (np.isfinite(rate) and rate > 0):
         raise NonFiniteData(f"The frame rate must be a positive number, not {rate}.", where=str(fields.path))

@@ -68,7 +68,7 @@ def read_mvnx(path: Path) -> tuple[SkeletonMotion, dict[str, str]]:
     if subject is None or len(segments) < 2:
         raise FileDamaged("The file has no segments, so it is not an MVNX file.", where=where)
     if unknown := sorted(set(segments) - _XSENS.keys()):
-        hint = "Segments of MVN's body are Pelvis, L5, … LeftToe. Export no props."
+        hint = "The segments of the MVN body are Pelvis, L5, … LeftToe. Export without props."
         raise FileDamaged(f"Unknown segments: {', '.join(unknown)}.", where=where, hint=hint)
     frames = subject.findall("frames/frame")
     kinds = [node.get("type", "normal") for node in frames]
@@ -99,7 +99,7 @@ def read_mvnx(path: Path) -> tuple[SkeletonMotion, dict[str, str]]:
 
 def _possible(rate: float | None, where: str) -> float:
     if rate is None or not 0 < rate < np.inf:
-        raise FileDamaged("The file states no frame rate.", where=where)
+        raise FileDamaged("The file has no frame rate.", where=where)
     return rate
 
 
@@ -145,7 +145,7 @@ def read_c3d_segments(path: Path) -> tuple[SkeletonMotion, dict[str, str], list[
     where = str(path)
     if segments is None:
         hint = "To solve its markers, use `solve`."
-        raise FileDamaged("The C3D file contains no rotations of segments.", where=where, hint=hint)
+        raise FileDamaged("The C3D file contains no segment rotations.", where=where, hint=hint)
     at = {label: s for s, label in enumerate(segments.labels)}
     seen = np.isfinite(segments.positions).all(-1).mean(0)
     names = tuple(name for name in _THEIA if name in at and seen[at[name]] > _LEAST_SEEN)
@@ -279,7 +279,7 @@ def read_stated(
 def _roles(skeleton: Skeleton, where: str) -> tuple[dict[str, str], list[Diagnostic]]:
     if not skeleton.size > _LEAST_SIZE:
         hint = "Export the skeleton with bone lengths."
-        raise MotionInvalid(f"The skeleton is {skeleton.size:.3g} units large at rest.", where=where, hint=hint)
+        raise MotionInvalid(f"The skeleton's rest pose is {skeleton.size:.3g} units large.", where=where, hint=hint)
     guess = recognise(skeleton)
     if not guess.roles and not guess.doubts:  # the names may describe arms without hands
         parents = {name: skeleton.names[p] for name, p in zip(skeleton.names, skeleton.parents, strict=True) if p >= 0}
@@ -290,7 +290,7 @@ def _roles(skeleton: Skeleton, where: str) -> tuple[dict[str, str], list[Diagnos
         unclear = [diagnostic("motion_skeleton_unclear", doubt=doubt) for doubt in doubts]
         return guess.roles, [*_missing(guess.roles), *unclear]
     missing = [role for role in _NEEDED if role not in guess.roles]
-    message = ". ".join(doubts) or "Its joints do not form a person"
+    message = ". ".join(doubts) or "Its joints do not form a human skeleton"
     hint = f"{message}. At least a pelvis and two whole legs are needed, with names such as Hips and LeftLeg."
     raise MotionInvalid(f"No joints were found for {', '.join(missing)}.", where=where, hint=hint)
 
@@ -312,8 +312,8 @@ def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) ->
         return metres_in(unit), []
     name, metres = min(_UNITS.items(), key=lambda entry: abs(np.log(max(leg, 1e-12) * entry[1] / _LEG_M)))
     if not _LEAST_LEG_M <= leg * metres <= _MOST_LEG_M:
-        hint = f"Known units are {', '.join(METRES)}. Give one with --unit."
-        raise MotionInvalid(f"Legs of {leg:.4g} units do not fit a person in any known unit.", where=where, hint=hint)
+        hint = f"Known units are {', '.join(METRES)}. Specify one with --unit."
+        raise MotionInvalid(f"Legs of {leg:.4g} units do not match a person in any known unit.", where=where, hint=hint)
     return metres, [diagnostic("unit_read", source="legs", unit=name, length=leg * metres)]
 
 

@@ -62,7 +62,7 @@ def _angles_of_points(points: np.ndarray, side: int, where: str) -> tuple[np.nda
     """
     palm = np.linalg.norm(points[:, KNUCKLES[1:]] - points[:, :1], axis=-1)
     if not (palm[:, [0, 1, -1]] > _LEAST_PALM).all(axis=1).any():
-        raise MotionInvalid("The points of the palm are missing.", where=where, hint="Export positions of all joints.")
+        raise MotionInvalid("The palm points are missing.", where=where, hint="Export positions of all joints.")
     angles, palms = finger_angles(points, side)
     if np.nansum(angles[:, _BENDS]) < 0:
         angles, palms = finger_angles(_MIRROR * points, side)
@@ -89,7 +89,7 @@ def _read_manus(path: Path, side: str) -> GloveTake:
     """Read a hand from its positions if the table has them, otherwise from its angles."""
     side = side or side_of_name(path.stem)
     if not side:
-        raise MotionInvalid("The side of the hand is unknown.", where=str(path), hint="Give the side with --side.")
+        raise MotionInvalid("The side of the hand is unknown.", where=str(path), hint="Specify the side with --side.")
     columns = _read_columns(path, {_MANUS_TIME, *_MANUS_POINTS, *_MANUS_FLEXIONS.values()}.__contains__)
     times, number = _rising_times(columns[_MANUS_TIME], path), SIDES.index(side)
     angles, palms = _no_angles(len(times))
@@ -188,6 +188,6 @@ def _gloves_of_skeleton(motion: SkeletonMotion, side: str, where: str) -> GloveT
             if points is not None:
                 angles[:, number], palms[:, number] = finger_angles(points, number)
     if not np.isfinite(angles).any():
-        hint = "Thumb, index, middle and little finger need three bones each. For a single hand, give --side."
+        hint = "Thumb, index, middle and little finger need three bones each. For a single hand, specify --side."
         raise MotionInvalid("The skeleton has no hand with known fingers and a known side.", where=where, hint=hint)
     return GloveTake(motion.name, np.arange(motion.num_frames) / motion.fps, angles, palms)

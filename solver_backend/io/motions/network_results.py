@@ -151,10 +151,10 @@ def read_network_result(path: Path) -> tuple[NetworkResult, ...]:
         raise
     except _DAMAGE as error:
         what = str(error) or type(error).__name__
-        what = f"The network's result has an unexpected layout: {what}."
+        what = f"The network result has an unexpected layout: {what}."
         raise FileDamaged(what, where=str(path), hint="Write the file again with the network.") from error
     if not people:
-        raise MotionInvalid("The network's result does not contain a person.", where=str(path))
+        raise MotionInvalid("The network result does not contain a person.", where=str(path))
     return tuple(sorted(people, key=lambda person: -len(person.frames)))
 
 
@@ -201,7 +201,7 @@ def _people(path: Path) -> list[NetworkResult]:
         )
     )
     hint = f"Supported networks: {known} and 4D-Humans."
-    raise FileDamaged(f"The layout of the network's result is unknown. It contains {held}.", where=str(path), hint=hint)
+    raise FileDamaged(f"The layout of the network result is unknown. It contains {held}.", where=str(path), hint=hint)
 
 
 def _list(value: Any) -> list[Any]:
@@ -454,7 +454,7 @@ def _checked(person: NetworkResult, path: Path) -> NetworkResult:
         if name in ("local", "fingers", "world") and not _are_rotations(values):
             raise MotionInvalid(f"Some matrices of '{name}' are not rotations.", where=where)
     if not count or (person.points is not None and not np.isfinite(person.points).any()):
-        raise MotionInvalid("The network's result has no frames with a person.", where=where)
+        raise MotionInvalid("The network result has no frames with a person.", where=where)
     order = np.argsort(person.frames, kind="stable")
     order = order[np.concatenate([[True], np.diff(person.frames[order]) > 0])]
     return person.of_frames(order)

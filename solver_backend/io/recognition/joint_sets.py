@@ -24,7 +24,7 @@ CLEAR_RATIO = 1.15  # The best set is clear if the bones of the next set are thi
 UNLIKE = 0.3
 """Bone length relative to the person's height beyond which the keypoint order is wrong. On the demo, each set scores
 0.12 to 0.19 in the right order, and 0.42 to 0.57 (median) in another order. Crouching people come close."""
-HANDS_ALONE = "Hands cannot be solved without a body. Detect the body too."
+HANDS_ALONE = "Hands cannot be solved without a body. Also detect the body."
 """Hint for files with hands only."""
 
 
@@ -40,7 +40,7 @@ def require_known_count(num_keypoints: int, given: JointSet | None, *, where: st
     if given is not None:
         what = f"The files have {num_keypoints} keypoints per person, and {given.value} has {given.num_keypoints}."
     elif num_keypoints in (NUM_HAND_POINTS, 2 * NUM_HAND_POINTS):
-        what = f"The files have {num_keypoints} keypoints per person: points of hands, without a body."
+        what = f"The files have {num_keypoints} keypoints per person: hand points, without a body."
         hint = HANDS_ALONE
     raise KeypointCountMismatch(what, where=where, hint=hint)
 
@@ -126,5 +126,5 @@ def _fitting_hint(num_keypoints: int) -> str:
     if fits:
         return f"Joint sets with {num_keypoints} keypoints: {', '.join(s.value for s in fits)}."
     known = ", ".join(f"{s.value} ({'/'.join(map(str, s.num_written))})" for s in JointSet)
-    advice = "Name the keypoints in a file keypoints.json next to the recording."
+    advice = "Name the keypoints in a keypoints.json file next to the recording."
     return f"{advice} Known sets and their numbers of keypoints: {known}."

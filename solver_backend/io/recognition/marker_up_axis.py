@@ -207,7 +207,7 @@ def metres_in(unit: str) -> float:
         JobInvalid: the unit is unknown.
     """
     if unit not in METRES:
-        hint = "For any other unit, such as squares of a board, give its length in metres with --scale."
+        hint = "For any other unit, such as squares of a board, specify its length in metres with --scale."
         raise JobInvalid(f"Unknown unit '{unit}'. Known units: {', '.join(METRES)}.", where="unit", hint=hint)
     return METRES[unit]
 

@@ -74,16 +74,16 @@ def scale_from_stature(
         JobInvalid: there are no bones, all bones have length zero, or the stature is impossible.
     """
     if stature_m is not None and not 0.5 < stature_m < 2.6:
-        raise JobInvalid(f"A stature of {stature_m:g} m is impossible.", hint="Give it in metres, such as 1.78.")
+        raise JobInvalid(f"A height of {stature_m:g} m is impossible.", hint="Specify it in metres, such as 1.78.")
     body = body or load_body()
     measured = bone_lengths(points, joint_set)
     if len(measured) < 3:
-        raise JobInvalid(f"{joint_set.value} has too few bones to estimate the scale.", hint="Give a known length.")
+        raise JobInvalid(f"{joint_set.value} has too few bones to estimate the scale.", hint="Set a known length.")
     lengths, by_shape = _body_lengths(body, joint_set, tuple(measured))
     heights, height_by_shape = _linear(partial(_stature, body))
     apart = np.array(list(measured.values()))
     if not apart.max() > np.finfo(np.float32).resolution * max(1.0, float(np.nanmax(np.abs(points)))):
-        raise JobInvalid("All keypoints of the person are at one point.", hint="Give a known length, or detect again.")
+        raise JobInvalid("All keypoints of the person are at one point.", hint="Set a known length, or detect again.")
     prior = (stature_m, LENGTH_SIGMA_M) if stature_m else (MEAN_STATURE_M, STATURE_SPREAD_M)
     J = np.zeros((len(apart) + 11, 11))
     J[: len(apart), 0], J[: len(apart), 1:] = apart / LENGTH_SIGMA_M, -by_shape / LENGTH_SIGMA_M

@@ -200,7 +200,7 @@ def scale_world(
     """
     by_stature = settings.stature and len(cameras) > 1  # a single camera does not determine the scale
     if by_stature and settings.scale != 1.0:
-        raise JobInvalid("Both --stature and --scale set the size of the world.", hint="Give only one of them.")
+        raise JobInvalid("Both --stature and --scale set the scale of the world.", hint="Use only one of them.")
     if not by_stature and settings.scale == 1.0:
         return cameras, ()
     if not by_stature:

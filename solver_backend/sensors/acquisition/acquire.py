@@ -331,7 +331,7 @@ class Acquisition:
         self.index = cameras.names.index(sensor)
         width, height = cameras.image_size[self.index].tolist()
         if width * height > _MOST_PIXELS:
-            message = f"The calibration gives the sensor pictures of {width:.0f} x {height:.0f} pixels."
+            message = f"The calibration gives the sensor images of {width:.0f} x {height:.0f} pixels."
             hint = f"At most {_MOST_PIXELS / 1e6:.0f} million pixels are possible. Calibrate again."
             raise CalibrationInvalid(message, where=sensor, hint=hint)
         self.lens = SensorLens(cameras, self.index)
@@ -362,7 +362,7 @@ class Acquisition:
             sizes["depth"] = frame.depth.shape
         if len(set(sizes.values())) > 1:
             message = ", ".join(f"{what} {' x '.join(str(n) for n in shape[::-1])}" for what, shape in sizes.items())
-            message = f"The pictures of a sensor have different sizes: {message}."
+            message = f"The images of a sensor have different sizes: {message}."
             hint = "Record aligned infrared and depth in one mode, and calibrate in the same mode."
             raise PicturesDiffer(message, where=frame.sensor, hint=hint)
         depth_type = np.uint16 if frame.depth is None else frame.depth.dtype

@@ -198,7 +198,7 @@ def learned_mask(pictures: Iterable[np.ndarray]) -> np.ndarray:
     for picture in pictures:
         brightest = picture.copy() if brightest is None else np.maximum(brightest, picture)
     if brightest is None:
-        raise ValueError("The empty scene has no picture.")
+        raise ValueError("The recording of the empty scene contains no images.")
     bright = brightest > SETTINGS.mask_contrast * threshold_of(brightest)
     for axis in (0, 1):
         margin = [(SETTINGS.mask_grow_px,) * 2 if k == axis else (0, 0) for k in (0, 1)]

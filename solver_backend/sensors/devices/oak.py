@@ -183,7 +183,7 @@ def paired_frames(
             message = (
                 f"Infrared is {counts.shape[1]} x {counts.shape[0]} pixels, but depth is {mm.shape[1]} x {mm.shape[0]}."
             )
-            hint = "Use one size for both, and align depth to the infrared picture."
+            hint = "Use one size for both, and align depth to the infrared image."
             raise PicturesDiffer(message, where=where, hint=hint)
         device_s = _exposure_s(dai, infrared, by_ptp, where)
         if np.isfinite(last_s) and not 0.0 < device_s - last_s < LARGEST_JUMP_S:
@@ -229,7 +229,7 @@ class OakSettings:
             message = f"Unknown synchronisation '{self.sync}'."
             raise CommandLineInvalid(message, hint=f"Choose one of {', '.join(SYNCS)}.")
         if tuple(self.size) not in SIZES:
-            message = f"Pictures of {self.size} are not possible with an OAK's mono cameras."
+            message = f"Images of {self.size} are not possible with an OAK's mono cameras."
             raise CommandLineInvalid(message, hint=f"Choose one of {', '.join(f'{w} x {h}' for w, h in SIZES)}.")
         if not (0 < self.fps <= 120 and 0.0 <= self.flood <= 1.0 and 100 <= self.iso <= 1600):
             message = f"{self.fps:g} frames per second, flood {self.flood} and ISO {self.iso} are not valid together."
@@ -310,7 +310,7 @@ def _intrinsics(dai: Any, oak: Oak) -> np.ndarray:
         found = device.readCalibration().getCameraIntrinsics(dai.CameraBoardSocket.CAM_B, *oak.settings.size)
     except RuntimeError as error:
         message = f"The device has no factory calibration: {error}."
-        hint = "Film a board in infrared, and give --calibration."
+        hint = "Film a board in infrared, and specify --calibration."
         raise CalibrationMissing(message, where=f"sensor {oak.name}", hint=hint) from error
     finally:
         device.close()
@@ -483,7 +483,7 @@ def _first(name: str, stream: Iterable[ColourPicture | None]) -> ColourPicture:
             break
         time.sleep(PICTURE_WAIT_S)
     raise SensorFailed(
-        "The camera sends no pictures.",
+        "The camera is not sending images.",
         where=f"sensor {name}",
         hint="Start the camera that sends the sync pulse first.",
     )

@@ -98,7 +98,7 @@ def read_about(folder: Path) -> RecordingAbout:
         sensors = tuple(_sensor(item) for item in values["sensors"])
         about = RecordingAbout(values["kind"], float(values["fps"]), sensors)
         if not sensors or not 0 < about.fps < 10_000 or len({s.name for s in sensors}) < len(sensors):
-            raise ValueError("no sensors, two of one name, or no frame rate")
+            raise ValueError("no sensors, two sensors with one name, or no frame rate")
     except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
         message = f"{ABOUT} has another format or a newer version: {error}."
         raise RecordingInvalid(message, where=str(path), hint="Record again.") from error
@@ -147,7 +147,7 @@ class Recording:
     def __init__(self, folder: Path, kind: str, fps: float, cameras: Cameras, *, overwrite: bool = False) -> None:
         self.folder, self._about = folder, RecordingAbout(kind, fps, ())
         if (folder / ABOUT).exists() and not overwrite:
-            hint = "Name another folder, or pass --overwrite."
+            hint = "Choose another folder, or pass --overwrite."
             raise OutputExists("The folder already contains a recording.", where=str(folder), hint=hint)
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -353,7 +353,7 @@ class StudioSensor(ReplayedSensor):
         """Return the index rows (see ``ReplayedSensor``)."""
         number = np.arange(len(list((self.folder / "infrared" / self.name).glob("*.png"))))
         if not len(number):
-            hint = 'In the description of the data set, set "film": ["infrared", "depth"]. Then make the shot again.'
+            hint = 'In the data set description, set "film": ["infrared", "depth"]. Then make the shot again.'
             message = f"The shot has no infrared images from camera {self.name}."
             raise RecordingInvalid(message, where=str(self.folder), hint=hint)
         return np.stack([number, number / self.fps, np.full(len(number), np.nan)], axis=1)
@@ -404,7 +404,7 @@ def open_folder(path: Path, calibration: Path | None = None) -> SensorFolder:
     shots = [found.parent for found in path.glob(f"shots/*/{STUDIO_SHOT[0]}")]
     if len(shots) == 1:
         return _shot(shots[0], calibration)
-    message = f"The folder is not a recording of sensors{f', but contains {len(shots)} shots' if shots else ''}."
+    message = f"The folder is not a sensor recording{f', but contains {len(shots)} shots' if shots else ''}."
     hint = "Choose a folder written by `sensors copy`, or the folder of a simulated shot."
     raise RecordingInvalid(message, where=str(path), hint=hint)
 
@@ -413,7 +413,7 @@ def _recording(path: Path, calibration: Path | None) -> SensorFolder:
     about = read_about(path)
     file = calibration or path / CALIBRATION
     if not file.exists():
-        hint = "Name one with --calibration."
+        hint = "Specify one with --calibration."
         raise CalibrationMissing("The recording has no calibration.", where=str(file), hint=hint)
     cameras = read_calibration(file).cameras
     found = {sensor.name: sensor for sensor in about.sensors}
@@ -442,9 +442,7 @@ def _shot(path: Path, calibration: Path | None) -> SensorFolder:
     if cameras is None:
         raise CalibrationMissing("The shot has no cameras.", where=str(path), hint="Render the shot again.")
     if clean.fps <= 0.0:  # it contains no measurements
-        raise RecordingInvalid(
-            "The shot states no frame rate.", where=str(path / STUDIO_SHOT[0]), hint="Make it again."
-        )
+        raise RecordingInvalid("The shot has no frame rate.", where=str(path / STUDIO_SHOT[0]), hint="Make it again.")
     found = {p.name for p in (path / "infrared").iterdir() if p.is_dir()}
     names, missing = _named(cameras, found, path)
     devices = tuple(StudioSensor(name, path, clean.fps) for name in names)

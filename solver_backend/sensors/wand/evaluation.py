@@ -148,15 +148,15 @@ def wand_page(found: WandCalibration, ground: Ground | None = None) -> str:
         section("Warnings", _paragraphs(words) or "<p>Nothing unusual was found.</p>"),
         section("Sensors", facts(sensors), "The table shows the position and the standard deviation of each sensor."),
         section("Clocks", _paragraphs([sentence(note) for note in found.clocks.notes()])),
-        section("Seen together", together, "The table shows the number of times at which two sensors see the wand."),
+        section("Seen together", together, "The table shows how often two sensors saw the wand together."),
         section("Coverage of the wand", "".join(_picture(found, c) for c in range(len(names))), _COVERED),
         section("How", _paragraphs([sentence(note) for note in array.notes])),
     ]
-    return page_of("Calibration by wand", f"{len(names)} sensors, {text(', '.join(names))}", "".join(body))
+    return page_of("Wand calibration", f"{len(names)} sensors, {text(', '.join(names))}", "".join(body))
 
 
 _COVERED = (
-    f"The picture of each sensor is divided into cells. Dark cells have {LEAST_IN_CELL} or more sightings, "
+    f"The image of each sensor is divided into cells. Dark cells have {LEAST_IN_CELL} or more sightings, "
     "and light cells have none."
 )
 

@@ -48,11 +48,11 @@ class Gamma:
         if not (self.short_m > 0.05 and self.long_m < 5.0 and -0.1 < self.height_m < 0.5):
             sizes = f"Edges of {self.long_m} and {self.short_m} m with markers {self.height_m} m high"
             message = f"{sizes} are not valid for a Γ."
-            hint = "Use edges of 0.05 to 5 m, preferably 0.6 and 0.4 m. Give lengths in metres."
+            hint = "Use edges of 0.05 to 5 m, preferably 0.6 and 0.4 m. Specify lengths in metres."
             raise GammaInvalid(message, hint=hint)
         if self.long_m < LEAST_RATIO * self.short_m:
             message = f"The long edge of {self.long_m} m and the short one of {self.short_m} m are too similar."
-            hint = f"Give the long edge first. It must be at least {LEAST_RATIO} times as long."
+            hint = f"Specify the long edge first. It must be at least {LEAST_RATIO} times as long."
             raise GammaInvalid(message, hint=hint)
 
 
@@ -91,7 +91,7 @@ def ground_from_gamma(
         raise GammaNotFound(
             f"The three markers of the Γ ({gamma.long_m:.3f} and {gamma.short_m:.3f} m) were found in only "
             f"{int(found.sum())} of {len(clouds)} frames, which have up to {most} points.",
-            hint="Lay the Γ where two sensors see all three markers, and give its edges (--gamma-lengths 0.6 0.4).",
+            hint="Lay the Γ where two sensors see all three markers, and specify its edges (--gamma-lengths 0.6 0.4).",
         )
     places, covariance = _averaged(triples[found])
     corner, u, v = places[0], places[1] - places[0], places[2] - places[0]
@@ -183,7 +183,7 @@ def gamma_clouds(folder: Path, cameras: Cameras) -> list[np.ndarray]:
     """
     files = points_files(folder)
     if not files:
-        raise FileMissing("The folder has no table (.csv) of a Γ. Choose a recording of it.", where=str(folder))
+        raise FileMissing("The folder has no Γ table (.csv). Choose a recording of the Γ.", where=str(folder))
     unknown = [path.stem for path in files if path.stem not in cameras.names]
     if unknown:
         raise CalibrationMismatch(

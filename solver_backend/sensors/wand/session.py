@@ -186,7 +186,7 @@ def _require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None
     share = float(min(measured_m[:2]) / measured_m[:2].sum())
     if abs(share / wand.short_share - 1.0) > 0.1:
         message = f"The middle light divides the wand at {share:.3f}, but the lengths give {wand.short_share:.3f}."
-        hint = "Measure the wand from light to light, and give both lengths in metres (--wand 0.13 0.26)."
+        hint = "Measure the wand from light to light, and specify both lengths in metres (--wand 0.13 0.26)."
         raise WandInvalid(message, hint=hint)
 
 

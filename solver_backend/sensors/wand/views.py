@@ -102,7 +102,7 @@ def with_growing_times(view: WandView) -> WandView:
     if not good.any() or lost > LARGEST_LEFT_OUT * len(times):
         first = float(times[int(np.argmin(good))]) if len(times) else float("nan")
         message = f"{lost} of {len(times)} rows go backwards in time, the first at {first:.3f} s."
-        hint = "If the sensor was started again, put each recording into its own file."
+        hint = "If the sensor was restarted, put each recording in its own file."
         raise TimesInvalid(message, where=f"sensor {view.name}", hint=hint)
     first, last = times[good][[0, -1]].tolist()
     if not last - first <= LONGEST_S:
@@ -135,11 +135,11 @@ class Wand:
         if not ((parts > SHORTEST_M) & (parts < LONGEST_M)).all():
             possible = f"{SHORTEST_M} to {LONGEST_M} m are possible"
             message = f"The wand's lights are {self.first_m} and {self.second_m} m apart. {possible}."
-            raise WandInvalid(message, hint="Give the lengths in metres (--wand 0.13 0.26).")
+            raise WandInvalid(message, hint="Specify the lengths in metres (--wand 0.13 0.26).")
         if self.short_share > SURE_SHARE - 0.03:
             lengths = f"{self.first_m:.3f} and {self.second_m:.3f} m"
             message = f"The parts of the wand, {lengths}, are too similar to distinguish its ends."
-            hint = "Put the middle light at a third of the wand, such as 0.13 and 0.26 m."
+            hint = "Put the middle light a third of the way along the wand, such as 0.13 and 0.26 m from the ends."
             raise WandInvalid(message, hint=hint)
 
     @property
@@ -314,14 +314,14 @@ class Coverage:
         parts = 3 * (rows * 3 // ROWS) + columns * 3 // COLUMNS
         down, across = divmod(int(np.bincount(parts, minlength=9).argmax()), 3)
         place = "middle" if down == across == 1 else f"{_DOWN[down]} {_ACROSS[across]}"
-        return f"Wave in the {place} of the view of {self.names[c]}. {1 - self.shares[c]:.0%} of it is not covered."
+        return f"Wave in the {place} of {self.names[c]}'s view, of which {1 - self.shares[c]:.0%} is not covered."
 
     def lines(self) -> list[str]:
         """Return one row per sensor that shows its image cells: ``#`` covered, ``+`` seen, ``.`` not covered."""
         rows = []
         for name, grid, share in zip(self.names, self.pictures, self.shares, strict=True):
             marks = ["".join("#" if n >= LEAST_IN_CELL else "+" if n else "." for n in row) for row in grid]
-            rows.append(f"{name:<11} {share:4.0%} of the picture  {' '.join(marks)}")
+            rows.append(f"{name:<11} {share:4.0%} of the image  {' '.join(marks)}")
         return rows
 
 
@@ -400,10 +400,10 @@ def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -
     """
     files = points_files(folder)
     if not files:
-        raise FileMissing("The folder has no table (.csv) of a wand. Choose a recording of it.", where=str(folder))
+        raise FileMissing("The folder has no wand table (.csv). Choose a wand recording.", where=str(folder))
     views = [_view(path, lens_beside(path, lenses)) for path in files]
     if len({view.depth_m is None for view in views}) > 1:
-        message, hint = "Some tables have depth, and others have three lights.", "Keep them in separate folders."
+        message, hint = "Some tables have depth, and others have three lights.", "Put them in separate folders."
         raise FileDamaged(message, where=str(folder), hint=hint)
     return [with_growing_times(view) for view in views]
 
@@ -415,7 +415,7 @@ def lens_beside(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
         return lenses[name]
     beside = next((p for s in LENS_SUFFIXES if (p := path.with_suffix(s)).is_file()), None)
     if beside is None:
-        hint = f"Put it next to the table as {name}.yaml, or give --lenses FILE."
+        hint = f"Put it next to the table as {name}.yaml, or specify --lenses FILE."
         raise CalibrationMissing("The lens of the sensor is unknown.", where=f"sensor {name}", hint=hint)
     return lens_of(read_calibration(beside).cameras, 0)
 
@@ -426,7 +426,7 @@ def read_table(path: Path) -> tuple[np.ndarray, bool]:
     first = text.split("\n", 1)[0].strip().lstrip("\ufeff").replace(" ", "").lower()
     with_depth = first == DEPTH_HEADER
     if not with_depth and first[:1].isalpha():
-        hint = f"Write '{DEPTH_HEADER}' for a marker with depth. Leave it out for three lights."
+        hint = f"Write '{DEPTH_HEADER}' for a marker with depth. Omit it for three lights."
         raise FileDamaged(f"The first line is '{first[:60]}'.", where=str(path), hint=hint)
     columns, skip = DEPTH_COLUMNS if with_depth else LIGHTS_COLUMNS, int(with_depth)
     if not text.strip() or len(text.splitlines()) <= skip:
@@ -434,7 +434,7 @@ def read_table(path: Path) -> tuple[np.ndarray, bool]:
     try:
         table = np.loadtxt(io.StringIO(text), delimiter=";", skiprows=skip, ndmin=2)
     except ValueError as error:
-        raise FileDamaged(f"A row is not a list of numbers with semicolons: {error}.", where=str(path)) from error
+        raise FileDamaged(f"A row is not numbers separated by semicolons: {error}.", where=str(path)) from error
     if table.shape[1] != columns:
         raise FileDamaged(f"Rows have {table.shape[1]} numbers, but {columns} are expected.", where=str(path))
     return table, with_depth
@@ -468,8 +468,8 @@ def wand_views(
         raise FileMissing("There is no such folder.", where=str(folder))
     if is_sensor_folder(folder):
         if lights:
-            message = "The folder is a recording of depth sensors, which see one marker."
-            raise CommandLineInvalid(message, where=str(folder), hint="Leave --wand out.")
+            message = "The folder is a depth sensor recording, and depth sensors see one marker."
+            raise CommandLineInvalid(message, where=str(folder), hint="Omit --wand.")
         masks = {} if empty is None else masks_of(open_folder(empty))
         return sensor_views(open_folder(folder, lenses), masks, progress)
     files = points_files(folder)
@@ -477,9 +477,9 @@ def wand_views(
     progress("Tables of the wand", 0, 1)
     views = read_points_folder(folder, known)
     if lights == (views[0].depth_m is not None):
-        message, hint = "The tables contain one marker with depth, so the wand has no lengths.", "Leave --wand out."
+        message, hint = "The tables contain one marker with depth, so the wand has no lengths.", "Omit --wand."
         if not lights:
             message = "The tables contain a wand with three lights and no depth."
-            hint = "Give its lengths in metres (--wand 0.13 0.26)."
+            hint = "Specify its lengths in metres (--wand 0.13 0.26)."
         raise CommandLineInvalid(message, where=str(folder), hint=hint)
     return views

@@ -114,13 +114,13 @@ def card_text(spec: Spec, records: list[ShotRecord], has_sheet: bool) -> str:
 
 
 _LICENCE = (
-    "Made by Manifold MoCap's studio. The body and the choreography that ship are CC0-1.0. Pictures and truth are "
+    "Made by Manifold MoCap's studio. The body and the choreography that ship are CC0-1.0. Images and truth are "
     "yours. Data made from your own motion files are under the licences of those files."
 )
 _CONVENTIONS = (
     "Pixel (0, 0) is the centre of the top-left pixel; metres, Z up; `x_cam = R x_world + t` in OpenCV's axes. "
     "Depth is in millimetres along the optical axis, 0 where there is none. Masks: {masks}. Visibility in truth.npz: "
-    "0 outside the picture, 1 behind the own body, 2 behind furniture, 3 seen."
+    "0 outside the image, 1 behind the own body, 2 behind furniture, 3 seen."
 )
 
 

@@ -80,7 +80,7 @@ def check_data_set(spec: Spec, out: Path) -> Plan:
     free = free_bytes(out)
     if needed > free:
         message = f"The data set needs about {_size(needed)} but the disk has only {_size(free)} free."
-        hint = "Film fewer frames, smaller pictures or fewer kinds, or choose another disk."
+        hint = "Film fewer frames, smaller images or fewer kinds of images, or choose another disk."
         raise DiskTooSmall(message, where=str(out), hint=hint)
     # Check one shot per motion and array, because the choice of person hardly affects the view.
     left = {(s.motion.name, s.array.name): s for s in reversed(found.shots) if s not in done}
@@ -127,7 +127,7 @@ def make_data_set(spec: Spec, out: Path, progress: Progress = silent, only: Coll
 
 def _chosen(spec: Spec, out: Path, names: Collection[str]) -> tuple[Shot, ...]:
     if _description(out) is None:
-        raise FileMissing("The folder contains no data set of the studio.", where=str(out), hint="Begin with --claim.")
+        raise FileMissing("The folder does not contain a studio data set.", where=str(out), hint="Begin with --claim.")
     _require_own(spec, out)
     shots = {shot.name: shot for shot in list_shots(spec)}
     if unknown := [name for name in names if name not in shots]:
@@ -140,10 +140,10 @@ def read_data_set(out: Path) -> tuple[Spec, list[ShotRecord]]:
     """Return the description and shots of a finished data set. Raise FileMissing or FileDamaged."""
     values = _description(out)
     if values is None:
-        raise FileMissing("The folder contains no data set of the studio.", where=str(out))
+        raise FileMissing("The folder does not contain a studio data set.", where=str(out))
     folder = values.get("folder", ".")
     if "description" not in values or not isinstance(folder, str):
-        raise FileDamaged("The data set's description lacks parts.", where=str(out / DESCRIPTION))
+        raise FileDamaged("The data set description is incomplete.", where=str(out / DESCRIPTION))
     spec = spec_of(values["description"], Path(folder))
     folders = sorted(folder for folder in (out / SHOTS).glob("[!.]*") if (folder / DONE).is_file())
     records = [read_shot(folder) for folder in folders]
@@ -160,8 +160,8 @@ def digest(spec: Spec) -> str:
 def _require_own(spec: Spec, out: Path) -> None:
     values = _description(out)
     if values is not None and values.get("digest") != digest(spec):
-        hint = "Choose another folder, or give the description that made it."
-        raise OtherDataSet("The folder contains a data set of another description.", where=str(out), hint=hint)
+        hint = "Choose another folder, or use the description that created it."
+        raise OtherDataSet("The folder contains a data set made from another description.", where=str(out), hint=hint)
     if values is None and not is_free(out):
         raise OtherDataSet("The folder contains other files.", where=str(out), hint="Choose an empty folder.")
 

@@ -62,7 +62,7 @@ def find_motions(names: list[str], folder: Path = Path()) -> tuple[MotionSource,
             raise FileMissing(
                 "The motion does not exist." if not path.is_dir() else "The folder contains no motions (.npz, .bvh).",
                 where=str(path),
-                hint=f"Name a file, a folder, or '{CHOREOGRAPHY}'.",
+                hint=f"Specify a file, a folder, or '{CHOREOGRAPHY}'.",
             )
         sources += [MotionSource(p.stem, p) for p in found]
     seen, unique = Counter[str](), []

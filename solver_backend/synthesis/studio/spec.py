@@ -221,24 +221,24 @@ def _require_sense(spec: Spec) -> Spec:
         raise StudioInvalid(
             f"{', '.join(sorted(needs_markers))} need markers, but the person wears none.",
             where="description: write",
-            hint="Name a layout in 'markers', or leave these formats out.",
+            hint="Set a layout in 'markers', or omit these formats.",
         )
     if "video" in spec.write and "rgb" not in spec.film:
-        raise StudioInvalid("Videos need colour pictures.", where="description: film", hint="Add 'rgb'.")
+        raise StudioInvalid("Videos need colour images.", where="description: film", hint="Add 'rgb'.")
     if spec.hands and spec.people.strange:
-        raise StudioInvalid("People of unusual proportions have no finger joints.", where="description: hands")
+        raise StudioInvalid("People with unusual proportions have no finger joints.", where="description: hands")
     alone = [array.name for array in spec.arrays if len(array.cameras) < 2]
     if "pose2sim" in spec.write and alone:
         raise StudioInvalid(
             f"A Pose2Sim trial needs at least two cameras, but {', '.join(alone)} has one.",
             where="description: write",
-            hint="Leave out 'pose2sim', or film with more cameras.",
+            hint="Omit 'pose2sim', or film with more cameras.",
         )
     # Marker centres are 9.5 mm above the skin, so loose clothes would cover them.
     loose = [look.name for look in spec.looks if look.clothes not in ("suit", "bare")]
     if spec.markers and loose and "markers" in json.loads(spec.text):
         raise StudioInvalid(
-            f"Markers are worn on skin or a suit, not under loose clothes ({', '.join(loose)}).",
+            f"Markers must be worn on skin or a suit, not under loose clothes ({', '.join(loose)}).",
             where="description: looks",
             hint="Set 'markers' to null, or 'clothes' to 'suit'.",
         )

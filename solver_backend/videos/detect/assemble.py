@@ -60,7 +60,7 @@ def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detecti
         raise KeypointCountMismatch(message, hint="Use one detector for all videos.")
     if not any((item.confidence > 0).any() for item in found):
         message = "The detector did not find a person in the videos."
-        hint = "Check in a preview that the person is visible, upright and large enough, or try another detector."
+        hint = "Use a preview to check that the person is visible, upright and large enough, or try another detector."
         raise NoDetections(message, where=", ".join(item.video.name for item in found), hint=hint)
     rates = [item.fps for item in found if item.fps > 0]
     fps = float(np.median(rates)) if rates else 0.0
@@ -68,7 +68,7 @@ def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detecti
     relative = [item.times_s - item.times_s[0] for item in found]
     wanted = common_times([(0.0, float(t[-1])) for t in relative], clocks, fps or 1.0)
     if not len(wanted):
-        hint = "Leave out the camera that was started or stopped at another time, or give its offset."
+        hint = "Omit the camera that started or stopped at another time, or specify its offset."
         raise NoDetections("The videos do not overlap.", where=", ".join(item.video.name for item in found), hint=hint)
     most = max(item.xy.shape[1] for item in found)
     parts = 3 if any(item.hands is not None for item in found) else 2
@@ -179,7 +179,7 @@ def in_video_pixels(
             else:
                 shapes = f"is for {made} px, but the video has {filmed} px, another aspect ratio"
                 message = f"The calibration of {name} {shapes}."
-                hint = "Calibrate in the mode of the takes. A portrait video needs a portrait calibration."
+                hint = "Calibrate in the video mode of the takes. A portrait video needs a portrait calibration."
                 raise CalibrationMismatch(message, where=str(item.video), hint=hint)
     return cameras, tuple(notes)
 

@@ -98,8 +98,8 @@ _MODULES = {".onnx": "onnx_pose", ".tflite": "litert_pose"}  # Worker module for
 DESCRIPTION, _DESCRIBED = ".json", "described_pose"  # File suffix of a model description, and the worker that reads it.
 _MEDIAPIPE_POINTS = 39  # Number of points in MediaPipe's landmark model: 33 body points and 6 for internal use.
 HINT = (
-    "In Blender, use Set Up Detector in the panel From Videos, or install the extension that includes a detector. "
-    "Otherwise, give a Python that has MediaPipe 0.10.21 with --python."
+    "In Blender, use Set Up Detector in the From Videos panel, or install the extension that includes a detector. "
+    "Otherwise, specify a Python that has MediaPipe 0.10.21 with --python."
 )
 
 
@@ -134,8 +134,8 @@ def joint_set_of(about: dict[str, Any]) -> JointSet:
     count = about.get("num_keypoints", 0)
     fitting = [s for s in JointSet.fitting(count) if s is not JointSet.H36M_17] if type(count) is int else []
     if not fitting:
-        message = f"The model finds {str(count)[:20]} keypoints, which fit no known joint set."
-        hint = "Use a model of 17 (COCO), 26 (Halpe), 33 (MediaPipe) or 133 (COCO WholeBody) keypoints."
+        message = f"The model finds {str(count)[:20]} keypoints, which does not match any known joint set."
+        hint = "Use a model with 17 (COCO), 26 (Halpe), 33 (MediaPipe) or 133 (COCO WholeBody) keypoints."
         raise DetectorOutputsUnknown(message, where=plain(str(about.get("name", "")))[:200], hint=hint)
     return fitting[0]
 
@@ -186,7 +186,7 @@ def chosen_detector(
     options: dict[str, Any] = {"people": people}
     if worker is not None:
         there = worker if worker.suffix == WORKER else Path()
-        path = _existing(there, "There is no such worker.", str(worker), "Name a file that ends in .py.")
+        path = _existing(there, "There is no such worker.", str(worker), "Specify a file that ends in .py.")
         return DetectorChoice(os.path.abspath(path), own_python, {**options, "hands": hands})
     ours = python is None and name.lower() == MEDIAPIPE and not _is_set_up(environment)
     if ours and (model := included_model(POSE_MODEL)) is not None:
@@ -237,7 +237,7 @@ def _described(path: Path) -> dict[str, Any]:
     name = description.get("model") if isinstance(description, dict) else None
     if not isinstance(name, str) or not name:
         hint = f"Write the name of a file that ends in {' or '.join(_MODULES)}."
-        raise DetectorOutputsUnknown("The description does not name a model.", where=str(path), hint=hint)
+        raise DetectorOutputsUnknown("The description does not specify a model.", where=str(path), hint=hint)
     if Path(name.replace("\\", "/")).name != name or Path(name).suffix.lower() not in _MODULES:
         hint = f"Write the name of a file next to the description that ends in {' or '.join(_MODULES)}."
         raise DetectorOutputsUnknown(f"{plain(name)[:60]} is not the name of a model.", where=str(path), hint=hint)
@@ -252,7 +252,7 @@ def _described(path: Path) -> dict[str, Any]:
 
 def _mediapipe_python(environment: Mapping[str, str]) -> Path:
     if named := environment.get(PYTHON_VARIABLE):
-        return _existing(Path(named), f"{PYTHON_VARIABLE} names no Python.", named, HINT)
+        return _existing(Path(named), f"{PYTHON_VARIABLE} is not the path of a Python.", named, HINT)
     return _existing(_MADE, "No detector is installed.", str(_MADE.parents[1]), HINT)
 
 
@@ -345,7 +345,7 @@ class DetectorProcess:
         finally:
             timer.cancel()
         if self._late:  # the answer arrived while the process was being killed
-            raise EOFError("the answer arrived too late")
+            raise EOFError("the response arrived too late")
 
     def _time_out(self) -> None:
         self._late = True
@@ -395,10 +395,10 @@ class DetectorProcess:
         lines = self._log.read().decode(errors="replace").strip().splitlines()
         last = plain(lines[-1])[:300] if lines else "it wrote nothing"
         if late:
-            message = f"The detector did not answer for {seconds:g} s: {last}"
+            message = f"The detector did not respond for {seconds:g} s: {last}"
         elif isinstance(error, OSError | EOFError):
-            message = f"The detector's process ended (exit code {self._process.returncode}): {last}"
+            message = f"The detector process ended (exit code {self._process.returncode}): {last}"
         else:
-            message = f"The detector's answer cannot be used: {plain(str(error))[:200]} ({last})"
+            message = f"The detector's response cannot be used: {plain(str(error))[:200]} ({last})"
         hint = "Run the command again, which skips finished videos. If it fails again, try another detector or Python."
         return DetectorFailed(message, where=str(self._choice.python), hint=hint)

@@ -33,7 +33,7 @@ class SameVideoTwice(MocapError):
     """Two cameras use the same video."""
 
 
-AGAIN = "Copy the file from the camera again, or leave this camera out."
+AGAIN = "Copy the file from the camera again, or omit this camera."
 
 
 @contextmanager
@@ -48,15 +48,15 @@ def opened(path: Path) -> Iterator[InputContainer]:
         with av.open(str(path)) as container:
             yield container
     except av.error.FFmpegError as error:
-        hint = f"It may have been cut off while it was recorded or copied. {AGAIN}"
+        hint = f"It may have been truncated while being recorded or copied. {AGAIN}"
         raise VideoUnreadable(f"The video cannot be read: {error.strerror}.", where=str(path), hint=hint) from error
 
 
 def video_stream(container: InputContainer) -> Any:
     """Return the first video stream. Raise ``VideoUnreadable`` if there is none."""
     if not container.streams.video:
-        message = "The file has no pictures, only sound or data."
-        raise VideoUnreadable(message, where=str(container.name), hint="Choose a file with pictures.")
+        message = "The file contains no images, only sound or data."
+        raise VideoUnreadable(message, where=str(container.name), hint="Choose a file with images.")
     return container.streams.video[0]
 
 
@@ -119,7 +119,7 @@ def probe(path: Path | str, pictures_fps: float = PICTURES_FPS) -> VideoInfo:
     parts = parts_of(path)
     if path.is_dir():
         if not parts:
-            raise VideoUnreadable("The folder contains no picture.", where=str(path), hint="Check the path.")
+            raise VideoUnreadable("The folder contains no images.", where=str(path), hint="Check the path.")
         first = _probe_file(parts[0])
         return replace(first, path=path, times_s=np.arange(len(parts)) / pictures_fps, parts=parts)
     first, *others = (_probe_file(part) for part in parts)
@@ -140,15 +140,15 @@ def _probe_file(path: Path) -> VideoInfo:
         packets = [(packet.pts, packet.dts) for packet in container.demux(stream) if packet.size]
     stamps = [pts for pts, _ in packets if pts is not None]
     if packets and not stamps:
-        hint = "Put the pictures into a container with their frame rate: ffmpeg -r 30 -i VIDEO -c copy VIDEO.mp4."
-        raise VideoUnreadable("The file contains pictures without times.", where=str(path), hint=hint)
+        hint = "Put the frames in a container with their frame rate: ffmpeg -r 30 -i VIDEO -c copy VIDEO.mp4."
+        raise VideoUnreadable("The file contains frames without timestamps.", where=str(path), hint=hint)
     if not stamps:
-        raise VideoUnreadable("The video contains no picture.", where=str(path), hint=AGAIN)
+        raise VideoUnreadable("The video contains no frames.", where=str(path), hint=AGAIN)
     with opened(path) as container:
         stream = video_stream(container)
         first, aspect = next(container.decode(stream), None), pixel_aspect(stream)
     if first is None:
-        raise VideoUnreadable("No picture of the video can be decoded.", where=str(path), hint=AGAIN)
+        raise VideoUnreadable("No frame of the video can be decoded.", where=str(path), hint=AGAIN)
     size, stored = (round(first.width * aspect), first.height), (first.width, first.height)
     if quarter_turn(first.rotation) % 180:
         size, stored = size[::-1], stored[::-1]
@@ -163,7 +163,7 @@ def _probe_file(path: Path) -> VideoInfo:
     gaps = np.diff(times)
     if len(gaps) and gaps.max() > LONGEST_GAP_S and gaps.max() > RARE_GAP * np.median(gaps):
         number = int(gaps.argmax())
-        message = f"After picture {number}, the video has no pictures for {gaps[number]:.0f} s."
+        message = f"After frame {number}, the video has no frames for {gaps[number]:.0f} s."
         raise VideoUnreadable(message, where=str(path), hint="Cut the video there, and solve the parts as two takes.")
     return VideoInfo(path, size, times, stored=stored)
 
@@ -223,7 +223,7 @@ def read_pictures(info: VideoInfo) -> Iterator[Picture]:
         number += 1
     # The last image of a truncated recording may be damaged.
     if number < 1 or number + 1 < (1.0 - LOST_SHARE) * info.num_frames:
-        message = f"Only {number} of the video's {info.num_frames} pictures can be decoded."
+        message = f"Only {number} of the video's {info.num_frames} frames can be decoded."
         raise VideoUnreadable(message, where=str(info.path), hint=AGAIN)
 
 
@@ -309,7 +309,7 @@ def require_different(hashes: Mapping[Path, str]) -> None:
     for path, digest in hashes.items():
         if digest in first:
             message = f"{first[digest].name} and {path.name} are the same video."
-            hint = "Copy the second camera's video again, because two cameras cannot film the same pictures."
+            hint = "Copy the second camera's video again, because two cameras cannot film identical images."
             raise SameVideoTwice(message, where=str(path), hint=hint)
         first[digest] = path
 

@@ -88,7 +88,7 @@ def calibrate_take(
     lenses = {} if known.lenses is None else known_lenses(known.lenses, names)
     if known.source == "board" and not places:
         message = "There is no footage of a board for several cameras."
-        hint = "Put it into a folder 'extrinsics' next to the takes, or calibrate from the person: --cameras person."
+        hint = "Put it in an 'extrinsics' folder next to the takes, or calibrate from the person: --cameras person."
         raise CalibrationMissing(message, where=str(request.found.root), hint=hint)
     unused: tuple[Diagnostic, ...] = ()
     source = calibration_source(request.found, known)
@@ -156,7 +156,7 @@ def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, P
             order = match_names(names, tuple(footage.cameras))
             if order is None:
                 message = f"The board was filmed by {', '.join(footage.cameras)}, but the take by {', '.join(names)}."
-                hint = "Film the board with all cameras, and give both sets of files the camera names."
+                hint = "Film the board with all cameras, and name both sets of files after the cameras."
                 raise CalibrationMissing(message, where=str(footage.folder), hint=hint)
             paths = list(footage.cameras.values())
             return {name: paths[i] for name, i in zip(names, order, strict=True)}
@@ -172,6 +172,6 @@ def _board(request: CalibrationRequest, known: KnownOfCameras) -> Board:
     named = known.board or _board_file(request.found)
     if named is None:
         message = "The calibration board is unknown."
-        hint = "Give --board, such as --board charuco:5x7:35mm, or put the board.toml that 'board' wrote next to it."
+        hint = "Add --board, for example --board charuco:5x7:35mm, or put the board.toml written by 'board' next to it."
         raise CommandLineInvalid(message, where=str(request.found.footage[0].folder), hint=hint)
     return board_named(str(named))

@@ -132,12 +132,12 @@ def look_through(root: Path) -> FoundFolder:
     if is_video(root) and root.is_file():
         takes, root = (FoundTake(root.stem, root.parent, (root,), (root.stem,)),), root.parent
     elif not root.is_dir():
-        raise NoVideos("There is no such folder.", where=str(root), hint="Name the folder with the videos.")
+        raise NoVideos("There is no such folder.", where=str(root), hint="Specify the folder with the videos.")
     else:
         takes = tuple(_takes(root, _LEVELS)) or _lone_take(root)
     if not takes:
         message = "The folder does not contain a take with one video per camera."
-        hint = "Put one video per camera into a folder 'videos', and videos of the board into 'calibration'. Chapters "
+        hint = "Put one video per camera in a 'videos' folder, and board videos in 'calibration'. Chapters "
         one = (
             "such as GX010001 and GX020001 are one recording of one camera. To solve a single camera, give the "
             "video itself."

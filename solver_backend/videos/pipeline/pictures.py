@@ -230,7 +230,7 @@ def check_picture(names: Sequence[str], check: CalibrationCheck, path: Path) -> 
     canvas, rows = Canvas(), len(names)
     height = min(150.0, (SIDE - 60) / rows)
     most = max(2.0 * check.all_px, 1.0)
-    canvas.text(10, 20, "error by part of the picture, px")
+    canvas.text(10, 20, "error by part of the image, px")
     canvas.text(SIDE // 2, 20, "distance to epipolar lines over the take, px")
     tall = max(float(np.nanmax(np.nan_to_num(check.epipolar_px))), 1.0) * 1.3
     for c, name in enumerate(names):

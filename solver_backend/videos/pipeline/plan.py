@@ -67,7 +67,7 @@ def described(
         lines += [f"  take {plan.take.name}: {', '.join(plan.take.cameras)} → {plan.folder}"]
         steps = {
             "detect": f"keypoints by {detector}, without videos done before",
-            "sync": f"clocks of the cameras by {sync}" if sync != "none" else "assumed to be in sync",
+            "sync": f"clocks of the cameras by {sync}" if sync != "none" else "assumed to be synchronised",
             "calibrate": _calibration_words(plan, found, known),
             "capture": OUTPUTS["capture"],
             "solve": f"{OUTPUTS['solve']} and report.html",

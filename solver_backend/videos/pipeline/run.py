@@ -264,7 +264,7 @@ class _TakeRun:
 
     def _refuse_foreign(self, output: Path) -> None:
         if output.exists() and not self._records.is_ours(output) and not self._settings.overwrite:
-            hint = "Choose another --out, or give --overwrite."
+            hint = "Choose another --out, or add --overwrite."
             raise OutputExists("The output is a file that from-videos did not write.", where=str(output), hint=hint)
 
 

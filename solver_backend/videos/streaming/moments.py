@@ -127,7 +127,7 @@ class Webcam:
 
 
 def _missing(index: int) -> VideoUnreadable:
-    hint = "Check its plug and its number, and that no other program uses it."
+    hint = "Check its cable and number, and check that no other program is using it."
     return VideoUnreadable("The webcam cannot be opened.", where=f"webcam:{index}", hint=hint)
 
 
@@ -442,9 +442,9 @@ class LiveMoments:
             self._behind |= set(late)
         for name in late:
             message = (
-                f"{name}: no picture arrived in time for {BEHIND_S:g} s. The camera stopped, or its pictures cannot be"
+                f"{name}: no frame arrived in time for {BEHIND_S:g} s. The camera stopped, or its frames cannot be"
             )
-            yield event_line("camera_behind", f"{message} read as fast as they come.")
+            yield event_line("camera_behind", f"{message} read fast enough.")
 
     def require_views(self) -> None:
         """Raise an error if fewer than two cameras remain."""

@@ -189,7 +189,7 @@ def by_keypoints(found: Sequence[VideoDetections], cameras: Cameras | None) -> C
     """
     names = tuple(item.name for item in found)
     if any(item.num_frames < 2 for item in found):
-        raise SyncUnknown("A video with only one picture cannot be synchronised. Leave it out.", where=", ".join(names))
+        raise SyncUnknown("A video with only one frame cannot be synchronised. Omit it.", where=", ".join(names))
     tracks = [item.of_track(item.main_track())[0] for item in found]
     times = [item.times_s - item.times_s[0] for item in found]
     if cameras is None:

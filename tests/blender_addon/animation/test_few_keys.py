@@ -45,7 +45,7 @@ def test_few_keys_are_true_to_the_take_at_the_keys_and_say_how_far_between(scene
     assert off_mm[keys.astype(int) - 1].max() < 0.05
     assert off_mm.max() == pytest.approx(action["keys_deviation_mm"], abs=0.05)
     assert 0.1 < off_mm.max() < 60 and 0 < action["keys_deviation_degrees"] < 15
-    assert action["keys_deviation"].startswith("17 keys are left. Joints are up to ")
+    assert action["keys_deviation"].startswith("17 keys remain. Joints are up to ")
 
 
 def test_few_keys_at_another_scene_rate(scene: Any, files: Any) -> None:

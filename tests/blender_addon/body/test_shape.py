@@ -96,7 +96,7 @@ def test_betas_are_read_back_and_sliders_widen(rig: Rig) -> None:
 
 def test_another_object_is_refused(rig: Rig, body: BodyFile) -> None:
     for obj in (rig.armature, bpy.data.objects.new("Plain", bpy.data.meshes.new("Plain"))):
-        with pytest.raises(BodyInvalid, match=re.escape("lacks the shape keys Shape 0 to Shape 9")):
+        with pytest.raises(BodyInvalid, match=re.escape("does not have the shape keys Shape 0 to Shape 9")):
             get_betas(obj)
 
 

@@ -103,7 +103,7 @@ def test_existing_file_stays(library: Path) -> None:
 @pytest.mark.parametrize(
     ("wrong", "named"),
     [
-        (["--betas=1,x"], "numbers with commas between"),
+        (["--betas=1,x"], "numbers separated by commas"),
         (["--betas=1,2,3,4,5,6,7,8,9,10,11"], "1 to 10 numbers"),
         (["--betas=nan"], "1 to 10 numbers"),
         ([], "must end in .blend"),

@@ -39,7 +39,7 @@ def test_a_foreign_clip_is_keyed_sparsely_and_laid_on_a_rig(scene: bpy.types.Sce
     assert brought["frames"] == FRAMES and brought["problems"] == []
 
     baked = result_of("bake", motion, "--out", tmp_path, "--no-pictures", "--keys-within", WITHIN_MM, capfd=capfd)
-    assert any("keys are left" in note for note in baked["notes"])
+    assert any("keys remain" in note for note in baked["notes"])
     blend = tmp_path / "suit.blend"
     bpy.ops.wm.open_mainfile(filepath=str(blend))
     read, body = read_motion(motion), read_body(default_body_path())

@@ -44,7 +44,7 @@ def test_bake_writes_a_blender_file_and_says_how_exact_it_is(files: Any, tmp_pat
     assert (out / "walk.blend").read_bytes()[:4] == b"\x28\xb5\x2f\xfd", "compressed by zstandard"
     again = _run("bake", files.motion_path, "--body", files.body_path, "--out", out, "--no-pictures")
     assert again.returncode == 3
-    assert "error: walk.blend is already there and not overwritten." in again.stderr and "try:   Choose" in again.stderr
+    assert "error: walk.blend already exists. Nothing" in again.stderr and "try:   Choose" in again.stderr
 
 
 @pytest.mark.slow
@@ -129,7 +129,7 @@ def test_outputs_are_all_or_none(tmp_path: Path) -> None:
         for name, path in temporary.items():
             path.write_text(name)
     assert {p.name: p.read_text() for p in folder.iterdir()} == {"x": "x", "y": "y"}
-    with pytest.raises(OutputExists, match="x, y are already there"), atomic_outputs(folder, ("x", "y", "z")):
+    with pytest.raises(OutputExists, match="x, y already exist\\. Nothing"), atomic_outputs(folder, ("x", "y", "z")):
         pass
 
 

@@ -95,7 +95,7 @@ def test_folders_that_cannot_be_written_are_named(
                     ["batch", str(tmp_path / "captures")]):  # fmt: skip
         assert main([*command, *out]) == 3
         event = said(capfd)
-        assert event["code"] == "output_not_writable" and "Choose a folder you may write to" in event["hint"]
+        assert event["code"] == "output_not_writable" and "Choose a writable folder" in event["hint"]
 
 
 def test_a_capture_that_moved_is_named(files: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -184,7 +184,7 @@ def test_export_of_a_motion(files: Any, tmp_path: Path, capfd: pytest.CaptureFix
 def test_whatever_is_exported_repeats_what_one_camera_left_open(
     files: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    found = diagnostic("one_camera", size=21.0, share=4.0, source="the given stature")
+    found = diagnostic("one_camera", size=21.0, share=4.0, source="the specified height")
     record = json.dumps({"diagnostics": [found.as_dict()]})
     motion = write_motion(tmp_path / "walk.npz", replace(files.motion, provenance=record))
     given = ["--body", str(files.body_path), "--out", str(tmp_path / "out")]
@@ -266,7 +266,7 @@ def test_bake_with_few_keys_says_how_far_it_is_off(
     command = ["bake", str(files.motion_path), "--body", str(files.body_path), "--out", str(tmp_path), "--no-pictures"]
     assert main([*command, "--keys-per-second", "2", "--asset", "--json"]) == 0
     result = said(capfd)
-    assert any("keys are left. Joints are up to" in note for note in result["notes"])
+    assert any("keys remain. Joints are up to" in note for note in result["notes"])
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "walk.blend"))
     [action] = bpy.data.actions
     assert action.asset_data is not None and action["keys_deviation_mm"] > 0

@@ -46,7 +46,7 @@ def test_targa_is_read_from_either_end(tmp_path: Path) -> None:
         np.testing.assert_array_equal(read_targa(tmp_path / "a.tga"), expected[..., [2, 1, 0, 3]])
     (tmp_path / "a.tga").write_bytes(header[:17])
     for path in (tmp_path / "a.tga", tmp_path / "missing.tga"):
-        with pytest.raises(RenderFailed, match="wrote no picture.*OpenGL"):
+        with pytest.raises(RenderFailed, match="did not write an image.*OpenGL"):
             read_targa(path)
 
 

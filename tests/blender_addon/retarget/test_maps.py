@@ -150,7 +150,7 @@ def test_a_map_is_read_as_it_was_written(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"format": "other"}, "not a map"), ({"version": 2}, "not a map"), ({"colour": 1}, "unknown entries: colour"),
+        ({"format": "other"}, "a rig map"), ({"version": 2}, "a rig map"), ({"colour": 1}, "unknown entries: colour"),
         ({"bones": {"tail": "Tail"}}, "unknown roles: tail"), ({"bones": 3}, "cannot be read"),
         ({"map_pose": {"a": [0, 0, 0, 0]}}, "not a quaternion"), ({"switches": [{"bone": "a"}]}, "cannot be read"),
     ],

@@ -218,7 +218,7 @@ def test_locked_channels_are_named(scene, files: Files) -> None:
     assert f"Locked and not animated: {PREFIX}LeftHand" in " ".join(play(rig, files).notes)
     rig.pose.bones[f"{PREFIX}LeftLeg"].lock_rotation = (True, False, False)
     actions = len(bpy.data.actions)
-    with pytest.raises(TargetUnsuitable, match=r"Locked channels keep mixamorig:LeftLeg"):
+    with pytest.raises(TargetUnsuitable, match=r"Locked channels stop mixamorig:LeftLeg"):
         play(rig, files)
     assert len(bpy.data.actions) == actions
 
@@ -238,7 +238,7 @@ def test_a_bone_that_a_constraint_holds_is_named(scene, files: Files) -> None:
     holder = bpy.data.objects.new("Holder", None)
     scene.collection.objects.link(holder)
     rig.pose.bones[f"{PREFIX}LeftArm"].constraints.new("COPY_ROTATION").target = holder
-    with pytest.raises(TargetUnsuitable, match=r"keep mixamorig:LeftArm from turning"):
+    with pytest.raises(TargetUnsuitable, match=r"prevent mixamorig:LeftArm from turning"):
         play(rig, files)
     assert not bpy.data.actions and len(bpy.data.scenes) == 1
 
@@ -249,7 +249,7 @@ def test_a_bone_that_a_driver_holds_is_named(scene, files: Files) -> None:
     bone.rotation_mode = "QUATERNION"
     for index, value in enumerate(("1.0", "0.0", "0.0", "0.0")):
         bone.driver_add("rotation_quaternion", index).driver.expression = value
-    with pytest.raises(TargetUnsuitable, match=r"drivers keep mixamorig:LeftArm from turning"):
+    with pytest.raises(TargetUnsuitable, match=r"drivers prevent mixamorig:LeftArm from turning"):
         play(rig, files)
     assert not bpy.data.actions and len(bpy.data.scenes) == 1
 

@@ -26,7 +26,7 @@ def test_this_python_can_solve():
 @pytest.mark.parametrize(
     ("script", "message"),
     [
-        ("echo no python here", "does not answer as a Python does"),
+        ("echo no python here", "does not respond like Python"),
         ("echo 'Segmentation fault' >&2; exit 139", "Segmentation fault"),
         ("""echo '{"python": "3.9.1", "numpy": "", "torch": "", "devices": [], "solver": ""}'""", "3.11 or later"),
         ("""echo '{"python": "3.12.1", "numpy": "", "torch": "", "devices": [], "solver": ""}'""", "has no NumPy"),

@@ -65,7 +65,7 @@ def test_a_motion_is_not_lost_when_its_report_cannot_be_written(mocap, tmp_path:
     take = mocap.review.take
     assert take != first and Path(take["motion_file"]).is_file() and take["report_file"] == ""
     assert "File too large" in current.last.error["message"]
-    with pytest.raises(RuntimeError, match=r"This take has no report.*Solve again with Report switched on"):
+    with pytest.raises(RuntimeError, match=r"This take has no report.*Solve again with Report enabled"):
         bpy.ops.mocap.open_report()
 
 
@@ -164,6 +164,6 @@ def test_open_report_opens_what_a_solve_wrote_and_nothing_else(
     (solved.folder / "link.html").symlink_to(tmp_path / "elsewhere.html")
     for path in (*(solved.folder / name for name in ("page.html", "run.sh", "link.html")), tmp_path / "elsewhere.html"):
         solved_take["report_file"] = str(path)
-        with pytest.raises(RuntimeError, match="This file is not a report of the solver"):
+        with pytest.raises(RuntimeError, match="This file is not a solver report"):
             bpy.ops.mocap.open_report()
     assert len(opened) == 1

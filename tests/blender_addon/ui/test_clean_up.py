@@ -163,12 +163,12 @@ def _empty(chair: bpy.types.Object) -> None:
     [
         (_animate_parent, " moves"), (_animate_target, " moves"), (_fall, " moves"), (_unlink, " is not in the scene"),
         (_empty, " has no faces"), (_disable, " is disabled in viewports"), (_edit, " is in Edit Mode"),
-        (_flatten, ", or the body, has the scale 0"),
+        (_flatten, ", or the body, has a scale of 0"),
     ],
 )  # fmt: skip
 def test_an_unsuitable_mesh_is_named(solved_take, mocap, chair, spoil, message: str) -> None:
     spoil(chair)
-    with pytest.raises(JobInvalid, match=f"Stuhl/ü in the field Contact Mesh{message}"):
+    with pytest.raises(JobInvalid, match=f"Stuhl/ü in the Contact Mesh field{message}"):
         prepare_job(bpy.context.scene, None)
 
 

@@ -162,7 +162,7 @@ def test_takes_are_joined(solved_take, mocap) -> None:
     assert bpy.ops.mocap.join_takes(name=solved_take.name) == {"FINISHED"}
     made = _made(mirrored)
     assert made["frames"] == 2 * solved_take["frames"] - 1
-    with pytest.raises(RuntimeError, match="no take 'nothing' of this person"):
+    with pytest.raises(RuntimeError, match="no take 'nothing' for this person"):
         bpy.ops.mocap.join_takes(name="nothing")
 
 

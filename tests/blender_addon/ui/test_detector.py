@@ -136,7 +136,7 @@ def test_litert_is_set_up_from_wheels_and_models_of_a_folder(home, tmp_path: Pat
     assert bpy.ops.mocap.set_up_detector(kind="litert", wheels=str(wheels)) == {"FINISHED"}
     folder = pythons.environment_folder("litert")
     assert pythons.made_litert_python() == folder / pythons._BELOW
-    assert pythons.made_python() is None, "MediaPipe is missing"
+    assert pythons.made_python() is None, "MediaPipe package is missing"
     models = ["hand_landmark_full.tflite", "pose_landmark_full.tflite", "pose_landmark_lite.tflite"]
     assert sorted(path.name for path in (folder / "models").iterdir()) == models
     assert videos.detector == "model" and Path(videos.model) == folder / "models" / models[1]

@@ -57,7 +57,7 @@ def test_lines_end_between_words(mocap) -> None:
     layout, context = narrow_layout.NarrowLayout(), NarrowContext(185)
     wrapped(layout, context, f"{ADDED_BY_DEFAULT}, noise-aware", "INFO")
     words = [word for line in layout.drawn for word in line.split()]
-    assert {"accelerations,", "standing", "noise-aware"} <= {*words} and len(layout.drawn) > 8
+    assert {"accelerations,", "contacts,", "noise-aware"} <= {*words} and len(layout.drawn) > 8
     wrapped(layout, context, "/a/folder_of/takes/with_a_name_that_is_too_long", "INFO")
     assert "".join(layout.drawn).endswith("/a/folder_of/takes/with_a_name_that_is_too_long")
     assert "/a/folder_of/" in layout.drawn

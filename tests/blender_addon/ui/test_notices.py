@@ -65,13 +65,13 @@ def test_a_result_is_shown_for_its_own_capture_alone(mocap, solved_take, solved,
 def test_another_frame_rate_is_said_on_top_in_headers_and_where_it_is_set(mocap, solved_take, scene) -> None:
     assert not any("Follow" in text or "follow_rate" in text for text in drawn(bpy.types.VIEW3D_PT_mocap_run))
     scene.render.fps = 24
-    assert any("too fast or slow" in text for text in drawn(bpy.types.VIEW3D_PT_mocap_run))
+    assert any("at the wrong speed" in text for text in drawn(bpy.types.VIEW3D_PT_mocap_run))
     for name in run.HEADERS:
         assert run.draw_rate_button in getattr(bpy.types, name).draw._draw_funcs, name
     scene.frame_end = 30
     assert bpy.ops.mocap.follow_rate() == {"FINISHED"}
     assert scene.frame_end == 13, "half a second at 24 fps"
-    assert not any("too fast or slow" in text for text in drawn(bpy.types.VIEW3D_PT_mocap_run))
+    assert not any("at the wrong speed" in text for text in drawn(bpy.types.VIEW3D_PT_mocap_run))
 
 
 def test_a_range_that_is_not_the_takes_stays(mocap, solved_take, scene) -> None:

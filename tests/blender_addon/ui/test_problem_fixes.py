@@ -135,12 +135,14 @@ def test_a_value_that_no_option_has_is_refused(mocap, solved, scene) -> None:
     """A capture's file may state anything."""
     take_capture(scene, solved.read)
     for option, value in (("unit", "parsec"), ("fps", "fast"), ("no_option", "on"), ("bl_rna", "on")):
-        with pytest.raises(RuntimeError, match="Reading Options"):
+        with pytest.raises(RuntimeError, match="reading options"):
             bpy.ops.mocap.read_again(option=option, value=value)
 
 
 def test_words_of_buttons_are_german_too(mocap) -> None:
-    assert {"Fix", "As Written", "Keep Its Level", "As Recorded", "Keep Z Up", "Level by the Person"} <= set(german())
+    assert {"Fix", "As Written", "Keep Calibrated Level", "As Recorded", "Keep Z Up", "Level from Person"} <= set(
+        german()
+    )
 
 
 def test_every_setting_of_time_and_world_has_its_row_and_its_option(mocap) -> None:

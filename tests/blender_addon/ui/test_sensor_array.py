@@ -82,7 +82,7 @@ def test_a_wand_says_where_to_wave_next_and_stopping_keeps_it(rig):
     until(lambda: run.shown > 0 or not live.busy)
     assert run.latest is not None and run.latest.state == "waving"
     assert set(run.latest.coverage) == {"sensor0", "sensor1"} and run.latest.rotvec is None
-    assert "is lit" in run.latest.why or "Wave" in run.latest.why
+    assert "More than one light" in run.latest.why or "Wave" in run.latest.why
     if live.busy:
         drawn = draw_panel(getattr(bpy.types, PANEL), 200)
         assert not drawn.cut and any("sensor0" in text for text in drawn.drawn)
@@ -126,11 +126,11 @@ def test_what_is_not_there_is_named(rig, mocap, tmp_path):
     rig.source = str(tmp_path)
     assert bpy.ops.mocap.start_sensors(part="TAKE") == {"FINISHED"}
     until(lambda: not live.busy)
-    assert "not a recording of sensors" in live.failure and rig.take == ""
+    assert "not a sensor recording" in live.failure and rig.take == ""
     drawn = draw_panel(getattr(bpy.types, PANEL), 200)
-    assert not drawn.cut and "not a recording of sensors" in " ".join(drawn.drawn)
+    assert not drawn.cut and "not a sensor recording" in " ".join(drawn.drawn)
     beside = draw_panel(bpy.types.VIEW3D_PT_mocap_live, 200)  # another panel's failure is not its own
-    assert "recording of sensors" not in " ".join(beside.drawn)
+    assert "sensor recording" not in " ".join(beside.drawn)
 
 
 def test_cameras_without_a_name_or_a_kind_are_refused(rig):

@@ -255,7 +255,7 @@ def test_the_look_is_that_of_all_bodies_and_of_new_ones(mocap, solved) -> None:
     for name in [a.name for a in second.data.attributes if a.name.startswith("look_")]:
         second.data.attributes.remove(second.data.attributes[name])
     drawn = draw_panel(bpy.types.VIEW3D_PT_mocap_shape, WIDE).drawn
-    assert "Mannequin" not in drawn and any(text.startswith("Looks need") for text in drawn)
+    assert "Mannequin" not in drawn and any(text.startswith("To change the look") for text in drawn)
 
 
 class _Seen:

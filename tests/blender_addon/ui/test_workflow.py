@@ -268,7 +268,7 @@ def test_a_take_is_thinned_into_another_that_says_how_far_it_is_off(mocap, take)
     thin = mocap.review.take
     assert thin != take and thin.name.endswith("reduced keys") and thin["motion_file"] == take["motion_file"]
     assert len(next(action_curves(thin)).keyframe_points) == 6 < len(next(action_curves(take)).keyframe_points)
-    assert thin["keys_deviation"].startswith("6 keys are left. Joints are up to ")
+    assert thin["keys_deviation"].startswith("6 keys remain. Joints are up to ")
     assert bpy.ops.mocap.show_take(name=take.name) == {"FINISHED"} and mocap.review.take == take
 
 

@@ -58,7 +58,7 @@ def test_unknown_names_list_the_known_ones(folder: Path) -> None:
 def test_file_that_is_no_body_is_named(folder: Path) -> None:
     folder.mkdir()
     np.savez(folder / "cube.npz", v_template=np.zeros((8, 3)))
-    with pytest.raises(BodyInvalid, match="lacks shapedirs"):
+    with pytest.raises(BodyInvalid, match="does not contain shapedirs"):
         load_chosen_body("cube")
 
 

@@ -86,7 +86,7 @@ def test_sparse_matrix_with_indices_outside_is_named(tmp_path: Path) -> None:
         sparse([0, 1], [0, 1, 2], b"J\xff\xff\xff\x7f"),
     ]  # fmt: skip
     for content in wrong:
-        with pytest.raises(BodyInvalid, match="parts that do not fit together"):
+        with pytest.raises(BodyInvalid, match="inconsistent parts"):
             read(tmp_path, content)
 
 

@@ -120,7 +120,7 @@ def spoil(arrays, **changes):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"weights": None, "f": None}, "lacks weights, f. It contains J_regressor"),
+        ({"weights": None, "f": None}, "does not contain weights, f. It contains J_regressor"),
         ({"v_template": np.full((60, 3), np.nan)}, "v_template contains NaN"),
         ({"weights": np.ones((59, 24))}, r"weights has shape \(59, 24\), but \(60, 24\) is expected"),
         (
@@ -131,10 +131,10 @@ def spoil(arrays, **changes):
         ({"posedirs": np.zeros((60, 3, 93))}, "STAR models are not supported"),
         ({"J_regressor": np.full((24, 60), np.inf)}, "J_regressor contains NaN or infinite"),
         ({"kintree_table": np.full((2, 24), np.nan)}, "kintree_table contains NaN"),
-        ({"kintree_table": np.array([[-1, -1, *[0] * 22], range(24)])}, r"not a tree: one root \(-1\)"),
-        ({"kintree_table": np.array([[-1, 1e300, *[0] * 22], range(24)])}, r"not a tree: one root \(-1\)"),
+        ({"kintree_table": np.array([[-1, -1, *[0] * 22], range(24)])}, r"not a tree: a single root \(-1\)"),
+        ({"kintree_table": np.array([[-1, 1e300, *[0] * 22], range(24)])}, r"not a tree: a single root \(-1\)"),
         ({"f": np.full((20, 3), -1e300)}, "entries -1 to 0, but"),
-        ({"kintree_table": np.array([[-1, *[23] * 23], range(24)])}, "parents before their children are expected"),
+        ({"kintree_table": np.array([[-1, *[23] * 23], range(24)])}, "parents must precede their children"),
         ({"v_template": np.array(["a", "b"])}, r"v_template contains <U1 of shape \(2,\), but numbers are expected"),
         ({"v_template": np.float64(3)}, r"v_template contains float64 of shape \(\), but numbers"),
         ({"weights": np.zeros((60, 24))}, "'weights' has vertices without a joint"),

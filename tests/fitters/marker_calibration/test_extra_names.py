@@ -146,7 +146,7 @@ def test_what_was_named_and_what_is_doubtful_is_reported(worn: tuple[MarkerSubje
     person, cloud = worn
     first, _ = take(cloud, slice(0, 40), 1)
     learned = with_extras(person, [first], load_body())
-    farthest = describe_person(learned)[0].split("farthest")[1].split("from the positions")[0]
+    farthest = describe_person(learned)[0].split("farthest")[1].split("from their named positions")[0]
     assert "_X" not in farthest, "a marker on a bone has no place of its name"
     unsure = diagnostic("points_not_named", extent="solve", percent=15.0)
     named = labelled_as_person(Capture("take", markers=first, problems=(unsure,)), learned)

@@ -175,7 +175,7 @@ def test_completion_moves_the_missing_joints_alone_and_does_not_look_at_them(pri
 def test_bad_input_is_named(prior: PoseNDF) -> None:
     with pytest.raises(JobInvalid, match=r"no joint or limb tail.*left_arm"):
         missing_joints(["left_leg", "tail"])
-    with pytest.raises(JobInvalid, match="No missing joint was given"):
+    with pytest.raises(JobInvalid, match="No missing joint was specified"):
         missing_joints([])
     bad = frames(3, 0)
     with pytest.raises(PoseInvalid, match="not rotations"):

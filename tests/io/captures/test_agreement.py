@@ -157,7 +157,7 @@ def test_names_of_a_ring_turned_on(tmp_path: Path, places: int, turned: bool) ->
     assert f"{NAMES[0]} is the calibration's {NAMES[order[0]]}" in exchanged.values["pairs"]
     corrections = [item.values["meanings"] for item in capture.problems if item.code == "calibration_corrected"]
     assert corrections == (
-        ["the recorded pictures are rotated by 90° clockwise relative to the calibrated ones"] * turned
+        ["the recorded images are rotated by 90° clockwise relative to the calibrated ones"] * turned
     )
     assert median_error_m(capture, 60) < 0.03
 

@@ -73,7 +73,7 @@ def test_a_rate_that_nothing_states_is_a_problem(tmp_path: Path, capture: Captur
 @pytest.mark.parametrize(
     ("text", "error", "what"),
     [
-        ("sync_index,port,point_id,img_loc_x\n1,0,0,5\n", FileDamaged, "lacks img_loc_y"),
+        ("sync_index,port,point_id,img_loc_x\n1,0,0,5\n", FileDamaged, "does not contain img_loc_y"),
         ("sync_index,port,point_id,img_loc_x,img_loc_y\n1,0,0,5\n", FileDamaged, "is incomplete"),
         ("sync_index,port,point_id,img_loc_x,img_loc_y\n1,0,left,5,5\n", FileDamaged, "not a number"),
         ("sync_index,port,point_id,img_loc_x,img_loc_y\n1,0,0.5,5,5\n", FileDamaged, "whole numbers"),

@@ -165,7 +165,7 @@ def test_detections_without_hands_have_none(tmp_path: Path) -> None:
 def test_a_hand_of_another_number_of_points_is_named(tmp_path: Path) -> None:
     write(tmp_path / "take", lambda c, f: [openpose(c, f)[0] | {"hand_left_keypoints_2d": [1.0] * 60}])
     with pytest.raises(
-        KeypointCountMismatch, match=r"'hand_left_keypoints_2d' contains 20 points, but 21 of a hand"
+        KeypointCountMismatch, match=r"'hand_left_keypoints_2d' contains 20 points, but a hand has 21"
     ) as error:
         read(tmp_path / "take")
     assert "000000.json" in error.value.where
@@ -175,7 +175,7 @@ def test_a_hand_of_another_number_of_points_is_named(tmp_path: Path) -> None:
 def test_points_of_hands_alone_are_called_so(tmp_path: Path, count: int) -> None:
     alone = [{"pose_keypoints_2d": np.concatenate(HANDS[0, 0])[:count].ravel().tolist()}]
     write(tmp_path / "take", lambda c, f: alone)
-    with pytest.raises(KeypointCountMismatch, match=f"{count} keypoints per person: points of hands, without a body"):
+    with pytest.raises(KeypointCountMismatch, match=f"{count} keypoints per person: hand points, without a body"):
         read(tmp_path / "take")
 
 

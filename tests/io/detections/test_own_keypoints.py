@@ -71,7 +71,7 @@ def knee_error_px(capture: Capture, demo: Capture) -> float:
 
 def test_own_names_solve_as_landmarks(tmp_path, demo):
     root = write_dlc(with_calibration(tmp_path / "take", demo), demo)
-    with pytest.raises(KeypointCountMismatch, match=r"keypoints\.json next to the recording"):
+    with pytest.raises(KeypointCountMismatch, match=r"keypoints\.json file next to the recording"):
         load_capture(root, fps=60.0)
     (root / "keypoints.json").write_text(json.dumps({"landmarks": {**OWN, "tail": None}}))
     capture = load_capture(root, fps=60.0)
@@ -208,7 +208,7 @@ def test_deeplabcuts_hdf5_tables(tmp_path, demo, name):
 @pytest.mark.parametrize("columns", [[Path("/")], "nose", [("a", 1, "x")]])
 def test_pickled_names_of_columns_run_no_code(tmp_path, demo, columns):
     root = write_deeplabcut(with_calibration(tmp_path / "take", demo), demo, name="{}DLC.h5", columns=columns)
-    with pytest.raises(FileDamaged, match="not a list of texts"):
+    with pytest.raises(FileDamaged, match="not a list of strings"):
         load_capture(root, fps=60.0)
 
 

@@ -143,8 +143,8 @@ def test_no_frame_in_common(tmp_path: Path) -> None:
         ('{"version": 1.3, "people": [{"pose_key', "truncated or is not JSON"),
         ("", "truncated or is not JSON"),
         ("hello", "truncated or is not JSON"),
-        ("[1, 2]", "lacks OpenPose's list 'people'"),
-        ('{"people": [{"face_keypoints_2d": []}]}', "lacks 'pose_keypoints_2d'"),
+        ("[1, 2]", "has no OpenPose list 'people'"),
+        ('{"people": [{"face_keypoints_2d": []}]}', "has no 'pose_keypoints_2d'"),
         ('{"people": [{"pose_keypoints_2d": [1, "x", 3]}]}', "values that are not numbers"),
         ('{"people": [{"pose_keypoints_2d": [1, [2], 3]}]}', "values that are not numbers"),
     ],
@@ -168,7 +168,7 @@ def test_wrong_numbers_of_keypoints_name_the_sets_that_fit(tmp_path: Path) -> No
     ):
         read_folders({"a": good}, joint_set=JointSet.HALPE_26)
     mixed = write(tmp_path / "mixed", {0: [person(1, 25)], 1: [person(1, 17)]})
-    with pytest.raises(KeypointCountMismatch, match=r"has 17 keypoints where earlier people have 25.*000000000001"):
+    with pytest.raises(KeypointCountMismatch, match=r"has 17 keypoints, but earlier people have 25.*000000000001"):
         read_folders({"a": mixed})
     (good / "cam_000000000000_keypoints.json").write_text('{"people": [{"pose_keypoints_2d": [1, 2, 3, 4]}]}')
     with pytest.raises(KeypointCountMismatch, match="contains 4 numbers, but x, y and confidence"):

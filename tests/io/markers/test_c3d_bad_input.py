@@ -72,7 +72,7 @@ def test_nothing_seen(tmp_path: Path) -> None:
 @pytest.mark.parametrize("rate", [0.0, -5.0, np.nan, np.inf])
 def test_a_rate_that_is_none(tmp_path: Path, rate: float) -> None:
     file = C3dBytes(standing(), LABELS, rate=rate)
-    with pytest.raises(FileDamaged, match=r"states a frame rate of .* Give the frame rate."):
+    with pytest.raises(FileDamaged, match=r"states a frame rate of .* Specify the frame rate."):
         take(tmp_path / "take.c3d", file)
     assert take(tmp_path / "take.c3d", file, fps=50.0).cloud.fps == 50.0
     with pytest.raises(JobInvalid, match="positive number, not 0"):

@@ -46,7 +46,7 @@ def test_another_number_of_names_is_named(tmp_path):
 
 def test_an_array_states_no_frame_rate(tmp_path):
     stored(tmp_path, points=33)
-    with pytest.raises(FileDamaged, match="no frame rate"):
+    with pytest.raises(FileDamaged, match="not state a frame rate"):
         read_markers(tmp_path / "points.npy")
 
 
@@ -62,7 +62,7 @@ def test_pickled_and_truncated_arrays_are_damaged(tmp_path):
 def test_an_archive_of_arrays_with_another_ending_is_named(tmp_path):
     np.savez(tmp_path / "points.npz", np.zeros((3, 17, 3)))
     (tmp_path / "points.npz").rename(tmp_path / "points.npy")
-    with pytest.raises(FileDamaged, match=r"archive of arrays \(\.npz\)"):
+    with pytest.raises(FileDamaged, match=r"npz archive of arrays"):
         read_markers(tmp_path / "points.npy", fps=30)
 
 

@@ -107,13 +107,13 @@ def test_damage_is_named(tmp_path: Path) -> None:
     path = tmp_path / "points.csv"
     headings = [[f"{name}_{a}" for name in NAMES for a in "xyz"]]
     path.write_text(table(headings, wide(())))
-    with pytest.raises(FileDamaged, match="states no frame rate"):
+    with pytest.raises(FileDamaged, match="does not state a frame rate"):
         taken(read_point_table, path)
     path.write_text(table(headings, wide(())).replace(f"{POINTS[2, 0, 0]:g}", "abc"))
     with pytest.raises(FileDamaged, match="'abc' is not a number.*line 4"):
         taken(read_point_table, path, fps=30.0)
     path.write_text("1,2,3\n")
-    with pytest.raises(FileDamaged, match="names no points"):
+    with pytest.raises(FileDamaged, match="does not name its points"):
         taken(read_point_table, path)
     long = [["time", "marker", "x", "y", "z"]]
     path.write_text(table(long, [["", "LASI", "1", "2", "3"]]))

@@ -83,7 +83,7 @@ def test_what_is_none(tmp_path: Path) -> None:
         taken(read_qualisys_tsv, write(path, [CELLS], [*HEAD[:8], "DATA_INCLUDED\t6D"]))
     with pytest.raises(NoDetections, match="contains no frames"):
         taken(read_qualisys_tsv, write(path, []))
-    with pytest.raises(FileDamaged, match="states no frame rate"):
+    with pytest.raises(FileDamaged, match="does not state a frame rate"):
         taken(read_qualisys_tsv, write(path, [CELLS], [HEAD[0], *HEAD[8:]]))
     with pytest.raises(FileDamaged, match="'a' is not a number.*line 14"):
         taken(read_qualisys_tsv, write(path, [CELLS, CELLS.replace("90", "a")]))

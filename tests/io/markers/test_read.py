@@ -37,7 +37,7 @@ def test_one_reader_knows_each_file(tmp_path: Path, name: str) -> None:
 def test_what_none_knows(tmp_path: Path) -> None:
     for name in ("a.csv", "b.bvh", "c", "d.tsv"):
         (tmp_path / name).write_bytes(b"\xff\x00 1,2,3\n")
-        with pytest.raises(CaptureNotRecognised, match="not a recording of markers") as caught:
+        with pytest.raises(CaptureNotRecognised, match="not a readable marker recording") as caught:
             read_markers(tmp_path / name)
         assert all(reader.kind in caught.value.hint for reader in MARKERS)
     with pytest.raises(FileMissing):

@@ -23,9 +23,9 @@ NUMBERS = "1,0,44.16,-276.86,675.70,32.57,-243.14,676.58\n2,0,44.16,-276.86,675.
         ("walk.mvnx", "<mvnx/>", "skeleton", "`motion convert`"),
         ("walk.vrma", "glTF", "skeleton", "`blender motion convert`"),
         ("result.pkl", "\x80", "network", "`motion convert`"),
-        ("points.csv", NUMBERS, "names neither markers nor frame rate", "header"),
-        ("points.txt", NUMBERS.replace(",", "\t"), "names neither markers nor frame rate", "header"),
-        ("points.csv", NUMBERS.replace(",", ";").replace(".", ","), "names neither markers", "header"),
+        ("points.csv", NUMBERS, "without marker names or a frame rate", "header"),
+        ("points.txt", NUMBERS.replace(",", "\t"), "without marker names or a frame rate", "header"),
+        ("points.csv", NUMBERS.replace(",", ";").replace(".", ","), "without marker names", "header"),
     ],
 )
 def test_what_is_not_read_is_named_with_the_way_out(tmp_path: Path, name: str, text: str, what: str, how: str) -> None:

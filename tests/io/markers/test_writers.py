@@ -132,7 +132,7 @@ def test_what_cannot_be_written(tmp_path: Path) -> None:
     for write in (write_c3d, write_trc):
         with pytest.raises(NonFiniteData, match="positive number, not 0"):
             write(tmp_path / "none", cloud(fps=0.0))
-    with pytest.raises(ShapeMismatch, match="2 labels do not fit 5 markers"):
+    with pytest.raises(ShapeMismatch, match="2 labels do not match 5 markers"):
         write_c3d(tmp_path / "none", MarkerCloud(cloud().positions, 100.0, ("A", "B")))
     long = tuple(f"{i:03d}{'x' * 250}" for i in range(900))
     with pytest.raises(ShapeMismatch, match="too long for the header of a C3D file"):

@@ -69,7 +69,7 @@ def test_no_overwriting(tmp_path: Path) -> None:
     [
         ({"format": None}, FileDamaged, "is AMASS.*no joint positions"),
         ({"trans": np.zeros((5, 3))}, FileDamaged, r"'trans' is float64 of shape \(5, 3\).*\(6, 3\)"),
-        ({"joints": None}, FileDamaged, "lacks 'joints'"),
+        ({"joints": None}, FileDamaged, "does not contain 'joints'"),
         ({"provenance": np.array("{")}, FileDamaged, "provenance is not JSON"),
         ({"provenance": np.array("[]")}, FileDamaged, "not a JSON object"),
         ({"provenance": np.array('{"resolved": 1.5}')}, FileDamaged, "'resolved' has an unexpected type"),

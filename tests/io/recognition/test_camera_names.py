@@ -62,14 +62,14 @@ def test_folders_of_videos_are_called_so(tmp_path: Path, places: tuple[str, ...]
     for place in places:
         (tmp_path / place).parent.mkdir(exist_ok=True)
         (tmp_path / place).write_bytes(mp4_bytes(30, 10, (640, 480)))
-    with pytest.raises(CaptureNotRecognised, match=r"videos or pictures of 2 cameras.*from-videos"):
+    with pytest.raises(CaptureNotRecognised, match=r"videos or images from 2 cameras.*from-videos"):
         load_capture(tmp_path)
 
 
 def test_chapters_of_an_action_camera_are_one_recording(tmp_path: Path) -> None:
     for name in ("GX010101", "GX020101", "GX010102", "GX020102"):
         (tmp_path / f"{name}.MP4").write_bytes(mp4_bytes(30, 10, (640, 480)))
-    with pytest.raises(CaptureNotRecognised, match="videos or pictures of 2 cameras"):
+    with pytest.raises(CaptureNotRecognised, match="videos or images from 2 cameras"):
         load_capture(tmp_path)
 
 

@@ -210,7 +210,7 @@ def test_people_are_found_again_in_another_scale(short: Capture) -> None:
 
 
 def test_stature_and_scale_exclude_one_another(short: Capture) -> None:
-    with pytest.raises(JobInvalid, match="set the size of the world"):
+    with pytest.raises(JobInvalid, match="set the scale of the world"):
         scale_world(short.cameras, short.keypoints, WorldSettings(stature=1.8, scale=2.0))
     with pytest.raises(JobInvalid, match="impossible"):
         scale_world(short.cameras, short.keypoints, WorldSettings(stature=0.2))

@@ -127,7 +127,7 @@ def test_a_model_that_the_description_does_not_fit_is_named_with_its_outputs(tmp
     model = write_rtmpose(tmp_path / "own.onnx")
     for fields, words in (
         ({"decoding": "simcc", "outputs": ["x", "simcc_y"]}, "need 2 of the model's outputs.*simcc_x"),
-        ({"decoding": "heatmaps"}, "do not fit the description"),
+        ({"decoding": "heatmaps"}, "do not match the description"),
         ({"decoding": "simcc", "size": [64, 64]}, r"input \[1, 3, 128, 96\] and outputs"),
     ):
         path = described(model, **{"size": [96, 128], **fields})
@@ -191,7 +191,7 @@ def test_the_order_of_heat_maps_is_told_by_their_number(
 def test_a_number_of_points_that_the_joint_set_has_not_is_refused(
     monkeypatch: pytest.MonkeyPatch, shape: tuple[int, ...], fields: dict[str, Any]
 ) -> None:
-    with pytest.raises(Refused, match="do not fit the description"):
+    with pytest.raises(Refused, match="do not match the description"):
         with_outputs(monkeypatch, [1, 3, 128, 96], [np.ones(shape)], **fields)
 
 
@@ -199,7 +199,7 @@ def test_a_file_that_describes_no_model_is_named(tmp_path: Path) -> None:
     path = tmp_path / "own.json"
     for text, error, words in (
         ("{", FileDamaged, "truncated or is not JSON"),
-        ("[]", DetectorOutputsUnknown, "does not name a model"),
+        ("[]", DetectorOutputsUnknown, "does not specify a model"),
         ('{"model": "own.pt"}', DetectorOutputsUnknown, "own.pt is not the name of a model"),
         ('{"model": "../own.onnx"}', DetectorOutputsUnknown, "is not the name of a model"),
         ('{"model": "..\\\\own.onnx"}', DetectorOutputsUnknown, "is not the name of a model"),

@@ -323,7 +323,7 @@ def test_one_picture_has_no_speeds() -> None:
     assert speeds(np.ones((1, 17, 2)), np.zeros(1), JointSet.COCO_17).values.shape[0] == 1
 
 
-@pytest.mark.parametrize(("changed", "words"), [({"xy": 16}, "do not fit"), ({"size": 0}, "picture size")])
+@pytest.mark.parametrize(("changed", "words"), [({"xy": 16}, "do not match"), ({"size": 0}, "image size")])
 def test_a_damaged_file_of_detections_is_detected_again(tmp_path: Path, changed: dict[str, int], words: str) -> None:
     points = np.zeros((2, 1, 17, 2))
     facts = "v.mp4", "ab12", "detector", JointSet.COCO_17, (640, 480), np.arange(2) / 30

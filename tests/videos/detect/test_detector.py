@@ -119,7 +119,7 @@ def test_a_silent_worker_is_started_again_once_and_then_named(tmp_path: Path, mo
     with worker(tmp_path, once + "keypoints(1, 17, 3)") as detector:
         assert detector.detect(PICTURE, 0.0)["keypoints"].shape == (1, 17, 3)
     with (
-        pytest.raises(DetectorFailed, match="did not answer for 1 s"),
+        pytest.raises(DetectorFailed, match="did not respond for 1 s"),
         worker(tmp_path, "time.sleep(60)") as detector,
     ):
         detector.detect(PICTURE, 0.0)
@@ -129,5 +129,8 @@ def test_a_worker_that_never_gets_ready_is_named(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(module, "READY_S", 0.5)
     path = tmp_path / "own.py"
     path.write_text("import time\ntime.sleep(60)\n")
-    with pytest.raises(DetectorFailed, match="did not answer for 0.5 s"), DetectorProcess(chosen_detector(worker=path)):
+    with (
+        pytest.raises(DetectorFailed, match="did not respond for 0.5 s"),
+        DetectorProcess(chosen_detector(worker=path)),
+    ):
         pass

@@ -206,7 +206,7 @@ def test_models_that_are_not_there_or_of_another_version_are_named(scene, tmp_pa
 
 def test_a_python_without_litert_is_named(scene, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "ai_edge_litert.interpreter", None)
-    with pytest.raises(Refused, match="ai-edge-litert is missing") as refused:
+    with pytest.raises(Refused, match="ai-edge-litert package is missing") as refused:
         worker(tmp_path)
     assert "pip install ai-edge-litert" in refused.value.hint
 

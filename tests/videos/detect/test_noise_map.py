@@ -73,7 +73,7 @@ def test_the_verb_writes_what_is_read_and_names_the_detector(
 @pytest.mark.parametrize("text", ["", "[]", '{"format": "manifold_mocap_detector_noise"}', "\x00"])
 def test_other_files_are_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "n.json").write_text(text, encoding="utf-8")
-    with pytest.raises(FileDamaged, match="not a noise map|is not JSON"):
+    with pytest.raises(FileDamaged, match="not a detector noise map|is not JSON"):
         read_noise_map(tmp_path / "n.json")
 
 

@@ -118,7 +118,7 @@ def test_what_is_no_model_is_refused(tmp_path: Path) -> None:
 
 
 def test_no_detector_installed(tmp_path: Path) -> None:
-    with pytest.raises(DetectorMissing, match="names no Python"):
+    with pytest.raises(DetectorMissing, match="is not the path of a Python"):
         chosen_detector(environment={PYTHON_VARIABLE: str(tmp_path / "python")})
     with pytest.raises(DetectorMissing, match="no such Python"):
         chosen_detector(python=tmp_path / "python")

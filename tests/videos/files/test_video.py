@@ -195,7 +195,7 @@ def test_a_broken_picture_of_an_avi_moves_no_other(tmp_path: Path, codec: str) -
 def test_a_video_of_one_broken_picture_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     info = probe(still(tmp_path / "v.mp4", 1))
     monkeypatch.setattr(video, "_decoded", lambda path: iter([None]))
-    with pytest.raises(VideoUnreadable, match="Only 0 of the video's 1 pictures"):
+    with pytest.raises(VideoUnreadable, match="Only 0 of the video's 1 frames"):
         list(read_pictures(info))
 
 
@@ -239,11 +239,11 @@ def test_bytes_that_were_changed_move_no_picture_in_time(tmp_path: Path) -> None
 
 def test_pictures_without_times_and_with_a_long_pause_are_named(tmp_path: Path) -> None:
     moving(tmp_path / "v.h264", np.arange(12) / 30.0)
-    with pytest.raises(VideoUnreadable, match="pictures without times") as caught:
+    with pytest.raises(VideoUnreadable, match="frames without timestamps") as caught:
         probe(tmp_path / "v.h264")
     assert "ffmpeg -r" in caught.value.hint
     times = np.arange(30) / 30.0 + np.where(np.arange(30) > 12, 7200.0, 0.0)
-    with pytest.raises(VideoUnreadable, match="After picture 12, the video has no pictures for 7200 s"):
+    with pytest.raises(VideoUnreadable, match="After frame 12, the video has no frames for 7200 s"):
         probe(moving(tmp_path / "pause.mkv", times))
     assert probe(moving(tmp_path / "lapse.mkv", 90.0 * np.arange(4))).num_frames == 4, "a slow rate is no pause"
 

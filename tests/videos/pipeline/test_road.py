@@ -140,7 +140,7 @@ def test_cameras_are_calibrated_where_no_calibration_is(
 ) -> None:
     found, out = look_through(session), tmp_path / "out"
     [plan] = planned(found, out)
-    with pytest.raises(NoDetections, match="Only 15 pictures show the person to two cameras, but 30 are needed"):
+    with pytest.raises(NoDetections, match="Only 15 frames show the person to two cameras, but 30 are needed"):
         run_take(found, plan, settings(tmp_path))
     left = ["detections", "pictures", "road.json", "steps.json", "sync.json"]
     assert sorted(path.name for path in out.iterdir()) == left
@@ -175,9 +175,9 @@ def test_cameras_are_calibrated_where_no_calibration_is(
     assert len(asked[0].detections) == 2 and asked[0].take.name == "session"
     said = run_take(found, plan, chosen).lines()
     assert said["calibrate"].startswith("kept") and said["sync"].startswith("kept") and len(asked) == 1
-    assert said["detect"].startswith("kept: Keypoints were detected in 30 pictures")
+    assert said["detect"].startswith("kept: Keypoints were detected in 30 images")
     (next((out / "detections").glob("cam2*"))).unlink()
-    assert run_take(found, plan, chosen).lines()["detect"].startswith("made: Keypoints were detected in 30 pictures")
+    assert run_take(found, plan, chosen).lines()["detect"].startswith("made: Keypoints were detected in 30 images")
     run_take(found, plan, replace(chosen, redo=("calibrate",)))
     assert len(asked) == 2
     run_take(found, plan, replace(chosen, cameras=replace(chosen.cameras, source="person")))

@@ -124,7 +124,7 @@ def test_too_few_cameras_are_the_end_and_named():
         live.require_views()
 
 
-@pytest.mark.parametrize("failure", [DetectorFailed("The detector's process ended."), ValueError("process ended")])
+@pytest.mark.parametrize("failure", [DetectorFailed("The detector process ended."), ValueError("process ended")])
 def test_a_detector_that_breaks_is_named(failure):
     """Whatever breaks it: a thread that died unnamed would leave the run waiting for its camera."""
     broken = FakeDetector(PEOPLE, failure=failure, fails_at=20)

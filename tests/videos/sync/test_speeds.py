@@ -98,5 +98,5 @@ def test_a_person_who_does_not_move_shows_no_clock() -> None:
     still = np.broadcast_to(np.linspace(100.0, 800.0, 50).reshape(1, 25, 2), (120, 25, 2))
     with pytest.raises(SyncUnknown, match="cannot be synchronised"):
         synchronise(detections([still, still]), None, "keypoints")
-    with pytest.raises(SyncUnknown, match="only one picture"):
+    with pytest.raises(SyncUnknown, match="only one frame"):
         synchronise(detections([still, still[:1]]), None, "keypoints")

@@ -31,7 +31,7 @@ def require_dask() -> None:
     try:
         import distributed  # noqa: F401
     except ImportError as error:
-        hint = "Install it with: pip install distributed. Or give --workers N instead of --scheduler."
+        hint = "Install it with: pip install distributed. Or use --workers N instead of --scheduler."
         raise EngineMissing("Dask is not installed in this Python.", where=str(error), hint=hint) from error
 
 
@@ -57,9 +57,9 @@ def connected(address: str, patience_s: float, tend: Callable[[], None]) -> Any:
         except Exception as error:  # of the network, of the protocol, of another version's messages
             if time.monotonic() > end:
                 raise SchedulerMissing(
-                    f"No scheduler answers: {type(error).__name__}: {error}.",
+                    f"No scheduler responds: {type(error).__name__}: {error}.",
                     where=address,
-                    hint="Start one with 'dask scheduler' and give its address, such as tcp://10.0.0.5:8786. It must "
+                    hint="Start one with 'dask scheduler' and set its address, such as tcp://10.0.0.5:8786. It must "
                     "have this program's version of Dask. Finished takes are kept.",
                 ) from error
             time.sleep(0.5)
@@ -247,7 +247,7 @@ class ClusterEngine(Engine):
 
     def _begin_anew(self) -> list[Ended]:
         """Reconnect after the scheduler was lost, and return its takes."""
-        self._workers.note("The scheduler was lost and came back. Its takes were begun again.")
+        self._workers.note("The scheduler was lost and came back. Its takes were restarted.")
         lost = [Ended(one.ticket, LOST) for one in self._running.values()]
         self._running.clear()
         self._connect_again()

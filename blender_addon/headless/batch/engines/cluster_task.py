@@ -103,7 +103,7 @@ def what_is_wrong(about: WorkerFacts, wanted: dict[str, str], marker: str, out: 
     for name, mine in wanted.items():
         theirs = about["versions"].get(name, "none")
         if theirs != mine:
-            return f"it has {name} {theirs}, this program {mine}"
+            return f"it has {name} {theirs}, but this program has {mine}"
     return "" if about["marker"] == marker else f"it does not see the folder {out}"
 
 

@@ -49,7 +49,7 @@ def test_it_writes_the_format_that_was_chosen(selected: BakedTake, tmp_path: Pat
 def test_what_one_camera_left_open_is_a_warning_of_every_export(
     selected: BakedTake, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    found = diagnostic("one_camera", size=21.0, share=4.0, source="the given stature")
+    found = diagnostic("one_camera", size=21.0, share=4.0, source="the specified height")
     noted = diagnostic("scene_message", severity=Severity.NOTE, text="Read as metres.")
     selected.action[DIAGNOSTICS] = json.dumps([found.as_dict(), noted.as_dict()])
     assert bpy.ops.mocap.export_take(filepath=str(tmp_path / "walk.csv"), format="csv") == {"FINISHED"}
@@ -64,7 +64,7 @@ def test_what_one_camera_left_open_is_a_warning_of_every_export(
 def test_errors_are_sentences_and_nothing_is_overwritten(selected: BakedTake, tmp_path: Path) -> None:
     path = tmp_path / "walk.csv"
     path.write_text("mine")
-    with pytest.raises(RuntimeError, match=r"walk\.csv is already there and not overwritten"):
+    with pytest.raises(RuntimeError, match=r"walk\.csv already exists. Nothing was overwritten"):
         bpy.ops.mocap.export_take(filepath=str(path), format="csv")
     assert path.read_text() == "mine"
     with pytest.raises(RuntimeError, match="needs a saved file"):

@@ -120,7 +120,7 @@ class DescribedPose(TopDown):
         try:
             self.num_keypoints = len(self.points(np.full((*self.size[::-1], 3), 127.0, np.float32)))
         except Exception as error:  # both libraries raise their own exception types
-            message = f"The model's input {shape} and outputs {outputs} do not fit the description: "
+            message = f"The model's input {shape} and outputs {outputs} do not match the description: "
             raise _refused(message + str(error).splitlines()[0]) from error
         self.about = {"name": f"described {path.stem}", "joint_set": described["joint_set"], "people": people}
 

@@ -18,8 +18,8 @@ def open_interpreter(content: bytes) -> Any:
     try:
         from ai_edge_litert.interpreter import Interpreter
     except ImportError as error:
-        message = f"The package ai-edge-litert is missing: {error} ({sys.executable})"
-        hint = "Run `pip install ai-edge-litert numpy` in a separate environment, and give its Python with --python."
+        message = f"The ai-edge-litert package is missing: {error} ({sys.executable})"
+        hint = "Run `pip install ai-edge-litert numpy` in a separate environment, and specify its Python with --python."
         raise Refused("detector_missing", message, hint) from error
     try:
         model = Interpreter(model_content=content, num_threads=THREADS)
@@ -42,7 +42,7 @@ class LiteRtModel:
         digest = hashlib.sha256(content).hexdigest()
         if digest not in known:
             message = f"The SHA-256 of {path.name} is {digest}, which is not one of {', '.join(known.values())}."
-            raise Refused("detector_outputs_unknown", message, f"Take it out of the npm package {package}.")
+            raise Refused("detector_outputs_unknown", message, f"Extract it from the npm package {package}.")
         self.name = known[digest]
         self._model = open_interpreter(content)
         self._into = self._model.get_input_details()[0]["index"]

@@ -20,13 +20,13 @@ class MediaPipePose:
         try:
             import mediapipe  # MediaPipe is installed in a separate environment
         except ImportError as error:
-            message = f"The package MediaPipe is missing: {error} ({sys.executable})"
-            hint = "Press Set Up Detector in Blender's panel From Videos, or give a Python with --python."
+            message = f"The MediaPipe package is missing: {error} ({sys.executable})"
+            hint = "Press Set Up Detector in Blender's From Videos panel, or specify a Python with --python."
             raise Refused("detector_missing", message, hint) from error
         solutions = getattr(mediapipe, "solutions", None)
         if solutions is None:
             message = f"MediaPipe {mediapipe.__version__} does not include a pose model."
-            hint = "Install mediapipe 0.10.21, as Set Up Detector in Blender's panel From Videos does."
+            hint = "Install mediapipe 0.10.21, as Set Up Detector in Blender's From Videos panel does."
             raise Refused("detector_missing", message, hint)
         self._hands = bool(options.get("hands"))
         kind = solutions.holistic.Holistic if self._hands else solutions.pose.Pose

@@ -305,8 +305,8 @@ def open_model(path: str) -> Any:
     try:
         import onnxruntime
     except ImportError as error:
-        hint = "Install it with `pip install onnxruntime`, or give another Python with --python."
-        message = f"The package onnxruntime is missing: {error} ({sys.executable})"
+        hint = "Install it with `pip install onnxruntime`, or specify another Python with --python."
+        message = f"The onnxruntime package is missing: {error} ({sys.executable})"
         raise Refused("detector_missing", message, hint) from error
     settings = onnxruntime.SessionOptions()
     settings.intra_op_num_threads = THREADS

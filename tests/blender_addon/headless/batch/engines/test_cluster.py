@@ -129,7 +129,7 @@ def test_takes_that_crash_are_set_aside_with_their_log_and_the_rest_goes_on(clus
     assert "begun" in (request.out / "poison" / "take.log").read_text()
     again = run_batch(request, silent, Spread(cluster.address))
     assert states(again)["poison"] == "set aside" and again["exit_code"] == 4
-    assert len((read_record(request.out / "crash") or {})["attempts"]) == 3, "it is not tried again"
+    assert len((read_record(request.out / "crash") or {})["attempts"]) == 3, "it is not retried"
 
 
 def test_a_worker_of_another_version_is_named_with_both_and_gets_nothing(
@@ -148,7 +148,7 @@ def test_a_worker_of_another_version_is_named_with_both_and_gets_nothing(
     result = run_batch(request, silent, Spread(cluster.address))
     assert set(states(result).values()) == {"done"}
     [note] = [note for note in result["notes"] if "gets no takes" in note]
-    assert "Manifold MoCap 7.8.9, this program 0.1.0" in note
+    assert "Manifold MoCap 7.8.9, but this program has 0.1.0" in note
 
 
 @pytest.mark.skipif(
@@ -248,7 +248,7 @@ def test_slow_connections_that_never_finish_hold_up_no_take(cluster: Tended, tmp
 
 def test_no_scheduler_is_named(tmp_path: Path) -> None:
     request = batch(tmp_path, ["a"])
-    with pytest.raises(SchedulerMissing, match="No scheduler answers"):
+    with pytest.raises(SchedulerMissing, match="No scheduler responds"):
         run_batch(request, silent, Spread("tcp://127.0.0.1:9", patience_s=1))
     assert not (tmp_path / "out").exists()
 

@@ -72,7 +72,7 @@ def test_a_batch_on_another_host_is_refused_before_anything_is_sent(
     assert main([*command, "--scheduler", "tcp://192.0.2.1:8786", "--json"]) == 3
     assert "scheduler_unsafe" in capfd.readouterr().out
     assert main([*command, "--scheduler", "tls://192.0.2.1:8786", "--tls", str(tmp_path), "--json"]) == 3
-    assert "lacks ca.pem" in capfd.readouterr().out
+    assert "does not contain ca.pem" in capfd.readouterr().out
 
 
 def test_tls_without_certificates_is_named(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -81,7 +81,7 @@ def test_tls_without_certificates_is_named(tmp_path: Path, capfd: pytest.Capture
     command = ["batch", str(tmp_path / "captures"), "--out", str(tmp_path / "out"), "--json"]
     assert main([*command, "--scheduler", "tls://127.0.0.1:1"]) == 3
     found = capfd.readouterr().out
-    assert "scheduler_unsafe" in found and "no certificates were given" in found and "--tls FOLDER" in found
+    assert "scheduler_unsafe" in found and "no certificates were specified" in found and "--tls FOLDER" in found
 
 
 @pytest.fixture
@@ -152,5 +152,5 @@ def test_a_scheduler_that_speaks_tls_is_reached_with_the_certificates(certificat
 
 
 def test_a_folder_without_certificates_is_named(tmp_path: Path) -> None:
-    with pytest.raises(FileMissing, match=r"lacks ca\.pem"):
+    with pytest.raises(FileMissing, match=r"does not contain ca\.pem"):
         use_certificates(tmp_path)
