@@ -21,8 +21,8 @@ _LONG = ("ENUM", "STRING", "POINTER")
 _TEXT_PT, _MARGIN_PX, _ICON_PX = 11.0, 78.0, 24.0
 """Size of panel text, total margin around it in a box, and icon width, all at an interface scale of 1."""
 _MIN_LETTERS = 8  # Letters per line in the narrowest possible sidebar.
-_PARTS = re.compile(r"\s*(?:\S+?(?:[^\W\d]-(?=[^\W\d])|[\\/](?=\w\w)|_(?=\w{6}))|\S+)")
-"""Words, with a possible break after a hyphen, a folder, and a part of a long file name."""
+_PARTS = re.compile(r"\s*(?:\(?± \S+|\S+?(?:[^\W\d]-(?=[^\W\d])|[\\/](?=\w\w)|_(?=\w{6}))|\S+)")
+"""Words, with a possible break after a hyphen, a folder, and a part of a long file name, but none after ±."""
 _CONTROLS = {
     option: row.control or f"*{row.label}*"
     for row in (*ROWS.values(), *settings_of_class(SolveSettings).values())

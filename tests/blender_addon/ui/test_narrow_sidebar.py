@@ -63,6 +63,9 @@ def test_lines_end_between_words(mocap) -> None:
     assert "/a/folder_of/" in layout.drawn
     layout.fit(185 - narrow_layout.TABS_AND_MARGINS)
     assert not layout.cut
+    for width in range(180, 400, 10):
+        wrapped(layout, NarrowContext(width), "The body is 1.695 m tall (± 1.5 %)", "INFO")
+    assert not any(line.endswith("±") for line in layout.drawn)
 
 
 def test_blenders_own_width_is_wide_at_any_scale() -> None:
