@@ -24,7 +24,7 @@ from solver_backend.agreement.starts import (
     read_out_of_step,
 )
 from solver_backend.agreement.synchronisation import reach_frames
-from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, word
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, notes_in, warnings_in, word
 from solver_backend.exchange.errors import CalibrationInvalid, JobInvalid, NotSynchronised
 from solver_backend.exchange.reading_settings import offsets_by_camera
 from solver_backend.exchange.solve_settings import SYNC_OFF, SYNC_ON
@@ -42,8 +42,7 @@ class InTime:
 
     detections: Detections  # Detections in the frames that are kept.
     first_rows: tuple[int, ...] = ()  # Row where each camera begins. Empty if each begins with its first row.
-    notes: tuple[Diagnostic, ...] = ()  # Notes on assumptions.
-    problems: tuple[Diagnostic, ...] = ()  # Warnings for the user.
+    found: tuple[Diagnostic, ...] = ()  # Notes on assumptions, and warnings.
 
 
 def reads_apart(options: ReadOptions) -> bool:
@@ -70,11 +69,11 @@ def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, opti
     given = _given_offsets(detections.cameras, options.offset)
     if given is not None or options.sync == SYNC_OFF:
         given = np.zeros_like(numbered) if given is None else given
-        notes = tuple(
+        notes = (
             diagnostic("start_given", cameras=[name], size=abs(by), direction=_direction(by))
             for name, by in _named(detections, given)
         )
-        return _aligned(detections, numbered - given, options, notes, ())
+        return _aligned(detections, numbered - given, options, *notes)
     found = find_starts(cameras, detections, fps, numbered)
     if found.evidence is StartEvidence.APART:  # the solve corrects small delays to a fraction of a frame
         if np.abs(found.offsets - numbered).max() > 0.5 * reach_frames(fps):
@@ -87,10 +86,9 @@ def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, opti
             raise NotSynchronised(why, where=listing(detections.cameras), hint=hint)
         if detections.first_frames and not (options.trim or options.by_order):
             raise different_frames(_spans(detections), why)
-        if found.evidence is StartEvidence.AMBIGUOUS:
-            return _aligned(detections, numbered, options, (), (doubt,))
-        return _aligned(detections, numbered, options, (doubt,) if len(found.doubtful) == len(cameras) else (), ())
-    return _aligned(detections, numbered, options, (), ())
+        if found.evidence is StartEvidence.AMBIGUOUS or len(found.doubtful) == len(cameras):
+            return _aligned(detections, numbered, options, doubt)
+    return _aligned(detections, numbered, options)
 
 
 def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture:
@@ -104,7 +102,8 @@ def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture
     everybody = [person.keypoints for person in capture.people] or [capture.keypoints]
     detections = Detections.of_people(capture.cameras.names, everybody)
     found = bring_to_one_time(capture.cameras, detections, capture.fps, options)
-    capture = replace(capture, notes=(*capture.notes, *found.notes), problems=(*capture.problems, *found.problems))
+    notes, problems = (*capture.notes, *notes_in(found.found)), (*capture.problems, *warnings_in(found.found))
+    capture = replace(capture, notes=notes, problems=problems)
     if not found.first_rows:
         return capture
     first = max(found.first_rows[0], 0)
@@ -154,7 +153,7 @@ def _moved(detections: Detections, found: CameraStarts, numbered: np.ndarray, op
         confidence, lengths = detections.confidence.copy(), _lengths(detections)
         confidence[out], lengths[out] = 0.0, 0
         detections = replace(detections, confidence=confidence, lengths=tuple(lengths.tolist()))
-    return _aligned(detections, found.offsets, options, (), tuple(problems))
+    return _aligned(detections, found.offsets, options, *problems)
 
 
 def _lengths(detections: Detections) -> np.ndarray:
@@ -170,13 +169,10 @@ def _doubt(detections: Detections, found: CameraStarts) -> Diagnostic:
     return diagnostic("start_ambiguous", cameras=[names[0], detections.cameras[0]], one=one, other=other)
 
 
-def _aligned(
-    detections: Detections, offsets: np.ndarray, options: ReadOptions, notes: tuple[Diagnostic, ...],
-    problems: tuple[Diagnostic, ...],
-) -> InTime:  # fmt: skip
+def _aligned(detections: Detections, offsets: np.ndarray, options: ReadOptions, *found: Diagnostic) -> InTime:
     """Return the simultaneous rows of the detections at the given offsets."""
     if not detections.first_frames and not (offsets - offsets[0]).any():
-        return InTime(detections, (), notes, problems)
+        return InTime(detections, (), found)
     lengths = _lengths(detections)
     first, stop = common_rows(offsets, lengths, every=options.trim)
     if stop <= first:
@@ -184,8 +180,7 @@ def _aligned(
     rows = tuple(int(first + offset) for offset in offsets)
     starts = [f"{row} of {name}" for name, row in zip(detections.cameras, rows, strict=True)]
     kept = diagnostic("take_in_common", cameras=detections.cameras, count=stop - first, starts=starts, rows=rows)
-    notes = (*notes, kept)
-    return InTime(align_rows(detections, offsets, first, stop), rows, notes, problems)
+    return InTime(align_rows(detections, offsets, first, stop), rows, (*found, kept))
 
 
 def _given_offsets(cameras: Sequence[str], texts: Sequence[str]) -> np.ndarray | None:

@@ -110,14 +110,14 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     as_filmed = not (in_time.first_rows or any(agreeing.resampled))
     several, filmed = len(people) > 1, any(footage)
     changed = (*scaled, *world.found, *world.check.found())
-    notes = (calibration.notes, detections.notes, rate_notes, in_time.notes, person.notes, notes_in(changed))
+    notes = (calibration.notes, detections.notes, rate_notes, notes_in(in_time.found), person.notes, notes_in(changed))
     problems = (
         calibration.problems,
         detections.problems,
         rate_problems,
         agreeing.problems,
         _length_problems(videos, detections.num_frames) if as_filmed else (),
-        in_time.problems,
+        warnings_in(in_time.found),
         report_cuts(take_cuts(detections), detections.num_frames),
         report_order(detections),
         person.problems,

@@ -149,12 +149,12 @@ def test_movement_that_repeats_is_a_problem_with_both_offsets():
     take = walk(500)
     in_place = benchmark_capture(replace(take, root=take.root * [1.0, 1.0, 0.0]), BenchmarkSettings(seed=1))
     found = read_rows(in_place, (0, 45, 0, 0), 400)
-    [problem] = found.problems
-    assert problem.code == "start_ambiguous" and not found.first_rows and not found.notes
+    [problem] = found.found
+    assert problem.code == "start_ambiguous" and not found.first_rows
     assert problem.where.cameras == (in_place.cameras.names[1], in_place.cameras.names[0])
     one, other = problem.values["one"], problem.values["other"]
     assert {(one - 45) % 60, (other - 45) % 60} <= {0, 1, 59}, "45 frames late, or whole periods of the walk from there"
-    assert f"could be {one:+d} or {other:+d} frames from" in words([problem])[0]
+    assert f"offset by {one:+d} or {other:+d} frames from" in words([problem])[0]
     with pytest.raises(NotSynchronised, match="may not have started together"):
         read_rows(in_place, (0, 45, 0, 0), 400, sync="on")
 
@@ -164,11 +164,10 @@ def test_a_camera_that_shows_too_little_is_left_out_where_the_others_are_moved(d
     confidence = keypoints.confidence.copy()
     confidence[3, :100] = confidence[3, 110:] = 0.0
     found = read_rows(replace(demo, keypoints=replace(keypoints, confidence=confidence)), (0, 45, 90, 0), 200)
-    moved, left_out = found.problems
+    moved, left_out, kept = found.found
     assert (moved.code, left_out.code) == ("starts_apart", "start_left_out")
     assert left_out.where.cameras == ("cam04",) and left_out.remedy is Remedy.EXCLUDED
     assert moved.where.cameras == ("cam02", "cam03") and moved.values["late"] == pytest.approx([45, 90], abs=1)
-    [kept] = found.notes
     assert (kept.code, kept.values["rows"]) == ("take_in_common", list(found.first_rows))
     assert kept.values["count"] == found.detections.num_frames and not found.detections.confidence[3].any()
 
