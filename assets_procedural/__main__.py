@@ -12,7 +12,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread adds numbers in a fi
 
 
 def main() -> None:
-    """Build and write the body file, the hands file, and the file that Blender adds to them."""
+    """Build and write the body file, the hands file, and the file of additions for Blender."""
     from assets_procedural.build import BODY_FILE, build_body, write_body
     from assets_procedural.hand.build import HANDS_FILE, build_hands
     from assets_procedural.shown import SHOWN_FILE, build_shown

@@ -85,7 +85,7 @@ def _phenotypes(labels: list[str], count: int, seed: int) -> np.ndarray:
 
 
 def _skin_alone(rig: AnnyRig) -> AnnyRig:
-    """Return the rig without parts other than skin and eyes, because teeth would block rays."""
+    """Return the rig with nothing but skin and eyes, because teeth would block rays."""
     count = rig.vertices.shape[1]
     pairs = np.concatenate([rig.faces[:, [0, 1]], rig.faces[:, [1, 2]]])
     _, label = connected_components(csr_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count)), directed=False)
@@ -198,7 +198,7 @@ def _reposed(rig: AnnyRig, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _places(rig: AnnyRig) -> np.ndarray:
-    """Return the weights (24, B) with which bone heads define each joint."""
+    """Return weights (24, B) that define each joint from the bone heads."""
     places = np.zeros((len(SMPL_JOINTS), len(rig.bones)))
     for name, bone in _sources().items():
         row = SMPL_JOINTS.index(name)
@@ -233,7 +233,7 @@ def _components(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _regressor(mean: np.ndarray, vertices: np.ndarray, joints: np.ndarray, mirror: np.ndarray) -> np.ndarray:
-    """Return a regressor (24, V) of the joints from the skin around each, fitted by ridge regression."""
+    """Return a regressor (24, V) fitted by ridge regression, which uses the skin around each joint."""
     regressor = np.zeros((joints.shape[1], len(mean)))
     for j, name in enumerate(SMPL_JOINTS):
         if name.startswith("right"):

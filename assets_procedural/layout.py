@@ -11,6 +11,6 @@ MIRROR_JOINT = SMPL.mirror  # Index of the joint on the opposite side. Joints on
 CHILDREN = SMPL.children  # Children of each joint.
 
 NECKLINE = Plane((-0.55, 1.0, 0.42), 1.1776, (-1.0, 1.30, -0.3), (0.12, 1.55, 0.3))  # Lower in front, left half.
-CUFF = Plane((1.0, 0.0, 0.0), 0.655, (0.60, 1.0, -0.3), (0.71, 1.6, 0.3))  # End of the sleeve. For the left side.
+CUFF = Plane((1.0, 0.0, 0.0), 0.655, (0.60, 1.0, -0.3), (0.71, 1.6, 0.3))  # End of the sleeve on the left side.
 ANKLE = Plane((0.0, 1.0, 0.0), 0.105, (-1.0, 0.06, -0.3), (1.0, 0.16, 0.3))  # End of the trouser leg.
 BORDERS = (NECKLINE, CUFF, ANKLE)  # Borders between the two materials on the half body x >= 0. Metres, floor at y = 0.

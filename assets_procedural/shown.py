@@ -12,7 +12,7 @@ from assets_procedural.layout import JOINT
 from assets_procedural.skeleton.shown import shown_correctives
 
 SHOWN_FILE = BODY_FILE.with_name("shown_neutral.npz")
-_LEAST_M = 2e-5  # If a shape moves a vertex by less than this, the movement is removed.
+_LEAST_M = 2e-5  # Vertex movements below this are removed from the shapes.
 
 
 def build_shown(body: dict[str, Array]) -> dict[str, Array]:

@@ -15,7 +15,7 @@ from .errors import SolverMissing
 PACKAGE = "solver_backend"
 _BUNDLED = "backend"
 _ROOM_FOR_BYTE_CODE = 32 * 2**20
-"""Free disk space in bytes to leave for compiled Python files. They are several times smaller. Chosen by hand."""
+"""Free disk space in bytes that byte code needs, several times its real size. Chosen by hand."""
 _ADDON = Path(__file__).resolve().parent
 
 
@@ -29,7 +29,7 @@ def backend_folder() -> Path:
 
 @cache
 def included_wheels() -> Path | None:
-    """Return the folder that contains the included detector's unpacked wheels, or None if no detector is included.
+    """Return the folder of the included detector's unpacked wheels, or None if no detector is included.
 
     The result is cached, because panels ask for it at every redraw. Installing another zip loads this module again.
     """
@@ -38,7 +38,7 @@ def included_wheels() -> Path | None:
 
 
 def backend_command(python: Path | None = None) -> list[str]:
-    """Return the command that starts the solver, without any arguments for the solver."""
+    """Return the command that starts the solver, without the solver's own arguments."""
     executable = Path(python or sys.executable)
     if not executable.is_file():
         raise SolverMissing(

@@ -26,9 +26,9 @@ MOUTH = 7  # Material of the inside of the mouth. It follows the materials in ``
 _MEETING = 0.12  # Height of the line between closed lids, as a fraction of the opening.
 _OVER_M = 0.0005  # Extra distance between a closed lid and its eyeball, for the cornea.
 _LID_SHARES = (0.0, 0.22, 0.48, 0.76)  # Rings of the lids from edge to rim, as in ``eyes``.
-_RELAXED, _WIDE = 0.2, 0.22  # Fraction of a blink at rest, and upward fraction in wide eyes. Chosen by hand.
+_RELAXED, _WIDE = 0.2, 0.22  # Fraction of a blink at rest, and by which wide eyes open further. Chosen by hand.
 _GAZE = {"Up": (0.0, 11.0, -0.25), "Down": (0.0, -16.0, 0.35), "In": (-25.0, 0.0, 0.0), "Out": (25.0, 0.0, 0.0)}
-"""Rotation of the left eye to the left and upwards at value 1, in degrees, and the fraction of a blink that follows."""
+"""Rotation of the left eye to the left and upwards at value 1, in degrees, and the fraction of a blink added to it."""
 _UNDER_LID, _CORNEA_M = 0.86, 0.0006  # As in ``eyes``.
 _JAW_DEG = 19.0  # Rotation of the jaw at value 1, about two thirds of the widest opening.
 _JAW_JOINT, _JAW_ANGLE = np.array([0.0, 0.040, 0.014]), np.array([0.052, -0.012, 0.020])  # Relative to the head joint.
@@ -187,7 +187,7 @@ class _Mouth:
         return self.jaw[:, None] * (turned - self._vertices)
 
     def stroked(self, strokes: list[list], eye: Array, *, both: bool) -> Array:
-        """Return the offsets (V, 3) that strokes make, in metres.
+        """Return the offsets (V, 3) produced by strokes, in metres.
 
         Args:
             strokes: strokes of one shape: landmark, offset from it, radius, movement and, optionally, the lip.
@@ -214,7 +214,7 @@ class _Mouth:
         return offsets
 
     def part_lips(self, offsets: Array) -> Array:
-        """Return the offsets (V, 3) in metres that keep the lip seam closed until the lips part."""
+        """Return offsets (V, 3) in metres that keep the lip seam closed until the lips part."""
         found, vertices = offsets.copy(), self._vertices
         upper, lower = (self._inner[(self._above[self._inner] > 0.5) == above] for above in (True, False))
         x = vertices[self._seam, 0]
@@ -258,7 +258,7 @@ class _Mouth:
 
 
 def _rings(graph: sp.csr_matrix, start: Array, allowed: Array, count: int) -> list[Array]:
-    """Return the allowed vertices at each edge distance from the start, 0 to ``count``."""
+    """Return the allowed vertices at each edge distance (0 to ``count``) from the start."""
     reached, rings = start.copy(), [np.flatnonzero(start)]
     for _ in range(count):
         new = (graph @ np.isin(np.arange(len(start)), rings[-1]).astype(float) > 0) & allowed & ~reached

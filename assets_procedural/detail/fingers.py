@@ -17,7 +17,7 @@ from assets_procedural.layout import JOINT
 from assets_procedural.skeleton.skinning import distance_to_segment
 
 _UP = np.array([0.0, 1.0, 0.0])
-_WEB_M = 0.003  # A finger that is farther by more than this distance hardly affects the skin.
+_WEB_M = 0.003  # A finger that is this much farther away than the nearest one hardly affects the skin.
 _PALM_M = 0.016, 0.030  # Distances from the thumb's axis. Skin that is closer rotates with the thumb.
 
 

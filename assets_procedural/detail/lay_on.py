@@ -94,7 +94,7 @@ def _groove(points: Array, seam: Array) -> Array:
 _FROM_M, _TO_M = 0.022, 0.040  # Distances in front of the foot joint at which deepening begins and is complete.
 _SMOOTHINGS, _SHRINK, _SWELL = 9, 0.55, -0.58  # Taubin 1995, "Curve and surface smoothing without shrinkage".
 _GAIN, _MOST_M = 2.2, 0.004
-_KEPT = (-1.0, -0.001, 0.0025), (1.0, 0.036, 0.041)  # Keypoints lie on both outer toes, so the change fades out there.
+_KEPT = (-1.0, -0.001, 0.0025), (1.0, 0.036, 0.041)  # keypoints lie on both outer toes, so the change fades out there
 _SOLE_M = 0.006  # Skin below this does not move vertically, so that the soles stay on the floor.
 
 

@@ -1,4 +1,4 @@
-"""Build the looks of the shown body: athletic wear with and without hair, a mannequin, and coloured segments.
+"""Build the looks of the shown body: athletic wear with and without short hair, a mannequin and coloured segments.
 
 A look defines a material per face and moves the skin. Vertices slide onto hems, hairlines and joints (``mesh.lines``).
 Cloth spans the furrows of the body, a shoe covers the toes, and hair covers the scalp. Soles keep their height. Lengths
@@ -20,7 +20,7 @@ from assets_procedural.skeleton.skinning import vertex_areas, vertex_normals
 
 HAIR, SHIRT, TRIM, SHORTS, SOCK, SHOE, SOLE = range(8, 15)  # Materials that follow those of ``expressions``.
 SEGMENTS = ("Head", "Neck", "Chest", "Abdomen", "Pelvis", "Arm", "Forearm", "Hand", "Thigh", "Shank", "Foot", "Toes")
-FIRST_SIDED = SEGMENTS.index("Arm")  # From here on, each left segment is followed by its right one.
+FIRST_SIDED = SEGMENTS.index("Arm")  # From here on, segments have two sides. All right ones follow the left ones.
 _HAIRLINE = (
     (-0.12, 1.512), (-0.06, 1.516), (-0.025, 1.532), (-0.010, 1.575), (-0.003, 1.618), (0.02, 1.632), (0.04, 1.628),
     (0.055, 1.612), (0.065, 1.615), (0.080, 1.638), (0.095, 1.648), (0.115, 1.656), (0.14, 1.660),
@@ -29,7 +29,7 @@ _HAIRLINE = (
 _BROW = (0.0135, 1.6125), (0.033, 1.6165), (0.0465, 1.6105)  # Centre line of a brow, as x and height.
 _BROW_M = 0.0028  # Half the thickness of a brow.
 _HEM_M, _GAP_M = 0.016, 0.003  # Width of a hem, and height of its step down to the skin.
-_UNDER = -0.5  # Skin of a foot belongs to the sole if the height of its unit normal is below this.
+_UNDER = -0.5  # Skin on a foot belongs to the sole if the upward part of its unit normal is below this.
 _SHOE_M, _WRAP_M = 0.006, 0.012  # Distance of leather from the skin, and radius of the gaps that it covers.
 
 

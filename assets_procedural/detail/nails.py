@@ -15,10 +15,10 @@ from assets_procedural.layout import JOINT
 
 _AROUND = 10  # Vertices in each ring.
 _RINGS = (1.0, 0.86, 0.74)  # Skin, bottom of the fold and border of the plate, as fractions of the oval's radii.
-_HOLE = 1.25  # Radii of the skin to replace. It is larger than the nail, so that faces around it are not narrow.
+_HOLE = 1.25  # Factor for the radii of the skin to replace. A larger hole avoids narrow faces around the nail.
 _FOLD_M, _PLATE_M = -0.0004, 0.0003  # Fold below the skin, and plate above it. Chosen by hand.
 _DEEP_M, _BESIDE_M = 0.009, 0.011  # Limits of the surrounding skin: depth below the nail's centre, and distance.
-_FACING = 0.45  # Skin belongs to the surface if the cosine between its normal and the nail's is at least this.
+_FACING = 0.45  # Smallest cosine between the normals of skin and nail at which the skin defines the surface.
 
 
 @dataclass(frozen=True)

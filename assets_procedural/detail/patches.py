@@ -31,7 +31,7 @@ class HalfBody:
 
 @dataclass(frozen=True)
 class Patch:
-    """Vertices and faces that fill a hole out to an outermost ring."""
+    """Vertices and faces that fill a hole up to its outermost ring."""
 
     vertices: Array  # (P, 3) metres.
     faces: Array  # (Q, 3) indices into ``vertices``, wound so that the front faces outwards.
@@ -42,7 +42,7 @@ class Patch:
 
 @dataclass(frozen=True)
 class Oval:
-    """The vertices inside an ellipse that is upright when seen from the front, without vertices far behind it."""
+    """The vertices inside an ellipse that is upright when seen from the front. Vertices far behind it are excluded."""
 
     centre: Array
     radii: Array
@@ -70,7 +70,7 @@ def replace(half: HalfBody, hole: Mask, patch: Patch) -> HalfBody:
 
 
 def surface_around(half: HalfBody, near: Array, left_out: Array) -> Depth:
-    """Return a function z(x, y) of the front skin, fitted to vertices that are ``near`` and not ``left_out``."""
+    """Return a function z(x, y) for the front skin, fitted to vertices that are ``near`` but not ``left_out``."""
     total = normal_sums(half.vertices, half.faces)
     facing = near & (total[:, 2] > 0.35 * np.linalg.norm(total, axis=1))
     points = half.vertices[facing & ~left_out]

@@ -17,7 +17,7 @@ from assets_procedural.skeleton.skinning import vertex_normals
 
 Field = Callable[[Array], Array]  # Signed distances (N,) in metres of (N, 3) points, or NaN where there is no line.
 _NEAREST, _STEPS, _DELTA_M = 12, 6, 1e-4  # Triangles and Newton steps to try, and step size of a derivative.
-_ROUNDING = 0.75  # Fraction of the tangent planes, as in the publication.
+_ROUNDING = 0.75  # Weight of the tangent planes, as in the publication.
 _ON_M = 4e-4  # A vertex closer than this is on the line.
 _EAR_M = 1.2e-3  # If all corners of a triangle are on a ring, its tip moves this far away from it.
 
@@ -116,7 +116,7 @@ class LinedMesh:
         return Band(value[self.faces].sum(axis=1) < 0, ring[self.faces].any(axis=1))
 
     def _cover(self, a: Array, b: Array, cost: Array) -> Array:
-        """Return a mask (V,) of one vertex to slide for each crossing edge, without redundant vertices."""
+        """Return a mask (V,) with one vertex to slide per crossing edge, without redundant vertices."""
         chosen = np.zeros(len(cost), bool)
         chosen[np.where(cost[a] <= cost[b], a, b)] = True
         for vertex in np.flatnonzero(chosen)[np.argsort(-cost[chosen], kind="stable")].tolist():
@@ -125,7 +125,7 @@ class LinedMesh:
         return chosen
 
     def _slide(self, field: Field, moved: Array, level: float, value: Array) -> None:
-        """Slide vertices to a level of a field, as far as no face collapses."""
+        """Slide vertices to a level of a field, but only as far as no face collapses."""
         wanted = np.full(len(self.vertices), level)
         for face in self.faces[moved[self.faces].all(axis=1)]:
             tip = face[np.abs(value[face] - level).argmax()]

@@ -249,7 +249,7 @@ def _unit_fields(vertices: Array, joints: Array, carried: Array, measures: Measu
 
 
 def _within_population(loadings: Array, statistics: Statistics) -> Array:
-    """Return the loadings (M, 10), reduced where two deviations would leave the 1st to 99th percentile."""
+    """Return the loadings (M, 10), reduced where two deviations would exceed the 1st or 99th percentile."""
     mean = population_mean(statistics)
     room = np.minimum(statistics.p99 - mean, mean - statistics.p01) - _MARGIN_M
     reach = np.max(2.0 * np.abs(loadings) / room[:, None], axis=0)
@@ -257,7 +257,7 @@ def _within_population(loadings: Array, statistics: Statistics) -> Array:
 
 
 def _driven_components(covariance: Array) -> list[Array]:
-    """Return how the measures (M,) change per deviation of stature, and per deviation of trunk girth."""
+    """Return the change of the measures (M,) per deviation of stature, and per deviation of trunk girth."""
     drivers = _drivers()
     shared = drivers.T @ covariance @ drivers
     effect = covariance @ drivers @ np.linalg.inv(shared)

@@ -132,7 +132,7 @@ _PLACES: tuple[tuple[Degrees, str, tuple[float, float, float], float, tuple[tupl
     (_BENT, "left_elbow", (0.0, 0.0, 0.04), 0.34, ((40, 35), (0, 90))),
     (_REST, "left_foot", (0.0, 0.0, -0.02), 0.22, ((0, 35), (-45, 25), (50, 25))),
 )
-"""Pose, joint, offset from the joint at rest and picture height in metres, and pairs of yaw and pitch in degrees."""
+"""Pose, joint, offset from the joint at rest and picture height in metres, and yaw and pitch in degrees."""
 
 
 @dataclass(frozen=True)

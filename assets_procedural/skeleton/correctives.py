@@ -23,11 +23,11 @@ from solver_backend.types import SMPL_JOINTS
 Wanted = Callable[[int, Array], Array]  # Returns rest offsets (V, 3) in metres for a joint's rotation (3, 3).
 NUM_FEATURES = 9 * (len(PARENTS) - 1)
 _RIDGE, _SMALLEST_M, _MASK_FULL = 0.3, 5e-5, 0.08
-_SLIGHT_M = 1.5e-4  # Smaller correctives are removed, because a row takes 116 bytes.
+_SLIGHT_M = 1.5e-4  # Smaller correctives are removed, because each row takes 116 bytes.
 _LEFT_OUT = ("hand",)  # Joints without correctives. All fingers bend together, and no solve moves them.
 _BULGING_JOINTS, _BULGE = ("shoulder",), 0.15  # Fraction of the dual quaternions' bulge that is removed
-_RAISED_FROM, _RAISED = 0.35, 0.9  # Sines of the angles at which an arm begins to be raised, and is fully raised.
-_TAUT_ROUNDS, _TAUT_FROM, _TAUT_AT = 12, 1.05, 1.5  # Smoothing steps, and growth at which skin is partly or fully taut.
+_RAISED_FROM, _RAISED = 0.35, 0.9  # Sines of the angles from which an arm is partly raised, and fully raised.
+_TAUT_ROUNDS, _TAUT_FROM, _TAUT_AT = 12, 1.05, 1.5  # Smoothing steps, and growth from which skin tightens, and is taut.
 _TOUCHING_JOINTS = ("elbow",)
 _SWELLING_JOINTS, _LARGEST_SWELLING_M = ("hip", "knee", "elbow"), 0.025
 Bends = dict[str, tuple[tuple[float, float, float], float, float]]  # Axis of a left joint, smallest and largest angle.
@@ -249,7 +249,7 @@ def parted(vertices: Array, posed: Array, joint: Array, bone: Array, turn: Array
 
 
 def _mirrored(directions: Array, mirror: Array) -> Array:
-    """Return the correctives of the mirror image, whose x is negated."""
+    """Return the correctives of the mirror image. Their x is negated."""
     blocks = directions[mirror].reshape(len(directions), 3, -1, 3, 3)
     order = [MIRROR_JOINT[j] - 1 for j in range(1, len(PARENTS))]
     turned = blocks[:, :, order] * FLIP[:, None] * FLIP

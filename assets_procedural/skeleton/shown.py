@@ -45,7 +45,7 @@ class _Way(NamedTuple):
     radius_m: float  # Radius of the smoothing.
     dual: float  # Fraction of dual-quaternion skinning in the target.
     gain: float  # Fraction of the lost volume that stretched skin restores, before the fit.
-    growth: tuple[float, float] = (0.0, 1e-9)  # Relative growth of area at which swelling begins and is complete.
+    growth: tuple[float, float] = (0.0, 1e-9)  # Growth of area at which swelling begins, and at which it is complete.
 
 
 _WAYS = {
@@ -56,7 +56,7 @@ _WAYS = {
 }
 """Parameters for the joints that get additional correctives."""
 _SECOND = SECOND_BEND | {"left_hip": ((-0.74, 0.66, -0.12), 0.0, 2.3)}  # as when sitting cross-legged
-_REACH = 0.02, 0.35  # Smoothed weights of a joint at which its added correctives begin and are complete.
+_REACH = 0.02, 0.35  # Smoothed joint weights at which added correctives begin and are complete.
 _LARGEST_SWELLING_M = 0.03
 _HIP_SCALE, _CROTCH_M, _PIT_M = 1.3, (0.05, 0.10), (0.0, 0.02)
 """Factor at the hips, and ranges in metres over which additions fade: from the midline, and before the elbow."""
@@ -155,7 +155,7 @@ def _shares(vertices: Array, joints: Array) -> Array:
 
 
 def _has_row(directions: Array, least: float) -> Array:
-    """Return a mask (V, 1, 207) of the correctives that move a vertex by more than ``least``."""
+    """Return a mask (V, 1, 207) of correctives that move a vertex by more than ``least``."""
     largest = np.abs(directions).reshape(len(directions), 3, -1, 9).max(axis=(1, 3))
     return np.repeat(largest > least, 9, axis=1)[:, None]
 

@@ -139,7 +139,7 @@ def heat_shares(vertices: Array, faces: Array, distance: Array) -> Array:
 
 def _keep_strongest(weights: Array) -> Array:
     weights = np.where(weights < _SMALLEST, 0.0, weights - _SMALLEST)
-    # If a left and a right joint have equal weights, both are removed, so that the midline stays symmetric.
+    # Equal weights of a left and a right joint are removed together, so that the midline stays symmetric.
     limit = -np.sort(-weights, axis=1)[:, MAX_INFLUENCES, None]
     kept = np.where(weights > limit + 1e-12, weights, 0.0)
     return kept / kept.sum(axis=1, keepdims=True)

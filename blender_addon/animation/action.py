@@ -28,7 +28,7 @@ from .layers import keep_users_action, reset_root
 ROOT_PATHS = tuple(f'pose.bones["{ROOT}"].{name}' for name in ("location", "rotation_quaternion"))
 """Data paths of the root control's location and rotation."""
 _EDITED = 1e-4
-"""Smallest deviation from the motion that is a hand edit, in metres or quaternion components."""
+"""Deviations from the motion above this are hand edits, in metres or quaternion components."""
 
 
 def bake_action(
@@ -180,7 +180,7 @@ def read_pose(
     *,
     without_root: bool = False,
 ) -> BodyPose:
-    """Return the evaluated pose of a body. ``R_bone_body`` is the result of ``rotation_from_body_axes``, if known."""
+    """Return the evaluated pose of a body. Pass ``R_bone_body`` to reuse a result of ``rotation_from_body_axes``."""
     R_bone_body = rotation_from_body_axes(armature) if R_bone_body is None else R_bone_body
     bones = [armature.pose.bones[joint] for joint in layout_of(armature.data.bones).joints]
     spaces = {"from_space": "POSE", "to_space": "LOCAL"}

@@ -146,7 +146,7 @@ def curve_values(curve: bpy.types.FCurve, times: np.ndarray) -> np.ndarray:
 
 
 def keys_of(action: bpy.types.Action, *but: str) -> dict[tuple[str, int], tuple[Any, ...]]:
-    """Return a comparable description of an action's curves, without data paths that end in any of ``but``."""
+    """Return a comparable description of an action's curves. Data paths that end in any of ``but`` are left out."""
     curves = (curve for curve in action_curves(action) if not curve.data_path.endswith(but))
     return {(curve.data_path, curve.array_index): _motion_of(curve) for curve in curves}
 

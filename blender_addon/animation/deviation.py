@@ -18,8 +18,8 @@ from ..conventions.timing import TakeTiming, go_to_frame
 class Deviation:
     """Largest distances over several frames."""
 
-    joints_mm: float  # Pose bone heads from the motion file's joints, or from the joint tree if the file has none.
-    skin_mm: float  # Evaluated mesh from the model's skin, which includes the shape and the pose correctives.
+    joints_mm: float  # Distance of pose bone heads from the motion's joints, or from the joint tree's without any.
+    skin_mm: float  # Distance of the evaluated mesh from the model's skin, with its shape and pose correctives.
 
 
 def evaluated_joints(scene: bpy.types.Scene, armature: bpy.types.Object, frame: float) -> np.ndarray:

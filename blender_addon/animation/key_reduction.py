@@ -47,7 +47,7 @@ class SparseCurves:
 def _fit_slopes(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
     """Return the slopes (K, N) at the keys that minimise the squared distance to the (F, N) ``values``."""
     _, basis = _hermite(frames, len(values))
-    at_keys, pieces = values[frames], frames[:-1]  # the second are the first frames of all pieces
+    at_keys, pieces = values[frames], frames[:-1]  # ``pieces`` are the first frames of the pieces
     left, right = (np.add.reduceat(basis[:, k, None] * basis, pieces) for k in (2, 3))  # (K - 1, 4) each
     sums, slopes = np.zeros_like(at_keys), basis[:, 2:].T
     for k, (first, stop) in enumerate(pairwise([*pieces.tolist(), len(values)])):
@@ -87,9 +87,9 @@ def _hermite(frames: np.ndarray, num_frames: int) -> tuple[np.ndarray, np.ndarra
 
 _MOVES = (1, -1, 2, -2, 4, -4)  # Trial moves of a key, in candidate frames.
 _SWEEPS = 4
-_APART = 6  # Distance in keys between keys that are tested together. A key hardly affects the fit three keys away.
-_POWER = 6  # Exponent of the power mean that moves minimise. It is close to the largest distance, but smooth.
-_GAIN = 0.02  # Another sweep follows if a sweep gains at least this fraction. Chosen by hand.
+_APART = 6  # Keys this far apart are tested together. A key hardly affects the fit three keys away.
+_POWER = 6  # Exponent of the power mean that is minimised. It approximates the maximum but is smooth.
+_GAIN = 0.02  # Sweeps are repeated while each gains at least this fraction. Chosen by hand.
 _UNCHANGED = 2e-6  # A channel difference (in metres or quaternion components) that moves no joint by 0.1 mm.
 _SHARE = 8  # Each pass adds one eighth of the missing keys.
 
@@ -211,7 +211,7 @@ def _between(cost: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarra
 
 @dataclass(frozen=True)
 class KeyDeviation:
-    """Largest differences between a take with sparse keys and the full take, among all frames and joints."""
+    """Largest differences between a take with sparse keys and the full take, over all frames and joints."""
 
     keys: int
     joints_mm: float  # Distance between joint positions.

@@ -28,7 +28,7 @@ _UNSURE_AT_MOST = 0.3  # Highest confidence that a flagged frame can have (0 to 
 
 
 def joint_confidence(sigma_m: np.ndarray, flags: np.ndarray | None) -> np.ndarray:
-    """Return ``1 / (1 + (sigma / 3 cm)²)``. It is 0 in interpolated frames and at most 0.3 in flagged ones."""
+    """Return ``1 / (1 + (sigma / 3 cm)²)``, set to 0 in interpolated frames and limited to 0.3 in flagged ones."""
     confidence = 1.0 / (1.0 + (np.asarray(sigma_m, np.float64) / HALF_AT_M) ** 2)
     if flags is not None:
         unsure, unseen = (flags & FLAG_UNSURE) > 0, (flags & FLAG_UNSEEN) > 0
@@ -122,7 +122,7 @@ def has_contact_edits(action: bpy.types.Action) -> bool:
 
 
 def contact_edits(action: bpy.types.Action) -> list[list[Any]]:
-    """Return the user's contact edits. Each has the body part, first and last capture frames, and the contact."""
+    """Return the user's contact edits: body part, first and last capture frames, and whether it touches the floor."""
     return list(json.loads(action.get(EDITS, "[]")))
 
 

@@ -69,7 +69,7 @@ def _linear_keys(times: np.ndarray, values: np.ndarray, like: np.ndarray) -> np.
     return keys
 
 
-_NEAR = 1e-3  # A key is on a frame if it is closer than this, in scene frames.
+_NEAR = 1e-3  # A key closer to a frame than this, in scene frames, is on that frame.
 _SWITCHES = tuple(switch_path(limb) for limb in LIMBS)
 
 

@@ -114,7 +114,7 @@ _TEXTS = frozenset({"body_id", "license"})
 _ASSET = Path("assets", "body_neutral.npz")
 _OWN_LICENCE = "CC0-1.0"
 once_a_body = lru_cache(maxsize=2)
-"""Decorator that caches the last two results of a function of a body. Callers must not change the results."""
+"""Decorator that caches a function's results for the last two bodies. Callers must not change the results."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ class BodyFile:
     """A skinned body in its rest frame, in metres: Y up, facing +Z, left = +X."""
 
     id: str  # The name used in motion files.
-    v_template: np.ndarray  # (V, 3) metres.
+    v_template: np.ndarray  # (V, 3) mean vertices in metres.
     shapedirs: np.ndarray  # (V, 3, 10) metres per unit of shape.
     posedirs: np.ndarray | None  # (V, 3, 9 (J - 1)) metres per unit of pose feature flatten(R_j - I), j = 1..J-1.
     J_regressor: np.ndarray  # (J, V), rows sum to 1.

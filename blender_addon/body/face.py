@@ -108,7 +108,7 @@ def add_face_bones(armature: bpy.types.Object, mesh: bpy.types.Object, body: Bod
 
 
 def _weights(bone: _FaceBone, pivot: np.ndarray, body: BodyFile) -> np.ndarray:
-    """Return the weights (V,) with which a bone at a pivot moves the skin most like its facial shape."""
+    """Return weights (V,) that let a bone at a pivot move the skin as its facial shape does, as closely as possible."""
     vertices, offsets = body.face_shapes[bone.shape]
     points = body.v_template[vertices] - pivot
     moved = points @ matrix_from_rotvec(np.deg2rad(bone.turn_deg)).T - points
@@ -131,7 +131,7 @@ def _add_bones(data: bpy.types.Armature, places: dict[str, np.ndarray]) -> None:
 
 
 def _wire(armature: bpy.types.Object, keys: bpy.types.Key, new: dict[str, _FaceBone]) -> None:
-    """Set up the controls. Like the head's, a deform bone moves back by what the shape sliders add."""
+    """Set up the controls. A deform bone moves back by the shape sliders' offset, as the head's does."""
     data, bones = armature.data, armature.pose.bones
     shown = data.collections_all.get(_COLLECTION) or data.collections.new(_COLLECTION)
     axes = np.array(data.bones[_HEAD].matrix_local.to_3x3()).T @ R_ARMATURE_BODY
@@ -152,7 +152,7 @@ def _wire(armature: bpy.types.Object, keys: bpy.types.Key, new: dict[str, _FaceB
 
 
 def _rest_when_blank(armature: bpy.types.Object, keys: bpy.types.Key) -> None:
-    """Add the parts that keep a blank face's bones at rest, unless they exist."""
+    """Add the constraints and drivers that keep a blank face's bones at rest, where they are missing."""
     if (blank := LOOK_KEYS[MANNEQUIN]) not in keys.key_blocks:
         return
     bones = armature.pose.bones

@@ -20,7 +20,7 @@ from .looks import add_looks
 from .mesh import create_mesh, polygons_of
 from .shape import add_shape_keys, all_sliders, get_betas
 
-_LEAST_M, _SAME_M = 5e-7, 5e-7  # Metres per beta below which an effect is ignored, and below which a difference is.
+_LEAST_M, _SAME_M = 5e-7, 5e-7  # Metres per beta below which effects are ignored, or are equal.
 _MOST_OTHERS = 6
 _LARGEST_FACTOR = 4.0
 """Largest factor in a linear combination. Larger factors would amplify Blender's rounding errors."""
@@ -72,7 +72,7 @@ def _sources(body: BodyFile, names: tuple[str, ...], axes: bytes) -> list[tuple[
     ways += [(-directions[j], (n, deform_bone(joints[max(parents[j], 0)]))) for j, n in enumerate(joints)]
     found: list[tuple[_Driven, list[tuple[float, _Driven]]]] = []
     for name, B, (way, related) in zip(names, np.frombuffer(axes).reshape(-1, 3, 3), ways, strict=True):
-        earlier = [driven for driven, _ in found]  # a bone that drives itself would be a cycle
+        earlier = [driven for driven, _ in found]  # because a bone that drives itself would be a cycle
         for axis, row in enumerate(B.T @ way):
             if np.abs(row).max() > _LEAST_M:
                 parts = _few_others(row, earlier) or _all_of(row, [d for d in earlier if d.bone in related])
@@ -143,7 +143,7 @@ def _drive_by_betas(
 class Rig:
     """The Blender objects of a body."""
 
-    armature: bpy.types.Object  # Per joint a posed and a hidden deform bone, plus a root and IK controls.
+    armature: bpy.types.Object  # Posed and hidden deform bones, a root, and IK controls for hands and feet.
     mesh: bpy.types.Object  # The skin, with ten shape sliders and the pose correctives.
 
 

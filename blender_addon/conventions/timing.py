@@ -10,7 +10,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class TakeTiming:
-    """Converts frames of a take to scene frames by their time."""
+    """Converts the frames of a take to scene frames of the same time."""
 
     start: float  # Scene frame of the take's first frame.
     scene_fps: float  # Frame rate of the scene, in frames per second.
@@ -45,7 +45,7 @@ def show_frame(scene: bpy.types.Scene, frame: int | None = None) -> None:
 
 
 def go_to_frame(scene: bpy.types.Scene, frame: float) -> None:
-    """Show a scene at a frame, which may be fractional."""
+    """Show a scene at a frame that may be fractional."""
     whole = int(np.floor(frame))
     scene.frame_set(whole, subframe=float(frame - whole))
 

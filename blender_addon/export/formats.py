@@ -40,7 +40,7 @@ ROOT_MOTIONS = (
     ("root", "On Root", "A root bone carries the travel and the heading, smoothed"),
     ("place", "In Place", "The motion has no travel"),
 )
-"""Where the travel over the ground can be stored, as the identifiers, labels and descriptions of an enum."""
+"""Where the travel over the ground can be stored: identifier, label and description of each choice."""
 UNITS = (
     ("m", "Metres", "One file unit is a metre"),
     ("cm", "Centimetres", "One file unit is a centimetre, without a scale on the skeleton"),

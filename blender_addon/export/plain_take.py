@@ -111,7 +111,7 @@ def _carry_left_out(mesh: bpy.types.Object, armature: bpy.types.Object, layout: 
 
 
 def local_copy(source: bpy.types.Object, collection: bpy.types.Collection) -> bpy.types.Object:
-    """Copy an object and its data into a collection, also if it is a library override. The copy is editable."""
+    """Copy an object and its data into a collection and make both editable, even if they are library overrides."""
     copy = source.copy()
     collection.objects.link(copy)
     if copy.override_library is not None:

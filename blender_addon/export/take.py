@@ -21,7 +21,7 @@ from ..errors import NothingToExport
 from ..scene.session import sample_poses
 from .formats import AS_RECORDED, FileLayout
 
-_WHOLE = 1e-3  # Differences between frames, and relative differences between rates, that are ignored.
+_WHOLE = 1e-3  # Largest difference in frames, and largest relative difference in rates, that is ignored.
 _SAME_SIZE = 1e-4  # Relative difference between scales that is ignored.
 _SLACK = 0.01  # Tolerance for the position of keys in frames, because Blender uses single precision. Chosen by hand.
 
@@ -185,11 +185,11 @@ class PoseSamples:
 
     names: tuple[str, ...]  # Bone names, parents before children.
     parents: tuple[int, ...]  # Index of each bone's parent, or -1 at a root.
-    rest_heads: np.ndarray  # (J, 3) bone heads at rest in the armature's frame, in their size in the world.
+    rest_heads: np.ndarray  # (J, 3) bone heads at rest in the armature's frame, but in world size.
     rest_tails: np.ndarray  # (J, 3) bone tails at rest.
     rotations: np.ndarray
-    """(F, J, 3, 3) rotation of each bone from rest, in world axes. It is the identity for an unmoved rest pose."""
-    heads: np.ndarray  # (F, J, 3) bone heads in world coordinates.
+    """(F, J, 3, 3) world rotation of each bone from rest. It is the identity for an unmoved armature at rest."""
+    heads: np.ndarray  # (F, J, 3) bone heads in the world.
     fps: float  # Frames per second.
 
     @property

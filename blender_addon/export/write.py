@@ -32,7 +32,7 @@ def export_take(
 
 
 def writer_of(chosen: Format) -> Callable[[Path, ExportTake, Progress], None]:
-    """Return the function that writes takes in a format."""
+    """Return the function that writes takes in this format."""
     module, _, function = chosen.writer.partition(".")
     return getattr(import_module(f".writers.{module}", __package__), function)
 

@@ -80,7 +80,7 @@ def leave(code: int) -> NoReturn:
     """End the process with an exit code, without cleanup if Blender is loaded.
 
     If a scene had a Python driver, Blender as a module never exits, because it frees the driver after the interpreter
-    that compiled it (seen with bpy 4.5). All files must be written before this call.
+    that compiled it (seen with bpy 4.5). All files must have been written before.
     """
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):

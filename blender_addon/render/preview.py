@@ -30,7 +30,7 @@ class PreviewSettings:
     most_fps: float = 30.0  # Faster takes skip frames. Their speed does not change.
     most_frames: int = 360  # Largest number of frames in the video.
     most_views: int = 4  # Largest number of cameras.
-    most_footage_pictures: int = 720  # Most footage images to read. If necessary, fewer cameras are shown.
+    most_footage_pictures: int = 720  # Largest number of footage images to read. If needed, fewer cameras are shown.
 
 
 def preview_frames(num_frames: int, fps: float, settings: PreviewSettings) -> tuple[list[int], float]:

@@ -19,7 +19,7 @@ from .picture import read_targa
 from .view import View
 
 _STUDIO = "paint.sl"  # Blender's brightest studio light.
-Window = tuple[int, int, int, int]  # x0, y0, x1, y1 of a part of a picture, in pixels from the top left corner.
+Window = tuple[int, int, int, int]  # x0, y0, x1 and y1 of a part of a picture, in pixels from the top left corner.
 
 
 @dataclass(frozen=True)

@@ -22,11 +22,11 @@ from .picture import Resampling, blend, gradient, layer_from_render
 from .stage import RenderQuality, open_footage, open_stage
 from .view import View
 
-Backdrop = Callable[[int], np.ndarray]  # Returns a new (h, w, 3) picture to show behind the body in a footage frame.
+Backdrop = Callable[[int], np.ndarray]  # Returns a new (h, w, 3) background picture for a footage frame.
 
 _OUTSIDE = (30, 32, 36)
 _CUT = 0.02
-"""Footage whose relative size difference is at most this large was cropped from the calibrated size."""
+"""Footage whose size differs by at most this fraction was cropped from the calibrated size."""
 
 
 def floor_backdrop(floor: tuple[bpy.types.Collection, ...], view: View, folder: Path) -> Backdrop:

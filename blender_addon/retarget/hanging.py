@@ -34,7 +34,7 @@ class Hanging:
     moves_with: np.ndarray  # (N,) index of the control that moves each one, or -1.
     held: tuple[str, ...]  # Controls that do not rotate when their own channels change.
     unmoved: tuple[str, ...]  # Controls that do not move when their own location changes.
-    partial: tuple[str, ...]  # Controls that only partly follow another, for example through a half constraint.
+    partial: tuple[str, ...]  # Controls that only partly follow another, for example through half a constraint.
 
 
 def hanging_of(

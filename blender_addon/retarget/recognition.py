@@ -191,7 +191,7 @@ _MOST_BYTES = 64 * 1024 * 1024
 """Largest header in bytes. The headers of large characters take a few megabytes."""
 _MOST_KEYS = 2**31  # Largest number of keys in a channel, which is glTF's largest index.
 _RATES = (1.0, 480.0)  # Plausible frame rates in frames per second. Chosen by hand.
-_SPARSE_HZ, _FILM_HZ = 10.0, 24.0  # Keys below the first rate are set by hand. Their frames reach at least the second.
+_SPARSE_HZ, _FILM_HZ = 10.0, 24.0  # Slower key rates are an animator's. Their frames reach at least the second rate.
 
 
 def read_header(path: Path) -> dict[str, Any]:

@@ -41,7 +41,7 @@ def _skin_by_bone(armature: bpy.types.Object, most: int) -> Iterator[tuple[np.nd
 
 
 def _meshes(armature: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, np.ndarray, str]]:
-    """Yield each mesh of an armature, its rest vertices (V, 3), and the bone to which it is rigidly parented."""
+    """Yield an armature's meshes, their rest vertices (V, 3), and the bone to which each mesh is rigidly parented."""
     for obj in bpy.data.objects:
         if obj.type != "MESH":
             continue
@@ -197,8 +197,8 @@ def stand_on_stage(
 ) -> tuple[Target, str]:
     """Return the rig with its soles at z = 0 and facing -Y, and the source of the height.
 
-    A mirrored armature stays mirrored on the stage, so its right limbs play left. Raises ``MapInvalid`` if the map does
-    not distinguish left and right.
+    A mirrored armature stays mirrored on the stage, so its right limbs are the stage's left ones. Raises ``MapInvalid``
+    if the map does not distinguish left and right.
     """
     heads = hanging.matrices[:, :3, 3]
     R = stage_axes(dict(zip(roles, heads, strict=True)))

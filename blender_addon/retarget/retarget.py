@@ -78,7 +78,7 @@ def _rotation(bone: str, mode: str, R: np.ndarray, quat: np.ndarray) -> Channel:
 _CHECKED_FRAMES = 6
 _REFUSED_MM = 100.0
 """Deviation of hands and feet in millimetres, at the actor's size, above which a rig is rejected."""
-_SAME_PLACE = 0.002  # A bone closer than this fraction of the rig's size to a control is at the control's position.
+_SAME_PLACE = 0.002  # A bone is at a control's position if it is closer than this fraction of the rig's size.
 
 
 def measure_deviation_mm(rig: TargetRig, scene: bpy.types.Scene, done: Transferred, channels: list[Channel]) -> float:

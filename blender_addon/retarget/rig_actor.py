@@ -35,7 +35,7 @@ from .rig_map import RigMap
 
 
 def played_frames(armature: bpy.types.Object) -> tuple[str, np.ndarray]:
-    """Return the name of the action that an armature plays, and (F,) scene frames."""
+    """Return the name of the action that an armature plays, and the scene frames (F,) to sample."""
     action = current_action(armature)
     if action is None:
         hint = "Assign an action to it, or choose the file with the clip."

@@ -88,7 +88,7 @@ class TargetRig:
 def read_target(
     armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: RigMap, limbs: str, fingers: Collection[str] = ()
 ) -> TargetRig:
-    """Read a rig with its map and its FK/IK switches. Fingers that the motion does not have are left out."""
+    """Read a rig with its map and its FK/IK switches. Fingers that do not occur in the motion are left out."""
     _check_object(armature)
     notes: list[str] = []
     bones = _with_carrier(armature, _usable_bones(armature, rig_map, notes), notes)

@@ -87,7 +87,7 @@ def _stand_in(armature: bpy.types.Object, take: bpy.types.Action) -> Iterator[bp
 
 
 def shaded(points: np.ndarray, faces: np.ndarray, eye: np.ndarray) -> np.ndarray:
-    """Return translucent vertex colours (V, 4) that are more opaque at the silhouette.
+    """Return vertex colours (V, 4) that are translucent, but more opaque at the silhouette.
 
     Args:
         faces: (T, 3) vertex indices of the triangles.

@@ -24,7 +24,7 @@ from ..errors import TakeMissing
 
 
 def doubtful_ranges(take: bpy.types.Action, below: float) -> list[tuple[int, int]]:
-    """Return the first and last scene frames of each range whose confidence is below a limit, in order."""
+    """Return the first and last scene frame of each range in which confidence is below a limit, in order."""
     lane = read_lane(take)
     if lane is None:
         return []
@@ -76,7 +76,7 @@ def resolve_of(frames: SceneRange) -> JobRange:
 
 
 def capture_range(take: bpy.types.Action, first: int, last: int) -> tuple[int, int]:
-    """Return the first and last capture frames of a range given in scene frames."""
+    """Return the first and last capture frame of a range given in scene frames."""
     count, (start, end) = int(take["frames"]), (capture_frame(take, frame) for frame in (first, last))
     if end < 0 or start > count - 1 or start > end:
         message = f"The frames {first} to {last} are outside the take or in the wrong order."

@@ -220,7 +220,7 @@ def keep_edits(
     first: int,
     last: int,
 ) -> bpy.types.Action:
-    """Play a take whose frames first to last come from the solve and all others from the edited take."""
+    """Play a take in which frames first to last come from the solve and all other frames from the edited take."""
     rate, start = laid_rate(solved), float(solved["frame_start"])
     step = rate / float(solved["fps"])
     merged = former.copy()
@@ -237,7 +237,7 @@ def keep_edits(
         if key != PLACE:
             merged[key] = value
     name = solved.name
-    show_take(armature, merged)  # this must precede the removal of the solved take, which it replaces below layers
+    show_take(armature, merged)  # must precede the removal of the solved take, which it replaces below layers
     bpy.data.actions.remove(solved)
     merged.name, merged.use_fake_user = name, True
     return merged

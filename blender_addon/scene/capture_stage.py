@@ -18,7 +18,7 @@ from .point_player import MODIFIER, RADIUS, player_of
 
 _LINE_M = 0.015  # Width of a grid line in metres. Chosen by hand.
 _MOST_TILES = 200
-"""Most tiles per side. Larger floors get larger tiles, because 20 km of 1 m tiles take 3 GB. Chosen by hand."""
+"""Most tiles per side. Larger floors get larger tiles: 20 km of 1 m tiles would take 3 GB. Chosen by hand."""
 
 
 def create_floor(points: np.ndarray, collection: bpy.types.Collection, *, margin_m: float = 2.0) -> bpy.types.Object:

@@ -24,7 +24,7 @@ from ..conventions.timing import TakeTiming, scene_frame_rate, show_frame
 from .hand_edits import played_channels, seen_channels, take_times
 from .limb_modes import sample_bones
 
-_MOVED_M = 1e-3  # If a joint is farther than this from the motion file (in metres), observations are dropped.
+_MOVED_M = 1e-3  # Joint distance from the motion file in metres above which observations are dropped.
 
 
 def played_motion(
@@ -113,7 +113,7 @@ def add_clip(
     if PERSON in take:
         action[PERSON] = take[PERSON]
     if root is not None:
-        root.matrix_basis = place  # must precede showing the take, which stores this as its place
+        root.matrix_basis = place  # before the take is shown, because this becomes its place
     show_take(armature, action)
     show_frame(scene)
     return action

@@ -124,7 +124,7 @@ def sample_bones(
     progress: Progress = silent,
     stage: str = "Reading poses",
 ) -> dict[str, np.ndarray]:
-    """Return (F, 4, 4) evaluated matrices of each bone, at scene frames or in the current frame."""
+    """Return the evaluated matrices (F, 4, 4) of each bone, at given scene frames or in the current frame."""
     if times is None:
         bpy.context.view_layer.update()
         bones = armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones

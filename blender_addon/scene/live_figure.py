@@ -1,6 +1,6 @@
-"""Pose a live body from incoming poses, or send the poses of a body.
+"""Pose a live body from incoming poses, or send a body's poses.
 
-Neither creates actions or keys, or calls operators.
+No actions, keys or operators are used.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ MOST_POINTS = 90
 _LOOK, _JOINT_LOOK = PointLook(0.008, MARKER_COLOURS), PointLook(0.018, MARKER_COLOURS)
 """Radii of points and joints in metres, and the colours that show their uncertainty. Chosen by hand."""
 _OFF_M = (0.0, 0.03, 0.08)
-"""Distances from the body in metres at which a point changes to its second, third and fourth colour. At the last one
-the solver reports the pose as uncertain. A point that does not belong to the body keeps the first colour."""
+"""Distances from the body in metres at which a point gets the second, third and fourth colour. At the last one the
+solver reports the pose as uncertain. A point that does not belong to the body keeps the first colour."""
 _DOUBT_M = (0.0, 0.02, 0.05)
 """Standard deviations in metres at which a joint changes to its second, third and fourth colour. With cameras and
 markers an observed joint typically has 0.02 m, and a joint that has been unobserved for a while has 0.05 m."""
-_UNSURE = 2  # In an unsure pose, joints have at least this colour.
+_UNSURE = 2  # Lowest colour number of joints in an unsure pose.
 
 
 @dataclass

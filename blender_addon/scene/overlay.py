@@ -25,7 +25,7 @@ class PointLook:
     """Radius and colours of points."""
 
     radius_m: float
-    colours: tuple[Colour, ...]  # Linear RGBA. Several colours are for graded points (see ``point_player.GRADE``).
+    colours: tuple[Colour, ...]  # Linear RGBA. Graded points need several colours (see ``point_player.GRADE``).
 
 
 Players = dict[tuple[object, ...], bpy.types.NodeTree]
@@ -114,7 +114,7 @@ def labels_of(cloud: bpy.types.Object) -> list[str]:
 
 
 def grade_markers(cloud: bpy.types.Object, motion: MotionFile | None) -> None:
-    """Colour every marker in every frame by its residual in a motion, or plainly if it has none."""
+    """Colour every marker in every frame by its residual in a motion. Markers without one are plain."""
     labels = labels_of(cloud)
     grades = np.zeros((len(cloud.data.vertices) // len(labels), len(labels)), np.float32)
     if motion is not None and motion.marker_residual_mm is not None:

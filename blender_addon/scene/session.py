@@ -119,7 +119,7 @@ def _select(layer: bpy.types.ViewLayer, chosen: list[bpy.types.Object], active: 
 
 @contextmanager
 def alone(armature: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Scene, bpy.types.Depsgraph]]:
-    """For the block, move an armature into a temporary scene that has the frame rate of another scene."""
+    """For the block, move an armature into a temporary scene with another scene's frame rate."""
     stage, window = bpy.data.scenes.new(armature.name), bpy.context.window
     shown = window and (window.scene, window.view_layer)
     stage.render.fps, stage.render.fps_base = scene.render.fps, scene.render.fps_base
@@ -140,7 +140,7 @@ _DRIVING = "mocap_driving"  # Custom property of a scene: meshes whose shape key
 def save_alone(
     path: Path, armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], scene: bpy.types.Scene, **request: Any
 ) -> None:
-    """Save a scene that contains an armature, meshes and a request, for a second Blender."""
+    """Save a scene with an armature, meshes and a request, for a second Blender to process."""
     with alone(armature, scene) as (stage, _):
         for mesh in meshes:
             stage.collection.objects.link(mesh)

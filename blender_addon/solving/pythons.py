@@ -47,7 +47,7 @@ def environment_folder(kind: str = "mediapipe") -> Path:
 
 
 def made_python() -> Path | None:
-    """Return the default detector Python: the one in a variable, the one that was set up, or the solver's."""
+    """Return the detector Python: the one set by a variable, the one that was set up, or the solver's."""
     folders = (environment_folder(), backend_folder() / ".venv-mediapipe")
     named = os.environ.get("MANIFOLD_MOCAP_DETECTOR_PYTHON", "")
     candidates = [*([Path(named)] if named else []), *(folder / _BELOW for folder in folders)]
@@ -61,7 +61,7 @@ def made_litert_python() -> Path | None:
 
 
 def probe_detector(python: Path, packages: Path | None = None) -> str:
-    """Return a text that lists a Python's detectors. Raise ``PythonUnsuitable`` if it does not start."""
+    """Return a text about the detectors in a Python. Raise ``PythonUnsuitable`` if it does not start."""
     kept = {name: value for name, value in os.environ.items() if not name.upper().startswith("PYTHON")}
     kept |= {} if packages is None else {"PYTHONPATH": str(packages)}
     try:

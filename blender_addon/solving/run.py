@@ -16,7 +16,7 @@ from ..backend_environment import backend_command, environment_for_child
 from ..errors import SolverDied, SolverNotUnderstood
 from .child import Line, SolverProcess
 
-_FEW_S = 10.0  # Shorter remaining times are not shown, longer ones are rounded to it. Chosen by hand.
+_FEW_S = 10.0  # Remaining seconds below which none are shown, and the rounding step. Chosen by hand.
 _LOG_LINES = 2000  # Number of lines to keep at the end of a run's log. Chosen by hand.
 
 
@@ -24,7 +24,7 @@ _LOG_LINES = 2000  # Number of lines to keep at the end of a run's log. Chosen b
 class Run:
     """State of a run, which ``poll`` updates."""
 
-    verb: str  # Verb in the solver's command line.
+    verb: str  # Verb of the solver's command line.
     process: SolverProcess
     stage: str = "Starting"
     done: int = 0

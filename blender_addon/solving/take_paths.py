@@ -90,7 +90,7 @@ def _folders(path: Path) -> list[Path]:
     try:
         return sorted(folder for folder in path.iterdir() if folder.is_dir())
     except OSError:
-        return []  # the folder is not readable for us
+        return []  # we may not read this folder
 
 
 def _holds_cameras(folder: Path) -> bool:
@@ -98,7 +98,7 @@ def _holds_cameras(folder: Path) -> bool:
     try:
         below = {path.name.lower(): path for path in folder.iterdir() if path.is_dir()}
     except OSError:
-        return False  # the folder is not readable for us
+        return False  # we may not read this folder
     return not _POSE_FOLDERS.isdisjoint(below) or sum(map(_holds_frames, below.values())) > 1
 
 

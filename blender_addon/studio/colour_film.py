@@ -251,7 +251,7 @@ def _picture(scene: bpy.types.Scene, shot: ColourShot, view: int, frame: int, fo
 def _at_time(
     scene: bpy.types.Scene, shot: ColourShot, view: int, time: float, rolling: float, folder: Path
 ) -> np.ndarray:
-    """Return the pinhole picture (h, w, 3), as float, at a time in frames. A rolling shutter is rendered in bands."""
+    """Return the pinhole picture (h, w, 3) as float at a time in frames. A rolling shutter is rendered in bands."""
     if not rolling:
         shot.place(time)
         return _averaged(render_still(scene, 1, folder), shot.settings["engine"])

@@ -39,7 +39,7 @@ def painted_material(name: str, roughness: float) -> bpy.types.Material:
 def painted_object(
     name: str, points: np.ndarray, faces: np.ndarray, colours: np.ndarray, roughness: float, *, smooth: bool = True
 ) -> bpy.types.Object:
-    """Return an object whose corners have linear RGB colours (C, 3)."""
+    """Return an object whose triangle corners have linear RGB colours (C, 3)."""
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(points.tolist(), [], faces.tolist())
     mesh.polygons.foreach_set("use_smooth", np.full(len(faces), smooth))
@@ -152,7 +152,7 @@ _GREY = (0.75, 0.75, 0.78)
 
 
 class MarkerBalls:
-    """Balls at points, in linear RGB colours (count, 3), or in grey if None."""
+    """Marker balls, coloured in linear RGB (count, 3), or grey if None."""
 
     def __init__(
         self,

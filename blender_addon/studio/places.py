@@ -1,4 +1,4 @@
-"""Read a benchmark's errors of camera arrays by floor position, and show them in the scene."""
+"""Read a benchmark's errors of camera arrays at floor positions, and show them in the scene."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ MAP = "mocap_places"  # Custom property of the map object: the name of the camer
 _STEPS = 12
 _RAISED_M = 0.004
 _FILLED = 0.96
-"""Fraction of a square's side that is filled."""
+"""Filled fraction of each side of a square."""
 _NO_DATA = (0.25, 0.25, 0.25, 1.0)  # Colour of a place where no keypoint is triangulated. Chosen by hand.
 
 
@@ -130,7 +130,7 @@ def _material(step: int, limits_mm: tuple[float, float]) -> bpy.types.Material:
 
 
 def rows_of(verdicts: Sequence[Mapping[str, Any]], arrays: Sequence[str]) -> list[tuple[str, str]]:
-    """Return each camera array, with a text of each method's mean joint error over the array's shots."""
+    """Return each camera array and a text with each method's mean joint error over the array's shots."""
     return [(array, _line_of([v for v in verdicts if v["camera_array"] == array])) for array in arrays]
 
 

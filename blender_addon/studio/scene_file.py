@@ -15,7 +15,7 @@ from .._exchange.schema import Fields, Shape
 
 FORMAT, VERSION = "manifold_mocap_studio_scene", 1
 _LARGEST = 2.0**31
-"""Limit of vertex and label numbers."""
+"""Upper limit of vertex and label numbers."""
 _ARRAYS = ("base", "offset_m", "faces", "label", "labels", "rest", "room", "walls", "furniture")
 
 
@@ -24,7 +24,7 @@ class SceneFile:
     """The dressed person, who has N vertices and T triangles, and the room."""
 
     base: np.ndarray  # (N,) vertex of the body below each vertex of the person.
-    offset_m: np.ndarray  # (N,) distance from it along its posed normal, in metres.
+    offset_m: np.ndarray  # (N,) distance from that vertex along its posed normal, in metres.
     faces: np.ndarray  # (T, 3) vertex indices.
     label: np.ndarray  # (T,) indices into ``labels``.
     labels: tuple[str, ...]

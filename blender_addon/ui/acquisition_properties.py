@@ -48,12 +48,12 @@ class MocapLive(SendingProperties, bpy.types.PropertyGroup):
 
 
 def sending_options(properties: Any) -> list[str]:
-    """Return the options that send a live run's poses, or an empty list unless the user enabled sending."""
+    """Return the options for sending a live run's poses, or an empty list if sending is off."""
     return ["--send", str(allowed_address(properties.send_to, SENT))] if properties.send else []
 
 
 def allowed_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
-    """Parse an address. Reject remote addresses if online access is off."""
+    """Parse an address. Reject a remote address if online access is off."""
     address = read_address(text, schemes)
     if not address.is_local and not bpy.app.online_access:
         hint = "Allow Online Access in the preferences (System), or use 127.0.0.1."
@@ -167,7 +167,7 @@ class MocapStudio(bpy.types.PropertyGroup):
     methods: flags("Methods", "Solve the simulated take with these methods", _METHODS, "triangulation", "global")
     against: flags("Compare With", "Additional camera arrays to compare", PRESET_ARRAYS)
     fewer: switch("One Camera Fewer", "Also evaluate the array without its last camera")
-    planned: str  # Size of the data set after the check, or "" once a setting has changed.
+    planned: str  # Size of the checked data set, or "" once a setting has changed.
     planned_file: str
     planned_out: str
     rows: Items[MocapBenchmarkRow]

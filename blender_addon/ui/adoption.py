@@ -29,7 +29,7 @@ def adopt(scene: bpy.types.Scene) -> int:
 
 
 def adopt_beside(scene: bpy.types.Scene, shown: bpy.types.PropertyGroup) -> None:
-    """Adopt new bodies, for instance one that replaces another, and keep the current capture."""
+    """Adopt bodies that are not in a capture yet, such as a replacement, and keep the current capture."""
     index = next((index for index, capture in enumerate(scene.mocap.captures) if capture == shown), -1)
     adopt(scene)
     scene.mocap.show(index)

@@ -40,7 +40,7 @@ class MocapCamera(bpy.types.PropertyGroup):
 
 
 class MocapLeftOut(bpy.types.PropertyGroup):
-    """A range of scene frames in which one camera is excluded. The range has the camera's name."""
+    """A range of scene frames in which one camera is excluded. Its name is the camera's name."""
 
     first: int
     last: int
@@ -111,7 +111,7 @@ class MocapReview(bpy.types.PropertyGroup):
 
     @property
     def take(self) -> bpy.types.Action | None:
-        """Take that the body plays, found in its action or in the NLA."""
+        """The take that the body plays, found in its action or in the NLA."""
         from ..animation.curves import current_action
 
         armature = self.armature
@@ -148,7 +148,7 @@ class MocapCapture(bpy.types.PropertyGroup):
     """One capture in the scene."""
 
     source: str  # Path of the recording (a file or a folder).
-    file: str  # Capture file made from the recording.
+    file: str  # Capture file that was made from the recording.
     original: str  # Capture file with the original calibration, set if the calibration was refined.
     frames: int
     fps: float
@@ -262,7 +262,7 @@ class MocapCapture(bpy.types.PropertyGroup):
         return self.people[self.person_index] if len(self.people) else None
 
     def person_named(self, key: str) -> int:
-        """Return the index of the person who has this name in the capture file, or 0."""
+        """Return the index of the person with this name in the capture file, or 0 if there is none."""
         return next((index for index, person in enumerate(self.people) if person.key == key), 0)
 
     def owns(self, obj: bpy.types.Object) -> bool:

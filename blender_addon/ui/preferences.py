@@ -14,7 +14,7 @@ from ..conventions.file_paths import file_of
 from . import ADDON
 from .setting_properties import path, switch
 
-_tested: dict[str, str] = {}  # Package versions in each detector Python that was tested, by path.
+_tested: dict[str, str] = {}  # Package versions found in each tested detector Python, by path.
 _WHOLE: dict[str, Any] = {"options": set()}
 
 
@@ -63,7 +63,7 @@ class MocapPreferences(bpy.types.AddonPreferences):
 
 
 def shows_acquisition(context: bpy.types.Context) -> bool:
-    """Return whether the Acquire tab is shown. It always is if there are no preferences."""
+    """Return whether the Acquire tab is shown. Without preferences it always is."""
     preferences = preferences_of(context)
     return preferences is None or preferences.acquisition
 
@@ -76,7 +76,7 @@ def draw_acquisition(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
 
 
 def chosen_python(context: bpy.types.Context, name: str = "python") -> Path | None:
-    """Return the Python that the user chose for the solver, or for the ``detector``, or None."""
+    """Return the Python that the user chose for the solver or for the ``detector``, or None."""
     path = getattr(preferences_of(context), name, "")
     return Path(path) if path else None
 

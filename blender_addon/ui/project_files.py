@@ -78,7 +78,7 @@ def _new_session() -> Path:
 
 @dataclass(frozen=True)
 class _Link:
-    """A path stored in the open file."""
+    """One of the paths stored in the open file."""
 
     owner: Any  # Settings of a scene, or an action in the file.
     key: str

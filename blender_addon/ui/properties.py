@@ -78,7 +78,7 @@ class MocapReading(ReadingProperties, bpy.types.PropertyGroup):
     up_axis: listed("up_axis", _UP_ITEMS)
 
     def arguments(self) -> list[str]:
-        """Return the matching options of the solver's command line."""
+        """Return these settings as options of the solver's command line."""
         chosen = {name: getattr(self, name) for name in ("joint_set", "unit", "up_axis")}
         return reading_options(self, {name: value for name, value in chosen.items() if value != AUTO})
 
@@ -163,7 +163,7 @@ class MocapVideos(
         return ["--detector", model, "--people", str(self.people)]
 
     def arguments(self) -> list[str]:
-        """Return the matching options of the solver's command line."""
+        """Return these settings as options of the solver's command line."""
         options = [*self.detector_arguments(), "--sync", self.clocks, "--cameras", self.cameras]
         options += ["--board", self.board] if self.board else []
         options += ["--lenses", str(file_of(self.lenses))] if self.lenses else []
@@ -296,7 +296,7 @@ class MocapSettings(bpy.types.PropertyGroup):
     captures: Items[MocapCapture]
     blank: MocapCapture
     shown: int  # Index of the capture that was last imported or chosen.
-    shown_active: str  # Name of the object that was active at that time.
+    shown_active: str  # Name of the object that was active when ``shown`` was set.
     held: int = -1  # Index of the capture that the current solve belongs to.
     solve: MocapSolve
     live: MocapLive
@@ -307,7 +307,7 @@ class MocapSettings(bpy.types.PropertyGroup):
 
     @property
     def capture_index(self) -> int:
-        """Index of the capture that owns the active object, or else of the one chosen last. -1 without captures."""
+        """Index of the capture of the active object, or else of the one chosen last. -1 without captures."""
         last = len(self.captures) - 1
         if self.held >= 0:
             return min(self.held, last)

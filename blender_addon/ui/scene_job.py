@@ -190,7 +190,7 @@ def _file_of(settings: bpy.types.PropertyGroup, name: str, remedy: str) -> Path 
 
 
 def folder_of_takes(scene: bpy.types.Scene, preferred: Path) -> Path:
-    """Return a writable folder for takes, if possible the preferred one."""
+    """Return a writable folder for takes: the preferred one if possible."""
     try:
         return usable(preferred)
     except OutputNotWritable:

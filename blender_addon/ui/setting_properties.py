@@ -106,7 +106,7 @@ def choice(label: str, description: str, choices: str | Sequence[Any], default: 
 
 
 def flags(label: str, description: str, choices: str | Sequence[Any], *chosen: str, **more: Any) -> PropertyRow:
-    """Return the row of a setting that allows several choices at once, with those that are enabled by default."""
+    """Return the row of a setting that allows several choices at once. ``chosen`` are enabled by default."""
     return _row("texts", label, description, chosen, more, choices=_choices(choices))
 
 
@@ -175,7 +175,7 @@ def names_of(group: str) -> tuple[str, ...]:
 
 
 def listed(name: str, items: Any) -> Any:
-    """Return a reading setting's property as a list of choices."""
+    """Return a reading setting's property with a list of choices."""
     row = ALL_READING_ROWS[name]
     return bpy.props.EnumProperty(name=row.label, description=row.description, items=items, translation_context=CONTEXT)
 

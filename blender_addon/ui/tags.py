@@ -9,7 +9,7 @@ from secrets import token_hex
 
 import bpy
 
-TAG = "mocap_tag"  # Custom property of an object or a collection. Captures store its value.
+TAG = "mocap_tag"  # Custom property of an object or collection. Captures store its value.
 _names: dict[str, str] = {}  # Last known object name per tag, tried first as a scene may have thousands of objects.
 
 

@@ -24,7 +24,7 @@ GOOD, SUSPECT, UNUSED = (0.25, 0.8, 0.35, 1.0), (1.0, 0.5, 0.2, 1.0), (0.5, 0.5,
 _WIDTH_PX, _CONTROL_PX = 2.0, 1.5
 _EDGES = (0, 1, 1, 2, 2, 3, 3, 0)
 """Image corners that each drawn edge connects, in pairs."""
-_OFF_SKIN_M, _OPACITY = 0.002, 0.9  # Gap in metres that keeps the skin from hiding its colours, and their opacity.
+_OFF_SKIN_M, _OPACITY = 0.002, 0.9  # Gap that keeps the skin from hiding its colours, in metres, and their opacity.
 _AMBIENT = 0.4  # Brightness of skin seen edge-on (0 to 1). It makes the body's shape visible.
 _BAND_PX = 5.0  # Height of a band on the timeline in pixels.
 
@@ -49,7 +49,7 @@ def _draw_names(context: bpy.types.Context, capture: bpy.types.PropertyGroup) ->
 
 
 def name_places(context: bpy.types.Context, cloud: bpy.types.Object) -> dict[str, tuple[float, float]]:
-    """Return the position in the region of each marker in the current frame, in pixels, by label."""
+    """Return each marker's position in the region in the current frame, in pixels, by label."""
     from bpy_extras.view3d_utils import location_3d_to_region_2d
     from mathutils import Vector
 
@@ -176,7 +176,7 @@ def _draw_bands() -> None:
 
 
 def _draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
-    """Draw an evaluated mesh slightly in front of its surface, in (V, 3) vertex colours."""
+    """Draw an evaluated mesh in vertex colours (V, 3), slightly in front of its surface."""
     import numpy as np
 
     from ..body.mesh import positions
@@ -197,7 +197,7 @@ def _draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
 
 
 def _draw_skin_of(points: np.ndarray, colours: np.ndarray, triangles: np.ndarray, world: Matrix | None = None) -> None:
-    """Draw (V, 3) points in (V, 4) colours where no object occludes them."""
+    """Draw points (V, 3) in colours (V, 4) where no object occludes them."""
     import gpu
 
     gpu.state.blend_set("ALPHA")

@@ -28,7 +28,7 @@ class Baseline(ABC):
 
     @abstractmethod
     def solve(self, capture: Capture) -> BaselineResult:
-        """Solve a capture with several views.
+        """Solve a multi-view capture.
 
         Raises:
             TooFewViews, NoDetections: nothing can be triangulated.

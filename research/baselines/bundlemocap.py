@@ -1,7 +1,7 @@
 """BundleMoCap (Albanis et al. 2023) and BundleMoCap++ (Albanis 2026, thesis 6.2), as published.
 
-The solver's method ``bundlemocap++`` uses the same windows. Here start, curve and minimiser can vary for comparisons,
-and both methods get the shape from the common start (``person.py``).
+The solver's method ``bundlemocap++`` uses the same windows. Here, start, curve and minimiser can be varied for
+comparison, and both methods get their shape from the common start (``person.py``).
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class BundleMoCap(BodyBaseline):
 
     window: int = 10  # Frames per window.
     optimiser: Optimiser = "lbfgs"  # Algorithm 1 was introduced by the successor.
-    start: Start = "points"  # See BundleMoCapPlusPlus.
+    start: Start = "points"  # as in BundleMoCapPlusPlus
     latent_weight: float = 3.0  # Weight of ``|z|²/2`` in every frame, chosen by ``tune_baselines``.
     scale: float = 2.0 * ROBUST_SCALE  # Scale of the Geman-McClure penalty, chosen by ``tune_baselines``.
     name: str = "BundleMoCap"

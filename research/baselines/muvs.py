@@ -43,7 +43,7 @@ class DCT(BodyBaseline):
     sigma_m: float = 0.003  # Deviation of joints from their low frequencies, chosen by ``tune_baselines``.
     segment: int = 30  # Frames per segment (Huang et al. 2017).
     kept: int = 10  # Cosines per segment (Huang et al. 2017).
-    rounds: int = 4  # Number of alternations between coefficients and poses.
+    rounds: int = 4  # Number of times that coefficients and poses are fitted in turn.
     name: str = "DCT"
     simplified: str = f"As MuVS. Coefficients and poses are found in turn instead of together, {_START}."
 

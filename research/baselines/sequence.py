@@ -35,7 +35,7 @@ from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.solver.levenberg_marquardt import DenseBlocks, LMSettings, levenberg_marquardt
 from solver_backend.types import JointSet
 
-STATE = StateLayout.of(LATENT_DIM, len(BODY_JOINTS)).without(RESIDUAL)  # Layout of a frame's state of 38 values.
+STATE = StateLayout.of(LATENT_DIM, len(BODY_JOINTS)).without(RESIDUAL)  # Layout of a frame's state (38 values).
 DOF = STATE.dof
 _FLOOR = 1e-2  # Value added to the diagonal, so that unobserved parts do not move.
 
@@ -54,7 +54,7 @@ class States(Rows):
         return States(self.z + step[:, STATE[CODE]], root, self.transl + step[:, STATE[TRANSL]])
 
     def replaced(self, frames: np.ndarray, new: States) -> States:
-        """Return the states with some frames replaced by new states."""
+        """Return the states in which some frames have new states."""
         parts = {name: getattr(self, name).copy() for name in ("z", "root", "transl")}
         for name, values in parts.items():
             values[frames] = getattr(new, name)

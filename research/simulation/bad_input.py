@@ -25,7 +25,7 @@ WALK_M_S = 1.4  # Walking speed of a passer-by.
 
 
 def bumped(capture: Capture, view: int, degrees: float = 5.0, first: int = 0) -> Capture:
-    """Rotate a camera from a frame on, after it was calibrated. Its detections move, but its calibration does not."""
+    """Rotate a camera from a frame on, as if it had been bumped after calibration. Only its detections move."""
     cameras, keypoints = capture.require_multiview()
     turn = exp_so3(np.radians(degrees) * np.array([0.6, 0.8, 0.0]))
     one = cameras.subset([view])

@@ -25,10 +25,10 @@ class BenchmarkSettings:
 
     num_views: int = 4  # Number of cameras.
     seed: int = 0  # Seed of the shape, the bias and the noise.
-    sync_offset_frames: float = 0.0  # Largest delay of a camera. All except the first draw uniformly from ± this.
+    sync_offset_frames: float = 0.0  # Largest delay of a camera. All except the first are drawn uniformly from ± this.
     largest_delay_frames: float = 0.0
-    """Largest additional delay of a camera in frames. All cameras except the first draw uniformly from 0 to this. It
-    adds to the value above."""
+    """Largest additional delay of a camera in frames. All except the first are drawn uniformly from 0 to this. It adds
+    to the value above."""
     anatomy_mm: float = 8.0
     """Standard deviation in millimetres per axis between the detector's and the body's definition of a joint. A solve
     of the recording gives its landmarks 9.6 mm. A part of that is common to all people and included in the definition

@@ -27,7 +27,7 @@ class Crossing:
 
     cameras: Cameras  # C calibrated cameras.
     detections: Detections  # Detections of both people, in any order per view and frame.
-    who: np.ndarray  # (C, F, 2) person in each detection: 0, 1, or -1 for none.
+    who: np.ndarray  # (C, F, 2) person of each detection: 0, 1, or -1 for none.
     alone: tuple[Keypoints2D, Keypoints2D]  # Detections of each person without the other.
     joints: tuple[np.ndarray, np.ndarray]  # (F, J, 3) true joints of each person in metres.
     fps: float  # Frames per second.
@@ -70,7 +70,7 @@ def crossing(takes: tuple[Take, Take], settings: BenchmarkSettings = BenchmarkSe
 
 
 def _past_each_other(people: list[Person], rng: np.random.Generator) -> list[Person]:
-    """Return both people, rotated and moved so that they meet halfway through the take."""
+    """Return both people, rotated and moved so that they meet in the middle of the take."""
     middle = len(people[0].transl) // 2
     angle = (0.0, rng.uniform(*CROSSING_RAD))
     gap = rng.uniform(*PASSING_M)

@@ -1,4 +1,4 @@
-"""Film a person with simulated cameras: on tripods, with calibration errors, and with a detector."""
+"""Film a person with simulated cameras on tripods, calibration errors, and a simulated detector."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from solver_backend.types import Cameras, JointSet
 
 LENS = (-0.047, 0.137, 0.0003, 0.0002, 0.0, 0.0, 0.0, 0.0)  # Distortion similar to that of the recording's cameras.
 OCCLUSION_HZ = 30.0  # Rate at which occlusion is tested.
-_CHUNK = 64  # Frames processed together. Limits memory. Chosen by hand.
+_CHUNK = 64  # Frames processed together, which limits memory. Chosen by hand.
 
 
 def around(pelvis: np.ndarray, num_views: int) -> Cameras:

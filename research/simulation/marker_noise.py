@@ -53,7 +53,7 @@ class DataNoise:
         return ranks < count[:, None]
 
     def _displacements(self, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return offsets in a cube for a subset of the points (4.26, 4.27)."""
+        """Return offsets for a subset of the points, drawn from a cube (4.26, 4.27)."""
         count = np.full(len(points), round(self.displaced_share * points.shape[1]))
         moved = self._chosen(points, count, rng)
         return np.where(moved[..., None], rng.uniform(-self.displacement_m, self.displacement_m, points.shape), 0.0)

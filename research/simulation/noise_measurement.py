@@ -30,7 +30,7 @@ class NoiseFigures:
     """A detector's errors for K keypoints, pooled over views and frames unless otherwise stated."""
 
     keypoints: tuple[str, ...]  # Names of the K keypoints.
-    as_calibrated_mm: np.ndarray  # (K,) ``bias_mm`` before the cameras are refined.
+    as_calibrated_mm: np.ndarray  # (K,) ``bias_mm`` with the cameras as calibrated, before they are refined.
     bias_mm: np.ndarray
     """(K,) root mean square over views of the median error in each view in millimetres, constant over the take."""
     jitter_mm: np.ndarray  # (K,) robust standard deviation around the bias, per axis.
@@ -45,7 +45,7 @@ class NoiseFigures:
     outlier_mm: float  # Median distance of outliers, or NaN if there are none.
     outlier_frames: float  # Mean length of a run of outliers.
     swaps: float  # Fraction of left/right pairs that fit better if exchanged.
-    delay_frames: np.ndarray  # (C,) delay of each view relative to the others.
+    delay_frames: np.ndarray  # (C,) delay of each view relative to all views.
     confidence_rank_correlation: float  # Spearman correlation between confidence and error.
     error_by_confidence_mm: np.ndarray  # (5,) median error in each fifth of the detections, least confident first.
 

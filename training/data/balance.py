@@ -219,7 +219,7 @@ def sample_tail(
 
 
 def blended(keys: np.ndarray, share: np.ndarray, blend: Blend) -> np.ndarray:
-    """Return blends (N, d) of (N, 2 or 4, d) codes at the positions ``share`` (N,) in 0..1."""
+    """Return blends (N, d) of codes (N, 2 or 4, d) at the positions ``share`` (N,) in 0..1."""
     points = [keys[:, k] for k in range(keys.shape[1])]
     if blend == "lerp":
         return lerp(points[0], points[1], share)

@@ -18,12 +18,12 @@ from training.data.points import rotation_points
 from training.data.sources.clips import KEYED, UNKNOWN, Clip
 
 HELD_OUT = frozenset({"03", "08", "13", "60_61", "ui_prmd_s07", "ui_prmd_s08"})  # Subjects not used in training.
-NEAR_REPEAT_M = 0.012  # Closer poses are repeats. The distance is the root mean square over the joints.
+NEAR_REPEAT_M = 0.012  # Poses closer than this are repeats. The distance is the root mean square over the joints.
 KEYED_REPEATS = 4
 """Weight of each pose in a hand-keyed animation. There are few such poses, and recordings lack some of them."""
 SIMPLIFIED = "jump"  # Source whose skeleton has no separate hands, toes and head.
-SIMPLIFIED_EVERY = 4  # Only one in this many of its distinct poses is used.
-_SAME_TAKE_M = 0.004  # Largest distance in metres between poses of the same frame. Chosen by hand.
+SIMPLIFIED_EVERY = 4  # Of its distinct poses, only every n-th is used.
+_SAME_TAKE_M = 0.004  # Poses closer than this, in metres, come from the same frame. Chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def split_corpus(clips: list[Clip], held_out_subjects: frozenset[str] = HELD_OUT
 
 
 def absent_subjects(clips: list[Clip], held_out_subjects: frozenset[str] = HELD_OUT) -> tuple[str, ...]:
-    """Return the held-out subjects that have no clips and so are missing in the results."""
+    """Return the held-out subjects that have no clips, and so do not contribute to the results."""
     return tuple(sorted(held_out_subjects - {clip.subject for clip in clips}))
 
 
@@ -128,7 +128,7 @@ def _root(clip: Clip) -> np.ndarray:
 
 
 def distinct_poses(features: np.ndarray, radius: float, block: int = 1024) -> np.ndarray:
-    """Return the indices of poses such that all others are within ``radius`` (leader clustering in temporal order).
+    """Return the indices of poses that have all others within ``radius`` (leader clustering in temporal order).
 
     Args:
         features: (N, d) features, compared by Euclidean distance.
@@ -186,8 +186,8 @@ EXCHANGED_JOINTS: tuple[tuple[int, ...], ...] = (
 """Joints that are exchanged together: left arm, right arm, both legs, left leg, right leg, head, spine."""
 EXCHANGE_CHANCE = (0.25, 0.25, 0.3, 0.15, 0.15, 0.3, 0.15)
 CLEARANCE_M = 0.07
-"""An arm joint of an exchanged pose penetrates trunk or legs if its distance in metres is below this."""
-LIMIT_SHARE = (0.6, 1.0)  # Position to which a joint is moved, as fractions of its limits.
+"""Distance in metres from trunk or legs below which an arm joint of an exchanged pose penetrates them."""
+LIMIT_SHARE = (0.6, 1.0)  # Range of the position to which a joint is moved, as fractions of its limits.
 MOVED_JOINTS = 2  # Number of joints that are moved towards their limits in each window.
 _ALLOWED_DEG = 10.0  # Degrees by which a joint may exceed its limits. Chosen by hand.
 _REACH = torch.as_tensor(JOINT_LIMITS).abs().amax(dim=(-1, -2), keepdim=False)  # Largest angle of each joint, radians.
@@ -241,7 +241,7 @@ def exchanged_limbs(windows: torch.Tensor, generator: torch.Generator, chance: f
 
 
 def varied_joints(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """Add a random rotation per joint and window: 5° for collars, 12° wrists, 3° neck, head and spine, 1.5° others."""
+    """Rotate each joint in each window randomly: collars 5°, wrists 12°, neck, head and spine 3°, others 1.5°."""
     sigma = torch.full((NUM_BODY_JOINTS, 1), math.radians(1.5))
     for joints, degrees in (_COLLARS, 5.0), (_WRISTS, 12.0), (_MIDLINE, 3.0):
         sigma[[joint - 1 for joint in joints]] = math.radians(degrees)

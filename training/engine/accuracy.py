@@ -37,10 +37,10 @@ class Autoencoder(Protocol):
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Reconstruction errors over poses, for joints 0..23 of ``rest_skeleton`` with a fixed pelvis."""
+    """Reconstruction errors of poses, for joints 0..23 of ``rest_skeleton`` with a fixed pelvis."""
 
     mpjpe_mm: float  # Mean distance between joints.
-    worst5_mpjpe_mm: float  # Mean distance between joints in the worst twentieth of the poses.
+    worst5_mpjpe_mm: float  # Mean distance between joints in the worst 5 % of the poses.
     pck3_percent: float  # Percentage of joints within 3 cm.
     angle_deg: float  # Mean angle between local rotations.
 
@@ -110,7 +110,7 @@ def autoencoder_arrays(
 
 
 def pose_loss(truth: torch.Tensor, decoded: torch.Tensor, weight: torch.Tensor, orthogonality: float) -> torch.Tensor:
-    """Return ``2 mean w (mean_p |p - p̂|² + λ mean_j (1 - cos angle_j))`` over (N, 21, 3, 3) poses, in dm.
+    """Return ``2 mean w (mean_p |p - p̂|² + λ mean_j (1 - cos angle_j))`` of poses (N, 21, 3, 3). Distances are in dm.
 
     L_rec: points represent the vertices of the mesh. They are the joints, and tips on the axes of each joint's frame.
     L_orth: the thesis prints ``cos = (Tr - 1) / 2``, which decreases with the difference, so 1 minus this is minimised.

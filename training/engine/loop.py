@@ -158,7 +158,7 @@ class TrainingSettings:
     device: str = "cpu"
     """``cpu`` or ``cuda``. Both draw on the CPU with equal results, except dropout and the view lifter's windows."""
     workers: int = 0
-    """Processes that prepare batches. With 0, the network waits for each batch. The number does not affect batches."""
+    """Processes that prepare batches. With 0, the network waits for every batch. Batches do not depend on it."""
 
 
 class Task(Protocol):

@@ -61,7 +61,7 @@ class Card:
 
     title: str  # Name of the prior in the title.
     summary: str  # Short description.
-    method: str = ""  # How it was measured, if not as the other priors were.
+    method: str = ""  # Method of measurement, if it differs from that of the other priors.
     augmented: bool = True  # True if augmented poses were used in training.
     augmentation: str = ""  # Augmentation in addition to that of all other augmented trainings.
 

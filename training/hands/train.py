@@ -31,7 +31,7 @@ _MARKERS = (
     ("MP5", "PP5", "DP5", "FT5"),
 )
 _MARKER_STRIDE = 15
-"""Number of frames per step in the 150 Hz recordings, which gives ten frames per second."""
+"""Only every 15th frame of the 150 Hz recordings is used, which gives ten frames per second."""
 _RIGHT = 1
 
 
@@ -136,7 +136,7 @@ RANGES_DEG = {
 """Active ranges of healthy adults and the hyperextension of supple adults in degrees, rounded outwards (American
 Academy of Orthopaedic Surgeons 1965; Hume et al. 1990), by the end of the angle's name."""
 OWN_SIGMA_DEG = 5.0  # Smallest independent deviation of each angle, because there are few sources.
-TWIST_SIGMA_DEG = 15.0  # Standard deviation of the thumb's twist, because joint centres do not show it.
+TWIST_SIGMA_DEG = 15.0  # Standard deviation of the thumb's twist, which joint centres do not show.
 HELD = 0.95
 """Fraction of each source's poses that lie inside the ellipsoid of this probability. It scales the covariance."""
 

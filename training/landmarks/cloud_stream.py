@@ -49,7 +49,7 @@ class BodyPoints:
         self.normals = self._tensor(skin_normals(body, PLACES))
         spread = np.array([load_layouts().spread_of(name) for name in PLACES])
         self.spread = self._tensor(spread)
-        """(P, 2) standard deviations in metres of marker positions from their rules, off the skin and along it."""
+        """(P, 2) standard deviation of marker positions from their rules in metres, off the skin and along it."""
 
     def _tensor(self, array: np.ndarray) -> torch.Tensor:
         return torch.as_tensor(np.ascontiguousarray(array, dtype=np.float32), device=self.device)
@@ -178,7 +178,7 @@ class Corruption:
         return ghosts, there & (torch.rand(count, 1, device=device) < self.ghost_chance)
 
     def gaussian(self, points: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
-        """Return draws (B, 4, 3) that have the mean of the visible points and 1.2 times their deviations (4.25).
+        """Return draws (B, 4, 3) with the mean of the visible points and 1.2 times their deviations (4.25).
 
         Sums of the centred points with standard normal weights have the sample covariance.
         """
@@ -339,7 +339,7 @@ class Clouds:
 
 @dataclass(frozen=True)
 class Variety:
-    """How clouds vary, apart from their poses."""
+    """How clouds vary, apart from the poses."""
 
     layouts: bool = True  # Use layouts and subsets of the superset. If False, use all 53 markers.
     ghosts: bool = True  # Add points that are not markers.
@@ -352,8 +352,8 @@ class Variety:
     wobble_rad: float = 0.05  # Standard deviation of the tilt of every cloud.
     headings: bool = True  # Give people random headings.
     sizes: float = 0.12  # Largest relative change of people's size.
-    strayed: bool = True  # Move each marker from where its rule puts it, by its own standard deviation.
-    thesis: bool = False  # Use nothing but shapes by 4.20 and 4.21, and corruption by 4.22 to 4.27.
+    strayed: bool = True  # Displace each marker from where its rule puts it, with its own standard deviation.
+    thesis: bool = False  # Use only shapes by 4.20 and 4.21, and only corruption by 4.22 to 4.27.
 
 
 class CloudStream:

@@ -16,7 +16,7 @@ from training.landmarks.poses import PoseTable
 WINDOWS, FRAMES = 2400, 24
 LONGEST = 400
 """Largest number of poses in a window. The logarithm of the length is distributed uniformly."""
-STRAY = 1.2  # Placement error relative to the training of the network, for people who do not know our rules.
+STRAY = 1.2  # Placement error relative to that in the network's training, for people who do not know our rules.
 NOISE_M = 0.003  # Standard deviation of a marker's position in metres. Chosen by hand.
 _FAR_M = 0.3  # Pairs that are farther apart than this, in metres, determine a body's size, as in labelling.
 

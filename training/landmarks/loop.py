@@ -17,7 +17,7 @@ from solver_backend.exchange.outputs import atomic_output
 from training.landmarks.models import LandmarkModel
 from training.landmarks.poses import Draw
 
-_WARM_UP = 3  # Steps before a graph is captured, during which libraries choose their kernels.
+_WARM_UP = 3  # Steps before a graph is captured. During these, libraries choose their kernels.
 _SYNCHRONISED = 10  # Steps between checks of the time.
 
 
@@ -26,7 +26,7 @@ class LandmarkTraining:
     """Settings of a landmark training, such as duration and learning rate."""
 
     steps: int = 0  # Total number of gradient steps. 0 means that only the time is limited.
-    seconds: float = 60.0  # Total time if ``steps`` is 0. The learning rate follows the remaining time.
+    seconds: float = 60.0  # Total time if ``steps`` is 0. The learning rate decreases with the remaining time.
     processor: bool = False
     """Measure processor time of all threads instead of elapsed time. Other load on the machine does not affect it."""
     batch: int = 256
@@ -185,7 +185,7 @@ class _LandmarkRun:
             torch.cuda.synchronize()
 
     def check_loss(self) -> None:
-        """Raise an error if the loss is not finite, because it would never be finite again."""
+        """Raise an error if the loss is not finite, because it would stay that way."""
         if not bool(torch.isfinite(self.loss)):
             raise NonFiniteData(
                 f"The loss is not a number at step {self.steps}.",

@@ -106,7 +106,7 @@ def drawn(clouds: Clouds) -> tuple[torch.Tensor, torch.Tensor, CanvasFrame, torc
     return frame.normalised(points), clouds.seen, frame, frame.normalised(y_up(clouds.targets))
 
 
-SIGMA_PX = 2.0  # Standard deviation of a heatmap to learn.
+SIGMA_PX = 2.0  # Standard deviation of the heatmaps that networks learn, in pixels.
 SKIPPED = 2  # Using every second pixel along each axis changes the centre by less than 0.8 mm.
 REACH_SIGMAS = 4.5  # Radius of a Gaussian in standard deviations. Values beyond it are negligible.
 WELSCH_NU = 0.05  # Scale of Welsch's loss for normalised positions. Chosen by hand.
@@ -298,7 +298,7 @@ class _ConvolutionBlock(nn.Sequential):
 
 
 class _SmoothPool(nn.Module):
-    """Take the maximum of 2 x 2 at every pixel, apply a binomial filter, and keep every second pixel (Zhang 2019)."""
+    """Maximum over 2 x 2 at every pixel, then a binomial filter, then every second pixel (Zhang 2019)."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
@@ -462,7 +462,7 @@ BMSE_SIGMA = 0.02  # Noise in balanced MSE, in normalised units.
 class LandmarkModel(nn.Module, ABC):
     """A network that estimates landmark positions from clouds."""
 
-    columns: tuple[int, ...] = ALL_LANDMARKS  # Landmarks that it estimates, among all 77.
+    columns: tuple[int, ...] = ALL_LANDMARKS  # Those of the 77 landmarks that it estimates.
     half_precision: bool = True
     """True if a GPU may round products to bfloat16 in training. For coordinates, this costs millimetres of accuracy."""
 
@@ -497,7 +497,7 @@ class Ours(LandmarkModel):
 
 
 class Published(LandmarkModel):
-    """The published network: one UNet reads both views in turn. Their y is shared to fuse heatmaps (thesis 4.2.3)."""
+    """The published network: one UNet reads both views in turn. Heatmaps are fused by the shared y (thesis 4.2.3)."""
 
     def __init__(
         self,

@@ -238,7 +238,7 @@ def _parts(array: np.ndarray, size: int = 8192) -> list[np.ndarray]:
 RELEVANCE = {"e(R)": "reconstruction", "σ(R)": "reconstruction", "e(D)": "mahalanobis", "σ(D)": "mahalanobis"}
 """Error measure that each relevance is based on."""
 FADES = (0.45, 0.75)
-"""Fractions of a training between which a fading balance falls to recorded poses only."""
+"""Completed fractions of a training between which the balance fades out, so that only recorded poses remain."""
 EXPONENTIAL_SCALE = 1.5
 """φ of the exponential kernel relative to the median error, so that not every pose reaches the limit. The sigmoid uses
 1 instead."""

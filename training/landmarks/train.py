@@ -1,4 +1,4 @@
-"""Train the landmark network, from recordings or a table of poses to the shipped weights."""
+"""Train the landmark network, from recordings or a table of poses, to the shipped weights."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class LifterSettings:
     offset_m: float = 0.012  # Standard deviation of a point's bias, for each axis and person.
     noise_m: tuple[float, float] = (0.003, 0.03)
     """Smallest and largest noise of a triangulated point in metres per axis. One draw per pose."""
-    missing: float = 0.5  # Largest fraction of points outside the trunk that are missing. In most poses, few are.
+    missing: float = 0.5  # Largest fraction of points outside the trunk that are missing. Most poses lack few.
     exchanged: float = 0.3  # Fraction of poses that have limbs from other poses.
 
 

@@ -15,7 +15,7 @@ from solver_backend.priors.pose_ndf import JOINT_WEIGHTS, JointSpread, PoseNDF, 
 
 NEIGHBOURS = 5  # Number of nearest poses in the mean distance (Tiwari et al. 2022, supplement).
 _CANDIDATES = 64  # Number of poses to compare exactly after a coarse search. Chosen by hand.
-_BLOCK = 512  # Poses processed together. Limits memory. Chosen by hand.
+_BLOCK = 512  # Poses processed together, which limits memory. Chosen by hand.
 
 
 class NearestPoses:
@@ -112,7 +112,7 @@ class PoseManifold:
 
 @dataclass(frozen=True)
 class Poses:
-    """Poses, and the person whose recorded pose each was before the rotation."""
+    """Poses, and the person whose recorded pose each one was before it was rotated."""
 
     quats: torch.Tensor  # (N, 21, 4) unit quaternions.
     people: torch.Tensor  # (N,) person in each pose.

@@ -33,7 +33,7 @@ Kind = Literal["vposer", "vposer_worded", "rvposer", "rvposer_second_norm", "sva
 GAUSSIAN_DIM = 32
 SPHERE_DIM = 32
 ROTATIONS = 10
-"""Number of rotations in a code of the Lie group. They have 30 dimensions, like SPoser's codes."""
+"""Number of rotations in a code of the Lie group. Ten rotations have 30 dimensions, like SPoser's codes."""
 _LOG_VARIANCE = (-12.0, 6.0)  # Range of a log-variance that keeps exponentials finite. Chosen by hand.
 
 
@@ -195,7 +195,7 @@ _INPUTS = 3 * NUM_BODY_JOINTS  # Length of a pose as rotation vectors.
 
 @dataclass(frozen=True)
 class VaeForm:
-    """How the autoencoders differ, apart from their codes."""
+    """Differences between the autoencoders, apart from their codes."""
 
     first_norm: bool = False  # Apply batch normalisation before the encoder's first layer.
     second_norm: bool = False  # Apply batch normalisation after the encoder's first activation.

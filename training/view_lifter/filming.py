@@ -29,7 +29,7 @@ RAISED_M = 0.05  # Smallest height of raised hands above the head. In inverted p
 RAISED_REPEATS = 2  # How often each pose with raised hands is used, because half of them are inverted.
 _SUPPORTS = (*SMPL.both("ankle", "foot", "wrist", "knee"), *SMPL.numbers("pelvis"))
 """Joints that can support a body: ankles, toes, wrists, knees and pelvis."""
-_BLOCK = 2048  # Poses processed together. Limits memory. Chosen by hand.
+_BLOCK = 2048  # Poses processed together, which limits memory. Chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -167,10 +167,10 @@ TUMBLED = 0.15
 """Fraction of windows in which the person rotates about a level axis by up to 180 degrees (somersaults, handstands)."""
 TURNED_OVER = 0.5  # Fraction of windows with raised hands that are inverted, so that the person stands on the hands.
 TURNED_OVER_DEG = 60.0  # Largest angle between an inverted person and the vertical.
-TURNING_DEG_S = 360.0  # Largest rate at which inverted people rotate. Half of them do not.
+TURNING_DEG_S = 360.0  # Largest rotation rate of inverted people. Half of them do not rotate.
 OFF_AXIS = 0.45  # Largest distance between the person and the principal point, in focal lengths.
 NOISE_M = (0.004, 0.03)  # Range of a point's noise per axis, measured at the person's distance.
-BIAS_M = 0.018  # Standard deviation of a point's bias per axis. It hardly changes in a window.
+BIAS_M = 0.018  # Standard deviation of a point's bias per axis. The bias hardly changes in a window.
 THROWN = 0.03  # Fraction of points that are outliers.
 KNOWN_UP = 0.5  # Fraction of windows whose up direction is known.
 UP_DEG = 1.5  # Error of the up direction per axis.
@@ -200,7 +200,7 @@ _LIMBS = tuple(
 )
 _OWN = [[point in part for point in range(len(POINTS))] for part in (_TRUNK, *((a, b) for a, b, _ in _LIMBS))]
 TRUNK_M, BEHIND_M = 0.14, 0.1
-"""Half the width of the trunk, and how far a hidden point is at least behind the occluding body part, in metres."""
+"""Half the width of the trunk, and the smallest distance of a hidden point behind the body part, in metres."""
 _TOES = [POINTS.index(f"{side}_{part}") for side in SIDES for part in ("big_toe", "heel")]
 NO_TOES = 0.2
 """Fraction of windows that come from detectors without toes and heels."""

@@ -30,8 +30,8 @@ from training.view_lifter.filming import Recordings, film
 
 NAME = "limb_slants"
 _BLOCK = 1000
-"""Number of windows per draw. It limits memory. Chosen by hand."""
-FLAGGED_PERCENT = 20.0  # Percentage of limbs with the highest probability that count as flagged on the card.
+"""Number of windows per draw, which limits memory. Chosen by hand."""
+FLAGGED_PERCENT = 20.0  # Percentage of limbs that the card reports as flagged: those with the highest probability.
 CARD = Card(
     "Limb slants",
     """This network estimates the probabilities that the bones of arms and legs point towards the camera, across or away

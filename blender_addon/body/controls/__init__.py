@@ -1,1 +1,1 @@
-"""Controls for animators: a root, IK controls and poles for hands and feet, and the custom shapes of all."""
+"""Controls for animators: a root, IK controls and poles for hands and feet, and their custom shapes."""

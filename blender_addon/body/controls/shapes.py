@@ -88,7 +88,7 @@ def _add_limb_shapes(
 
 
 def show_shape(bone: bpy.types.PoseBone, shape: bpy.types.Object, centre: np.ndarray, half: np.ndarray) -> None:
-    """Give a bone a custom shape whose (3,) centre and half size are in metres, in the bone's axes."""
+    """Give a bone a custom shape with this (3,) centre and half size, in metres and in the bone's axes."""
     bone.custom_shape = shape
     bone.use_custom_shape_bone_size = False
     bone.custom_shape_translation, bone.custom_shape_scale_xyz = centre.tolist(), half.tolist()
@@ -103,7 +103,7 @@ def shape_lines(armature: bpy.types.Object) -> dict[tuple[float, ...], np.ndarra
     for bone in armature.pose.bones:
         shape, colour, rest = bone.custom_shape, bone.color, bone.bone
         colour = rest.color if colour.palette == "DEFAULT" else colour
-        is_hidden = getattr(bone, "hide", getattr(rest, "hide", False))  # a pose bone's own from Blender 5 on
+        is_hidden = getattr(bone, "hide", getattr(rest, "hide", False))  # since Blender 5, pose bones have their own
         if shape is None or is_hidden or colour.palette != "CUSTOM":
             continue
         if rest.collections and not any(item.is_visible_effectively for item in rest.collections):

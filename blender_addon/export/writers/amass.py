@@ -21,7 +21,7 @@ from ..plain_take import is_body, sample_expressions
 from ..take import ExportTake, PoseSamples, against_parents, sample_pose, uniform_scale
 
 _BODY = 1 + SMPL.num_solved  # Number of joints that AMASS shares with SMPL.
-_SCALED = 1e-3  # Deviation from a scale of 1 above which an armature is scaled. Chosen by hand.
+_SCALED = 1e-3  # Scales that deviate from 1 by more than this are not supported. Chosen by hand.
 
 
 def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:

@@ -64,7 +64,7 @@ _MARKERS_ALONE = (".c3d", ".trc")  # Suffixes of marker recordings. Other tables
 class BatchRequest:
     """Settings for processing every capture in a folder."""
 
-    captures: Path  # Session, or folder of captures: ``.npz`` files, marker recordings and subfolders.
+    captures: Path  # A session, or a folder of captures (``.npz`` files, marker recordings and subfolders).
     out: Path  # Folder for the results. It gets a folder per take and the summary.
     job: Path | None = None  # Job file with the settings for reading and solving. It names no capture and no output.
     bake: bool = False  # Write a Blender file of each take.
@@ -93,7 +93,7 @@ class BatchRequest:
 
 @dataclass(frozen=True)
 class Spread:
-    """Workers of a batch, and when the batch ends."""
+    """The workers of a batch, and when the batch ends."""
 
     scheduler: str = ""  # Address of a Dask scheduler, or the path of its file, or "" for none.
     workers: int = 0  # Takes processed in parallel on this machine, or 0 for one after another in this process.

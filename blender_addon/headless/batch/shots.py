@@ -23,7 +23,7 @@ _DONE = {FILM: "shot.json", COLOUR: "rgb.json"}
 
 @dataclass(frozen=True)
 class Shots:
-    """The shots in a description. The solver has reserved their folder."""
+    """Shots of one description. The solver has reserved their folder."""
 
     description: Path  # JSON file.
     data_set: Path  # Folder of the data set.

@@ -22,7 +22,7 @@ from .work import Place, Plain, Step, from_plain, to_plain
 
 @dataclass(frozen=True)
 class Takes:
-    """The takes of a batch. Each of their steps has a key."""
+    """The takes of a batch. Each step of a take has a key."""
 
     request: BatchRequest
     choices: dict[str, Any]

@@ -46,7 +46,7 @@ def part_of_role(role: str) -> str:
 
 _BONES_OF_A_FINGER = 3
 _AT_REST = 0.005
-"""If all fingers of a take rotate by less than this (radians), they rest, and the motion has no fingers."""
+"""If all fingers of a take rotate by less than this (in radians), the motion has no fingers."""
 
 
 @dataclass(frozen=True)

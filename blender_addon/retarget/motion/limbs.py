@@ -17,7 +17,7 @@ from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from ..._exchange.stands import SPEED_M_S, standing_runs, steps
 from .figures import Actor, Hand, Target, Trunk, foot_ball
 
-_BALL_AFTER_ANKLE = 3  # Difference between the numbers of SMPL's ankle and foot joints. The foot joint is the ball.
+_BALL_AFTER_ANKLE = 3  # SMPL joint number of the foot joint (the ball) minus that of the ankle.
 _PERSON_LEG_M = 0.81  # Distance from hip to ankle of our body. Limits in metres scale with the leg length.
 _SLIDE_M = 0.03  # Largest distance between a planted foot and its median position, in metres.
 _TURN_DEG = 11.0  # Largest angle between a planted foot and its mean direction. It moves an ankle that far too.
@@ -102,7 +102,7 @@ def _held(
     hold: Callable[[int, int], tuple[np.ndarray, np.ndarray]],
     fps: float,
 ) -> np.ndarray:
-    """Return the corrections (F, 3) that ``hold`` gives for planted feet, NaN in other frames.
+    """Return corrections (F, 3) of planted feet, computed by ``hold``, and NaN in other frames.
 
     ``hold`` returns the corrections in a range, and their vectors relative to the largest allowed length. Ranges are
     separated by the easing time, so that the foot does not jump.
@@ -174,7 +174,7 @@ def turn_at(trunk: Trunk, height: float) -> np.ndarray:
 
 
 def between(R0: np.ndarray, R1: np.ndarray, share: float) -> np.ndarray:
-    """Return ``R0 exp(w log(R0^T R1))``, where w is the share."""
+    """Return ``R0 exp(w log(R0^T R1))``, where w is ``share``."""
     return R0 @ matrix_from_rotvec(share * rotvec_from_matrix(R0.swapaxes(-1, -2) @ R1))
 
 
@@ -189,7 +189,7 @@ def _spine(target: Target) -> list[int]:
 
 
 def hips_of(target: Target, places: np.ndarray) -> np.ndarray:
-    """Return the midpoint of the hips from the positions of all controls."""
+    """Return the midpoint between the hips, given the positions of all controls."""
     thighs = [target.index(f"{side}_thigh") for side in SIDES]
     return places[thighs].mean(0) if min(thighs) >= 0 else places[target.index("pelvis")]
 

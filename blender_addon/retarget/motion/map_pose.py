@@ -113,9 +113,9 @@ def _align_limb(A: np.ndarray, target: Target, rest: np.ndarray, bones: tuple[in
 
 
 _APART = 2.0
-"""Largest ratio between the relative size of the legs and that of arms and trunk. A toddler's legs are 0.75 of an
-adult's relative to the trunk (Snyder et al. 1977), and stylised characters have 0.5."""
-_ANY_UNIT = 2000.0  # Largest ratio between two figures, one of which may be in metres and the other in millimetres.
+"""Largest ratio between the legs' relative size and the arms' and trunk's. A toddler's legs are 0.75 of an adult's
+relative to the trunk (Snyder et al. 1977), and stylised characters have 0.5."""
+_ANY_UNIT = 2000.0  # Largest size ratio of two figures, even if one is in metres and the other in millimetres.
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from .figures import Actor, Hand, Target
 from .limbs import trunk_ends
 
 PALM = "palm"  # Name of the palm centre. All other names are fingers.
-_HAND_AFTER_WRIST = 2  # Difference between the numbers of SMPL's wrist and hand joints on one side.
+_HAND_AFTER_WRIST = 2  # SMPL joint number of a hand minus that of the wrist on the same side.
 _BONES = 3  # Bones in a finger. A further bone begins at the tip.
 _LAST_BONE = 0.9
 """Length of a finger's last bone including the pulp, relative to the bone before it. Bones have a ratio of 0.6 to 0.8
@@ -23,7 +23,7 @@ _LAST_BONE = 0.9
 
 @dataclass(frozen=True)
 class HandPlace:
-    """Palm centre or fingertip of a hand in F frames, for both the actor and the target."""
+    """Palm centre or fingertip of a hand over F frames, on the actor and on the target."""
 
     side: str
     name: str  # ``PALM`` or the name of the finger.
@@ -112,7 +112,7 @@ fingertip and a palm centre, and for two palms, which may be rotated and shifted
 def keep_hands_together(
     actor: Actor, target: Target, turns: np.ndarray, goals: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return wrist positions that keep the points together that touch on the actor.
+    """Return wrist positions that bring together the points that touch on the actor.
 
     Each hand moves by half of the mean gap between the touching pairs. The correction fades out as the contact ends.
     """
@@ -143,7 +143,7 @@ def _apart(left: HandPlace, right: HandPlace) -> tuple[np.ndarray, np.ndarray]:
 CHEST, BASE, TOP = "chest", "base", "top"
 """Further points of the trunk: the top spine bone, the midpoint of the hips, and the end of the trunk."""
 _SHARES, _ANGLES = 8, 12  # Table cells along the line and around it. The cells of a thigh are about 5 cm wide.
-_OUTER = 0.75  # Quantile of the distances in a cell that is used as its radius. It ignores stray hairs.
+_OUTER = 0.75  # Quantile of a cell's distances that serves as its radius. It ignores stray hairs.
 _LEAST_FILLED = 0.4  # Smallest fraction of cells that must contain skin.
 
 

@@ -26,7 +26,7 @@ class TransferSettings:
     """Settings of a transfer."""
 
     in_place: bool = False  # Remove the travel over the ground.
-    root_motion: bool = False  # Move the travel over the ground and the heading to the root bone.
+    root_motion: bool = False  # Transfer the travel over the ground and the heading to the root bone.
     hold_contacts: bool = True
     """Lock planted feet, and keep hands in contact with the body and with each other."""
     scale: float = 0.0

@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 
     Operator, FileHandler = bpy.types.Operator, bpy.types.FileHandler
 else:
-    Operator = FileHandler = object  # each class gets Blender's own as a second base, not above its mixin
+    Operator = FileHandler = object  # Blender's own classes are added as a second base of each class
 
 UNDOABLE, INTERNAL, OPENS, PRESETS = {"REGISTER", "UNDO"}, {"INTERNAL"}, {"REGISTER"}, {"PRESET"}
 """Sets of ``bl_options``."""
 _INTERVAL_S = 0.1
 _REDRAW_S = 1.0
-"""Minimum seconds between two drawings of the progress. Drawing is slow and takes time from the solver."""
+"""Minimum seconds between two redraws of the progress, because slow drawing takes time from the solver."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class MocapOperator(Operator):
     """
 
     bl_options = UNDOABLE
-    needs = tuple[Need, ...]()  # annotations on a mixin would be evaluated again for every class
+    needs = tuple[Need, ...]()  # an annotation on a mixin would be evaluated for every class
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
@@ -181,7 +181,7 @@ def chosen_files(operator: bpy.types.Operator) -> list[Path]:
 
 
 def is_chosen(operator: bpy.types.Operator) -> bool:
-    """Return whether the operator already has a file and so needs no file browser."""
+    """Return whether the operator already has a file and therefore needs no file browser."""
     return bool(operator.files) or bool(operator.filepath and absolute(operator.filepath).exists())
 
 
@@ -192,7 +192,7 @@ class Current:
         self.run: Run | None = None
         self.last: Run | None = None
         self.about: tuple[str, str] = ("", "")
-        """Scene and capture file of the last run. Its result is shown there."""
+        """Scene and capture file of the last run. The result is shown there."""
 
     @property
     def busy(self) -> bool:
@@ -271,7 +271,7 @@ def options(**values: Any) -> list[str]:
 
 
 SHORT = 600
-"""Length in frames up to which takes are edited in this process, because a second Blender takes seconds to start."""
+"""Longest take, in frames, to edit in this process. A second Blender takes seconds to start."""
 
 
 def works_here(objects: Sequence[bpy.types.Object], frames: float = SHORT + 1) -> bool:

@@ -304,7 +304,7 @@ _FIXES = {
 """Each fix and the diagnostic codes that it resolves. Its texts and values may refer to values of the diagnostic."""
 _FIX_OF = {code: fix for fix, codes in _FIXES.items() for code in codes.split()}
 _LEFT_OUT = ("contradicts", "camera_sees_little", "image_mirrored", "delay_beyond", "camera_sees_elsewhere")
-"""Codes of the diagnostics that mean that a camera makes the solve worse."""
+"""Diagnostic codes which mean that a camera makes the solve worse."""
 
 
 def fix_of(found: Diagnostic) -> Fix | None:

@@ -1,4 +1,4 @@
-"""Edit takes as clips, each stored as a take in a new file, and mark takes and poses as assets."""
+"""Edit takes as clips, each with its own file, and mark takes and poses as assets."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .takes import take_named
 if TYPE_CHECKING:
     from ..._exchange.motion_file import MotionFile
 
-_UNDO = {"UNDO"}  # Without the Adjust Last Operation panel, because each run writes a file.
+_UNDO = {"UNDO"}  # no Adjust Last Operation panel, because each run writes a file
 
 
 def ask(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -66,7 +66,7 @@ def trim_take(self: Any, context: bpy.types.Context) -> str:
 
 
 def range_of_take(take: bpy.types.Action, scene_range: Any) -> tuple[int, int]:
-    """Return the first and last frame of a take, counted from 0, that lie within a range of scene frames.
+    """Return a take's first and last frame within a range of scene frames, counted from 0.
 
     Raises:
         MotionInvalid: the take has no frame in the range.

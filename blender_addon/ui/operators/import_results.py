@@ -242,7 +242,7 @@ def add_motion(
     capture: Path | None = None,
     body: Path | None = None,
 ) -> BakedTake:
-    """Add a motion from a file on a new body. In a new scene, select only this body."""
+    """Add the motion from a file to the scene, on a new body. In a new scene, select only this body."""
     motion = read_motion(file)
     figure = read_body(body or body_path_of(motion.provenance), motion.body_layout)
     source = read_capture(capture) if capture else None

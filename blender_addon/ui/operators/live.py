@@ -1,4 +1,4 @@
-"""Live runs and the sensor array. They pose bodies, characters and faces from incoming points or poses."""
+"""Live runs and the sensor array: pose bodies, characters and faces from incoming points or poses."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from ...solving.live import LiveRun
 
 _INTERVAL_S = 1 / 60  # Seconds between polls. Even with the time of a poll, this allows more than 30 poses per second.
-_PANELS_S = 0.25  # Seconds between redraws of the panels. The values stay readable.
+_PANELS_S = 0.25  # Seconds between redraws of the panels, so that values stay readable.
 
 
 class CurrentLive:
@@ -46,13 +46,13 @@ class CurrentLive:
         self.face: LiveFace | None = None
         self.character: LiveRig | None = None
         self.area = 0
-        """Address of the viewport that started the run. It is reset once the first pose has been framed there."""
+        """Address of the viewport that started the run, or 0 once the first pose has been framed there."""
         self.of_sensors = False
         """True if the current or last run belongs to the sensor array and not to the Live panel."""
         self._panels_drawn = 0.0
         self.failure = ""
         self.recorded = ""
-        """Recording of the last run, as a path in the form that the scene stores."""
+        """Recording of the last run, as a path in the scene's form."""
 
     @property
     def busy(self) -> bool:

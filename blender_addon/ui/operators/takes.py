@@ -102,7 +102,7 @@ def takes_of_person(settings: bpy.types.PropertyGroup) -> list[bpy.types.Action]
 
 
 def take_named(settings: bpy.types.PropertyGroup, name: str) -> bpy.types.Action:
-    """Return the current person's take that has this name."""
+    """Return the take of the current person that has this name."""
     action = next((take for take in takes_of_person(settings) if take.name == name), None)
     if action is None:
         raise TakeMissing(f"This capture has no take '{name}' for this person.")
@@ -127,8 +127,8 @@ def edit_aside(
 ) -> Generator[Call, Any, dict[str, Any]]:
     """Edit a copy of the current take in a second Blender, and play the new action.
 
-    The result contains no action if there was nothing to edit. ``switch`` names IK or FK and then the switches of
-    limbs. Their keys are replaced in the take, unless the take's keys have changed in the meantime.
+    The result contains no action if there was nothing to edit. ``switch`` contains IK or FK, followed by limb switches.
+    Their keys are replaced in the take, unless the take's keys have changed in the meantime.
     """
     from tempfile import TemporaryDirectory
 

@@ -20,7 +20,7 @@ from .parts import panel
 
 _CURL, _SPREAD = 0, 2  # Axes of a finger control.
 _SLIDER, _NARROW_SLIDER = 0.75, 0.82
-"""Width of a limb's slider as a fraction of the row, in a wide and in a narrow sidebar. The button fills the rest."""
+"""Width of a limb's slider as a fraction of the row, in a wide and in a narrow sidebar. The rest is a button."""
 
 
 @panel("Review", "EDIT", order=4, needs=BODY.is_met)

@@ -277,7 +277,7 @@ def load_clips(
 
 
 def load_far_clips(data: Path) -> list[Clip]:
-    """Read the motions in ``data`` that differ from all training motions, without tracking faults.
+    """Read the motions in ``data`` that differ from all training motions. Frames with tracking faults are left out.
 
     The list is empty if there are no such motions.
     """

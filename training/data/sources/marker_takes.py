@@ -28,7 +28,7 @@ class MarkerFit:
 
     sigma_m: float = 0.004  # Standard deviation of skin movement and marker noise.
     coarse_sigma_m: float = 0.015  # Standard deviation while the shape is unknown.
-    robust_scale: float = 1000.0  # Geman-McClure scale in sigmas. 1000 amounts to least squares.
+    robust_scale: float = 1000.0  # Geman-McClure scale in sigmas. 1000 is practically least squares.
     sample: int = 40  # Number of frames from which shape and offsets are estimated.
     shape: ShapePrior = field(default_factory=ShapePrior)  # Prior for shape and offsets.
 

@@ -1,4 +1,4 @@
-"""Interface of the engines that process takes, and two engines that need no cluster."""
+"""Interface of the engines that process takes, and two engines that do not need a cluster."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ class Ticket:
 
     capture: Path  # File or folder.
     name: str  # Name of the take.
-    tries: int = 0  # Attempts that may have failed because of the worker.
-    avoid: set[str] = field(default_factory=set)  # Workers that have failed with it.
+    tries: int = 0  # Number of attempts whose failure may have been the worker's fault.
+    avoid: set[str] = field(default_factory=set)  # Workers on which this take has failed.
 
 
 @dataclass(frozen=True)
 class Ended:
-    """A take that an engine has finished."""
+    """A take that an engine has finished with."""
 
     ticket: Ticket
-    how: str  # ENDED (see record), DIED (it ended its workers) or LOST (unknown, start again).
-    record: TakeRecord | None = None  # Record of the take, if it ended.
+    how: str  # ENDED (see the record), DIED (the take ended its workers) or LOST (unknown, to be started again).
+    record: TakeRecord | None = None  # Record of the take if its status is ENDED.
     worker: str = ""
 
 
 class Engine(Protocol):
-    """Engine that processes takes, possibly several at a time."""
+    """An engine that processes takes, possibly several at a time."""
 
-    tries: int  # Attempts at a take before it is set aside.
+    tries: int  # Number of attempts at a take before it is set aside.
 
     def free(self) -> int:
         """Return the number of takes that the engine can start now."""
@@ -51,11 +51,11 @@ class Engine(Protocol):
         """Start a take."""
 
     def ended(self, timeout_s: float) -> list[Ended]:
-        """Return the takes that have ended, after at most ``timeout_s`` seconds."""
+        """Return the takes that have ended. Wait for at most ``timeout_s`` seconds."""
         ...
 
     def notes(self) -> list[str]:
-        """Return notes for the user about the workers."""
+        """Return notes about the workers, for the user."""
         return []
 
     def headline(self) -> str:
@@ -63,12 +63,12 @@ class Engine(Protocol):
         ...
 
     def close(self) -> None:
-        """End the running takes and clean up."""
+        """End all running takes and clean up."""
         return
 
 
 class HereEngine(Engine):
-    """Engine that processes one take at a time and runs Blender's part in this process."""
+    """An engine that processes one take at a time and runs Blender's part in this process."""
 
     tries = 1
 
@@ -77,11 +77,11 @@ class HereEngine(Engine):
         self._begun: Ticket | None = None
 
     def free(self) -> int:
-        """Return 1 if no take is running, otherwise 0."""
+        """Return 1 if no take is running, or 0."""
         return int(self._begun is None)
 
     def begin(self, ticket: Ticket) -> None:
-        """Keep the take for ``ended``, which processes it."""
+        """Store the take. ``ended`` will process it."""
         self._begun = ticket
 
     def ended(self, timeout_s: float) -> list[Ended]:
@@ -98,7 +98,7 @@ class HereEngine(Engine):
 
 
 class ProcessesEngine(Engine):
-    """Engine that processes several takes at a time, each in its own solver and Blender processes."""
+    """An engine that processes several takes at a time, each in its own solver and Blender processes."""
 
     tries = 2
 
@@ -113,7 +113,7 @@ class ProcessesEngine(Engine):
         return self._workers - len(self._running)
 
     def begin(self, ticket: Ticket) -> None:
-        """Start the processes of the take."""
+        """Start the processes for the take."""
         place = {"worker": "this machine", "stopped": self._stopped, "in_child": True}
         self._running[self._pool.submit(run_take, self._work, ticket.capture, silent, **place)] = ticket
 

@@ -1,7 +1,7 @@
-"""Process takes on a Dask cluster (Rocklin 2015), one task per step.
+"""Process takes on a Dask cluster (Rocklin 2015), with one task per step.
 
-Dask schedules the tasks and repeats the tasks of workers that died. This module selects suitable workers and retries
-failed takes on other workers. The takes' records hold all state, so scheduler, workers and program may end at any time.
+Dask schedules tasks, and repeats those of workers that have died. This module selects suitable workers and retries
+failed takes on other workers. All state is in the takes' records, so scheduler, workers and program may end any time.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def require_dask() -> None:
 
 
 def connected(address: str, patience_s: float, tend: Callable[[], None]) -> Any:
-    """Connect to a scheduler within ``patience_s`` seconds, and return the client.
+    """Connect to a scheduler, wait for at most ``patience_s`` seconds, and return the client.
 
     Raises:
         SchedulerUnsafe: the scheduler is on another host without TLS, or TLS certificates are missing.
@@ -54,7 +54,7 @@ def connected(address: str, patience_s: float, tend: Callable[[], None]) -> Any:
         tend()
         try:
             return Client(**where, timeout=min(5.0, patience_s), set_as_default=False)
-        except Exception as error:  # of the network, of the protocol, of another version's messages
+        except Exception as error:  # errors of the network, the protocol, or another version's messages
             if time.monotonic() > end:
                 raise SchedulerMissing(
                     f"No scheduler responds: {type(error).__name__}: {error}.",
@@ -65,10 +65,10 @@ def connected(address: str, patience_s: float, tend: Callable[[], None]) -> Any:
             time.sleep(0.5)
 
 
-_AHEAD = 2  # Takes sent per worker thread: one running, one waiting.
+_AHEAD = 2  # Takes sent to each worker thread: one that runs and one that waits.
 _LOOK_S = 1.0
 _CONNECT_S = 10.0
-"""Time to wait for a scheduler's answer in seconds. Chosen by hand."""
+"""Seconds to wait for the scheduler's answer. Chosen by hand."""
 
 
 @dataclass
@@ -80,12 +80,12 @@ class _Running:
 
 
 class ClusterEngine(Engine):
-    """Engine that processes takes as chains of tasks on a cluster.
+    """An engine that processes takes as chains of tasks on a cluster.
 
     Args:
-        work: the batch. All workers must see the same folders.
+        work: the batch. All workers must have access to the same folders.
         address: address of the scheduler, or path of its file.
-        tend: function that is called regularly. A local cluster uses it to restart dead processes.
+        tend: function to call regularly. A local cluster uses it to restart processes that have died.
         patience_s: seconds to wait for a lost scheduler, and for workers.
         stretches: also let workers solve segments of long takes.
 
@@ -117,11 +117,11 @@ class ClusterEngine(Engine):
             raise
 
     def free(self) -> int:
-        """Return the number of takes that can be sent to workers: one running and one waiting per thread."""
+        """Return the number of takes that can be sent to workers, so that one runs and one waits per thread."""
         return (1 if self._stretches else _AHEAD) * self._workers.threads - len(self._running)
 
     def begin(self, ticket: Ticket) -> None:
-        """Send the steps of the take to the scheduler."""
+        """Send the steps of a take to the scheduler."""
         from .cluster_task import step_of_take
 
         capture, stretches = str(ticket.capture.resolve()), self._stretches
@@ -144,7 +144,7 @@ class ClusterEngine(Engine):
             self._queue.put((name, error))
             self._running[name] = _Running(ticket, [], None, None)
             return
-        except Exception as error:  # the scheduler went away just now
+        except Exception as error:  # the scheduler has just disappeared
             self._workers.note(f"The scheduler was lost: {error}.")
             self._running[name] = _Running(ticket, futures, None, allowed)
             return
@@ -152,7 +152,7 @@ class ClusterEngine(Engine):
         futures[-1].add_done_callback(lambda future, name=name: self._queue.put((name, future)))
 
     def ended(self, timeout_s: float) -> list[Ended]:
-        """Return the takes that have ended. Takes of a lost scheduler count as lost."""
+        """Return the takes that have ended. If the scheduler is lost, so are its takes."""
         found: list[Ended] = []
         with suppress(Empty):
             found += self._ended_of(*self._queue.get(timeout=timeout_s))
@@ -164,18 +164,18 @@ class ClusterEngine(Engine):
         return found
 
     def notes(self) -> list[str]:
-        """Return notes about unsuitable workers and clock differences."""
+        """Return notes about unsuitable workers and about differences between clocks."""
         return self._workers.notes
 
     def headline(self) -> str:
-        """Return the number of workers and the address of the dashboard."""
+        """Return a text with the number of workers and the dashboard's address."""
         link = ""
         with suppress(Exception):
             link = self._client.dashboard_link
         return f"{len(self._workers.infos())} workers" + (f", dashboard {link}" if link else "")
 
     def close(self) -> None:
-        """Withdraw running takes. Workers notice this within seconds."""
+        """Withdraw all running takes. Workers notice this within seconds."""
         remove_marker(self._work.out, self._marker)
         with suppress(Exception):
             self._client.cancel([future for one in self._running.values() for future in one.futures])
@@ -194,7 +194,7 @@ class ClusterEngine(Engine):
         if future.status == "finished":
             try:
                 result = future.result(timeout=_CONNECT_S)
-            except Exception:  # it was lost between its end and now
+            except Exception:  # the connection was lost after it ended
                 return [Ended(ticket, LOST)]
             return [self._ended(ticket, result)]
         if future.status == "error":
@@ -207,7 +207,7 @@ class ClusterEngine(Engine):
         return [Ended(ticket, LOST)]
 
     def _deaths(self, ticket: Ticket) -> int:
-        """Return the number of unfinished attempts at a take. Dask also counts waiting takes."""
+        """Return the number of unfinished attempts at a take. Dask also counts takes that were only waiting."""
         known = read_record(self._work.out / ticket.name)
         attempts = () if known is None else known.get("attempts", ())
         return sum(attempt["how"] == "begun" for attempt in attempts)
@@ -224,7 +224,7 @@ class ClusterEngine(Engine):
         return Ended(ticket, ENDED, record, worker)
 
     def _look(self) -> list[Ended]:
-        """Check scheduler, workers and marker. Return the takes that no worker will process."""
+        """Check the scheduler, the workers and the marker. Return the takes that no worker will process."""
         self._tend()
         if self._client.status != "running":
             return self._begin_anew()
@@ -246,7 +246,7 @@ class ClusterEngine(Engine):
         return Ended(one.ticket, LOST)
 
     def _begin_anew(self) -> list[Ended]:
-        """Reconnect after the scheduler was lost, and return its takes."""
+        """Reconnect after the scheduler was lost, and return the takes that it had."""
         self._workers.note("The scheduler was lost and came back. Its takes were restarted.")
         lost = [Ended(one.ticket, LOST) for one in self._running.values()]
         self._running.clear()
@@ -271,13 +271,13 @@ class ClusterEngine(Engine):
         self._workers.require_some(patience_s=0.0)
 
 
-MEMORY = "memory_mb"  # Resource of a worker, as ``dask worker --resources memory_mb=8000`` states it.
-_CLOCK_S = 60.0  # Clock difference in seconds above which a worker is reported.
-_FAILS = 3  # Consecutive write failures after which a worker is skipped if there are others.
+MEMORY = "memory_mb"  # Resource of a worker, as in ``dask worker --resources memory_mb=8000``.
+_CLOCK_S = 60.0  # Workers whose clocks differ by more than this, in seconds, are reported.
+_FAILS = 3  # Consecutive write failures after which a worker is no longer used if there are others.
 
 
 class Workers:
-    """Workers of a scheduler, identified by their addresses."""
+    """The workers of a scheduler, identified by address."""
 
     def __init__(self, address: str, out: str, marker: str, patience_s: float) -> None:
         self._address, self._out, self._marker, self._patience_s = address, out, marker, patience_s
@@ -286,11 +286,11 @@ class Workers:
         self._without: float | None = None
         self._notes: list[str] = []
         self.versions = versions()
-        """Versions that all workers must have."""
+        """Versions that every worker must have."""
         self.bad: dict[str, str] = {}
-        """Unsuitable workers, each with the reason."""
+        """Unsuitable workers, and the reason for each."""
         self.client: Any = None
-        """Client of the scheduler, None before it is connected."""
+        """Client of the scheduler, or None before it is connected."""
 
     @property
     def notes(self) -> list[str]:
@@ -299,7 +299,7 @@ class Workers:
 
     @property
     def threads(self) -> int:
-        """Number of threads of the suitable workers."""
+        """Number of threads of all suitable workers."""
         return sum(info["nthreads"] for address, info in self.infos().items() if address not in self.bad)
 
     @property
@@ -308,19 +308,19 @@ class Workers:
         return set(self.infos()) - set(self.bad)
 
     def note(self, text: str) -> None:
-        """Keep a note unless it is already known."""
+        """Store a note unless it is already known."""
         if text not in self._notes:
             self._notes.append(text)
 
     def infos(self) -> dict[str, Any]:
-        """Return the scheduler's information about each worker, empty without a scheduler."""
+        """Return the scheduler's information about each worker, or nothing without a scheduler."""
         try:
             return dict(self.client.scheduler_info(n_workers=-1)["workers"])
-        except Exception:  # the connection is going down. The next look reports it
+        except Exception:  # the connection is closing, which the next check reports
             return {}
 
     def allowed(self, ticket: Ticket) -> set[str] | None:
-        """Return the workers that may process a take, None for all."""
+        """Return the workers that may process a take, or None for all."""
         good = self.good
         others = good - ticket.avoid
         if not self.bad and others == good:
@@ -328,10 +328,10 @@ class Workers:
         return others or good
 
     def state_memory(self, wanted_mb: float) -> bool:
-        """Return whether all workers declare their memory.
+        """Return whether every worker declares its memory.
 
         Raises:
-            WorkersUnsuitable: no worker has as much memory as a take may use.
+            WorkersUnsuitable: no worker has as much memory as a take is allowed to use.
         """
         stated = [info.get("resources", {}).get(MEMORY) for info in self.infos().values()]
         amounts = [amount for amount in stated if amount is not None]
@@ -364,7 +364,7 @@ class Workers:
         try:
             asked = time.time()
             found = self.client.run(describe, self._out, workers=new, on_error="return")
-        except Exception:  # a worker that has just died is looked at no more, the others the next time
+        except Exception:  # a worker that has just died is not checked again, all others are checked next time
             return
         self._looked_at.update(new)
         for worker, about in found.items():
@@ -380,7 +380,7 @@ class Workers:
                 self.note(f"{clock}, which affects only the times of files.")
 
     def require_some(self, patience_s: float | None = None) -> None:
-        """Raise an error if there has been no suitable worker for too long.
+        """Raise an error if there has not been a suitable worker for too long.
 
         Raises:
             WorkersUnsuitable: no worker was suitable. The message contains the first reasons.

@@ -1,4 +1,4 @@
-"""Run a task on a cluster's worker, with plain values as arguments and results."""
+"""Run a task on a worker of a cluster. Arguments and results are plain values."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MARKER = ".batch"
 
 
 def put_marker(out: Path) -> str:
-    """Write a new marker and return its text."""
+    """Write a new marker file and return its text."""
     text = secrets.token_hex(16)
     out.mkdir(parents=True, exist_ok=True)
     write_text(out / MARKER, text, overwrite=True)
@@ -32,7 +32,7 @@ def put_marker(out: Path) -> str:
 
 
 def marker_in(out: Path) -> str:
-    """Return the text of the marker, "" if it is missing or not visible."""
+    """Return the text of the marker, or "" if the marker is missing or not visible."""
     try:
         return (out / MARKER).read_text(encoding="utf-8")[:64]
     except (OSError, UnicodeDecodeError):
@@ -40,7 +40,7 @@ def marker_in(out: Path) -> str:
 
 
 def remove_marker(out: Path, text: str) -> None:
-    """Remove our marker. This ends our takes on other workers."""
+    """Remove our marker. This ends our takes on all workers."""
     with suppress(OSError):
         if marker_in(out) == text:
             (out / MARKER).unlink()
@@ -54,11 +54,11 @@ def work_of(values: Plain) -> Work:
     return _KINDS[values["kind"]].from_plain(values)
 
 
-_LOOK_S, _LOOKS = 2.0, 3  # Consecutive checks without marker, because a network folder may vanish briefly.
+_LOOK_S, _LOOKS = 2.0, 3  # Consecutive checks that must find no marker, because a network folder may briefly vanish.
 
 
 class Batch(TypedDict):
-    """Data of a batch that each task receives."""
+    """Data of a batch that every task receives."""
 
     work: Plain  # See ``Work.plain``.
     out: str
@@ -72,13 +72,13 @@ class WorkerFacts(TypedDict):
     """Information about a worker."""
 
     versions: dict[str, str]
-    marker: str  # Text of the marker that the worker finds in the results folder.
-    time: float  # Time on the worker's clock, in seconds.
+    marker: str  # Text of the marker that the worker sees in the results folder.
+    time: float  # Time on the worker's clock in seconds.
     host: str
 
 
 class TaskResult(TypedDict):
-    """Result of a step: a record, or the reason why the worker is unsuitable."""
+    """Result of a step: its record, or the reason why the worker is unsuitable."""
 
     worker: str
     record: NotRequired[TakeRecord]
@@ -86,7 +86,7 @@ class TaskResult(TypedDict):
 
 
 def versions() -> dict[str, str]:
-    """Return the versions that all workers of a batch must have."""
+    """Return the versions that every worker of a batch must have."""
     from importlib.metadata import version as version_of
 
     python = ".".join(platform.python_version_tuple()[:2])
@@ -94,12 +94,12 @@ def versions() -> dict[str, str]:
 
 
 def describe(out: str) -> WorkerFacts:
-    """Return the information about this worker."""
+    """Return a description of this worker."""
     return {"versions": versions(), "marker": marker_in(Path(out)), "time": time.time(), "host": platform.node()}
 
 
 def what_is_wrong(about: WorkerFacts, wanted: dict[str, str], marker: str, out: str) -> str:
-    """Return the reason why a worker cannot process a batch's takes, "" if it can."""
+    """Return the reason why a worker cannot process a batch's takes, or "" if it can."""
     for name, mine in wanted.items():
         theirs = about["versions"].get(name, "none")
         if theirs != mine:
@@ -108,7 +108,7 @@ def what_is_wrong(about: WorkerFacts, wanted: dict[str, str], marker: str, out: 
 
 
 def step_of_take(given: Batch, step: str, before: TaskResult | None) -> TaskResult:
-    """Process one step of a take, given the result of the previous step."""
+    """Process one step of a take, given the result of the step before it."""
     from distributed import get_worker, secede
 
     if before is not None and ("record" not in before or before["record"]["status"] != UNFINISHED):
@@ -123,7 +123,7 @@ def step_of_take(given: Batch, step: str, before: TaskResult | None) -> TaskResu
     known = recalled(work, capture)
     if known is None:
         if given["stretches"]:
-            secede()  # the thread is free for stretches of this very take
+            secede()  # frees the thread for segments of this same take
         scheduler = get_worker().scheduler.address if given["stretches"] else ""
         place = {"stopped": _withdrawn(work.out, given["marker"]), "in_child": True, "scheduler": scheduler}
         known = run_step(work, capture, step, silent, worker=worker, **place)

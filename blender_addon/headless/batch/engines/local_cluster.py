@@ -15,16 +15,16 @@ from ....backend_environment import backend_folder
 
 _ROOT = Path(__file__).resolve().parents[4]
 _AGAIN_S = 2.0
-"""Minimum time between two starts of a process, in seconds."""
-_END_S = 2.0  # Seconds for a worker to end. Chosen by hand.
+"""Shortest time between two starts of a process, in seconds."""
+_END_S = 2.0  # Seconds that a worker gets to end. Chosen by hand.
 
 
 class LocalCluster:
-    """A scheduler and several workers on the loopback address.
+    """A scheduler and several workers that use the loopback address.
 
     Args:
         workers: number of workers, with one thread each.
-        memory_mb: memory of all takes together in megabytes, None to declare none.
+        memory_mb: memory of all takes together in megabytes, or None to declare none.
         folder: working folder of Dask.
     """
 
@@ -32,7 +32,7 @@ class LocalCluster:
         port = _some_port()
         self.address = f"tcp://127.0.0.1:{port}"
         self._folder = folder
-        # Even without a dashboard, Dask serves metrics over HTTP, by default on all addresses.
+        # Even without a dashboard, Dask serves metrics over HTTP, by default on all network addresses.
         own = ["--dashboard-address", "127.0.0.1:0", *([] if find_spec("bokeh") else ["--no-dashboard"])]
         own += ["--preload", f"{__package__}.ends_with_parent"]
         scheduler = ["-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port), *own]
@@ -42,7 +42,7 @@ class LocalCluster:
         worker += ["--resources", f"memory_mb={memory_mb / workers:.0f}"] if memory_mb else []
         self._commands = [scheduler, *([worker] * workers)]
         self.processes: list[subprocess.Popen[bytes] | None] = [None] * len(self._commands)
-        """Processes of the scheduler and the workers, in this order."""
+        """Processes of the scheduler and of the workers, in this order."""
         self._started = [-_AGAIN_S] * len(self._commands)
         self.tend()
 
@@ -56,7 +56,7 @@ class LocalCluster:
                 self.processes[k] = self._start(self._commands[k])
 
     def close(self) -> None:
-        """End all processes. The takes' records hold all state."""
+        """End all processes. All state is in the takes' records."""
         for process in self.processes:
             _let_go(process)
         for process in filter(None, self.processes):
@@ -80,12 +80,12 @@ def _let_go(process: subprocess.Popen[bytes] | None) -> None:
 
 
 def _some_port() -> int:
-    """Return a port outside the range that systems assign."""
+    """Return a port outside the range that systems assign automatically."""
     return 10_000 + secrets.randbelow(20_000)
 
 
 def machine_memory_mb() -> float | None:
-    """Return this machine's memory in megabytes, None if the system does not report it."""
+    """Return this machine's memory in megabytes, or None if the system does not report it."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**20
     except (AttributeError, ValueError, OSError):
