@@ -170,3 +170,9 @@ def test_every_code_is_used_and_every_use_has_its_row():
     assert direct <= set(load_table()), "codes without a row"
     unused = set(load_table()) - set(re.findall(r'"(\w+)"', text))
     assert not unused
+
+
+def test_a_stated_stature_is_not_asked_for() -> None:
+    stated = diagnostic("cameras_scale", source="stature", stature=1.8, percent=1.0)
+    assert "1.8 m" in sentence(stated) and "--stature" not in sentence(stated)
+    assert "--stature" in sentence(diagnostic("cameras_stature_unknown", percent=10.0))
