@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.agreement.evidence import (
+    BLOCKS,
     MOVED,
     SCALES,
     UNRELATED_OUTLIERS,
     TakeEvidence,
     count_in_bins,
-    expected_density,
     fit_noise,
 )
 from solver_backend.agreement.reading import ENOUGH, Pose, Reading
@@ -22,25 +22,19 @@ from solver_backend.exchange.lens import DEFAULT_MODEL
 from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.types import Cameras
 
-LEAST_BONE_NOISE, UNRELATED_BONES = 0.03, 0.35
-"""Standard deviations of log bone lengths: smallest, and for non-rigid bones. Outliers have the rate and the density
-``UNRELATED_OUTLIERS``."""
 BONES = (
-    ("shoulder", "hip", 0.50), ("hip", "knee", 0.42), ("knee", "ankle", 0.42), ("shoulder", "elbow", 0.29),
-    ("elbow", "wrist", 0.25), ("ankle", "big_toe", 0.18),
+    ("shoulder", "hip", 0.286), ("hip", "knee", 0.24), ("knee", "ankle", 0.24), ("shoulder", "elbow", 0.166),
+    ("elbow", "wrist", 0.143), ("ankle", "big_toe", 0.103), ("shoulder", "shoulder", 0.2), ("hip", "hip", 0.126),
 )  # fmt: skip
-"""Bones of each side and their usual lengths in metres, for adults of 1.75 m (Drillis and Contini 1966)."""
-BREADTHS = ("shoulder", 0.35), ("hip", 0.22)  # Distances between left and right joints, in metres.
-USUAL_STATURE_M = 1.75
+"""Bones of each side, breadths from left to right, and their usual lengths in statures (Drillis and Contini 1966)."""
+FORWARD = ("big_toe", "ankle"), ("knee", "hip", "ankle"), ("nose", "ear"), ("nose", "eye")
+"""Joints that are in front of others, or of their middle."""
 MEAN_STATURE_M, STATURE_SPREAD_M = 1.71, 0.09  # Of adults with unknown stature (NCD-RisC 2016, both sexes).
 STATURES_M = (1.0, 2.3)  # Plausible statures, which confirm a unit, an image size or a rotation.
 POSSIBLE_M = (0.6, 2.9)  # Limits of human stature, which confirm the unit suggested by the cameras' distance.
-PROPORTION_SPREAD, SIDE_SPREAD = 0.2, 0.1
-"""Standard deviations of log proportions among people, including joint definitions, and between a person's sides."""
-LEVEL_CONCENTRATION, LEVEL_OUTLIERS = 4.0, 0.03
-"""Concentration of the trunk's direction in upright images (von Mises), and share of tilted cameras."""
-FORWARD_WRONG = 0.01  # Probability that a joint is defined on the wrong side of the body.
-BENT = 0.06  # Knees bent by less (metres at usual stature) may be behind the line from hip to ankle.
+PROPORTION_SPREAD = 0.15  # Standard deviation of log proportions of people and their sides, with joint definitions.
+CONCENTRATION = 4.0  # Concentration of the directions of trunks, toes, knees and faces (von Mises).
+ODD = 0.01  # Probability of a tilted camera, a joint on the wrong side of the body, or a point where none can be.
 
 
 @dataclass(frozen=True)
@@ -84,7 +78,7 @@ def judge_body(evidence: TakeEvidence, reading: Reading, effect: float | None = 
     place = {name: points[:, k] for k, name in enumerate(evidence.names)}
     lengths, usual, sides = _lengths(place)
     terms: dict[str, float] = {}
-    height, own = USUAL_STATURE_M, 1.0
+    height, own = MEAN_STATURE_M, 1.0
     if len(lengths):
         with np.errstate(divide="ignore", invalid="ignore"):
             log = np.log(np.stack(lengths))
@@ -93,15 +87,15 @@ def judge_body(evidence: TakeEvidence, reading: Reading, effect: float | None = 
         terms["bones"] = gain / (own if effect is None else effect)
         ratio = mean - np.log(usual)
         scale = float(np.median(ratio))
-        height = USUAL_STATURE_M * float(np.exp(scale))
+        height = float(np.exp(scale))
         unequal = np.array([mean[a] - mean[b] for a, b in sides])
-        terms["proportions"] = 0.5 * (_heavy(ratio - scale, PROPORTION_SPREAD) + _heavy(unequal, SIDE_SPREAD))
+        terms["proportions"] = 0.5 * (_heavy(ratio - scale) + _heavy(unequal))
     terms["upright"] = _upright(evidence, reading)
-    terms["handed"] = _handed(place, height)
-    poses = min(evidence.poses, 10) * evidence.views
-    terms["in front"] = float(np.log(0.01) * behind * poses)
+    terms["handed"] = _handed(place)
+    poses = min(evidence.poses, BLOCKS) * evidence.views
+    terms["in front"] = float(np.log(ODD) * behind * poses)
     outside = np.mean([evidence.points(evidence.key(reading, v)[0]).outside for v in range(evidence.views)])
-    terms["inside"] = float(np.log(0.01) * outside * poses)
+    terms["inside"] = float(np.log(ODD) * outside * poses)
     return BodyEvidence(terms, height, points, own)
 
 
@@ -110,14 +104,11 @@ def _lengths(place: dict[str, np.ndarray]) -> tuple[list[np.ndarray], np.ndarray
     lengths, usual, sides = list[np.ndarray](), list[float](), list[tuple[int, int]]()
     for upper, lower, length in BONES:
         ends = [(f"{side}_{upper}", f"{side}_{lower}") for side in ("left", "right")]
+        ends = [(f"left_{upper}", f"right_{upper}")] if upper == lower else ends
         if all(name in place for pair in ends for name in pair):
-            sides.append((len(lengths), len(lengths) + 1))
+            sides += [(len(lengths), len(lengths) + 1)] * (upper != lower)
             lengths += [np.linalg.norm(place[a] - place[b], axis=-1) + 1e-12 for a, b in ends]
-            usual += [length, length]
-    for part, length in BREADTHS:
-        if f"left_{part}" in place and f"right_{part}" in place:
-            lengths.append(np.linalg.norm(place[f"left_{part}"] - place[f"right_{part}"], axis=-1) + 1e-12)
-            usual.append(length)
+            usual += [length] * len(ends)
     return lengths, np.array(usual), sides
 
 
@@ -127,18 +118,17 @@ def _rigid(evidence: TakeEvidence, off: np.ndarray) -> tuple[float, float]:
     The log-likelihood of a single pose is 0.
     """
     counts = count_in_bins(off.T.reshape(1, *off.T.shape), evidence.weight[:, None])
-    noise = fit_noise(counts, LEAST_BONE_NOISE, UNRELATED_OUTLIERS)
+    noise = fit_noise(counts, MOVED, UNRELATED_OUTLIERS)
     z = evidence.per_pose(np.nan_to_num(np.clip(off / noise.sigma[0], -3, 3)), 1)
     effect = max(1.0, float((z.sum(0) ** 2).sum() / max(z.size, 1)))
     count = float((np.isfinite(off) * evidence.weight).sum()) * (evidence.poses - 1) / max(evidence.poses, 1)
     shared = 1 if evidence.views == 2 else 2  # with more views the same errors already show between views
-    unrelated = expected_density(UNRELATED_BONES, UNRELATED_OUTLIERS, UNRELATED_OUTLIERS)
-    return float((noise.density[0] - unrelated) * count / shared), effect
+    return float((noise.density[0] - np.log(UNRELATED_OUTLIERS)) * count / shared), effect
 
 
-def _heavy(off: np.ndarray, spread: float) -> float:
-    """Return the heavy-tailed log-likelihood of deviations: one unusual bone proves nothing."""
-    return float((-2.0 * np.log1p((off / spread) ** 2 / 3)).sum())
+def _heavy(off: np.ndarray) -> float:
+    """Return the heavy-tailed log-likelihood of log proportions: one unusual bone proves nothing."""
+    return float((-2.0 * np.log1p((off / PROPORTION_SPREAD) ** 2 / 3)).sum())
 
 
 def _upright(evidence: TakeEvidence, reading: Reading) -> float:
@@ -154,15 +144,16 @@ def _upright(evidence: TakeEvidence, reading: Reading) -> float:
         tilt = np.arctan2(up[:, 0], -up[:, 1])
         tilt = tilt[np.isfinite(tilt)]
         if len(tilt):
-            level = np.exp(LEVEL_CONCENTRATION * np.cos(tilt)) / (2 * np.pi * float(np.i0(LEVEL_CONCENTRATION)))
-            found.append(float(np.log((1 - LEVEL_OUTLIERS) * level + LEVEL_OUTLIERS / (2 * np.pi)).mean()))
+            level = np.exp(CONCENTRATION * np.cos(tilt)) / (2 * np.pi * float(np.i0(CONCENTRATION)))
+            found.append(float(np.log((1 - ODD) * level + ODD / (2 * np.pi)).mean()))
     return 2.0 * float(np.mean(found)) if found else 0.0
 
 
-def _handed(place: dict[str, np.ndarray], height: float) -> float:
+def _handed(place: dict[str, np.ndarray]) -> float:
     """Return the log-likelihood that toes, knees and faces point forward, each once per take.
 
-    With left ``l`` and up ``u`` of the trunk, ``n = l x u`` points forward, but backward in a mirror image.
+    With left ``l`` and up ``u`` of the trunk, ``n = l x u`` points forward, but backward in a mirror image. Directions
+    at an angle a to it have odds of ``exp(2 k cos a)`` for forward (von Mises).
     """
     trunk = ("left_shoulder", "right_shoulder", "left_hip", "right_hip")
     if any(name not in place for name in trunk):
@@ -172,34 +163,20 @@ def _handed(place: dict[str, np.ndarray], height: float) -> float:
     forward = np.cross(left, up)
     with np.errstate(invalid="ignore", divide="ignore"):
         forward /= np.linalg.norm(forward, axis=-1, keepdims=True)
-    metre, total = height / USUAL_STATURE_M, 0.0
-    for parts, usual in _forward_parts(place, metre):
-        along = np.concatenate([(part * forward).sum(-1) for part in parts]) / (usual * metre)
-        along = along[np.isfinite(along)]
-        if len(along):
-            right = 1 / (1 + np.exp(-4 * np.clip(np.median(along), -3, 3)))
-            total += float(np.log(FORWARD_WRONG + (1 - 2 * FORWARD_WRONG) * right))
+    total = 0.0
+    for front, *behind in FORWARD:
+        parts = []
+        for side in ("left", "right"):
+            first, *others = (name if name in place else f"{side}_{name}" for name in (front, *behind))
+            if {first, *others} <= place.keys():
+                parts.append(place[first] - np.mean([place[other] for other in others], axis=0))
+        vectors = np.concatenate(parts) if parts else np.zeros((0, 3))
+        along = (vectors * np.concatenate([forward] * len(parts))).sum(-1) if parts else np.zeros(0)
+        if np.isfinite(along).any():
+            cosine = np.nanmedian(along) / max(float(np.nanmedian(np.linalg.norm(vectors, axis=-1))), 1e-12)
+            right = 1 / (1 + np.exp(-2 * CONCENTRATION * cosine))
+            total += float(np.log(ODD + (1 - 2 * ODD) * right))
     return total
-
-
-def _forward_parts(place: dict[str, np.ndarray], metre: float) -> list[tuple[list[np.ndarray], float]]:
-    """Return (P, 3) vectors that point forward in every person, by kind with usual length in m."""
-    sides = "left", "right"
-    kinds: list[tuple[list[np.ndarray], float]] = []
-    toes = [place[f"{s}_big_toe"] - place[f"{s}_ankle"] for s in sides if {f"{s}_big_toe", f"{s}_ankle"} <= set(place)]
-    kinds.append((toes, 0.12))
-    knees = []
-    for side in sides:
-        if {f"{side}_{part}" for part in ("hip", "knee", "ankle")} <= set(place):
-            bend = place[f"{side}_knee"] - (place[f"{side}_hip"] + place[f"{side}_ankle"]) / 2
-            with np.errstate(invalid="ignore"):
-                bent = np.linalg.norm(bend, axis=-1) > BENT * metre
-            knees.append(np.where(bent[:, None], bend, np.nan))
-    kinds.append((knees, 0.08))
-    for part, usual in (("ear", 0.1), ("eye", 0.03)):
-        if "nose" in place:
-            kinds.append(([place["nose"] - place[f"{s}_{part}"] for s in sides if f"{s}_{part}" in place], usual))
-    return [(parts, usual) for parts, usual in kinds if parts]
 
 
 def triangulate_rays(evidence: TakeEvidence, reading: Reading) -> tuple[np.ndarray, float]:
@@ -225,7 +202,7 @@ def triangulate_rays(evidence: TakeEvidence, reading: Reading) -> tuple[np.ndarr
         depth = camera[..., 2]
         plane = camera[..., :2] / np.where(np.abs(depth) < 1e-6, 1e-6, depth)[..., None]
         off = np.linalg.norm(plane - rays[..., :2], axis=-1) / size
-        weight = seen / (1 + (off / 0.05) ** 2) / np.maximum(np.abs(depth), 0.05)
+        weight = seen / (1 + (off / MOVED) ** 2) / np.maximum(np.abs(depth), 0.05)
         X, camera = _meeting_points(rows, weight, matrices)
     several = seen.sum(0) >= 2
     behind = (camera[..., 2] < 0) & seen & several
@@ -241,9 +218,6 @@ def _meeting_points(rows: np.ndarray, weight: np.ndarray, matrices: np.ndarray) 
     return X, np.einsum("vac,pjc->vpja", matrices[:, :, :3], X) + matrices[:, None, None, :, 3]
 
 
-MATERIAL = 0.05  # A camera counts as moved if it sees the person this far (median) off the prediction, in person sizes.
-
-
 def refit_pose(evidence: TakeEvidence, reading: Reading, view: int, *, turned: bool = False) -> Pose | None:
     """Fit the pose of a view to the others' points, or return None if it already fits."""
     points, _ = triangulate_rays(evidence, replace(reading, left_out=(*reading.left_out, view)))
@@ -252,7 +226,7 @@ def refit_pose(evidence: TakeEvidence, reading: Reading, view: int, *, turned: b
     R, t = evidence.pose_of(pose_key)
     known = np.isfinite(points).all(-1) & np.isfinite(seen.rays).all(-1)
     X, rays = points[known], seen.rays[known]
-    if len(X) < ENOUGH or np.median(_distances(R, t, X, rays, seen.size)) < MATERIAL:
+    if len(X) < ENOUGH or np.median(_distances(R, t, X, rays, seen.size)) < MOVED:
         return None
     starts = [(R, t), _turned(R, t, X, rays)]
     if turned:

@@ -13,9 +13,19 @@ from itertools import combinations
 
 import numpy as np
 
-from solver_backend.agreement.evidence import BLOCKS, EACH, LEAST_CAMERAS, MOST_ROUNDS, POSES, epipolar_distances
-from solver_backend.agreement.hypotheses import CONVERGED
-from solver_backend.agreement.reading import extent
+from solver_backend.agreement.evidence import (
+    BLOCKS,
+    EACH,
+    LEAST_CAMERAS,
+    LEAST_NOISE,
+    MOST_ROUNDS,
+    POSES,
+    epipolar_distances,
+)
+from solver_backend.agreement.hypotheses import CONVERGED, SPREAD
+from solver_backend.agreement.person_tracks import SMALLEST_ANGLE_SIN2
+from solver_backend.agreement.reading import MIN_CONFIDENCE, extent
+from solver_backend.agreement.synchronisation import USUAL_SIGMA_SHARE
 from solver_backend.cameras.projection import distorted, undistort
 from solver_backend.cameras.robust_triangulation import INLIER_SIGMAS, ROBUST_SIGMAS
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
@@ -23,14 +33,8 @@ from solver_backend.geometry.arrays import quantile
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import Cameras, Keypoints2D
 
-FACTOR_SPREAD, TURN_SPREAD_RAD = 0.3, 0.005  # Prior deviations of the factor's logarithm and of a camera's rotation.
-OFF_PERSON = 0.006  # Smallest deviation of detections relative to the person's image size, for a still person.
-EPIPOLE_ANGLE = np.radians(20.0)  # Smallest angle between a ray and the line through two cameras.
-SEEN = 0.3  # Smallest confidence of a keypoint. Larger ones bring recorded takes closer to their true lenses.
-OFF, LEFT_SHARE = 0.05, 0.3
-"""Smallest logarithm of a reported factor, which must also exceed ``INLIER_SIGMAS`` deviations, and smallest share of
-it that remains without any one camera. If cameras follow a poster or a passer-by, the remaining share is negative."""
 _STEP = 1e-6  # Step of numerical derivatives.
+OFF = 0.05  # Smallest logarithm of a reported factor, which must also exceed ``INLIER_SIGMAS`` deviations.
 
 
 @dataclass(frozen=True)
@@ -44,7 +48,7 @@ class EpipolarFit:
     @property
     def is_sure(self) -> bool:
         """True if the factor is significant, and the rotations are plausible for calibrated cameras."""
-        is_calibrated = np.abs(self.turns).max() < 3 * TURN_SPREAD_RAD
+        is_calibrated = np.abs(self.turns).max() < 3 * USUAL_SIGMA_SHARE
         return bool(is_calibrated and abs(self.log) >= max(OFF, INLIER_SIGMAS * self.sigma))
 
 
@@ -62,14 +66,14 @@ class ComparedViews:
             return None
         chosen = np.unique(np.linspace(0, len(cameras) - 1, EACH).astype(int))
         frames = np.unique(np.linspace(0, keypoints.num_frames - 1, POSES).astype(int))
-        seen = keypoints.confidence[chosen][:, frames] >= SEEN
+        seen = keypoints.confidence[chosen][:, frames] >= MIN_CONFIDENCE
         xy = np.where(seen[..., None], keypoints.xy[chosen][:, frames].astype(np.float64), np.nan)
         return cls(cameras.subset(chosen.tolist()), xy)
 
     def fit(self) -> EpipolarFit | None:
         """Fit the views. Return None if too little is visible or the fit does not converge."""
-        precision = np.r_[FACTOR_SPREAD, np.full(3 * len(self.cameras), TURN_SPREAD_RAD)] ** -2.0
-        least = OFF_PERSON * float(np.nan_to_num(quantile(extent(self.xy), 0.5, (0, 1))))
+        precision = np.r_[SPREAD, np.full(3 * len(self.cameras), USUAL_SIGMA_SHARE)] ** -2.0
+        least = LEAST_NOISE * float(np.nan_to_num(quantile(extent(self.xy), 0.5, (0, 1))))
         x, share = np.zeros(len(precision)), min(1.0, BLOCKS / self.xy.shape[1])  # successive frames have equal errors
         for _ in range(MOST_ROUNDS):
             parts = list(self.distances(x))
@@ -90,7 +94,7 @@ class ComparedViews:
                 variance = covariance[0, 0] + np.square(pulls - pulls.mean()).sum()
                 return EpipolarFit(float(x[0]), float(np.sqrt(variance)), x[1:])
             x = x + step
-            if abs(x[0]) > 2 * FACTOR_SPREAD:
+            if abs(x[0]) > 2 * SPREAD:
                 break
         return None
 
@@ -129,8 +133,8 @@ class ComparedViews:
         ways = ways / np.linalg.norm(ways, axis=-1, keepdims=True)
         base = self.cameras.centres[:, None] - self.cameras.centres
         base = base / np.maximum(np.linalg.norm(base, axis=-1, keepdims=True), 1e-12)
-        along = np.abs(np.einsum("cfjd,ced->cefj", ways, base))
-        return np.fmax(along, np.swapaxes(along, 0, 1)) < np.cos(EPIPOLE_ANGLE)
+        along = np.square(np.einsum("cfjd,ced->cefj", ways, base))
+        return np.fmax(along, np.swapaxes(along, 0, 1)) < 1 - SMALLEST_ANGLE_SIN2
 
     def _turned(self, camera: int, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         R = exp_so3(turn)
@@ -151,10 +155,11 @@ def report_lenses(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Diagnostic,
     fit = None if views is None else views.fit()
     if views is None or fit is None or not fit.is_sure:
         return ()
-    everyone = range(len(views.cameras))  # one camera that saw another person spoils all its pairs
+    # One camera that follows a poster or a passer-by spoils all its pairs. Without it the factor has the other sign.
+    everyone = range(len(views.cameras))
     for kept in ([c for c in everyone if c != left] for left in everyone if len(everyone) > LEAST_CAMERAS):
         part = ComparedViews(views.cameras.subset(kept), views.xy[kept]).fit()
-        if part is None or part.log / fit.log <= LEFT_SHARE:
+        if part is None or part.log / fit.log <= 0:
             return ()
     way, percent = "short" if fit.log > 0 else "long", 100 * abs(np.exp(-fit.log) - 1)
     return (diagnostic("focal_lengths_off", cameras=cameras.names, percent=percent, way=way),)

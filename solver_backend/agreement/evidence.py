@@ -20,20 +20,17 @@ from solver_backend.agreement.reading import (
 )
 from solver_backend.cameras.camera_corrections import CameraCorrection, Window, compared_pairs, corrected
 from solver_backend.cameras.projection import undistort_normalised
+from solver_backend.cameras.robust_triangulation import INLIER_SIGMAS
 from solver_backend.geometry.arrays import quantile
 from solver_backend.geometry.rotations import skew
 from solver_backend.types import Cameras
 
-BINS = 98
 LEAST_NOISE = 0.002  # In person sizes. Smaller noise is rounding or comes from joint definitions.
 OUTLIER_DENSITY = 0.5  # Density of outliers, uniform over twice the person's size.
 UNRELATED_NOISE, UNRELATED_OUTLIERS = 0.06, 0.3
 """Noise in person sizes and outlier rate beyond which views do not show one body."""
-_EDGES = np.geomspace(1e-3, 3.0, BINS - 1)  # Edges of the distance bins, in person sizes.
-_CENTRES = np.concatenate([_EDGES[:1] / 2, np.sqrt(_EDGES[1:] * _EDGES[:-1]), _EDGES[-1:] * 1.3])
-_ROUNDS = 12
-_STARTS = (0.5, 1.5), (0.2, 3.0)
-"""Initial values of EM: quantiles of the distances, and factors that convert them to standard deviations."""
+_CENTRES = np.geomspace(1e-3, 3.0, 98)  # Centres of the distance bins, in person sizes.
+BINS = len(_CENTRES)
 
 
 @dataclass(frozen=True)
@@ -81,9 +78,9 @@ UNRELATED = expected_density(UNRELATED_NOISE, UNRELATED_OUTLIERS)  # Mean log de
 def count_in_bins(distance: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Return (N, BINS) weights per bin of N sets of distances (N, ...), ignoring NaN."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        place = np.log(np.abs(distance) / _EDGES[0]) / np.log(_EDGES[1] / _EDGES[0]) + 1
+        place = np.log(np.abs(distance) / _CENTRES[0]) / np.log(_CENTRES[1] / _CENTRES[0])
     known = np.isfinite(distance)
-    bins = np.clip(np.where(known, np.nan_to_num(place, neginf=0.0), 0.0), 0, BINS - 1).astype(int)
+    bins = np.clip(np.rint(np.where(known, np.nan_to_num(place, neginf=0.0), 0.0)), 0, BINS - 1).astype(int)
     count = len(distance)
     rows = bins + BINS * np.arange(count).reshape(-1, *[1] * (distance.ndim - 1))
     weights = np.where(known, np.broadcast_to(weight, distance.shape), 0.0)
@@ -91,42 +88,39 @@ def count_in_bins(distance: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def fit_noise(counts: np.ndarray, least: float = LEAST_NOISE, outlier_density: float = OUTLIER_DENSITY) -> Noise:
-    """Fit the noise of N sets of distances, given by (N, BINS) weights, from two initial values.
+    """Fit the noise of N sets of distances, given by (N, BINS) weights.
 
     Expectation maximisation (Dempster, Laird and Rubin 1977).
     """
     total = np.maximum(counts.sum(1), 1e-9)
-    cumulated = np.cumsum(counts, axis=1) / total[:, None]
-    found = list[tuple[np.ndarray, ...]]()
-    for place, factor in _STARTS:
-        sigma = np.maximum(_CENTRES[np.minimum((cumulated < place).sum(1), BINS - 1)] * factor, least)
-        outliers = np.full(len(counts), 0.2)
-        for _ in range(_ROUNDS):
-            inner = _normal(_CENTRES, sigma[:, None], outliers[:, None])
-            inliers = counts * inner / (inner + outliers[:, None] * outlier_density)
-            share = inliers.sum(1)
-            sigma = np.maximum(np.sqrt(inliers @ _CENTRES**2 / np.maximum(share, 1e-9)), least)
-            outliers = np.clip(1 - share / total, 0.005, 0.95)
-        whole = _normal(_CENTRES, sigma[:, None], outliers[:, None]) + outliers[:, None] * outlier_density
-        found.append(((counts * np.log(whole)).sum(1) / total, sigma, outliers))
-    first, second = found
-    return Noise(*(np.where(second[0] > first[0], new, old) for old, new in zip(first, second, strict=True)))
+    middle = (np.cumsum(counts, axis=1) < 0.5 * total[:, None]).sum(1)
+    sigma = np.maximum(1.4826 * _CENTRES[np.minimum(middle, BINS - 1)], least)
+    outliers = np.full(len(counts), UNRELATED_OUTLIERS)
+    for _ in range(MOST_ROUNDS):
+        inner = _normal(_CENTRES, sigma[:, None], outliers[:, None])
+        inliers = counts * inner / (inner + outliers[:, None] * outlier_density)
+        share = inliers.sum(1)
+        sigma = np.maximum(np.sqrt(inliers @ _CENTRES**2 / np.maximum(share, 1e-9)), least)
+        outliers = np.clip(1 - share / total, 0.005, 0.95)
+    whole = _normal(_CENTRES, sigma[:, None], outliers[:, None]) + outliers[:, None] * outlier_density
+    return Noise((counts * np.log(whole)).sum(1) / total, sigma, outliers)
 
 
 BOUND = 6.0  # Smallest lead of an explanation over every other one, in nats: odds of 400 to 1.
 BLOCKS = 8  # Number of time blocks with independent errors.
-SIGMAS = 3.0  # Significant difference in standard deviations: 0.3 % of normal errors exceed it.
-MOST_ROUNDS = 40  # Largest number of iterations.
+SIGMAS = INLIER_SIGMAS  # Significant difference in standard deviations.
+MOST_ROUNDS = 20  # Largest number of iterations.
 SCALES = 0.3, 0.1, 0.03  # Decreasing scales of robust weights, in person sizes.
 STRIDE = 3  # Frames between compared delays, and shortest delay that the search of readings considers.
 LEAST_CAMERAS = 3  # Two views have only one pair of epipolar lines and agree by chance too easily.
 POSES, FRAMES, SAMPLED_FRAMES = 40, 120, 300
 """Largest numbers of independent poses, of frames with likelihoods, and of frames for measuring delays."""
 MOVED = 0.04
-"""Smallest distance in person sizes between independent poses or different bodies, and scale of matching frames."""
+"""Smallest distance in person sizes of independent poses, different bodies and moved cameras, scale of matching frames,
+and largest noise of views that agree."""
 EACH, NEIGHBOURS = 8, 3  # Up to this number of cameras all pairs are compared, beyond it neighbours on either side.
+_FAR = 5.0  # Largest coordinate of a keypoint on the unit plane. Without it, squeezed images explain random points.
 _BODY = ("nose", "eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "big_toe", "heel")
-_FAR = 5.0  # Largest coordinate of a keypoint on the unit plane.
 
 PointsKey = tuple[int, int, PictureReading, bool, int]
 """View, calibrated camera, image interpretation, swapped sides, delay in frames."""
@@ -231,9 +225,8 @@ class TakeEvidence:
         flat = np.clip((xy - lens[1]) / lens[0], -_FAR, _FAR).astype(np.float32)  # exact to a thousandth of a pixel
         with np.errstate(over="ignore", invalid="ignore"):  # far outside the lens
             points = undistort_normalised(flat[None], camera.distortion.astype(np.float32), camera.models)[0]
-        points = np.where(
-            np.isfinite(points), np.clip(points, -_FAR, _FAR), flat
-        )  # beyond the lens is far off, not unseen
+        # Points beyond the lens are far off, not unseen.
+        points = np.where(np.isfinite(points), np.clip(points, -_FAR, _FAR), flat)
         rays = np.concatenate([points, np.where(np.isfinite(points[..., :1]), 1.0, np.nan)], axis=-1, dtype=np.float64)
         for key, seen_rays, length, share in zip(keys, rays, focal, outside, strict=True):
             self._points[key] = ViewRays(seen_rays, float(self.person_px[view] / length), share)
@@ -343,13 +336,6 @@ class TakeEvidence:
         z = self.per_pose(np.nan_to_num(np.clip(distance / sigma, -3, 3)), 1)
         count = max(float((np.isfinite(distance) * self.weight[:, None]).sum()), 1.0)
         return max(1.0, float((z.sum(2) ** 2).sum() / count + (z.sum(1) ** 2).sum() / count - 1))
-
-    def densities(self, reading: Reading, seen: float) -> np.ndarray:
-        """Return (P,) log-likelihood ratios of frames relative to unrelated views."""
-        noise, distance = self.noise([reading]), self.distances(reading)
-        return np.where(np.isfinite(distance), noise.log_density(distance) - UNRELATED, 0.0).sum((0, 2)) / max(
-            seen, 1e-9
-        )
 
     def pair_noise(self, reading: Reading) -> tuple[list[tuple[int, int]], Noise]:
         """Return the pairs of views with common keypoints, and the noise of each pair."""

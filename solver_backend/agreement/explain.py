@@ -12,11 +12,12 @@ import numpy as np
 
 from solver_backend.agreement.body_evidence import BodyEvidence, judge_body
 from solver_backend.agreement.evidence import (
-    BLOCKS,
     BOUND,
     EACH,
     LEAST_CAMERAS,
+    MOVED,
     UNRELATED_NOISE,
+    UNRELATED_OUTLIERS,
     Noise,
     TakeEvidence,
     density_per_bin,
@@ -37,18 +38,14 @@ from solver_backend.agreement.hypotheses import (
 from solver_backend.agreement.reading import Detections, Reading
 from solver_backend.types import Cameras
 
-BEAM, MOST_FAULTS = 5, 2  # Interpretations kept in the search, and largest number of faulty cameras.
-JUDGED = 14
-"""Number of the most likely interpretations to triangulate. Twice as many are ranked with all poses."""
-AS_NOISY = 1.15  # Largest ratio of noise at which the simpler of two interpretations with one body wins.
-AS_EXACT = 0.2
-"""Largest deficit in the mean log density of a fitted view, in nats. It corresponds to a noise ratio of 1.2. It
-separates 48 simulated moved cameras of eight tuning takes (at most 0.18) from 21 of 24 cameras of another take (at
-least 0.23)."""
-AGREED_NOISE, AGREED_TIMES, AGREED_OUTLIERS = 0.035, 1.6, 0.15
-"""Limits for agreeing pairs of views: noise in person sizes, ratio to the best pair, and outlier rate."""
-AGREED_BODY = {"upright": -6.0, "handed": -8.0}
-"""Smallest log-likelihoods of the body if all pairs agree. Rotated images reach -8, mirror images at most -9."""
+BEAM, MOST_FAULTS = 6, 2
+"""Interpretations to start from in each round, and largest number of faulty cameras. Twice as many interpretations are
+triangulated, and four times as many are ranked with all poses."""
+AGREED_TIMES = 1.6  # Largest ratio of a pair's noise to the best pair's, if a camera has no fault.
+AS_NOISY = 1.2  # Largest ratio of noise at which the simpler of two interpretations with one body wins.
+AS_EXACT = np.log(AS_NOISY)
+"""Largest deficit in the mean log density of a fitted view, in nats. It separates 48 simulated moved cameras of eight
+tuning takes (at most 0.18) from 21 of 24 cameras of another take (at least 0.23)."""
 _PHRASES = {
     "camera_placed": "{which} was moved after the calibration", "camera_late": "{which} is late",
     "camera_unexplained": "{which} has an unknown fault",
@@ -135,14 +132,13 @@ class _Search:
         is_alone: bool,
     ) -> None:  # fmt: skip
         self.evidence, self.quick, self.written = evidence, evidence.quick(), written
-        self.scout = self.quick.quick(JUDGED)
+        self.scout = self.quick.quick(2 * BEAM)
         self.is_whole = rows is ROWS  # True for a whole take, with the conventions of its files.
         self.rows = [row for row in rows if not (names_stated and row is exchange_names)]
         self.is_alone = is_alone  # Among several people the largest one may differ between views.
         self.raw_constraints = self.quick.constraints(written)
         self.constraints = self.raw_constraints
         self.effect: float | None = None  # Bone lengths per independent one, for the most likely interpretation.
-        self._densities: dict[Reading, np.ndarray] = {}
         self._proposed: dict[tuple[Row, Reading], list[Reading]] = {}
 
     def _rank(self, readings: Iterable[Reading], evidence: TakeEvidence | None = None) -> list[Reading]:
@@ -168,14 +164,14 @@ class _Search:
         named = [row for row in self.rows if row is exchange_names]
         simple = (r for r in common if not r.pictures[0].mirrored and r.correction(0).changes <= 1)
         common += self._propose(named, list(simple))
-        alike = self._rank([*self._rank(common, self.scout)[: 2 * JUDGED], self.written])
+        alike = self._rank([*self._rank(common, self.scout)[: 4 * BEAM], self.written])
         self.constraints = self.raw_constraints / self.quick.design_effect(alike[0])
         alike = self._rank(alike)
-        found, beam = alike[:JUDGED], list(dict.fromkeys([*alike[:BEAM], self.written]))
+        found, beam = alike[: 2 * BEAM], list(dict.fromkeys([*alike[:BEAM], self.written]))
         for _ in range(MOST_FAULTS):
             named_alike = [reading for reading in beam if reading.owners == self.written.owners][:MOST_FAULTS]
             starts = dict.fromkeys([*beam[:MOST_FAULTS], *named_alike]) if self.is_alone and self.is_whole else ()
-            likely = self._rank(self._propose(self.rows, beam), self.scout)[: 2 * JUDGED]
+            likely = self._rank(self._propose(self.rows, beam), self.scout)[: 4 * BEAM]
             found = self._rank([*found, *likely, *self._propose(CAMERA_ROWS, starts)])
             # Keep some without swapped names, which would displace every fault to combine with a moved camera.
             plain = [reading for reading in found if reading.owners == self.written.owners]
@@ -210,26 +206,6 @@ class _Search:
             found.append(Scored(reading, *values))
         return found
 
-    def densities(self, reading: Reading) -> np.ndarray:
-        """Return (P,) log-likelihood ratios of frames, cached."""
-        if reading not in self._densities:
-            seen = float(np.isfinite(self.evidence.distances(self.written)).sum((0, 2)).mean())
-            self._densities[reading] = self.evidence.densities(reading, seen)
-        return self._densities[reading]
-
-    def luck(self, one: Scored, other: Scored) -> float:
-        """Return the part of a likelihood ratio that chance can explain, from its spread."""
-        apart = self.densities(one.reading) - self.densities(other.reading)
-        blocks = np.array([part.sum() / len(apart) for part in np.array_split(apart, min(BLOCKS, len(apart)))])
-        if len(blocks) < 3:
-            return 0.0
-        spread = float(blocks.std(ddof=1) * np.sqrt(len(blocks))) * self.constraints
-        return spread * np.sqrt(2 * max(one.cost - other.cost, np.log(8)))
-
-    def lead(self, one: Scored, other: Scored) -> float:
-        """Return the likelihood ratio in nats, minus the part that chance can explain."""
-        return one.total - other.total - self.luck(one, other)
-
     def agrees_without(self, left_out: tuple[int, ...] = ()) -> bool:
         """Return whether the other views agree as the files state, with an upright body."""
         pairs, noise = self._written_noise
@@ -237,10 +213,10 @@ class _Search:
         if not kept.any():
             return False
         sigma, outliers = noise.sigma[kept], noise.outliers[kept]
-        if sigma.max() > min(AGREED_NOISE, AGREED_TIMES * float(sigma.min())) or outliers.max() > AGREED_OUTLIERS:
+        if sigma.max() > min(MOVED, AGREED_TIMES * float(sigma.min())) or outliers.max() > UNRELATED_OUTLIERS:
             return False
         terms = judge_body(self.quick, replace(self.written, left_out=left_out)).terms
-        return all(terms[name] > least for name, least in AGREED_BODY.items())
+        return terms["upright"] > -BOUND and terms["handed"] > -BOUND
 
     @cached_property
     def _written_noise(self) -> tuple[list[tuple[int, int]], Noise]:
@@ -278,20 +254,19 @@ class _Search:
     def _is_near(self, best: Scored, other: Scored) -> bool:
         """Return whether an interpretation explains as much as the best one.
 
-        The difference may be within chance, or both give one body with similar noise. Fitted parameters absorb
+        The difference may be small, or both give one body with similar noise. Fitted parameters absorb
         calibration errors, so an interpretation without them only needs agreeing views.
         """
-        alike = other.sigma <= AS_NOISY * best.sigma and other.outliers <= best.outliers + AS_NOISY - 1
+        alike = other.sigma <= AS_NOISY * best.sigma and 2 * (other.outliers - best.outliers) <= UNRELATED_OUTLIERS
         alike = alike and len(other.reading.left_out) <= len(best.reading.left_out)
-        most = min(AGREED_NOISE, AGREED_TIMES * best.sigma)
-        agrees = other.sigma <= most and other.outliers <= AGREED_OUTLIERS
+        agrees = other.sigma <= min(MOVED, AGREED_TIMES * best.sigma) and other.outliers <= UNRELATED_OUTLIERS
         alike = alike or (agrees and best.reading.is_fitted and not other.reading.is_fitted)
-        return self.lead(best, other) < BOUND or (alike and best.body.is_same(other.body))
+        return best.total - other.total < BOUND or (alike and best.body.is_same(other.body))
 
     def decide(self) -> Explanation:
         """Return the winning interpretation, or the literal one if none wins."""
         ranked = self.search()
-        likely = list(dict.fromkeys([*ranked[:JUDGED], self.written]))
+        likely = list(dict.fromkeys([*ranked[: 2 * BEAM], self.written]))
         likely += [_exchange_sides(reading) for reading in likely[:4]] + [_exchange_sides(self.written)]
         if self.is_alone and self.evidence.views > 2:  # All must beat the hypothesis of one bad camera.
             likely += [replace(self.written, left_out=(view,)) for view in self.quick.suspects]
@@ -302,7 +277,7 @@ class _Search:
         # All of these explain the capture equally well, so the one with the fewest changes is the most likely.
         chosen = min(near, key=lambda s: (len(changes_of(s.reading)), -s.total))
         others = [s for s in table[1:] if s is not chosen and not chosen.body.is_same(s.body)]
-        leads = ((self.lead(table[0], s), self.describe(s.reading)) for s in others)
+        leads = ((table[0].total - s.total, self.describe(s.reading)) for s in others)
         margin, runner_up = min(leads, default=(np.inf, ""))
         related = chosen.epipolar >= BOUND
         agrees = self._pairs_agree(self.written)
@@ -349,9 +324,9 @@ def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: lis
     evidence = TakeEvidence(calibrated, detections)
     if not evidence.poses:
         return None
-    evidence, written = evidence.quick(2 * JUDGED), Reading.as_written(count)
+    evidence, written = evidence.quick(4 * BEAM), Reading.as_written(count)
     ways = np.array(list(permutations(range(total), count)))
-    best = ways[np.argsort(-_quick_scores(evidence, ways, total), kind="stable")[: 2 * JUDGED]].tolist()
+    best = ways[np.argsort(-_quick_scores(evidence, ways, total), kind="stable")[: 4 * BEAM]].tolist()
     best += [by_order] if by_order is not None and by_order not in best else []
     nats = evidence.nats([replace(written, owners=tuple(owners)) for owners in best])
     likely = [best[k] for k in np.flatnonzero((nats >= BOUND) & (nats > nats.max() - BOUND))]
@@ -360,7 +335,11 @@ def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: lis
 
 def _quick_scores(evidence: TakeEvidence, ways: np.ndarray, total: int) -> np.ndarray:
     """Return (W,) log-likelihoods of assignments, summed over view pairs, for typical noise."""
-    scores, usual, written = np.zeros(len(ways)), density_per_bin(0.02, 0.1), Reading.as_written(evidence.views)
+    scores, usual, written = (
+        np.zeros(len(ways)),
+        density_per_bin(MOVED, UNRELATED_OUTLIERS),
+        Reading.as_written(evidence.views),
+    )
     pairs = list(permutations(range(total), 2))
     for i, j in combinations(range(evidence.views), 2):
         readings = list[Reading]()

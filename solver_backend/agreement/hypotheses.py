@@ -5,23 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import lru_cache, partial
-from itertools import combinations, permutations, product
+from itertools import combinations, product
 
 import numpy as np
 
 from solver_backend.agreement.body_evidence import refit_pose
-from solver_backend.agreement.evidence import MOST_ROUNDS, SCALES, STRIDE, TakeEvidence
+from solver_backend.agreement.evidence import BOUND, MOST_ROUNDS, SCALES, STRIDE, TakeEvidence
 from solver_backend.agreement.reading import MIRROR_MEANINGS, PLAIN, PictureReading, Reading
 from solver_backend.cameras.camera_corrections import AS_CALIBRATED, FACTORS, POSES, TURNS
 
 FREE = (1,), (2, 3), (0, 1), (0, 2, 3), (0, 1, 2, 3)
 """Parameters that are fitted together: size, width, left edge and top edge."""
 FREE_OF_ONE = (1,), (0, 1)  # The same for a single camera. Its crop would look like a rotation.
-CONVERGED = 2e-3  # Step length at which a fit ends.
-SPREADS = np.array([0.5, 0.3, 0.3, 0.3])
-"""Prior deviations of the logarithms of size and width, and of the edges in image heights."""
-UNNOTICED = 0.005  # Relative difference from a usual size below which images have that size.
-_DIFFERENCE, _LONGEST = 1e-4, 0.2  # Step of numerical derivatives, and largest step of the fit.
+CONVERGED = 2e-3  # Step length at which a fit ends, and of numerical derivatives.
+SPREAD = 0.3  # Prior deviation of the logarithms of sizes and widths, and of edges in image heights. Largest step.
 
 
 def fit_window(evidence: TakeEvidence, reading: Reading, free: tuple[int, ...], views: tuple[int, ...] = ()) -> Reading:
@@ -34,14 +31,15 @@ def fit_window(evidence: TakeEvidence, reading: Reading, free: tuple[int, ...], 
     x, changes = np.zeros(4), np.eye(4)[list(free)]  # of size and width the logarithms
     for width in SCALES:
         for _ in range(MOST_ROUNDS):
-            readings = [_with(reading, place, views) for place in (x, *(x + _DIFFERENCE * changes))]
+            readings = [_with(reading, place, views) for place in (x, *(x + CONVERGED * changes))]
             off = evidence.distances_of(readings).reshape(len(readings), -1)
             off = off[:, np.isfinite(off).all(0)]
-            slopes = (off[1:] - off[0]) / _DIFFERENCE
+            slopes = (off[1:] - off[0]) / CONVERGED
             weighted = slopes / (1 + (off[0] / width) ** 2) ** 2
-            prior = (width / SPREADS[list(free)]) ** 2
+            prior = (width / SPREAD) ** 2
             gradient = weighted @ off[0] + prior * (changes @ x)
-            step = np.clip(np.linalg.solve(weighted @ slopes.T + np.diag(prior), gradient), -_LONGEST, _LONGEST)
+            step = np.linalg.solve(weighted @ slopes.T + prior * np.eye(len(changes)), gradient)
+            step = np.clip(step, -SPREAD, SPREAD)
             x = x - step @ changes
             if np.abs(step).max() < CONVERGED:
                 break
@@ -65,14 +63,11 @@ def _plain(picture: PictureReading) -> PictureReading:
         for value, usual in zip(picture.window, AS_CALIBRATED, strict=True)
     )
     size = min(FACTORS, key=lambda factor: abs(picture.size / factor - 1))
-    size = size if abs(picture.size / size - 1) < UNNOTICED else picture.size
+    size = size if round(100 * picture.size / size) == 100 else picture.size
     return replace(picture, size=size, window=(wide, left, top))
 
 
-LONGEST_DELAY = 30  # Longest delay to try, in frames. ``find_starts`` handles longer ones, and the solve shorter ones.
-SIDES_ODDS = 3000  # Odds against a detector that swaps left and right in all views of upright images.
-MOST_PERMUTED = 4
-"""Largest number of suspects for which all orders of names are tried. With more, only swaps of two are tried."""
+LONGEST_DELAY = 24  # Longest delay to try, in frames. ``find_starts`` handles longer ones, and the solve shorter ones.
 
 
 Row = Callable[[TakeEvidence, Reading], Iterator[Reading]]
@@ -109,15 +104,10 @@ def exchange_names(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading
     """Propose swapped names of any two suspects, and a shift of all names around the ring."""
     for shift in range(evidence.views):  # also without suspects: most views of a ring agree then
         yield replace(reading, owners=tuple(np.roll(reading.owners, -shift).tolist()))
-    views = np.array(evidence.suspects)
-    if len(views) <= MOST_PERMUTED:
-        orders = [np.array(order) for order in permutations(views)]
-    else:
-        orders = [np.where(views == a, b, np.where(views == b, a, views)) for a, b in combinations(views, 2)]
-    for order in orders:
-        owners = np.array(reading.owners)
-        owners[views] = owners[order]
-        yield replace(reading, owners=tuple(owners.tolist()))
+    for a, b in combinations(evidence.suspects, 2):
+        owners = list(reading.owners)
+        owners[a], owners[b] = owners[b], owners[a]
+        yield replace(reading, owners=tuple(owners))
 
 
 def windows(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
@@ -179,7 +169,7 @@ def cost_of(reading: Reading, constraints: float) -> float:
     views = len(reading.pictures)
     common, sides = reading.common()
     alone = sides and not common.mirrored  # in mirrored images a detector swaps the sides
-    cost = np.log(8) * ((reading.pose != POSES[0]) + reading.graphics) + np.log(SIDES_ODDS) * alone
+    cost = np.log(8) * ((reading.pose != POSES[0]) + reading.graphics) + BOUND * alone
     cost += _picture_cost(common, PLAIN, constraints)
     for picture, exchanged in zip(reading.pictures, reading.sides, strict=True):
         if (picture, exchanged) != (common, sides):
@@ -197,10 +187,11 @@ def cost_of(reading: Reading, constraints: float) -> float:
 def _picture_cost(picture: PictureReading, usual: PictureReading, constraints: float) -> float:
     is_fitted = picture.size not in FACTORS and picture.size != usual.size
     fitted = is_fitted + sum(a != b for a, b in zip(picture.window, usual.window, strict=True))
-    # Without the prior, images squeezed to a line explain even random points.
-    apart = [np.log(picture.window[0] / usual.window[0]), *np.subtract(picture.window[1:], usual.window[1:])]
+    # Without the prior, images squeezed to a line or a point explain even random points.
+    apart = [is_fitted * np.log(picture.size / usual.size), np.log(picture.window[0] / usual.window[0])]
+    apart += np.subtract(picture.window[1:], usual.window[1:]).tolist()
     return float(
-        0.5 * np.sum((apart / SPREADS[1:]) ** 2)
+        0.5 * np.sum((np.array(apart) / SPREAD) ** 2)
         + (picture.size != usual.size) * np.log(len(FACTORS))
         + (picture.turn != usual.turn) * np.log(4)
         + (picture.mirrored != usual.mirrored) * np.log(4)

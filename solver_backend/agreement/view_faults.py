@@ -9,10 +9,10 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from solver_backend.agreement.body_evidence import refit_pose
-from solver_backend.agreement.evidence import UNRELATED_OUTLIERS, TakeEvidence
-from solver_backend.agreement.explain import AGREED_OUTLIERS, explain
+from solver_backend.agreement.evidence import BOUND, UNRELATED_OUTLIERS, TakeEvidence
+from solver_backend.agreement.explain import explain
 from solver_backend.agreement.hypotheses import RANGE_ROWS
-from solver_backend.agreement.reading import Detections, Reading, apply_reading
+from solver_backend.agreement.reading import MIN_POINTS, Detections, Reading, apply_reading
 from solver_backend.agreement.synchronisation import USUAL_SIGMA_SHARE
 from solver_backend.cameras.refinement import rotated_back
 from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
@@ -20,12 +20,8 @@ from solver_backend.geometry.arrays import true_runs
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.types import Cameras, Keypoints2D
 
-FRAME_WEIGHT, SWITCH_COST = 6.0, 15.0
-"""Number of independent keypoints per frame, and cost of a transition between the two states."""
-LASTING_S, BRIEF_S = 1.0, 0.25
-"""Shortest fault of names, sides and cameras, and shortest excluded range, in seconds. The robust kernel handles
-shorter ones.
-"""
+LASTING_S = 1.0  # Shortest fault of names, sides and cameras in seconds.
+BRIEF_S = 0.25  # Shortest excluded range in seconds. The robust kernel handles shorter ones.
 
 
 @dataclass(frozen=True)
@@ -60,11 +56,11 @@ def inconsistent_ranges(triangulation: Triangulation, confidence: np.ndarray, le
     located = np.isfinite(np.asarray(triangulation.residual_px))
     checked = (confidence > 0) & (located | ((confidence > 0).sum(axis=0) >= 3))
     good, bad = (checked & inliers).sum(-1), (checked & ~inliers).sum(-1)
-    weight = FRAME_WEIGHT / np.maximum(good + bad, FRAME_WEIGHT)
-    shares = AGREED_OUTLIERS, 1.0 - UNRELATED_OUTLIERS  # chance lets some keypoints agree
+    weight = MIN_POINTS / np.maximum(good + bad, MIN_POINTS)  # independent keypoints of a frame
+    shares = UNRELATED_OUTLIERS, 1.0 - UNRELATED_OUTLIERS  # chance lets some keypoints agree
     unary = np.stack([-weight * (good * np.log(1 - p) + bad * np.log(p)) for p in shares], axis=-1)
     transition = np.zeros((*unary.shape, 2))
-    transition[..., 0, 1] = transition[..., 1, 0] = SWITCH_COST
+    transition[..., 0, 1] = transition[..., 1, 0] = BOUND
     found = (s for s in view_runs(best_states(unary, transition)) if s.last - s.first + 1 >= least_frames)
     return sorted(found, key=lambda s: (s.first - s.last, s.view))
 

@@ -14,7 +14,6 @@ from solver_backend.agreement.body_evidence import (
     POSSIBLE_M,
     STATURE_SPREAD_M,
     STATURES_M,
-    USUAL_STATURE_M,
     judge_body,
 )
 from solver_backend.agreement.evidence import MOST_ROUNDS, TakeEvidence
@@ -38,7 +37,7 @@ SHARES = {
 } | {("left_shoulder", "right_shoulder"): 0.97, ("left_hip", "right_hip"): 0.987}  # fmt: skip
 """Ends of the lengths that are compared with the body, and their ratio in moving people to the T-pose length. Arms that
 hang lower the shoulders. Medians of eight takes of walking, dance and exercises agree within 0.01."""
-LEG_SHARE = sum(length for upper, _, length in BONES if upper in ("hip", "knee")) / USUAL_STATURE_M
+LEG_SHARE = sum(length for _, lower, length in BONES if lower in ("knee", "ankle"))
 """Ratio of thigh plus shank to stature."""
 LENGTH_SIGMA_M = 0.012  # Standard deviation in metres between a detector's length, or a stated stature, and the body's.
 
