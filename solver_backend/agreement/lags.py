@@ -12,8 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
-from solver_backend.agreement.evidence import EACH, MOST_ROUNDS, MOVED, NEIGHBOURS, SIGMAS
-from solver_backend.agreement.evidence import POSES as FEWEST_SAMPLES
+from solver_backend.agreement.evidence import EACH, FRAMES, MOST_ROUNDS, MOVED, NEIGHBOURS, SAMPLED_FRAMES, SIGMAS
 from solver_backend.agreement.reading import MIN_POINTS, extent
 from solver_backend.cameras.camera_corrections import compared_pairs
 from solver_backend.geometry.rotations import skew
@@ -22,14 +21,9 @@ from solver_backend.types import Cameras
 Tables = dict[tuple[int, int], np.ndarray]
 """(2 R + 1,) gains of pairs of views i < j at offsets -R to R of j relative to i."""
 
-MOST_PEOPLE = 4  # Number of the largest people in an image to compare.
-SAMPLES, SAMPLED_PAIRS = 160, 6
-"""Frames per view to compare with all frames of another view, and number of pairs from which they are fewer."""
-MOST_CELLS = 4_000_000
-"""Comparisons of a pair in memory at once, 32 MB. For longer takes every second, third, ... frame is compared."""
-LEAST_STRENGTH = 3.0
-"""Smallest number of matching frames per camera, times the square of their share. Simulated synchronised cameras reach
-10 to 60, real ones with a poor calibration 5 to 20, unrelated cameras up to 1.9."""
+LEAST_STRENGTH = 1.0
+"""Smallest mean number of matching frames per pair of a camera, times the square of their share. Simulated synchronised
+cameras reach 2.5 to 15, real ones with a poor calibration 1.2 to 5, unrelated cameras up to 0.5."""
 RIVAL_SHARE = 0.7
 """Smallest share of the best gain with which frame numbers win, and with which another offset, rate or interpretation
 counts as an alternative.
@@ -111,7 +105,7 @@ class _ViewPeople:
         """Return the largest people of (F, P, J, 2) normalised points, NaN where missing."""
         known = np.isfinite(xy[..., 0]) & (np.isfinite(xy[..., 0]).sum(-1) >= MIN_POINTS)[..., None]
         size = extent(np.where(known[..., None], xy, np.nan))
-        largest = np.argsort(-np.nan_to_num(size), axis=1, kind="stable")[:, :MOST_PEOPLE]
+        largest = np.argsort(-np.nan_to_num(size), axis=1, kind="stable")[:, :EACH]
         points = np.concatenate([np.where(known[..., None], xy, 0.0), known[..., None]], axis=-1)
         size = np.take_along_axis(np.where(size > 0, size, np.inf), largest, 1)
         return cls(np.take_along_axis(points, largest[..., None, None], 1), size)
@@ -180,7 +174,6 @@ class PeopleLags:
 
     gains: Tables
     possible: Tables  # Largest possible gains.
-    step: int  # Frames between compared offsets. Those between have the gain of the nearest.
 
     def of_cameras(self, offsets: np.ndarray, among: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return (C,) gains of each camera with all others or ``among``, and the largest gains."""
@@ -192,40 +185,42 @@ class PeopleLags:
         return found[0], found[1]
 
     def strengths(self, offsets: np.ndarray) -> np.ndarray:
-        """Return the (C,) matching frames of each camera, times their squared share."""
+        """Return the (C,) matching frames of each camera per pair, times their squared share."""
         gained, possible = self.of_cameras(offsets)
-        return gained * (gained / np.maximum(possible, 1e-9)) ** 2
+        pairs = np.bincount(np.ravel([*self.gains]), minlength=len(offsets))
+        return gained / np.maximum(pairs, 1) * (gained / np.maximum(possible, 1e-9)) ** 2
 
 
 def people_lags(
-    cameras: Cameras, xy: np.ndarray, most_samples: int = SAMPLES, scale: float = MOVED, reach: int | None = None
+    cameras: Cameras, xy: np.ndarray, most_samples: int = FRAMES, scale: float = MOVED, reach: int | None = None
 ) -> PeopleLags:
     """Return the gains of all pairs of views (F, P, J, 2), or of neighbours in large arrays.
 
-    At most ``most_samples`` frames per view are compared with all frames of another view, or with those within reach.
+    The liveliest ``most_samples`` frames per view are compared with all frames of another view within reach.
     """
-    views, num_frames = [_ViewPeople.of(view) for view in xy], xy.shape[1]
-    pairs = compared_pairs(len(views), EACH, NEIGHBOURS)
-    samples = int(np.clip(most_samples * SAMPLED_PAIRS // max(len(pairs), 1), FEWEST_SAMPLES, most_samples))
-    rows = [view.lively_frames(samples) for view in views]
-    step = max(1, -(-samples * num_frames * views[0].extent.shape[1] ** 2 // MOST_CELLS))
-    thinned = [view.rows(np.arange(0, num_frames, step)) for view in views]
-    nearest = np.minimum((np.arange(num_frames) + step // 2) // step, len(thinned[0].extent) - 1)
-    last = num_frames - 1
+    views, last = [_ViewPeople.of(view) for view in xy], xy.shape[1] - 1
+    rows = [view.lively_frames(most_samples) for view in views]
     reach = last if reach is None else min(reach, last)
-    kept = slice(last - reach, last + reach + 1)
-    found = PeopleLags({}, {}, step)
-    for i, j in pairs:
-        share = _disagreements(cameras, (i, j), views[i].rows(rows[i]), thinned[j], scale)
-        known = np.isfinite(share)
-        usual, seen, whole = np.full(len(share), np.nan), known.any(axis=1), known.all(axis=1)
-        usual[whole] = np.median(share[whole], axis=1)  # many times as fast as the other one
-        usual[seen & ~whole] = np.nanmedian(share[seen & ~whole], axis=1)
-        for table, gain in ((found.gains, usual[:, None] - share), (found.possible, usual[:, None])):
-            gain, total = np.where(known, gain, 0.0), np.zeros(2 * num_frames - 1)
-            for row, frame in zip(gain, rows[i], strict=True):
-                total[last - frame : last - frame + num_frames] += row[nearest]
-            table[i, j] = total[kept]
+    blocks = np.array_split(np.arange(last + 1), -(-(last + 1) // SAMPLED_FRAMES))  # bounds memory
+    found = PeopleLags({}, {})
+    for i, j in compared_pairs(len(views), EACH, NEIGHBOURS):
+        share = _disagreements(cameras, (i, j), views[i].rows(rows[i]), views[j].rows(rows[j]), scale)
+        usual, table = np.full(len(share), np.nan), np.zeros((2, 2 * reach + 1))
+        seen = np.isfinite(share).any(axis=1)
+        usual[seen] = np.nanmedian(share[seen], axis=1)
+        for block in blocks:
+            offset = block - rows[i][:, None]
+            near = (np.abs(offset) <= reach) & seen[:, None]
+            sampled, compared = near.any(axis=1), near.any(axis=0)
+            if not sampled.any():
+                continue
+            samples, others = views[i].rows(rows[i][sampled]), views[j].rows(block[compared])
+            most, place = usual[sampled, None], (offset + reach)[sampled][:, compared]
+            share = _disagreements(cameras, (i, j), samples, others, scale)
+            known = np.isfinite(share) & near[sampled][:, compared]
+            for row, gain in zip(table, (most - share, most + 0 * share), strict=True):
+                row += np.bincount(place[known], gain[known], 2 * reach + 1)
+        found.gains[i, j], found.possible[i, j] = table
     return found
 
 
@@ -249,8 +244,7 @@ class SignalLags:
     unknown: tuple[int, ...] = ()  # Signals outside the largest group that agrees. If there are any, all lags are 0.
 
 
-LEAST_CORRELATION = 0.25  # Smallest correlation of pieces and whole signals.
-LEAST_OVERLAP = 0.3  # Smallest overlap at a lag, relative to the shorter signal.
+LEAST_CORRELATION = 0.25  # Smallest correlation, and smallest overlap relative to the shorter signal.
 RATE_SIGMA = 25e-6  # Prior standard deviation of a camera's rate. Quartz clocks stay within 50 ppm.
 SAME_S = 0.05  # Lags of three pairs that differ by less agree, seconds.
 
@@ -287,10 +281,15 @@ def signal_lags(
     sign = (values[:, 1:2] == np.arange(1, count)) * 1.0 - (values[:, :1] == np.arange(1, count))
     basis = np.concatenate([sign, sign * values[:, 2:3]], axis=1)
     x, weight = np.r_[coarse[1:], np.zeros(count - 1)], values[:, 4]
+    _, pair = np.unique(values[:, :2], axis=0, return_inverse=True)
+    pair = pair.reshape(-1)
+    of_pair = [pair == number for number in range(pair.max() + 1)]
     prior = information = np.diag(np.repeat([0.0, RATE_SIGMA**-2], count - 1))
     for _ in range(MOST_ROUNDS):
         residual = values[:, 3] - basis @ x
-        spread = max(1.4826 * float(np.median(np.abs(residual))), 1e-4)
+        # A camera with a gap in its clock makes only its own pairs uncertain.
+        off = [np.abs(residual[rows] if rows.sum() >= MIN_POINTS else residual) for rows in of_pair]
+        spread = np.maximum([1.4826 * float(np.median(each)) for each in off], 1e-4)[pair]
         robust = weight**2 / np.maximum(1.0, np.abs(residual) / (SIGMAS * spread))
         # Pieces overlap by half, and of C (C - 1) / 2 pairs C - 1 are independent.
         robust = robust / max(robust.max(), 1e-12) / spread**2 / count
@@ -340,7 +339,7 @@ def _correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     product = np.fft.irfft(np.fft.rfft(b, size, axis=0) * np.conj(np.fft.rfft(a, size, axis=0)), size, axis=0).sum(-1)
     lags = np.arange(-(len(a) - 1), len(b))
     low, high = np.maximum(0, -lags), np.minimum(len(a), len(b) - lags)
-    lags, low, high = (values[high - low >= LEAST_OVERLAP * min(len(a), len(b))] for values in (lags, low, high))
+    lags, low, high = (values[high - low >= LEAST_CORRELATION * min(len(a), len(b))] for values in (lags, low, high))
     energy_a, energy_b = (np.r_[0.0, np.cumsum((v**2).sum(-1))] for v in (a, b))
     energy = (energy_a[high] - energy_a[low]) * (energy_b[high + lags] - energy_b[low + lags])
     return lags, product[lags % size] / np.sqrt(np.maximum(energy, 1e-30)), high - low

@@ -13,8 +13,8 @@ from itertools import product
 
 import numpy as np
 
-from solver_backend.agreement.evidence import BOUND, EACH, SAMPLED_FRAMES, STRIDE, TakeEvidence
-from solver_backend.agreement.evidence import POSES as FEWEST_SAMPLES
+from solver_backend.agreement.evidence import BOUND, EACH, LEAST_NOISE, SAMPLED_FRAMES, STRIDE, TakeEvidence
+from solver_backend.agreement.hypotheses import SPREAD
 from solver_backend.agreement.lags import LEAST_STRENGTH, RIVAL_SHARE, best_offsets, people_lags, rival_offsets
 from solver_backend.agreement.person_tracks import STEP_SHARE
 from solver_backend.agreement.reading import (
@@ -25,15 +25,9 @@ from solver_backend.agreement.reading import (
     extent,
     sightings,
 )
+from solver_backend.agreement.synchronisation import REACH_S
 from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS
 from solver_backend.types import UNSEEN_POINT, Cameras
-
-FINE = 0.015
-"""Geman-McClure scale of the epipolar distance for refinement, in person sizes: 2 cm. Without the refinement, starts of
-the demo's cameras are wrong by up to 2 frames."""
-NEAR_S = 0.35  # Offsets closer to the best one count as the same result. The period of walking is longer.
-LEAST_READING = 1.0  # Smallest strength of an interpretation.
-NEAR_SIZE = 0.5  # Sizes with a smaller difference of logarithms are neighbours and have similar gains.
 
 
 class StartEvidence(Enum):
@@ -77,14 +71,16 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
     now, then = (gains.of_cameras(offsets, sure)[0] for offsets in (numbered[seeing], best))
     if (now >= RIVAL_SHARE * then)[sure].all():
         return CameraStarts(numbered, StartEvidence.STILL if doubtful else StartEvidence.IN_STEP, doubtful)
-    if open_ := rival_offsets(gains.gains, best, np.flatnonzero(sure), max(round(NEAR_S * fps), gains.step)):
+    if open_ := rival_offsets(gains.gains, best, np.flatnonzero(sure), round(REACH_S * fps)):
         several = tuple(int(seeing[c]) for c in open_)
         return CameraStarts(numbered, StartEvidence.AMBIGUOUS, several, next(iter(open_.values())))
     best = best[sure]
-    fine = people_lags(seen.cameras.subset(np.flatnonzero(sure).tolist()), seen.xy[sure], SAMPLED_FRAMES, FINE).gains
+    fine = people_lags(
+        seen.cameras.subset(np.flatnonzero(sure).tolist()), seen.xy[sure], SAMPLED_FRAMES, LEAST_NOISE
+    ).gains
     for (i, j), table in fine.items():
         changes = np.arange(len(table)) - len(table) // 2 - int(best[j] - best[i])
-        table[np.abs(changes) > STRIDE + gains.step] = 0.0
+        table[np.abs(changes) > STRIDE] = 0.0
     offsets = numbered.copy()
     offsets[seeing[sure]] = best[0] + best_offsets(fine, len(best))
     return CameraStarts(offsets, StartEvidence.APART, doubtful)
@@ -94,7 +90,7 @@ def strength(cameras: Cameras, detections: Detections) -> float:
     """Return the strength of the best match of a few frames, see ``PeopleLags.strengths``."""
     step = max(1, -(-detections.num_frames // SAMPLED_FRAMES))
     thin = replace(detections, xy=detections.xy[:, ::step], confidence=detections.confidence[:, ::step], hands=None)
-    gains = people_lags(cameras, sightings(cameras, thin).xy, FEWEST_SAMPLES)
+    gains = people_lags(cameras, sightings(cameras, thin).xy)
     return float(np.median(gains.strengths(best_offsets(gains.gains, len(cameras)))))
 
 
@@ -108,14 +104,14 @@ def read_out_of_step(cameras: Cameras, detections: Detections) -> Reading | None
     strengths = {reading: strength(*apply_reading(cameras, detections, reading)) for reading in dict.fromkeys(readings)}
     best = max(strengths, key=lambda reading: strengths[reading])
     rivals = [strengths[reading] for reading in strengths if _differ(reading, best)]
-    clear = strengths[best] >= LEAST_READING and max(rivals) < RIVAL_SHARE * strengths[best]
+    clear = strengths[best] >= LEAST_STRENGTH and max(rivals) < RIVAL_SHARE * strengths[best]
     return best if clear and best != written else None
 
 
 def _differ(one: Reading, other: Reading) -> bool:
     """Return whether two interpretations differ in more than neighbouring sizes."""
     kinds = [(r.pose, r.graphics, r.pictures[0].turn, r == Reading.as_written(len(r.owners))) for r in (one, other)]
-    return kinds[0] != kinds[1] or abs(np.log(one.pictures[0].size / other.pictures[0].size)) > NEAR_SIZE
+    return kinds[0] != kinds[1] or abs(np.log(one.pictures[0].size / other.pictures[0].size)) > SPREAD
 
 
 def common_rows(offsets: np.ndarray, lengths: np.ndarray, *, every: bool = False) -> tuple[int, int]:
@@ -203,7 +199,6 @@ def _interpolate(detections: Detections, result: Detections, c: int, at: np.ndar
         result.hands[c, : len(at)][together] = between[together]
 
 
-SAME_FRAMES = 2.0  # Largest difference of frame numbers for cameras that record the same duration.
 CAMERA_RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 90.0, 100.0, 120.0, 240.0)  # Usual frame rates.
 
 
@@ -232,4 +227,4 @@ def _standard(length: int, longest: int) -> float:
     """Return the ratio of two usual frame rates that explains two frame counts, otherwise 1."""
     ratios = sorted({round(a / b, 6) for a, b in product(CAMERA_RATES, CAMERA_RATES) if 0.2 < a / b < 5})
     ratio = min(ratios, key=lambda ratio: abs(ratio * longest - length))
-    return ratio if abs(ratio * longest - length) <= SAME_FRAMES else 1.0
+    return ratio if abs(ratio * longest - length) < STRIDE else 1.0

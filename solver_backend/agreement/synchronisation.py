@@ -8,6 +8,7 @@ import numpy as np
 
 from solver_backend.agreement.evidence import (
     BLOCKS,
+    BOUND,
     EACH,
     FRAMES,
     MOST_ROUNDS,
@@ -20,6 +21,7 @@ from solver_backend.agreement.evidence import (
     epipolar_distances,
     fit_noise,
 )
+from solver_backend.agreement.hypotheses import CONVERGED, LONGEST_DELAY
 from solver_backend.agreement.lags import LEAST_STRENGTH, best_offsets, people_lags
 from solver_backend.agreement.reading import ENOUGH
 from solver_backend.cameras.camera_corrections import compared_pairs
@@ -27,7 +29,7 @@ from solver_backend.cameras.projection import project_with_jacobian, undistort
 from solver_backend.cameras.robust_triangulation import DEPTH_SIGMA_M, ROBUST_SIGMAS, Triangulation, triangulate
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.small_matrices import inverse_symmetric_3x3
-from solver_backend.types import Cameras, Keypoints2D
+from solver_backend.types import LIMBS, Cameras, Keypoints2D
 
 
 @dataclass(frozen=True)
@@ -134,19 +136,11 @@ def _centred(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 STAGE = "Comparing the clocks"  # Name of this stage in progress reports.
-USUAL_SIGMA_SHARE = 0.005  # Deviation of detections relative to the image width.
-SETTLED_FRAMES = 0.02  # Largest last step.
-MOTION_FRAMES, LEAST_MOTION, LEAST_MOVING = 4, 6.0, 3
-"""Half the number of frames over which motion is measured, smallest mean square motion of a moving keypoint in
-variances, and fewest moving keypoints. Detector noise alone gives 4 without smoothing, and 3.1 in takes of people who
-stand. With 4 instead of 6, two short synchronised recordings (30 frames) are reported as late, and one more delay is
-found in 15 takes."""
-LEAST_DELAY_FRAMES, LEAST_SIGMAS = 0.3, 8.0
-"""Smallest delay, and deviations of a certain delay or drift. Slow detector errors look like delays."""
-TESTED_FRAMES = 1.5  # Longer delays must be better than zero delay.
-LIVELY = 2.0  # Largest gain of a time block relative to the median, so that one lively block cannot dominate.
-LEAST_DRIFT_FRAMES = 1.0  # Smallest drift that is reported without a prior.
-LARGEST_SIGMA_FRAMES = 0.2  # Largest deviation of a reported delay.
+USUAL_SIGMA_SHARE = 0.005  # Deviation of detections relative to the image width, and of rotations in radians.
+LEAST_DELAY_FRAMES = 0.3
+"""Smallest reported delay, and largest deviation of a known one. Certain delays and drifts exceed ``BOUND`` deviations,
+because slow detector errors look like delays."""
+LEAST_DRIFT_FRAMES = 1.0  # Smallest drift that is reported without a prior. Longer delays must be better than none.
 SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 """Smoothing kernel, applied after a running median of the same length that removes outliers. Both are symmetric and the
 same in all views, so they cause no delay."""
@@ -166,7 +160,7 @@ class Delays:
     @property
     def moved(self) -> np.ndarray:
         """(C,) mask of cameras with a certain delay or drift."""
-        late = np.abs(self.frames) >= np.maximum(LEAST_DELAY_FRAMES, LEAST_SIGMAS * self.sigma)
+        late = np.abs(self.frames) >= np.maximum(LEAST_DELAY_FRAMES, BOUND * self.sigma)
         return late | (np.nan_to_num(self.drift) != 0)
 
     def at(self, num_frames: int) -> np.ndarray:
@@ -224,7 +218,7 @@ def estimate_delays(
     confirmed = moving.copy()
     if rate_sigma is None:
         confirmed[moving] = rays.beats_in_step(late[moving])
-    known = moving & ~beyond & (sigma < LARGEST_SIGMA_FRAMES) & confirmed
+    known = moving & ~beyond & (sigma < LEAST_DELAY_FRAMES) & confirmed
     reported = [np.where(known, values - _median(values[known]), np.nan) for values in (delay, drift)]
     if rate_sigma is None:
         reported[1][np.abs(reported[1]) < LEAST_DRIFT_FRAMES] = 0.0
@@ -275,7 +269,7 @@ class _Rays:
         late = late - _median(late.mean(axis=1))
         shown = np.isfinite(self.tracks[..., 0]).any(-1)[:, self.frames]
         confirmed = np.sum([part.any(1) for part in np.array_split(shown, BLOCKS, axis=1)], axis=0) > 2
-        doubtful = np.flatnonzero(np.abs(late.mean(axis=1)) >= TESTED_FRAMES)
+        doubtful = np.flatnonzero(np.abs(late.mean(axis=1)) >= LEAST_DRIFT_FRAMES)
         views = [self._at(view, late[view][None]) for view in range(count)] if len(doubtful) else []
         for view in doubtful:
             gains, alone = list[np.ndarray](), self._at(view, np.zeros((1, 1)))
@@ -288,11 +282,13 @@ class _Rays:
                     both = np.isfinite(gain)
                     mean = np.where(both, gain, 0.0).sum(-1) / np.maximum(both.sum(-1), 1)
                     gains.append(np.where(both.any(-1), mean, np.nan))  # no value without a comparison
-            moved = np.abs(late[view]) >= TESTED_FRAMES  # A drift begins with no delay.
+            moved = np.abs(late[view]) >= LEAST_DRIFT_FRAMES  # A drift begins with no delay.
             table = np.stack(gains)[:, moved]
             blocks = np.array_split(table[:, np.isfinite(table).any(axis=0)], BLOCKS, axis=1)
             means = np.array([np.nanmean(block) for block in blocks if block.size])
-            means = np.minimum(means, LIVELY * max(float(np.median(means)), 0.0)) if len(means) else means
+            means = (
+                np.minimum(means, max(float(np.median(means)), 0.0)) if len(means) else means
+            )  # one block may be lively
             error = means.std(ddof=1) / np.sqrt(len(means)) if len(means) > 2 else np.inf
             confirmed[view] = len(means) > 2 and means.mean() > SIGMAS * error
         return confirmed
@@ -318,11 +314,11 @@ def _converged(
         before, delay, drift = drift, delay + step[0], drift + step[1]
         if rate_sigma is not None:  # the prior pulls where the step of the data ends
             drift = drift / (1.0 + (found.drift_sigma / (rate_sigma * half)) ** 2)
-        if max(np.abs(step[0]).max(), np.abs(drift - before).max()) < SETTLED_FRAMES:
+        if max(np.abs(step[0] - _median(step[0])).max(), np.abs(drift - before).max()) < CONVERGED:
             if drifting:
                 break
             tried = one_step(drifting=True)
-            least = np.maximum(LEAST_DRIFT_FRAMES, LEAST_SIGMAS * tried.drift_sigma)
+            least = np.maximum(LEAST_DRIFT_FRAMES, BOUND * tried.drift_sigma)
             drifting = bool((np.abs(tried.drift - _median(tried.drift)) > least).any())
             if not drifting:
                 break
@@ -336,12 +332,14 @@ def place_in_take(frames: np.ndarray, num_frames: int) -> np.ndarray:
     return 2.0 * frames / max(num_frames - 1, 1) - 1.0
 
 
-REACH_S, LEAST_REACH_FRAMES = 0.4, 20  # Largest lag between two cameras in seconds, and its minimum in frames.
+REACH_S = (
+    0.4  # Largest lag between two cameras, shorter than a period of walking. It has ``LONGEST_DELAY`` or more frames.
+)
 
 
 def reach_frames(fps: float) -> int:
     """Return the largest lag between two cameras that a solve corrects, in frames."""
-    return max(round(REACH_S * fps), LEAST_REACH_FRAMES)
+    return max(round(REACH_S * fps), LONGEST_DELAY)
 
 
 def synchronised(keypoints: Keypoints2D, delay: np.ndarray) -> Keypoints2D:
@@ -359,13 +357,16 @@ def synchronised(keypoints: Keypoints2D, delay: np.ndarray) -> Keypoints2D:
 
 
 def _moving(tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
-    """Return a (C,) mask of views in which the person moves enough."""
-    way = tracks_at(tracks, np.tile(frames + MOTION_FRAMES, (len(tracks), 1)))
-    way = way - tracks_at(tracks, np.tile(frames - MOTION_FRAMES, (len(tracks), 1)))
+    """Return a (C,) mask of views in which the person moves enough.
+
+    An arm or more must move by ``BOUND`` variances between positions that are smoothed apart. Noise alone gives 4.
+    """
+    way = tracks_at(tracks, np.tile(frames + len(SMOOTHING), (len(tracks), 1)))
+    way = way - tracks_at(tracks, np.tile(frames - len(SMOOTHING), (len(tracks), 1)))
     square = ((way / sigma_px[:, None]) ** 2).sum(-1)
     known = np.isfinite(square)
     mean = np.where(known, square, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
-    return (mean >= LEAST_MOTION).sum(axis=1) >= LEAST_MOVING
+    return (mean >= BOUND).sum(axis=1) >= len(LIMBS["arms"])
 
 
 def smoothed_tracks(xy: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver_backend.agreement import lags
 from solver_backend.agreement.synchronisation import estimate_delays, synchronised
 from solver_backend.cameras.projection import project
 from solver_backend.synthesis.embedded.demo import demo_capture, detect
@@ -148,3 +149,13 @@ def test_moved_detections_are_those_in_step(capture):
     np.testing.assert_array_equal(moved.xy[1, :-2], keypoints.xy[1, 2:])
     assert (moved.confidence[1, -2:] == 0).all() and (moved.confidence[3, 0] == 0).all()
     np.testing.assert_allclose(moved.xy[3, 1:], 0.5 * (keypoints.xy[3, 1:] + keypoints.xy[3, :-1]))
+
+
+def test_a_long_take_is_compared_within_the_reach_alone(capture, monkeypatch):
+    compared, disagreements = [], lags._disagreements
+    monkeypatch.setattr(lags, "_disagreements", lambda *args: compared.append(disagreements(*args)) or compared[-1])
+    xy = np.tile(capture.keypoints.xy, (1, 10, 1, 1))[:2, :, None]
+    near, every = (lags.people_lags(capture.cameras.subset([0, 1]), xy, reach=reach) for reach in (20, None))
+    np.testing.assert_allclose(near.gains[0, 1], every.gains[0, 1][2979:3020])
+    *near, _ = np.split(np.array([one.size for one in compared]), [len(compared) - 11])
+    assert np.sum(near) < 0.3 * np.sum([one.size for one in compared])

@@ -233,3 +233,14 @@ def test_without_anything_to_tell_by_the_clocks_are_taken_to_agree(tmp_path: Pat
         found.append(seen(path, times))
     told = synchronise(found, None, "auto")
     assert (told.offset_s == 0).all() and [item.code for item in told.findings] == ["clocks_assumed"]
+
+
+def test_a_camera_that_loses_a_second_leaves_the_others_certain() -> None:
+    rng = np.random.default_rng(4)
+    sound = np.repeat(rng.normal(size=(3100, 2)), 2, axis=0)
+    values = [sound[:6000] + 0.1 * rng.normal(size=(6000, 2)) for _ in range(4)]
+    values[3] = np.concatenate([values[3][:2400], sound[2500:6100] + 0.1 * rng.normal(size=(3600, 2))])
+    found = signal_lags([Signal(one, 100.0) for one in values], reach_s=2.0, piece_s=5.0, floor_s=0.001)
+    assert not found.unknown
+    np.testing.assert_allclose(found.lag_s[:3], 0.0, atol=0.002)
+    assert (np.sqrt(found.covariance[1:3, 0, 0]) < 0.005).all()
