@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.agreement.evidence import BOUND, MOST_ROUNDS
+from solver_backend.agreement.evidence import BOUND, MOST_ROUNDS, STRIDE
 from solver_backend.agreement.person_selection import detections_of, doubtful_views, follow_people
 from solver_backend.agreement.reading import Detections
 from solver_backend.agreement.view_faults import (
@@ -27,13 +27,10 @@ from solver_backend.cameras.robust_triangulation import (
     triangulate,
 )
 from solver_backend.exchange.errors import NoDetections, TooFewViews
+from solver_backend.geometry.arrays import quantile
 from solver_backend.types import FEET, LIMBS, Cameras, JointSet, Keypoints2D
 
 EXCHANGED = {"arms": LIMBS["arms"], "legs": LIMBS["legs"] + FEET}  # Keypoints that a detector swaps together.
-STATE_COST = 0.1  # Cost of each frame in the swapped state.
-LEAST_GAIN = 10.0  # Smallest gain of a swap to undo. With 6, correct cameras are changed.
-VIEWS_WEIGHT = 0.3  # Weight of the distances from other views, because errors of neighbouring frames are correlated.
-STEP_PX_SHARE = 0.004  # Typical movement of a keypoint per frame at 60 fps, relative to the image width.
 
 
 @dataclass(frozen=True)
@@ -103,7 +100,6 @@ def limb_columns(joint_set: JointSet, limb: str) -> tuple[np.ndarray, np.ndarray
 def _candidates(cameras: Cameras, keypoints: Keypoints2D, predictions: Predictions) -> list[LabelSwap]:
     """Return every swap in the best states of each view, given the other views."""
     columns = _columns(keypoints.joint_set)
-    step_px = STEP_PX_SHARE * cameras.image_size[:, 0] * (60.0 / keypoints.fps)
     found = []
     for limb in EXCHANGED:
         left, right = limb_columns(keypoints.joint_set, limb)
@@ -111,13 +107,12 @@ def _candidates(cameras: Cameras, keypoints: Keypoints2D, predictions: Predictio
             continue
         a, b = keypoints.xy[:, :, left], keypoints.xy[:, :, right]
         at = np.searchsorted(columns, left), np.searchsorted(columns, right)
-        unary = VIEWS_WEIGHT * _against_views(a, b, predictions, *at)
-        unary[..., 1] += STATE_COST
-        transition = _over_time(a, b, step_px)
+        unary = _against_views(a, b, predictions, *at) / STRIDE  # errors of neighbouring frames are correlated
+        transition = _over_time(a, b)
         states = best_states(unary, transition)
         for run in view_runs(states):
             gain = _gain(unary[run.view], transition[run.view], run.first, run.last)
-            if gain >= LEAST_GAIN:
+            if gain >= 2 * BOUND:  # with half of it, correct cameras are changed
                 found.append(LabelSwap(run.first, run.last, run.view, limb, gain))
     return found
 
@@ -141,9 +136,10 @@ def _against_views(
     return np.stack(_compared((cost(a, left), cost(b, right)), (cost(a, right), cost(b, left))), axis=-1)
 
 
-def _over_time(a: np.ndarray, b: np.ndarray, step_px: np.ndarray) -> np.ndarray:
-    """Return (C, F, 2, 2) costs of the states of consecutive frames, from the movement."""
-    scale = step_px[:, None, None, None]
+def _over_time(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return (C, F, 2, 2) costs of the states of consecutive frames, from the movement relative to the usual one."""
+    steps = np.abs(np.diff(np.concatenate([a, b], axis=2), axis=1))
+    scale = np.fmax(quantile(steps, 0.5, axis=(1, 2, 3)), 1.0)[:, None, None, None]
 
     def cost(after: np.ndarray, before: np.ndarray) -> np.ndarray:
         return _penalty((((after[:, 1:] - before[:, :-1]) / scale) ** 2).sum(-1))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.agreement.evidence import SIGMAS
 from solver_backend.agreement.person_tracks import (
     BRIDGE_S,
     STEP_SHARE,
@@ -24,12 +25,9 @@ from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.types import Cameras, Keypoints2D
 
-USUAL_TIMES = 4.0  # Largest distance of a person's detection relative to the median.
-CLOSEST_M = 0.04  # Distance that is always accepted.
-ALONE_SHARE = 0.95  # Share of a view's frames with one person in a view that never shows two.
 SURE_SHARE = 0.8
-"""Share of a track from which its unusually distant detections are accepted too. A view is unreliable if at most the
-rest of its detections is accepted."""
+"""Share of a track from which its unusually distant detections are accepted too, and of a view's frames with one person
+in a view of one person. Such a view is unreliable if at most the rest of its detections is accepted."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +80,7 @@ def doubtful_views(detections: Detections, accepted: np.ndarray) -> np.ndarray:
     """Return the views that show one person who is rarely accepted."""
     people = detections.people()
     seen = (people > 0).sum(1)
-    alone = (people == 1).sum(1) >= ALONE_SHARE * seen
+    alone = (people == 1).sum(1) >= SURE_SHARE * seen
     hardly = accepted.any(-1).sum(1) < (1 - SURE_SHARE) * seen
     return np.flatnonzero(alone & hardly & (seen > 0)) if len(people) > 2 else np.zeros(0, int)
 
@@ -148,7 +146,7 @@ def _accepted(
         fit[c, frames], distance[c, frames], _ = detection_distances(seen, c, frames, points[frames])
     usual = distance.min(axis=-1)
     usual = usual[usual < TOLERANCE_M]
-    tolerance = min(TOLERANCE_M, max(CLOSEST_M, USUAL_TIMES * float(np.median(usual)))) if usual.size else 0.0
+    tolerance = min(TOLERANCE_M, SIGMAS * float(np.median(usual))) if usual.size else 0.0
     close = (distance < tolerance) & ~others
     counted = (tracks >= 0) & near[None, :, None]
     size = int(tracks.max()) + 1
@@ -157,11 +155,6 @@ def _accepted(
     share = np.where(tracks >= 0, (right_often / np.maximum(seen_often, 1))[np.maximum(tracks, 0)], 0.0)
     accepted = (close & (share >= 0.5)) | ((distance < TOLERANCE_M) & ~others & (share >= SURE_SHARE))
     return accepted, fit
-
-
-LEAST_AGREEMENT = 0.4
-"""Smallest mean of 1 - distance / tolerance over a person's views. Different people's rays meet less closely."""
-AGREEING_SHARE = 0.65  # Smallest share of agreeing views among the views that show a person.
 
 
 @dataclass(frozen=True)
@@ -190,11 +183,7 @@ def select_people(
     followed = follow_people(cameras, detections, fps, progress)
     space, least = followed.people, min(BRIDGE_S * fps, 0.5 * detections.num_frames)
 
-    def is_somebody(rows: np.ndarray) -> bool:
-        agreement = space.score[rows] / (space.members[rows] >= 0).sum(1)
-        return len(rows) >= least and float(agreement.mean()) >= LEAST_AGREEMENT
-
-    kept = [i for i, rows in enumerate(followed.rows) if i == 0 or is_somebody(rows)]
+    kept = [i for i, rows in enumerate(followed.rows) if i == 0 or len(rows) >= least]
     found = [detections_of(followed, i, detections, fps) for i in kept]
     best = np.stack([np.where(accepted, fit, -1.0) for accepted, fit in found]).argmax(axis=0)
     accepted = [own & (best == n) for n, (own, _) in enumerate(found)]
@@ -266,7 +255,7 @@ def _report(
         figures = {"views": views_of(rows), "seen": len(rows)}
         notes.append(diagnostic("person_seen_too", person=f"Person {number}", **figures))
     with_somebody = float((detections.people()[:, space.frame[people[0]]] > 0).sum(0).mean())
-    if views < AGREEING_SHARE * with_somebody:
+    if 2 * views < with_somebody + 1:  # no majority
         problems.append(diagnostic("few_views_agree", views=with_somebody, agreeing=views))
     return tuple(notes), tuple(problems)
 

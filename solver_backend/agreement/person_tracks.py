@@ -14,13 +14,12 @@ from math import dist
 
 import numpy as np
 
-from solver_backend.agreement.evidence import SAMPLED_FRAMES
+from solver_backend.agreement.evidence import SAMPLED_FRAMES, STRIDE
 from solver_backend.agreement.reading import MIN_POINTS, Sightings
 from solver_backend.geometry.arrays import quantile
 from solver_backend.types import Cameras
 
 TOLERANCE_M = 0.15  # Largest median distance of the keypoints in a person's detection.
-MAX_EXTENT_M = 1.6  # Largest distance of a person's keypoint from the centre.
 SMALLEST_ANGLE_SIN2 = 0.0076  # Squared sine of the smallest angle between two rays that locate a point, 5 degrees.
 
 
@@ -76,9 +75,8 @@ def _seeds(seen: Sightings) -> tuple[np.ndarray, np.ndarray]:
             for swapped in (False, True):
                 middle, gap = _midpoints(seen.cameras, a, b, first, second[:, seen.mirror] if swapped else second)
                 meets = _median(gap) < TOLERANCE_M
-                person = meets & _is_person_sized(middle)
-                frames.append(frame[person])
-                points.append(middle[person])
+                frames.append(frame[meets])
+                points.append(middle[meets])
                 frame, first, second = frame[~meets], first[~meets], second[~meets]
     return np.concatenate(frames), np.concatenate(points)
 
@@ -166,15 +164,6 @@ def _median(values: np.ndarray) -> np.ndarray:
     return np.where(enough, quantile(values, 0.5, axis=-1, method="lower"), np.inf)
 
 
-def _is_person_sized(points: np.ndarray) -> np.ndarray:
-    """Return an (N,) mask of people whose points are nearly all close to their centre."""
-    known = np.isfinite(points[..., 0])
-    count = np.maximum(known.sum(-1), 1)
-    middle = np.where(known[..., None], points, 0.0).sum(-2) / count[:, None]
-    far = np.linalg.norm(np.where(known[..., None], points - middle[:, None], 0.0), axis=-1) > MAX_EXTENT_M
-    return far.sum(-1) <= 0.2 * count
-
-
 def _intersection(seen: Sightings, frame: np.ndarray, members: np.ndarray, swapped: np.ndarray) -> np.ndarray:
     """Return the (N, J, 3) points nearest to all rays in metres: ``Σ (I - d dᵀ) x = Σ (I - d dᵀ) c``.
 
@@ -198,10 +187,8 @@ def _intersection(seen: Sightings, frame: np.ndarray, members: np.ndarray, swapp
     return np.where(solvable[..., None], np.linalg.solve(A, b[..., None])[..., 0], np.nan)
 
 
-STEP_M = 0.2  # Largest error of a person's centre.
 SPEED_M_S = 4.0  # Largest speed between two sightings. Doubled if both are in one track of a view.
 BRIDGE_S = 0.5  # Longest absence within a tracklet.
-OVERLAP_S = 0.1  # Largest overlap of two pieces of one person after wrongly paired detections.
 
 
 def persons(people: PeopleInSpace, tracks: np.ndarray, fps: float) -> list[np.ndarray]:
@@ -249,7 +236,7 @@ def _tracklets(frames: np.ndarray, middles: np.ndarray, in_views: list[frozenset
         absent = [gap for gap in absent if gap <= BRIDGE_S]
         links, linked = [], set[int]()
         for rows, gap in zip(active, absent, strict=True):
-            reach = STEP_M + SPEED_M_S * min(gap, OVERLAP_S)
+            reach = TOLERANCE_M + SPEED_M_S * min(gap, STRIDE / fps)
             for row in range(start, stop):
                 shared = len(in_views[rows[-1]] & in_views[row])
                 distance = dist(positions[rows[-1]], positions[row])
@@ -276,12 +263,13 @@ def _joined(
     end = np.stack([middles[rows[-1]] for rows in tracklets])
     absence_s = (first[None, :] - last[:, None]) / fps
     distance = np.linalg.norm(end[:, None] - begin[None], axis=-1)
-    cost = distance / (2 * STEP_M + SPEED_M_S * np.maximum(absence_s, 0.0))
+    cost = distance / (2 * TOLERANCE_M + SPEED_M_S * np.maximum(absence_s, 0.0))
     ends = [frozenset().union(*(in_views[row] for row in rows[-5:])) for rows in tracklets]
     begins = [frozenset().union(*(in_views[row] for row in rows[:5])) for rows in tracklets]
     shared = np.array([[len(a & b) for b in begins] for a in ends])
     later = (first[None, :] > first[:, None]) & (last[None, :] > last[:, None])
-    possible = later & (absence_s > -OVERLAP_S) & (cost < np.where(shared > 0, 3.0, 1.0))
+    follows = later & (fps * absence_s > -STRIDE)  # pieces overlap by few frames after wrongly paired detections
+    possible = follows & (cost < np.where(shared > 0, 3.0, 1.0))
     # The last term prefers the shorter absence among near candidates.
     total = np.where(possible, cost - 3.0 * shared + 0.1 * np.log1p(np.maximum(absence_s, 0.0)), np.inf)
     follower = np.full(len(tracklets), -1)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.agreement.person_tracks import STEP_SHARE
 from solver_backend.agreement.reading import ENOUGH, MIN_POINTS, Detections, extent, main_person
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid, TooFewViews
@@ -17,9 +18,10 @@ from solver_backend.types import Capture, Keypoints2D
 from solver_backend.types.shapes import Bool
 
 LONGEST = 5  # Longest run of repeated or skipped frames to interpolate. Lines of filled gaps are twice as long.
-LEAST_REPEATED = 1.0  # Percentage of repeated frames that is reported. Fewer are interpolated silently.
-LEAST_SKIPPED = 0.1  # Smallest share of skipped frames for a detector that skips frames.
-STEP_PX = 0.5  # Movement of half of the keypoints next to a repetition. A person who stands still is no repetition.
+STILL_PX = 0.02
+"""Largest movement of a still person's keypoints in px, and distance of interpolated ones from a line, in files with
+two decimals. Equal frames of a person who stands still are no repetition."""
+LEAST_REPEATED = 1.0  # Percentage of repeated or skipped frames that is reported. Fewer repeated ones stay silent.
 
 
 def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
@@ -34,7 +36,7 @@ def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
     both = seen[:, 1:] & seen[:, :-1]
     step = np.where(both, np.abs(np.diff(xy, axis=1)).max(axis=-1), 0.0)
     like = both.any(axis=2) & (seen[:, 1:] == seen[:, :-1]).all(axis=2) & (step == 0).all(axis=2)
-    moves = 2 * (step > STEP_PX).sum(axis=2) > both.sum(axis=2)
+    moves = 2 * (step > STILL_PX).sum(axis=2) > both.sum(axis=2)
     number = np.arange(frames - 1)
     following = np.minimum.accumulate(np.where(like, frames, number)[:, ::-1], axis=1)[:, ::-1]
     before = np.maximum.accumulate(np.where(like, -1, number), axis=1)
@@ -43,24 +45,21 @@ def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
     return np.concatenate([np.zeros((views, 1), dtype=bool), like & moved], axis=1)
 
 
-STRAIGHT_PX = 0.02  # Largest distance in px of interpolated keypoints from a line in files with two decimals.
-
-
 def filled_frames(keypoints: Keypoints2D) -> np.ndarray:
     """Return a (C, F) mask of frames with all keypoints on straight lines, as in filled gaps."""
     seen = keypoints.confidence > 0
     xy = np.where(seen[..., None], keypoints.xy, 0.0)
     three = seen[:, 2:] & seen[:, 1:-1] & seen[:, :-2]
     bend = np.where(three, np.abs(np.diff(xy, n=2, axis=1)).max(-1), 0.0)
-    straight = (bend <= 2 * STRAIGHT_PX).all(-1) & (three == seen[:, 1:-1]).all(-1) & (three.sum(-1) >= MIN_POINTS)
+    straight = (bend <= 2 * STILL_PX).all(-1) & (three == seen[:, 1:-1]).all(-1) & (three.sum(-1) >= MIN_POINTS)
     filled = np.zeros(seen.shape[:2], bool)
     for view, first, last in ((view, *run) for view, mask in enumerate(straight) for run in true_runs(mask)):
         path = xy[view, first : last + 3][:, three[view, first]]
         share = np.linspace(0, 1, len(path))[:, None, None]
         off = np.abs(path - (1 - share) * path[0] - share * path[-1]).max()
-        moves = np.abs(path[-1] - path[0]).max(-1) > 2 * STEP_PX
+        moves = np.abs(path[-1] - path[0]).max(-1) > len(path) * STILL_PX
         filled[view, first + 1 : last + 2] = (
-            len(path) > 2 * LONGEST and off <= STRAIGHT_PX and 2 * moves.sum() > len(moves)
+            len(path) > 2 * LONGEST and off <= STILL_PX and 2 * moves.sum() > len(moves)
         )
     return filled
 
@@ -74,7 +73,7 @@ def skipped_frames(keypoints: Keypoints2D) -> np.ndarray:
     skipped = np.zeros_like(empty)
     for first, last in true_runs(empty):
         skipped[first : last + 1] = first > 0 and last < len(empty) - 1 and last - first < LONGEST
-    return skipped if skipped.mean() >= LEAST_SKIPPED else np.zeros_like(empty)
+    return skipped if 100 * skipped.mean() >= LEAST_REPEATED else np.zeros_like(empty)
 
 
 def without_repeats(keypoints: Keypoints2D, repeated: np.ndarray) -> Keypoints2D:
@@ -138,12 +137,6 @@ def left_out_views(texts: Sequence[str], names: Sequence[str], frames: int) -> B
     return out
 
 
-JUMP, CALM = 0.12, 0.25
-"""Smallest movement of the keypoints per frame at a cut in every view, in person sizes, and largest movement in the
-adjacent frames relative to it. A person who runs at 5 m/s moves by 0.08 at 30 frames per second."""
-FAR_QUANTILE = 0.95  # Quantile over frames of their movement.
-
-
 def take_cuts(detections: Detections) -> list[int]:
     """Return the frames with a cut to another take: the main person jumps in all synchronised views."""
     points = main_person(detections)
@@ -158,7 +151,7 @@ def take_cuts(detections: Detections) -> list[int]:
     known = np.isfinite(step)
     least, most = np.where(known, step, np.inf).min(0), np.where(known, step, 0.0).max(0)
     around = np.maximum(np.r_[0.0, most[:-1]], np.r_[most[1:], 0.0])
-    jumps = (known.sum(0) >= 2) & (least > JUMP) & (around < CALM * least)
+    jumps = (known.sum(0) >= 2) & (least > STEP_SHARE) & (around < STEP_SHARE)
     return (np.flatnonzero(jumps) + 1).tolist()
 
 
@@ -180,10 +173,10 @@ def report_order(detections: Detections) -> tuple[Diagnostic, ...]:
 
 
 def _walked(points: np.ndarray) -> float:
-    """Return the 95th percentile of keypoint movement per frame, 0 without keypoints."""
+    """Return the mean keypoint movement per frame, 0 without keypoints."""
     moved = np.linalg.norm(np.diff(points, axis=1), axis=-1).swapaxes(0, 1).reshape(points.shape[1] - 1, -1)
     moved = moved[np.isfinite(moved).any(-1)]
-    return float(np.quantile(quantile(moved, 0.5, axis=-1), FAR_QUANTILE)) if len(moved) else 0.0
+    return float(quantile(moved, 0.5, axis=-1).mean()) if len(moved) else 0.0
 
 
 def report_cuts(cuts: list[int], num_frames: int) -> tuple[Diagnostic, ...]:

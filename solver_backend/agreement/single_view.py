@@ -6,25 +6,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.agreement.body_evidence import MEAN_STATURE_M, POSSIBLE_M, STATURE_SPREAD_M, STATURES_M
+from solver_backend.agreement.body_evidence import BONES, MEAN_STATURE_M, POSSIBLE_M, STATURE_SPREAD_M, STATURES_M
 from solver_backend.agreement.evidence import SIGMAS
+from solver_backend.agreement.person_tracks import TOLERANCE_M
 from solver_backend.agreement.reading import Detections, PictureReading, main_person, unturn
 from solver_backend.cameras.camera_corrections import TURNS
 from solver_backend.cameras.projection import undistort
 from solver_backend.geometry.arrays import quantile
 from solver_backend.types import Cameras
 
-LEAST_LEVEL, LEAST_UPRIGHT = 0.3, 0.8
-"""Smallest cosines of the camera's pitch and of the trunk's angle at which a single view shows an image rotation."""
-LEAST_OUTSIDE, BEYOND_PICTURE = 0.002, 0.005
-"""Smallest share of keypoints outside an image with another rotation, and tolerance in image widths."""
+LEAST_OUTSIDE = 0.002  # Smallest share of keypoints outside an image with another size or rotation.
+LEAST_UPRIGHT = 0.8  # Smallest cosine of the trunk's angle at which a single view shows an image rotation.
 SURFACES_M = np.linspace(0.0, 1.2, 61)  # Heights of floors, beds, couches and treatment tables in metres.
 SIZES = (0.5, 2.0 / 3.0, 1.5, 2.0)  # Image sizes relative to the calibrated ones.
 UNLIKE_FLOORS = SIZES[::3]  # Sizes that no floor can imitate. A sloping floor 1 m off level looks like 1.5 or 2/3.
-LEVEL_M = 0.15
-"""Largest variation in metres, over a take, of the height of a level floor under an average adult. A wrong floor varies
-by twice as much. A walk has 0.05 m, and the same walk in images of half the size 1.0 m."""
-SHOULDER_SHARE, ANKLE_M = 0.82, 0.09  # Shoulder height relative to stature, and height of the ankles above the floor.
+SHOULDER_SHARE = sum(length for *_, length in BONES[:3])  # Height of shoulders above the ankles relative to stature.
+ANKLE_M = 0.09  # Height of the ankles above the floor.
 AS_RECORDED = "the person is lying or upside down"
 OFF_THE_FLOOR = "the person's floor is not at z = 0"
 
@@ -65,13 +62,13 @@ class _Stance:
         with np.errstate(divide="ignore", invalid="ignore"):
             below = _at_height(ankles, centre, ANKLE_M) - centre
             away = np.linalg.norm(below[:, :2], axis=-1) / np.linalg.norm(shoulders[:, :2], axis=-1)
-        return _median((centre[2] + away * shoulders[:, 2]) / SHOULDER_SHARE)
+        return _median((centre[2] + away * shoulders[:, 2] - ANKLE_M) / SHOULDER_SHARE)
 
     def floor_spread(self) -> float:
         """Return the central 80 % range of the height under an adult's feet in metres, 0 if unknown."""
         ankles, shoulders = (ray[:, 2] / np.linalg.norm(ray[:, :2], axis=-1) for ray in self.rays())
         with np.errstate(divide="ignore", invalid="ignore"):
-            height = ankles * (SHOULDER_SHARE * MEAN_STATURE_M - ANKLE_M) / (shoulders - ankles)
+            height = ankles * SHOULDER_SHARE * MEAN_STATURE_M / (shoulders - ankles)
         return float(np.nan_to_num(np.ptp([quantile(height, share, 0) for share in (0.1, 0.9)])))
 
     def lies(self, heights: np.ndarray) -> bool:
@@ -107,15 +104,14 @@ def pictures_of_one_view(camera: Cameras, detections: Detections) -> FoundPictur
     def stance(picture: PictureReading) -> _Stance:
         read = unturn(points, picture.turn, picture.size * size) / picture.size
         known = np.isfinite(read).all(-1)
-        beyond = ((read < -BEYOND_PICTURE * size) | (read > (1 + BEYOND_PICTURE) * size)).any(-1) & known
+        beyond = ((read < 0) | (read > size)).any(-1) & known
         middles = {part: read[:, [names.index(name) for name in pair]].mean(1) for part, pair in ends.items()}
         return _Stance(camera, middles, float(beyond.sum() / max(known.sum(), 1)))
 
     turned = [stance(PictureReading(turn=turn)) for turn in TURNS]
     written, upright = turned[0], [one.upright for one in turned]
     best = int(np.argmax(upright))
-    is_level = float(np.linalg.norm(camera.R[0, :2, 2])) >= LEAST_LEVEL
-    if is_level and upright[best] > LEAST_UPRIGHT and upright[0] < 1 - LEAST_UPRIGHT:
+    if upright[best] > LEAST_UPRIGHT and upright[0] < 1 - LEAST_UPRIGHT:
         picture = PictureReading(turn=best)
         if written.outside > LEAST_OUTSIDE > turned[best].outside:
             return FoundPictures(picture, "outside", written.outside)
@@ -137,7 +133,8 @@ def pictures_of_one_view(camera: Cameras, detections: Detections) -> FoundPictur
     found = [one for one, person in sized.items() if abs(person.stature() - MEAN_STATURE_M) < most]
     if len(found) != 1 or sized[found[0]].outside > LEAST_OUTSIDE:
         return None
-    level = written.floor_spread() > 2 * LEVEL_M and sized[found[0]].floor_spread() < LEVEL_M
+    # An adult's feet on a level floor: a walk varies by 0.05 m, and the same walk in images of half the size by 1.0 m.
+    level = written.floor_spread() > 2 * TOLERANCE_M and sized[found[0]].floor_spread() < TOLERANCE_M
     certain = level and found[0] in UNLIKE_FLOORS
     return FoundPictures(PictureReading(found[0]), "level", written.outside, "" if certain else OFF_THE_FLOOR)
 
