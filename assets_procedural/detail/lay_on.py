@@ -18,7 +18,7 @@ from assets_procedural.mesh.meshing import SymmetricMesh, check_closed, mirror_h
 
 SEAM_Y, CORNER_M = 1.5217, 0.0220  # Height of the lip seam and half the mouth's width in the fitted mesh, metres.
 _ALONG = 10  # Segments of the seam from the midline to the corner.
-_UPPER_M, _LOWER_M = 0.0066, 0.0076  # Heights of the red of the upper and lower lips.
+_UPPER_M, _LOWER_M = 0.0066, 0.0076  # Height of the red part of the upper and of the lower lip.
 _RED = (0.17, 0.46, 0.74, 1.0)  # Rings on the red of the lips, as fractions of its height.
 _BEYOND_M = (0.0011, 0.0019, 0.0027, 0.0035)  # How far each ring extends beyond the end of the seam.
 _GROOVE_M, _GROOVE_WIDTH_M, _BORDER_M = 0.0019, 0.0011, 0.0006  # Groove between the lips, and their border.

@@ -47,7 +47,7 @@ class SparseCurves:
 def _fit_slopes(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
     """Return the slopes (K, N) at the keys that minimise the squared distance to the (F, N) ``values``."""
     _, basis = _hermite(frames, len(values))
-    at_keys, pieces = values[frames], frames[:-1]  # ``pieces`` are the first frames of the pieces
+    at_keys, pieces = values[frames], frames[:-1]  # ``pieces``: first frame of each piece
     left, right = (np.add.reduceat(basis[:, k, None] * basis, pieces) for k in (2, 3))  # (K - 1, 4) each
     sums, slopes = np.zeros_like(at_keys), basis[:, 2:].T
     for k, (first, stop) in enumerate(pairwise([*pieces.tolist(), len(values)])):

@@ -86,7 +86,7 @@ def frames_of(action: bpy.types.Action) -> np.ndarray:
     return first + step * np.arange(1 + int(np.floor((last - first) / step + 0.01)))
 
 
-_STRAIGHT_M = 0.02  # If a joint is this close to the line between its neighbours, its upper bone sets the direction.
+_STRAIGHT_M = 0.02  # Closer to the line between its neighbours, a joint's pole follows the bone above.
 
 
 def pole_places(upper: np.ndarray, lower: np.ndarray, end: np.ndarray, ahead: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from solver_backend.types import Capture
 
 @dataclass(frozen=True)
 class TriangulatedButterworth(Baseline):
-    """Triangulates points without fitting a body."""
+    """Triangulates the points and filters them, without fitting a body."""
 
     cutoff_hz: float = 6.0  # Cutoff of the fourth-order filter.
     name: str = "triangulation + Butterworth"

@@ -287,7 +287,7 @@ def beyond_reach(poses: torch.Tensor) -> torch.Tensor:
 
 
 def penetrating(joints: torch.Tensor) -> torch.Tensor:
-    """Return a mask (N,) of the joints (N, 24, 3) with an elbow, wrist or hand inside trunk, head or legs."""
+    """Return a mask (N,) of the poses, given by joints (N, 24, 3), with an arm joint inside trunk, head or legs."""
     points = joints[:, list(_ARM_POINTS)]
     inside = torch.zeros(len(joints), dtype=torch.bool)
     for a, b in _BODY_BONES:

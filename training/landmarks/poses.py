@@ -213,7 +213,7 @@ def _distinct(clips: list[Clip]) -> np.ndarray:
     rotations, _, _ = _laid_out(clips)
     points = rotation_points(rotations[:, 1:])[:, 1:NUM_JOINTS]
     features = points.reshape(len(points), -1) / np.sqrt(NUM_JOINTS - 1.0)
-    # Here the lean of the pelvis is a part of the pose, but its heading is not.
+    # Here the lean of the pelvis is part of the pose, but its heading is not.
     features = np.concatenate([features, 0.1 * rotations[:, 0, 1]], axis=1)
     return rotations[np.sort(distinct_poses(features.astype(np.float32), NEAR_REPEAT_M))]
 

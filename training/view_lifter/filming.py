@@ -54,10 +54,10 @@ class Recordings:
 
         Args:
             corpus: recordings. Clips whose pelvis rotation is unknown are not used.
-            body: body that has the visible points.
+            body: body on which the visible points are defined.
             exchanged: number of copies.
             seed: seed of the exchange.
-            device: device on which they are computed and stored.
+            device: device on which the recordings are computed and stored.
         """
         kept = np.isfinite(corpus.root).all(axis=(1, 2))
         number = np.cumsum(kept) - 1

@@ -52,7 +52,7 @@ class CurrentLive:
         self._panels_drawn = 0.0
         self.failure = ""
         self.recorded = ""
-        """Recording of the last run, as a path in the scene's form."""
+        """Path of the last run's recording, as the scene stores paths."""
 
     @property
     def busy(self) -> bool:
