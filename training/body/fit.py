@@ -200,7 +200,7 @@ def fit(reference: Reference, settings: FitSettings) -> dict[str, np.ndarray]:
 
 
 def _strayed(model: _Model, reference: Reference, limit_m: float) -> np.ndarray:
-    """Return a mask of the primitives whose centres are outside the body. They produce nothing but specks."""
+    """Return a mask of the primitives with centres outside the body. They produce nothing but specks."""
     return signed_distance(reference.points, reference.normals, model.mean.detach().double().numpy()) > limit_m
 
 

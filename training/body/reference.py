@@ -103,7 +103,7 @@ _TOES = ((0.02, -0.01, 0.095), (0.30, 0.045, 0.22), 0.008)
 _EAR = ((0.060, 1.50, -0.03), (0.11, 1.64, 0.075), 0.003)
 _MOUTH = ((0.0, 1.498, 0.105), (0.036, 1.546, 0.18), 0.0025)
 _CROTCH = ((0.0, 0.77, -0.07), (0.035, 0.86, 0.09), 0.006)
-"""Corners of boxes in which gaps are closed, and the closing radius, in metres. Chosen by hand."""
+"""Corners of the boxes with gaps to close, and the closing radius, in metres. Chosen by hand."""
 
 
 @dataclass(frozen=True)

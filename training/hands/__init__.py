@@ -1,1 +1,1 @@
-"""Train the hand prior from recordings and poses whose licences are free."""
+"""Train the hand prior from recordings and poses under free licences."""

@@ -93,7 +93,7 @@ def _keyed(folder: Path) -> HandPoses:
 
 
 def _markers(folder: Path) -> HandPoses:
-    """Return the frames of the finger exercises in which all of the hand is visible."""
+    """Return the frames of the finger exercises that show the whole hand."""
     found = []
     for path in sorted((folder / "leap").glob("*.npz")):
         points = marker_points(read_npz(path))[::_MARKER_STRIDE]

@@ -78,7 +78,7 @@ def evaluate(model: LandmarkModel, clouds: list[Clouds]) -> dict[str, float]:
 
 
 def _labels(model: Ours, clouds: list[Clouds]) -> dict[str, float]:
-    """Return the percentage of points whose label is correct."""
+    """Return the percentage of correctly labelled points."""
     right = points = 0
     for c in clouds:
         estimated = model.net(c.points, c.seen).scores.argmax(-1)

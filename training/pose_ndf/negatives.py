@@ -38,7 +38,7 @@ class NearestPoses:
 
         Args:
             quats: (N, 21, 4) unit quaternions.
-            without: (N,) person to exclude for each pose, or None to exclude nobody.
+            without: (N,) person to exclude for each pose, or None to exclude no one.
         """
         return self.distances(quats, without=without).mean(dim=1)
 

@@ -291,7 +291,7 @@ class VaeTask:
         return pose_loss(truth, decoded, evenly, s.orthogonality) + s.divergence * penalty.mean()
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
-        """Return reconstruction figures on the validation poses, whose codes have no noise."""
+        """Return reconstruction figures on the validation poses, using codes without noise."""
         decoded = reconstructed(cast(VariationalAutoencoder, model), self._validation)
         return reconstruction_accuracy(self._validation, decoded).as_dict()
 

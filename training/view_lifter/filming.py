@@ -101,7 +101,7 @@ def standing_place(local: torch.Tensor, root: torch.Tensor, clip_start: torch.Te
 
 
 def _raised(local: torch.Tensor, root: torch.Tensor) -> torch.Tensor:
-    """Return a mask (N,) of upright people whose hands are both above the head."""
+    """Return a mask (N,) of upright people with both hands above the head."""
     (head,), hands = SMPL.numbers("head"), list(SMPL.both("wrist"))
     above = []
     for part, turn in zip(local.split(_BLOCK), root.split(_BLOCK), strict=True):

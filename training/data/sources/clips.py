@@ -1,4 +1,4 @@
-"""Load all recordings from which the priors learn, as clips of body rotations at 30 Hz."""
+"""Load all recordings that the priors learn from, as clips of body rotations at 30 Hz."""
 
 from __future__ import annotations
 
