@@ -164,7 +164,7 @@ def _read_folder(args: Namespace, progress: Progress) -> tuple[list[ReadActor], 
     """Return the clips in a folder under unique names, and the clips that failed."""
     paths = sorted(path for path in args.source.iterdir() if path.suffix.lower() in _READ and path.is_file())
     if not paths:
-        hint = f"Clips are files with the endings {', '.join(_READ)}."
+        hint = f"Clip files end in {', '.join(_READ)}."
         raise ActorMissing("The folder contains no clips.", where=str(args.source), hint=hint)
     actors: list[ReadActor] = []
     failed: list[dict[str, Any]] = []

@@ -92,7 +92,7 @@ def read_rig_actor(
         stance = _stand_in_motion(rest, worlds, poses, unit_m)
     if stance is not None:
         rest, frame = stance
-        doubt = f"The rest pose is not upright. The upright pose of frame {times[frame]:g} replaces it."
+        doubt = f"The rest pose is not upright. The upright pose of frame {times[frame]:g} is used."
     A = map_pose(rest, own_rest, rig_map.map_pose)
     turns, places = _on_stage(worlds, poses, rest, metres, turned=stance is None)
     fps = scene_frame_rate(scene)

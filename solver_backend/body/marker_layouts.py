@@ -129,7 +129,7 @@ def _family(values: dict[str, Any], places: set[str], path: Path) -> Family:
         for side, bone in (("L", "left"), ("R", "right")):
             place = f"@{bone}_{part[1:]}" if part[0] == "@" else side + part
             if part[0] != "@" and place not in places:
-                raise FileDamaged(f"The position {place} of a group of names has no rule.", where=str(path))
+                raise FileDamaged(f"The position {place} in a group of names has no rule.", where=str(path))
             sided = {label_key(side + alias): place for alias in aliases}
             names |= dict.fromkeys(map(label_key, aliases), part) if part == _PELVIS else sided
     return Family(_both_sides(values["signs"]), names, _both_sides(values["virtual"]))

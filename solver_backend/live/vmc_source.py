@@ -103,7 +103,7 @@ class FrameAssembly(OneSender[list[OscMessage], BoneFrame]):
         length = float(np.linalg.norm(numbers[3:])) if (np.abs(numbers) < FARTHEST_M).all() else 0.0
         if not 0.5 < length < 2.0:
             what = _shown(message.values[:1])
-            return self.name_once("numbers_impossible", f"The values of {what} are not possible.")
+            return self.name_once("numbers_impossible", f"The values of {what} are impossible.")
         return numbers[[6, 3, 4, 5]] / length, numbers[:3]
 
     def _add_face(self, message: OscMessage) -> None:

@@ -436,6 +436,6 @@ def triggered(names: tuple[str, ...], interleave_s: float = 0.0) -> Clocks:
     """
     if not 0.0 <= interleave_s <= LARGEST_INTERLEAVE_S:
         hint = f"Use 160 for time-of-flight sensors and 0 for others. The limit is {1e6 * LARGEST_INTERLEAVE_S:.0f}."
-        raise CommandLineInvalid(f"An interleave of {1e6 * interleave_s:.0f} microseconds is not possible.", hint=hint)
+        raise CommandLineInvalid(f"An interleave of {1e6 * interleave_s:.0f} microseconds is impossible.", hint=hint)
     late = interleave_s * np.arange(len(names))
     return replace(Clocks.alike(names), offset_s=-late, method="trigger")

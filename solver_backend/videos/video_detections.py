@@ -50,7 +50,7 @@ class VideoDetections(TimedPictures):
         if len(times) > 1:
             require_rate(self.fps if np.median(np.diff(times)) > 0 else np.inf, CaptureInvalid, self.name)
         if times[-1] - times[0] > LONGEST_S:
-            what = f"The images span {times[-1] - times[0]:.3g} s, which is not possible."
+            what = f"The images span {times[-1] - times[0]:.3g} s, which is impossible."
             raise CaptureInvalid(what, where=self.name, hint="Convert the video to another file, and detect it again.")
         missing = ~(np.abs(self.xy) <= FARTHEST_PX).all(-1) | ~(np.abs(self.confidence) <= FARTHEST_PX)
         if missing.any():

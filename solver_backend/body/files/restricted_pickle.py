@@ -276,7 +276,7 @@ class Machine:
         """Count the bytes created, because the same text can be converted to arrays repeatedly."""
         self._bytes_left -= len(content) if isinstance(content, str | bytes | bytearray) else 0
         if self._bytes_left < 0:
-            raise Damage("its arrays would need far more memory than the size of the file")
+            raise Damage("its arrays would need far more memory than the file size allows")
 
     def _build(self, state: Any) -> None:
         target = self._stack[-1] if self._stack else None

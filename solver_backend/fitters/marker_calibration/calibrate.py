@@ -368,7 +368,7 @@ def subject_of(record: MarkerSubject, body: Body, like: Array) -> Subject:
         landmarks = marker_landmarks(body, record.places)
     except (KeyError, ValueError) as error:
         raise SubjectInvalid(
-            f"No known layout has the subject's marker {error}.", where="subject", hint="Calibrate again."
+            f"No known layout contains the subject's marker {error}.", where="subject", hint="Calibrate again."
         ) from error
     return Subject(body, landmarks, constant(record.betas, like), constant(record.offsets, like))
 

@@ -169,7 +169,7 @@ def _places(cloud: MarkerCloud, own: Mapping[str, str]) -> tuple[str, ...]:
     labels, layouts = _require_labels(cloud), load_layouts()
     names = name_markers(labels, own)
     if unknown := sorted({label.rpartition(":")[2] for label in (*names.unknown, *names.virtual)}):
-        message = f"No known layout has the marker{'s' if len(unknown) > 1 else ''} {', '.join(unknown)}."
+        message = f"No known layout contains the marker{'s' if len(unknown) > 1 else ''} {', '.join(unknown)}."
         raise MarkersUnknown(message, hint=f"Known markers: {', '.join(sorted(set(layouts.names.values())))}.")
     if len(names.known) < len(labels):
         taken = [names.known.get(label) or layouts.place_of(label) for label in labels]

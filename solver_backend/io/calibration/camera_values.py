@@ -160,7 +160,7 @@ def numbers(value: Any, place: str) -> np.ndarray:
         array = np.array(value, dtype=np.float64)
         array = array if shape is None else array.reshape(shape)
     except (TypeError, ValueError, OverflowError) as error:
-        raise CalibrationInvalid("The file has a value that is not a number.", where=place) from error
+        raise CalibrationInvalid("The file contains a value that is not a number.", where=place) from error
     if (largest := largest_finite(array)) > FARTHEST_IN_UNITS:
         most = f"at most {FARTHEST_IN_UNITS:g} is possible"
         raise CalibrationInvalid(f"The camera contains the number {largest:.3g}, but {most}.", where=place)

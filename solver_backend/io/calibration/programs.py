@@ -260,7 +260,7 @@ def _lens(fields: list[str], place: str) -> tuple[np.ndarray, np.ndarray, tuple[
     if len(values) != 2 + focals + 2 + len(which):
         raise FileDamaged(f"{fields[0]} has {len(values) - 2} parameters, which is not the right number.", where=place)
     if not np.isfinite(values).all():
-        raise FileDamaged("The lens has values that are not numbers.", where=place)
+        raise FileDamaged("The lens contains values that are not numbers.", where=place)
     size, values = (round(float(values[0])), round(float(values[1]))), values[2:]
     f, centre = values[[0, focals - 1]], values[focals : focals + 2] - 0.5
     distortion = np.zeros(MOST_TERMS)

@@ -45,7 +45,7 @@ class CameraFrames:
             raise FileDamaged("The file has no frames.", where=str(path), hint="Run the detector again.")
         numbers = sorted(frames)
         if spans_too_much(numbers):
-            run = f"run from {numbers[0]} to {numbers[-1]}, far more than there are frames."
+            run = f"run from {numbers[0]} to {numbers[-1]}, far beyond the number of frames."
             hint = "Number the frames of each camera 0, 1, 2 ..."
             raise FileDamaged(f"The numbers of the {len(numbers)} frames {run}", where=str(path), hint=hint)
         return cls(np.array(numbers, np.int64), lambda row: frames[numbers[row]], lambda _: str(path), keypoints)

@@ -59,7 +59,7 @@ def _column(heading: list[str], names: Sequence[str]) -> int | None:
 
 
 def _not_a_number(path: Path, error: Exception) -> FileDamaged:
-    return FileDamaged(f"A row is too short, or has a value that is not a number ({error}).", where=str(path))
+    return FileDamaged(f"A row is too short, or contains a value that is not a number ({error}).", where=str(path))
 
 
 # Tables with one row per person, and columns for the x, y and score of each point.
@@ -367,7 +367,7 @@ def _lines(path: Path) -> People:
         points = [line[_BOX:] for line in lines]
         return [(p[:-1] if len(p) % 3 == 1 else p).reshape(-1, 3) for p in points]
     except ValueError as error:
-        what = f"A line has a value that is not a number, or incomplete points ({error})."
+        what = f"A line contains a value that is not a number, or incomplete points ({error})."
         raise FileDamaged(what, where=str(path)) from error
 
 

@@ -44,7 +44,7 @@ def _triples(values: object, name: str, where: str) -> np.ndarray:
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise FileDamaged(f"'{name}' has values that are not numbers.", where=where) from error
+        raise FileDamaged(f"'{name}' contains values that are not numbers.", where=where) from error
     if array.size % 3 or (array.ndim == 2 and array.shape[1] != 3) or array.ndim > 2:
         what = f"'{name}' contains {array.size} numbers, but x, y and confidence of each keypoint are expected."
         raise KeypointCountMismatch(what, where=where)
@@ -78,7 +78,7 @@ def _person(entry: Any, where: str) -> np.ndarray:
     try:
         xy, confidence = np.array(points, dtype=np.float64), np.array(scores, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise FileDamaged("'keypoints' or 'keypoint_scores' has values that are not numbers.", where=where) from error
+        raise FileDamaged("'keypoints' or 'keypoint_scores' contains non-numeric values.", where=where) from error
     if xy.ndim != 2 or xy.shape[1] < 2 or confidence.shape != (len(xy),):
         what = (
             f"'keypoints' has the shape {xy.shape} and 'keypoint_scores' {confidence.shape}, but K points and K scores "
@@ -277,7 +277,7 @@ def _named_array(person: _Named, names: Sequence[str], where: str) -> np.ndarray
     try:
         return np.array([_named_point(person.get(name)) for name in names], np.float64).reshape(-1, 3)
     except (TypeError, ValueError, OverflowError) as error:
-        raise FileDamaged("A point in the file has a value that is not a number.", where=where) from error
+        raise FileDamaged("A point in the file contains a value that is not a number.", where=where) from error
 
 
 def _named_point(value: Any) -> tuple[Any, Any, Any]:

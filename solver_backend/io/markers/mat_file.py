@@ -115,7 +115,7 @@ class _ElementReader:
         """Return the name and value of a matrix."""
         self.elements_left -= 1
         if self.elements_left < 0 or depth > _DEEPEST:
-            raise ValueError("it has too many values, or values too deep within each other")
+            raise ValueError("it has too many values, or values that are nested too deeply")
         if not len(data):
             return "", np.zeros((0, 0))
         flags, data = self._numbers(data, least=2)

@@ -173,7 +173,7 @@ def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.n
         raise FileDamaged(what, where=torn_line(path, read_text(path, _LARGEST))) from error
     if not 0 < frame_time < np.inf or not 1 <= frames <= _MOST_FRAMES:
         raise FileDamaged(
-            f"MOTION states {str(frames)[:20]} frames of {frame_time:g} s, which is not possible.", where=str(path)
+            f"MOTION states {str(frames)[:20]} frames of {frame_time:g} s, which is impossible.", where=str(path)
         )
     if not channels or frames * len(skeleton.names) > _MOST_POSES:
         what = f"{frames} frames of {len(skeleton.names)} joints with {channels} channels cannot be read at once."

@@ -172,7 +172,7 @@ def read_gloves(path: Path, side: str = "") -> GloveTake:
     if _ROKOKO_TIME in names and any("Digit2" in name and _COLUMN.fullmatch(name) for name in names):
         return _read_rokoko(path)
     hint = (
-        "Supported are tables of MANUS (joint positions or ergonomics) and Rokoko Studio. Otherwise export BVH or FBX."
+        "Tables from MANUS (joint positions or ergonomics) and Rokoko Studio can be read. Otherwise, export BVH or FBX."
     )
     raise MotionInvalid("The table does not come from supported gloves.", where=where, hint=hint)
 

@@ -38,7 +38,7 @@ def require_known_count(num_keypoints: int, given: JointSet | None, *, where: st
         return
     what, hint = f"No known joint set has {num_keypoints} keypoints.", _fitting_hint(num_keypoints)
     if given is not None:
-        what = f"The files have {num_keypoints} keypoints per person, and {given.value} has {given.num_keypoints}."
+        what = f"The files have {num_keypoints} keypoints per person, but {given.value} has {given.num_keypoints}."
     elif num_keypoints in (NUM_HAND_POINTS, 2 * NUM_HAND_POINTS):
         what = f"The files have {num_keypoints} keypoints per person: hand points, without a body."
         hint = HANDS_ALONE

@@ -95,7 +95,7 @@ def test_catalogs_of_others_stay(library: Path, tmp_path: Path) -> None:
 
 def test_existing_file_stays(library: Path) -> None:
     size = library.stat().st_size
-    with pytest.raises(OutputExists, match="not overwritten"):
+    with pytest.raises(OutputExists, match="Nothing was overwritten"):
         run_body(VERBS["body"].arguments(out=library), silent)
     assert library.stat().st_size == size < 5e6
 

@@ -107,7 +107,7 @@ def test_what_cannot_be_named_is_named(worn):
     cloud, body = worn[0], load_body()
     for labels, message in (
         (None, "The markers have no labels.*Label them"),
-        (("XYZ", *LABELS[1:]), "No known layout has the marker XYZ.*Known markers: ARIEL, C7"),
+        (("XYZ", *LABELS[1:]), "No known layout contains the marker XYZ.*Known markers: ARIEL, C7"),
         ((LABELS[1], *LABELS[1:]), "Labels occur more than once: RFHD"),
     ):
         with pytest.raises(MarkersUnknown, match=message):

@@ -51,7 +51,7 @@ def read_description(given: dict[str, Any]) -> dict[str, Any]:
         if described[name] not in choices:
             raise _refused(f"'{name}' is {described[name]!r} instead of one of {', '.join(map(str, choices))}.")
     if not _is_list(described["size"], int, 2) or not all(side in _SIZES for side in described["size"]):
-        raise _refused(f"'size' is {described['size']!r} instead of width and height in pixels, such as [192, 256].")
+        raise _refused(f"'size' is {described['size']!r} instead of a pixel width and height, such as [192, 256].")
     for name in ("mean", "std"):
         if not _is_list(described[name], (int, float), 3) or (name == "std" and min(described[name]) <= 0):
             raise _refused(f"'{name}' is {described[name]!r} instead of three numbers, one per channel.")
