@@ -1,10 +1,12 @@
-"""Add correctives to the shown body, so that shoulders, elbows and hips bend naturally.
+"""Add correctives to the shown body, so that shoulders, elbows, hips and knees bend naturally.
 
-The solver uses the correctives in the body file, which do not change. The skin in Blender has a smoother target. The
-linearly blended skin and the rest skin are both smoothed over a few centimetres. Then the difference between the rest
-skin and its smoothed copy is added again in rotated frames (delta mush, Mancewicz, Derksen, Rijpkema and Wilson 2014).
-Stretched skin swells to replace lost volume. The back of a bent elbow protrudes, its inside ends where both sides
-touch, and an arm at the side does not enter the ribs.
+The solver uses the body file's correctives, which do not change. The skin in Blender has a smoother target. The
+linearly blended skin is smoothed over a few centimetres, like the rest skin. Then the difference between the rest skin
+and its smoothed copy is added again in rotated frames (delta mush, Mancewicz, Derksen, Rijpkema and Wilson 2014).
+Correctives are linear in the pose features, so they only approximate this target. Each further round poses the skin
+with the correctives found so far, and fits what it still lacks: both sides of a bent elbow or knee end where they
+touch, an arm at the side does not enter the ribs, and skin moves along smoothed gradients until volume and surface are
+closer to the rest skin's.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 from scipy.spatial import KDTree
 
-from assets_procedural.arrays import Array, neighbour_graph, smooth_step
+from assets_procedural.arrays import Array, neighbour_graph, normal_sums, smooth_step
 from assets_procedural.layout import CHILDREN, JOINT, PARENTS
 from assets_procedural.skeleton.correctives import (
     SECOND_BEND,
@@ -25,7 +27,6 @@ from assets_procedural.skeleton.correctives import (
     joint_masks,
     masked_to_rest,
     parted,
-    without_slight,
 )
 from assets_procedural.skeleton.skinning import (
     cotangent_laplacian,
@@ -36,34 +37,37 @@ from assets_procedural.skeleton.skinning import (
     volume,
 )
 from solver_backend.body.kinematics import subtree_matrix
+from solver_backend.body.mesh import face_normals
 from solver_backend.types import SMPL_JOINTS
 
 
 class _Way(NamedTuple):
-    """Parameters for the skin around a joint. Chosen by eye on ``tests.benchmarks.body_sheets``."""
+    """Parameters of the skin around a joint, chosen on ``tests.benchmarks.body_sheets`` and 24 poses of seed 11."""
 
     radius_m: float  # Radius of the smoothing.
-    dual: float  # Fraction of dual-quaternion skinning in the target.
-    gain: float  # Fraction of the lost volume that stretched skin restores, before the fit.
-    growth: tuple[float, float] = (0.0, 1e-9)  # Growth of area at which swelling begins, and at which it is complete.
+    dual: float  # Share of dual-quaternion skinning in the target.
+    volume: float  # Share of the lost volume that a round restores.
+    surface: float = 0.0  # Share of the gained surface that a round removes.
+    growth: tuple[float, float] = (0.0, 1e-9)  # Growth of area at which the swelling starts and is complete.
 
 
 _WAYS = {
     "collar": _Way(0.040, 0.0, 0.0),
-    "shoulder": _Way(0.040, 0.1, 0.5),
+    "shoulder": _Way(0.040, 0.1, 0.6),
     "elbow": _Way(0.022, 0.0, 1.0),
-    "hip": _Way(0.040, 0.7, 1.5, (0.6, 1.0)),
+    "hip": _Way(0.040, 0.7, 1.2, 0.2, (0.7, 1.5)),
+    "knee": _Way(0.022, 1.0, 0.0),
 }
-"""Parameters for the joints that get additional correctives."""
-_SECOND = SECOND_BEND | {"left_hip": ((-0.74, 0.66, -0.12), 0.0, 2.3)}  # as when sitting cross-legged
-_REACH = 0.02, 0.35  # Smoothed joint weights at which added correctives begin and are complete.
-_LARGEST_SWELLING_M = 0.03
-_HIP_SCALE, _CROTCH_M, _PIT_M = 1.3, (0.05, 0.10), (0.0, 0.02)
-"""Factor at the hips, and ranges in metres over which additions fade: from the midline, and before the elbow."""
-_FAINT_M = 5e-4  # Smallest row to add if the body file lacks it. A row takes 116 bytes.
-_POINT_M, _POINT_WIDTH_M = 0.010, 0.020  # Height and radius of the tip of a bent elbow.
-_PUSHES, _GAP_M = 4, 0.001  # Rounds that move an arm out of the ribs, and the gap that remains.
-_APART_M, _DEEPEST_M = 0.05, 0.03  # Skin that is closer than this at rest, or deeper inside, is not pushed.
+"""Parameters of the joints that get further correctives."""
+_SECOND = SECOND_BEND | {"left_hip": ((-0.74, 0.66, -0.12), 0.0, 2.3)}  # as in sitting cross-legged
+_HINGES, _ROUNDS, _STEPS = ("elbow", "knee"), 3, 3  # Rounds of the fit, and Newton steps of a round.
+_REACH = 0.02, 0.35  # Smoothed joint shares at which its shown correctives start and are complete.
+_CONTACT_M = 0.1, 0.2  # Distances from the knee between which the correctives of touching thigh and calf fade.
+_LARGEST_M = 0.03  # Maximum movement of a vertex in a Newton step.
+_FAINT_M, _STEP_M = 8e-4, 2.0**-14  # Minimum size of a row, and rounding of its values. A row takes 57 bytes.
+_POINT_M, _POINT_WIDTH_M = 0.010, 0.020  # Height and radius of a bent elbow's tip.
+_PUSHES, _GAP_M = 4, 0.001  # Rounds that move an arm out of the ribs, and the gap that they leave.
+_APART_M, _DEEPEST_M = 0.05, 0.03  # Skin closer than this at rest, or deeper inside, is not pushed.
 
 
 class DeltaMush:
@@ -111,61 +115,76 @@ def shown_correctives(
     mushes = {radius: DeltaMush(vertices, faces, radius) for radius in sorted({way.radius_m for way in _WAYS.values()})}
     names = tuple(name for name in SMPL_JOINTS if _kind(name) in _WAYS)
     for name in names:
-        smooth = mushes[_WAYS[_kind(name)].radius_m].smooth
-        wide[:, JOINT[name] - 1] = smooth_step(smooth(masks[:, JOINT[name] - 1]), *_REACH)
+        j, smooth = JOINT[name], mushes[_WAYS[_kind(name)].radius_m].smooth
+        wide[:, j - 1] = smooth_step(smooth(masks[:, j - 1]), *_REACH)
+        if _kind(name) == "knee":
+            leg = weights[:, [PARENTS[j], j]].sum(axis=1) > 0.5
+            near = 1.0 - smooth_step(np.linalg.norm(vertices - joints[j], axis=1), *_CONTACT_M)
+            wide[:, j - 1] = np.maximum(wide[:, j - 1], leg * near)
     beyond = weights @ subtree_matrix(PARENTS).T > 0.5
+    found = np.zeros_like(posedirs)
 
     def wanted(joint: int, turn: Array) -> Array:
         local = np.tile(np.eye(3), (len(PARENTS), 1, 1))
         local[joint] = turn
         bones, mask, kind = pose_skeleton(joints, local), wide[:, joint - 1], _kind(SMPL_JOINTS[joint])
-        way = _WAYS[kind]
-        mush, dual = mushes[way.radius_m], dual_quaternion_blend(vertices, weights, *bones)
-        target = (1.0 - way.dual) * mush(linear_blend(vertices, weights, *bones)) + way.dual * dual
-        if kind == "elbow":
-            bone = joints[CHILDREN[joint][0]] - joints[joint]
+        way, bone = _WAYS[kind], joints[CHILDREN[joint][0]] - joints[joint]
+        mush, plain = mushes[way.radius_m], linear_blend(vertices, weights, *bones)
+        if found.any():
+            offsets = found[:, :, 9 * (joint - 1) : 9 * joint] @ (turn - np.eye(3)).ravel()
+            start = target = linear_blend(vertices + offsets, weights, *bones)
+        else:
+            dual = dual_quaternion_blend(vertices, weights, *bones)
+            start, target = plain, (1.0 - way.dual) * mush(plain) + way.dual * dual
+            if kind == "elbow":
+                target = target + _point(vertices, joints[joint], bone, turn)
+        if kind in _HINGES:
             target = parted(vertices, target, joints[joint], bone, turn, mask)
-            target = target + _point(vertices, joints[joint], bone, turn)
         if kind == "shoulder":
             target = _pushed_out(vertices, target, faces, beyond[:, joint], mask)
-        stretch = vertex_areas(target, faces) / vertex_areas(vertices, faces)
-        share = mush.smooth(masks[:, joint - 1] * (stretch - 0.7).clip(0.0, 0.8)) * smooth_step(stretch, *way.growth)
-        target = target + way.gain * _swelling(vertices, target, faces, share)
-        return masked_to_rest(mask, target, vertices, weights, *bones)
+        target = _restored(vertices, target, faces, mask, mush, way)
+        return masked_to_rest(mask, plain + target - start, vertices, weights, *bones)
 
-    found = fit_by_joint(names, wide, mirror, wanted, second=_SECOND)
+    for k in range(_ROUNDS):
+        found = found + fit_by_joint(names, wide, mirror, wanted, second=_SECOND, seed=k)
     ours = np.repeat([_kind(name) in _WAYS for name in SMPL_JOINTS[1:]], 9)
-    share = np.repeat(_shares(vertices, joints), 9, axis=1)[:, None]
-    added = without_slight(np.where(ours, share * (found - posedirs), 0.0))
-    return np.where(_has_row(posedirs, 0.0) | _has_row(added, _FAINT_M), added, 0.0)
+    blocks = np.where(ours, found - posedirs, 0.0).reshape(len(vertices), 3, -1, 9)
+    faint = np.linalg.norm(blocks, axis=1).max(axis=2) < _FAINT_M
+    return (_STEP_M * np.round(np.where(faint[:, None, :, None], 0.0, blocks) / _STEP_M)).reshape(posedirs.shape)
 
 
-def _shares(vertices: Array, joints: Array) -> Array:
-    """Return the weights (V, 23) of the additions, which fade out at the crotch and the elbow.
+def _restored(vertices: Array, posed: Array, faces: Array, mask: Array, mush: DeltaMush, way: _Way) -> Array:
+    """Move skin along smoothed gradients of volume and surface, part of the way to their rest values."""
+    shares, rest_areas = np.array([way.volume, way.surface]), vertex_areas(vertices, faces)
+    used = np.flatnonzero(shares)
+    if not len(used):
+        return posed
 
-    The factor at the hips compensates for this. It was chosen on 24 poses of ``body_shape``, seeds 11 and 60.
-    """
-    shares = np.ones((len(vertices), len(PARENTS) - 1))
-    for name, joint in JOINT.items():
-        if name.endswith("hip"):
-            shares[:, joint - 1] = _HIP_SCALE * smooth_step(np.abs(vertices[:, 0]), *_CROTCH_M)
-        if name.endswith("elbow"):
-            shares[:, joint - 1] = 1.0 - smooth_step(vertices[:, 2] - joints[joint, 2], *_PIT_M)
-    return shares
+    def measure(skin: Array) -> Array:
+        return np.array([volume(skin, faces), vertex_areas(skin, faces).sum()])
+
+    goal = (1.0 - shares) * measure(posed) + shares * measure(vertices)
+    for _ in range(_STEPS):
+        areas = vertex_areas(posed, faces)
+        gradients = np.stack([normal_sums(posed, faces) / 6.0, _area_gradient(posed, faces)])[used]
+        stretched = mush.smooth(mask * smooth_step(areas / rest_areas, *way.growth)).clip(0.0)
+        roots = np.sqrt([stretched, mask])[used, :, None]
+        ways = [root * mush.smooth(root * g / areas[:, None]) for g, root in zip(gradients, roots, strict=True)]
+        gains = np.einsum("iva,jva->ij", gradients, ways)
+        gains += 1e-3 * np.diag(np.diag(gains))  # both ways are nearly the same where skin is round everywhere
+        step = np.einsum("i,iva->va", np.linalg.solve(gains, (goal - measure(posed))[used]), ways)
+        posed = posed + step * min(1.0, _LARGEST_M / max(float(np.linalg.norm(step, axis=1).max()), 1e-9))
+    return posed
 
 
-def _has_row(directions: Array, least: float) -> Array:
-    """Return a mask (V, 1, 207) of correctives that move a vertex by more than ``least``."""
-    largest = np.abs(directions).reshape(len(directions), 3, -1, 9).max(axis=(1, 3))
-    return np.repeat(largest > least, 9, axis=1)[:, None]
-
-
-def _swelling(vertices: Array, posed: Array, faces: Array, share: Array) -> Array:
-    """Return offsets (V, 3) in metres along the normals. They restore the rest volume."""
-    lost = volume(vertices, faces) - volume(posed, faces)
-    amount = lost / max(float(share @ vertex_areas(posed, faces)), 1e-9)
-    limit = _LARGEST_SWELLING_M / max(float(share.max()), 1e-9)
-    return (np.clip(amount, 0.0, limit) * share)[:, None] * vertex_normals(posed, faces)
+def _area_gradient(vertices: Array, faces: Array) -> Array:
+    """Return the (V, 3) derivatives of the surface by the vertices in metres."""
+    normals, out = face_normals(vertices, faces), np.zeros_like(vertices)
+    normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-15)
+    for k in range(3):
+        opposite = vertices[faces[:, (k + 2) % 3]] - vertices[faces[:, (k + 1) % 3]]
+        np.add.at(out, faces[:, k], 0.5 * np.cross(normals, opposite))
+    return out
 
 
 def _pushed_out(vertices: Array, posed: Array, faces: Array, beyond: Array, mask: Array) -> Array:

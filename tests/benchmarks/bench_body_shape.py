@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from assets_procedural.quality.contact_sheet import BakedBody, rotations
+from assets_procedural.quality.contact_sheet import rotations
 from assets_procedural.skeleton.correctives import sample_poses
 from assets_procedural.skeleton.skinning import vertex_areas, volume
 from tests.benchmarks.metric import Metric
-from tests.support.shown_body import NAMED, bodies, crossing
+from tests.support.shown_body import NAMED, bodies, figures
 
 POSES, SEED = 300, 60
 
@@ -41,9 +41,3 @@ def run() -> list[Metric]:
             found.append(Metric(f"{key}_volume_pct", float(100.0 * abs(posed[0] / rest[0] - 1.0)), "%", abs_tol=0.1))
             found.append(Metric(f"{key}_faces", posed[2], "faces", rel_tol=0.05, abs_tol=4.0))
     return found
-
-
-def figures(body: BakedBody, local: np.ndarray) -> tuple[float, float, float]:
-    """Return volume, surface and number of intersecting faces near a joint, for a pose of (24, 3, 3) rotations."""
-    posed = body.posed(local)
-    return volume(posed, body.faces), float(vertex_areas(posed, body.faces).sum()), float(crossing(body, posed))

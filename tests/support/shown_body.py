@@ -10,6 +10,7 @@ from mathutils.bvhtree import BVHTree
 
 from assets_procedural.layout import PARENTS
 from assets_procedural.quality.contact_sheet import EXTREMES, BakedBody, read_baked
+from assets_procedural.skeleton.skinning import vertex_areas, volume
 from blender_addon.body.body_file import default_body_path, read_body
 
 NAMED = {
@@ -35,6 +36,12 @@ def bodies() -> dict[str, BakedBody]:
     before, shown = read_baked(), read_body(default_body_path())
     assert shown.posedirs is not None
     return {"before": before, "after": replace(before, posedirs=shown.posedirs.astype(np.float64))}
+
+
+def figures(body: BakedBody, local: np.ndarray) -> tuple[float, float, float]:
+    """Return volume, surface and number of intersecting faces near a joint, for a pose of (24, 3, 3) rotations."""
+    posed = body.posed(local)
+    return volume(posed, body.faces), float(vertex_areas(posed, body.faces).sum()), float(crossing(body, posed))
 
 
 def crossing(body: BakedBody, posed: np.ndarray) -> int:
