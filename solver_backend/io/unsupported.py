@@ -82,7 +82,7 @@ def _name_file(path: Path) -> tuple[str, str]:
 
 def _name_folder(path: Path) -> tuple[str, str]:
     if (path / SENSOR_RECORDING).is_file():
-        what = "The folder is an infrared and depth recording whose markers have not been detected yet."
+        what = "The folder was recorded by depth sensors. Its markers have not been detected yet."
         return what, f"Use sensors markers {path.name} --out {path.name}.npz"
     if trials := trials_below(path):
         return "The folder is not a recording, but contains several recordings.", f"Choose one: {listing(trials)}."

@@ -274,7 +274,7 @@ def test_colour_of_several_cameras_begins_with_one_exposure_and_is_read_by_the_r
     assert np.abs(seen["a"][0].rgb.astype(int) - wanted).mean() < 4.0
     with pytest.raises(OutputExists):
         record_colour({"a": Filmed(first)}, tmp_path, (320, 180), 60.0, 0.5)
-    with pytest.raises(SensorFailed, match="no image"):
+    with pytest.raises(SensorFailed, match="not sending images"):
         record_colour({"c": Filmed([])}, tmp_path, (320, 180), 60.0, 0.5)
 
 
