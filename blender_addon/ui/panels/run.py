@@ -93,6 +93,8 @@ def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, setting
     from ...review.ranges import doubtful_ranges
 
     capture, take = settings.capture, settings.review.take
+    problems = capture.problems
+    warnings = () if take is None else [found for found in warnings_of_take(take) if found not in problems]
     column = layout.column(align=True)
     if (capture.file or take is not None) and start_cube(context.scene) is not None:
         column.operator("mocap.hide_cube", icon="HIDE_ON")
@@ -103,15 +105,15 @@ def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, setting
             body = body.removesuffix(f" {capture.person.name}")
         named = take.name if take.name.startswith(body) else f"{body}: {take.name}"
         wrapped(column, context, f"{named}{error}", "ACTION")
-        _draw_review(column, context, len(doubtful_ranges(take, settings.review.below)))
+        _draw_review(
+            column, context, len(doubtful_ranges(take, settings.review.below)), is_clean=not (problems or warnings)
+        )
     files = [file_of(settings.capture.file)] if settings.capture.file else []
     files += [take_file(take, "motion_file")] if take is not None and take.get("motion_file") else []
     gone = [path for path in files if not path.exists()]
     if gone:
         wrapped(column, context, f"The file {gone[0].name} was moved or deleted.", "ERROR", alert=True)
         column.operator("mocap.relink_files", icon="FILE_FOLDER")
-    problems = capture.problems
-    warnings = () if take is None else [found for found in warnings_of_take(take) if found not in problems]
     for found, word, stage in ((problems, "problem", "CAPTURE"), (warnings, "warning", "EDIT")):
         if found:
             row = column.column(align=True) if is_slim(context) else column.row(align=True)
@@ -137,10 +139,10 @@ def _draw_step(layout: bpy.types.UILayout, context: bpy.types.Context, settings:
         draw_solve(layout, context)
 
 
-def _draw_review(layout: bpy.types.UILayout, context: bpy.types.Context, ranges: int) -> None:
+def _draw_review(layout: bpy.types.UILayout, context: bpy.types.Context, ranges: int, is_clean: bool) -> None:
     settings = context.scene.mocap
     is_next = settings.stage == "EDIT"
-    if not ranges and is_next:
+    if not ranges and is_next and is_clean:
         layout.label(text="Nothing to review", icon="CHECKMARK", text_ctxt=CONTEXT)
     button = layout.column()
     button.scale_y = TALLEST if is_next else 1.0

@@ -75,6 +75,7 @@ def test_the_take_keeps_its_error_and_its_warnings(mocap, solved, scene) -> None
     result = {"reprojection_median_px": 2.14, "diagnostics": [found.as_dict()]}
     take = take_motion(bpy.context, solved.files, result=result)
     assert "2.1 px" in on_top() and "1 warning" in on_top() and "Show" not in on_top()
+    assert "Nothing to review" not in on_top(), "a warning is something to review"
     assert current.last is None
     text = " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_result, WIDE).drawn)
     assert "61 % of the detections" in str(take["warnings"]) and "61 %" in text
