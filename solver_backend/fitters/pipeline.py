@@ -379,7 +379,7 @@ def solve_problem(
 ) -> Solution:
     """Solve the person's motion from any measurements. ``provenance`` is added to the record."""
     method = METHODS[settings.method]
-    full, solved, convergence = _solve_body(problem, settings, progress, each)
+    problem, full, solved, convergence = _solve_body(problem, settings, progress, each)
     solved, _ = full.measurements.source.after(full, solved, settings, progress)
     finished: list[SolvedLayer] = []
     for layer in full.measurements.layers:
@@ -403,7 +403,8 @@ def solve_problem(
 
 def _solve_body(
     problem: Problem, settings: SolveSettings, progress: Progress, each: Stretches
-) -> tuple[Problem, SolvedFrames, Convergence]:
+) -> tuple[Problem, Problem, SolvedFrames, Convergence]:
+    """Return the problem with its final source, the same with the landmarks of its layers, and their solution."""
     method = METHODS[settings.method]
 
     def solve_once(problem: Problem) -> MethodResult:
@@ -415,14 +416,13 @@ def _solve_body(
         give_back_freed_memory()
         return found
 
-    full, (solved, convergence) = problem, solve_once(problem)
-    for layer in (problem.measurements.source, *problem.measurements.layers):
+    first, (solved, convergence) = problem.measurements, solve_once(problem)
+    full = problem = first.source.blocks(problem, solved, settings)
+    for layer in problem.measurements.layers:
         full = layer.blocks(full, solved, settings)
-    if full.measurements.landmarks is not problem.measurements.landmarks or (
-        full.measurements.source is not problem.measurements.source
-    ):
+    if full.measurements.landmarks is not first.landmarks or full.measurements.source is not first.source:
         solved, convergence = solve_once(full)
-    return full, solved, convergence
+    return problem, full, solved, convergence
 
 
 def calibrate_person(

@@ -71,6 +71,15 @@ def test_the_size_follows_the_solved_poses_unless_the_shape_is_given() -> None:
     assert problem.measurements.source.blocks(problem, true, given) is problem
 
 
+def test_the_record_states_the_size_of_the_second_solve() -> None:
+    capture = person_who_stands(1.9, JointSet.BODY_25, 1.4).capture
+    keypoints = capture.keypoints
+    assert keypoints is not None
+    few = replace(keypoints, xy=keypoints.xy[:, :45], confidence=keypoints.confidence[:, :45])
+    motion, body = solve(replace(capture, keypoints=few)).motion, load_body()
+    assert motion.provenance["size_factor"] == pytest.approx(body.stature_of(motion.betas) / body.stature_m, abs=1e-4)
+
+
 @pytest.mark.parametrize(
     ("stature", "joint_set", "height"),
     [
