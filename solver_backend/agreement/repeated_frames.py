@@ -21,7 +21,7 @@ LONGEST = 5  # Longest run of repeated or skipped frames to interpolate. Lines o
 STILL_PX = 0.02
 """Largest movement of a still person's keypoints in px, and distance of interpolated ones from a line, in files with
 two decimals. Equal frames of a person who stands still are no repetition."""
-LEAST_REPEATED = 1.0  # Percentage of repeated or skipped frames that is reported. Fewer repeated ones stay silent.
+LEAST_REPEATED = 1.0  # Percentage of repeated frames that is reported. Fewer are interpolated silently.
 
 
 def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
@@ -65,15 +65,19 @@ def filled_frames(keypoints: Keypoints2D) -> np.ndarray:
 
 
 def skipped_frames(keypoints: Keypoints2D) -> np.ndarray:
-    """Return an (F,) mask of skipped frames, which no view shows, if frequent.
+    """Return an (F,) mask of frames that no view shows, if most gaps are a constant number of frames apart.
 
-    A solver that uses every second frame might use only these frames.
+    A solver that uses every second frame might use only these frames. Irregular gaps have other causes.
     """
     empty = ~(keypoints.confidence > 0).any(axis=(0, 2))
+    gaps = [(first, last) for first, last in true_runs(empty) if first > 0 and last < len(empty) - 1]
+    gaps = [(first, last) for first, last in gaps if last - first < LONGEST]
+    apart = np.diff([first for first, _ in gaps])
     skipped = np.zeros_like(empty)
-    for first, last in true_runs(empty):
-        skipped[first : last + 1] = first > 0 and last < len(empty) - 1 and last - first < LONGEST
-    return skipped if 100 * skipped.mean() >= LEAST_REPEATED else np.zeros_like(empty)
+    if len(apart) >= LONGEST and 2 * (np.abs(apart - np.median(apart)) <= 1).sum() > len(apart):
+        for first, last in gaps:
+            skipped[first : last + 1] = True
+    return skipped
 
 
 def without_repeats(keypoints: Keypoints2D, repeated: np.ndarray) -> Keypoints2D:

@@ -78,3 +78,11 @@ def test_somebody_who_leaves_is_not_skipped():
     away = (np.arange(FRAMES) > 5) & (np.arange(FRAMES) < 30)
     given = Keypoints2D(truth.xy, np.where(away[:, None], 0.0, truth.confidence), truth.joint_set, truth.fps)
     assert not skipped_frames(given).any()
+
+
+def test_gaps_at_irregular_intervals_are_not_skipped():
+    truth = moving()
+    for gaps in ((20,), (5, 9, 23), (3, 6, 13, 15, 24, 31)):
+        empty = np.isin(np.arange(FRAMES), gaps)
+        given = Keypoints2D(truth.xy, np.where(empty[:, None], 0.0, truth.confidence), truth.joint_set, truth.fps)
+        assert not skipped_frames(given).any()
