@@ -16,7 +16,9 @@ from solver_backend.geometry.arrays import quantile
 from solver_backend.types import Cameras
 
 LEAST_OUTSIDE = 0.002  # Smallest share of keypoints outside an image with another size or rotation.
-LEAST_UPRIGHT = 0.8  # Smallest cosine of the trunk's angle at which a single view shows an image rotation.
+LEAST_UPRIGHT = 0.8
+"""Smallest cosine of the trunk's angle at which a single view shows an image rotation. The sine of the angle between
+the view and the vertical must exceed the difference to 1, because people below a camera point in all directions."""
 SURFACES_M = np.linspace(0.0, 1.2, 61)  # Heights of floors, beds, couches and treatment tables in metres.
 SIZES = (0.5, 2.0 / 3.0, 1.5, 2.0)  # Image sizes relative to the calibrated ones.
 UNLIKE_FLOORS = SIZES[::3]  # Sizes that no floor can imitate. A sloping floor 1 m off level looks like 1.5 or 2/3.
@@ -111,7 +113,8 @@ def pictures_of_one_view(camera: Cameras, detections: Detections) -> FoundPictur
     turned = [stance(PictureReading(turn=turn)) for turn in TURNS]
     written, upright = turned[0], [one.upright for one in turned]
     best = int(np.argmax(upright))
-    if upright[best] > LEAST_UPRIGHT and upright[0] < 1 - LEAST_UPRIGHT:
+    is_level = float(np.linalg.norm(camera.R[0, :2, 2])) > 1 - LEAST_UPRIGHT
+    if is_level and upright[best] > LEAST_UPRIGHT and upright[0] < 1 - LEAST_UPRIGHT:
         picture = PictureReading(turn=best)
         if written.outside > LEAST_OUTSIDE > turned[best].outside:
             return FoundPictures(picture, "outside", written.outside)

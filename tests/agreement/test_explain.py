@@ -20,7 +20,7 @@ from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Cameras, JointSet
-from tests.support.scenes import ring_of_cameras
+from tests.support.scenes import look_at, ring_of_cameras
 
 DEMO = demo_capture()
 CAMERAS, KEYPOINTS = DEMO.require_multiview()
@@ -519,6 +519,17 @@ def test_a_handstand_is_not_turned() -> None:
     for reach in np.linspace(1.5, 2.2, 8):
         found = pictures_of_one_view(camera, seen_by(camera, points * [1, 1, -1] + [0, 0, reach]))
         assert found is None or found.rival
+
+
+def test_a_view_from_the_ceiling_is_not_turned() -> None:
+    """Below the middle of such a view, heads are farther down in the image than feet."""
+    points = DEMO.truth["keypoints3d"][FRAMES].copy()
+    points[..., :2] += [0.0, -0.7] - points[..., :2].mean(axis=(0, 1))
+    centre = np.array([0.0, 0.0, 3.5])
+    R = look_at(centre, np.array([0.0, 1e-3, 0.0]))
+    camera = ring_of_cameras(radius=5.0, distortion=0.0).subset([0])
+    camera = replace(camera, R=R[None], t=-(R @ centre)[None])
+    assert pictures_of_one_view(camera, seen_by(camera, points)) is None
 
 
 def test_windows_move_and_squeeze_pictures() -> None:
