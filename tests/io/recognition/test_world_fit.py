@@ -251,3 +251,13 @@ def test_two_cameras_that_face_each_other_are_reported(short: Capture) -> None:
     seen = replace(keypoints, xy=project(facing, points), confidence=np.ones(keypoints.confidence.shape))
     (found,) = [item for item in check_world(facing, seen).found() if item.code == "views_in_line"]
     assert found.where.cameras == cameras.names
+
+
+def test_a_camera_whose_keypoints_are_off_by_a_fortieth_of_the_person_is_named(short: Capture) -> None:
+    cameras, keypoints = short.require_multiview()
+    check = check_world(cameras, keypoints)
+    assert "cameras_shifted" not in {item.code for item in check.found()}
+    xy = keypoints.xy.copy()
+    xy[1, ..., 0] += check.person_px[1] / 40.0
+    (found,) = [i for i in check_world(cameras, replace(keypoints, xy=xy)).found() if i.code == "cameras_shifted"]
+    assert cameras.names[1] in found.where.cameras
