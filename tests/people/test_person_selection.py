@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,12 +11,15 @@ from research.simulation import bad_input
 from solver_backend.agreement.person_selection import SelectedPerson, select_people
 from solver_backend.agreement.person_tracks import view_tracks
 from solver_backend.agreement.reading import Detections, sightings
+from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.support.crowds import COCO, Scene, everywhere
 from tests.support.scenes import ring_of_cameras, walker
 from tests.support.words import words
+
+DEMO = demo_capture()
 
 
 def chosen(found: SelectedPerson, who: np.ndarray) -> np.ndarray:
@@ -247,3 +252,20 @@ def test_views_of_one_person_each_are_kept_for_what_puts_cameras_right(spoil):
     )
     found = select_people(cameras, everybody, keypoints.fps)[0]
     np.testing.assert_array_equal(found.keypoints.confidence, keypoints.confidence)
+
+
+def test_people_whose_detections_are_worse_for_a_while_are_kept() -> None:
+    """Accurate detections elsewhere set no smaller tolerance than the error of a hidden limb."""
+    cameras, keypoints = DEMO.require_multiview()
+    rng, burst = np.random.default_rng(0), np.zeros(360)
+    burst[120:228] = 10.0
+    people = []
+    for offset in ([0.0, 0.0, 0.0], [0.8, 0.3, 0.0]):
+        xy = project(cameras, DEMO.truth["keypoints3d"] + offset)
+        xy = xy + rng.normal(0.0, 0.5, xy.shape)
+        xy[1] += burst[:, None, None] * rng.normal(size=(1, 25, 2))
+        people.append(replace(keypoints, xy=xy, confidence=np.ones(xy.shape[:-1])))
+    found = select_people(cameras, Detections.of_people(cameras.names, people), 60.0)
+    assert len(found) == 2
+    for person in found:
+        assert (person.detection >= 0).mean() > 0.99
