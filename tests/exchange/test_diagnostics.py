@@ -106,7 +106,7 @@ def test_corrected_detections_without_cameras_are_of_all_cameras() -> None:
     (found,) = read_diagnostics([told])
     what, advice = word(found)
     assert what == "The detections of all cameras are wrong: left and right are swapped. This has been corrected."
-    assert advice.startswith("Check the files of these cameras before you use them")
+    assert advice.startswith("Check these cameras' files before you use them")
 
 
 @pytest.mark.parametrize("values", [{}, {"size": "much"}, {"size": [1, 2], "least": None}])

@@ -77,7 +77,7 @@ def test_millimetres_told_as_metres_are_a_problem_and_read_right(tmp_path, cloud
     assert capture.markers is not None
     np.testing.assert_allclose(capture.markers.positions, cloud.positions, atol=1e-5)
     assert any(
-        "In the unit stated in the file, m, the markers would span" in problem for problem in words(capture.problems)
+        "With the unit stated in the file, m, the markers would span" in problem for problem in words(capture.problems)
     )
 
 
@@ -191,7 +191,7 @@ def test_points_that_nobody_named_are_read_and_not_solved(tmp_path, cloud):
 def test_too_few_known_markers_say_how_many_are_needed(tmp_path, cloud):
     few = replace(cloud, positions=cloud.positions[:, :6], labels=("LASI", "RASI", "C7", "x1", "x2", "L_HJC"))
     capture = load_capture(write_c3d(tmp_path / "few.c3d", few))
-    few_known = "Only 3 labels name positions on the body (LASI, RASI, C7), but a solve needs 8."
+    few_known = "Only 3 labels name positions on the body (LASI, RASI, C7), but a solve needs at least 8."
     assert any(problem.startswith(few_known) for problem in words(capture.problems))
     message = "needs 8 markers.*Of the 6 labels, 3 are known: LASI, RASI, C7. All labels: LASI, RASI, C7, x1, x2."
     with pytest.raises(MarkersUnknown, match=message):

@@ -149,7 +149,7 @@ def test_cameras_whose_files_name_different_keypoints(tmp_path):
     np.testing.assert_allclose(found.xy[:, :, 0][seen], POINTS[..., :2][seen], rtol=1e-6)
     assert seen.sum() == seen.size - 2 * FRAMES
     assert diagnostic("keypoints_lacking", cameras=["cam02"], joints=["left_ear", "right_ear"]) in found.problems
-    expected = "The cameras have different sets of keypoints. cam02 has no left_ear, right_ear. "
+    expected = "The cameras have different keypoint sets. cam02 has no left_ear, right_ear. "
     assert any(problem.startswith(expected) for problem in words(found.problems))
 
 

@@ -89,7 +89,7 @@ def test_millimetres_stated_as_metres_are_found_by_their_size(tmp_path: Path) ->
     np.testing.assert_allclose(found.cloud.positions, standing() / 1000, atol=1e-6)
     assert stated(found).unit == "mm"
     [problem] = found.problems
-    assert "In the unit stated in the file, m, the markers would span 1" in words([problem])[0]
+    assert "With the unit stated in the file, m, the markers would span 1" in words([problem])[0]
     assert (problem.code, problem.values["unit"]) == ("marker_unit_not_as_stated", "mm")
     given = take(tmp_path / "take.c3d", C3dBytes(standing(), LABELS, units="m"), unit="cm")
     np.testing.assert_allclose(given.cloud.positions, standing() / 100, atol=1e-5)

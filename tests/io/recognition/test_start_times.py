@@ -90,7 +90,7 @@ def test_given_offsets_bind(tmp_path, demo):
     root = write_apart(tmp_path / "take", demo, STARTS)
     capture = read(root, offset=("cam2=45", "cam03=90", "cam_04=20"))
     assert capture.num_frames == LENGTH - 90 and error_m(capture, demo, 90) < 0.02
-    assert "cam02 started 45 frames later, as requested." in words(capture.notes)
+    assert "cam02 starts 45 frames later, as requested." in words(capture.notes)
     with pytest.raises(JobInvalid, match="Unknown camera 'cam9'"):
         read(root, offset=("cam9=4",))
     with pytest.raises(JobInvalid, match="'cam02=half' is not CAMERA=FRAMES"):

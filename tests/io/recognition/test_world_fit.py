@@ -94,7 +94,7 @@ def test_a_tilted_world_is_levelled_and_reported(capture: Capture, degrees: floa
     assert off_degrees(fit.cameras, capture.cameras) < 3.0
     assert abs(fit.check.lowest_m) < 0.06
     assert fit.found[-1].code == "world_levelled"
-    assert "The world is levelled by a rotation of" in words(fit.found)[-1] and "--level off" in words(fit.found)[-1]
+    assert "The world was levelled by a rotation of" in words(fit.found)[-1] and "--level off" in words(fit.found)[-1]
 
 
 def test_a_level_world_stays_bit_for_bit(short: Capture) -> None:
