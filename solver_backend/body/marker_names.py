@@ -101,7 +101,10 @@ class LabelContext:
 
 
 def context_of(labels: Sequence[str], file: LayoutFile, least: int) -> LabelContext:
-    """Return the rules for a recording's labels. An affix is used if it makes at least ``least`` more names known."""
+    """Return the rules for a recording's labels.
+
+    An affix is used if it more than doubles the number of known names and adds at least ``least``.
+    """
     bare = tuple(dict.fromkeys(map(bare_label, labels)))
     best = _context(bare, file, Affixes())
     known = _count(best, bare)

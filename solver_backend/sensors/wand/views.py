@@ -94,7 +94,7 @@ class Moments:
 
 
 def with_growing_times(view: WandView) -> WandView:
-    """Remove rows in which time decreases. Raise TimesInvalid if the times are impossible."""
+    """Remove rows that are not later than all rows before them. Raise TimesInvalid if the times are impossible."""
     times = view.times_s
     before = np.r_[-np.inf, np.maximum.accumulate(np.where(np.isfinite(times), times, -np.inf))[:-1]]
     good = np.isfinite(times) & (times > before)
