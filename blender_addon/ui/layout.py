@@ -12,6 +12,7 @@ from .._exchange.plain_text import plain
 from .._exchange.reading_settings import ROWS
 from .._exchange.setting import settings_of_class
 from .._exchange.solve_settings import SolveSettings
+from .._exchange.video_settings import VideoSettings
 from .translation import CONTEXT
 
 _NARROW_PX = 280  # Sidebar width below which a label and its value do not fit in one row.
@@ -25,7 +26,8 @@ _PARTS = re.compile(r"\s*(?:\(?± \S+|\S+?(?:[^\W\d]-(?=[^\W\d])|[\\/](?=\w\w)|_
 """Words, with a possible break after a hyphen, a folder, and a part of a long file name, but none after ±."""
 _CONTROLS = {
     option: row.control or f"*{row.label}*"
-    for row in (*ROWS.values(), *settings_of_class(SolveSettings).values())
+    for rows in (ROWS, settings_of_class(SolveSettings), settings_of_class(VideoSettings))
+    for row in rows.values()
     for option in row.options
 }
 """The control in the panel that each command-line option stands for."""
@@ -83,7 +85,8 @@ def wrapped(
 ) -> None:
     """Draw a text on as many lines as it needs, with an icon on the first. The text may come from a file.
 
-    Command-line options are replaced by their controls, unless the text contains a command in backticks.
+    Command-line options are replaced by their controls, unless the text contains backticks: an option of another verb
+    or next to a command.
     """
     if "`" not in text:
         text = re.sub(r"(?<!\w)--[a-z-]+", lambda option: _CONTROLS.get(option[0], option[0]), text)

@@ -41,12 +41,31 @@ def test_remedies_name_controls_of_the_panel(mocap) -> None:
         diagnostic("unit_read", unit="m", source="file"),
         diagnostic("person_seen_too", person="B", seen=9, views=2.0),
         diagnostic("points_without_label", count=2, total=40),
+        diagnostic("focal_length_of_video", cameras=["A"], size=900.0, share=4.0, source="EXIF"),
     ]
     layout = NarrowLayout()
     for note in notes:
         draw_finding(layout, NarrowContext(1600), note)
-    unit, person, labels = layout.drawn
+    unit, person, labels, lens = layout.drawn
     assert "*Unit*" in unit and "use the list of people" in person and "`markers label`" in labels
+    assert "*Lenses* or *Focal Length*" in lens
+
+
+@pytest.mark.parametrize(
+    ("code", "control", "values"),
+    [
+        ("gloves_time", "*Gloves Start At*", {"result": "unknown"}),
+        ("gloves_cover_part", "*Gloves Start At*", {"share": 40.0}),
+        ("clocks_assumed", "*Sync*", {"reason": "as_filmed"}),
+    ],
+)
+def test_an_option_of_another_verb_is_not_taken_for_a_setting(
+    mocap, code: str, control: str, values: dict[str, object]
+) -> None:
+    layout = NarrowLayout()
+    draw_finding(layout, NarrowContext(1600), diagnostic(code, **values))
+    text = " ".join(layout.drawn)
+    assert control in text and "*Start Offsets*" not in text and "*Synchronise*" not in text
 
 
 @pytest.mark.slow
