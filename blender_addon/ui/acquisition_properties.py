@@ -36,14 +36,14 @@ class MocapLive(SendingProperties, bpy.types.PropertyGroup):
     )
     cameras: text(
         "Cameras",
-        "Two to four sources: webcam:0, oak:ID or a video file, with the name in the calibration if it differs "
+        "Two to four sources: webcam:0, oak:ID or a video file, preceded by the calibrated name if it differs "
         "(left=webcam:0)",
     )
     calibration: path("Calibration", "File with the camera positions and lenses")
     subject: path("Subject", _SUBJECT)
     record: switch("Record", "Save the points as a take, or the poses as a motion", on=True)
     drive: switch("Drive Character", "Animate the Retarget panel's target live")
-    face_mesh: text("Face", "Mesh with shape keys that follow the received face")
+    face_mesh: text("Face", "Mesh with shape keys driven by the received face data")
     face_table: path("Face Table", "JSON file that maps each channel to a shape key (leave blank if the names match)")
 
 
@@ -77,19 +77,21 @@ class MocapSensors(SendingProperties, bpy.types.PropertyGroup):
     kind: choice("Sensors", "Source of the images: connected cameras or a recording", "sensors.kind")
     source: path("Recording", "Folder with infrared and depth images from several sensors", folder=True)
     oaks: text(
-        "Cameras", "IDs with optional names (ID=front ID=left), starting with the camera that drives a sync wire"
+        "Cameras", "IDs with optional names (ID=front ID=left), starting with the camera that drives the sync wire"
     )
     sync: choice("Sync", "Signal that makes all cameras expose at the same time", "sensors.sync")
     calibration: path("Calibration", "Sensor calibration (leave blank to use the recording's calibration)")
     wand: path("Wand", "Recording of a single moving marker", folder=True)
     gamma: path("Γ", "Recording of three floor markers (leave blank to use the first sensor as origin)", folder=True)
-    long_edge: number("Long Edge", "Distance between marker centres along the longer side of the Γ", 0.6, 0.05, 5, "m")
+    long_edge: number(
+        "Long Edge", "Distance between the marker centres along the longer side of the Γ", 0.6, 0.05, 5, "m"
+    )
     short_edge: number(
-        "Short Edge", "Distance between marker centres along the shorter side of the Γ", 0.4, 0.05, 5, "m"
+        "Short Edge", "Distance between the marker centres along the shorter side of the Γ", 0.4, 0.05, 5, "m"
     )
     trigger: switch("One Trigger", "One signal triggers all sensors, so their clocks are not estimated")
     subject: path("Subject", _SUBJECT)
-    record: switch("Record", "Save the sensor images for a later solve (90 MB per second and sensor)", on=True)
+    record: switch("Record", "Save the sensor images for a later solve (90 MB per second per sensor)", on=True)
     take: path("Take", "Sensor recording to solve", folder=True)
     findings: str  # Calibration results, one sentence per line.
 
@@ -142,7 +144,7 @@ class MocapStudio(bpy.types.PropertyGroup):
     motion: choice("Motion", "Source of the simulated people's motion", "studio.motion", **_PLAN)
     motion_path: path("Path", "Motion file, or a folder with several motion files", **_PLAN)
     frames: number("Frames", "Maximum number of frames per shot", 60, 1, 100_000, **_PLAN)
-    fps: number("Rate", "Images per second and camera", 30.0, 1, 1000, **_PLAN)
+    fps: number("Rate", "Images per second from each camera", 30.0, 1, 1000, **_PLAN)
     people: number("People", "Number of different bodies, each filmed alone", 1, 1, 1000, **_PLAN)
     strange: switch("Unusual Proportions", "Use body proportions outside our body model", **_PLAN)
     seed: number("Seed", "Random seed for people, clothes and errors", 0, 0, 2**31 - 1, **_PLAN)

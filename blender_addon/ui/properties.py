@@ -139,7 +139,7 @@ class MocapVideos(
 
     folder: path(
         "Videos",
-        "Folder with one video per camera, and board footage in 'calibration'",
+        "Folder with one video per camera, and board footage in a 'calibration' subfolder",
         folder=True,
     )
     stature: number(
@@ -244,7 +244,7 @@ class MocapRetarget(bpy.types.PropertyGroup):
     )
     target: bpy.props.PointerProperty(description="Armature that receives the motion", **_TARGET)
     limbs: choice("Limbs", "Controls that drive the rig after retargeting (both sets get keys)", "retarget.limbs")
-    way: choice("Root Motion", "Bone that carries the motion over the ground", "retarget.way")
+    way: choice("Root Motion", "Bone that receives the motion over the ground", "retarget.way")
     scale: number(
         "Scale",
         "Scale factor for the motion over the ground (0 is automatic: the ratio of the leg lengths)",

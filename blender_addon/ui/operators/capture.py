@@ -229,7 +229,7 @@ def remove_point_label(self: Any, context: bpy.types.Context) -> None:
 
 @operator("Leave Out", camera=str)
 def leave_camera_out(self: Any, context: bpy.types.Context) -> str | set[str]:
-    """Solve without this camera, until you tick it under Cameras again."""
+    """Solve without this camera until you tick it under Cameras again."""
     item = next((item for item in context.scene.mocap.capture.cameras if item.name == self.camera), None)
     if item is None:
         return self.give_up(f"The capture has no camera '{self.camera}'")

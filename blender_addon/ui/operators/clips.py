@@ -58,7 +58,7 @@ _LAST = number("Last", "Last scene frame to keep", 250, -1048574, 1048574)
 
 @operator("Trim", TAKE, EDITABLE, ALONE, options=_UNDO, invoke=_ask_range, first=_FIRST, last=_LAST)
 def trim_take(self: Any, context: bpy.types.Context) -> str:
-    """Add a take of the scene frames from First to Last."""
+    """Add a take that contains only the scene frames from First to Last."""
     from ..._exchange.clips import trim
 
     first, last = range_of_take(context.scene.mocap.review.take, self)

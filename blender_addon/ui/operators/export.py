@@ -81,7 +81,7 @@ class MOCAP_OT_export_take(
     )
     unit: choice("Unit", "Unit in which the file stores lengths", UNITS, **_UNSAVED)
     up: choice("Up Axis", "Axis that points up in the receiving program", UP_AXES, **_UNSAVED)
-    root: choice("Root Motion", "Bone that carries the motion over the ground", ROOT_MOTIONS, **_UNSAVED)
+    root: choice("Root Motion", "Bone that receives the motion over the ground", ROOT_MOTIONS, **_UNSAVED)
     fingers: switch("Fingers", "Include the hand bones, if the body has any", on=True, **_UNSAVED)
     node: text("Object Name", "Name of the skeleton object (leave blank to use the armature's name)", **_UNSAVED)
     skeleton: switch("Only Skeleton", "Leave out the skinned mesh")
@@ -237,7 +237,7 @@ _BODY_TO_SEND = Need(
 
 @operator("Send While Playing", _BODY_TO_SEND, options=base.INTERNAL)
 def send_take(self: Any, context: bpy.types.Context) -> None:
-    """Send the body's pose with every hand edit over VMC in each frame that is shown."""
+    """Send the body's pose over VMC in every displayed frame, including your edits."""
     from ...scene.live_figure import TakeSender
 
     if playing.busy:

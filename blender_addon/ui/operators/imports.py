@@ -63,7 +63,7 @@ _TIMES = -1e6, 1e6
 
 
 class MOCAP_OT_import_motion(SolverOperator, bpy.types.Operator, base.choose_file(MOTIONS), ImportHelper):
-    """Import a solved motion, or fit a clip to our body (BVH, FBX, glTF, VRM, AMASS and more)."""
+    """Import a solved motion, or fit a clip to the add-on's body (BVH, FBX, glTF, VRM, AMASS and more)."""
 
     bl_label = "Import Motion"
     bl_options = base.UNDOABLE | base.PRESETS

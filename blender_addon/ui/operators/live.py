@@ -307,7 +307,7 @@ def _video(text: str) -> str:
 
 @operator("Stop", Need("Live is not running", lambda context: live.busy), options=INTERNAL)
 def live_stop(self: MocapOperator, context: bpy.types.Context) -> None:
-    """Stop the live run after it has saved its recording."""
+    """Stop the live run and save its recording."""
     if live.run is not None:
         live.run.stop()
 
@@ -334,7 +334,7 @@ def find_sensors(self: MocapOperator, context: bpy.types.Context) -> Steps:
 
 
 class MOCAP_OT_start_sensors(MocapOperator, bpy.types.Operator):
-    """Start the sensors, and show and record what they see."""
+    """Start the sensors, and show and record their data."""
 
     bl_label = "Start Sensors"
     needs = (ALONE, OBJECT_MODE, _SENSORS)

@@ -32,7 +32,7 @@ _ACTOR = Need("Solve a capture first, or choose an actor", lambda context: actor
 
 @operator("Map Bones", _ACTOR)
 def map_rig(self: Any, context: bpy.types.Context) -> str:
-    """Assign the target's bones to roles by presets, structure or names."""
+    """Assign roles to the target's bones based on presets, structure or names."""
     from ...retarget.recognition import map_rig, user_presets_folder
 
     found = map_rig(chosen_target(context), user_presets_folder())
@@ -43,7 +43,7 @@ def map_rig(self: Any, context: bpy.types.Context) -> str:
 
 @operator("Set Map Pose", _ACTOR)
 def set_map_pose(self: Any, context: bpy.types.Context) -> str:
-    """Keep the target's pose as the one that matches the body's T-pose, palms down."""
+    """Store the target's current pose as the one that matches the body's T-pose with palms down."""
     from dataclasses import replace
 
     rig, rig_map = chosen_target(context), table_map(context)
@@ -86,7 +86,7 @@ def save_preset(self: Any, context: bpy.types.Context) -> str:
 
 @operator("Retarget", _ACTOR)
 def retarget(self: Any, context: bpy.types.Context) -> str:
-    """Transfer the actor's motion to the target, and keep its current action on the NLA."""
+    """Transfer the actor's motion to the target, and keep the target's current action on the NLA."""
     from ...animation.curves import mark_laid
     from ...conventions.timing import show_frame
     from ...retarget.retarget import retarget

@@ -129,13 +129,13 @@ def _edit_contact(self: Any, context: bpy.types.Context, *, touches: bool) -> st
 
 @operator("Add Contact", TAKE, EDITABLE)
 def add_contact(self: Any, context: bpy.types.Context) -> str | set[str]:
-    """Keep the active bone's part on the floor from First to Last when the range is solved again."""
+    """Keep the active bone's body part on the floor from First to Last when the range is solved again."""
     return _edit_contact(self, context, touches=True)
 
 
 @operator("Remove Contact", TAKE, EDITABLE)
 def remove_contact(self: Any, context: bpy.types.Context) -> str | set[str]:
-    """Let the active bone's part move from First to Last when the range is solved again."""
+    """Let the active bone's body part move from First to Last when the range is solved again."""
     return _edit_contact(self, context, touches=False)
 
 
@@ -150,7 +150,7 @@ _CONTACTS = Need("No contact is edited", _has_contact_edits)
 
 @operator("Clear Contact Edits", TAKE, _CONTACTS)
 def clear_contacts(self: Any, context: bpy.types.Context) -> str:
-    """Forget all added and removed contacts of this take when ranges are solved again."""
+    """Clear the contacts that you added or removed in this take."""
     from ...animation.lanes import clear_contact_edits
 
     clear_contact_edits(context.scene.mocap.review.take)
@@ -192,7 +192,7 @@ def hide_cube(self: Any, context: bpy.types.Context) -> None:
 
 @operator("Open Report", TAKE, options=OPENS)
 def open_report(self: Any, context: bpy.types.Context) -> set[str]:
-    """Open the page about the solve of this take."""
+    """Open the solve report for this take."""
     from ...animation.takes import take_file
 
     take = context.scene.mocap.review.take
@@ -247,13 +247,15 @@ _ON_BODY = Need(
     "This take is on the root control. Show its source take",
     lambda context: ROOT_MOTION not in context.scene.mocap.review.take,
 )
-_SLIDE = number("Longest Slide", "Largest slide to correct in mm (longer ones are intentional)", 100.0, 1, 500)
+_SLIDE = number(
+    "Longest Slide", "Largest slide to correct in mm (longer slides are treated as intentional)", 100.0, 1, 500
+)
 """Largest slide of a planted foot that is corrected, in millimetres."""
 
 
 @operator("Lock Feet", _FOREIGN, TAKE, _ON_BODY, EDITABLE, waits=False, slide_mm=_SLIDE)
 def lock_feet(self: Any, context: bpy.types.Context) -> Steps:
-    """Add a take with your edits and without sliding feet, for clips from other programs."""
+    """Add a take that includes your edits but no foot sliding (for clips from other programs)."""
     from ...retarget.locked_feet import lock_feet
 
     review = context.scene.mocap.review
@@ -271,7 +273,7 @@ def lock_feet(self: Any, context: bpy.types.Context) -> Steps:
 
 @operator("Mark Gaps", TAKE)
 def mark_gaps(self: Any, context: bpy.types.Context) -> str:
-    """Renew the add-on's timeline markers at interpolated frame ranges and ranges to review."""
+    """Update the add-on's timeline markers at interpolated frame ranges and ranges to review."""
     from ...review.ranges import doubtful_ranges
 
     scene, review = context.scene, context.scene.mocap.review

@@ -97,7 +97,7 @@ _OWN_FRAMES = Need(
 
 @operator("Solve Range Again", TAKE, _OWN_FRAMES, invoke=_ask_about_edits, draw=_draw_edits, edits=_KEPT, edited=str)
 def resolve_range(self: Any, context: bpy.types.Context) -> Steps:
-    """Solve First to Last again with the pinned poses, and keep all other frames."""
+    """Solve the frames from First to Last again with the pinned poses, and keep all other frames."""
     from ...review.ranges import SceneRange
 
     scene, review = context.scene, context.scene.mocap.review
@@ -173,7 +173,7 @@ def solve_all(self: Any, context: bpy.types.Context) -> Steps:
 
 @operator("Calibrate Subject", MARKERS)
 def calibrate_subject(self: Any, context: bpy.types.Context) -> Steps:
-    """Estimate shape and marker positions from varied movement, for all takes of the person."""
+    """Estimate the person's shape and marker positions from varied movement, for all takes of this person."""
     from ..scene_job import capture_file, folder_of_takes, write_layout
 
     settings = context.scene.mocap

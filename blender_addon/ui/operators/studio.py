@@ -32,7 +32,7 @@ def _film(description: Path, out: Path, *more: str) -> Call:
 
 @operator("Benchmark")
 def benchmark(self: Any, context: bpy.types.Context) -> Steps:
-    """Simulate a take with these cameras and detector errors, solve it, and compare it with the truth."""
+    """Simulate a take with these cameras and detector errors, solve it, and compare it with the ground truth."""
     from ...studio.places import read_places, rows_of
 
     settings = context.scene.mocap.studio
@@ -55,7 +55,7 @@ def benchmark(self: Any, context: bpy.types.Context) -> Steps:
 
 @operator("Check Data Set")
 def check_data_set(self: Any, context: bpy.types.Context) -> Steps:
-    """Check the settings, and report the number of images and the disk space."""
+    """Check the settings, and report the number of images and the required disk space."""
     settings = context.scene.mocap.studio
     out = absolute(settings.out) if settings.out else _next_folder(context.scene, "data_set")
     if settings.planned:  # nothing has changed since, so an unfinished run can continue
@@ -81,13 +81,13 @@ def make_data_set(self: Any, context: bpy.types.Context) -> Steps:
 
 @operator("Show on the Floor", index=int)
 def show_places(self: Any, context: bpy.types.Context) -> None:
-    """Show the array's errors by place as coloured squares on the floor."""
+    """Show the array's error at each floor position as a coloured square."""
     _show_row(context, min(self.index, len(context.scene.mocap.studio.rows) - 1))
 
 
 @operator("Open Page", options=OPENS, index=int)
 def open_benchmark(self: Any, context: bpy.types.Context) -> set[str]:
-    """Open the benchmark's page with its table, errors over time and by place, and worst frames."""
+    """Open the benchmark page with its table, errors by time and position, and worst frames."""
     page = _row(context, self.index)[0]
     if not page.is_file():
         raise FileMissing("The page no longer exists.", where=str(page), hint="Run the benchmark again.")

@@ -180,7 +180,7 @@ def edit_aside(
 
 @operator("Reduce Keys", TAKE, EDITABLE, waits=False, draw=_draw_limit, **_THINNING)
 def thin_take(self: Any, context: bpy.types.Context) -> Steps:
-    """Add a take with few keys and your edits, and report its distance from this one."""
+    """Add a take with fewer keys that includes your edits, and report its deviation from this take."""
     from ...scene.bake import thinned_take
 
     review = context.scene.mocap.review
