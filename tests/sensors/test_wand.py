@@ -183,6 +183,17 @@ def test_bad_recordings_are_named(case: str) -> None:
         calibrate_by_wand(views, WandOptions(clocks=triggered(tuple(v.name for v in views))))
 
 
+def test_two_groups_of_sensors_are_named() -> None:
+    cameras = sensors(4)
+    views = waved(cameras, Waving(seconds=12.0))
+    half = len(views[0]) // 2
+    for number, view in enumerate(views):
+        view.px[half:] = np.nan if number < 2 else view.px[half:]
+        view.px[:half] = np.nan if number >= 2 else view.px[:half]
+    with pytest.raises(WandNotSeen, match="sensor2 never see the wand at the same time as sensor3"):
+        calibrate_by_wand(views, WandOptions(clocks=triggered(cameras.names)))
+
+
 def test_other_lengths_than_were_told_are_named() -> None:
     cameras = sensors(3)
     views = waved(cameras, Waving(seconds=8.0), WAND)

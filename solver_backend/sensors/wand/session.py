@@ -195,7 +195,7 @@ def _chained(names: Sequence[str], places: np.ndarray, pair: Pair) -> list[Pose]
     try:
         return chained(names, seen, LEAST_TOGETHER, pair)
     except CalibrationInvalid as error:
-        message = error.message.replace("sees the same", "sees the wand")
+        message = error.message.replace("the target", "the wand")
         hint = f"Wave the wand where both sensors see it, for at least {LEAST_TOGETHER} frames."
         raise WandNotSeen(message, where=", ".join(names), hint=hint) from error
 
