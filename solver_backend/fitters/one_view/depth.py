@@ -298,11 +298,11 @@ class OneCamera(PointSource):
         return FrameObjective(self.floor, relative=(self.lifted,))
 
     def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
-        """Return the problem with the person's size from the solved poses, if a calibrated floor shows it.
+        """Return the problem with the person's size from the solved poses, if feet on a calibrated floor show it.
 
         Detections and planted feet correct lifted poses, for example legs that are bent too little.
         """
-        if settings.betas is not None or self.heights is None or self.open.up_from_person:
+        if settings.betas is not None or self.heights is None or self.open.up_from_person or _never_stands(solved):
             return problem
         root, local = (to_numpy(part) for part in (solved.frames.root, solved.frames.local))
         R, _ = self.views.cameras.subset([self.views.cameras.names.index(self.open.camera)]).poses(0, len(root))
@@ -410,9 +410,13 @@ def _diagnose_steps(solved: SolvedFrames, problem: Problem) -> list[Diagnostic]:
         if runs:
             size = max(float(np.linalg.norm(root[last, :2] - root[first, :2])) for first, last in runs)
             found.append(diagnostic("person_glides", frames=runs, size=size))
-    if solved.contacts is not None and not solved.contacts[seen].mean() > STANDS_SHARE:
+    if _never_stands(solved, seen):
         found.append(diagnostic("feet_never_stand"))
     return found
+
+
+def _never_stands(solved: SolvedFrames, seen: np.ndarray | slice = slice(None)) -> bool:
+    return solved.contacts is not None and not solved.contacts[seen].mean() > STANDS_SHARE
 
 
 def _joints(subject: Subject, solved: SolvedFrames, part: slice) -> np.ndarray:

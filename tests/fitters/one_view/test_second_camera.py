@@ -97,5 +97,5 @@ def test_what_is_no_start_is_refused(two: Capture) -> None:
     first, (_, keypoints) = short_motion(FRAMES), parts(two)
     with pytest.raises(MotionInvalid, match="start motion has 90 frames, but the capture has 30"):
         solve(replace(two, keypoints=keypoints.frames(0, 30), truth={}), start=first)
-    with pytest.raises(JobInvalid, match="several cameras"):
+    with pytest.raises(JobInvalid, match="multi-camera"):
         solve(two.views([0]), start=first)
