@@ -124,7 +124,7 @@ def test_a_lens_of_another_zoom_is_named() -> None:
 
 def test_too_few_pictures_are_named() -> None:
     views = list(carried(ring(1, radius=1.6), 10)[0].values())[:2]
-    with pytest.raises(CalibrationInvalid, match="2 pictures"):
+    with pytest.raises(CalibrationInvalid, match="2 images"):
         fitted_lens(BOARD, views, SIZE, LENS_MODELS["radial2"])
 
 

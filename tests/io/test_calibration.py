@@ -108,7 +108,7 @@ def test_qualisys_videos_of_another_resolution_are_named(tmp_path: Path, cameras
         text = qca_text(cameras).replace('viewrotation="0"', f'viewrotation="0" video_resolution="{stated}p"')
         (tmp_path / "c.qca.txt").write_text(text)
         problems = words(read_calibration(tmp_path / "c.qca.txt").problems)
-        assert any(f"{stated} rows" in problem and f"has {rows}" in problem for problem in problems) == named
+        assert any(f"{stated} pixel rows" in problem and f"has {rows}" in problem for problem in problems) == named
 
 
 @pytest.mark.parametrize("pose", ["rt", "rvec", "extrinsics"])

@@ -69,9 +69,9 @@ def test_what_the_fit_of_another_programs_clip_found_is_reported(tmp_path: Path,
     clip = write_bvh(tmp_path / "clip.bvh", raised)
     lines = str(tmp_path / "poses.jsonl")
     assert main(["live stream", str(clip), "--send", receiver.address, "--lines", lines]) == 0
-    assert "Lowered" in capsys.readouterr().err
+    assert "was lowered" in capsys.readouterr().err
     assert main(["motion convert", str(clip), "--out", str(tmp_path / "motion.npz")]) == 0
-    assert "Lowered" in capsys.readouterr().out
+    assert "was lowered" in capsys.readouterr().out
 
 
 def test_fingers_are_sent_where_a_motion_has_them(tmp_path: Path, receiver):

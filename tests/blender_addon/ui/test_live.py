@@ -202,5 +202,5 @@ def test_a_face_is_recorded_as_a_table_and_shows_no_body(mocap, asked):
     assert arguments[0] == "live stream" and arguments[1][:2] == ["livelink://127.0.0.1:11111", "--record"]
     assert arguments[1][2].endswith(".csv") and len(arguments[1]) == 3
     mocap.live.listen = "nonsense://"
-    with pytest.raises(RuntimeError, match="not an address"):
+    with pytest.raises(RuntimeError, match="not a sender address"):
         bpy.ops.mocap.live_start()
