@@ -48,6 +48,7 @@ of two body parts and the limits of a person. It covers crouching, two people, a
 FLOOR_M = 0.3
 """Largest distance in metres of a standing person's feet, and of a lying person, from a floor. Slopes and stairs are
 within it."""
+BELOW_M = 0.05  # Largest depth in metres of markers under an inaccurate floor.
 _USUAL = ("y", "z")  # Usual up axes. A person who extends along another axis may lie.
 
 _LEVELS = tuple(
@@ -183,7 +184,7 @@ def raised_part(positions: np.ndarray, labels: Sequence[str]) -> tuple[np.ndarra
 def _above_floor(positions: np.ndarray) -> str | None:
     """Return the only axis along which all markers are above 0 and start near it, or None."""
     ends = {axis: (_lowest(positions, axis), _lowest(positions, axis, 0.98)) for axis in UP_AXES}
-    above = [axis for axis, (low, high) in ends.items() if 0 < low < FLOOR_M and high > 2 * FLOOR_M]
+    above = [axis for axis, (low, high) in ends.items() if -BELOW_M < low < FLOOR_M and high > 2 * FLOOR_M]
     return above[0] if len(above) == 1 else None
 
 
@@ -196,8 +197,8 @@ def _lowest(positions: np.ndarray, axis: str, share: float = 0.01) -> float:
 
 def _may_lie(positions: np.ndarray, axis: str, body: str) -> bool:
     """Return whether a person extended along ``body`` may lie on the floor if ``axis`` is up."""
-    low = _lowest(positions, axis) > 0 and _lowest(positions, axis, 0.75) < FLOOR_M
-    return low and not 0 < _lowest(positions, body) < FLOOR_M
+    low = _lowest(positions, axis) > -BELOW_M and _lowest(positions, axis, 0.75) < FLOOR_M
+    return low and not -BELOW_M < _lowest(positions, body) < FLOOR_M
 
 
 def metres_in(unit: str) -> float:

@@ -94,6 +94,14 @@ def test_who_may_lie_along_an_unusual_axis_is_doubted() -> None:
     assert find_up_axis(standing() @ rotation_to_z_up("x"), tuple(BODY), "", None, "z").problem is None
 
 
+def test_a_person_who_lies_on_an_inaccurate_floor_keeps_the_axis() -> None:
+    lying = standing() @ np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+    lying = np.stack([lying[..., 0] - 0.1, lying[..., 1], 0.05 * lying[..., 2] + 0.05], axis=-1)
+    for lowest in (0.01, -0.04):
+        heights = lying - [0.0, 0.0, np.quantile(lying[..., 2], 0.01) - lowest]
+        assert find_up_axis(heights, tuple(BODY), "", None, "z").name == "z"
+
+
 def test_up_axis_of_what_says_none() -> None:
     ball = np.random.default_rng(1).uniform(-1, 1, (20, 9, 3))
     for default in ("z", "y"):
