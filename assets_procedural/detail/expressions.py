@@ -73,7 +73,7 @@ def build_expressions(vertices: Array, faces: Array, material: Array, mirror: Ar
 
 
 class _Eye:
-    """The left eye as vertex rings sorted by angle, which run outwards over the lids and inwards to the pupil."""
+    """Vertex rings of the left eye, over the lids and inwards to the pupil. Each ring is sorted by angle."""
 
     def __init__(self, vertices: Array, faces: Array, material: Array) -> None:
         self._vertices, count = vertices, len(vertices)

@@ -154,7 +154,7 @@ following = Following()
 
 
 def follow(target: Path) -> Journey:
-    """Copy the scene's files to a .blend file's folder and link the copies. On failure, change nothing."""
+    """Copy the scene's files to the .blend file's folder, and link the scene to them. On failure, change nothing."""
     journey, base = Journey(), target.parent
     try:
         links = list(_links())

@@ -64,7 +64,7 @@ def test_a_calibration_is_written_as_it_is_meant(tmp_path: Path, capsys) -> None
     assert main(["cameras fit", str(trial), "--out", str(out), "--json"]) == 0
     found = said(capsys)
     assert what_is_wrong(found, "cameras fit") == "" and found["cameras"] == list(cameras.names)
-    assert [any(word in problem for problem in found["problems"]) for word in ("0.5 times", "read in cm")] == [
+    assert [any(word in problem for problem in found["problems"]) for word in ("0.5 times", "interpreted as cm")] == [
         True,
         True,
     ]
@@ -81,7 +81,7 @@ def test_a_calibration_is_written_as_it_is_meant(tmp_path: Path, capsys) -> None
     # Read again with what was written, nothing is left to correct.
     (trial / "calibration" / "Calib.toml").write_text(out.read_text())
     assert main(["info", str(trial), "--json"]) == 0
-    assert not any("correct" in problem or "read in" in problem for problem in said(capsys)["problems"])
+    assert not any("correct" in problem or "interpreted as cm" in problem for problem in said(capsys)["problems"])
     assert main(["cameras fit", str(trial), "--out", str(out), "--json"]) == 3
     assert said(capsys)["code"] == "output_exists"
 
@@ -124,7 +124,7 @@ def test_lenses_of_real_pictures_go_into_a_library_and_out_again(tmp_path: Path,
     kept = read_calibration(pictures / "Calib.qca.txt").cameras
     assert abs(lens.K[0, 0] / kept.K[1, 0, 0] - 1) < 0.01
     (tmp_path / "other.json").write_text("{}")
-    with pytest.raises(FileDamaged, match="not a library"):
+    with pytest.raises(FileDamaged, match="not a lens library"):
         read_lenses(tmp_path / "other.json")
 
 

@@ -47,7 +47,7 @@ class Shots:
         return self.description.is_file() and self.data_set.is_dir()
 
     def steps(self, item: Path) -> tuple[Step, ...]:
-        """Return the steps of a shot. Their keys depend on its description, its name and the version."""
+        """Return the steps of a shot. Each key depends on the shot's description and name and on VERSION."""
         choices = {"description": self.digest}
         return tuple(
             Step(name, hashlib.sha256(json.dumps([choices, item.name, name, VERSION]).encode()).hexdigest())

@@ -124,7 +124,7 @@ def _existing(capture: bpy.types.PropertyGroup, stage: CaptureStage) -> list[bpy
 
 
 def bring_capture(context: bpy.types.Context, result: CaptureResult, source: Path) -> CaptureStage:
-    """Set up the capture of a recording and show it."""
+    """Create a capture from a recording and show it."""
     stage = take_capture(context.scene, result, source)
     context.scene.mocap.capture.source = stored(source)
     present_capture(context, stage)

@@ -26,11 +26,11 @@ MOST = 100  # Largest number of markers compared, because all pairs are. The mos
 
 
 def rigid_groups(points: np.ndarray) -> list[list[int]]:
-    """Return groups of three or more moving markers whose distances are constant, largest group first.
+    """Return groups of three or more moving markers at constant distances from each other, largest group first.
 
-    Each group is a clique. It starts with the marker that has the most constant distances, and adds the best-fitting
-    marker at each step. A marker that was never visible together with a member must fit three others. ``points`` are
-    (F, N, 3) in metres, NaN where missing.
+    Each group is a clique. It starts with the marker that has the largest number of constant distances, and adds the
+    best-fitting marker at each step. A marker that was never visible together with a member must fit three other
+    members. ``points`` are (F, N, 3) in metres, NaN where missing.
     """
     frames = np.unique(np.linspace(0, len(points) - 1, min(len(points), FRAMES)).astype(int))
     seen = np.isfinite(points).all(-1)

@@ -180,7 +180,7 @@ def upright_from_person(points: Float[np.ndarray, "frames keypoints 3"], joint_s
     feet, kind = feet[known], np.nonzero(known)[1]
 
     def improve(up: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return a better up, the weights of the feet, the rotation from the old up to Z, and the precision."""
+        """Return the refined up direction, the foot weights, the rotation from ``up`` to Z, and the precision."""
         R = turn_to_z(up)
         seen: np.ndarray = R @ trunk
         floor, weight = _floor(feet @ R.T, kind, weight, alike)

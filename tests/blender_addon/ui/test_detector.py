@@ -120,7 +120,7 @@ def test_a_python_is_tested_and_its_answer_shown(home, monkeypatch) -> None:
 def test_an_empty_folder_of_wheels_is_named_and_nothing_is_asked_of_a_network(home, tmp_path: Path) -> None:
     wheels = tmp_path / "wheels ü"
     wheels.mkdir()
-    with pytest.raises(RuntimeError, match="could not be installed from the folder of wheels"):
+    with pytest.raises(RuntimeError, match="could not be installed from the wheel folder"):
         bpy.ops.mocap.set_up_detector(wheels=str(wheels))
     assert current.last.error["code"] == "detector_not_made"
     assert any("--no-index" in line or "mediapipe" in line for line in current.last.log)
@@ -154,7 +154,7 @@ def test_a_detector_that_cannot_be_made_leaves_the_earlier_one(home, tmp_path: P
     earlier.parent.mkdir(parents=True)
     earlier.write_text("an earlier one")
     (tmp_path / "wheels").mkdir()
-    with pytest.raises(RuntimeError, match="could not be installed from the folder of wheels"):
+    with pytest.raises(RuntimeError, match="could not be installed from the wheel folder"):
         bpy.ops.mocap.set_up_detector(kind="litert", wheels=str(tmp_path / "wheels"))
     assert pythons.made_litert_python() == earlier and earlier.read_text() == "an earlier one"
     assert pythons.made_python() is None

@@ -149,7 +149,7 @@ def test_a_calibrated_subject_is_solved_with_and_kept_by_its_path(mocap, importe
     assert bpy.ops.mocap.calibrate_subject() == {"FINISHED"}
     assert Path(mocap.solve.subject).name == "subject_02.npz" and subject.is_file()
     Path(mocap.solve.subject).unlink()
-    with pytest.raises(RuntimeError, match=r"The file of Subject no longer exists.*subject_02\.npz"):
+    with pytest.raises(RuntimeError, match=r"The file for Subject no longer exists.*subject_02\.npz"):
         bpy.ops.mocap.solve()
 
 

@@ -132,7 +132,7 @@ class TopDown(_PoseModel):
 
 
 def simcc(x: np.ndarray, y: np.ndarray, width: int) -> np.ndarray:
-    """Return (K, 3) x, y and score, decoded from one row of scores over x positions and one over y positions.
+    """Decode (K, 3) x, y and score. Each keypoint has a row of scores along x and another along y.
 
     Reference: Li et al. 2022 (SimCC).
     """
