@@ -137,7 +137,7 @@ def test_one_camera_whose_up_cannot_be_takes_it_from_the_person(trial: Path) -> 
     write_trial(trial, cameras=fallen, people=people, names=("cam01",), calibrated=("cam_1",))
     capture = load_capture(trial)
     assert capture.cameras is not None and capture.floor_from_person
-    assert any("the calibration tilts the person" in problem for problem in words(capture.problems))
+    assert any("in the calibration, the person is tilted" in problem for problem in words(capture.problems))
     up, true = capture.cameras.R[0, :, 2], cameras.R[0, :, 2]
     assert np.degrees(np.arccos(up @ true)) < 20.0
     assert 0.9 < capture.cameras.centres[0, 2] < 2.4

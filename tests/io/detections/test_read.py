@@ -253,7 +253,7 @@ def test_sets_with_equal_numbers_are_recognised_by_anatomy(written: JointSet) ->
     assert min(scores, key=lambda s: scores[s]) is written
     chosen, notes, problems = choose_joint_set(xy, confidence, None, None)
     assert (chosen, problems) == (written, ())
-    assert [note.code for note in notes] == ["joint_set_chosen"] and "chosen by bone lengths" in words(notes)[0]
+    assert [note.code for note in notes] == ["joint_set_chosen"] and "chosen by bone length" in words(notes)[0]
     other = next(s for s in scores if s is not written)
     assert choose_joint_set(xy, confidence, other, None)[0] is other
     chosen, _, problems = choose_joint_set(xy, confidence, None, other)
