@@ -125,7 +125,7 @@ def zip_rings(vertices: Array, rim: Array, ring: Array, closed: bool) -> Array:
 
 
 def _gap(vertices: Array, rim: Array, ring: Array, i: int, j: int) -> float:
-    """Return the length of the edge between two vertices, rounded to a micrometre, or infinity beyond an end."""
+    """Return the length of the edge between two vertices, rounded to a micrometre, or infinity past the last one."""
     if i >= len(rim) or j >= len(ring):
         return np.inf
     return round(float(np.linalg.norm(vertices[rim[i]] - vertices[ring[j]])), 6)

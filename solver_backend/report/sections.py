@@ -1,4 +1,4 @@
-"""Write the page's sections, one function each. If there are no data, a section is empty."""
+"""Write the page's sections. Each function writes one section, which is empty if there is no data for it."""
 
 from __future__ import annotations
 

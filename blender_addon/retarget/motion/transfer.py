@@ -163,7 +163,7 @@ def _bones_of(target: Target, turns: np.ndarray, bones: list[int]) -> tuple[np.n
 
 
 def _hand_goals(actor: Actor, target: Target, places: np.ndarray) -> dict[str, np.ndarray]:
-    """Return wrist goals (F, 3): the actor's vectors from the shoulder, scaled by the arm length."""
+    """Return wrist goals (F, 3): the actor's shoulder-to-wrist vectors, scaled by the ratio of the arm lengths."""
     goals = {}
     for side in SIDES:
         roles = LIMBS[f"{side}_arm"]

@@ -366,7 +366,7 @@ class SolverOperator(MocapOperator):
         self._stop(context)
 
     def _ended(self, context: bpy.types.Context) -> set[str]:
-        """Bring the result into the scene that started the run, even if the window shows another scene by now."""
+        """Import the result into the scene that started the run, even if the window now shows another scene."""
         scene, shown, window = bpy.data.scenes.get(self._scene), context.scene, context.window
         elsewhere = window if scene is not None and scene != shown else None
         if elsewhere is not None:

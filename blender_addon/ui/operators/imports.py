@@ -34,7 +34,7 @@ GLOVES = (".bvh", ".csv", ".npz", *THROUGH_BLENDER)
 def _bring(
     self: Any, context: bpy.types.Context, clip: Path, name: str, settings: Callable[[], BakeSettings], *more: str
 ) -> Steps:
-    """Fit a clip to our body, write it to a motion file named ``name``, and bake that on a new body."""
+    """Fit a clip to our body, save the motion file ``name``, and bake the motion onto a new body."""
     from ...scene.session import undisturbed
     from .import_results import add_motion, frame_body
 

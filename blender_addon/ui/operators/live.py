@@ -1,4 +1,4 @@
-"""Live runs and the sensor array: pose bodies, characters and faces from incoming points or poses."""
+"""Run live sessions and the sensor array. Animate bodies, characters and faces from incoming points or poses."""
 
 from __future__ import annotations
 

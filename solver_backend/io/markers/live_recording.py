@@ -1,9 +1,9 @@
-"""Write recordings of live points that grow by self-contained blocks.
+"""Write recordings of live points as a growing sequence of self-contained blocks.
 
-A block is little-endian. It has 8 marker bytes, the number of points (uint32), and a CRC-32 of the rest, seeded with
-that number (uint32). Then come the time in seconds, the nominal rate, and the 3 x 3 transform of points to metres with
-Z up (11 float64, NaN if unknown), and x, y, z of each point in the source's unit and axes (float32). Damaged blocks are
-skipped.
+A block is little-endian. It starts with 8 marker bytes, the number of points (uint32), and a CRC-32 of the rest, seeded
+with the number of points (uint32). The rest is the time in seconds, the nominal rate, and the 3 x 3 transform of points
+to metres with Z up (11 float64, NaN if unknown), and x, y, z of each point in the source's unit and axes (float32).
+Damaged blocks are skipped.
 """
 
 from __future__ import annotations

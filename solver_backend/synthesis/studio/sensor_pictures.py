@@ -104,7 +104,7 @@ class InfraredModel:
 
 
 def sphere_light(spheres: Spheres, shape: tuple[int, int], model: InfraredModel) -> np.ndarray:
-    """Return the (h, w) float32 counts reflected by retro-reflective spheres, before saturation."""
+    """Return (h, w) float32 pixel counts from light that retro-reflective spheres reflect, before saturation."""
     height, width = shape
     light = np.zeros(height * width, np.float32)
     if not len(spheres.pixel):
