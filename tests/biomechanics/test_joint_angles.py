@@ -146,7 +146,7 @@ def test_a_motion_with_fingers_has_the_same_angles():
     wide = with_finger_turns(motion, load_body(), np.full((3, 30, 3), 0.1))
     assert wide.body_layout.num_joints == 52
     narrow = without_fingers(wide, load_body())
-    assert np.array_equal(angles(narrow).degrees, angles(motion).degrees)
+    np.testing.assert_allclose(angles(narrow).degrees, angles(motion).degrees, atol=1e-9)  # BLAS may round differently
     assert without_fingers(motion, load_body()) is motion
 
 
