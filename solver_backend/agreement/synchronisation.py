@@ -286,9 +286,8 @@ class _Rays:
             table = np.stack(gains)[:, moved]
             blocks = np.array_split(table[:, np.isfinite(table).any(axis=0)], BLOCKS, axis=1)
             means = np.array([np.nanmean(block) for block in blocks if block.size])
-            means = (
-                np.minimum(means, max(float(np.median(means)), 0.0)) if len(means) else means
-            )  # one block may be lively
+            if len(means):  # a single block with much motion must not decide
+                means = np.minimum(means, max(float(np.median(means)), 0.0))
             error = means.std(ddof=1) / np.sqrt(len(means)) if len(means) > 2 else np.inf
             confirmed[view] = len(means) > 2 and means.mean() > SIGMAS * error
         return confirmed
@@ -332,9 +331,7 @@ def place_in_take(frames: np.ndarray, num_frames: int) -> np.ndarray:
     return 2.0 * frames / max(num_frames - 1, 1) - 1.0
 
 
-REACH_S = (
-    0.4  # Largest lag between two cameras, shorter than a period of walking. It has ``LONGEST_DELAY`` or more frames.
-)
+REACH_S = 0.4  # Largest lag between two cameras, shorter than a period of walking, at least ``LONGEST_DELAY``.
 
 
 def reach_frames(fps: float) -> int:
