@@ -1,4 +1,4 @@
-"""Find the bodies that a user can choose, and tell body names from paths."""
+"""Locate the user's bodies folder, and tell body names from paths."""
 
 from __future__ import annotations
 
@@ -31,5 +31,5 @@ def bodies_folder(environment: Mapping[str, str] = os.environ, platform: str = s
 
 
 def is_path(choice: str) -> bool:
-    """Return whether a choice is a path: it ends in a body file suffix or contains folders."""
+    """Return whether a body choice is a path: it has a body file suffix or contains a folder separator."""
     return choice.lower().endswith(SUFFIXES) or "/" in choice or os.sep in choice

@@ -45,14 +45,15 @@ ADULTS: dict[str, tuple[int, tuple[tuple[float, float], tuple[float, float], tup
     "elbow": (_X, ((-90, 90), (-150, 5), (-15, 150))),
     "wrist": (_X, ((-45, 45), (-40, 35), (-80, 80))),
 }
-"""Twist axis, and smallest and largest angle in degrees about x, y and z. Values of paired joints are for the left
-side. Single joints are from Norkin and White 2016 (after AAOS and Boone and Azen 1979). The spine's 130 degrees of
-flexion, 70 of extension, 70 to each side and 75 of rotation are split between three joints, the neck's between two, and
-the forearm's between elbow and wrist. The elbow bends forwards or upwards, because T-poses differ in arm roll."""
+"""Range of motion of adult joints: twist axis, and smallest and largest angle in degrees about x, y and z. Values of
+paired joints are for the left side. Single joints are from Norkin and White 2016 (after AAOS and Boone and Azen 1979).
+The spine's 130 degrees of flexion, 70 of extension, 70 to each side and 75 of rotation are split between three joints,
+the neck's between two, and the forearm's between elbow and wrist. The elbow bends forwards or upwards, because T-poses
+differ in arm roll."""
 
 
 def limits_of(joints: tuple[str, ...]) -> dict[str, JointLimit]:
-    """Return the limits of the joints that have the name of an adult's joint."""
+    """Return the adult range of motion by joint name, for all joints in ``ADULTS``."""
     found = {}
     for joint in joints:
         part = joint.removeprefix("left_").removeprefix("right_")
@@ -124,12 +125,12 @@ class BodyLayout:
 
     @cached_property
     def children(self) -> tuple[tuple[int, ...], ...]:
-        """Child joints of each joint."""
+        """Indices of each joint's children."""
         return tuple(tuple(c for c, p in enumerate(self.parents) if p == j) for j in range(self.num_joints))
 
     @cached_property
     def main_child(self) -> dict[int, int]:
-        """Child joint at the end of each joint's bone."""
+        """Index of the child at the end of each joint's bone, for all joints with a single such child."""
         ends = {}
         for j, children in enumerate(self.children):
             own = [c for c in children if self.groups[c] == self.groups[j]]
@@ -138,7 +139,7 @@ class BodyLayout:
         return ends
 
     def numbers(self, *joints: str) -> tuple[int, ...]:
-        """Return the indices of joints by name."""
+        """Return the indices of the named joints. Raise ``BodyInvalid`` if one is missing."""
         if missing := [name for name in joints if name not in self.joints]:
             raise BodyInvalid(f"{self.name} has no {', '.join(missing)}.", where=self.name)
         return tuple(self.joints.index(name) for name in joints)
@@ -148,11 +149,17 @@ class BodyLayout:
         return self.numbers(*(f"{side}_{part}" for part in parts for side in ("left", "right")))
 
     def group(self, name: str) -> tuple[int, ...]:
-        """Return the joints in a group."""
+        """Return the indices of the joints in a group, such as left_arm."""
         return tuple(j for j, group in enumerate(self.groups) if group == name)
 
     def standing_for(self, other: BodyLayout) -> tuple[int, ...]:
-        """Return the joint of this body that corresponds to each joint of another one, or raise ``BodyInvalid``."""
+        """Return the index of the joint in this layout that corresponds to each joint of another layout.
+
+        The first joints of the middle fingers correspond to SMPL's hand joints.
+
+        Raises:
+            BodyInvalid: a joint has no counterpart.
+        """
         names = [name if name in self.joints else _STAND_INS.get(name, name) for name in other.joints]
         missing = [name for name in names if name not in self.joints]
         if missing:
@@ -160,12 +167,12 @@ class BodyLayout:
         return tuple(self.joints.index(name) for name in names)
 
     def shared_with(self, other: BodyLayout) -> tuple[list[int], list[int]]:
-        """Return the joints that both layouts have, as columns of this layout and of the other."""
+        """Return the indices of the joints that both layouts have, in this layout and in the other one."""
         both = [name for name in self.joints if name in other.joints]
         return [self.joints.index(name) for name in both], [other.joints.index(name) for name in both]
 
     def require_same_joints(self, other: BodyLayout, where: str) -> None:
-        """Raise ``MotionInvalid`` unless a motion in this layout can replace one in another layout."""
+        """Raise ``MotionInvalid`` unless both layouts have the same joints and parents."""
         if (self.joints, self.parents) != (other.joints, other.parents):
             found = f"The motion has the layout {self.name} ({self.num_joints} joints)"
             what = f"{found}, but {other.name} ({other.num_joints} joints) is expected."
@@ -187,7 +194,7 @@ def _hand(side: str) -> tuple[str, ...]:
 
 
 def _with_fingers(name: str, face: tuple[str, ...]) -> BodyLayout:
-    """Return SMPL's layout with a face, and with fifteen finger joints in place of each hand joint."""
+    """Add face joints to SMPL's layout, and replace each hand joint with fifteen finger joints."""
     body = SMPL.without(("left_hand", "right_hand"), name)
     joints, parents, groups = [*body.joints, *face], [*body.parents], [*body.groups]
     parents += [joints.index("head")] * len(face)
@@ -231,7 +238,7 @@ SMPL_X = _with_fingers("SMPL-X", ("jaw", "left_eye", "right_eye"))
 SMPL_HANDS = replace(SMPL_H, name="SMPL with hands", resting=(), recorded_as=None)
 """SMPL-H's joints, including moving fingers. The solver rotates all of them, and motions store all of them."""
 FAMILY: dict[int, BodyLayout] = {layout.num_joints: layout for layout in (SMPL, SMPL_H, SMPL_X)}
-"""Layouts of the SMPL family by number of joints, which is how its files are told apart."""
+"""Layouts of the SMPL family by number of joints, which identifies the layout of a file."""
 
 
 AMASS_POSE_WIDTH = 156  # SMPL-H: root, 21 body joints, 2 x 15 finger joints, with 3 numbers each (Mahmood et al. 2019).

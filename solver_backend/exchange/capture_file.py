@@ -58,7 +58,7 @@ class CaptureFile:
 
 
 def read_capture(path: Path) -> CaptureFile:
-    """Read those parts of a capture file that Blender displays.
+    """Read the parts of a capture file that Blender displays.
 
     Raises:
         CaptureInvalid: cameras or detections have wrong shapes or invalid values.
@@ -82,7 +82,7 @@ def read_capture(path: Path) -> CaptureFile:
 
 
 def portable_path(path: Path | None, folder: Path) -> str:
-    """Return a footage path, relative to the capture file if in its folder, or "" if there is no footage."""
+    """Return the footage path to store in a capture file, relative if inside its folder. "" means no footage."""
     if path is None:
         return ""
     full, base = os.path.abspath(path), os.path.abspath(folder)

@@ -1,7 +1,7 @@
 """Edit whole clips: trim, resample, change the speed, mirror, and make in-place or root motions.
 
-Rotations and pelvis positions are interpolated by cubic splines, and other numbers linearly. Contacts and flags are
-taken from the nearest frame. Joint positions are computed from the tree, so bone lengths do not change.
+Rotations and pelvis positions are interpolated by cubic splines, and other numbers linearly. Contacts and flags come
+from the nearest frame. Joint positions are computed from the tree, so bone lengths do not change.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _SIX = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))
 def pose_tree(
     rest: np.ndarray, parents: tuple[int, ...], rotvec: np.ndarray, transl: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pose a tree of joints: ``G_j = G_p R_j``, ``p_j = p_p + G_p (J_j - J_p)``.
+    """Compute forward kinematics: ``G_j = G_p R_j``, ``p_j = p_p + G_p (J_j - J_p)`` with parent p of joint j.
 
     Args:
         rest: (J, 3) joint positions at rest in metres.
@@ -88,7 +88,7 @@ def rest_joints(motion: MotionFile) -> np.ndarray:
 
 
 def repose(motion: MotionFile, rotvec: np.ndarray, pelvis: np.ndarray) -> MotionFile:
-    """Replace a motion's rotation vectors (F, J, 3) and pelvis positions (F, 3)."""
+    """Replace a motion's rotation vectors (F, J, 3) and pelvis positions (F, 3). Recompute its joints."""
     rest = rest_joints(motion)
     transl = pelvis - rest[0]
     joints = pose_tree(rest, motion.body_layout.parents, rotvec, transl)[1]
@@ -96,7 +96,7 @@ def repose(motion: MotionFile, rotvec: np.ndarray, pelvis: np.ndarray) -> Motion
 
 
 def unobserved(motion: MotionFile) -> MotionFile:
-    """Remove the detections and markers, which no longer match the body after an edit."""
+    """Remove a motion's detections and markers, which no longer match the body after an edit."""
     return replace(motion, **{name: getattr(MotionFile, name) for name in OBSERVED})
 
 
@@ -122,7 +122,7 @@ def _record_of(motion: MotionFile) -> dict[str, Any]:
 
 
 def require_own_frames(edits: Sequence[object], where: str) -> None:
-    """Raise MotionInvalid if an edit changed which recorded frame each motion frame shows."""
+    """Raise MotionInvalid if an edit such as trim or mirror makes a motion differ from its recording."""
     for edit in edits:
         if isinstance(edit, Mapping) and edit.get("verb") in _MOVED:
             what = f"The motion was changed by {edit['verb']}, so its frames no longer match the recording."
@@ -169,7 +169,7 @@ def retime(motion: MotionFile, speed: float) -> MotionFile:
 
 
 def _steps(motion: MotionFile, step: float) -> np.ndarray:
-    """Return the times 0, step, 2 step ... up to the last frame, with a tolerance for rounding.
+    """Return the fractional frames 0, step, 2 step ... up to the last frame of a motion.
 
     Raises:
         MotionInvalid: there would be too many frames.
@@ -182,7 +182,6 @@ def _steps(motion: MotionFile, step: float) -> np.ndarray:
 
 
 def _sample(motion: MotionFile, at: np.ndarray, fps: float) -> MotionFile:
-    """Sample a motion at N fractional frames."""
     nearest = take_frames(motion, np.rint(at).astype(int))
     linear: dict[str, Any] = {
         name: _between(value, at, axis)
@@ -282,7 +281,7 @@ def turn_covariance(six: np.ndarray, A: np.ndarray) -> np.ndarray:
 
 
 def body_path(motion: MotionFile) -> np.ndarray:
-    """Return the smoothed (F, 3) ground path: x and y in metres, and heading relative to -Y."""
+    """Return the smoothed (F, 3) ground path: x and y in metres, and heading from -Y in radians."""
     path = ground_path(
         motion.transl + rest_joints(motion)[0],
         matrix_from_rotvec(motion.rotvec[:, 0]) @ R_STAGE_BODY.T,
@@ -295,7 +294,7 @@ def in_place(motion: MotionFile, path: np.ndarray | None = None) -> MotionFile:
     """Remove the travel from a motion, but keep sway and heading.
 
     Args:
-        motion: motion to change. Its contacts still mark the frames in which a foot supports the body.
+        motion: motion to change. Its contacts still mark when a foot supports the body.
         path: (F, 2) travel to remove in metres. The default is the smoothed path of the hips.
     """
     path = body_path(motion) if path is None else path
@@ -311,7 +310,7 @@ def root_motion(motion: MotionFile) -> MotionFile:
 
 
 def without_root(motion: MotionFile) -> MotionFile:
-    """Return the body's motion relative to its root bone."""
+    """Express the body's motion relative to its root bone, and remove the root bone."""
     if motion.root is None:
         return motion
     back = matrix_from_rotvec(motion.root[:, 2:] * [0.0, 0.0, -1.0])

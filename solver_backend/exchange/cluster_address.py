@@ -1,4 +1,4 @@
-"""Connect to Dask schedulers on this machine, and require TLS for all others.
+"""Accept Dask schedulers on this machine, and require TLS for all others.
 
 A scheduler runs code from anyone who can connect to it, and may send code to its clients.
 """
@@ -13,7 +13,7 @@ from .errors import FileMissing, SchedulerUnsafe
 from .json_file import read_json_file
 
 CERTIFICATES = {"CA_FILE": "ca.pem", "CLIENT__CERT": "cert.pem", "CLIENT__KEY": "key.pem"}
-"""Files in the ``--tls`` folder, by the end of the environment variable that passes each one to Dask."""
+"""Files in the ``--tls`` folder, by the ending of Dask's environment variable for each."""
 _PREFIX = "DASK_DISTRIBUTED__COMM__"
 
 
@@ -42,7 +42,7 @@ def require_safe(address: str) -> None:
 
 
 def require_certificates(address: str, known: object) -> None:
-    """Raise ``SchedulerUnsafe`` if a scheduler uses TLS but Dask has no certificates."""
+    """Raise ``SchedulerUnsafe`` if a scheduler uses TLS but Dask has no certificates (``known``)."""
     if address.startswith("tls://") and not known:
         what = f"The scheduler {address} uses TLS, but no certificates were specified."
         raise SchedulerUnsafe(what, where=address, hint="Specify the folder with its certificates: --tls FOLDER.")

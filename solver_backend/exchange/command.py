@@ -40,7 +40,7 @@ class Cancellation:
             raise self._error()
 
     def watched(self, progress: Progress) -> Progress:
-        """Wrap a progress receiver so that it raises a suppressed cancellation again."""
+        """Wrap a progress receiver so that it raises the error again if a library suppressed it."""
 
         def watching(stage: str, done: int, total: int) -> None:
             if self.asked:
@@ -52,7 +52,7 @@ class Cancellation:
 
 @contextmanager
 def signals_handled(handler: Any) -> Iterator[None]:
-    """Handle cancellation signals with a function while the block runs (main thread only)."""
+    """Use a function as handler of cancellation signals during a ``with`` block, in the main thread only."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -66,7 +66,7 @@ def signals_handled(handler: Any) -> Iterator[None]:
 
 @contextmanager
 def cancel_on_signals(error: Callable[[], BaseException] = cancelled) -> Iterator[Cancellation]:
-    """Raise an error for a signal that arrives while the block runs."""
+    """Raise an error if a cancellation signal arrives during a ``with`` block."""
     cancellation = Cancellation(error)
     with signals_handled(cancellation.on_signal):
         yield cancellation
@@ -74,15 +74,19 @@ def cancel_on_signals(error: Callable[[], BaseException] = cancelled) -> Iterato
 
 @contextmanager
 def cancelling_until_held() -> Iterator[Callable[[], None]]:
-    """Yield a function that defers signals, so that a recording is written completely."""
+    """Yield a function that ignores cancellation signals until the end of the ``with`` block.
+
+    It lets a recording be written completely.
+    """
     with ExitStack() as stack:
         yield lambda: stack.enter_context(signals_handled(signal.SIG_IGN))
 
 
 def cancel_at_end_of(stream: int, grace_s: float | None = None) -> None:
-    """Cancel when a pipe from the parent process closes, even if that process crashes.
+    """Cancel this process when the pipe from its parent closes, even because the parent crashed.
 
     Args:
+        stream: file descriptor of the pipe.
         grace_s: seconds until the process is terminated. None waits indefinitely.
     """
 
@@ -135,7 +139,10 @@ class LenientStream:
 
 
 def open_standard_streams() -> None:
-    """Reopen standard streams that the parent closed, so that no other file gets their descriptors."""
+    """Open the null device for each standard stream that the parent process closed.
+
+    Otherwise, the next file that is opened could become standard output.
+    """
     sys.stdout, sys.stderr = (
         stream or os.fdopen(os.open(os.devnull, os.O_WRONLY), "w") for stream in (sys.stdout, sys.stderr)
     )
@@ -185,12 +192,12 @@ def _has_colours(stream: Any) -> bool:
 
 
 def name_error(error: BaseException, failed: type[MocapError], what: str, *, asked: bool) -> MocapError:
-    """Convert any exception raised by a verb to a named error. Print the traceback if it is a program defect.
+    """Convert an exception from a verb to a named error, and print the traceback of a program defect.
 
     Args:
         failed: error class for a program defect.
         what: subject of its message, such as "The solver".
-        asked: True if a signal came before, which a library may have converted to another error.
+        asked: True if a signal arrived before. A library may have converted its error to another one.
     """
     if isinstance(error, MocapError):
         return error

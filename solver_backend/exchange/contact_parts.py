@@ -18,5 +18,5 @@ MIRRORED = (1, 0, 3, 2, 5, 4, 7, 6, 8, 9, 10)  # Index of the corresponding part
 
 
 def part_of_joint(joint: str) -> str | None:
-    """Return the part whose skin a joint moves, or None for joints such as fingers."""
+    """Return the contact part that moves with a joint, or None for joints such as fingers."""
     return next((part for part, joints in CONTACT_PARTS.items() if joint in joints), None)

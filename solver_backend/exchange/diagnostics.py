@@ -33,7 +33,7 @@ class Severity(StrEnum):
 
 
 class Remedy(StrEnum):
-    """What the program did about a diagnostic. The value is its name in files."""
+    """Action that the program took after a diagnostic. The value is its name in files."""
 
     REPORTED = "reported"  # Nothing was changed.
     REPAIRED = "repaired"  # The detections, labels or cameras were corrected.
@@ -59,7 +59,7 @@ class DiagnosticEntry:
     remedy: str = ""  # Advice, or empty if nothing needs to be done.
     role: str = ""  # Role in camera faults: "explains", "doubts", "compares" or "compares all".
     words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    """Text for each named parameter value. It may contain parameters."""
+    """Texts that replace parameter values, by parameter and value. They may contain parameters."""
 
 
 @cache
@@ -88,7 +88,7 @@ def is_of_reading(code: str) -> bool:
 
 @dataclass(frozen=True)
 class Where:
-    """What a diagnostic refers to. Fields that do not apply are empty."""
+    """File, frames and names that a diagnostic refers to. Fields that do not apply are empty."""
 
     file: str = ""
     frames: Frames = ()  # Frame ranges.
@@ -131,7 +131,7 @@ class Diagnostic:
 
 
 class Words(NamedTuple):
-    """The texts for a diagnostic."""
+    """Message and advice of a diagnostic."""
 
     what: str
     advice: str  # What to do, or empty if nothing.
@@ -144,7 +144,7 @@ def diagnostic(
     joints: Sequence[str] = (), person: str = "", **values: Any,
 ) -> Diagnostic:
     # fmt: on
-    """Create a diagnostic whose code is in the table.
+    """Create a diagnostic from its code in the table.
 
     Args:
         severity: None uses the severity in the table.
@@ -227,7 +227,7 @@ def _read_where(values: Mapping[str, Any]) -> Where:
 
 
 def word(found: Diagnostic, fps: float = 0.0) -> Words:
-    """Return the texts for a diagnostic, or a sentence with its code if the table does not contain it.
+    """Return the message and advice of a diagnostic. Unknown codes are stated in the message.
 
     Args:
         fps: frames per second, for the duration of frame ranges. 0 omits the duration.
@@ -257,7 +257,7 @@ def frames_text(runs: Sequence[tuple[int, int]], fps: float = 0.0) -> str:
 
 
 def listed(names: Iterable[str]) -> str:
-    """Return the first names as text, and the number of remaining names."""
+    """Join the first names as text, followed by the number of remaining names."""
     names = list(names)
     more = f" and {len(names) - LONGEST_LIST} more" if len(names) > LONGEST_LIST else ""
     return (", ".join(names[:LONGEST_LIST]) or "none") + more
@@ -293,9 +293,9 @@ def _by_name(found: Diagnostic) -> str:
 
 
 def summarise(found: Sequence[Diagnostic], fps: float = 0.0) -> list[str]:
-    """Return one line per warning, and a last line with "OK" or with what to check.
+    """Return one line per warning, and a last line with "OK" or with the places to check.
 
-    After a multi-view solve, the last line states the stature, because the images do not change if the world is scaled.
+    After a multi-view solve, the last line also states the stature, because images do not determine the world's scale.
     """
     warnings = warnings_in(found)
     lines = [f"{item.severity.value}: {sentence(item, fps)}" for item in warnings]
@@ -304,7 +304,7 @@ def summarise(found: Sequence[Diagnostic], fps: float = 0.0) -> list[str]:
 
 
 def size_in(found: Iterable[Diagnostic]) -> str:
-    """Return the sentence about the solved body's size and where it comes from, or '' if there is none."""
+    """Return the sentence about the solved stature and its source, or "" without that diagnostic."""
     sizes = [item for item in found if item.code == "stature_solved"]
     return word(sizes[0]).what if sizes else ""
 
@@ -333,14 +333,14 @@ def _unite(runs: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
 
 
 def check_accepted(codes: Iterable[str]) -> None:
-    """Raise ``JobInvalid`` unless every code is one that can refuse a result. The hint lists the valid codes."""
+    """Raise ``JobInvalid`` with the valid codes unless every code denotes an error that can refuse a result."""
     if unknown := [code for code in codes if code not in list_refusals()]:
         hint = f"Known codes: {', '.join(list_refusals())}."
         raise JobInvalid(f"There is no error to accept with the code {', '.join(unknown)}.", where="accept", hint=hint)
 
 
 def refuse_errors(found: Iterable[Diagnostic], accepted: Iterable[str], where: str) -> tuple[Diagnostic, ...]:
-    """Turn accepted errors into warnings, and raise an error if others remain.
+    """Convert accepted errors to warnings, and raise ``ResultRefused`` if other errors remain.
 
     Args:
         accepted: codes from ``list_refusals``.

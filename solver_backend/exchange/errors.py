@@ -33,7 +33,7 @@ class ErrorEvent(TypedDict):
 
 
 class MocapError(Exception):
-    """Base class of all errors that a user can cause or run into.
+    """Base class of all errors that are reported to users.
 
     Args:
         message: one sentence about what happened and what was expected.
@@ -188,7 +188,7 @@ class PriorInvalid(MocapError):
 
 
 class TrainingMismatch(MocapError):
-    """The checkpoint's settings differ from those of the run that continues it."""
+    """The checkpoint and the run that continues it have different settings."""
 
 
 class PoseInvalid(MocapError):

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from typing import Any, NotRequired, TypedDict, cast
 
 Form = str | list[Any] | dict[str, Any]
-"""A key in ``_KINDS``, a list with the form of all its items, or forms by key. A value may be null if its key ends in
-"?". The key "*" matches all keys."""
+"""Expected form of a JSON value: a key in ``_KINDS``, a list with the form of all items, or forms by key. A value may
+be null if its key ends in "?". The key "*" matches all keys."""
 
 
 def _is_number(value: Any) -> bool:
@@ -66,7 +66,7 @@ _SEVERAL: dict[str, dict[str, Form]] = {
 
 
 def fits(form: Form, value: Any) -> bool:
-    """Return whether a value has the given form."""
+    """Return whether a JSON value has the given form (see ``Form``)."""
     if isinstance(form, str):
         return _KINDS[form](value)
     if isinstance(form, list):
@@ -87,7 +87,7 @@ def _misfits(form: dict[str, Form], value: Mapping[str, Any]) -> list[str]:
 
 
 def what_is_wrong(event: Mapping[str, Any], verb: str) -> str:
-    """Return a sentence about what is wrong with a solver line, or "" if it follows the protocol."""
+    """Describe how a solver event violates the progress protocol, or return "" if it is valid."""
     kind = event.get("event")
     if not isinstance(kind, str) or kind not in _EVENTS:
         return f"the event {str(kind)[:40]!r} is unknown"
@@ -117,7 +117,7 @@ class PoseValues(TypedDict):
 
 
 class FrameLine(TypedDict):
-    """A frame with a pose, or with the reason why there is none."""
+    """A frame of a live run, with a pose or with the reason why there is none."""
 
     frame: int
     t: float
@@ -152,5 +152,5 @@ def frame_line(number: int, t: float, state: str, latency_s: float, lag_s: float
 
 
 def event_line(event: str, message: str, t: float | None = None) -> EventLine:
-    """Build an event line."""
+    """Build the line for an event of a live run, with its time in seconds on the source's clock."""
     return {"event": event, "t": t, "message": message}

@@ -68,10 +68,10 @@ def with_finger_joints(
 
 
 def from_flat(rotations: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """Convert finger rotations from relative to a flat hand to relative to the rest pose: ``R_j = F_pᵀ R'_j F_j``.
+    """Convert finger rotations from a flat hand to the rest pose: ``R_j = F_pᵀ R'_j F_j``.
 
-    A bone that points along d at rest points along ``F d`` in the flat hand, so its rotation from rest is ``G' F``. The
-    wrist, which is the first joint's parent, has no F.
+    F_j rotates bone j from rest to the flat hand, and p is its parent. A bone that points along d at rest points along
+    ``F d`` in the flat hand, so its rotation from rest is ``G' F``. The wrist has no F.
 
     Args:
         rotations: (..., 30, 3, 3) R', each joint relative to its parent.
@@ -81,7 +81,7 @@ def from_flat(rotations: np.ndarray, flat: np.ndarray) -> np.ndarray:
 
 
 def to_flat(rotations: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """Convert finger rotations relative to rest to rotations relative to a flat hand."""
+    """Convert finger rotations from the rest pose to a flat hand. This inverts ``from_flat``."""
     return _of_parents(flat) @ rotations @ np.swapaxes(flat, -1, -2)
 
 

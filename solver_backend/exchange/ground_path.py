@@ -1,4 +1,4 @@
-"""Compute the ground path, which is the motion of a root bone and is removed from in-place motions."""
+"""Compute the path on the ground that a root bone follows and that in-place motions omit."""
 
 from __future__ import annotations
 
@@ -25,14 +25,19 @@ class GroundPath:
 
     @property
     def turns(self) -> np.ndarray:
-        """(F, 3, 3) headings as rotations."""
+        """(F, 3, 3) rotations by the heading about Z."""
         return matrix_from_rotvec(self.heading[:, None] * [0.0, 0.0, 1.0])
 
 
 def ground_path(hips: np.ndarray, turns: np.ndarray, fps: float) -> GroundPath:
-    """Return the smoothed (F, 3) path and (F, 3, 3) headings of the hips, with Z up.
+    """Compute the smoothed ground path and heading of the hips.
 
     The heading of a rotation q is the twist in its swing-twist decomposition, ``2 atan2(q_z, q_w)``.
+
+    Args:
+        hips: (F, 3) positions in metres, Z up.
+        turns: (F, 3, 3) rotations of the hips, with the identity facing -Y.
+        fps: frames per second.
     """
     on_ground = hips * [1.0, 1.0, 0.0]
     quat = sign_continuous(quat_from_matrix(turns))

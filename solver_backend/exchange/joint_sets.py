@@ -51,7 +51,7 @@ class JointSet(StrEnum):
     MPII's chest. Whole-body COCO detectors may write only the first 23 columns: body and feet."""
 
     def __new__(cls, name: str, keypoints: str = "", *written: int) -> Self:
-        """Create a member from its name and its columns."""
+        """Create a joint set from its name, its column list and the numbers of columns in files."""
         member = str.__new__(cls, name)
         member._value_ = name
         member.keypoints = _columns(keypoints)
@@ -85,18 +85,21 @@ class JointSet(StrEnum):
 
     @property
     def num_keypoints(self) -> int:
-        """Number of used columns."""
+        """Number of keypoints that are used, starting with the first column."""
         return len(self.keypoints)
 
     def mirrored(self, count: int = 0) -> tuple[int, ...]:
-        """Return each column's counterpart on the other side, or the column itself if it has none."""
+        """Return the column of each keypoint's counterpart on the other side.
+
+        Keypoints without a counterpart map to themselves, as do additional columns up to ``count``.
+        """
         other = {"left": "right", "right": "left"}
         swapped = [_SIDE.sub(lambda found: other[found[0]], name) for name in self.keypoints]
         return (*map(self.keypoints.index, swapped), *range(len(swapped), count))
 
     @classmethod
     def fitting(cls, num_keypoints: int) -> tuple[JointSet, ...]:
-        """Return the sets for which some detector writes this number of keypoints."""
+        """Return the joint sets that can have this number of columns in detector output."""
         return tuple(s for s in cls if num_keypoints in s.num_written)
 
 

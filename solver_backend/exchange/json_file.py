@@ -32,7 +32,7 @@ def read_json_file(path: Path | str, largest: int = LARGEST) -> Any:
 
 
 def parse_json(text: str, path: Path | str) -> Any:
-    """Parse JSON text. ``path`` is the file it comes from, for errors."""
+    """Parse the JSON text of a file. ``path`` is used in errors."""
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:

@@ -31,7 +31,7 @@ def require_models(names: Sequence[str]) -> None:
 
 
 def model_named(text: str) -> str:
-    """Return the lens model with this name, or ``DEFAULT_MODEL`` for unknown names."""
+    """Return the name of the lens model that a text denotes, or ``DEFAULT_MODEL`` if it is unknown."""
     plain = re.sub(r"[^a-z0-9]", "", text.lower())
     others = (model for model in LENS_MODELS.values() if model.name != DEFAULT_MODEL)
     return next((m.name for m in others if plain in m.aliases or m.name in plain), DEFAULT_MODEL)

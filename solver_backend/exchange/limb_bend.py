@@ -15,17 +15,20 @@ _CLEAR_BEND = 0.05  # Sine of the bend at which the plane of the bones and the a
 
 
 def bend_to(reach: np.ndarray, upper: np.ndarray, lower: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (F, 3, 3) rotations that bring the end of a two-bone limb to its goal.
+    """Rotate the two bones of a limb so that its end reaches a goal.
 
     First, the lower bone rotates about the hinge n until the distance d is correct. If u and v are the bones and a bar
     denotes the part perpendicular to n, the law of cosines gives ``|ū| |v̄| cos φ = (d² - |u|² - |v|²)/2 -
     (u·n)(v·n)``. Then the whole limb swings by the smallest rotation.
 
     Args:
-        reach: (F, 3) vectors from the start to the end of the limb in metres, shortened to the limb's length.
+        reach: (F, 3) vectors from the start of the limb to its goal in metres. A limb approaches a goal out of reach.
         upper: (F, 3) vectors along the actor's upper bone with the length of the rig's bone.
         lower: (F, 3) vectors along the lower bone.
         axis: (F, 3) unit vectors along the hinge's anatomical axis, about which bend angles are positive.
+
+    Returns:
+        (F, 3, 3) rotations of the upper and of the lower bone.
     """
     a, b = np.linalg.norm(upper, axis=-1), np.linalg.norm(lower, axis=-1)
     distance = np.clip(np.linalg.norm(reach, axis=-1), shortest_reach(upper, lower), longest_reach(upper, lower))
@@ -41,7 +44,10 @@ def bend_to(reach: np.ndarray, upper: np.ndarray, lower: np.ndarray, axis: np.nd
 
 
 def longest_reach(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
-    """Return the largest reach (...) of limbs in metres, which is at least the actor's."""
+    """Return the largest (...) distance in metres between the ends of limbs with (..., 3) bones.
+
+    It is slightly below the limb's length, unless the actor's limb is straighter.
+    """
     a, b = np.linalg.norm(upper, axis=-1), np.linalg.norm(lower, axis=-1)
     return np.maximum(_STRAIGHTEST * (a + b), np.linalg.norm(upper + lower, axis=-1))
 
@@ -74,13 +80,14 @@ _ON_AXIS_M = 1e-9  # Distance from the axis in metres below which a direction is
 def within_reach(
     hips: np.ndarray, ankles: np.ndarray, reaches: np.ndarray, folded: np.ndarray | float = 0.0
 ) -> np.ndarray:
-    """Return the smallest (F, 3) body offset in metres that lets every leg reach its foot.
+    """Return the smallest (F, 3) body offset in metres that lets all L legs reach their feet.
 
     If c is the vector from a hip to its ankle, the offset w satisfies ``least <= |c - w| <= longest``. The smallest w
-    is 0, or lies on a sphere around one c, or on the circle where two spheres intersect. If no offset suits both legs,
+    is 0, or is on a sphere around one c, or on the circle where two spheres intersect. If no offset suits both legs,
     the midpoint of the gap is returned.
 
     Args:
+        hips, ankles: (L, F, 3) positions in metres.
         reaches: (L, F) longest distances from hip to ankle in metres.
         folded: (L, F) shortest distances, which are the length differences between thigh and shin.
     """
@@ -97,7 +104,10 @@ def within_reach(
 
 
 def _on_circle(a: np.ndarray, r: np.ndarray, b: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) points on two spheres that are nearest to the origin, or points between the spheres."""
+    """Return the (F, 3) points on both spheres, with centres a, b and radii r, q, nearest to the origin.
+
+    If the spheres do not touch, points in the gap between them are returned.
+    """
     distance = np.linalg.norm(b - a, axis=-1)
     along = _unit(b - a)
     share = np.where(
@@ -120,7 +130,7 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def eased(held: np.ndarray, fixed: np.ndarray, frames: float) -> np.ndarray:
-    """Return (F, n) offsets that equal ``held`` in the fixed frames and fade out around them."""
+    """Fade out the (F, n) offsets ``held`` within ``frames`` frames around the fixed frames."""
     if not len(fixed):
         return np.zeros_like(held)
     index = np.arange(len(held))

@@ -44,7 +44,7 @@ _KINDS = {
 
 
 def other_kind(found: str, expected: str, where: str) -> FileDamaged:
-    """Return the error for a file in the wrong format (``found``, or "" if unknown)."""
+    """Return the error for a file in the wrong format (``found``, or "" if the file has no format)."""
     wanted = _KINDS[expected][0]
     if found in _KINDS:
         what, readers = _KINDS[found]
@@ -60,7 +60,7 @@ _HEAD_BYTES = 2000  # Number of bytes of a page that are searched for the mark. 
 
 
 def is_report(path: Path, folder: Path) -> bool:
-    """Return whether a file is a solve's report page."""
+    """Return whether a file directly inside a folder is a solve's report page."""
     try:
         inside = path.resolve().parent == folder.resolve()
         if path.suffix.lower() != ".html" or not inside or not path.is_file():

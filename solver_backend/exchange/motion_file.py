@@ -142,7 +142,7 @@ class MotionFile:
 
 
 def is_motion(path: Path) -> bool:
-    """Return whether a file is a readable motion from us or from AMASS."""
+    """Return whether a file is a readable motion file of ours or from AMASS."""
     if path.suffix.lower() != ".npz":
         return False
     try:
@@ -155,9 +155,11 @@ def is_motion(path: Path) -> bool:
 
 
 def read_motion(path: Path, *layouts: BodyLayout, whole: bool = False) -> MotionFile:
-    """Read the displayed parts of a motion file that is in one of the given layouts or from AMASS.
+    """Read the parts of a motion file that Blender displays.
 
-    ``whole`` reads all parts.
+    Args:
+        layouts: accepted body layouts. The default is SMPL with and without moving fingers.
+        whole: True reads all parts.
 
     Raises:
         MotionInvalid: the layout differs, shapes are inconsistent, there are no frames, or values are not finite.
@@ -175,7 +177,7 @@ def read_motion(path: Path, *layouts: BodyLayout, whole: bool = False) -> Motion
 
 
 def _typed(fields: Fields, key: str, shape: Shape) -> np.ndarray:
-    """Return an optional array converted to its type. A bool must be 0 or 1, a flag 0 to 255."""
+    """Read an optional array and convert it to its type. A bool must be 0 or 1, and a flag 0 to 255."""
     value, kind = fields.shaped(key, shape, MotionInvalid), _DTYPES.get(key)
     if kind is None:
         return value
@@ -254,7 +256,7 @@ def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = Fals
 
 
 def layout_of(fields: Fields) -> BodyLayout:
-    """Return the layout that a motion file names, or SMPL's if it names none.
+    """Return the body layout that a motion file states, or SMPL's by default.
 
     Raises:
         MotionInvalid: the joints do not form a layout.

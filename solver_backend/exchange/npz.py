@@ -80,7 +80,11 @@ class Members:
 
 
 def read_array_header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype, bool, int]:
-    """Return shape, type, column order and header size in bytes (NumPy versions 1 to 3)."""
+    """Read the header of an ``.npy`` array in format version 1, 2 or 3.
+
+    Returns:
+        Shape, type, True if columns come first in memory, and header size in bytes.
+    """
     magic = stream.read(8)
     version = magic[6] if len(magic) == 8 and magic[:6] == b"\x93NUMPY" else 0
     width = _LENGTH_BYTES.get(version, 0)

@@ -75,7 +75,7 @@ def temporary_folder() -> Iterator[Path]:
 
 
 def publish(unfinished: Path, whole: Path, mark: str) -> None:
-    """Rename a complete folder, unless another process has already published it.
+    """Give a completed folder its final name, unless another process has already published it.
 
     Args:
         unfinished: folder next to ``whole``, named by ``unfinished_names``.
@@ -327,7 +327,7 @@ def _not_writable(where: Path | str, error: OSError) -> OutputNotWritable:
 
 
 def require_file(path: Path | str) -> Path:
-    """Return the path of an existing file. Raise FileMissing if it is not one."""
+    """Return the path of an existing file, or raise ``FileMissing``."""
     path = Path(path)
     if path.exists() and not path.is_file():
         what = "The path is a folder, a pipe or a device, not a file."
@@ -342,7 +342,7 @@ def unreadable(path: Path | str, error: OSError) -> FileDamaged:
 
 
 def require_path(path: Path | str, what: str = "file") -> Path:
-    """Return the path of an existing file or folder. The error suggests a similar name."""
+    """Return the path of an existing file or folder, or raise ``FileMissing`` with a similar name."""
     path = Path(path)
     if path.exists():
         return path

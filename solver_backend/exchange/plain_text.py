@@ -14,7 +14,7 @@ _PLAIN = re.compile(r"[ -~]*")
 
 
 def plain(text: str, *, keep: str = "") -> str:
-    """Return text on one line, with visible signs in place of control characters."""
+    """Replace the control characters in a text, except those in ``keep``, with a visible sign."""
     if _PLAIN.fullmatch(text):
         return text
     return "".join(c if c in keep or not _steers(c) else _SHOWN for c in text)
@@ -25,7 +25,7 @@ def _steers(character: str) -> bool:
 
 
 def pairs(text: str) -> dict[str, str]:
-    """Split text into pairs of words, and map the first word of each pair to the second."""
+    """Split text into words, and map each odd word to the next one."""
     words = text.split()
     return dict(zip(words[::2], words[1::2], strict=True))
 

@@ -14,7 +14,7 @@ from .plain_text import plain
 
 @runtime_checkable
 class Progress(Protocol):
-    """Receives progress. A stage may call it any number of times."""
+    """Callback for progress. A stage may call it any number of times."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Report the finished steps of a stage."""
@@ -25,7 +25,7 @@ def silent(stage: str, done: int, total: int) -> None:
 
 
 def prefixed(progress: Progress, prefix: str) -> Progress:
-    """Wrap a progress receiver so that it adds a prefix to the stage."""
+    """Wrap a progress receiver so that stage names get a prefix."""
 
     def receive(stage: str, done: int, total: int) -> None:
         progress(prefix + stage, done, total)
@@ -71,7 +71,7 @@ class ConsoleProgress(_Paced):
     """Draws one updating line per stage on a terminal, or one line per stage otherwise."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Show the progress of the stage."""
+        """Draw the progress bar of the stage."""
         eta_s = self._clock.eta_s(stage, done, total)
         finished = done >= total
         if not finished and (not self._stream.isatty() or self._is_early()):
@@ -86,10 +86,10 @@ class ConsoleProgress(_Paced):
 
 
 class JsonProgress(_Paced):
-    """Writes JSON lines: a stage's first and last, and between them at most one per interval."""
+    """Writes progress as JSON lines: the first and last of a stage, and at most one more per interval."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Write the stage's line if it is due."""
+        """Write a progress event if it is due."""
         first, eta_s = self._clock.starts(stage), self._clock.eta_s(stage, done, total)
         if not first and done < total and self._is_early():
             return

@@ -59,13 +59,13 @@ class Prop:
         return tuple(label.rpartition(":")[2] for label in self.labels) == POSE_POINTS
 
     def in_axes(self, origin: np.ndarray, axes: np.ndarray) -> Prop:
-        """Transform the prop to other axes, given an origin (3,) and the axes as matrix columns (3, 3)."""
+        """Express the prop in other axes, given their origin (3,) and directions as matrix columns (3, 3)."""
         R = matrix_from_rotvec(self.rotvec)
         points, transl = (self.points - origin) @ axes, self.transl + R @ origin
         return replace(self, points=points, rotvec=rotvec_from_matrix(R @ axes), transl=transl)
 
     def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
+        """Return the prop as plain JSON values, in metres and radians."""
         markers = {label: point.tolist() for label, point in zip(self.labels, self.points, strict=True)}
         tracks = {name: getattr(self, name).tolist() for name in ("rotvec", "transl", "seen")}
         sigma = dict(zip(("sigma_m", "sigma_rad"), self.sigma.T.tolist(), strict=True))

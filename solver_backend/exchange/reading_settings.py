@@ -1,4 +1,4 @@
-"""Declare the reading options for recordings once, for the command line, jobs and panels."""
+"""Declare the options for reading recordings, which the command line, jobs and panels use."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _reading, _time, _world = (partial(setting, group=group) for group in (READING, 
 
 @dataclass(frozen=True, kw_only=True)
 class TimeSettings:
-    """Settings that assign cameras and select frames.
+    """Settings that map camera names and select frames.
 
     Raises:
         JobInvalid: a camera is not RECORDED=CALIBRATED, an offset is not CAMERA=FRAMES, or frames are not a range.

@@ -30,7 +30,7 @@ class Fields:
         return key in self.arrays
 
     def array(self, key: str) -> np.ndarray:
-        """Return a required array."""
+        """Return a required array, or raise ``FileDamaged`` if it is missing."""
         if key not in self.arrays:
             raise FileDamaged(
                 f"The file does not contain '{key}'. It contains {', '.join(sorted(self.arrays)) or 'nothing'}.",
@@ -71,7 +71,7 @@ class Fields:
         return value
 
     def number(self, key: str) -> float:
-        """Return a required scalar."""
+        """Return a required scalar as a float."""
         return float(self.numbers(key, ()))
 
     def text(self, key: str, default: str | None = None) -> str:
@@ -89,7 +89,7 @@ class Fields:
         return tuple(str(item) for item in np.ravel(self.arrays.get(key, ())))
 
     def joint_set(self) -> JointSet:
-        """Return the joint set named in the file."""
+        """Return the joint set that the file states, or raise ``FileDamaged`` if it is unknown."""
         from .joint_sets import JointSet  # avoids a circular import through the body layout
 
         name = self.text("joint_set")
@@ -100,14 +100,14 @@ class Fields:
             raise FileDamaged(f"Unknown joint set '{name}'. Known sets: {known}.", where=str(self.path)) from error
 
     def require_format(self, name: str, version: int) -> None:
-        """Raise ``FileDamaged`` if the format is another one or the version is later."""
+        """Raise ``FileDamaged`` unless the file states this format and a version that is not later."""
         found = self.text("format", "")
         if found != name:
             raise other_kind(found, name, str(self.path))
         self._require_version(self.number("version"), version, "program")
 
     def accept_format(self, name: str, version: int) -> None:
-        """Raise ``FileDamaged`` if the file states another format or a later version."""
+        """Raise ``FileDamaged`` if the file states another format or a later version. Both may be missing."""
         found = self.text("format", name)
         if found != name:
             raise other_kind(found, name, str(self.path))
@@ -129,7 +129,7 @@ def read_fields(path: Path | str, names: Iterable[str], *, prefix: str | None = 
 
 
 def fits(found: tuple[int, ...], shape: Shape) -> bool:
-    """Return whether an array's shape matches the expected one."""
+    """Return whether an array has the expected shape."""
     return len(found) == len(shape) and all(
         have == want or not isinstance(want, int) for want, have in zip(shape, found, strict=True)
     )

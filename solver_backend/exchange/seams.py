@@ -1,9 +1,9 @@
 """Find and close the best cycle in a motion, and join motions at the standing foot.
 
-Each side of a seam takes half the difference in pose and velocity, which fades with distance: ``x(u) ± (δ + u δ') h(|u|
-/ T) / 2`` with ``h(x) = 1 - 3x² + 2x³``, u seconds from the seam and blend time T. Pose and velocity are therefore
-continuous (after "inertialization", Bollo 2018, but on both sides). Planted feet align the clips on the ground. There,
-the δ of pelvis and leg cancel out, so planted feet do not slide. Around a join, the legs bend to keep feet in place.
+Each side of a seam moves by half the difference in pose and velocity, which fades away from the seam: ``x(u) ± (δ + u
+δ') h(|u| / T) / 2`` with ``h(x) = 1 - 3x² + 2x³``, u seconds from the seam and blend time T. Pose and velocity are
+therefore continuous ("inertialization", Bollo 2018, but on both sides). Clips are aligned by their planted feet. There,
+the differences of pelvis and leg cancel out, so that feet do not slide. Around a join, legs bend to keep feet in place.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class Placement:
         return matrix_from_rotvec(np.array([0.0, 0.0, self.angle]))
 
     def move(self, motion: MotionFile) -> MotionFile:
-        """Apply the rigid motion to everything in a motion's world."""
+        """Apply the rigid motion to the body, root path and covariances of a motion."""
         R = self.turn
         rotvec = motion.rotvec.copy()
         rotvec[:, 0] = rotvec_from_matrix(R @ matrix_from_rotvec(rotvec[:, 0]))
@@ -123,7 +123,7 @@ class Seam:
 
 
 def measure_seam(before: MotionFile, at: int, after: MotionFile, start: int) -> Seam:
-    """Compare a frame of one motion with the frame of another motion that replaces it."""
+    """Measure the difference between a frame of one motion and the frame that replaces it."""
     placement = _aligned(before, at, after, start)
     R = placement.turn
     one, two = _state(before, at), _state(after, start)
@@ -157,7 +157,7 @@ class _State:
 
 
 def _state(motion: MotionFile, at: int) -> _State:
-    """Return the pose and velocity in a frame, from the steps on both sides or from two steps on one side."""
+    """Return the pose and velocity in a frame. At the ends of a motion, the velocity is extrapolated."""
     last = motion.num_frames - 1
     steps, weights = (at - 1, at), (0.5, 0.5)
     if at in (0, last):
@@ -197,12 +197,12 @@ def _aligned(before: MotionFile, at: int, after: MotionFile, start: int) -> Plac
 
 
 def blend_end(motion: MotionFile, seam: Seam, blend_s: float) -> MotionFile:
-    """Blend the end of a motion into the seam."""
+    """Add half of a seam's difference, which fades in, to the end of the first motion."""
     return _offset(motion, seam, (np.arange(motion.num_frames) - (motion.num_frames - 1)) / motion.fps, -0.5, blend_s)
 
 
 def blend_start(motion: MotionFile, seam: Seam, blend_s: float) -> MotionFile:
-    """Blend the start of a motion into the seam, in the ground coordinates of this motion."""
+    """Add half of a seam's difference, which fades out, to the start of the second motion."""
     back = seam.placement.turn.T
     own = replace(seam, shift=back @ seam.shift, velocity=back @ seam.velocity)
     return _offset(motion, own, np.arange(motion.num_frames) / motion.fps, 0.5, blend_s)
@@ -233,12 +233,12 @@ class Loop:
 
     @property
     def is_near(self) -> bool:
-        """True if the difference is small enough to hide."""
+        """True if the difference is small enough for blending to hide it."""
         return self.gap.degrees <= GAP_DEGREES and self.gap.mm <= GAP_MM
 
     @property
     def is_good(self) -> bool:
-        """True if the difference is small enough to hide, and the seam too small to see."""
+        """True if blending hides the difference, and the remaining jump at the seam is too small to see."""
         return self.is_near and self.seam_degrees <= SEAM_DEGREES and self.seam_mm <= SEAM_MM
 
 
@@ -270,7 +270,7 @@ def find_loop(
 
 
 def find_cycles(motion: MotionFile, shortest_s: float = SHORTEST_S) -> list[tuple[int, int]]:
-    """Return (first frame, replaced frame) of each cycle, preferring good and short ones.
+    """Return (first frame, replaced frame) of each cycle, best first.
 
     Frame pairs are compared by the positions and velocities of the joints relative to the body's position and direction
     (Kovar et al. 2002, "Motion Graphs"), and by foot contacts. The nearest pairs are compared joint by joint.
@@ -311,7 +311,7 @@ def _gap(motion: MotionFile, first: int, last: int) -> Seam:
 
 
 def _size(seam: Seam) -> float:
-    """Return the largest ratio between a seam's figures and their limits."""
+    """Return the largest ratio between a seam's differences and their limits."""
     apart = seam.degrees / GAP_DEGREES, seam.mm / GAP_MM
     return max(*apart, seam.corner_degrees / 2.0 / SEAM_DEGREES, seam.corner_mm / 2.0 / SEAM_MM)
 
@@ -321,7 +321,7 @@ def _joints(motion: MotionFile) -> np.ndarray:
 
 
 def _distances(motion: MotionFile, at: np.ndarray) -> np.ndarray:
-    """Return the (N, N) mean square distances between frames in square metres."""
+    """Return the (N, N) mean square distances between the poses in N frames, in square metres."""
     joints = _joints(motion)
     across = np.sum([joints[:, left] - joints[:, right] for left, right in _FACING], axis=0)
     back = matrix_from_rotvec(-np.arctan2(across[:, 1], across[:, 0])[:, None] * [0.0, 0.0, 1.0])
@@ -333,7 +333,7 @@ def _distances(motion: MotionFile, at: np.ndarray) -> np.ndarray:
 
 
 def _lowest(near: np.ndarray) -> np.ndarray:
-    """Return the (K, 2) indices of the lowest local minima in a table, lowest first."""
+    """Return the (K, 2) indices of the lowest local minima in a distance matrix, lowest first."""
     padded = np.pad(near, 1, constant_values=np.inf)
     rows, columns = near.shape
     around = [padded[1 + i : 1 + i + rows, 1 + j : 1 + j + columns] for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
@@ -360,7 +360,7 @@ def close_cycle(motion: MotionFile, first: int, last: int, blend_s: float = BLEN
 
 
 def _jump(closed: MotionFile, motion: MotionFile, last: int) -> tuple[float, float]:
-    """Return the largest rotation (degrees) and distance (mm) at the seam of a cycle."""
+    """Return the largest rotation (degrees) and distance (mm) that remain at the seam of a cycle."""
     one, two = quat_from_rotvec(closed.rotvec[-2:]), quat_from_rotvec(motion.rotvec[last - 1 : last + 1])
     turns = quat_multiply(
         _conjugate(quat_multiply(_conjugate(two[0]), two[1])), quat_multiply(_conjugate(one[0]), one[1])
@@ -380,7 +380,7 @@ def _with_closed_root(cycle: MotionFile, placement: Placement) -> MotionFile:
 
 
 def _stay(cycle: MotionFile, placement: Placement) -> MotionFile:
-    """Remove a cycle's travel: move frame i of N back by i / N of the screw motion."""
+    """Remove a cycle's travel: move frame i of N back by i / N of its rigid motion."""
     share = np.arange(cycle.num_frames) / cycle.num_frames
     way = share[:, None] * (_arc(share * placement.angle) @ np.linalg.solve(_arc(placement.angle), placement.shift))
     back = matrix_from_rotvec(-(share * placement.angle)[:, None] * [0.0, 0.0, 1.0])
@@ -411,10 +411,10 @@ def _arc(angle: float | np.ndarray) -> np.ndarray:
 
 
 def join(first: MotionFile, second: MotionFile, blend_s: float = BLEND_S) -> tuple[MotionFile, Seam]:
-    """Join two motions of the same body end to end, and return the blended difference.
+    """Join two motions of the same body, and return the result and the difference at the seam.
 
     The second motion starts where the first one ends, in its direction and at its frame rate, on the feet that are
-    planted in both poses. Its first frame replaces the last frame of the first motion. If its shape differs, it takes
+    planted in both poses. Its first frame replaces the last frame of the first motion. If its shape differs, it adopts
     the first one's shape, and its pelvis positions are scaled by leg length. ``join_notes`` lists what is lost.
 
     Raises:
@@ -523,7 +523,7 @@ def splice(motion: MotionFile, part: MotionFile, first: int, fades: tuple[int, i
 
 
 def join_notes(first: MotionFile, second: MotionFile) -> list[str]:
-    """Return a sentence for each thing that ``join`` changes or omits when it combines two motions."""
+    """Return a sentence about each change or omission that ``join`` makes to two motions."""
     ratio, notes = _legs(first) / _legs(second), list[str]()
     if abs(ratio - 1.0) > _SAME_LEGS:
         notes.append(f"The second motion was scaled to the legs of the first one, {ratio:.3f} times as long")
@@ -533,7 +533,7 @@ def join_notes(first: MotionFile, second: MotionFile) -> list[str]:
 
 
 def _in_shape_of(motion: MotionFile, other: MotionFile) -> MotionFile:
-    """Transfer a motion to the bones of another one, and scale the pelvis height to keep the feet on the ground."""
+    """Transfer a motion to another motion's bones, with the pelvis height scaled to keep feet on the ground."""
     rest, ratio = rest_joints(other), _legs(other) / _legs(motion)
     if np.allclose(rest - rest[0], rest_joints(motion) - rest_joints(motion)[0], atol=1e-5):
         return motion

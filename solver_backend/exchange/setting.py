@@ -1,4 +1,4 @@
-"""Define settings as rows from which the command line, panels, jobs and documentation are derived."""
+"""Define settings as table rows, which determine the command line, panels, jobs and documentation."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting."""
+    """A setting of a verb, of a solve or of reading a recording."""
 
     kind: Kind
     label: str  # Noun phrase in the panel.
@@ -63,7 +63,7 @@ class Setting:
     default: Any = None
     of_class: bool = False
     """True if declared in a dataclass, which has the default. The command line then passes None if not given."""
-    option: str = ""  # Command line options separated by spaces. Empty means ``--name``.
+    option: str = ""  # Command line options, separated by spaces. Empty means ``--name``.
     positional: bool = False  # True if identified by its position on the command line.
     required: bool = False
     many: bool = False  # Accepts one or more values.
@@ -134,7 +134,7 @@ class Setting:
         return isinstance(value, str) and (self.kind in ("file", "text") or bool(value.strip()))
 
     def words(self, value: Any) -> list[str]:
-        """Return the command line arguments for a value, or none for an empty value."""
+        """Return the command line arguments that specify a value. An empty value needs none."""
         if value is None or (is_list(value) and not value):
             return []
         if self.positional:
@@ -162,7 +162,7 @@ def text_of_value(value: Any) -> str:
 
 
 def setting(kind: Kind, default: Any, label: str, description: str, *, group: str, **more: Any) -> Any:
-    """Return a dataclass field that declares a setting. Pass ``REQUIRED`` as default if there is none."""
+    """Declare a setting as a dataclass field. If it has no default, pass ``REQUIRED``."""
     row = Setting(kind, label, description, group, default=default, required=default is REQUIRED, **more)
     return field(default=default, metadata={"setting": row})
 
@@ -184,7 +184,7 @@ def defaults_of_class(cls: Any) -> dict[str, Any]:
 
 
 def values_that_differ(values: Any, rows: Mapping[str, Setting]) -> dict[str, Any]:
-    """Return the settings of an object that differ from their defaults, as plain JSON values."""
+    """Return the settings of an object that differ from their defaults, as plain JSON values by name."""
     given = {name: value for name, row in rows.items() if (value := getattr(values, name)) != row.default}
     given = {name: value for name, value in given.items() if value or rows[name].default}
     return {name: list(v) if is_list(v) else str(v) if isinstance(v, str) else v for name, v in given.items()}
@@ -207,7 +207,7 @@ def _in_metres(row: Setting, value: Any) -> str:
 
 
 def known_values(cls: Any, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Prepare plain values for a settings dataclass. Reject unknown names."""
+    """Prepare plain values for a settings dataclass. Raise ``JobInvalid`` for unknown names."""
     known = settings_of_class(cls)
     unknown = sorted(set(values) - set(known))
     if unknown:

@@ -66,13 +66,13 @@ def require_distinct(names: tuple[str, ...], where: str) -> None:
 
 @dataclass(frozen=True)
 class SkeletonFile(SkeletonMotion):
-    """A motion as it is stored in a file."""
+    """A skeleton's motion with the roles of its joints, as stored in a file."""
 
     roles: dict[str, str]  # Joint for each role, empty if the writer did not know the roles.
 
 
 def write_skeleton(path: Path, skeleton: SkeletonFile, *, overwrite: bool = False) -> None:
-    """Write a skeleton file."""
+    """Write a skeleton file completely, or not at all."""
     arrays = {key: np.array(getattr(skeleton, key)) for key in ("name", "names", "parents", "rest", "joints", "turns")}
     arrays |= {"format": np.array(FORMAT), "version": np.array(VERSION), "fps": np.array(skeleton.fps)}
     write_npz(path, {**arrays, "roles": np.array(json.dumps(skeleton.roles))}, overwrite=overwrite)

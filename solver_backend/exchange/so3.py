@@ -1,4 +1,4 @@
-"""Convert rotations with NumPy, for bakes and files. Quaternions are wxyz."""
+"""Convert rotations with NumPy, for baking and files. Quaternions are wxyz."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def quat_from_rotvec(rotvec: np.ndarray) -> np.ndarray:
 
 
 def rotvec_from_quat(quat: np.ndarray) -> np.ndarray:
-    """Convert quaternions to rotation vectors whose length is between 0 and pi.
+    """Convert quaternions to rotation vectors (..., 3) with lengths from 0 to pi.
 
     Args:
         quat: (..., 4) unit quaternions wxyz of either sign.
@@ -70,7 +70,7 @@ def quat_from_matrix(R: np.ndarray) -> np.ndarray:
 
 
 def rotvec_from_matrix(R: np.ndarray) -> np.ndarray:
-    """Convert rotation matrices (..., 3, 3) to rotation vectors (..., 3) whose length is at most pi."""
+    """Convert rotation matrices (..., 3, 3) to rotation vectors (..., 3) with lengths up to pi."""
     return rotvec_from_quat(quat_from_matrix(R))
 
 

@@ -1,4 +1,4 @@
-"""Find frame ranges in which feet stand, from points that are slow and low."""
+"""Find the frame ranges with planted feet, from points that are slow and low."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _HALF_S = 0.03  # Seconds before and after a frame used to measure speed.
 
 
 def steps(points: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the displacement around each frame, (F, K, 3) metres, and its duration, (F, 1) seconds."""
+    """Return the displacement (F, K, 3) of K points around each frame in metres, and its duration (F, 1) in seconds."""
     half, index = max(1, round(_HALF_S * fps)), np.arange(len(points))
     before, after = np.maximum(index - half, 0), np.minimum(index + half, len(points) - 1)
     # A single frame has no displacement, so any duration is valid.
@@ -21,7 +21,7 @@ def steps(points: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def stands(heights: np.ndarray, speeds: np.ndarray, fps: float) -> list[list[tuple[int, int]]]:
-    """For each point, return the ranges of frames in which it is planted, as (first, end).
+    """Find when each of K points is planted. Each range is (first frame, frame after the last).
 
     Args:
         heights: (F, K) heights in metres.
@@ -36,7 +36,7 @@ def stands(heights: np.ndarray, speeds: np.ndarray, fps: float) -> list[list[tup
 
 
 def standing_runs(still: np.ndarray, fps: float) -> list[tuple[int, int]]:
-    """Return the (first, end) frames of still ranges, joined across short breaks."""
+    """Find when a point is still, as ranges (first frame, frame after the last). Join them across short breaks."""
     shortest = max(2, round(SHORTEST_S * fps))
     return [(first, stop) for first, stop in _joined(_runs(still), round(BREAK_S * fps)) if stop - first >= shortest]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 
 def torn_line(path: Path | str, text: str) -> str:
-    """Return the file and its first MOTION line that is not a row of numbers, if most of its lines are rows."""
+    """Return the path of a BVH file, and its first damaged MOTION line if most lines are intact."""
     lines = text.splitlines()
     channels = sum(int(count) for count in re.findall(r"(?i)\bCHANNELS\s+(\d{1,4})\b", text))
     first = next((n for n, line in enumerate(lines) if line.strip().startswith("Frame Time")), len(lines)) + 1

@@ -67,7 +67,7 @@ class Verb:
         return argparse.Namespace(verb=self.name, rest=[], **{row.name: row.default for row in self.settings} | values)
 
     def words(self, values: Mapping[str, Any]) -> list[str]:
-        """Return command line arguments for values by name. None and defaults are omitted."""
+        """Return the command line arguments for values by name. None and defaults are omitted."""
         rows = self.rows
         given = {name: value for name, value in values.items() if value != rows[name].default}
         ordered = sorted(given, key=lambda name: not rows[name].positional)
@@ -92,12 +92,12 @@ def flag(name: str, description: str, **more: Any) -> Setting:
 
 
 def output(metavar: str, description: str, default: Any = REQUIRED, kind: Kind = "path", **more: Any) -> Setting:
-    """Declare the option ``-o``, ``--out``, which is checked before work begins."""
+    """Declare the option ``-o``, ``--out``. The path is checked before work begins."""
     return option(kind, "out", metavar, description, default, **{"option": "-o --out", "is_output": True, **more})
 
 
 def values(*texts: str) -> tuple[Choice, ...]:
-    """Return choices without descriptions."""
+    """Return choices without descriptions, with labels derived from their values."""
     return tuple(Choice(text, text.replace("_", " ").title(), "") for text in texts)
 
 
@@ -110,12 +110,12 @@ def by_name(verbs: Iterable[Verb]) -> dict[str, Verb]:
 
 
 class Parser(argparse.ArgumentParser):
-    """Argument parser that raises our own error rather than ending the process."""
+    """Argument parser that raises ``CommandLineInvalid`` instead of ending the process."""
 
     rows: Collection[Setting] = ()
 
     def error(self, message: str) -> NoReturn:
-        """Raise ``CommandLineInvalid`` with our message. The hint is help, a suggested word or the usage."""
+        """Raise ``CommandLineInvalid``, with the option's help, a suggested word or the usage as hint."""
         hint = " ".join(["Usage:", *self.format_usage().split()[1:]])
         if named := re.fullmatch(r"argument (\S+): (.*)", message, re.DOTALL):
             name, text = named[1].split("/")[-1], named[2]
@@ -170,7 +170,7 @@ class Program:
         return [verb for verb in self.verbs.values() if not verb.hidden]
 
     def parse(self, argv: list[str]) -> argparse.Namespace:
-        """Parse the command line into ``verb``, its settings, and ``rest`` to pass on.
+        """Parse the command line to ``verb``, its settings, and the remaining arguments as ``rest``.
 
         Raises:
             CommandLineInvalid: the command line is invalid. The hint is the usage or the most similar known word.
@@ -203,7 +203,7 @@ class Program:
         return args
 
     def parser(self, group: str = "") -> Parser:
-        """Return the parser for the verb name. Its help lists the verbs."""
+        """Return the parser for the words that name a verb. Its help lists the verbs."""
         name, of_group = f"{self.name} {group}".strip(), self.groups.get(group, "")
         about = f"{of_group[:1].upper()}{of_group[1:]}." if group else self.description
         usage = f"{name} [-h]{' [--version]' * bool(self.version and not group)} VERB ..."
@@ -300,7 +300,7 @@ def _range_in_help(row: Setting) -> str:
 
 
 def in_sentence(text: str) -> str:
-    """Return a description in a form for use within a sentence. Proper names stay capitalised."""
+    """Convert a description for use within a sentence. Only proper names stay capitalised."""
     word = text.split(maxsplit=1)[0].rstrip(",;:'s")
     is_name = word in _PROPER_NAMES or (not word[1:].islower() and len(word) > 1)
     return text if is_name else f"{text[0].lower()}{text[1:]}"
@@ -343,7 +343,6 @@ class _Reader:
         self.__name__ = {"whole": "int", "number": "float"}.get(row.kind, row.kind)
 
     def __call__(self, text: str) -> Any:
-        """Convert text to a value. Raise an error that argparse reports."""
         row = self._row
         if row.kind in ("path", "folder"):
             if row.endings and Path(text).suffix.lower() not in row.endings:

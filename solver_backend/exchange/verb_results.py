@@ -1,4 +1,4 @@
-"""Define the result events of those verbs on which another program depends."""
+"""Define the result events of verbs that other programs depend on."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from .errors import ErrorEvent
 
 
 class PersonSummary(TypedDict):
-    """One of several people in a capture."""
+    """A person in a capture with several people."""
 
     name: str
     frames: int
@@ -93,7 +93,7 @@ class SolveResult(MotionSummary):
 
 
 class TakeResult(SolveResult):
-    """One of several motions."""
+    """Result of ``solve`` for one of several motions."""
 
     capture: str
     name: str
@@ -146,7 +146,7 @@ class GlovesResult(Remarks):
 
 
 class TakeOfVideos(TypedDict):
-    """A take made from videos, with one line of text per step."""
+    """A take made from videos."""
 
     folder: str
     source: str
@@ -162,7 +162,7 @@ class VideosResult(TypedDict):
 
 
 class DetectorResult(TypedDict):
-    """Result of setting up a detector."""
+    """Result of installing a detector."""
 
     python: str
     models: list[str]

@@ -19,13 +19,13 @@ Tables = Mapping[str, Iterable[str]]  # Values of choices by the names that a ta
 
 
 def read_rows(items: Sequence[Any], named: Named, tables: Tables) -> Iterator[Setting]:
-    """Yield the settings described by a list in a table. Unknown names raise ``KeyError``.
+    """Yield the settings that a list in a table describes. Raise ``KeyError`` for unknown names.
 
     Args:
         items: each is a name in ``named``, or the fields of a ``Setting``. The name is under the key ``place`` for an
             argument, ``flag`` for a flag and ``name`` for an option. ``out`` is the metavar of the option ``--out``.
-            ``like`` copies a named setting and replaces the other fields. An output file takes the suffix of its
-            metavar, because readers recognise our files by it.
+            ``like`` copies a named setting and replaces the other fields. An output file must have the suffix of its
+            metavar, because readers recognise our files by their suffix.
     """
     for item in items:
         if isinstance(item, str):
@@ -48,7 +48,6 @@ def read_rows(items: Sequence[Any], named: Named, tables: Tables) -> Iterator[Se
 
 
 def _with_endings(item: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Add the allowed suffixes of an output file to the fields of a setting."""
     name = item.get("out", "") or (item.get("metavar", "") if item.get("place") == "out" else "")
     stems, dots, endings = zip(*(part.rpartition(".") for part in name.split("|")), strict=True)
     if "endings" in item or not item.get("is_output", True) or not all(dots) or not any(stems):
@@ -74,7 +73,7 @@ def _value(key: str, value: Any, tables: Tables) -> Any:
 
 @cache
 def _texts() -> dict[str, str]:
-    """Return texts from other tables that are inserted into descriptions for names in braces."""
+    """Return the texts from other tables that replace names in braces in descriptions."""
     from .video_settings import DETECTORS
 
     return {"formats": FORMAT_NAMES, "detectors": ", ".join(DETECTORS)}
@@ -83,7 +82,7 @@ def _texts() -> dict[str, str]:
 def read_verbs(
     path: Path, named: Callable[[], Named], tables: Tables | None = None
 ) -> tuple[Callable[[], Named], dict[str, str], dict[str, Verb]]:
-    """Read a table of verbs. Return a function for the named settings, the groups and the verbs.
+    """Read a table of verbs.
 
     Settings are created when a verb needs them, so that the program does not create all of them at start-up.
 
@@ -92,6 +91,9 @@ def read_verbs(
             (fields of ``Verb`` by group and name). The group "" contains the verbs without a group.
         named: returns settings by the names that the table uses.
         tables: values of choices by the names that the table uses.
+
+    Returns:
+        A function that returns the shared settings by name, the groups, and the verbs by name.
     """
     table, verbs = json.loads(path.read_text(encoding="utf-8")), dict[str, Verb]()
 

@@ -1,4 +1,4 @@
-"""Declare the named detectors, and the settings for making a capture from videos."""
+"""Declare the detectors, and the settings for making a capture from videos."""
 
 from __future__ import annotations
 

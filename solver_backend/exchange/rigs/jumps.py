@@ -1,4 +1,4 @@
-"""Report and interpolate frames in which the whole figure jumps away and returns."""
+"""Report jumps of a whole figure, and interpolate short ones after which the figure returns."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LONGEST_S = 0.5  # Longest jump in seconds that is interpolated. A longer one m
 def bridge_jumps(
     joints: np.ndarray, turns: np.ndarray, pelvis: int, fps: float
 ) -> tuple[np.ndarray, np.ndarray, list[Diagnostic]]:
-    """Interpolate short runs of frames that are far from their neighbours, and report jumps.
+    """Interpolate short runs of frames far from their neighbouring frames, and report jumps.
 
     Args:
         joints: (F, J, 3) joint positions in metres.
@@ -52,10 +52,10 @@ def _fastest(steps: np.ndarray, runs: list[tuple[int, int]]) -> float:
 
 
 def _kept(place: np.ndarray, pieces: list[tuple[int, int]], fps: float) -> list[bool]:
-    """Return a mask of the pieces that continue the longest piece, either directly or after a jump and return.
+    """Return a mask of the pieces that continue the longest one, either directly or after a jump and return.
 
-    The first and last piece never return. Nor does a run of pieces that is longer than a jump, because the figure may
-    be moving fast.
+    The first and last piece are always kept. Runs of pieces that are longer than a jump are also kept, because the
+    figure may be moving fast.
     """
     lengths = [stop - first for first, stop in pieces]
     anchor = int(np.argmax(lengths))

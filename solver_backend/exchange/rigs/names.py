@@ -1,4 +1,4 @@
-"""Recognise bone roles from names: sides by affix, parts by words."""
+"""Recognise the roles of bones from their names: sides from affixes, parts from words."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _NOT_BODY = _set(
     "ik pole target mch org vis ctrl twist roll helper end nub tip finger thumb index middle ring pinky little "
     "palm metacarpal eye jaw ear hair tongue breast skirt cloth prop weapon tweak master heel"
 )
-"""Words in the names of bones that are none of these parts."""
+"""Words in the names of bones that do not belong to these parts."""
 _LEFT = _set("l left lft lt li links gauche izq izquierda izquierdo sx sinistra sinistro esquerda esquerdo")
 _RIGHT = _set("r right rgt rt re rechts droite droit der derecha derecho dx destra destro direita direito")
 """Words for sides in English, German, French, Spanish, Italian and Portuguese."""
@@ -55,7 +55,7 @@ _GLUED = ("left", "right", "l", "r")
 _OF_A_SIDE = frozenset(
     word.replace(" ", "") for part, words in _WORDS.items() if part not in ("pelvis", "head") for word in words
 ) | {"finger", "fingers", "thumb", "index", "middle", "ring", "pinky", "little"}
-"""Words from which a side name is split off."""
+"""Words that may follow a side name without a separator."""
 _PREFIXES = _set("def bip bip001 bip01 mixamorig character j jnt joint bone bn c m fk")
 
 
@@ -89,7 +89,7 @@ def guess_roles(bones: Iterable[str], parents: dict[str, str]) -> dict[str, str]
 
 
 def names_part(bone: str, part: str) -> bool:
-    """Return whether a name denotes exactly this body part."""
+    """Return whether a bone name denotes exactly this body part."""
     words = words_of(bone)
     if _NOT_BODY & set(words):
         return False
@@ -103,7 +103,7 @@ def side_of_name(bone: str) -> str:
 
 
 def words_of(bone: str) -> tuple[str, ...]:
-    """Return the lower-case words in a name without its side and prefixes."""
+    """Return the lower-case words in a bone name without its side and prefixes."""
     return _words(bone)[1]
 
 
@@ -124,7 +124,6 @@ def _words(bone: str) -> tuple[str, tuple[str, ...]]:
 
 
 def _split_off_side(word: str) -> list[str]:
-    """Split the side from the part if they form one word."""
     for side in _GLUED:
         if word.startswith(side) and word[len(side) :] in _OF_A_SIDE:
             return [side, word[len(side) :]]
@@ -134,7 +133,7 @@ def _split_off_side(word: str) -> list[str]:
 def _scored(
     words: dict[str, tuple[str, tuple[str, ...]]], side: str, synonyms: tuple[str, ...], parents: dict[str, str]
 ) -> Iterator[tuple[int, int, int, str]]:
-    """Yield the bones on one side whose names contain one of these words. Lower scores are more likely."""
+    """Yield scores and bones on one side with one of these words in their names. Lower is more likely."""
     for bone, (of_side, kept) in words.items():
         if of_side != side or not kept or _NOT_BODY & set(kept):
             continue

@@ -1,4 +1,4 @@
-"""Define rest frames for limbs. Bones are compared by body part, never by their axes.
+"""Define rest frames for limbs, so that bones are compared by body part and never by their axes.
 
 The stage has Z up. A figure on it faces -Y with its left side towards +X.
 """
@@ -14,9 +14,9 @@ from .skeleton import LIMBS, SIDES
 
 LEFT, FORWARD, UP = np.eye(3)[0], -np.eye(3)[1], np.eye(3)[2]
 _BENT = np.sin(np.radians(8.0))
-"""Sine of the smallest rest angle at which the bones on both sides of a hinge define its axis."""
+"""Sine of the smallest bend of a hinge that defines its axis at rest."""
 _LIKELY = 0.5  # Smallest cosine between that axis and the anatomical axis.
-_BENT_REST_DEG = 50.0  # Knee or elbow bend above which a rest pose is not a standing pose.
+_BENT_REST_DEG = 50.0  # Largest knee or elbow bend in a standing pose, in degrees.
 _STANDS_DEG = 30.0  # Largest lean of the trunk, thighs and shins of an upright figure, in degrees.
 _ACROSS = 1e-3  # Smallest sideways fraction of the vector from right to left. Below it, one side is above the other.
 _SNAP = np.cos(np.radians(12.0))  # Cosine of the angle below which a facing direction snaps to a skeleton axis.
@@ -63,7 +63,7 @@ def bent_at_rest(places: Mapping[str, np.ndarray]) -> Diagnostic | None:
 
 
 def off_stance_deg(places: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the angle between trunk and legs in degrees, or 0 if it is unknown.
+    """Return the (...) angle between trunk and legs in degrees, or 0 if it is unknown.
 
     It is close to 0 for upright figures.
 
@@ -75,7 +75,7 @@ def off_stance_deg(places: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def standing_frame(places: Mapping[str, np.ndarray], up: np.ndarray) -> int | None:
-    """Return the frame with the straightest legs below an upright trunk, or None.
+    """Return the frame with the straightest legs below an upright trunk, or None without one.
 
     Args:
         places: maps roles to (F, 3) head positions.
@@ -108,7 +108,7 @@ def _angles_deg(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def limb_turns(points: np.ndarray, own: np.ndarray, is_arm: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (3, 3) rotations from the bones of a limb at rest to those of another figure.
+    """Return the (3, 3) rotations of both bones from a limb at rest to the limb of another figure.
 
     Each frame M consists of the bone's direction, the hinge, and the normal to both: ``A = M_own M_points^T``.
 
@@ -147,7 +147,7 @@ def limb_frame(direction: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 def level(direction: np.ndarray) -> np.ndarray:
-    """Return the horizontal part of a direction, or the forward direction if there is none."""
+    """Return the horizontal part of a direction (3,), or the forward direction if it is vertical."""
     flat = direction * [1.0, 1.0, 0.0]
     return flat if np.linalg.norm(flat) > 1e-4 else FORWARD
 
@@ -159,7 +159,7 @@ def swing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _hinge(points: np.ndarray, direction: np.ndarray, is_arm: bool) -> np.ndarray:
-    """Return a limb's hinge axis at rest, given by its bend, or by anatomy if it is straight."""
+    """Return a limb's hinge axis at rest, from its bend, or from anatomy if it is straight."""
     u, v = points[1] - points[0], points[2] - points[1]
     bend, expected = np.cross(u, v), anatomical_axis(direction, is_arm)
     size = np.linalg.norm(bend)

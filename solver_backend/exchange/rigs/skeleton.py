@@ -1,4 +1,4 @@
-"""Represent a skeleton for recognition: a tree of bone positions with arbitrary names."""
+"""Represent a skeleton as a tree of bone positions, and define the roles of bones."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Skeleton:
         return math.dist(self.heads[a], self.heads[b])
 
     def main_path(self, bone: int) -> list[int]:
-        """Return the longest downward path from a bone."""
+        """Return the bones on the longest downward path from a bone, including the bone itself."""
         path = [bone]
         while self.children[path[-1]]:
             path.append(max(self.children[path[-1]], key=lambda c: self.reach[c] + self.distance(path[-1], c)))
@@ -87,7 +87,7 @@ class Skeleton:
         return order
 
 
-_ALIKE = 0.06  # Largest relative difference between the two sides. Captured skeletons reach 2 to 3 %.
+_ALIKE = 0.06  # Largest relative difference between left and right. Captured skeletons reach 2 to 3 %.
 _ALIKE_COUNT = 0.25  # The same limit for the number of bones. One hand may hold a prop.
 
 
@@ -96,7 +96,7 @@ CHAINS = ("spine", "neck")
 """Parts that consist of several bones. ``spine_1`` is the lowest."""
 _PARTS = pairs("clavicle collar upper_arm shoulder forearm elbow hand wrist thigh hip shin knee foot ankle toe foot")
 _OF_A_SIDE = {part: SMPL.both(joint) for part, joint in _PARTS.items()}
-"""Left and right joint that rotate the bones of each paired part."""
+"""Indices of the left and right joint that rotate the bones of each paired part."""
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 """Fingers of a hand. ``left_index_1`` is the bone next to the knuckle. Palm bones have no role."""
 JOINT_OF = {
@@ -106,7 +106,7 @@ JOINT_OF = {
 """SMPL joint that rotates each role's bone. Spine and neck bones are between joints."""
 HELPER_OF = {f"{part}_ik": (part, part) for part in ("hand", "foot", "toe")}
 HELPER_OF |= {"elbow_pole": ("upper_arm", "forearm"), "knee_pole": ("thigh", "shin")}
-"""Controls of a side that pose an IK limb: the part they turn with, and the part at their place."""
+"""Controls of an IK limb: the part that each control rotates with, and the part at its position."""
 LIMB_OF_POLE = {"elbow_pole": "arm", "knee_pole": "leg"}
 LIMBS = {
     f"{side}_{name}": (f"{side}_{upper}", f"{side}_{lower}", f"{side}_{end}")
@@ -121,7 +121,7 @@ _KNOWN = re.compile(
 
 
 def is_role(name: str) -> bool:
-    """Return whether a name is a role. The carrier moves the whole body and may be the pelvis."""
+    """Return whether a name is a bone's role. The carrier moves the whole body and may be the pelvis."""
     return _KNOWN.fullmatch(name) is not None
 
 

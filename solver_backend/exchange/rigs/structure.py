@@ -31,13 +31,12 @@ class LimbFit:
 
     @property
     def joints(self) -> tuple[int, int, int]:
-        """The three bones of the limb."""
+        """Indices of the three bones of the limb, from the trunk outwards."""
         i, j, k = self.places
         return self.path[i], self.path[j], self.path[k]
 
 
 def _limb_fits(skeleton: Skeleton, branch: int, limb: str, named: float) -> list[LimbFit]:
-    """Return all interpretations of a branch as a limb, best first."""
     parts, cost = LIMBS[f"left_{limb}"], _leg_cost if limb == "leg" else _arm_cost
     path = skeleton.main_path(branch)[:_LONGEST]
     bear = [[names_part(skeleton.names[bone], part.removeprefix("left_")) for bone in path] for part in parts]
@@ -52,7 +51,7 @@ def _limb_fits(skeleton: Skeleton, branch: int, limb: str, named: float) -> list
 
 
 def _joint_of_names(skeleton: Skeleton, path: list[int], middle: int, bears: list[bool]) -> int:
-    """Choose the end of a limb among the bones after its middle joint that are named like the end.
+    """Choose the end of a limb among the bones after its middle joint that have the end's name.
 
     The first one is chosen, unless the next one is further away than a palm. Depth cameras track the middle of the palm
     as the hand. In Acclaim skeletons, the wrist rotates the lower forearm, and the hand begins at the joint.
@@ -235,7 +234,7 @@ def _paired(left: list[LimbFit], right: list[LimbFit]) -> list[tuple[LimbFit, Li
 
 
 def _together(skeleton: Skeleton, legs: tuple[LimbFit, LimbFit], arms: tuple[LimbFit, LimbFit]) -> float:
-    """Return the cost of legs and arms belonging to one person. It is infinite if that is impossible."""
+    """Return the cost of combining legs and arms in one person, which is infinite if it is impossible."""
     hang_legs, hang_arms = (skeleton.above(pair[0].path[0])[1:] for pair in (legs, arms))
     if set(legs[0].path) & set(hang_arms) or set(arms[0].path) & set(hang_legs):
         return np.inf
@@ -264,7 +263,7 @@ def _is_quadruped(skeleton: Skeleton, limbs: _Limbs) -> bool:
 
 
 def _left_first(skeleton: Skeleton, limbs: _Limbs, up: np.ndarray) -> tuple[bool, list[str]]:
-    """Return whether the first of each pair is the left one, judged by toe directions or names, and warnings."""
+    """Return whether the toes, or the names, show that each pair's first limb is the left one, and warnings."""
     apart = skeleton.heads[limbs.legs[0].joints[0]] - skeleton.heads[limbs.legs[1].joints[0]]
     ahead = np.zeros(3)
     for fit in limbs.legs:
@@ -294,7 +293,7 @@ def _side_votes(skeleton: Skeleton, a: int, b: int) -> tuple[int, int]:
 
 
 def _toe(skeleton: Skeleton, fit: LimbFit) -> int | None:
-    """Return the toe bone, which is about a third of the shin's length from the ankle."""
+    """Return the bone that is most likely the toe, about a third of the shin's length from the ankle."""
     _, knee, ankle = fit.joints
     shin = skeleton.distance(knee, ankle)
     after = [bone for bone in skeleton.below(ankle)[1:] if 0.15 < skeleton.distance(bone, ankle) / shin < 0.9]
@@ -330,7 +329,7 @@ def _differ(skeleton: Skeleton, one: tuple[LimbFit, LimbFit], other: tuple[LimbF
 
 
 def _unsure(skeleton: Skeleton, roles: dict[str, int], best: _Limbs, others: list[_Limbs]) -> list[str]:
-    """Remove roles that a similarly likely interpretation assigns differently. Return messages."""
+    """Remove roles that a similarly likely interpretation assigns differently, and return messages."""
     doubts = []
     for limb, parts in (("legs", _LEG), ("arms", (*_ARM, *FINGERS))):
         own = getattr(best, limb)

@@ -101,7 +101,7 @@ _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 @dataclass(frozen=True)
 class Humanoid:
-    """A body shape as a Unity humanoid, whose bones have no rotation in the T-pose.
+    """A body shape as a Unity humanoid. Its bones have no rotation in the T-pose.
 
     If L_j is the rotation of joint j relative to its parent p, and T are the rotations from rest to T-pose, the
     protocol uses ``N_j = T_p L_j T_j⁻¹``.
@@ -121,7 +121,7 @@ class Humanoid:
 
     @cached_property
     def joints(self) -> np.ndarray:
-        """(B,) joints that have a bone, root first."""
+        """(B,) indices of the joints that have a Unity bone, root first."""
         return np.array([j for j, name in enumerate(self.layout.joints) if name in BONE_OF])
 
     @cached_property
@@ -164,7 +164,7 @@ class Humanoid:
         return normal * _MIRROR_QUAT, np.array([x, z, -y]) * _MIRROR
 
     def from_unity(self, quat: np.ndarray, hips: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Convert bones given as in ``to_unity`` to (J, 3) rotation vectors and a translation."""
+        """Convert Unity bones, as from ``to_unity``, to (J, 3) rotation vectors and a translation (3,)."""
         after = unturned(np.concatenate([_Y_UP[None], self._turns[self._parents]]))
         local = quat_multiply(quat_multiply(after, quat * _MIRROR_QUAT), self._turns[self.joints])
         rotvec = np.zeros((self.layout.num_joints, 3))

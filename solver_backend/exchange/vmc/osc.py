@@ -25,7 +25,7 @@ class PacketInvalid(ValueError):
 
 @dataclass(frozen=True)
 class OscMessage:
-    """An address and its arguments."""
+    """An Open Sound Control message: an address and its arguments."""
 
     address: str
     values: tuple[Value, ...]
@@ -59,7 +59,7 @@ def encode_bundle(elements: Sequence[bytes]) -> bytes:
 
 
 def decode_packet(packet: bytes) -> list[OscMessage]:
-    """Return the messages in a packet in order, without time tags.
+    """Return the messages in an Open Sound Control packet in order, without time tags.
 
     Raises:
         PacketInvalid: it is truncated, or not Open Sound Control.
@@ -168,14 +168,13 @@ _XYZW = [1, 2, 3, 0]
 
 
 class FrameBundle:
-    """Builds bundles for a humanoid. Only the numbers change between bundles.
+    """Builds VMC bundles for a humanoid. Only the numbers change between bundles.
 
     The root stays at the world's origin without rotation, and the hips follow the path. Bones have their T-pose
     positions relative to their parents.
     """
 
     def __init__(self, humanoid: Humanoid) -> None:
-        """Prepare the bundle."""
         self.humanoid = humanoid
         numbers = np.concatenate([humanoid.offsets, np.tile(_UNTURNED, (len(humanoid.bones), 1))], axis=1)
         bones = [
@@ -191,7 +190,7 @@ class FrameBundle:
         self._turns = (ends[3:, None] - 16 + np.arange(16)).ravel()
 
     def encode(self, time_s: float, rotvec: np.ndarray, transl: np.ndarray) -> bytes:
-        """Encode a pose as a bundle, with (n, 3) rotation vectors of the first n joints."""
+        """Encode a pose as a bundle. ``rotvec`` (n, 3) rotates the first n joints, and others are at rest."""
         quat, hips = self.humanoid.to_unity(rotvec, transl)
         self._bytes[self._time] = _big_endian(np.array([time_s]))
         self._bytes[self._hips] = _big_endian(hips)

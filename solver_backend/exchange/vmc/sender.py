@@ -23,7 +23,7 @@ _FORM = re.compile(r"(?P<scheme>[a-z]+)://(?P<host>\[[0-9A-Fa-f:.%]+\]|[^:/\[\]\
 
 @dataclass(frozen=True)
 class VmcAddress:
-    """A host, a UDP port and a protocol."""
+    """Network address of a live program: host, UDP port and protocol."""
 
     host: str = LOOPBACK
     port: int = PORT
@@ -44,7 +44,7 @@ def is_address(text: str) -> bool:
 
 
 def read_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
-    """Parse ``vmc://HOST:PORT``. The defaults are this machine and the protocol's port."""
+    """Parse ``SCHEME://HOST:PORT``. Host and port default to this machine and the protocol's port."""
     found = _FORM.fullmatch(text.strip())
     scheme = found["scheme"] if found else ""
     port = int(found["port"] or PORTS.get(scheme, 0)) if found else 0
@@ -62,10 +62,9 @@ BACK_S = 2.0
 
 
 class PacketSender:
-    """A socket to one receiver. It drops packets that cannot be sent, and counts refusals."""
+    """A UDP socket to one receiver. It drops packets that cannot be sent, and counts refusals."""
 
     def __init__(self, address: VmcAddress) -> None:
-        """Resolve the receiver's host. Nothing is sent yet."""
         self.address = address
         self.sent = self.refused = 0
         self._away_since: float | None = None
