@@ -1,4 +1,4 @@
-"""``python -m solver_backend VERB``, and the console script ``manifold``."""
+"""Start the solver's command line: ``python -m solver_backend VERB``, or the script ``manifold``."""
 
 import gc
 import os
@@ -14,8 +14,8 @@ if __name__ in ("__main__", "solver_backend.__main__"):  # not in the children o
 for _setting in ("OPENBLAS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
     os.environ.setdefault(_setting, "1")
 
-# Importing and solving create hundreds of thousands of permanent objects and hardly any reference cycles. Python's
-# default, a search for cycles after every 700 new objects, costs a solve 0.1 s.
+# Importing and solving create hundreds of thousands of permanent objects and few reference cycles. Python's default, a
+# search for cycles after every 700 new objects, costs a solve 0.1 s.
 gc.set_threshold(20_000)
 
 # Wheels of the extension come after the packages in Blender's Python.

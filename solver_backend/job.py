@@ -1,4 +1,4 @@
-"""Read the solver's job file: check all keys and values, and convert them to its types."""
+"""Read job files: check all keys and values, and convert them to the solver's types."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from solver_backend.types import JointSet
 
 _TYPES = {"switch": bool, "number": (int, float), "text": str, "choice": str, "texts": list, "range": list}
 _TYPES |= {"file": str, "Path": str, "Path | None": str, "bool": bool, "tuple[str, ...]": list}
-"""Types of JSON values by the kind of a setting, or by the type of a field of ``JobFile``."""
+"""JSON type for each kind of setting, and for each type of a field of ``JobFile``."""
 PATHS: dict[str, Callable[[str], bool]] = {
     name: is_path if row.kind == "name_or_file" else bool
     for name, row in settings_of_class(SolveSettings).items()
     if row.kind in ("file", "name_or_file")
 }
-"""Settings that may be paths, and a function that tests whether a text is one."""
+"""Functions that tell paths from other texts, for the settings that may be paths."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class Job(JobFile):
             allow_outside: True if the job may write outside this folder.
 
         Raises:
-            JobInvalid: see ``from_dict``. The job may also write outside its folder without permission.
+            JobInvalid: see ``from_dict``, or the job writes outside its folder without permission.
         """
         values = read_json(path)
         if not isinstance(values, dict):
@@ -114,17 +114,13 @@ class Job(JobFile):
 
 
 def _beside(text: str, folder: Path) -> str:
-    """Return ``[CAMERA=]FILE`` with a path relative to a folder."""
+    """Resolve the path in ``[CAMERA=]FILE`` relative to a folder."""
     camera, file = start_of(text, folder)
     return f"{camera}={file}" if camera else str(file)
 
 
 def joint_set_named(name: str) -> JointSet:
-    """Return the joint set with this name.
-
-    Raises:
-        JobInvalid: the name is unknown. The hint lists the names.
-    """
+    """Return the joint set with this name, or raise ``JobInvalid`` with the known names."""
     try:
         return JointSet(name)
     except ValueError as error:
@@ -133,14 +129,14 @@ def joint_set_named(name: str) -> JointSet:
 
 
 def positive_fps(value: float) -> float:
-    """Return a frame rate if it is positive and finite. Raise ``JobInvalid`` otherwise."""
+    """Return the frame rate, or raise ``JobInvalid`` unless it is positive and finite."""
     if not 0 < value <= sys.float_info.max:
         raise JobInvalid(f"The frame rate must be a positive number, not {value}.", where="fps")
     return float(value)
 
 
 def settings_of(values: Mapping[str, Any], folder: Path) -> SolveSettings:
-    """Build solve settings from plain values, with paths relative to the folder."""
+    """Build solve settings from plain values. Relative paths start at the folder."""
     settings = SolveSettings.from_dict(values)
     given = {name: getattr(settings, name) for name in PATHS}
     if any("\0" in text for text in given.values()):

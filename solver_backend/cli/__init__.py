@@ -1,1 +1,1 @@
-"""Implement the command line. Each verb calls one function in another package."""
+"""Implement the solver's command line. Each verb calls one function in another package."""

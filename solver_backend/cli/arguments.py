@@ -23,17 +23,17 @@ EVERYBODY = "all"
 
 
 def given_settings(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the solver settings given in the parsed arguments, by name."""
+    """Return the solve settings from the command line by name. A preset counts as given."""
     return {**PRESETS.get(getattr(args, "preset", None) or "", {}), **_given(args, settings_of_class(SolveSettings))}
 
 
 def given_reading(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the reading options given in the parsed arguments, by name."""
+    """Return the reading options from the command line by name."""
     return {name: tuple(value) if is_list(value) else value for name, value in _given(args, READING_ROWS).items()}
 
 
 def given_world(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the world settings given in the parsed arguments, by name."""
+    """Return the world settings from the command line by name."""
     return _given(args, settings_of_class(WorldSettings))
 
 
@@ -56,7 +56,7 @@ def reading(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def load(path: Path, options: dict[str, Any], progress: Progress) -> Capture:
-    """Read a capture. If the person is ``EVERYBODY``, read all people."""
+    """Read a capture with the options of ``load_capture``. ``EVERYBODY`` reads all people."""
     from solver_backend.io.load import load_capture
 
     person = options.get("person")
@@ -65,12 +65,20 @@ def load(path: Path, options: dict[str, Any], progress: Progress) -> Capture:
 
 
 def loaded(args: argparse.Namespace, progress: Progress) -> Capture:
-    """Read the capture that the parsed arguments name."""
+    """Read the capture that the command line selects."""
     return load(args.capture, reading(args), progress)
 
 
 def calibration_of(path: Path, names: Sequence[str], called: str, hint: str) -> Calibration:
-    """Read the calibration of these cameras and put it in their order. Reject other cameras with a hint."""
+    """Read a calibration and sort it in the order of the camera names.
+
+    Args:
+        called: plural noun for the cameras in an error, such as "videos".
+        hint: hint of the error.
+
+    Raises:
+        CommandLineInvalid: the calibration is for other cameras.
+    """
     from solver_backend.io.calibration.read import read_calibration
     from solver_backend.io.calibration.search import ordered
     from solver_backend.io.camera_names import listing, match_names

@@ -30,11 +30,11 @@ from solver_backend.videos.streaming.moments import LiveMoments, PictureSource, 
 from solver_backend.videos.streaming.recording import ViewsRecording, motion_of, run_recorded
 
 MOST_CAMERAS = 4  # More cameras take time without improving a single person's pose. Chosen by hand.
-_SWITCH_S = 5e-4  # Seconds after which a thread yields to another. Chosen by hand.
+_SWITCH_S = 5e-4  # Seconds after which a Python thread yields to other threads. Chosen by hand.
 
 
 def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Run until the cameras end, the time is up or a signal arrives. Recordings are kept."""
+    """Estimate poses from live cameras until they end, the time is up or a signal arrives."""
     if not 2 <= len(args.sources) <= MOST_CAMERAS:
         message = f"Live poses need 2 to {MOST_CAMERAS} cameras, not {len(args.sources)}."
         raise CommandLineInvalid(message, hint="Specify a video, webcam:NUMBER or oak:ID for each camera.")
@@ -72,7 +72,7 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
-    """Return cameras or videos for texts ``[NAME=]SOURCE``, without opening them."""
+    """Convert texts ``[NAME=]SOURCE`` to cameras or videos, which are not opened yet."""
     found: list[PictureSource] = []
     for number, text in enumerate(texts):
         name, _, source = text.rpartition("=") if not Path(text).exists() else ("", "", text)
@@ -95,7 +95,7 @@ def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
 def _lines(
     live: LiveMoments, session: ViewsSession, recorder: Recorder[...] | None, args: argparse.Namespace
 ) -> Iterator[LiveLine]:
-    """Yield a line for each moment until the time is up. Each line is recorded first."""
+    """Yield the output lines of live cameras until the time is up. Each line is recorded first."""
     for moment in live.moments():
         for line in [moment] if isinstance(moment, dict) else run_recorded(session, moment, recorder):
             if "event" not in line:

@@ -28,11 +28,11 @@ from solver_backend.io.load import load_capture
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
 _WORLD_OPTIONS = {"person": {"stature"}, "refine": {"stature", "scale", "level"}}
-"""World settings that each of these methods uses. Other methods only use the scale."""
+"""World settings that these calibration methods use. Other methods use only the scale."""
 
 
 def calibrated(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
-    """Run the calibration that the command line requests."""
+    """Calibrate cameras with the method and options from the command line."""
     by = {"board": _by_board, "person": _by_person, "points": _by_points, "refine": _refined, "together": _together}
     world = given_world(args)
     useless = sorted(set(world) - _WORLD_OPTIONS.get(args.method, {"scale"}))
@@ -46,13 +46,13 @@ def calibrated(args: argparse.Namespace, progress: Progress) -> CalibratedCamera
 
 
 def capture_of(args: argparse.Namespace, progress: Progress, path: Path | None = None) -> Capture:
-    """Read the capture given in the arguments, or at ``path``, with the reading options."""
+    """Read the capture at ``path`` or from the command line, with the reading options."""
     given = args.capture if "capture" in args else args.source
     return load_capture(path or given, **reading(args), progress=progress)
 
 
 def calibrated_lenses(args: argparse.Namespace, progress: Progress) -> dict[str, CameraLens]:
-    """Estimate the lens parameters of each camera that recorded a board."""
+    """Estimate the lens of each camera that recorded a calibration board."""
     board, options = _board_options(args)
     footage = board_footage(args.source)
     lenses = board_session.calibrate_lenses(footage.lens or footage.extrinsic, board, options, progress)
@@ -106,7 +106,7 @@ def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str]
 
 
 def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
-    """Return what ``_person`` returns, for the largest person in uncalibrated detections."""
+    """Return the same as ``_person``, for the largest person in uncalibrated detections."""
     sources = camera_sources(args.source)
     levels = levels_above(args.source)
     config = read_config(levels)
@@ -140,7 +140,7 @@ def _refined(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
 
 
 def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
-    """Adjust an existing calibration to a board, a take and clicks jointly."""
+    """Adjust a calibration jointly to a filmed board, a person and clicked points."""
     if args.footage is None and args.take is None and args.clicks is None:
         hint = "Specify at least one of --footage, --take and --clicks."
         raise CommandLineInvalid("--from together needs a source.", hint=hint)

@@ -12,7 +12,7 @@ from solver_backend.exchange.progress import Progress
 
 
 def board(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write a board to print, and next to it the file that describes the board."""
+    """Write a calibration board for printing, and a .toml file that describes it."""
     from solver_backend.camera_calibration.boards.board import board_named
     from solver_backend.camera_calibration.boards.page import board_page, pdf, svg
     from solver_backend.camera_calibration.formats import board_toml
@@ -36,7 +36,7 @@ def board(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Calibrate or refine cameras from a board, a person or points, and write the result."""
+    """Calibrate cameras from a board, a person or clicked points, and write the calibration."""
     import numpy as np
 
     from solver_backend.camera_calibration.formats import write_calibration
@@ -73,7 +73,7 @@ def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _format_of_output(args: argparse.Namespace) -> str:
-    """Return the format in which to write the calibration, and check that the file can be written."""
+    """Return the calibration format to write, and check that the file can be written."""
     from solver_backend.camera_calibration.formats import format_of
 
     kind = args.format or format_of(args.out)
@@ -107,7 +107,7 @@ def _lenses(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def check_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Report whether the calibration of a capture fits its keypoints."""
+    """Check whether a capture's calibration fits its keypoints."""
     from solver_backend.camera_calibration.calibration_check import check_calibration
     from solver_backend.cli.camera_sources import capture_of
 
@@ -128,7 +128,7 @@ def check_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def fit_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Correct, scale and level the cameras of a capture, and write them."""
+    """Correct, scale and level the cameras of a capture, and write the calibration."""
     from solver_backend.camera_calibration.formats import write_calibration
     from solver_backend.cli.camera_sources import capture_of
     from solver_backend.io.recognition.world_fit import check_world
@@ -150,7 +150,7 @@ def fit_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Calibrate sensors from a wand, align them with the floor using a Γ, and write them."""
+    """Calibrate sensors from a waved wand, and align them with the floor using a Γ of markers."""
     from solver_backend.camera_calibration.formats import write_calibration
     from solver_backend.sensors.chain import triggered
     from solver_backend.sensors.wand.evaluation import WandOptions, in_world

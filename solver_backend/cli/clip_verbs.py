@@ -15,12 +15,12 @@ from solver_backend.io.native.motion_file import as_file
 
 
 def trim(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Keep a range of frames."""
+    """Keep a frame range of a motion."""
     return _write(args, clips.trim(_read(args, args.motion), *args.frames))
 
 
 def loop(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Find the best cycle in a motion and close it."""
+    """Find the best cycle in a motion and make it loop."""
     motion = _read(args, args.motion)
     progress("Comparing frames", 0, 1)
     found = seams.find_loop(motion, args.shortest, args.blend, stay=args.in_place)
@@ -31,12 +31,12 @@ def loop(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def mirror(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Swap left and right."""
+    """Swap left and right in a motion."""
     return _write(args, clips.mirror(_read(args, args.motion)))
 
 
 def join(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Append a second motion to the first."""
+    """Append a second motion to the first one."""
     first, second = _read(args, args.motion), _read(args, args.second)
     joined, seam = seams.join(first, second, args.blend)
     notes = (row for note in seams.join_notes(first, second) for row in rows("note", note))
@@ -44,7 +44,7 @@ def join(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def retime(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Change the playback speed without changing the frame rate."""
+    """Change the speed of a motion without changing its frame rate."""
     motion = _read(args, args.motion)
     if (args.speed is None) == (args.seconds is None):
         raise CommandLineInvalid("Specify --speed or --seconds.", where=args.verb)
@@ -55,17 +55,17 @@ def retime(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def resample(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Change the frame rate without changing the speed."""
+    """Change the frame rate of a motion without changing its speed."""
     return _write(args, clips.resample(_read(args, args.motion), args.fps))
 
 
 def in_place(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Remove movement along the ground."""
+    """Remove a motion's travel along the ground."""
     return _write(args, clips.in_place(_read(args, args.motion)))
 
 
 def root_motion(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Add a root bone that carries the movement along the ground."""
+    """Add a root bone that follows a motion's travel along the ground."""
     return _write(args, clips.root_motion(_read(args, args.motion)))
 
 

@@ -13,7 +13,7 @@ from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 
 
 def describe_capture(capture: Capture) -> tuple[str, CaptureSummary]:
-    """Describe cameras, frames, people and problems as text and as JSON values."""
+    """Describe a capture's cameras, frames, people and problems, as text and as JSON values."""
     duration_s = round(capture.num_frames / capture.fps, 3) if capture.fps else None
     data = CaptureSummary(
         name=capture.name, frames=capture.num_frames, fps=capture.fps, duration_s=duration_s, joint_set=None,
@@ -34,7 +34,10 @@ def describe_capture(capture: Capture) -> tuple[str, CaptureSummary]:
 
 
 def describe_motion(motion: Motion, solve_s: float) -> tuple[str, MotionSummary]:
-    """Describe a motion as text and as JSON values."""
+    """Describe a motion's length, residuals and uncertain frames, as text and as JSON values.
+
+    ``solve_s`` is the duration of the solve in seconds.
+    """
     flags = np.zeros(motion.num_frames, np.uint8) if motion.flags is None else motion.flags
     unseen, unsure = (int(np.count_nonzero(flags & bit)) for bit in (FLAG_UNSEEN, FLAG_UNSURE))
     data = MotionSummary(
@@ -64,7 +67,7 @@ def _median(errors: np.ndarray | None) -> float | None:
 
 
 def describe_people(capture: Capture) -> list[PersonSummary]:
-    """If there are several people, return the name, agreeing frames and fraction of frames for each."""
+    """Return the visibility of each person in a capture with several people."""
     people: list[PersonSummary] = []
     for person in capture.people:
         frames = np.flatnonzero(person.agreed)
@@ -79,7 +82,7 @@ def describe_people(capture: Capture) -> list[PersonSummary]:
 
 
 def people_lines(people: list[PersonSummary]) -> list[str]:
-    """Return one line of text per person."""
+    """Describe each person in a capture in one line of text."""
     return [
         f"  person      {person['name']}: {person['views']:.1f} views in {person['frames']} frames, "
         f"{person['first']}-{person['last']}"
@@ -88,7 +91,7 @@ def people_lines(people: list[PersonSummary]) -> list[str]:
 
 
 def frames_without_two_views(capture: Capture) -> list[list[int]]:
-    """Return the frame ranges in which no keypoint is visible to two cameras (or to the only one)."""
+    """Return the frame ranges without a keypoint that two cameras (or the only one) see."""
     return [list(run) for run in true_runs(~capture.placed.any(axis=-1))]
 
 

@@ -24,7 +24,7 @@ MOST_LISTED = 8  # Maximum number of markers listed in a line. Chosen by hand.
 
 
 def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
-    """Return lines of text and JSON values that describe subjects, known labels and gaps."""
+    """Describe a marker recording's subjects, labels, gaps and faults, as lines of text and JSON values."""
     labels = cloud.labels or ()
     named, hands = [label for label in labels if not is_unnamed(label)], hand_labels(labels)
     names = name_markers([label for label in named if label not in hands], places_by_side(cloud))
@@ -80,7 +80,7 @@ def _resting(cloud: MarkerCloud, known: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def describe_person(person: MarkerSubject) -> tuple[str, dict[str, Any]]:
-    """Describe a calibrated person as text and JSON values: the shape and the marker positions."""
+    """Describe a calibrated person's shape and marker positions, as text and as JSON values."""
     away = 1000 * np.linalg.norm(person.offsets, axis=-1)
     sigma = 1000 * person.sigma_m
     doubts = [*exchanged_in(person), *doubts_of(person), *odd_shape(person.betas)]
@@ -124,7 +124,10 @@ def _faults(cloud: MarkerCloud) -> dict[str, list[str]]:
 
 
 def _gaps(cloud: MarkerCloud) -> list[dict[str, Any]]:
-    """Return each marker that has gaps, even at the ends, and the percentage of frames it is missing in."""
+    """Return the number of gaps and the percentage of missing frames for each marker with gaps.
+
+    Missing frames at the start and end count as gaps.
+    """
     seen = np.isfinite(cloud.positions).all(-1)
     labels = cloud.labels or tuple(f"*{number}" for number in range(1, seen.shape[1] + 1))
     starts = (~seen[:1]).sum(axis=0) + (~seen[1:] & seen[:-1]).sum(axis=0)

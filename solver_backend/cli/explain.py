@@ -13,17 +13,17 @@ from solver_backend.exchange.errors import CommandLineInvalid, MocapError
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.verb import suggest
 
-_LIKENESS = 0.85  # Smallest similarity at which a code is suggested. Many codes share words.
+_LIKENESS = 0.85  # Smallest similarity of a suggested code. Many codes share words.
 _PARTS = (
     "sensors.devices.device", "sensors.wand.gamma", "sensors.wand.views", "synthesis.studio.checked_values",
     "videos.detect.detector", "videos.files.video", "videos.pipeline.layout", "videos.sync.clocks",
 )  # fmt: skip
-"""Modules in which errors are defined."""
+"""Modules outside ``exchange`` that define errors."""
 _VALUE = re.compile(r"\{(\w+)[^}]*\}")
 
 
 def explain(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Explain a code shown in a report, the panel or ``--json``. Without a code, list all codes.
+    """Explain a code from a report, the panel or ``--json``. Without a code, list all codes.
 
     Raises:
         CommandLineInvalid: no diagnostic or error has this code. The hint suggests the most similar code.

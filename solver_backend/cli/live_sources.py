@@ -37,7 +37,7 @@ FOREIGN_CLIPS = (".bvh", ".mvnx")
 
 @dataclass(frozen=True)
 class LiveSource:
-    """Source that provides the lines of a live run."""
+    """Source of a live run, which provides its output lines."""
 
     lines: Iterator[LiveLine]
     proportions: Proportions
@@ -47,7 +47,7 @@ class LiveSource:
 
 
 def open_source(args: argparse.Namespace, progress: Progress) -> LiveSource:
-    """Return the source that the arguments select, ready to start."""
+    """Open the source of a live run that the command line selects."""
     if is_address(args.source):
         if args.repeat or args.fast:
             raise CommandLineInvalid("--fast and --repeat need a file, but the source is another program. Omit them.")
@@ -87,7 +87,6 @@ def _refuse_ending(path: Path | None, what: str, ending: str) -> None:
 
 
 def _poses(args: argparse.Namespace) -> LiveSource:
-    """Return a source of poses that other programs send to a port."""
     _refuse_ending(args.record, "Poses can only be recorded as a motion", ".npz")
     address, assembly = read_address(args.source), FrameAssembly()
     onto = BonesOnBody(load_body(), None if args.subject is None else read_subject(args.subject).betas)
@@ -117,7 +116,6 @@ def _face(args: argparse.Namespace) -> LiveSource:
 
 
 def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
-    """Return a source of points from a take or from input lines. A fit converts them to poses."""
     network, fit = person_fit(args.subject)
     if args.source == "-":
         session, fps = LiveSession(network, fit, unit=args.unit, up_axis=args.up_axis), args.fps
@@ -160,12 +158,12 @@ def _with_points(session: LiveSession, lines: Iterator[Any], keep_up: Any, *, sh
 
 
 def make_ready(session: LiveSession) -> None:
-    """Do everything in advance that would otherwise delay the first frames."""
+    """Warm up the solver and settle memory, so that the first live frames are not delayed."""
     session.warm_up()
     settle_memory()
 
 
 def settle_memory() -> None:
-    """Exclude all existing objects from garbage collection, which would delay frames."""
+    """Exempt all existing objects from garbage collection, which would delay live frames."""
     gc.collect()
     gc.freeze()

@@ -26,7 +26,7 @@ from solver_backend.live.session import LiveStatistics
 
 
 def live(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Run until the source ends. Invalid input does not stop the run."""
+    """Stream poses until the source ends. Invalid input does not stop the run."""
     if args.parent_pipe and args.source == "-":
         raise CommandLineInvalid("--parent-pipe cannot be used when the points come from standard input.")
     if args.send is not None:
@@ -48,10 +48,10 @@ def live_text(args: argparse.Namespace, data: Mapping[str, object]) -> str:
 
 
 class LiveOutput:
-    """The outputs of a live run, used as a context manager.
+    """Writes the lines, recordings and sent poses of a live run. It is a context manager.
 
     Args:
-        proportions: layout and rest joints of the person, needed to send and count poses, or None.
+        proportions: returns layout and rest joints of the person. None if the run has no poses.
         recorders: the first one records this run. Its file is reported.
     """
 
@@ -87,7 +87,7 @@ class LiveOutput:
         """Send and write lines until the source ends or a signal arrives.
 
         Args:
-            hold: postpones further signals until the recordings have been written.
+            hold: ignores further signals, so that the recordings are written completely.
         """
         try:
             for line in lines if self._sender is None else self._sender.watched(lines):
@@ -102,7 +102,7 @@ class LiveOutput:
             self.stopped = True
 
     def finish(self) -> dict[str, object]:
-        """Finish the run and return plain values about it, such as the recordings.
+        """Finish the run, and return plain values such as the recorded files.
 
         Raises:
             OutputNotWritable: lines were lost.
@@ -113,7 +113,7 @@ class LiveOutput:
 
 
 def recorded(recorder: Recorder[...] | None) -> dict[str, str]:
-    """Return the files that a finished recorder has written.
+    """Return the files that a finished recorder has written, by kind.
 
     ``recovered`` is the recording of an earlier run that was killed. ``not_recorded`` is a file that would be empty.
     """
@@ -125,7 +125,7 @@ def recorded(recorder: Recorder[...] | None) -> dict[str, str]:
 
 
 class Lines:
-    """A file of JSON lines, or the standard output of the process, to which verbs themselves print nothing.
+    """Writes JSON lines to a file, or to standard output, which is otherwise unused in live runs.
 
     Each line is written in a single call. A write failure does not stop the run.
     """
@@ -143,7 +143,7 @@ class Lines:
         self._file = AppendedFile(handle, "standard output")
 
     def write(self, line: Mapping[str, object]) -> None:
-        """Write a line. If the disk is full, the line is lost and counted."""
+        """Write a JSON line. If the disk is full, the line is lost and counted."""
         self._file.append(json.dumps(as_plain(line), allow_nan=False).encode() + b"\n")
 
     def end_line(self) -> None:

@@ -1,4 +1,4 @@
-"""Run the solver's command line: one verb, its report and the exit code."""
+"""Run the solver's command line: execute one verb, report the result, and return the exit code."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run a command line, by default that of the process. Return the exit code."""
+    """Run a command line, by default the one of this process, and return the exit code."""
     argv = sys.argv[1:] if argv is None else argv
     open_standard_streams()
     report = Report(sys.stdout, sys.stderr, as_json="--json" in argv)
@@ -61,7 +61,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _run_blender_half(argv: list[str], report: Report) -> int:
-    """Run the add-on's command line as a separate program. Return its exit code."""
+    """Run the add-on's command line as a separate program, and return its exit code."""
     if find_spec("blender_addon") is None:
         hint = "Run it with the blender_addon package, or inside Blender: blender --command manifold_mocap"
         return report.error(
@@ -85,7 +85,7 @@ def _show(report: Report, outcome: Outcome) -> int:
 
 
 def _report_as_text(error: MocapError) -> int:
-    """Report an error as text, for runs in which standard output must not contain JSON lines."""
+    """Report an error as text on standard error, if standard output cannot be written."""
     _silence(sys.stdout)
     return Report(sys.stderr, sys.stderr, as_json=False).error(error)
 
@@ -112,7 +112,7 @@ def function_of(name: str) -> Callable[..., Any]:
 
 
 def _silence(stream: TextIO) -> None:
-    """Discard what is left in a stream's buffer, because flushing it at exit would fail again."""
+    """Discard the rest of a stream's buffer, because flushing it at exit would fail again."""
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     except (OSError, ValueError):

@@ -17,12 +17,11 @@ if TYPE_CHECKING:
     from solver_backend.types import Capture
 
 CONTENTS = {"cleaned": "cleaned_markers", "solved": "markers"}
-"""Marker arrays in a motion file: measured markers with gaps filled and swaps corrected, or those of the solved body.
-"""
+"""Arrays in a motion file: recorded markers with gaps filled and swaps corrected, or markers on the solved body."""
 
 
 def label(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Label the points of a take. Write the result as markers or in our capture format."""
+    """Label the points of a marker take, and write markers or a capture."""
     from solver_backend.cli.arguments import loaded
     from solver_backend.exchange.errors import NoDetections
     from solver_backend.fitters.label_after import labelled_as_person
@@ -102,7 +101,7 @@ def summary(take: LabelledTake) -> dict[str, object]:
 
 
 def export_markers(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write the markers of a motion in the format given by the file suffix."""
+    """Write the markers of a motion, in the format that the file suffix indicates."""
     from solver_backend.io.markers.read import write_markers
     from solver_backend.types import MarkerCloud
 
@@ -117,7 +116,7 @@ def export_markers(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def marker_places(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Draw a layout's markers on the body, and write the image."""
+    """Draw the marker positions of a layout on the body, and write the image."""
     from solver_backend.body.files.choices import load_chosen_body
     from solver_backend.body.marker_layouts import load_layouts
     from solver_backend.io.png import png_bytes
@@ -134,7 +133,7 @@ def marker_places(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _markers(path: Path, contents: str) -> tuple[Any, tuple[str, ...], float]:
-    """Return the positions (F, M, 3) in metres, the labels and the frame rate in 1/s.
+    """Return marker positions (F, M, 3) in metres, labels and frame rate in Hz.
 
     Raises:
         MotionInvalid: the motion was not solved from markers, or does not contain the requested markers.

@@ -27,7 +27,7 @@ from solver_backend.io.markers.c3d import PER_PARAMETER, write_c3d
 from solver_backend.io.markers.camera_systems import trc_text
 from solver_backend.types import FLAG_UNSEEN
 
-MODEL = "Rajagopal2016.osim"  # Generic model to which the setup of the Scale Tool refers.
+MODEL = "Rajagopal2016.osim"  # Generic OpenSim model that the Scale Tool scales.
 ENDINGS = (".mot", "_markers.trc", "_scale.xml", "_ik.xml", "_angles.csv")
 GAIT_ENDINGS = ("_events.c3d", "_gait.csv", "_cycles.csv")  # Endings of further files for a person who walks or runs.
 TREADMILL = "length and speed are unknown on a treadmill"
@@ -36,7 +36,7 @@ TOO_MANY = f"The C3D file has the first {PER_PARAMETER} of {{}} events. The gait
 
 
 def export_motion(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write the joint angles, the gait and the OpenSim files of a motion."""
+    """Write a motion's joint angles, gait tables and OpenSim files."""
     if args.model is not None and not args.model.is_file():
         raise FileMissing("The OpenSim model does not exist.", where=str(args.model), hint="Choose an .osim file.")
     body = load_chosen_body(args.body)
@@ -94,7 +94,7 @@ def _ranges(angles: Angles) -> list[str]:
 
 
 def angles_text(angles: Angles, fps: float, flags: np.ndarray | None) -> str:
-    """Return a table of angles and standard deviations, one row per frame.
+    """Return joint angles and standard deviations as a CSV table, one row per frame.
 
     The column ``interpolated`` is 1 in frames without measurements (``FLAG_UNSEEN`` in the motion's (F,) flags).
     """
@@ -116,7 +116,7 @@ def _cell(value: float) -> str:
 
 
 def gait_lines(gait: Gait) -> list[str]:
-    """Return the mean and standard deviation of each stride value for each side."""
+    """Describe the mean and standard deviation of each stride measure, one line per side."""
     lines = []
     for side in SIDES:
         strides = [stride for stride in gait.strides if stride.side == side]
@@ -133,7 +133,7 @@ def gait_lines(gait: Gait) -> list[str]:
 
 
 def gait_text(gait: Gait) -> str:
-    """Return a table that has one row per event, then one row per stride."""
+    """Return gait events and strides as a CSV table, one row each."""
     events = [f"event,{side.lower()},{name},{time:.4f},,,,,," for time, side, name in gait.events()]
     strides = [
         f"stride,{s.side},,{s.strike_s:.4f},{s.off_s:.4f}," + ",".join(_cell(getattr(s, key)) for key in MEASURES)
@@ -144,7 +144,7 @@ def gait_text(gait: Gait) -> str:
 
 
 def cycles_text(cycles: dict[str, np.ndarray]) -> str:
-    """Return a table of mean curves, one row per percent of the cycle."""
+    """Return mean joint angles of a gait cycle as a CSV table, one row per percent of the cycle."""
     names = [f"{name}{column}" for name in cycles for column in ("_mean_deg", "_sd_deg")]
     values = np.concatenate([np.linspace(0, 100, CYCLE_POINTS)[:, None], *cycles.values()], axis=1)
     return _table(["percent", *names], values)

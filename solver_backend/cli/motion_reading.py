@@ -27,10 +27,10 @@ from solver_backend.io.motions.network_results import is_network_result, read_ne
 from solver_backend.types import Motion, SkeletonMotion
 from solver_backend.types.network_result import CAMERA_TO_Z_UP, NUM_TURNED, NetworkResult
 
-_FAR_MM = 20.0  # Smallest mean distance between a joint and its source that causes a note. Chosen by hand.
-_RAISED_M = 0.02  # Smallest change in a motion's height in metres that causes a note. Chosen by hand.
+_FAR_MM = 20.0  # Largest mean distance between a joint and its source without a note. Chosen by hand.
+_RAISED_M = 0.02  # Largest change in a motion's height without a note, in metres. Chosen by hand.
 _STRANGE = 5.0  # Magnitude of an unusual shape coefficient in standard deviations. Chosen by hand.
-_FITS_MM = 12.0  # Largest limb distance from the skeleton at which an unusual shape still fits. Chosen by hand.
+_FITS_MM = 12.0  # Largest distance of limbs from the skeleton that still confirms an unusual shape. Chosen by hand.
 _LOOSE = ("_toe", "head")  # Joints whose positions are excluded from the fit.
 
 
@@ -75,7 +75,7 @@ def any_motion(path: Path, choice: str, *, keep_shape: bool = True, fps: float |
 
 @dataclass(frozen=True)
 class ForeignMotion:
-    """A clip of another skeleton, transferred to our body."""
+    """A motion of another skeleton, transferred to our body."""
 
     source: SkeletonMotion  # The clip as stored in its file.
     roles: dict[str, str]  # Joints of the clip, by role.
@@ -84,7 +84,7 @@ class ForeignMotion:
 
     @property
     def limbs_mm(self) -> float:
-        """RMS distance between the limb joints of the body and of the skeleton."""
+        """RMS distance in mm between the limb joints of the body and of the skeleton."""
         return _limbs_mm(self.done)
 
 
@@ -98,7 +98,7 @@ def read_foreign_motion(
     keep_height: bool = False,
     fps: float | None = None,
 ) -> ForeignMotion:
-    """Read a clip of another skeleton, and fit our body to it.
+    """Read a motion of another skeleton, and fit our body to it.
 
     Args:
         path: a BVH, MVNX, ASF or AMC file, or a C3D file that contains rotations.

@@ -37,7 +37,7 @@ PROPS_FORMAT, PROPS_VERSION = "manifold_mocap_props", 1
 
 
 def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Convert a motion of another skeleton to our body, whose shape is fitted to the skeleton's bones."""
+    """Convert a motion of another skeleton to our body, and fit the body's shape to the skeleton."""
     of_skeletons = {"--unit": args.unit, "--up-axis": args.up_axis, "--keep-height": args.keep_height}
     if is_network_result(args.clip):
         _refuse_unused(args.clip, of_skeletons)
@@ -71,7 +71,7 @@ def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _refuse_unused(clip: Path, options: dict[str, object]) -> None:
-    """Raise an error that names an option meant for another type of clip."""
+    """Raise ``CommandLineInvalid`` for the first given option that does not apply to this clip format."""
     for name, value in options.items():
         if value:
             raise CommandLineInvalid(
@@ -80,7 +80,7 @@ def _refuse_unused(clip: Path, options: dict[str, object]) -> None:
 
 
 def _amass(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Apply AMASS poses to our mean shape, because the shape coefficients of the two bodies differ."""
+    """Apply AMASS poses to our mean shape, because AMASS shape coefficients are for another body."""
     progress("reading the clip", 0, 1)
     clip = any_motion(args.clip, args.body, keep_shape=False, fps=args.fps)
     write_motion(args.out, clip, overwrite=args.overwrite, name=args.clip.stem)
@@ -107,7 +107,7 @@ def _network(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def add_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Add the fingers from glove recordings to a motion, after synchronising the two."""
+    """Synchronise glove recordings with a motion, and add the fingers."""
     motion, body = any_motion(args.motion, args.body), load_chosen_body(args.body)
     found: list[Diagnostic] = []
     lines = [f"Motion {args.motion.stem}: {motion.num_frames} frames at {motion.fps:g} Hz"]
@@ -128,7 +128,7 @@ def add_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Make a motion smooth and its poses plausible."""
+    """Smooth a motion and make its poses plausible with Pose-NDF."""
     settings = DenoiseSettings(move_root=not args.keep_root)
     given = {name: value for name in ("smoothness", "manifold") if (value := getattr(args, name)) is not None}
     settings = replace(settings, weights=replace(settings.weights, **given))
@@ -138,7 +138,7 @@ def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def complete(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Estimate the joint rotations that are unknown."""
+    """Estimate a motion's unknown joint rotations with Pose-NDF."""
     missing, settings = tuple(args.missing), CompleteSettings(seed=args.seed)
     missing_joints(missing)
     return _by_pose_ndf(
@@ -147,7 +147,7 @@ def complete(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def fit_keypoints(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Fit poses and a common shape to keypoints (Tiwari et al. 2022, eqs. 10 and 11)."""
+    """Refit a motion to a capture's keypoints with Pose-NDF (Tiwari et al. 2022, eqs. 10 and 11)."""
     capture = load(args.capture, {}, progress)
     settings = KeypointSettings(args.manifold, not args.constant, robust_scale=20.0, iterations=30)
     return _by_pose_ndf(
@@ -156,7 +156,7 @@ def fit_keypoints(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def sample(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write random plausible poses."""
+    """Draw random plausible poses with Pose-NDF."""
     progress("Sampling", 0, args.count)
     outcome = _by_pose_ndf(args, lambda body, prior: edit_motion.sampled_motion(body, prior, args.count, args.seed))
     progress("Sampling", args.count, args.count)
@@ -164,7 +164,7 @@ def sample(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def interpolate(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Fill the transition between two frames with plausible poses."""
+    """Generate the transition between two frames of a motion with Pose-NDF."""
     first, last = args.frames
     return _by_pose_ndf(
         args,
@@ -192,7 +192,7 @@ def _by_pose_ndf(args: argparse.Namespace, work: Callable[[Any, Any], Motion]) -
 
 
 def export_props(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write the props in a motion as JSON: markers, poses and deviations in metres, Z up."""
+    """Write a motion's props as JSON: markers, poses and standard deviations in metres, Z up."""
     from solver_backend.exchange.motion_file import read_motion
 
     motion = read_motion(args.motion)

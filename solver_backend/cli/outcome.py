@@ -16,7 +16,7 @@ Data = TypeVar("Data", bound=Mapping[str, object], covariant=True)
 
 @dataclass(frozen=True)
 class Outcome(Generic[Data]):
-    """The result of a verb."""
+    """The result of a command line verb."""
 
     text: str  # Text for users, printed to standard output.
     data: Data  # Plain JSON values for programs, sent in the result event.
@@ -24,22 +24,22 @@ class Outcome(Generic[Data]):
     """Text for users on standard error: all warnings, and a summary in the last line."""
 
     def written(self, key: str, path: Path) -> Outcome[dict[str, object]]:
-        """Add a file written by the verb, both as a final line of text and under a key."""
+        """Return the outcome with a written file added, as the last line of text and under a key."""
         return Outcome("\n".join([self.text, *rows("written", path)]), {key: str(path), **self.data}, self.summary)
 
 
 def rows(word: str, *items: object) -> list[str]:
-    """Return one line of text per item, such as a file or a diagnostic. Each starts with ``word``."""
+    """Return one line of text per item, such as a file or a diagnostic, starting with ``word``."""
     return [f"  {word:<11} {sentence(item) if isinstance(item, Diagnostic) else item}" for item in items]
 
 
 def found_lines(found: Sequence[Diagnostic]) -> list[str]:
-    """Return diagnostics as lines of text. Warnings come first."""
+    """Return diagnostics as lines of text, warnings first."""
     return rows("warning", *warnings_in(found)) + rows("note", *notes_in(found))
 
 
 def found_data(found: Sequence[Diagnostic]) -> Remarks:
-    """Return diagnostics as JSON values."""
+    """Return diagnostics as JSON values for a result event."""
     return {
         "notes": sentences(notes_in(found)),
         "problems": sentences(warnings_in(found)),
@@ -48,10 +48,10 @@ def found_data(found: Sequence[Diagnostic]) -> Remarks:
 
 
 def findings_data(found: Sequence[Diagnostic]) -> dict[str, object]:
-    """Return diagnostics about cameras as JSON values."""
+    """Return diagnostics of a calibration or a sensor recording as JSON values for a result event."""
     return {"findings": sentences(found), "diagnostics": [item.as_dict() for item in found]}
 
 
 def sentences(found: Sequence[Diagnostic]) -> list[str]:
-    """Return diagnostics as sentences."""
+    """Return each diagnostic as one line of text."""
     return [sentence(item) for item in found]

@@ -27,7 +27,7 @@ from solver_backend.types import Cameras
 
 
 def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Find markers in sensor frames, and write them in a marker format or as a capture."""
+    """Find markers in a sensor recording, and write markers or a capture."""
     folder = folder_of(args)
     take = cloud_of(folder, masks=mask_of(args), clusters=args.clusters, progress=progress)
     if args.out.suffix.lower() == ".npz":
@@ -48,7 +48,7 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
 
 
 def sensors_record(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Record every frame of a source."""
+    """Copy a sensor recording, including every frame, to another folder."""
     findings = []
     with chain_of(args, folder_of(args), args.out, live=False) as chain:
         for moment in chain.moments():
@@ -62,7 +62,12 @@ def sensors_record(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None, *, live: bool) -> MarkerChain:
-    """Return a chain that reads a folder, either at its recorded rate or all frames at full speed."""
+    """Create a chain that finds markers in a folder of sensor recordings.
+
+    Args:
+        record: folder to copy the images to, if any.
+        live: True plays the recordings at their frame rate. False reads all frames at full speed.
+    """
     masks, recording = mask_of(args), None
     devices = [replace(device, repeat=live and args.repeat) for device in folder.devices]
     if record is not None:
@@ -75,17 +80,17 @@ def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None
 
 
 def folder_of(args: argparse.Namespace, path: Path | None = None) -> SensorFolder:
-    """Open the sensor folder given in the arguments."""
+    """Open the sensor recording at ``path`` or from the command line."""
     return open_folder(args.source if path is None else path, args.calibration)
 
 
 def mask_of(args: argparse.Namespace) -> dict[str, Any]:
-    """Return each sensor's mask of bright areas, or no masks if there is no recording of the empty scene."""
+    """Return each sensor's mask of bright areas, or no masks without a recording of the empty scene."""
     return {} if args.empty is None else masks_of(folder_of(args, args.empty))
 
 
 def chain_summary(chain: MarkerChain) -> dict[str, object]:
-    """Return plain values about a chain that has finished."""
+    """Return the statistics of a finished marker chain as plain values."""
     ends = {
         name: {"frames": end.frames, "cpu_s": round(end.cpu_s, 3), "written": end.written, "dropped": end.dropped}
         for name, end in chain.ends.items()
@@ -94,13 +99,13 @@ def chain_summary(chain: MarkerChain) -> dict[str, object]:
 
 
 def oaks(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """List the available OAK devices."""
+    """List the OAK devices on USB and the network."""
     found = listed_oaks()
     return Outcome("\n".join(found) or "No OAK camera was found.", {"oaks": found})
 
 
 def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Record infrared and depth images from OAK cameras, and report the visible markers at the same time."""
+    """Record infrared and depth images from OAK cameras, and count the visible markers."""
     oaks, cameras = oak_devices(args)
     recording = Recording(args.folder, "raw", args.fps, cameras, overwrite=args.overwrite)
     # Start slaves first, so that they are waiting when the master starts.
@@ -129,13 +134,16 @@ def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def not_recorded(counts: Mapping[str, int]) -> list[Diagnostic]:
-    """Return a warning for each camera from which no frame was recorded."""
+    """Return a warning for each camera without recorded frames."""
     reason = "no frame of it was recorded"
     return [diagnostic("sensor_failed", cameras=[name], reason=reason) for name, count in counts.items() if not count]
 
 
 def oak_devices(args: argparse.Namespace) -> tuple[list[Oak], Cameras]:
-    """Return the unopened cameras given in the arguments, pulse sender first, and their calibration."""
+    """Return the OAK cameras from the command line, pulse sender first, and their calibration.
+
+    The cameras are not opened.
+    """
     given = _named(args)
     oak.depthai()  # fail here once, not in each camera's process
     roles = {"wire": ("master", "slave")}.get(args.sync, (args.sync, args.sync))
@@ -147,7 +155,7 @@ def oak_devices(args: argparse.Namespace) -> tuple[list[Oak], Cameras]:
 
 
 def _named(args: argparse.Namespace) -> dict[str, str]:
-    """Return the camera identifiers by name.
+    """Return the device identifier of each OAK camera by name.
 
     Raises:
         SensorUnknown: a camera is of another type, or its identifier is missing.
@@ -160,7 +168,7 @@ def _named(args: argparse.Namespace) -> dict[str, str]:
 
 
 def record_colour(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Record colour video from OAK devices."""
+    """Record synchronised colour video from OAK cameras."""
     roles = ("master", "slave") if args.wire else ("none", "none")
     cameras = {
         name: OakColour(name, identifier, fps=args.fps, role=roles[c > 0])

@@ -32,7 +32,7 @@ COVERAGE_INTERVAL_S = 0.5  # Seconds between reports of the wand coverage. Chose
 
 
 def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Run until the sensors end, the time is up or a signal arrives. Recordings are kept."""
+    """Stream points, poses or wand coverage until the sensors end, the time is up or a signal arrives."""
     _check(args)
     session = None
     if args.poses:  # this takes time, so do it before the sensors start
@@ -99,7 +99,7 @@ def _chain(args: argparse.Namespace) -> MarkerChain:
 def _moments(
     chain: MarkerChain, write: Callable[[dict[str, object]], None], until: float | None, progress: Progress
 ) -> Iterator[LiveMoment]:
-    """Yield moments until the time is up. Sensor events are written immediately."""
+    """Yield moments until the time is up, and write sensor events immediately."""
     for moment in chain.moments(float("inf") if until is None else until):
         progress("Live", 0, 1)
         if isinstance(moment, LiveMoment):
@@ -116,7 +116,7 @@ def _frame(moment: LiveMoment) -> PointFrame:
 
 
 def _waved(chain: MarkerChain, moments: Iterator[LiveMoment]) -> Iterator[LiveLine]:
-    """Every ``COVERAGE_INTERVAL_S``, yield a line with the image coverage and where to move the wand next."""
+    """Yield lines with the wand's image coverage and its next position, every ``COVERAGE_INTERVAL_S``."""
     cameras = chain.cameras
     coverage, reported, number, moment = Coverage(cameras.names, cameras.image_size), 0.0, 0, None
     for moment in moments:

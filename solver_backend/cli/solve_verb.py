@@ -1,4 +1,4 @@
-"""Run the verb ``solve``: solve one motion, or several for people, jobs or trials one after another."""
+"""Run the verb ``solve``: solve one motion, or several people, jobs or trials in sequence."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 @contextmanager
 def _stretches(scheduler: str | None, tls: Path | None) -> Iterator[Stretches]:
-    """Yield the solver for the segments of a long take, which runs in this process or on a cluster."""
+    """Yield a function that solves the segments of a long take, in this process or on a cluster."""
     from solver_backend.fitters.keyframes.optimise import in_turn
 
     if scheduler is None:
@@ -75,7 +75,7 @@ def _check(job: Job) -> None:
 
 
 def _resolve_alone(job: Job, progress: Progress) -> Outcome[SolveResult]:
-    """Solve frames of a motion again without its recording. This works for AMASS motions and for ours."""
+    """Solve frames of a motion again without its recording."""
     from solver_backend.cli.motion_reading import any_motion
     from solver_backend.fitters.pipeline import resolve_motion
     from solver_backend.io.motions.motion_checks import check_motion
@@ -198,7 +198,7 @@ def _finish(
 
 
 def _write_both(job: Job, capture: Capture, motion: Motion, progress: Progress) -> None:
-    """Write the motion and its report at the same time. The motion is written even if the report fails."""
+    """Write the motion and its report together. If the report fails, the motion is still written."""
     from solver_backend.io.native.motion_file import write_motion
 
     if job.report is None:
@@ -235,7 +235,7 @@ def _write_page(page: Path, job: Job, capture: Capture, motion: Motion, progress
 
 
 def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[TakesResult]:
-    """Solve jobs one after another, for all people if requested. A failure does not stop the others.
+    """Solve jobs in sequence, including all people if requested. A failure does not stop the other jobs.
 
     The result contains ``takes``, each as reported by ``solve``, and ``failed``, with the capture, the person and the
     error's fields. If all jobs fail, the first error is raised.
@@ -299,7 +299,7 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[Ta
 
 
 def _meetings(ended: Sequence[tuple[Job, str, object]]) -> Iterator[tuple[int, list[Motion]]]:
-    """Yield the index of each person who came close to others, and the motions of these others."""
+    """Yield the index of each person who came close to other people, and the motions of these people."""
     from solver_backend.fitters.other_skin import only_close
     from solver_backend.io.native.motion_file import read_motion
 
@@ -324,7 +324,7 @@ def _meetings(ended: Sequence[tuple[Job, str, object]]) -> Iterator[tuple[int, l
 
 
 def _parts(job: Job, progress: Progress) -> Iterator[tuple[Job, Capture]]:
-    """Yield jobs and their captures, either for one person or for all people, who get separate files."""
+    """Yield one job and capture for each person to solve. Several people get separate files."""
     if job.person == EVERYBODY and job.resolve is not None:
         raise CommandLineInvalid("Only one person can be solved again at a time.", hint="--person NAME")
     if job.person != EVERYBODY:
@@ -350,7 +350,7 @@ def _own_files(job: Job, person: str) -> Job:
 
 
 def _jobs(args: argparse.Namespace) -> list[Job]:
-    """Return the jobs given in the arguments: job files, the trials of a session, or a single job from the options."""
+    """Return the jobs from the command line: job files, the trials of a session, or a single job."""
     if args.job is not None:
         given = [
             name for name in VERBS["solve"].given(args) if name not in ("job", "allow_outside", "scheduler", "tls")

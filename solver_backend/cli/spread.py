@@ -25,11 +25,11 @@ _RETRIES = 2
 
 
 class VersionsDiffer(Exception):
-    """A worker runs a different version of the program."""
+    """A cluster worker runs a different version of the program."""
 
 
 class ClusterStretches:
-    """Solves segments on a cluster, or in this process if the cluster fails.
+    """Solves the segments of a long take on a cluster, or in this process if the cluster fails.
 
     Args:
         address: address of the scheduler, or the name of a file that contains it.
@@ -59,7 +59,7 @@ class ClusterStretches:
         """Number of segments that workers have solved."""
 
     def __call__(self, stretches: Sequence[Stretch], alive: Callable[[], None]) -> list[KeySolution]:
-        """Return the solution of each segment. A single segment is solved in this process."""
+        """Solve the segments of a take. A single segment is solved in this process."""
         if len(stretches) < 2:
             return in_turn(stretches, alive)
         model = stretches[0].model
@@ -76,7 +76,7 @@ class ClusterStretches:
         self._client.close(timeout=2)
 
     def _sent_ahead(self, common: tuple[Subject, PosePrior]) -> Any:
-        """Send the data that all segments share, which is most of the data, to the workers in advance."""
+        """Send the person and the prior, which all segments share, to the workers in advance."""
         try:
             return self._client.scatter(common, broadcast=True, hash=False)
         except Exception:

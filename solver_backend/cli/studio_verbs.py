@@ -23,7 +23,7 @@ from solver_backend.synthesis.studio.spec import read_faults, read_spec
 
 
 def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Make a data set, or only report its size."""
+    """Render a synthetic data set, or only report its size."""
     spec = read_spec(args.description)
     begin = data_set.open_data_set if args.claim else data_set.check_data_set
     found = begin(spec, args.out) if args.plan or args.claim else data_set.plan(spec)
@@ -48,7 +48,7 @@ def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def studio_benchmark(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Solve a data set by several methods, compare the results with the ground truth, and write a page."""
+    """Solve a data set by several methods, compare the motions with the ground truth, and write a page."""
     spec, _ = data_set.read_data_set(args.data_set)
     settings = SolveSettings() if args.settings is None else _settings(args.settings)
     verdicts = solve_and_compare(args.data_set, args.methods, args.inputs, args.faults, progress, settings)
@@ -69,7 +69,7 @@ def studio_benchmark(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def studio_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """For each camera array in a description, map the errors over the floor."""
+    """Map the expected error of each camera array over the floor."""
     spec = read_spec(args.description)
     faults = {f", {name}": read_faults(name) for name in args.faults} or {"": spec.perturb}
     places = [

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def train(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Train a prior, and write its weights and model card."""
+    """Train a pose prior or network, and write its weights and model card."""
     try:
         from training.engine.loop import TrainingSettings
         from training.train import train as train_prior
@@ -45,7 +45,7 @@ def _given(args: argparse.Namespace, *names: str) -> dict[str, Any]:
 
 
 def _trained(finished: Finished, lines: list[str], figures: dict[str, float]) -> Outcome:
-    """Report the path and figures of the weights, and list held-out subjects missing from the recordings."""
+    """Report the path and figures of trained weights, and the held-out subjects that the recordings lack."""
     if finished.absent:
         lines = [f"  held-out subjects not among the recordings: {', '.join(finished.absent)}", *lines]
     data = {"weights": str(finished.weights), "absent_subjects": list(finished.absent), **figures}
@@ -53,7 +53,7 @@ def _trained(finished: Finished, lines: list[str], figures: dict[str, float]) ->
 
 
 def export_network(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write a trained landmark network including its decoding, or the labelling network, as ONNX."""
+    """Write the labelling network, or a trained landmark network with its decoding, as ONNX."""
     try:
         from training.landmarks.onnx_export import export_point_network, export_row, read_trained
     except ModuleNotFoundError as error:
@@ -74,7 +74,7 @@ def export_network(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _missing(error: ModuleNotFoundError, libraries: str) -> BackendMissing:
-    """Return an error that names what is missing: the repository's own package, or a library."""
+    """Return the error for a missing library, or for the missing training package."""
     if str(error.name).partition(".")[0] == "training":
         return BackendMissing(
             "The Blender extension does not include training.", hint="Run it in a clone of the repository."

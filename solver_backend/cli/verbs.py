@@ -22,7 +22,7 @@ from solver_backend.types import Capture
 
 
 def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Calibrate a person from one or more marker takes, and write the subject file."""
+    """Calibrate a person from marker takes, and write the subject file."""
     captures = [load(path, reading(args), progress) for path in args.captures]
     from solver_backend.cli.describe_markers import describe_person
     from solver_backend.fitters.label_after import person_of_nameless
@@ -43,7 +43,7 @@ def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write a file, to be edited, that states the landmark of each marker label."""
+    """Write a layout file with the body landmark of each marker label, for the user to edit."""
     capture = loaded(args, progress)
     if capture.markers is None or capture.markers.labels is None:
         raise MarkersUnknown("The capture has no labelled markers.", where=capture.name, hint="Choose a labelled take.")
@@ -54,7 +54,7 @@ def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def info(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Report a capture's contents, the reader's assumptions and any problems."""
+    """Report a capture's contents, the assumptions made in reading it, and its problems."""
     capture = loaded(args, progress)
     text, data = describe_capture(capture)
     if args.report is None:
@@ -66,7 +66,7 @@ def info(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write any capture to a file in our format, or one file per trial.
+    """Convert a capture, or each trial of a session, to our format.
 
     Videos in a folder are processed with the default detector. A sensor recording becomes a marker capture.
     """
@@ -160,7 +160,7 @@ def demo_capture(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def evaluate(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Compare a motion with the ground truth. If there are views, also compare it with triangulation."""
+    """Compare a motion with the ground truth and, if there are views, with triangulated keypoints."""
     from solver_backend.evaluation.evaluate import evaluate as compare
     from solver_backend.io.native.motion_file import read_motion
 

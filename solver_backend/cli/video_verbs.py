@@ -1,4 +1,4 @@
-"""Run the video verbs."""
+"""Run the verbs for videos: detect keypoints and hands, and solve folders of videos."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from solver_backend.videos.sync.synchronise import synchronise
 
 
 def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Detect keypoints in videos and write them as a capture."""
+    """Detect keypoints in videos, synchronise the cameras, and write a capture."""
     for video in args.videos:
         require_path(video, "video")
     choice = _choice(args)
@@ -63,7 +63,7 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Run all steps from a folder of videos to solved motions."""
+    """Detect, synchronise, calibrate and solve all takes in a folder of videos."""
     from solver_backend.videos.detect.detector import HAND_MODEL, chosen_hand_detector, included_model
 
     found = look_through(args.folder)
@@ -120,7 +120,7 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _summary(found: dict[str, tuple[Diagnostic, ...]], failed: list[str]) -> tuple[str, ...]:
-    """Return one line per warning, and a final line that lists the takes to check."""
+    """Return one line per warning, and a last line with the takes to check."""
     if len(found) + len(failed) == 1:
         return tuple(line for items in found.values() for line in summarise(items))
     doubtful = {name: summarise(items)[:-1] for name, items in found.items()}
@@ -130,7 +130,7 @@ def _summary(found: dict[str, tuple[Diagnostic, ...]], failed: list[str]) -> tup
 
 
 def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | None:
-    """Return the capture of the only take in a folder of videos, or None if there are no videos.
+    """Make a capture of the only take in a folder of videos. Return None if there are no videos.
 
     Args:
         out: folder for the detections and clocks.
@@ -148,7 +148,7 @@ def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | 
 
 
 def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Measure a detector's standard deviation at each confidence, on captures with known cameras."""
+    """Measure a detector's standard deviation at each confidence, from captures with known cameras."""
     import json
 
     from solver_backend.io.load import load_capture
@@ -170,7 +170,7 @@ def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def find_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Detect the hands of a capture's person in the footage."""
+    """Detect a person's hands in the footage of a capture."""
     from solver_backend.io.load import load_capture
     from solver_backend.videos.detect.detector import chosen_hand_detector
 
