@@ -49,7 +49,7 @@ def test_relative_paths_start_at_the_job_file(tmp_path):
     [
         (
             {"methd": "frame"},
-            r"Unknown key methd\..*Known keys: as_calibrated, by_order, camera, camera_path, capture, fps, frames",
+            r"Unknown key methd \(job\)\. Known keys: as_calibrated, by_order, camera, camera_path, capture, fps",
         ),
         ({"settings": {"windw": 3}}, r"Unknown setting windw\. Known settings: method, window, refine_window"),
         ({"settings": {"window": 3}}, r"window = 3 is not valid. It must be a whole number from 4 to 240"),

@@ -64,9 +64,12 @@ class MocapError(Exception):
 
 
 def sentence(event: Mapping[str, object]) -> str:
-    """Return an ``error`` event as one line with what happened, where, and a remedy."""
-    where = f"({event['where']})" if event.get("where") else ""
-    return plain(" ".join(str(part) for part in (event.get("message"), where, event.get("hint")) if part))
+    """Return an ``error`` event as one line: what happened (where). Remedy."""
+    message, where = str(event.get("message") or ""), event.get("where")
+    if where:
+        statement = message.rstrip(".")
+        message = f"{statement} ({where}){message[len(statement) :]}".lstrip()
+    return plain(" ".join(part for part in (message, str(event.get("hint") or "")) if part))
 
 
 class CaptureNotRecognised(MocapError):

@@ -79,7 +79,7 @@ def test_an_error_of_another_program_is_not_listed() -> None:
 
 def test_an_error_without_a_hint_has_the_remedy_of_its_class() -> None:
     assert str(FileDamaged("The file is empty.", where="a.npz")).startswith(
-        "The file is empty. (a.npz) Correct the file"
+        "The file is empty (a.npz). Correct the file"
     )
     assert FileDamaged("The file is empty.", hint="Copy it again.").hint == "Copy it again."
     assert not MocapError("Something failed.").hint

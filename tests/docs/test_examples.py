@@ -98,7 +98,7 @@ def test_a_detector_of_ones_own_finds_what_is_in_the_video(tmp_path: Path) -> No
     assert again.detector == "brightest 2.0", "a changed worker is asked again"
     with pytest.raises(DetectorMissing, match="finds no hands"):
         detect_videos([video], chosen_detector(worker=own, hands=True), tmp_path / "kept")
-    with pytest.raises(DetectorMissing, match=r"There is no such worker\."):
+    with pytest.raises(DetectorMissing, match=r"There is no such worker"):
         chosen_detector(worker=tmp_path / "none.py")
 
 

@@ -56,7 +56,7 @@ def test_a_file_that_the_system_cannot_read_needs_no_correction(
     path = tmp_path / "take"
     path.touch()
     monkeypatch.setattr(os, "open", refuse)
-    with pytest.raises(FileDamaged, match=rf"cannot be read: {os.strerror(number)}\.") as caught:
+    with pytest.raises(FileDamaged, match=rf"cannot be read: {os.strerror(number)}") as caught:
         read(path)
     assert caught.value.hint == "Check its permissions and its disk."
 

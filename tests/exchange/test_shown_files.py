@@ -95,7 +95,7 @@ def test_wrong_motions_are_named(
     [
         ({"K": np.zeros((3, 3, 3))}, r"K has shape \(3, 3, 3\), but \(4, 3, 3\)"),
         ({"R": np.full((4, 3, 3), np.inf)}, "R contains NaN or infinite"),
-        ({"K": np.zeros((4, 3, 3))}, "focal length must be positive, not 0, 0. \\(camera front\\)"),
+        ({"K": np.zeros((4, 3, 3))}, "focal length must be positive, not 0, 0 \\(camera front\\)"),
         ({"image_size": np.zeros((4, 2))}, "image size 0 x 0 is not positive"),
         ({"fps": np.array(-1.0)}, "frame rate must be positive, not -1"),
         ({"xy": np.zeros((2, 60, 24, 2))}, r"xy has shape \(2, 60, 24, 2\), but \(4, frames, keypoints, 2\)"),

@@ -42,7 +42,7 @@ def trial(tmp_path: Path) -> Path:
 
 
 def test_what_is_no_capture_is_told_what_is(tmp_path: Path) -> None:
-    with pytest.raises(FileMissing, match=r"no such file or folder\. .*nowhere.*Check the path"):
+    with pytest.raises(FileMissing, match=r"no such file or folder .*nowhere.*Check the path"):
         load_capture(tmp_path / "nowhere")
     (tmp_path / "x.docx").write_text("x")
     with pytest.raises(CaptureNotRecognised, match=r"is not a readable capture.*x\.docx"):

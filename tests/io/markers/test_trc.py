@@ -166,7 +166,7 @@ def test_damage(tmp_path: Path) -> None:
         path.write_text(text)
         with pytest.raises(FileDamaged, match="is truncated or is not TRC"):
             read(path)
-    with pytest.raises(FileDamaged, match=r"'12,5' is not a number. \(.*line 8\)"):
+    with pytest.raises(FileDamaged, match=r"'12,5' is not a number \(.*line 8\)"):
         read(write(path, rows()[:1] + ["2\t0.01\t12,5\t1\t1"]))
     with pytest.raises(NoDetections, match="contains no frames"):
         read(write(path, []))

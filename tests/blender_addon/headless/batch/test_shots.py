@@ -68,7 +68,7 @@ def test_shots_that_are_missing_are_named_with_their_reason(tmp_path: Path) -> N
     done = {"take": "a", "status": "done"}
     failed = {"take": "b", "status": "failed", "error": {"message": "Nobody is seen."}}
     require_all([done], tmp_path)
-    with pytest.raises(ShotsMissing, match=r"1 of 2 shots failed: b: Nobody is seen\."):
+    with pytest.raises(ShotsMissing, match=r"1 of 2 shots failed: b: Nobody is seen"):
         require_all([done, failed], tmp_path)
 
 
