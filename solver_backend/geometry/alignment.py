@@ -1,4 +1,4 @@
-"""Align point sets rigidly or by similarity, and find the rotation closest to a matrix."""
+"""Align point sets rigidly or by a similarity, and find the rotation nearest to a matrix."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from solver_backend.types.shapes import Float
 
 
 def nearest_rotation(M: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3 3"]:
-    """Return the rotations (..., 3, 3) that maximise ``tr(Rᵀ M)``, from the SVD of M.
+    """Return the rotations R (..., 3, 3) that maximise ``tr(Rᵀ M)``, computed from the SVD of M.
 
     References: Kabsch 1976, Wahba 1965 (the same problem).
     """
@@ -22,11 +22,11 @@ def umeyama(
     weights: Float[Array, "*#batch points"] | None = None,
     with_scale: bool = False,
 ) -> tuple[Float[Array, " *batch"], Float[Array, "*batch 3 3"], Float[Array, "*batch 3"]]:
-    """Return s, R and t that minimise ``Σ w |s R source + t - target|²``.
+    """Return the scale s, rotation R and translation t that minimise ``Σ w |s R source + t - target|²``.
 
     Shapes are (...), (..., 3, 3) and (..., 3). Without ``with_scale``, s is 1. ``weights`` (..., N) are non-negative,
     or None for equal weights. Points of weight 0 may be NaN. If all weights are zero, the result is NaN. If fewer than
-    three points are in general position, one of the best rotations is returned.
+    three points are in general position, the solution is not unique, and one of the best rotations is returned.
 
     Reference: Umeyama 1991, "Least-squares estimation of transformation parameters", eq. 39-42.
     """
@@ -52,9 +52,10 @@ def umeyama(
 
 
 def look_at(centres: Float[np.ndarray, "n 3"], target: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "n 3 3"]:
-    """Return (n, 3, 3) rotations from the world (Z up) to upright cameras that face a target.
+    """Return (n, 3, 3) rotations from the world (Z up) to n upright cameras that face a target.
 
-    Rows are right, down and forward. If a camera looks straight up or down, the top of its image points to -y or y.
+    The rows of each matrix are the camera's right, down and forward directions. If a camera looks straight up or down,
+    the top of its image points to the world's y.
     """
     forward = target - centres
     forward = forward / np.linalg.norm(forward, axis=1, keepdims=True)

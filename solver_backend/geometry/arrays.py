@@ -1,4 +1,4 @@
-"""Create arrays of the same kind (NumPy or torch) and on the same device as the caller's."""
+"""Create NumPy arrays or torch tensors that match the caller's arrays in kind, type and device."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def astype(values: Array, precision: Any) -> Array:
 
 
 def solved(A: Array, B: Array) -> Array:
-    """Return ``A⁻¹ B`` for (..., n, n) and (..., n, m) arrays.
+    """Solve the linear systems ``A X = B`` for (..., n, n) matrices A and (..., n, m) right-hand sides B.
 
     Raises:
         LinAlgError: a matrix is singular.
@@ -72,7 +72,7 @@ def solved(A: Array, B: Array) -> Array:
 
 
 def index(values: np.ndarray, like: Array) -> Array:
-    """Return integer indices for arrays on the same device as ``like``."""
+    """Convert integer indices to an array on the same device as ``like``."""
     return array_namespace(like).asarray(values, device=device_of(like))
 
 
@@ -92,9 +92,10 @@ def identity(size: int, like: Array, dtype: Any = None) -> Array:
 
 
 def unset(shape: tuple[int, ...], like: Array) -> Array:
-    """Return a large uninitialised array of the same kind, type and device as ``like``.
+    """Return an uninitialised array for large results, of the same kind, type and device as ``like``.
 
-    On the CPU, NumPy allocates it in huge pages. The first write to torch's small pages takes five times as long.
+    NumPy allocates large arrays on the CPU in huge pages. The first write to torch's small pages takes five times as
+    long.
     """
     if device_of(like) is not None:
         return empty(shape, like)
@@ -102,7 +103,7 @@ def unset(shape: tuple[int, ...], like: Array) -> Array:
 
 
 def replaced(values: Array, where: Array, by: float) -> Array:
-    """Return a copy of the values in which ``by`` replaces those where the mask is true."""
+    """Return a copy of the values with ``by`` wherever the mask ``where`` is true."""
     copy = array_namespace(values).asarray(values, copy=True)
     copy[where] = by
     return copy
@@ -128,10 +129,10 @@ def quantile(
     axis: int | tuple[int, ...],
     method: Literal["linear", "lower", "nearest"] = "linear",
 ) -> np.ndarray:
-    """Return the quantile of the finite values along axes, or NaN if there are none.
+    """Return a quantile of the finite values along axes, or NaN if there are none.
 
-    The result is ``numpy.nanquantile`` of the finite values, the value at position ``(n - 1) share`` of n sorted
-    values. Between two values it is interpolated (Hyndman and Fan 1996, definition 7), or ``method`` selects one.
+    The result equals ``numpy.nanquantile``: of n sorted values, it is the one at position ``(n - 1) share``. Between
+    two values it is interpolated (Hyndman and Fan 1996, definition 7), or ``method`` selects one of them.
     """
     axes = (axis,) if isinstance(axis, int) else axis
     moved = np.moveaxis(values, axes, range(-len(axes), 0))
@@ -153,10 +154,10 @@ _FAST = ("openblas", "mkl", "accelerate", "blis", "armpl")  # BLAS libraries tha
 
 
 def times_transposed(x: Array, weight: Array) -> Array:
-    """Return the (N, m) product ``x Wᵀ`` of (N, k) and (m, k) arrays.
+    """Return the (N, m) product ``x Wᵀ`` of (N, k) and (m, k) arrays, quickly even without a fast BLAS.
 
-    Blender from Linux distributions uses the reference BLAS, and official builds have none. Both reach 2.5 GFLOP/s in
-    single precision. NumPy's ``einsum``, whose inner product runs along contiguous k, reaches 11.
+    Blender builds from Linux distributions use the reference BLAS, and official Blender builds contain none. Both reach
+    2.5 GFLOP/s in single precision. NumPy's ``einsum``, which sums along contiguous k, reaches 11.
     """
     if isinstance(x, np.ndarray) and not has_fast_blas():
         return np.einsum("nk,mk->nm", x, weight)
@@ -177,11 +178,11 @@ R = TypeVar("R", bound="Rows")
 
 @dataclass(frozen=True)
 class Rows:
-    """Arrays with one row per frame or key. Fields that are None remain None."""
+    """Base class for tables of arrays with one row per frame or keyframe. Fields may be None."""
 
     @property
     def arrays(self) -> tuple[Array | None, ...]:
-        """The fields, in order."""
+        """The arrays or None, in the order of the fields."""
         return tuple(getattr(self, field.name) for field in fields(self))
 
     def _replaced_by(self: R, values: Iterable[Array | None]) -> R:
@@ -196,7 +197,7 @@ class Rows:
         return self._replaced_by(None if part is None else astype(part, precision) for part in self.arrays)
 
     def where(self: R, mask: Array, other: R) -> R:
-        """Return these rows where the mask is true, and the other rows elsewhere."""
+        """Return these rows where the mask is true, and rows of ``other`` where it is false."""
         xp = array_namespace(mask)
 
         def pick(own: Array | None, others: Array | None) -> Array | None:

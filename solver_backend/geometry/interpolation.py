@@ -1,8 +1,8 @@
 """Interpolate unit vectors along geodesics: SLERP, SIDER2 and SIDER-n.
 
 Every point on these curves is a linear combination of its keys. The weights depend only on the keys' inner products, so
-the derivative w.r.t. key j is ``w_j I + Σ_ik p_i M_j[i, k] p_kᵀ``, which needs only a few numbers (``KeyWeights``).
-Jacobians are (..., d, d) in the ambient space, for changes of a key that are tangent to the sphere.
+the derivative w.r.t. key j is ``w_j I + Σ_ik p_i M_j[i, k] p_kᵀ``. It needs only a few numbers (``KeyWeights``).
+Jacobians are (..., d, d) in the ambient space, and hold for changes of a key that are tangent to the sphere.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from solver_backend.geometry.small_matrices import sum_of_rows
 from solver_backend.types.shapes import Float
 
 Vectors = Float[Array, "*#batch d"]
-"""Vectors in R^d whose batch dimensions broadcast."""
+"""Vectors in R^d. Their batch dimensions broadcast."""
 
 _SERIES_BELOW = 0.01  # If ``(1 + t²) sin²(ψ/2)`` is smaller, the geodesic's weights are computed from their series.
 _SERIES_TERMS = 9
@@ -36,11 +36,11 @@ def spherical_normalisation(v: Float[Array, "*batch d"]) -> Float[Array, "*batch
 
 
 def geodesic_weights(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
-    """Return the weights of a point on a geodesic and their derivatives w.r.t. ``cosψ``.
+    """Return the geodesic weight ``sin(tψ)/sinψ`` and its derivative w.r.t. ``cosψ``.
 
-    The weight is ``sin(tψ)/sinψ``, given ``y = sin²(ψ/2)`` and ``z = cos²(ψ/2)``. Near ``ψ = 0``, the hypergeometric
-    series ``t ₂F₁(1-t, 1+t; 3/2; y)`` avoids a small denominator. All arrays are (...), and t is any real number.
-    Antipodal points with ``z = 0`` get large but finite weights.
+    ψ is the angle between the two ends, given by ``y = sin²(ψ/2)`` and ``z = cos²(ψ/2)``. Near ``ψ = 0``, the
+    hypergeometric series ``t ₂F₁(1-t, 1+t; 3/2; y)`` avoids a small denominator. All arrays are (...), and t is any
+    real number. Antipodal ends (``z = 0``) get large but finite weights.
 
     References: Shoemake 1985. The series is Chebyshev's U of real order (Abramowitz and Stegun 15.1.16).
     """
@@ -77,12 +77,15 @@ def _weights_by_angle(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
 
 
 def is_antipodal(z: Array) -> Array:
-    """Return a (...) mask of point pairs that have no unique geodesic."""
+    """Return a (...) mask of antipodal point pairs, which have no unique geodesic (``z = cos²(ψ/2)`` is 0)."""
     return z < 100.0 * array_namespace(z).finfo(z.dtype).eps
 
 
 def orthogonal_axis(a: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
-    """Return the (..., d) unit vector orthogonal to ``a`` that is nearest to the axis of its smallest entry."""
+    """Return a (..., d) unit vector orthogonal to the unit vector ``a`` (..., d).
+
+    It is the projection of the coordinate axis along which ``a`` has its smallest entry.
+    """
     xp = array_namespace(a)
     smallest = xp.argmin(xp.abs(a), axis=-1)
     axis = xp.stack([xp.astype(smallest == i, a.dtype) for i in range(a.shape[-1])], axis=-1)
@@ -95,18 +98,18 @@ class ZeroMeanSphere:
     """Unit vectors (..., d) whose entries sum to zero (thesis eq. 6.2)."""
 
     def dimension(self, width: int) -> int:
-        """Return the dimension of the sphere in R^width."""
+        """Return the dimension of the sphere in R^width, which is ``width - 2``."""
         return width - 2
 
     def tangent_basis(self, x: Array) -> Array:
-        """Return the (..., d, d - 2) basis of zero-mean tangents."""
+        """Return a (..., d, d - 2) orthonormal basis of the zero-mean tangent vectors at x."""
         xp = array_namespace(x)
         plane = constant(_helmert(x.shape[-1]), x)
         return xp.matmul(plane, householder_basis(xp.matmul(x, plane)))
 
 
 def householder_basis(x: Array) -> Array:
-    """Return columns 2 to d of the Householder reflection that maps the first axis to ±x."""
+    """Return columns 2 to d (..., d, d - 1) of the Householder reflection that maps the first axis to ±x."""
     xp = array_namespace(x)
     first = x[..., :1]
     w = xp.concat((first + xp.where(first < 0, -xp.ones_like(first), xp.ones_like(first)), x[..., 1:]), axis=-1)
@@ -128,43 +131,43 @@ def _helmert(size: int) -> list[list[float]]:
 
 
 Keys = Float[Array, "*#batch n d"]
-"""Several vectors per batch entry."""
+"""Several keys per batch entry."""
 Times = Float[Array, "*#batch"] | float
-"""Positions on a curve."""
+"""Positions on a curve, from 0 at its first key to 1 at its last."""
 
 
 @dataclass(frozen=True)
 class KeyWeights:
-    """A point that depends on n unit keys ``p_i``, to first order."""
+    """A point on a curve as a function of n unit keys ``p_i``, with its first derivatives."""
 
     keys: Float[Array, "*#batch n d"]
-    """(..., n, d) keys ``p_i``."""
+    """(..., n, d) unit vectors ``p_i``."""
     value: Float[Array, "*#batch d"]
-    """(..., d) the point, a unit vector."""
+    """(..., d) unit vector, the point on the curve."""
     weights: Float[Array, "*#batch n"]
     """(..., n) weights: ``value = Σ w_i p_i`` (except for antipodal neighbours)."""
     mixing: Float[Array, "*#batch n n n"]
     """(..., n, n, n) coefficients: ``d value / d p_j = w_j I + Σ_ik p_i mixing[j, i, k] p_kᵀ``."""
 
     def vjp(self, cotangent: Float[Array, "*#batch d"]) -> Float[Array, "... n d"]:
-        """Return the (..., n, d) derivatives w.r.t. each key, given the (..., d) derivative w.r.t. the value."""
+        """Convert the (..., d) derivative w.r.t. the point to the (..., n, d) derivatives w.r.t. the keys."""
         xp = array_namespace(cotangent)
         along = xp.matmul(self.keys, cotangent[..., None])[..., 0]
         mixed = sum_of_rows(self.mixing * along[..., None, :, None])
         return self.weights[..., :, None] * cotangent[..., None, :] + xp.matmul(mixed, self.keys)
 
     def jacobian(self, key: int) -> Float[Array, "... d d"]:
-        """Return the (..., d, d) derivative of the value w.r.t. one of the keys."""
+        """Return the (..., d, d) derivative of the point w.r.t. one of the keys."""
         xp = array_namespace(self.keys)
         mixed = xp.matmul(xp.matrix_transpose(self.keys), xp.matmul(self.mixing[..., key, :, :], self.keys))
         return self.weights[..., key, None, None] * identity(self.keys.shape[-1], self.keys) + mixed
 
 
 def slerp(a: Vectors, b: Vectors, t: Times) -> Vectors:
-    """Return the point at ``t`` on the geodesic from ``a`` (0) to ``b`` (1).
+    """Return the point at ``t`` on the geodesic from ``a`` (t = 0) to ``b`` (t = 1).
 
-    The point is ``sin((1-t)ψ)/sinψ a + sin(tψ)/sinψ b``, with a series near ``ψ = 0``. For a geodesic to ``-a``, a
-    fixed direction is used.
+    The point is ``sin((1-t)ψ)/sinψ a + sin(tψ)/sinψ b``, with a series near ``ψ = 0``. If b is ``-a``, the geodesic is
+    not unique, and it starts in a fixed direction.
 
     References: Shoemake 1985, thesis eq. 4.9 and 6.2.3.
     """
@@ -212,10 +215,10 @@ def sider_weights(keys: Keys, t: Times) -> KeyWeights:
 
 
 def aitken_neville(points: list[Any], t: Array, join: Callable[..., Any], reflect: Callable[..., Any]) -> Any:
-    """Return the point at ``t`` on the curve through points at 0, 1/n, ..., 1.
+    """Return the point at ``t`` on the curve through n + 1 points at 0, 1/n, ..., 1.
 
-    ``join(point, point, share)`` returns a point on their geodesic, including beyond its ends. ``reflect(point,
-    centre)`` returns the point at the same distance on the other side of the centre.
+    ``join(a, b, share)`` returns a point on the geodesic from a to b, also beyond its ends. ``reflect(point, centre)``
+    returns the point at the same distance on the other side of the centre.
     """
     degree = len(points) - 1
     if degree == 1:
@@ -230,7 +233,7 @@ def aitken_neville(points: list[Any], t: Array, join: Callable[..., Any], reflec
 
 
 def _geodesic(a: Array, b: Array, t: Array) -> tuple[Array, tuple[Array, Array], tuple[Array, Array]]:
-    """Return the SLERP point, the weights of ``a`` and ``b``, and their derivatives w.r.t. ``a·b``."""
+    """Return the SLERP point, the weights of ``a`` and ``b``, and the weights' derivatives w.r.t. ``a·b``."""
     xp = array_namespace(a, b)
     y = 0.25 * xp.sum((a - b) ** 2, axis=-1)
     z = 0.25 * xp.sum((a + b) ** 2, axis=-1)
@@ -248,7 +251,7 @@ def _geodesic(a: Array, b: Array, t: Array) -> tuple[Array, tuple[Array, Array],
 
 
 def _join(q: KeyWeights, r: KeyWeights, t: Array, gram: Array) -> KeyWeights:
-    """Return the SLERP of two points, applying the product rule to the coefficients of the keys."""
+    """Return the SLERP of two points, with coefficients of the keys from the product rule."""
     value, (of_q, of_r), (slope_q, slope_r) = _geodesic(q.value, r.value, t)
     weights = of_q[..., None] * q.weights + of_r[..., None] * r.weights
     towards = slope_q[..., None] * q.weights + slope_r[..., None] * r.weights
@@ -259,7 +262,7 @@ def _join(q: KeyWeights, r: KeyWeights, t: Array, gram: Array) -> KeyWeights:
 
 
 def _product_by_keys(q: KeyWeights, r: KeyWeights, gram: Array) -> Array:
-    """Return the keys' (..., n, n) coefficients. Row j belongs to ``rᵀ dq/dp_j``."""
+    """Return (..., n, n) coefficients of the keys. Row j gives the vector ``rᵀ dq/dp_j``."""
     xp = array_namespace(gram)
     against = xp.matmul(gram, r.weights[..., None])[..., None, :, :]
     return q.weights[..., :, None] * r.weights[..., None, :] + sum_of_rows(against * q.mixing)
@@ -284,7 +287,7 @@ _REACH = 3.0  # Cut-off of a Gaussian, in standard deviations.
 
 
 def smooth(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Filter (F, ...) values with a Gaussian of ``sigma`` frames, mirrored at the ends."""
+    """Filter (F, ...) values with a Gaussian of ``sigma`` frames. Both ends are extended by point reflection."""
     reach = min(int(np.ceil(_REACH * sigma)), len(values) - 1)
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / max(sigma, 1e-6)) ** 2)
     padded = np.pad(values, [(reach, reach), *[(0, 0)] * (values.ndim - 1)], mode="reflect", reflect_type="odd")

@@ -1,4 +1,4 @@
-"""Detect marker jumps, because a label can switch to another marker only at a jump."""
+"""Detect jumps of markers. A label can switch to another marker only at a jump."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MOVED_M = 0.02  # ... by this distance.
 
 
 def neighbours_of(points: np.ndarray, count: int = NEIGHBOURS) -> np.ndarray:
-    """Return the (M, n) nearest markers to each marker, by median distance."""
+    """Return (M, n) indices of the nearest markers to each marker, by median distance."""
     some = points[np.unique(np.linspace(0, len(points) - 1, 60).astype(int))]
     distance = np.linalg.norm(some[:, :, None] - some[:, None], axis=-1)
     median = quantile(distance, 0.5, axis=0)
@@ -25,7 +25,7 @@ def neighbours_of(points: np.ndarray, count: int = NEIGHBOURS) -> np.ndarray:
 
 
 def jumping(points: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return an (M,) mask of the markers that jump away from their (M, n) neighbours."""
+    """Return an (M,) mask of markers that jump relative to their (M, n) neighbours, at least once in the take."""
     moved = np.diff(points, axis=0)
     jumps = np.zeros(points.shape[1], dtype=bool)
     for m, near in enumerate(around):
@@ -40,10 +40,10 @@ def jumping(points: np.ndarray, around: np.ndarray) -> np.ndarray:
 
 
 def leaving(points: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return an (M,) mask of the markers that jump away from or back to all their neighbours at once.
+    """Return an (M,) mask of markers that jump away from, or back to, all their neighbours at once.
 
-    This is stricter than ``jumping``, for reports. At 30 Hz, the feet of a walking person differ by more than
-    ``JUMP_M`` at every step, but a marker on the same bone moves with them.
+    This is stricter than ``jumping``, and is used for reports. At 30 Hz, the feet of a walking person differ by more
+    than ``JUMP_M`` at every step, but the other markers on the same foot move with them.
     """
     moved = np.diff(points, axis=0)
     leaves = np.zeros(points.shape[1], dtype=bool)
@@ -59,7 +59,7 @@ def leaving(points: np.ndarray, around: np.ndarray) -> np.ndarray:
 
 
 def frozen(points: np.ndarray, around: np.ndarray, fps: float) -> np.ndarray:
-    """Return an (F, M) mask of motionless markers whose neighbours move.
+    """Return an (F, M) mask of frozen markers: they do not move at all while their neighbours do.
 
     Other markers that are motionless in exactly the same frames also count, because a program froze them together.
     """
@@ -80,7 +80,7 @@ def frozen(points: np.ndarray, around: np.ndarray, fps: float) -> np.ndarray:
 
 
 def _jumps_in_gaps(points: np.ndarray, marker: int, near: np.ndarray, *, of_all: bool = False) -> bool:
-    """Return whether the marker's distances from its neighbours change during a gap."""
+    """Return whether the marker's distances from its neighbours change during one of its gaps."""
     seen = np.isfinite(points[:, marker]).all(-1)
     for first, last in true_runs(~seen):
         if first == 0 or last == len(points) - 1:
@@ -94,12 +94,12 @@ def _jumps_in_gaps(points: np.ndarray, marker: int, near: np.ndarray, *, of_all:
 
 
 def _middle(values: np.ndarray) -> np.ndarray:
-    """Return the median over the known n in (F, n, 3), or 0 if there are none."""
+    """Return the (F, 3) median over the visible markers n in (F, n, 3), or 0 if there are none."""
     return np.nan_to_num(quantile(values, 0.5, axis=1))
 
 
 def _least(values: np.ndarray) -> np.ndarray:
-    """Return the smallest length over the known n in (F, n, 3), or 0 if there are none."""
+    """Return the (F,) smallest length over the visible markers n in (F, n, 3), or 0 if there are none."""
     length = np.linalg.norm(values, axis=-1)
     least = np.where(np.isfinite(length), length, np.inf).min(axis=1, initial=np.inf)
     return np.where(np.isfinite(least), least, 0.0)

@@ -1,6 +1,6 @@
 """Provide NumPy under the function names of the array API standard.
 
-NumPy has these names since version 2.0, but Blender 4 includes 1.26. No other package is needed.
+NumPy has these names since version 2.0, but Blender 4 includes NumPy 1.26. With this module no other package is needed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def astype(values: Any, dtype: Any, *, copy: bool = True) -> Any:
 
 
 def _on_cpu(create: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap a NumPy function to accept the standard's argument ``device``, which is always the CPU."""
+    """Let a NumPy function accept the standard's argument ``device`` and ignore it."""
 
     def call(*arguments: Any, device: Any = None, **given: Any) -> Any:
         return create(*arguments, **given)
@@ -32,7 +32,7 @@ def _on_cpu(create: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def clip(values: Any, min: Any = None, max: Any = None) -> Any:
-    """Return the values limited to ``min`` and ``max``, if given."""
+    """Clip the values to ``min`` and ``max``, where given."""
     return values if min is None and max is None else np.clip(values, min, max)
 
 
@@ -100,7 +100,7 @@ _OWN |= {name: _on_cpu(getattr(np, name)) for name in ("arange", "empty", "eye",
 
 
 class NumpyNamespace:
-    """NumPy's functions. Functions from the array API standard take precedence."""
+    """NumPy's functions, where the array API standard's names and signatures take precedence."""
 
     def __init__(self) -> None:
         self.__dict__.update(_OWN)

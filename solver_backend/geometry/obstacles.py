@@ -1,4 +1,4 @@
-"""Read objects that a body cannot penetrate, and compute distances to them."""
+"""Read obstacles that a body cannot penetrate, and compute distances to them."""
 
 from __future__ import annotations
 
@@ -23,32 +23,32 @@ _SIDES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2
 
 @dataclass(frozen=True)
 class Obstacles:
-    """Planes with free space above them, and closed triangle surfaces."""
+    """Obstacles around a person: planes with free space above them, and closed triangle meshes."""
 
     planes: np.ndarray  # (P, 4) unit normal n and offset d in ``n·x = d``, metres. The floor z = 0 comes first.
     surfaces: tuple[np.ndarray, ...] = ()  # (T, 3, 3) corners of each surface's triangles, anticlockwise from outside.
 
     @classmethod
     def floor(cls) -> Obstacles:
-        """Return only the floor z = 0."""
+        """Return obstacles that consist of the floor z = 0 only."""
         return cls(np.array([[0.0, 0.0, 1.0, 0.0]]))
 
     @property
     def has_objects(self) -> bool:
-        """True if there are objects other than the floor."""
+        """True if there are obstacles other than the floor."""
         return len(self.planes) > 1 or bool(self.surfaces)
 
     @property
     def without_floor(self) -> Obstacles:
-        """The objects without the floor."""
+        """The obstacles without the floor."""
         return replace(self, planes=self.planes[1:])
 
     def nearest(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the signed distance of points (..., 3) from the nearest obstacle, and its normal.
+        """Return the signed distances (...) of points (..., 3) from the nearest obstacle, and its normals (..., 3).
 
-        Distances are negative inside. At more than ``reach`` from a mesh, they are infinite if there is no plane. A
-        point is inside a mesh if the nearest triangle faces away from it. If several triangles are equally near, the
-        most perpendicular one counts.
+        Distances are negative inside. More than ``reach`` from every mesh, the distance is the distance from the
+        planes, or infinite without planes. A point is inside a mesh if the nearest triangle faces away from it. If
+        several triangles are equally near, the one most perpendicular to the connecting line decides.
         """
         flat = points.reshape(-1, 3)
         heights = flat @ self.planes[:, :3].T - self.planes[:, 3]
@@ -69,7 +69,7 @@ class Obstacles:
 
 
 def _from_surface(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the signed distance (N,) from a surface, and the outward unit direction (N, 3)."""
+    """Return signed distances (N,) of points from a mesh, and unit vectors (N, 3) of increasing distance."""
     closest = _closest(points, triangles)
     away = points[:, None] - closest
     squared = (away**2).sum(axis=-1)
@@ -86,7 +86,7 @@ def _from_surface(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray
 
 
 def _closest(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Return the (N, T, 3) closest points on triangles."""
+    """Return the closest points (N, T, 3) on each of T triangles to N points."""
     a, b, c = triangles.transpose(1, 0, 2)
     u, v, w = b - a, c - a, points[:, None] - a
     uu, uv, vv = (u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)
@@ -109,7 +109,7 @@ def read_obstacles(path: Path | str) -> Obstacles:
 
     A plane has a ``point`` and a ``normal`` towards free space. A box has a ``centre``, a ``size`` and optionally a
     rotation ``turn_deg`` about the vertical. A mesh is the relative path of a Wavefront OBJ file. All are in metres, Z
-    up. An OBJ file counts as a file that contains only this mesh.
+    up. The path may also be an OBJ file, which is then the only mesh.
 
     Raises:
         FileDamaged: the file or a mesh is damaged, or a value is invalid.
@@ -139,7 +139,7 @@ def read_obstacles(path: Path | str) -> Obstacles:
 
 
 def _read_mesh(path: Path) -> np.ndarray:
-    """Return the (T, 3, 3) triangles in an OBJ file. Convex polygons are split into fans."""
+    """Return the (T, 3, 3) triangles of an OBJ file. Convex polygons are split into triangle fans."""
     vertices, faces, polygon = list[list[float]](), list[list[int]](), list[int]()
     try:
         for line in require_file(path).read_text(encoding="utf-8", errors="replace").splitlines():
@@ -168,7 +168,7 @@ def _read_mesh(path: Path) -> np.ndarray:
 
 
 def _is_closed(triangles: np.ndarray) -> bool:
-    """Return whether each edge belongs to exactly two triangles, once in each direction."""
+    """Return whether each edge of the mesh belongs to exactly two triangles, once in each direction."""
     places, corner = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
     corner = corner.reshape(-1, 3)
     edges = np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]])

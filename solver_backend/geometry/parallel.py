@@ -49,7 +49,8 @@ def _collected(results: Iterable[Result], done: Callable[[int], None]) -> list[R
 def usable_cores() -> int:
     """Return the number of cores that this process may use, at most ``MANIFOLD_MOCAP_THREADS``.
 
-    A batch pins its solvers to cores, and a container has a limit. More threads would evict each other's cache.
+    Batch jobs pin their solvers to cores, and containers limit cores. More threads than cores would evict each other's
+    cache.
 
     Raises:
         CommandLineInvalid: the environment variable is not a positive whole number.
@@ -64,13 +65,13 @@ def usable_cores() -> int:
 
 
 def block_size(size: int, like: Any) -> int:
-    """Return the block size for arrays like ``like``, which is at least ``size``."""
+    """Return the number of frames per block for arrays like ``like``: ``size``, or more with torch."""
     return size * TORCH_BLOCK if is_torch(like) else size
 
 
 @contextmanager
 def torch_threads(count: int, like: Any) -> Iterator[None]:
-    """Let torch use ``count`` threads within the context. ``like`` is a tensor."""
+    """Limit torch to ``count`` threads inside the context. ``like`` is a tensor."""
     torch = array_namespace(like)
     before = torch.get_num_threads()
     torch.set_num_threads(count)

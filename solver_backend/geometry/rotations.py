@@ -59,7 +59,8 @@ def matrix_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
 def quat_from_matrix(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
     """Convert (..., 3, 3) rotations to (..., 4) unit quaternions with ``w >= 0``.
 
-    The row of ``4 q qᵀ`` with the largest diagonal is normalised, which avoids a division by small numbers.
+    Of the four rows of ``4 q qᵀ``, the one with the largest diagonal entry is normalised. This avoids a division by a
+    small number.
 
     Reference: Shepperd 1978, "Quaternion from rotation matrix".
     """
@@ -107,7 +108,7 @@ def rotvec_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
 
 
 def quat_left_tangent(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4 3"]:
-    """Return the (..., 4, 3) matrices ``G`` for left rotations: ``quat(exp(ω)) q ≈ q + G ω``.
+    """Return the (..., 4, 3) matrices ``G`` in ``quat(exp(ω)) q ≈ q + G ω`` for small left rotations ω.
 
     ``G ω = ½ (0, ω) q``. For unit ``q`` it satisfies ``Gᵀ G = I/4``. A change dq of the quaternion is therefore the
     left rotation ``ω = 4 Gᵀ dq``: ``R(q + dq) ≈ exp([4 Gᵀ dq]x) R(q)``.
@@ -160,9 +161,10 @@ def log_so3(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3"]:
 
 
 def left_jacobian_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
-    """Return the left Jacobian ``J``, for which ``exp(v + dv) ≈ exp(J dv) exp(v)``.
+    """Return the left Jacobians J (..., 3, 3), for which ``exp(v + dv) ≈ exp(J dv) exp(v)``.
 
-    ``J = I + (1 - cosθ)/θ² [v]x + (θ - sinθ)/θ³ [v]x²``.
+    ``J = I + (1 - cosθ)/θ² [v]x + (θ - sinθ)/θ³ [v]x²`` with ``θ = |v|``.
+
     Reference: Chirikjian 2012, "Stochastic Models, Information Theory, and Lie Groups 2", eq. 10.86.
     """
     return _polynomial(v, *_coefficients(v, 1, 2))
@@ -190,7 +192,7 @@ def matrix_from_6d(x: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 3"]:
 
 
 def matrix_to_6d(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 6"]:
-    """Return the first two columns of (..., 3, 3) rotations, joined to (..., 6)."""
+    """Return the 6D representation (..., 6): the first two columns of (..., 3, 3) rotations."""
     return array_namespace(R).concat((R[..., :, 0], R[..., :, 1]), axis=-1)
 
 
@@ -231,7 +233,7 @@ def _length(v: Array) -> Array:
 
 
 def _coefficients(v: Array, *wanted: int) -> list[Array]:
-    """Return the requested series: ``sinθ/θ``, ``(1 - cosθ)/θ²`` and so on."""
+    """Return the selected functions of ``θ = |v|``, in the order of ``exact``, with series at small angles."""
     xp = array_namespace(v)
     square = squared_length(v)
     small = square < _SERIES_BELOW

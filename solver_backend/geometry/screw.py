@@ -1,7 +1,7 @@
-"""Interpolate rigid motions through keys by screws, the geodesics of SE(3) (thesis 6.4).
+"""Interpolate rigid motions along screws, the geodesics of SE(3) (thesis 6.4).
 
-A geodesic from A to B is ``A exp(s log(A⁻¹ B))``. The curve combines geodesics as SIDER-n does on a sphere. Rotation
-and translation are coupled: a rotating body moves along an arc.
+The geodesic from A to B is ``A exp(s log(A⁻¹ B))``. The curve through several keys combines geodesics as SIDER-n does
+on a sphere. Rotation and translation are coupled: a rotating body moves along an arc.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _TERMS = 40  # Number of terms in the Jacobian's series. The last is below 1e-14
 
 @dataclass(frozen=True)
 class _Moved:
-    """Rigid motions in F frames and their derivatives w.r.t. the keys, both as body twists."""
+    """Rigid motions in F frames and their derivatives w.r.t. the k keys, as body twists."""
 
     rotation: Array  # (F, 3, 3).
     transl: Array  # (F, 3).
@@ -33,7 +33,7 @@ class _Moved:
 
 @dataclass(frozen=True)
 class ScrewPath:
-    """Rotations and translations in W·n frames, through the k keys of each of W windows."""
+    """Rotations and translations of a rigid body in W windows of n frames with k keys each."""
 
     rotation: Array  # (W·n, 3, 3).
     transl: Array  # (W·n, 3) metres.
@@ -41,7 +41,7 @@ class ScrewPath:
 
     @classmethod
     def through(cls, rotation: Array, transl: Array, time: Array) -> ScrewPath:
-        """Return the curve through (W, k) rotations and translations, evaluated at (W, n) times."""
+        """Interpolate (W, k) key rotations and translations at (W, n) times between 0 and 1."""
         xp, (windows, count) = array_namespace(transl), time.shape
         flat, keys = xp.reshape(time, (-1,)), rotation.shape[1]
         of_frames = [xp.repeat(part, count, axis=0) for part in (rotation, transl)]
@@ -54,7 +54,10 @@ class ScrewPath:
         return cls(found.rotation, found.transl, xp.reshape(by_keys, (windows, count, keys, 6, 6)))
 
     def vjp(self, by_turn: Array, by_transl: Array) -> tuple[Array, Array]:
-        """Return (W, k, 3) derivatives w.r.t. the keys, given (W·n, 3) derivatives w.r.t. the frames."""
+        """Propagate (W·n, 3) derivatives w.r.t. the frames to (W, k, 3) derivatives w.r.t. the keys.
+
+        Both are derivatives w.r.t. left rotations and w.r.t. translations.
+        """
         xp = array_namespace(by_turn)
         windows, count, keys = self.by_keys.shape[:3]
         by_frames = xp.reshape(xp.concat([by_turn, by_transl], axis=1), (windows, 1, count * 6))
@@ -70,7 +73,7 @@ def _key(rotation: Array, transl: Array, key: int) -> _Moved:
 
 
 def _geodesic(a: _Moved, b: _Moved, s: Array) -> _Moved:
-    """Return the motions at fractions (F,) of the geodesic from a to b, including beyond its ends."""
+    """Return the rigid motions at fractions s (F,) of the geodesics from a to b, also beyond their ends."""
     xp = array_namespace(s)
     back = xp.matrix_transpose(a.rotation)
     between = xp.matmul(back, b.rotation), _apply(back, b.transl - a.transl)
@@ -97,7 +100,7 @@ def _right_jacobian(twist: Array) -> Array:
 
 
 def _adjoint_inverse(rotation: Array, transl: Array) -> Array:
-    """Return the (F, 6, 6) adjoints of inverse motions, rotation first."""
+    """Return the (F, 6, 6) adjoints of the inverse rigid motions, rotation first."""
     xp = array_namespace(transl)
     back = xp.matrix_transpose(rotation)
     found = _both(back)

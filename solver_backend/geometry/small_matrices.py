@@ -1,4 +1,4 @@
-"""Operate on batches of small matrices and vectors."""
+"""Invert, pack and multiply batches of small matrices and vectors."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def unpacked(entries: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 3"]:
 
 
 def mean_sigma(entries: Float[Array, "*batch 6"]) -> Float[Array, " *batch"]:
-    """Return the (...) standard deviations of (..., 6) covariances, as RMS over the axes."""
+    """Return the (...) standard deviations of (..., 6) packed covariances, as RMS over the axes."""
     xp = array_namespace(entries)
     return xp.sqrt((entries[..., 0] + entries[..., 3] + entries[..., 5]) / 3.0)
 
@@ -59,7 +59,7 @@ def dot(a: Float[Array, "*#batch d"], b: Float[Array, "*#batch d"]) -> Float[Arr
 
 
 def squared_length(v: Float[Array, "*batch d"]) -> Float[Array, " *batch"]:
-    """Return the (...) squared lengths ``|v|²`` of (..., d) vectors with few coordinates."""
+    """Return the (...) squared lengths ``|v|²`` of short (..., d) vectors."""
     return dot(v, v)
 
 
@@ -74,7 +74,7 @@ def sum_of_rows(values: Float[Array, "*batch rows columns"]) -> Float[Array, "*b
 
 
 def any_coordinate(mask: Array) -> Array:
-    """Return a (...) mask that is true where any of a few coordinates in (..., d) is true."""
+    """Return a (...) mask that is true where at least one of the d entries of (..., d) is true, for small d."""
     some = mask[..., 0]
     for i in range(1, mask.shape[-1]):
         some = some | mask[..., i]
@@ -82,7 +82,7 @@ def any_coordinate(mask: Array) -> Array:
 
 
 def all_coordinates(mask: Array) -> Array:
-    """Return a (...) mask that is true where all of a few coordinates in (..., d) are true."""
+    """Return a (...) mask that is true where all d entries of (..., d) are true, for small d."""
     every = mask[..., 0]
     for i in range(1, mask.shape[-1]):
         every = every & mask[..., i]
@@ -90,7 +90,7 @@ def all_coordinates(mask: Array) -> Array:
 
 
 def solved_3x3(A: Float[np.ndarray, "*batch 3 3"], b: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-    """Return the (..., 3) solutions ``A⁻¹ b`` by Cramer's rule, for matrices A close to rotations."""
+    """Solve ``A x = b`` by Cramer's rule for (..., 3, 3) matrices A close to rotations and (..., 3) vectors b."""
     rows = [[A[..., i, j] for j in range(3)] for i in range(3)]
     (a, d, g), (e, h, k), (f, i, m) = ([row[j] for row in rows] for j in range(3))
     minors = h * m - k * i, k * f - e * m, e * i - h * f
@@ -103,5 +103,5 @@ def solved_3x3(A: Float[np.ndarray, "*batch 3 3"], b: Float[np.ndarray, "*batch 
 
 
 def unit(v: np.ndarray) -> np.ndarray:
-    """Scale (..., 3) vectors to unit length. Vectors shorter than 1e-9 remain short."""
+    """Scale (..., 3) vectors to unit length. Vectors shorter than 1e-9 do not reach it."""
     return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9)
