@@ -1,1 +1,1 @@
-"""Minimise least-squares problems and other costs on manifolds, independently of bodies and files."""
+"""Minimise least-squares problems and other costs on manifolds. Nothing here depends on bodies or files."""

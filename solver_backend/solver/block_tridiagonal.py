@@ -16,12 +16,12 @@ BATCH = 16  # Number of blocks whose inner unknowns are eliminated together. Aff
 
 @dataclass(frozen=True)
 class BlockTridiagonal:
-    """System of N blocks of size n, ``H = [[D_0, U_0], [U_0ᵀ, D_1, U_1], ...]``, solved in O(N n³).
+    """Normal equations of N blocks of size n, ``H = [[D_0, U_0], [U_0ᵀ, D_1, U_1], ...]``, solved in O(N n³).
 
-    Only the first m unknowns of a block, the outer ones, are coupled with the previous block. The inner unknowns, which
-    are coupled with their own and the next block, are eliminated first, in parallel. The outer ones are then eliminated
-    from both ends towards the middle (Golub and Van Loan 2013, section 4.5. From both ends: Babuška 1972, "Numerical
-    stability in problems of linear algebra"). Steps have the precision of the blocks.
+    Only the first m unknowns of a block, the outer ones, are coupled with the previous block. The inner unknowns are
+    coupled with their own and the next block. They are eliminated first, in parallel. The outer ones are then
+    eliminated from both ends towards the middle (Golub and Van Loan 2013, section 4.5. From both ends: Babuška 1972,
+    "Numerical stability in problems of linear algebra"). Steps have the precision of the blocks.
     """
 
     diagonal: Array  # (N, n, n).
@@ -54,15 +54,16 @@ class BlockTridiagonal:
         return -0.5 * xp.sum(xp.reshape(self.g, (1, -1)) * step, axis=1)
 
     def merged(self, mask: Array, newer: BlockTridiagonal) -> BlockTridiagonal:
-        """Return ``newer`` if the mask is true for the single problem, otherwise these equations."""
+        """Return ``newer`` if the mask (1,) is true, otherwise these equations."""
         return newer if bool(mask[0]) else self
 
     def marginals(self) -> tuple[Array, Array]:
-        """Return the blocks of ``H⁻¹`` on and above the diagonal, (N, n, n) and (N - 1, n, m).
+        """Return the blocks of the covariance ``H⁻¹`` on and above the diagonal, (N, n, n) and (N - 1, n, m).
 
-        From the middle outwards: ``H⁻¹_ij = -X_i H⁻¹_jj`` and ``H⁻¹_ii = S_i⁻¹ - H⁻¹_ij X_iᵀ``, where neighbour j is
-        eliminated later and ``X_i = S_i⁻¹ H_ij`` (Takahashi, Fagan and Chin 1973). A diagonal load of ``n ε diag(H)``
-        keeps the rounded matrix positive definite (Higham 2002, theorem 10.7): no variance is negative.
+        The recursion runs from the middle outwards: ``H⁻¹_ij = -X_i H⁻¹_jj`` and ``H⁻¹_ii = S_i⁻¹ - H⁻¹_ij X_iᵀ``.
+        Neighbour j is eliminated after block i, S_i is the Schur complement, and ``X_i = S_i⁻¹ H_ij`` (Takahashi, Fagan
+        and Chin 1973). A diagonal load of ``n ε diag(H)`` keeps the rounded matrix positive definite (Higham 2002,
+        theorem 10.7), so no variance is negative.
         """
         xp = array_namespace(self.g)
         rounding = self.g.shape[1] * float(xp.finfo(self.diagonal.dtype).eps)
@@ -89,7 +90,7 @@ class BlockTridiagonal:
         return full, xp.concat([off, beyond], axis=1)
 
     def _without_inner(self, damping: Array, precision: Any) -> tuple[_Outer, _Inner | None]:
-        """Return the system of the outer unknowns without the inner ones, ``D - Bᵀ A⁻¹ B`` and so on."""
+        """Eliminate the inner unknowns, and return the Schur complement ``D - Bᵀ A⁻¹ B`` of the outer ones."""
         xp = array_namespace(self.g)
         count, size = self.g.shape
         met = self.upper.shape[-1] if count > 1 else size
@@ -115,7 +116,7 @@ class BlockTridiagonal:
 
 @dataclass(frozen=True)
 class _Inner:
-    """Elimination of each block's inner unknowns."""
+    """The k inner unknowns of each block, expressed by the outer ones of its own and the next block."""
 
     inverse: Array  # (N, k, k) ``A⁻¹``.
     own: Array  # (N, k, m) ``A⁻¹ B``.
@@ -135,9 +136,9 @@ class _Inner:
         return steps
 
     def marginals(self, diagonal: Array, upper: Array, some: slice) -> tuple[Array, Array]:
-        """Return the covariances within some blocks, and with the next block's outer unknowns.
+        """Return the covariances within the blocks ``some``, and between them and the next block's outer unknowns.
 
-        ``diagonal`` and ``upper`` are the covariances of the outer unknowns within a block and with the next one.
+        ``diagonal`` and ``upper`` are the covariances of the outer unknowns within a block and with the next block's.
         """
         xp = array_namespace(diagonal)
         X, Y, across = self.own[some], self.further[some], upper[some]
@@ -157,20 +158,20 @@ def _batches(count: int) -> list[slice]:
 
 
 def _times(matrices: Array, vectors: Array) -> Array:
-    """Return (N, a) products of (N, a, b) matrices and (N, b) vectors, in the vectors' precision."""
+    """Return the (N, a) products of (N, a, b) matrices and (N, b) vectors, in the vectors' precision."""
     xp = array_namespace(vectors)
     return xp.matmul(xp.astype(matrices, vectors.dtype), vectors[..., None])[..., 0]
 
 
 @dataclass(frozen=True)
 class _Outer:
-    """System of the outer unknowns: N fully coupled blocks."""
+    """Block-tridiagonal system of the outer unknowns, in which neighbouring blocks are fully coupled."""
 
     diagonal: Array  # (N, m, m).
     upper: Array  # (N - 1, m, m).
 
     def swept(self, right: Sequence[Array], *, carry: bool = True) -> _Sweeps:
-        """Eliminate the blocks from both ends. ``carry`` passes on the right-hand sides."""
+        """Eliminate the blocks from both ends. If ``carry`` is true, the right-hand sides are eliminated too."""
         xp = array_namespace(self.diagonal)
         count, middle = self.diagonal.shape[0], self.diagonal.shape[0] // 2
         orders = range(middle), range(count - 1, middle, -1)
@@ -189,7 +190,7 @@ class _Outer:
     def _eliminated(
         self, order: range, right: Sequence[Array], *, carry: bool
     ) -> tuple[dict[int, Array], dict[int, Array]]:
-        """Return ``S_i⁻¹ H_ij`` and ``S_i⁻¹ r_i`` for the blocks in this order, where j follows i."""
+        """Return ``S_i⁻¹ H_ij`` and ``S_i⁻¹ r_i`` for the blocks i in this order, where j is the block after i."""
         xp = array_namespace(self.diagonal)
         coupled, found = dict[int, Array](), dict[int, Array]()
         met = self.diagonal.shape[1]
@@ -209,7 +210,7 @@ class _Outer:
 
 @dataclass(frozen=True)
 class _Sweeps:
-    """Blocks that were eliminated from both ends."""
+    """Blocks after elimination from both ends, ready for back substitution."""
 
     coupled: dict[int, Array]  # ``S_i⁻¹ H_ij`` with the neighbour j that was eliminated later.
     solved: list[Array]  # ``S_i⁻¹ r_i``.

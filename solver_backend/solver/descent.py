@@ -11,12 +11,15 @@ from solver_backend.solver.line_search import StepTrial, WolfeSettings, strong_w
 from solver_backend.solver.manifolds import Manifold, State
 
 Objective = Callable[[State], tuple[Any, State]]
-"""Maps a state to its cost and its gradient, either ambient (derivatives w.r.t. the state's entries) or tangent."""
+"""Function that maps a state to its cost and gradient.
+
+The gradient is ambient (derivatives w.r.t. the state's entries) or tangent.
+"""
 
 
 @dataclass(frozen=True)
 class MinimiseSettings:
-    """Limits and steps of a minimisation."""
+    """Limits and step lengths of a minimisation."""
 
     max_iterations: int = 200  # Largest number of steps.
     gradient_tolerance: float = 1e-8  # Stop when the Riemannian gradient is shorter than this.
@@ -26,13 +29,13 @@ class MinimiseSettings:
 
     @property
     def stopped(self) -> str:
-        """Message if the largest number of steps is reached."""
+        """Message for a minimisation that reached ``max_iterations``."""
         return f"Stopped after {self.max_iterations} iterations. Raise max_iterations to go on."
 
 
 @dataclass(frozen=True)
 class MinimiseResult:
-    """Result of a minimisation."""
+    """Best state of a minimisation, and why it stopped."""
 
     state: State  # Best state found.
     cost: float  # Cost of that state.
@@ -83,7 +86,7 @@ def gradient_descent(
 def retracted_line(
     manifold: Manifold, objective: Objective, x: State, direction: State
 ) -> Callable[[float], StepTrial[tuple[State, State]]]:
-    """Return the objective along the retracted line, with its exact derivative."""
+    """Return the cost along a retracted line as a function of the step length, with its exact derivative."""
 
     def at(step: float) -> StepTrial[tuple[State, State]]:
         moved = manifold.combine(step, direction, 0.0, direction)
@@ -96,6 +99,6 @@ def retracted_line(
 
 
 def evaluate(manifold: Manifold, objective: Objective, x: State) -> tuple[float, State]:
-    """Return the cost and its Riemannian gradient."""
+    """Return the cost and its Riemannian gradient at x."""
     cost, gradient = objective(x)
     return float(cost), manifold.project(x, gradient)

@@ -1,4 +1,4 @@
-"""Minimise many small problems together by limited-memory BFGS, each with its own steps."""
+"""Minimise many small problems together by limited-memory BFGS. Each problem has its own step lengths."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 Objective = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Maps (b, n) points and the (b,) indices of their problems to (b,) costs and (b, n) gradients."""
+"""Function that maps (b, n) points and the (b,) indices of their problems to (b,) costs and (b, n) gradients."""
 
 
 Evaluated = tuple[np.ndarray, np.ndarray, np.ndarray]  # Points, costs and gradients.
@@ -28,7 +28,7 @@ class QuasiNewtonSettings:
 
 @dataclass(frozen=True)
 class QuasiNewtonResult:
-    """Result for B problems."""
+    """Minima of B problems with n unknowns each."""
 
     x: np.ndarray  # (B, n).
     cost: np.ndarray  # (B,).
@@ -39,11 +39,11 @@ class QuasiNewtonResult:
 def independent_lbfgs(
     objective: Objective, start: np.ndarray, scale: np.ndarray, settings: QuasiNewtonSettings = QuasiNewtonSettings()
 ) -> QuasiNewtonResult:
-    """Minimise ``f_b(x_b)`` for every problem b. All problems are evaluated together.
+    """Minimise ``f_b(x_b)`` for every problem b by L-BFGS, evaluating all problems together.
 
-    ``x ← x - t H ∇f`` with H from the last pairs, ``H_0 = γ diag(scale)``, and t by bisection until the weak Wolfe
-    conditions are met (Nocedal and Wright 2006, algorithm 7.4. Lewis and Overton 2013, "Nonsmooth optimization via
-    quasi-Newton methods", algorithm 2.6).
+    ``x ← x - t H ∇f`` with H from the last steps and gradient changes, and ``H_0 = γ diag(scale)``. Bisection finds a t
+    that meets the weak Wolfe conditions (Nocedal and Wright 2006, algorithm 7.4. Lewis and Overton 2013, "Nonsmooth
+    optimization via quasi-Newton methods", algorithm 2.6).
 
     Args:
         objective: costs and gradients. A cost that is not finite means that a step is too long.
@@ -71,7 +71,7 @@ def independent_lbfgs(
 def _wolfe_step(
     objective: Objective, at: Evaluated, direction: np.ndarray, problems: np.ndarray, settings: QuasiNewtonSettings
 ) -> Evaluated:
-    """Return points, costs and gradients after one step. A point stays where it is if no trial had a lower cost."""
+    """Return points, costs and gradients after one step. A point does not move if no trial reduced its cost."""
     x, cost, gradient = at
     slope = (gradient * direction).sum(-1)
     step, low, high = np.ones(len(x)), np.zeros(len(x)), np.full(len(x), np.inf)
@@ -109,7 +109,7 @@ class _StepPairs:
         return cls(np.zeros(shape), np.zeros(shape), np.zeros(shape[:2]), np.ones(len(x)), scale)
 
     def add(self, iteration: int, problems: np.ndarray, step: np.ndarray, change: np.ndarray) -> None:
-        """Store a pair for those of these problems whose curvature is positive."""
+        """Store the steps and gradient changes of the given problems, with curvature 0 where it is not positive."""
         product = (step * change).sum(-1)
         sound = product > 1e-10 * np.sqrt((step * step).sum(-1) * (change * change).sum(-1))
         self.newest = iteration % len(self.steps)

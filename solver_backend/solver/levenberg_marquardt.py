@@ -1,4 +1,4 @@
-"""Run Levenberg-Marquardt on manifolds, for one problem or for many independent ones together."""
+"""Run Levenberg-Marquardt on manifolds, for one problem or for many independent problems together."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from solver_backend.geometry.arrays import Array, array_namespace, identity, sol
 
 
 class NormalEquations(Protocol):
-    """Equations ``(H + damping diag(H)) step = -g`` for one or more independent problems."""
+    """Normal equations ``(H + damping diag(H)) step = -g`` for one or more independent problems."""
 
     def solve(self, damping: Array) -> Array:
         """Return the damped step. ``damping`` has one value per problem."""
@@ -21,12 +21,12 @@ class NormalEquations(Protocol):
         ...
 
     def merged(self, mask: Array, newer: Any) -> NormalEquations:
-        """Return these equations, with those of the masked problems taken from ``newer``."""
+        """Replace the equations of the masked problems with the ones in ``newer``."""
         ...
 
 
 class LazyNormalEquations:
-    """Equations that are formed on demand, because states without a further step do not need them."""
+    """Normal equations that are computed on first use, because a rejected state does not need them."""
 
     def __init__(self, form: Callable[[], NormalEquations]) -> None:
         self._form: Callable[[], NormalEquations] | None = form
@@ -34,28 +34,28 @@ class LazyNormalEquations:
 
     @property
     def formed(self) -> NormalEquations:
-        """The equations, formed on first use. Their inputs are then released."""
+        """The equations, computed on first use. The inputs are then released from memory."""
         if self._equations is None:
             assert self._form is not None
             self._equations, self._form = self._form(), None
         return self._equations
 
     def solve(self, damping: Array) -> Array:
-        """Return the damped steps."""
+        """Return the damped steps (see ``NormalEquations``)."""
         return self.formed.solve(damping)
 
     def promised(self, step: Array) -> Array:
-        """Return the predicted decrease of the costs."""
+        """Return the predicted decrease (B,) of the costs."""
         return self.formed.promised(step)
 
     def merged(self, mask: Array, newer: LazyNormalEquations) -> LazyNormalEquations:
-        """Return these equations, with those of the masked problems taken from ``newer``."""
+        """Replace the equations of the masked problems with the ones in ``newer``."""
         return LazyNormalEquations(lambda: self.formed.merged(mask, newer.formed))
 
 
 @dataclass(frozen=True)
 class DenseBlocks:
-    """Equations of B small independent problems."""
+    """Normal equations of B small independent problems with n unknowns each."""
 
     H: Array  # (B, n, n) symmetric positive semi-definite.
     g: Array  # (B, n) gradient.
@@ -73,7 +73,7 @@ class DenseBlocks:
         return -0.5 * array_namespace(step).sum(self.g * step, axis=1)
 
     def merged(self, mask: Array, newer: DenseBlocks) -> DenseBlocks:
-        """Return these equations, with those of the masked problems taken from ``newer``."""
+        """Replace the equations of the masked problems with the ones in ``newer``."""
         xp = array_namespace(self.H)
         H = xp.where(mask[:, None, None], newer.H, self.H)
         return DenseBlocks(H, xp.where(mask[:, None], newer.g, self.g))
@@ -81,7 +81,10 @@ class DenseBlocks:
 
 @dataclass(frozen=True)
 class Arrowhead:
-    """Equations of B blocks that share m unknowns. The Schur complement of these is solved first."""
+    """Normal equations of B blocks with n unknowns each, which are coupled only through m shared unknowns.
+
+    The shared unknowns are solved first, from their Schur complement.
+    """
 
     blocks: Array  # (B, n, n).
     coupling: Array  # (B, n, m).
@@ -90,7 +93,7 @@ class Arrowhead:
     g_shared: Array  # (m,).
 
     def solve(self, damping: Array) -> Array:
-        """Return the (1, m + B·n) step, shared unknowns first. ``damping`` is (1,)."""
+        """Return the (1, m + B·n) step, with the shared unknowns first. ``damping`` is (1,)."""
         xp = array_namespace(self.shared)
         n, m = self.coupling.shape[1:]
         relative = damping[0]
@@ -112,7 +115,7 @@ class Arrowhead:
         return -0.5 * xp.sum(gradient * step, axis=1)
 
     def merged(self, mask: Array, newer: Arrowhead) -> Arrowhead:
-        """Return ``newer`` if the mask is true for the single problem, otherwise these equations."""
+        """Return ``newer`` if the mask (1,) is true, otherwise these equations."""
         return newer if bool(mask[0]) else self
 
 
@@ -147,7 +150,7 @@ class LMResult(Generic[State]):
 
     @property
     def status(self) -> str:
-        """Message about how the minimisation ended."""
+        """Sentence that says how the minimisation ended."""
         return "The cost no longer changes." if self.converged else "Stopped at max_iterations. More may help."
 
 
@@ -160,10 +163,11 @@ def levenberg_marquardt(
 ) -> LMResult[State]:
     """Minimise ``sum_b f_b``, with separate unknowns for each problem b.
 
-    ``(H + λ diag H) δ = -g``. ``x ← retract(x, δ)`` if the cost decreases, otherwise λ grows (Levenberg 1944, Marquardt
-    1963). A problem may return the costs of its P consecutive parts, each with its own λ. If a step worsens a part, the
-    λ of that part and of the next one, with which it shares unknowns, are kept, and both grow if the step is rejected.
-    A step is accepted or rejected as a whole. Steps that promise too little end the minimisation (Moré 1978).
+    Each step δ solves ``(H + λ diag H) δ = -g``. If the cost decreases, x becomes ``retract(x, δ)``, otherwise λ grows
+    (Levenberg 1944, Marquardt 1963). A problem may return the costs of its P consecutive parts, each with its own λ. A
+    step is accepted or rejected as a whole. λ then shrinks or grows, except for some parts: λ does not shrink for a
+    part that became worse or for the next part, with which it shares unknowns, and it grows only for these two after a
+    rejected step. The minimisation ends when a step promises too little (Moré 1978).
 
     Args:
         linearise: maps a state to the (B,) costs of problems, or (B, P) of their parts, and to the normal equations.
@@ -220,7 +224,7 @@ def _adapted(damping: Array, better: Array, worse_part: Array) -> Array:
 
 
 def _promises_little(system: NormalEquations, step: Array, cost: Array, damping: Array, settings: LMSettings) -> Array:
-    """Return a (B,) mask of problems whose cost is predicted to decrease too little."""
+    """Return a (B,) mask of problems where the predicted decrease is too small to try the step."""
     share = settings.promise * settings.tolerance * _share_awaited(_most(damping), damping)
     return system.promised(step) < share * _total(cost)
 
@@ -230,7 +234,7 @@ def _most(damping: Array) -> Array:
 
 
 def _share_awaited(most: Array, damping: Array) -> Array | float:
-    """Return the (B,) fraction of the tolerance that counts as a change. It is smaller for damped parts."""
+    """Return the (B,) factor on the tolerance: 1, or 0.1 for problems with strongly damped parts."""
     return 1.0 if damping.ndim == 1 else 1.0 - 0.9 * array_namespace(most).astype(most >= HELD_BACK, most.dtype)
 
 
@@ -243,7 +247,7 @@ def _of_parts(mask: Array, cost: Array) -> Array:
 
 
 class RobustProblem(Protocol[State]):
-    """A least-squares problem with outliers, which a robust scale separates."""
+    """Least-squares problem with outliers. A robust scale in standard deviations separates them."""
 
     def linearise(self, state: State, scale: float) -> tuple[Array, NormalEquations]:
         """Return the costs and the normal equations at a state (see ``levenberg_marquardt``)."""
@@ -262,12 +266,12 @@ def minimise(
     select: Callable[[Array, State, State], State] = lambda _, new, old: new,
     done: Callable[[int, int], None] = lambda number, total: None,
 ) -> LMResult[State]:
-    """Minimise a problem in stages, and return the result of the last one.
+    """Minimise a problem in stages, each with its own robust scale, and return the result of the last stage.
 
     This is graduated non-convexity (Blake and Zisserman 1987, "Visual Reconstruction").
 
     Args:
-        stages: robust scale and stopping rule for each of one or more stages.
+        stages: robust scale and stopping rule of each stage. There is at least one.
         alive: called before each linearisation. It may raise an error to stop the minimisation.
         select: see ``levenberg_marquardt``.
         done: called with the number of finished stages and the total number of stages.

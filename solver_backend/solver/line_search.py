@@ -12,7 +12,7 @@ Payload = TypeVar("Payload")
 
 @dataclass(frozen=True)
 class WolfeSettings:
-    """Conditions for a step."""
+    """Strong Wolfe conditions for a step, and limits of the search."""
 
     decrease: float = 1e-4  # Fraction c1 of the predicted decrease that must be achieved (Armijo).
     curvature: float = 0.9  # Fraction c2 of the initial slope that may remain.
@@ -22,7 +22,7 @@ class WolfeSettings:
 
 @dataclass(frozen=True)
 class StepTrial(Generic[Payload]):
-    """The objective at one step along the line."""
+    """Cost and slope after one trial step along a line."""
 
     step: float
     cost: float
@@ -36,16 +36,16 @@ def strong_wolfe(
     first: float,
     settings: WolfeSettings = WolfeSettings(),
 ) -> tuple[StepTrial[Payload], bool, int]:
-    """Return a step with ``f(a) <= f(0) + c1 a f'(0)`` and ``|f'(a)| <= c2 |f'(0)|``.
+    """Find a step a with ``f(a) <= f(0) + c1 a f'(0)`` and ``|f'(a)| <= c2 |f'(0)|``.
 
     The step grows until an interval brackets such a point. The interval then shrinks by safeguarded cubic
     interpolation. A cost that is not finite means that the step is too long.
 
     Args:
-        evaluate: maps a step to a trial.
+        evaluate: maps a step length to a trial.
         start: trial at step 0, with a negative slope.
-        first: first step to try.
-        settings: conditions.
+        first: first step length to try.
+        settings: the constants c1 and c2, and limits.
 
     Returns:
         The trial, whether it satisfies both conditions, and the number of evaluations. If no trial satisfies both, it
@@ -81,7 +81,7 @@ def strong_wolfe(
 
 
 def _between(low: StepTrial[Payload], high: StepTrial[Payload]) -> float:
-    """Return the minimiser of the cubic through two trials, kept away from the interval's ends."""
+    """Return the minimum of the cubic through two trials, at least 10 % of the interval from its ends."""
     width = high.step - low.step
     middle = low.step + 0.5 * width
     if not (math.isfinite(high.cost) and math.isfinite(high.slope)):

@@ -1,7 +1,8 @@
-"""Define the minimisers' manifolds: code spheres, SO(3), flat space and products of them.
+"""Define manifolds for the minimisers: latent-code spheres, SO(3), flat space and their products.
 
-A state of shape (..., a) is a power of the manifold. Points have leading axes, and inner products sum over all of them.
-A state on a product is a tuple. Tangent vectors have the point's shape, except left rotation vectors on SO(3).
+The leading axes of a state (..., a) are separate points of the manifold, and inner products sum over all points. The
+state of a product is a tuple of arrays. Tangent vectors have the shape of the state, except on SO(3), where they are
+left rotation vectors.
 """
 
 from __future__ import annotations
@@ -16,18 +17,18 @@ State = Any  # An array, or a tuple of states on a product.
 
 
 class Euclidean:
-    """Flat space. States are arrays of any shape, and points are along their last axis."""
+    """Flat space, for states of any shape."""
 
     def project(self, x: Array, v: Array) -> Array:
-        """Return the tangent vector at ``x`` that is nearest to the ambient vector ``v``."""
+        """Project an ambient vector ``v`` to the nearest tangent vector at ``x``."""
         return v
 
     def retract(self, x: Array, v: Array) -> Array:
-        """Return a point on the manifold that equals ``x + v`` to first order."""
+        """Move ``x`` by ``v`` along the manifold. The result equals ``x + v`` to first order."""
         return x + v
 
     def velocity(self, x: Array, v: Array, y: Array) -> Array:
-        """Return the derivative of ``retract(x, a v)`` w.r.t. ``a`` at its end ``y``, where ``a`` is 1."""
+        """Return the derivative of ``retract(x, a v)`` w.r.t. ``a`` at ``a = 1``, where the curve reaches ``y``."""
         return v
 
     def inner(self, u: Array, v: Array) -> float:
@@ -43,27 +44,27 @@ class UnitVectors(Euclidean):
     """Unit vectors (..., d) in R^d or in a hyperplane through the origin."""
 
     def retract(self, x: Array, v: Array) -> Array:
-        """Return x moved by v on the sphere, ``(x + v)/|x + v|`` (thesis 6.2.4, Algorithm 1)."""
+        """Move x by v on the sphere: ``(x + v)/|x + v|`` (thesis 6.2.4, Algorithm 1)."""
         return (x + v) / _length(x + v)
 
     def velocity(self, x: Array, v: Array, y: Array) -> Array:
-        """Return the tangent at y for the retraction of v, ``(v - (v·y) y)/|x + v|``."""
+        """Return the velocity at y of the retraction of v: ``(v - (v·y) y)/|x + v|``."""
         return _without(v, y) / _length(x + v)
 
 
 class CodeSphere(UnitVectors):
-    """Unit vectors (..., d) of zero mean, the result of spherical normalisation (thesis eq. 6.2)."""
+    """Unit vectors (..., d) with zero mean, as spherical normalisation produces them (thesis eq. 6.2)."""
 
     def project(self, x: Array, v: Array) -> Array:
-        """Return ``v`` without its mean and its component along ``x``."""
+        """Remove from ``v`` its mean and its component along ``x``."""
         return _without(v - array_namespace(v).mean(v, axis=-1, keepdims=True), x)
 
 
 class SO3(Euclidean):
-    """Rotations (..., 3, 3), with the length of the left rotation vector: ``R(ω) = exp([ω]x) R``."""
+    """Rotations (..., 3, 3). Tangent vectors are left rotation vectors ω with ``R(ω) = exp([ω]x) R``."""
 
     def project(self, x: Array, v: Array) -> Array:
-        """Convert an ambient gradient to a left gradient: the axial vector of ``v xᵀ - x vᵀ``.
+        """Convert an ambient gradient to the left gradient (..., 3), the axial vector of ``v xᵀ - x vᵀ``.
 
         Args:
             x: (..., 3, 3) rotations.
@@ -77,7 +78,7 @@ class SO3(Euclidean):
         return xp.stack(axial, axis=-1)
 
     def retract(self, x: Array, v: Array) -> Array:
-        """Return ``exp([v]x) x``."""
+        """Rotate ``x`` by the left rotation vectors v: ``exp([v]x) x``."""
         return array_namespace(x, v).matmul(exp_so3(v), x)
 
 
@@ -88,15 +89,15 @@ class Product:
     factors: tuple[Euclidean, ...]  # The manifolds of the entries.
 
     def project(self, x: State, v: State) -> State:
-        """Return the projection in each factor."""
+        """Project each factor's ambient vector to its tangent space."""
         return tuple(m.project(*a) for m, *a in zip(self.factors, x, v, strict=True))
 
     def retract(self, x: State, v: State) -> State:
-        """Return the retraction in each factor."""
+        """Move each factor's state along its manifold."""
         return tuple(m.retract(*a) for m, *a in zip(self.factors, x, v, strict=True))
 
     def velocity(self, x: State, v: State, y: State) -> State:
-        """Return the velocity in each factor."""
+        """Return each factor's velocity at the end of its retraction."""
         return tuple(m.velocity(*a) for m, *a in zip(self.factors, x, v, y, strict=True))
 
     def inner(self, u: State, v: State) -> float:
@@ -104,7 +105,7 @@ class Product:
         return sum(m.inner(*a) for m, *a in zip(self.factors, u, v, strict=True))
 
     def combine(self, a: float, u: State, b: float, v: State) -> State:
-        """Return the combination ``a u + b v`` in each factor."""
+        """Return the linear combination ``a u + b v`` of two tangent vectors, factor by factor."""
         return tuple(m.combine(a, p, b, q) for m, p, q in zip(self.factors, u, v, strict=True))
 
 
