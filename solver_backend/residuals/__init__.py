@@ -1,1 +1,1 @@
-"""Define the terms of the objective, on landmark positions and on poses."""
+"""Define the terms of the solver's objective, on landmark positions and on poses."""

@@ -16,7 +16,7 @@ BEST_STEPS = 4  # Newton steps to the best log-variances. The error is below 1e-
 
 @dataclass(frozen=True)
 class LandmarkCost:
-    """Loss for L landmarks in F frames, and its derivatives."""
+    """Cost of L squared landmark distances in each of F frames, with its derivatives."""
 
     cost: np.ndarray  # (F,).
     by_squared: np.ndarray  # (F, L) w.r.t. the squared distances.
@@ -24,23 +24,26 @@ class LandmarkCost:
 
 
 class LandmarkLoss(Protocol):
-    """Loss for squared distances, optionally with unknowns of its own in every frame."""
+    """Cost function of squared landmark distances. It may have its own unknowns in every frame."""
 
     def unknowns(self, num_landmarks: int) -> int:
         """Return n, the number of the loss's own unknowns per frame."""
         ...
 
     def __call__(self, squared: np.ndarray, seen: np.ndarray, own: np.ndarray) -> LandmarkCost:
-        """Return the cost of (F, L) squared distances, in units of the initial variances, for unknowns ``own``."""
+        """Return the cost of (F, L) squared distances, in units of the initial variances.
+
+        ``seen`` (F, L) masks the measured landmarks, and ``own`` (F, n) contains the loss's own unknowns.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class FixedVariances:
-    """Loss ``½ Σ r²`` for equally reliable landmarks."""
+    """Loss ``½ Σ r²`` for landmarks that are all equally reliable."""
 
     def unknowns(self, num_landmarks: int) -> int:
-        """Return 0."""
+        """Return 0, because fixed variances are not estimated."""
         return 0
 
     def __call__(self, squared: np.ndarray, seen: np.ndarray, own: np.ndarray) -> LandmarkCost:
@@ -56,7 +59,7 @@ class LearnedVariances:
     weight: float = UNCERTAINTY_WEIGHT  # λ in the prior that draws s to 0, the initial variance (thesis 5.5).
 
     def best(self, squared: np.ndarray) -> np.ndarray:
-        """Return the log-variances that minimise the cost of squared distances r².
+        """Return the log-variances s that minimise the cost of the squared distances r².
 
         They solve ``exp(-s) r² = 1 + 4 λ s``. The difference between the two sides is decreasing and convex, so
         Newton's method converges from the left.
@@ -69,13 +72,13 @@ class LearnedVariances:
         return s
 
     def penalty(self, squared: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the penalty ``exp(-s) r² + s + 2 λ s²`` at the best s, and its derivative w.r.t. r²."""
+        """Return the penalty ``exp(-s) r² + s + 2 λ s²`` at the best log-variance s, and its derivative w.r.t. r²."""
         s = self.best(squared)
         precision = np.exp(-s)
         return precision * squared + s + 2.0 * self.weight * s * s, precision
 
     def unknowns(self, num_landmarks: int) -> int:
-        """Return L."""
+        """Return L, one log-variance per landmark."""
         return num_landmarks
 
     def __call__(self, squared: np.ndarray, seen: np.ndarray, own: np.ndarray) -> LandmarkCost:
@@ -89,10 +92,10 @@ class LearnedVariances:
 
 @dataclass(frozen=True)
 class LearnedPositionTerm:
-    """Term ``min_s Σ_i ½ (exp(-s_i) w_i |y_i - m_i|² + s_i) + λ s_i²``, with s in closed form.
+    """Term ``min_s Σ_i ½ (exp(-s_i) w_i |y_i - m_i|² + s_i) + λ s_i²``, with the best log-variances s in closed form.
 
-    By Danskin's theorem, the minimum's derivative w.r.t. the position is the same as for fixed s. The information of
-    each position is therefore ``exp(-s_i) w_i``.
+    y_i are landmark positions, and m_i are their measurements. By Danskin's theorem, the derivative of the minimum
+    w.r.t. a position is the same as for fixed s. The information of each position is therefore ``exp(-s_i) w_i``.
     """
 
     positions: np.ndarray  # (F, L, 3) metres, finite.
@@ -100,7 +103,7 @@ class LearnedPositionTerm:
     loss: LearnedVariances = field(default_factory=LearnedVariances)  # λ.
 
     def select(self, frames: Any) -> LearnedPositionTerm:
-        """Return the term for the given frame indices or slice."""
+        """Return the term for frames that are selected by indices or a slice."""
         return LearnedPositionTerm(self.positions[frames], self.weight[frames], self.loss)
 
     def astype(self, precision: Any) -> LearnedPositionTerm:
@@ -108,12 +111,12 @@ class LearnedPositionTerm:
         return LearnedPositionTerm(self.positions.astype(precision), self.weight.astype(precision), self.loss)
 
     def precisions(self, points: np.ndarray) -> np.ndarray:
-        """Return the (F, L) learned inverse variances in 1/m² at (F, L, 3) positions."""
+        """Return the (F, L) learned inverse variances in 1/m² for landmarks at (F, L, 3) positions."""
         error = points - self.positions
         return self.weight * np.exp(-self.loss.best(self.weight * (error * error).sum(-1)))
 
     def __call__(self, points: np.ndarray, scale: float) -> PointEvidence:
-        """Return the evidence at (F, L, 3) positions. The robust scale is ignored."""
+        """Return the cost at (F, L, 3) positions with its derivatives. The robust scale is ignored."""
         error = points - self.positions
         squared = self.weight * (error * error).sum(-1)
         own = self.loss.best(squared)

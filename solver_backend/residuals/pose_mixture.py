@@ -1,4 +1,4 @@
-"""Prefer real poses where keypoints are ambiguous, as for lumbar bends and forearm twists."""
+"""Prefer natural poses where keypoints leave the pose ambiguous, as in lumbar bending and forearm rotation."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ class PoseMixture:
 
 
 def read_mixture(path: Path = ASSETS / "gmm.npz") -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-    """Return the shares (K,), means (K, 63), Cholesky factors (K, 63, 63), and metadata.
+    """Read the mixture's component weights (K,), means (K, 63), Cholesky factors (K, 63, 63), and metadata.
 
     Raises:
         FileMissing: the file does not exist.
-        WeightsInvalid: the shares are not a distribution, a covariance is singular, or the file is wrong or damaged.
+        WeightsInvalid: the weights do not add up to 1, a covariance is singular, or the file is wrong or damaged.
     """
     stored, size = read_weights(path, "gmm"), 3 * len(BODY_JOINTS)
     shares = stored.array("weights", (None,))
@@ -57,7 +57,10 @@ def read_mixture(path: Path = ASSETS / "gmm.npz") -> tuple[np.ndarray, np.ndarra
 
 @lru_cache(maxsize=8)
 def load_pose_mixture(joints: tuple[str, ...] = BODY_JOINTS) -> PoseMixture:
-    """Load the stored mixture's widened marginal over the joints that the pose also has."""
+    """Load the mixture's marginal distribution over the joints that both the mixture and the pose have.
+
+    The stored covariances are widened by ``WIDENING_RAD``.
+    """
     weights, means, factors, _ = read_mixture()
     shared = [name for name in joints if name in BODY_JOINTS]
     theirs, own = (
@@ -73,16 +76,17 @@ def load_pose_mixture(joints: tuple[str, ...] = BODY_JOINTS) -> PoseMixture:
 
 
 def rest_precision(joints: tuple[str, ...] = BODY_JOINTS) -> np.ndarray:
-    """Return the (3 J,) precisions of the rotation vectors around rest in 1/rad²."""
+    """Return the (3 J,) precisions, in 1/rad², with which joint rotations are drawn to the rest pose."""
     parts = [joint.removeprefix("left_").removeprefix("right_") for joint in joints]
     return np.repeat([1.0 / _SPREAD_RAD.get(part, _UNKNOWN_SPREAD_RAD) ** 2 for part in parts], 3)
 
 
 @dataclass(frozen=True)
 class PoseMixtureTerm:
-    """Term that prefers the poses in a Gaussian mixture.
+    """Term that draws poses to a Gaussian mixture of recorded poses.
 
-    ``E = -s log Σ_k a_k exp(-½ |x_c - μ_k|²_P) + ½ |x|²_Q``, where x are the rotation vectors of J joints, x_c of n.
+    ``E = -s log Σ_k a_k exp(-½ |x_c - μ_k|²_P) + ½ |x|²_Q``. x are the rotation vectors of all J joints, and x_c the
+    rotation vectors of the n joints in the mixture.
     """
 
     mixture: PoseMixture = field(default_factory=load_pose_mixture)  # Peaks a, means μ, precisions P and columns c.
@@ -91,21 +95,22 @@ class PoseMixtureTerm:
 
     @classmethod
     def of(cls, joints: tuple[str, ...]) -> PoseMixtureTerm:
-        """Build the term for poses of these joints. Joints that are not in the mixture are only drawn to rest."""
+        """Build the term for poses of the given joints. Joints that are not in the mixture are only drawn to rest."""
         return cls(load_pose_mixture(joints), rest_precision=rest_precision(joints))
 
     def select(self, frames: Any) -> PoseMixtureTerm:
-        """Return the term, which is the same for all frames."""
+        """Return this term unchanged, because it is the same for all frames."""
         return self
 
     def astype(self, precision: Any) -> PoseMixtureTerm:
-        """Return the term, which uses the precision of the poses."""
+        """Return this term unchanged, because it takes its precision from the poses."""
         return self
 
     def __call__(self, local: Array) -> PoseEvidence:
-        """Return the evidence at (F, J, 3, 3) rotations, with (F, K) shares for the Hessian.
+        """Return the cost at (F, J, 3, 3) rotations with its derivatives, and (F, K) factors for the Hessian.
 
-        If r_k are the shares of the sum, ``dE/dx_c = s Σ_k r_k P_k (x_c - μ_k)``, plus Q x, and ``dx = J_l(x)⁻¹ δ``.
+        With the posterior component weights r_k: ``dE/dx_c = s Σ_k r_k P_k (x_c - μ_k)``, plus Q x, and ``dx = J_l(x)⁻¹
+        δ``.
         """
         xp = array_namespace(local)
         mixture, count = self.mixture, local.shape[0]
@@ -132,14 +137,14 @@ class PoseMixtureTerm:
 
     @cached_property
     def _precisions(self) -> np.ndarray:
-        """(K, 9 J²) precisions P, arranged in the rows and columns of the pose's joints."""
+        """(K, 9 J²) precision matrices P of the components, arranged by the joints of the pose."""
         size, columns = len(self.rest_precision), self.mixture.columns
         of_pose = np.zeros((len(self.mixture.means), size, size))
         of_pose[:, columns[:, None], columns] = self.mixture.precisions
         return of_pose.reshape(len(of_pose), -1)
 
     def hessian(self, factors: Array) -> Array:
-        """Return the (F, 3 J, 3 J) matrices ``s Σ_k r_k P_k`` for the n joints plus Q, taking J_l as the identity."""
+        """Return the (F, 3 J, 3 J) matrices ``s Σ_k r_k P_k + Q``, with J_l taken as the identity."""
         xp, size = array_namespace(factors), len(self.rest_precision)
         flat = constant(self._precisions, factors)
         resting = constant(np.diag(self.rest_precision).reshape(-1), factors)

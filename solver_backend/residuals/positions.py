@@ -1,4 +1,4 @@
-"""Measure the distances of landmarks from measured 3D positions and from the floor."""
+"""Penalise distances of landmarks from measured 3D positions, from the floor and from obstacles."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from solver_backend.residuals.terms import PointEvidence, Residuals, geman_mcclu
 
 @dataclass(frozen=True)
 class PositionTerm(Rows):
-    """Term ``E = 1/2 sum_i rho(sqrt(w_i e_i' M_i e_i))`` with ``e_i = y_i - m_i`` and Geman-McClure's rho.
+    """Term ``E = 1/2 sum_i rho(sqrt(w_i e_i' M_i e_i))`` for landmarks y and measured positions m.
 
-    ``w M`` is the inverse covariance of the noise. Isotropic noise has M = 1 and ``w = 1/sigma²``.
+    ``e_i = y_i - m_i``, and rho is Geman-McClure's robust penalty. ``w M`` is the inverse covariance of the noise.
+    Isotropic noise has M = 1 and ``w = 1/sigma²``.
     """
 
     positions: Array  # (F, L, 3) metres, finite, arbitrary where the weight is 0.
@@ -25,7 +26,7 @@ class PositionTerm(Rows):
 
     @classmethod
     def of(cls, positions: np.ndarray, covariance: np.ndarray, like: Array) -> PositionTerm:
-        """Build the term from (F, L, 3) positions (NaN where missing) and (F, L, 3, 3) covariances in m²."""
+        """Build the term from (F, L, 3) positions (NaN where missing) and their (F, L, 3, 3) covariances in m²."""
         seen = np.isfinite(positions).all(-1)
         covariance = np.where(seen[..., None, None], covariance, np.eye(3))
         variance = np.trace(covariance, axis1=-2, axis2=-1) / 3.0
@@ -34,7 +35,7 @@ class PositionTerm(Rows):
         return cls(*(constant(part, like) for part in (positions, seen / variance, metric)))
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the evidence at (F, L, 3) world positions."""
+        """Return the cost at (F, L, 3) world positions with its derivatives."""
         xp = array_namespace(points)
         error = points - self.positions
         whitened = self._by_metric(error)
@@ -44,7 +45,7 @@ class PositionTerm(Rows):
         return PointEvidence(0.5 * xp.sum(penalty, axis=-1), weight * whitened, weight[..., None] * metric)
 
     def residuals(self, points: Array) -> Residuals:
-        """Return the residuals at (F, L, 3) positions in metres."""
+        """Return the differences between (F, L, 3) positions and the measurements, in metres."""
         xp = array_namespace(points)
         error = points - self.positions
         measured = self.weight > 0
@@ -53,11 +54,11 @@ class PositionTerm(Rows):
         return Residuals(error[None], squared[None], measured[None])
 
     def leverage(self, points: Array, used: Array) -> Array:
-        """Return the (1, F, L) leverage, which is 1 if used, because a single measurement determines its point."""
+        """Return the (1, F, L) leverage: 1 where used, because a single measurement determines its point."""
         return array_namespace(points).astype(used, points.dtype)
 
     def rescaled(self, variance: Array) -> PositionTerm:
-        """Return the term with the noise variance scaled by a factor that broadcasts with (1, F, L)."""
+        """Scale the noise variance by a factor that broadcasts with (1, F, L)."""
         return replace(self, weight=(self.weight[None] / variance)[0])
 
     def _by_metric(self, error: Array) -> Array:
@@ -68,9 +69,10 @@ class PositionTerm(Rows):
 
 @dataclass(frozen=True)
 class RelativePositionTerm:
-    """Term ``1/2 sum_i c rho(sqrt(e_i' W_i e_i))`` with ``e_i = y_i - m_i - t``.
+    """Term for measured positions that have an unknown common shift t in each frame.
 
-    ``t = S⁻¹ Σ_i W_i (y_i - m_i)`` with ``S = Σ_i W_i`` is the best common shift of all points. It is not penalised.
+    ``E = 1/2 sum_i c rho(sqrt(e_i' W_i e_i))`` with ``e_i = y_i - m_i - t``. The best shift is ``t = S⁻¹ Σ_i W_i (y_i -
+    m_i)`` with ``S = Σ_i W_i``. It is not penalised.
     """
 
     positions: Array  # (F, L, 3) metres, finite everywhere.
@@ -79,11 +81,11 @@ class RelativePositionTerm:
 
     @classmethod
     def of(cls, positions: np.ndarray, precision: np.ndarray, share: float, like: Array) -> RelativePositionTerm:
-        """Build the term with arrays like ``like``."""
+        """Build the term with arrays of the same kind, type and device as ``like``."""
         return cls(constant(positions, like), constant(precision, like), share)
 
     def select(self, frames: Any) -> RelativePositionTerm:
-        """Return the term for the given frame indices or slice."""
+        """Return the term for frames that are selected by indices or a slice."""
         return RelativePositionTerm(self.positions[frames], self.precision[frames], self.share)
 
     def astype(self, precision: Any) -> RelativePositionTerm:
@@ -91,7 +93,10 @@ class RelativePositionTerm:
         return RelativePositionTerm(astype(self.positions, precision), astype(self.precision, precision), self.share)
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the evidence at (F, L, 3) positions. ``without_shift`` corrects its information."""
+        """Return the cost at (F, L, 3) positions with its derivatives.
+
+        The information still includes the common shift, which ``without_shift`` removes.
+        """
         xp = array_namespace(points)
         off = points - self.positions
         pulled = xp.matmul(self.precision, off[..., None])[..., 0]
@@ -110,10 +115,10 @@ class RelativePositionTerm:
 
 
 def without_shift(across: Array, total: Array) -> Array:
-    """Return the (F, n, n) matrices ``Bᵀ S⁻¹ B`` that a common shift removes from the equations of points.
+    """Return the (F, n, n) matrices ``Bᵀ S⁻¹ B``, the part of the normal equations that a common shift explains.
 
     B is ``across`` (F, 3, n), the sum over the points of information times derivative. S is ``total`` (F, 3, 3), the
-    sum of their information.
+    sum of the points' information.
     """
     xp = array_namespace(across)
     inverse = inverse_symmetric_3x3(total)
@@ -125,7 +130,7 @@ SIGMA_M = 0.006  # Standard deviation in metres of a planted point, due to skin 
 
 
 def foot_contact_term(planted: np.ndarray, anchors: np.ndarray, like: Array, sigma_m: float = SIGMA_M) -> PositionTerm:
-    """Return the term that holds (F, L) planted points at their finite (F, L, 3) anchors in metres."""
+    """Build the term that keeps planted foot points (F, L) at their anchors (F, L, 3) in metres."""
     return PositionTerm(constant(anchors, like), constant(np.where(planted, 1.0 / sigma_m**2, 0.0), like))
 
 
@@ -139,15 +144,15 @@ class FloorTerm:
     sigma_m: float = FLOOR_SIGMA_M
 
     def select(self, frames: Any) -> FloorTerm:
-        """Return the term, which is the same for all frames."""
+        """Return this term unchanged, because it is the same for all frames."""
         return self
 
     def astype(self, precision: Any) -> FloorTerm:
-        """Return the term, which uses the precision of the points."""
+        """Return this term unchanged, because it takes its precision from the points."""
         return self
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the evidence at (F, L, 3) positions. The robust scale is ignored."""
+        """Return the cost at (F, L, 3) positions with its derivatives. The robust scale is ignored."""
         xp = array_namespace(points)
         height = points[..., 2]
         below = xp.where(height < 0, height, xp.zeros_like(height))
@@ -163,10 +168,10 @@ UNBOUNDED = 1e6  # Robust scale in standard deviations that no distance reaches.
 
 @dataclass(frozen=True)
 class BindingTerm(PositionTerm):
-    """``PositionTerm`` for prescribed positions, with a quadratic penalty at any distance."""
+    """``PositionTerm`` for positions that the user prescribes. Its penalty is quadratic at any distance."""
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the evidence at (F, L, 3) world positions."""
+        """Return the cost at (F, L, 3) world positions with its derivatives."""
         return super().__call__(points, UNBOUNDED)
 
 
@@ -175,9 +180,9 @@ DEEPEST = 25.0  # Robust scale of a depth in standard deviations. A point that d
 
 @dataclass(frozen=True)
 class SurfaceTerm(Rows):
-    """Term ``1/2 sum_i rho(min(n_i' y_i - d_i, 0) / sigma)`` for points behind planes.
+    """Term ``1/2 sum_i rho(min(n_i' y_i - d_i, 0) / sigma)`` for points inside an obstacle, behind its surface planes.
 
-    rho is Geman-McClure's with the scale ``DEEPEST``.
+    rho is Geman-McClure's robust penalty with the scale ``DEEPEST``.
     """
 
     normals: Array  # (F, S, 3) unit vectors that point out of the obstacle.
@@ -185,7 +190,7 @@ class SurfaceTerm(Rows):
     precision: Array  # (F, S) 1 / sigma², 1/m².
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the evidence at (F, S, 3) positions. The robust scale is ignored."""
+        """Return the cost at (F, S, 3) positions with its derivatives. The robust scale is ignored."""
         xp = array_namespace(points)
         height = dot(points, self.normals) - self.offsets
         weight = self.precision * xp.astype(height < 0, height.dtype)

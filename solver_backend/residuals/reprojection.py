@@ -1,4 +1,4 @@
-"""Reproject landmarks into all views, robustly and weighted by confidence (thesis eq. 6.8)."""
+"""Penalise reprojection errors of landmarks in all views, robustly and weighted by confidence (thesis eq. 6.8)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ from solver_backend.types import Cameras, Keypoints2D
 
 @dataclass(frozen=True)
 class ReprojectionTerm:
-    """Term ``1/2 sum_cam sum_i c_i rho(|pi(y_i) - k_i| / sigma_i)`` (Albanis 2026, eq. 6.8)."""
+    """Term ``1/2 sum_cam sum_i c_i rho(|pi(y_i) - k_i| / sigma_i)`` (Albanis 2026, eq. 6.8).
+
+    pi projects landmark y_i into a camera, and k_i is the keypoint detected there with confidence c_i.
+    """
 
     cameras: CameraArrays
     xy: Array  # (C, F, L, 2) px, finite, arbitrary where the weight is 0.
@@ -27,7 +30,7 @@ class ReprojectionTerm:
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D, sigma_px: np.ndarray, like: Array) -> ReprojectionTerm:
-        """Build the term from C cameras' detections. ``sigma_px`` broadcasts with (C, F, L)."""
+        """Build the term from the detections of C cameras. ``sigma_px`` broadcasts with (C, F, L)."""
         seen = keypoints.confidence > 0
         xy = np.where(seen[..., None], keypoints.xy, 0.0)
         weight = keypoints.confidence / np.asarray(sigma_px) ** 2
@@ -35,24 +38,24 @@ class ReprojectionTerm:
         return cls(CameraArrays.of(cameras, like), *parts)
 
     def with_unseen(self, count: int) -> ReprojectionTerm:
-        """Return the term with ``count`` additional landmarks that no camera sees."""
+        """Append ``count`` landmarks that no camera observes."""
         xp = array_namespace(self.xy)
         parts = (self.xy, self.weight, self.confidence)
         xy, weight, confidence = (xp.concat([a, zeros((*a.shape[:2], count, *a.shape[3:]), a)], axis=2) for a in parts)
         return replace(self, xy=xy, weight=weight, confidence=confidence)
 
     def select(self, frames: Any) -> ReprojectionTerm:
-        """Return the term for the given frame indices or slice."""
+        """Return the term for frames that are selected by indices or a slice."""
         xy, weight, confidence = (a[:, frames] for a in (self.xy, self.weight, self.confidence))
         return replace(self, cameras=self.cameras.at(frames), xy=xy, weight=weight, confidence=confidence)
 
     def astype(self, precision: Any) -> ReprojectionTerm:
-        """Return the term in the given floating-point precision, at least single (0.0001 px)."""
+        """Convert the term to a floating-point precision. Use at least single precision (0.0001 px)."""
         xy, weight, confidence = (astype(a, precision) for a in (self.xy, self.weight, self.confidence))
         return ReprojectionTerm(self.cameras.astype(precision), xy, weight, confidence, self.penalty)
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the evidence at (F, L, 3) world positions."""
+        """Return the cost at (F, L, 3) world positions with its derivatives."""
         xp = array_namespace(points)
         px, by_point, depth = project_with_jacobian(self.cameras, points)
         usable = (self.weight > 0) & all_coordinates(xp.isfinite(px)) & (depth > 0)
@@ -75,11 +78,11 @@ class ReprojectionTerm:
         return PointEvidence(cost, summed[..., 3], summed[..., :3])
 
     def rescaled(self, variance: Array) -> ReprojectionTerm:
-        """Return the term with the noise variance scaled by a factor that broadcasts with (C, F, L)."""
+        """Scale the noise variance by a factor that broadcasts with (C, F, L)."""
         return replace(self, weight=self.weight / variance)
 
     def leverage(self, points: Array, used: Array) -> Array:
-        """Return the (C, F, L) leverage of each view on a fitted point (see ``DataTerm``)."""
+        """Return the (C, F, L) leverage of each view on a triangulated point (see ``DataTerm``)."""
         xp = array_namespace(points)
         _, J, _ = project_with_jacobian(self.cameras, points)
         weight = xp.where(used, self.weight, xp.zeros_like(self.weight))
@@ -91,7 +94,7 @@ class ReprojectionTerm:
         return 0.5 * xp.sum(xp.sum(own * inverse, axis=-1), axis=-1)
 
     def residuals(self, points: Array) -> Residuals:
-        """Return the residuals in pixels at (F, L, 3) positions."""
+        """Return the reprojection errors of (F, L, 3) positions, in pixels."""
         xp = array_namespace(points)
         px = project(self.cameras, points)
         error = px - self.xy

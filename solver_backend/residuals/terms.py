@@ -1,4 +1,4 @@
-"""Define terms on landmark positions and poses as quadratic models, summed over views."""
+"""Define the interface of objective terms: each returns a quadratic model around positions or poses."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from solver_backend.geometry.arrays import Array, array_namespace
 
 
 class FrameTerm(Protocol):
-    """A term for F frames."""
+    """Term of the objective with data for F frames."""
 
     def select(self, frames: Any) -> Self:
-        """Return the term for the given frame indices or slice."""
+        """Return the term for frames that are selected by indices or a slice."""
         ...
 
     def astype(self, precision: Any) -> Self:
@@ -22,7 +22,7 @@ class FrameTerm(Protocol):
 
 @dataclass(frozen=True)
 class PointEvidence:
-    """Gauss-Newton model of a term around F x L landmark positions."""
+    """Cost of a term and its Gauss-Newton model around F x L landmark positions."""
 
     cost: Array  # (F,) half the robust sum of squares.
     gradient: Array  # (F, L, 3) derivative of the cost w.r.t. each position, 1/m.
@@ -39,7 +39,7 @@ class PointEvidence:
         )
 
     def beside(self, other: PointEvidence) -> PointEvidence:
-        """Append evidence at other positions, which has no shared rows."""
+        """Append the evidence of other landmarks, which must have no shared rows."""
         xp = array_namespace(self.cost)
         gradient = xp.concat([self.gradient, other.gradient], axis=1)
         information = xp.concat([self.information, other.information], axis=1)
@@ -47,23 +47,26 @@ class PointEvidence:
 
 
 class PointTerm(FrameTerm, Protocol):
-    """A term on landmark positions."""
+    """Term of the objective that depends on landmark positions."""
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the evidence at (F, L, 3) positions. ``scale`` is the robust scale in standard deviations."""
+        """Return the cost at (F, L, 3) positions with its derivatives.
+
+        ``scale`` is the robust scale in standard deviations.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class Residuals:
-    """Errors of measurements by V views in d dimensions. Markers count as one view."""
+    """Measurement errors of V views in d dimensions (2 for pixels, 3 for markers, which count as one view)."""
 
     error: Array  # (V, F, L, d) in the measurement's unit, 0 where nothing was measured.
     squared: Array  # (V, F, L) squared length of the error, in noise variances.
     measured: Array  # (V, F, L) bool.
 
     def inliers(self, scale: float) -> Array:
-        """Return a (V, F, L) mask of measurements whose errors are below ``scale`` standard deviations."""
+        """Return a (V, F, L) mask of measurements with errors below ``scale`` standard deviations."""
         return self.measured & (self.squared < scale * scale)
 
     @property
@@ -74,27 +77,28 @@ class Residuals:
 
 
 class DataTerm(PointTerm, Protocol):
-    """A point term for measurements whose noise can be learned."""
+    """Term on landmark positions that compares them with measurements and can learn the measurement noise."""
 
     def residuals(self, points: Array) -> Residuals:
-        """Return the residuals at (F, L, 3) positions."""
+        """Return the measurement errors for landmarks at (F, L, 3) positions."""
         ...
 
     def leverage(self, points: Array, used: Array) -> Array:
-        """Return the (V, F, L) share of each view's error that enters a point fitted to all used views.
+        """Return the (V, F, L) leverage of each view on a point that is fitted to all used views.
 
-        It is the mean diagonal of the hat matrix: ``h_v = tr(w_v J_v S⁻¹ J_vᵀ) / d`` with ``S = Σ_v w_v J_vᵀ J_v``.
+        Leverage is the share of a view's error that enters the fitted point, the mean diagonal of the hat matrix: ``h_v
+        = tr(w_v J_v S⁻¹ J_vᵀ) / d`` with ``S = Σ_v w_v J_vᵀ J_v``.
         """
         ...
 
     def rescaled(self, variance: Array) -> Self:
-        """Return the term with the noise variance scaled by a factor that broadcasts with (V, F, L)."""
+        """Scale the noise variance by a factor that broadcasts with (V, F, L)."""
         ...
 
 
 @dataclass(frozen=True)
 class PoseEvidence:
-    """Model of a term around F poses."""
+    """Cost of a term and its quadratic model around F poses."""
 
     cost: Array  # (F,).
     gradient: Array  # (F, 3 J) w.r.t. the joints' left tangents, 1/rad.
@@ -102,14 +106,14 @@ class PoseEvidence:
 
 
 class PoseTerm(FrameTerm, Protocol):
-    """A term on poses."""
+    """Term of the objective that depends on joint rotations."""
 
     def __call__(self, local: Array) -> PoseEvidence:
-        """Return the evidence at (F, J, 3, 3) rotations."""
+        """Return the cost at (F, J, 3, 3) rotations with its derivatives."""
         ...
 
     def hessian(self, factors: Array) -> Array:
-        """Return (F, 3 J, 3 J) positive semidefinite matrices in 1/rad², computed from the factors."""
+        """Return the term's (F, 3 J, 3 J) positive semidefinite Hessians in 1/rad², computed from ``factors``."""
         ...
 
 
@@ -124,7 +128,7 @@ def geman_mcclure(squared: Array, scale: float) -> tuple[Array, Array]:
 
 
 def graduated_scales(final: float, start: float, steps: int) -> tuple[float, ...]:
-    """Return ``steps`` scales from ``start`` to ``final`` in geometric progression."""
+    """Return ``steps`` robust scales from ``start`` to ``final`` in geometric progression."""
     if steps <= 1:
         return (final,)
     ratio = (final / start) ** (1.0 / (steps - 1))
