@@ -1,4 +1,4 @@
-"""Define the pipeline's plain data types. They import only the exchange library."""
+"""Define the data types that the pipeline's stages exchange. They depend only on the exchange library."""
 
 from solver_backend.exchange.joint_sets import NUM_BETAS as NUM_BETAS
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS as NUM_BODY_JOINTS

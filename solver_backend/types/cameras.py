@@ -1,4 +1,4 @@
-"""Define calibrated cameras in OpenCV's convention, and how well they fit a take."""
+"""Define calibrated cameras in OpenCV's convention, and the report on how well they fit a take."""
 
 from __future__ import annotations
 
@@ -18,16 +18,19 @@ _LARGEST_SIZE = 2.0**31  # Pixels per side below which sizes fit in 32-bit integ
 
 @dataclass(frozen=True)
 class CameraPath:
-    """Motion of moving cameras in F frames: ``x_start = R @ x_world + t``."""
+    """Motion of a moving camera rig in F frames: ``x_start = R @ x_world + t``.
 
-    R: Any  # (F, 3, 3) rotations from the world to the axes to which the cameras are fixed.
+    All cameras move together, and ``x_start`` are coordinates in the rig's axes.
+    """
+
+    R: Any  # (F, 3, 3) rotations from the world to the rig's axes.
     t: Any  # (F, 3) translations in metres.
 
     def __len__(self) -> int:
         return len(self.R)
 
     def at(self, frames: Any) -> CameraPath:
-        """Return the path in the given frames (indices or slice)."""
+        """Return the path in selected frames (indices or slice)."""
         return CameraPath(self.R[frames], self.t[frames])
 
 
@@ -145,16 +148,16 @@ class Cameras:
         return R @ self.path.R, self.path.t @ R.T + t
 
     def carried(self, R: Float[np.ndarray, "frames 3 3"], t: Float[np.ndarray, "frames 3"]) -> Cameras:
-        """Return a single moving camera with these world-to-camera poses."""
+        """Replace a single camera's pose by (F, 3, 3) rotations and (F, 3) translations from world to camera."""
         return replace(self, R=R[:1], t=t[:1], path=CameraPath(R[0].T @ R, (t - t[0]) @ R[0]))
 
     def scaled(self, factor: float) -> Cameras:
-        """Return the cameras in a world scaled by ``factor``. Images do not change."""
+        """Scale the world, and with it the camera positions, by ``factor``. Images do not change."""
         path = self.path and CameraPath(self.path.R, self.path.t * factor)
         return replace(self, t=self.t * factor, path=path)
 
     def at(self, frames: slice | np.ndarray) -> Cameras:
-        """Return the cameras in these frames. Moving cameras start at the first one."""
+        """Return the cameras in selected frames. A moving camera's own pose becomes its pose in the first of them."""
         if self.path is None or not len(part := self.path.at(frames)):
             return self
         R, t = self.R @ part.R[0], (self.R @ part.t[0]) + self.t
@@ -162,7 +165,7 @@ class Cameras:
         return replace(self, R=R, t=t, path=path)
 
     def subset(self, indices: list[int]) -> Cameras:
-        """Return the cameras at these indices, in that order."""
+        """Return the cameras at these indices, in the order of the indices."""
         names, models = (tuple(every[i] for i in indices) for every in (self.names, self.models))
         arrays = {key: getattr(self, key)[indices] for key in ("K", "distortion", "R", "t", "image_size")}
         return Cameras(names=names, models=models, path=self.path, **arrays)
@@ -173,7 +176,7 @@ ROWS, COLUMNS = ("top", "centre", "bottom"), ("left", "middle", "right")  # Imag
 
 @dataclass(frozen=True)
 class CameraFits:
-    """How well C cameras fit a take, in px unless stated otherwise."""
+    """Report on how well C cameras fit a take. Errors are in px unless stated otherwise."""
 
     verdict: str
     region_px: np.ndarray  # (C, 3, 3) median reprojection error by image region, rows first, NaN if unknown.

@@ -43,7 +43,10 @@ UNSEEN_POINT = (np.nan, np.nan, 0.0)  # x, y and confidence of an undetected poi
 
 
 def stacked_hands(hands: Sequence[np.ndarray | None], axis: int) -> np.ndarray | None:
-    """Join several people's hands along an axis. A person without hands gets NaN. Return None if nobody has any."""
+    """Stack the hands of several people along a new axis, with NaN for people without hands.
+
+    Return None if nobody has hands.
+    """
     like = next((hand for hand in hands if hand is not None), None)
     if like is None:
         return None
@@ -51,7 +54,7 @@ def stacked_hands(hands: Sequence[np.ndarray | None], axis: int) -> np.ndarray |
 
 
 def checked_hands(hands: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Return hands in which undetected points have NaN and confidence 0.
+    """Check hand points, and set undetected points to NaN with confidence 0.
 
     Raises:
         KeypointCountMismatch: the shape is not (*shape, 2, 21, 3).
@@ -73,7 +76,7 @@ def checked_hands(hands: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Keypoints2D:
-    """One person's detections in every view. Missing ones are NaN with confidence 0."""
+    """2D keypoints of one person in every view. Missing keypoints are NaN with confidence 0."""
 
     xy: Float[np.ndarray, "views frames keypoints 2"]
     """(views, frames, keypoints, 2) positions in pixels."""
@@ -120,17 +123,17 @@ class Keypoints2D:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the keypoints, user-defined points last."""
+        """Names of all keypoints: the joint set's, followed by the user-defined points."""
         return (*self.joint_set.keypoints, *(point.name for point in self.own))
 
     @property
     def num_views(self) -> int:
-        """Number of cameras."""
+        """Number of views, one per camera."""
         return self.xy.shape[0]
 
     @property
     def num_frames(self) -> int:
-        """Number of frames."""
+        """Number of recorded frames."""
         return self.xy.shape[1]
 
     @property
@@ -140,23 +143,23 @@ class Keypoints2D:
         return replace(self, xy=self.xy[:, :, :count], confidence=self.confidence[:, :, :count], own=())
 
     def frames(self, start: int, stop: int) -> Keypoints2D:
-        """Return the frames from ``start`` to ``stop`` - 1."""
+        """Return the keypoints in the frames from ``start`` to ``stop - 1``."""
         return self.at(slice(start, stop))
 
     def at(self, frames: slice | np.ndarray) -> Keypoints2D:
-        """Return the keypoints in these frames."""
+        """Return the keypoints in selected frames (indices or slice)."""
         hands = None if self.hands is None else self.hands[:, frames]
         return replace(self, xy=self.xy[:, frames], confidence=self.confidence[:, frames], hands=hands)
 
     def views(self, indices: list[int]) -> Keypoints2D:
-        """Return the views at these indices."""
+        """Return the keypoints of the views at these indices."""
         hands = None if self.hands is None else self.hands[indices]
         return replace(self, xy=self.xy[indices], confidence=self.confidence[indices], hands=hands)
 
 
 @dataclass(frozen=True)
 class PersonInViews:
-    """One of the people in a recording."""
+    """One of several people in a recording, with their keypoints in every view."""
 
     name: str
     keypoints: Keypoints2D
@@ -191,13 +194,13 @@ class Capture:
     problems: tuple[Diagnostic, ...] = ()
     """Warnings for the user before the solve."""
     people: tuple[PersonInViews, ...] = ()
-    """Everyone visible in at least two views if there are several people. ``keypoints`` belong to the solved one."""
+    """Everyone visible in at least two views, if there are several people. ``keypoints`` are the solved person's."""
     person: str = ""
     """Name of the person in ``keypoints`` if there are several people."""
     stature_m: float = 0.0
     """Stated stature of the person in metres, or 0 if unknown."""
     floor_from_person: bool = False
-    """True if floor and scale of a single camera's world come from a person of stated or average stature."""
+    """True if the person's stated or average stature set the floor and scale of a single camera's world."""
     focal_sigma: float = 0.0
     """Relative standard deviation of a single camera's focal length if it was estimated."""
     detector: str = ""
@@ -205,7 +208,7 @@ class Capture:
     noise_map: str = ""
     """Detector whose noise map weighted the confidences, or empty if they are unchanged."""
     world_checked: bool = False
-    """True if the reader compared the world with the person. Not stored in files."""
+    """True if the reader compared the calibrated world with the person. Not stored in files."""
     truth: dict[str, np.ndarray] = field(default_factory=dict)
     """Ground truth of a synthetic capture: betas, global_orient, body_pose, transl, joints, keypoints3d."""
 
@@ -242,13 +245,13 @@ class Capture:
 
     @property
     def num_frames(self) -> int:
-        """Number of frames."""
+        """Number of recorded frames, or 0 without keypoints and markers."""
         frames = self.keypoints.num_frames if self.keypoints is not None else 0
         return frames or (len(self.markers.positions) if self.markers is not None else 0)
 
     @property
     def fps(self) -> float:
-        """Frames per second."""
+        """Frame rate of the recording in Hz, or 0 without keypoints and markers."""
         source = self.keypoints or self.markers
         return float(source.fps) if source is not None else 0.0
 
@@ -277,10 +280,11 @@ class Capture:
         return self.cameras, self.keypoints
 
     def require_views(self) -> tuple[Cameras, Keypoints2D]:
-        """Return the cameras and keypoints of a capture with detections in one or more cameras.
+        """Return the cameras and keypoints of a capture with one or more views.
 
         Raises:
-            TooFewViews, NoDetections: there are none, or no keypoint is shared by several cameras.
+            TooFewViews: the capture has no calibrated 2D keypoints.
+            NoDetections: no person was detected, or no two of several cameras detect a keypoint in the same frame.
         """
         cameras, keypoints = self._require_detections()
         return (cameras, keypoints) if self.is_one_view else self.require_multiview()
@@ -290,7 +294,7 @@ class Capture:
 
         Raises:
             TooFewViews: fewer than two cameras have detections.
-            NoDetections: no two cameras see a keypoint in the same frame.
+            NoDetections: no two cameras detect a keypoint in the same frame.
         """
         cameras, keypoints = self._require_detections()
         seen = keypoints.confidence > 0
@@ -311,7 +315,11 @@ class Capture:
         return self.cameras, self.keypoints
 
     def of_person(self, name: str) -> Capture:
-        """Return the capture with another person's keypoints. Raise PersonUnknown if that person is absent."""
+        """Select another person of the recording, by name or by number from 1.
+
+        Raises:
+            PersonUnknown: the capture has no such person.
+        """
         wanted = name.strip().casefold()
         for number, person in enumerate(self.people, 1):
             if wanted in (person.name.casefold(), str(number)):
@@ -321,7 +329,7 @@ class Capture:
         raise PersonUnknown(f"The capture has no person '{name}'.", where=self.name, hint=hint)
 
     def views(self, indices: list[int]) -> Capture:
-        """Return the capture restricted to these cameras."""
+        """Return the capture restricted to the cameras at these indices."""
         assert self.cameras is not None and self.keypoints is not None
         footage = tuple(self.footage[i] for i in indices) if self.footage else ()
         people = tuple(replace(person, keypoints=person.keypoints.views(indices)) for person in self.people)
@@ -330,5 +338,5 @@ class Capture:
 
 
 LIMBS: dict[str, tuple[str, ...]] = {"arms": ("shoulder", "elbow", "wrist"), "legs": ("hip", "knee", "ankle")}
-"""Joints on each side that every detector finds, from the trunk outwards."""
+"""Joints of each limb that every detector finds on both sides, from the trunk outwards."""
 FEET: tuple[str, ...] = ("big_toe", "small_toe", "heel", "foot")  # Foot points per side in some joint sets.

@@ -1,4 +1,4 @@
-"""Define recorded optical markers, and the person who wears them."""
+"""Define recorded optical markers, and the calibrated person who wears them."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ class MarkerCloud:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The labels, or an empty tuple if the cloud has none."""
+        """Marker labels, or an empty tuple for an unlabelled cloud."""
         return self.labels or ()
 
     def columns(self, chosen: Sequence[int], labels: tuple[str, ...] | None = None) -> MarkerCloud:
-        """Select markers, and rename them if ``labels`` are given."""
+        """Select markers by index, and rename them if ``labels`` are given."""
         if labels is None and self.labels is not None:
             labels = tuple(self.labels[i] for i in chosen)
         residual, covariance = (None if v is None else v[:, chosen] for v in (self.residual, self.covariance))
@@ -62,7 +62,7 @@ class MarkerCloud:
 
     @property
     def values(self) -> np.ndarray:
-        """(frames, markers, 3 to 13) positions, followed by residuals and covariances."""
+        """(frames, markers, 3 to 13) positions, followed by residuals and covariances if they are known."""
         parts = [self.positions]
         if self.residual is not None:
             parts.append(self.residual[..., None])
@@ -71,7 +71,7 @@ class MarkerCloud:
         return np.concatenate(parts, axis=-1)
 
     def with_values(self, values: np.ndarray, labels: tuple[str, ...]) -> MarkerCloud:
-        """Build a cloud from rearranged ``values`` and other labels."""
+        """Build a cloud from rows in the layout of ``values``, with new labels."""
         residual = None if self.residual is None else values[..., 3]
         covariance = None if self.covariance is None else values[..., -9:].reshape(*values.shape[:2], 3, 3)
         return MarkerCloud(values[..., :3], self.fps, labels, residual, covariance)
@@ -82,7 +82,7 @@ _LEAST_SIGMA_M = 1e-9  # Smallest standard deviation of a marker position (m). M
 
 @dataclass(frozen=True)
 class MarkerSubject:
-    """Result of a subject calibration, for takes of the same person with the same markers."""
+    """Calibrated subject: body shape and marker positions, for further takes with the same markers."""
 
     body: str  # Id of the body that the shape belongs to.
     betas: Float[np.ndarray, " 10"]  # (10,) shape coefficients.

@@ -1,4 +1,4 @@
-"""Define the motion of a body with any layout, and hands recorded by gloves."""
+"""Define the solved motion of a body, and hand motions recorded by gloves."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Motion:
     joints: Float[np.ndarray, "frames joints 3"]
     """(F, J, 3) joint positions in world metres."""
     body_layout: BodyLayout = SMPL
-    """Names and tree of the J joints."""
+    """Joint names and joint tree of the body."""
     keypoints3d: Float[np.ndarray, "frames keypoints 3"] | None = None
     """(F, K, 3) observed keypoints in world metres."""
     joint_set: JointSet | None = None
@@ -55,9 +55,9 @@ class Motion:
     touches: Bool[np.ndarray, "frames 11"] | None = None
     """(F, 11) bool, body parts on the floor (``CONTACT_PARTS``), or None if only feet are known."""
     flags: Int[np.ndarray, " frames"] | None = None
-    """(F,) uint8 bit mask of FLAG_*."""
+    """(F,) uint8 bit mask of the FLAG_* constants for each frame."""
     resting: Bool[np.ndarray, "frames joints"] | None = None
-    """(F, J) bool, True for joints shown at rest because nothing was measured. None if all are measured."""
+    """(F, J) bool, True for joints that are shown at rest because nothing was measured. None if all are measured."""
     root: Float[np.ndarray, "frames 3"] | None = None
     """(F, 3) path of a root bone on the ground: x and y in metres, and heading relative to -Y in radians."""
     reprojection_px: Float[np.ndarray, "views frames keypoints"] | None = None
@@ -69,7 +69,7 @@ class Motion:
     marker_residual_mm: np.ndarray | None = None
     """(F, M) distances between recorded and solved markers in millimetres, NaN where missing."""
     marker_flags: np.ndarray | None = None
-    """(F, M) uint8 bit mask of MARKER_*: seen, filled, swapped, ghost."""
+    """(F, M) uint8 bit mask of the MARKER_* constants: seen, filled, swapped, ghost."""
     marker_sigma: np.ndarray | None = None
     """(M,) standard deviation per axis of each marker around its position on the body, in metres."""
     cleaned_markers: np.ndarray | None = None
@@ -77,7 +77,7 @@ class Motion:
     offsets: np.ndarray | None = None
     """(M, 3) offset of each marker from its nominal position in the rest pose, in metres."""
     layout: tuple[str, ...] | None = None
-    """(M,) body landmark of each marker."""
+    """(M,) name of the body landmark that each marker is placed on."""
     props: tuple[Prop, ...] = ()
     """Rigid objects that are not part of the person, with F frames each."""
     provenance: dict[str, Any] = field(default_factory=dict)
@@ -102,11 +102,11 @@ class Motion:
 
     @property
     def num_frames(self) -> int:
-        """Number of frames."""
+        """Number of frames in the motion."""
         return len(self.global_orient)
 
     def beside_truth(self, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-        """Return the (F, J, 3) joints that both the motion and the ground truth contain, and their names.
+        """Select the (F, J, 3) joints that both the motion and the ground truth have, and return their names.
 
         Args:
             truth: (F, J, 3) joint positions in metres, in this layout or SMPL's. Other shapes give no joints.
@@ -118,7 +118,11 @@ class Motion:
         return self.joints[:, own], np.asarray(truth)[:, theirs], tuple(layout.joints[j] for j in theirs)
 
     def require_body(self, body: str, layout: BodyLayout, where: str) -> None:
-        """Raise MotionInvalid if the motion is for another body or layout."""
+        """Check that the motion is for this body and has the layout's joints.
+
+        Raises:
+            MotionInvalid: the motion is for another body or layout.
+        """
         self.body_layout.require_same_joints(layout, where)
         if self.body != body:
             hint = "Use the body that the motion was solved with."
@@ -127,7 +131,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class GloveTake:
-    """Both hands in F frames."""
+    """Hand motions of one take, recorded by gloves in F frames."""
 
     name: str
     times: Float[np.ndarray, " frames"]  # (F,) increasing seconds from the first frame.
@@ -136,5 +140,5 @@ class GloveTake:
 
     @property
     def sides(self) -> tuple[int, ...]:
-        """Hands in the file: 0 left, 1 right."""
+        """Indices of the hands with recorded angles: 0 left, 1 right."""
         return tuple(side for side in range(2) if np.isfinite(self.angles[:, side]).any())

@@ -1,4 +1,4 @@
-"""Define a person that a network estimated from one video."""
+"""Define the result of a pose-estimation network for one video."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ CAMERA_TO_Z_UP = Y_UP_TO_Z_UP @ np.diag([1.0, -1.0, -1.0])  # From a level camer
 
 @dataclass(frozen=True)
 class NetworkResult:
-    """One person in F frames: rotations, or points in camera axes (X right, Y down, Z forward)."""
+    """Motion of one person in F frames, estimated by a network from one video.
+
+    The result contains joint rotations, or points in camera axes (X right, Y down, Z forward).
+    """
 
     program: str
     person: str
@@ -32,7 +35,7 @@ class NetworkResult:
     fps: float | None = None  # Frame rate if the program always uses the same one.
 
     def of_frames(self, kept: np.ndarray) -> NetworkResult:
-        """Return the result for the frames at these indices."""
+        """Select frames by their indices in this result."""
         fields = ("frames", "local", "fingers", "world", "transl", "points", "hands")
         parts = {name: getattr(self, name) for name in fields}
         return replace(self, **{name: value[kept] for name, value in parts.items() if value is not None})
@@ -40,7 +43,7 @@ class NetworkResult:
 
 @dataclass(frozen=True)
 class StartingResult:
-    """A network result for one camera of a capture."""
+    """Network results for one camera of a capture, from which the solve can start."""
 
     people: tuple[NetworkResult, ...]
     file: str
