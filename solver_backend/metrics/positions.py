@@ -16,7 +16,11 @@ Expected = tuple["int | str | EllipsisType", ...]  # Sizes, or names for any siz
 
 
 def same_shape(found: np.ndarray, truth: np.ndarray, expected: Expected) -> tuple[np.ndarray, np.ndarray]:
-    """Return both arrays as float64. Raise ``ShapeMismatch`` if the shapes differ from the expected one."""
+    """Convert both arrays to float64 and check that they have the same, expected shape.
+
+    Raises:
+        ShapeMismatch: the shapes differ from each other or from the expected one.
+    """
     found, truth = np.asarray(found, dtype=np.float64), np.asarray(truth, dtype=np.float64)
     if found.shape != truth.shape:
         message = f"Arrays of shapes {found.shape} and {truth.shape} cannot be compared."
@@ -25,7 +29,11 @@ def same_shape(found: np.ndarray, truth: np.ndarray, expected: Expected) -> tupl
 
 
 def has_shape(values: np.ndarray, expected: Expected, name: str = "The array") -> np.ndarray:
-    """Return the array as float64. Raise ``ShapeMismatch`` unless it has the expected shape."""
+    """Convert the array to float64 and check its shape.
+
+    Raises:
+        ShapeMismatch: the array does not have the expected shape.
+    """
     values = np.asarray(values, dtype=np.float64)
     free = bool(expected) and expected[0] is ...
     fixed = expected[1:] if free else expected
@@ -37,7 +45,7 @@ def has_shape(values: np.ndarray, expected: Expected, name: str = "The array") -
 
 
 def describe(expected: Expected) -> str:
-    """Return the expected shape as text, such as '(..., points, 3)'."""
+    """Format an expected shape as text, such as '(..., points, 3)'."""
     return "(" + ", ".join("..." if size is ... else str(size) for size in expected) + ")"
 
 
@@ -59,9 +67,9 @@ def distances_m(found: Points, truth: Points) -> Float[np.ndarray, "*batch point
 
 
 def mpjpe_mm(found: Points, truth: Points) -> float:
-    """Return the mean distance in mm between (..., N, 3) points in metres and the truth.
+    """Return the mean distance in mm between (..., N, 3) points in metres and the truth, without alignment.
 
-    There is no alignment. Reference: Ionescu et al. 2014, "Human3.6M", sec. 3.
+    Reference: Ionescu et al. 2014, "Human3.6M", sec. 3.
     """
     return 1000.0 * mean_or_nan(distances_m(found, truth))
 
@@ -81,9 +89,10 @@ def rmse_mm(found: Points, truth: Points) -> float:
 
 
 def pa_mpjpe_mm(found: Points, truth: Points) -> float:
-    """Return the MPJPE after aligning each frame by the best similarity (Umeyama 1991).
+    """Return the mean distance in mm after aligning each frame to the truth by a similarity (PA-MPJPE).
 
-    Points (..., N, 3) missing on either side are excluded, and so are frames with fewer than three common points.
+    Points (..., N, 3) that are missing on either side are excluded. Frames with fewer than three common points are also
+    excluded. Reference: Umeyama 1991 (the alignment).
     """
     found, truth = same_shape(found, truth, POINTS)
     found, truth = found.reshape(-1, *found.shape[-2:]), truth.reshape(-1, *truth.shape[-2:])
@@ -101,11 +110,11 @@ WORLD_FRAMES = 100  # Number of frames in a segment that is aligned as a whole (
 
 
 def world_mpjpe_mm(found: Track, truth: Track, fitted: int = WORLD_FRAMES) -> float:
-    """Return WA-MPJPE-100, the MPJPE in mm after aligning each 100 frames.
+    """Return WA-MPJPE-100, the MPJPE in mm after aligning each segment of 100 frames by one similarity.
 
-    With ``fitted`` = 2 it is W-MPJPE-100, which uses the similarity of each segment's first two frames. A shorter last
-    segment counts if it has two frames. References: Ye et al. 2023, "Decoupling human and camera motion from videos in
-    the wild", sec. 4 (the metrics); Shin et al. 2024, "WHAM", sec. 4.
+    ``fitted`` = 2 gives W-MPJPE-100, where the similarity is fitted to the first two frames of each segment. A shorter
+    last segment counts if it has at least two frames. References: Ye et al. 2023, "Decoupling human and camera motion
+    from videos in the wild", sec. 4 (the metrics); Shin et al. 2024, "WHAM", sec. 4.
     """
     found, truth = same_shape(found, truth, ("frames", "points", 3))
     errors = []
@@ -121,10 +130,11 @@ def world_mpjpe_mm(found: Track, truth: Track, fitted: int = WORLD_FRAMES) -> fl
 
 
 def pck_percent(found: Points, truth: Points, threshold_m: float) -> float:
-    """Return the percentage of points (..., N, 3) within ``threshold_m``, without alignment.
+    """Return PCK: the percentage of points (..., N, 3) within ``threshold_m`` of the truth, without alignment.
 
-    Missing points whose truth is known count as wrong. Points without truth are excluded. The thesis (6.3.4, eq. 4.29)
-    reports 3 and 7 cm. Reference: Yang and Ramanan 2013, "Articulated human detection with flexible mixtures of parts".
+    Missing points count as wrong if their truth is known. Points without truth are excluded. The thesis (6.3.4, eq.
+    4.29) reports 3 and 7 cm. Reference: Yang and Ramanan 2013, "Articulated human detection with flexible mixtures of
+    parts".
     """
     distance = distances_m(found, truth)
     known = np.isfinite(truth).all(-1)
@@ -134,7 +144,7 @@ def pck_percent(found: Points, truth: Points, threshold_m: float) -> float:
 def geodesic_deg(
     found: Float[np.ndarray, "*batch 3 3"], truth: Float[np.ndarray, "*batch 3 3"]
 ) -> Float[np.ndarray, " *batch"]:
-    """Return the angles between (..., 3, 3) rotations in degrees, from 0 to 180, NaN where missing.
+    """Return the angles in degrees (0 to 180) between (..., 3, 3) rotations, or NaN where a rotation is missing.
 
     ``2 asin(|A - B|_F / (2 √2))`` keeps its precision at small angles, unlike the arc cosine of the trace (Hartley et
     al. 2013, "Rotation averaging", sec. 4).
@@ -147,7 +157,7 @@ def geodesic_deg(
 def angle_mae_deg(
     found: Float[np.ndarray, "*batch joints 3 3"], truth: Float[np.ndarray, "*batch joints 3 3"]
 ) -> float:
-    """Return the mean angle in degrees between relative joint rotations (6.3.4)."""
+    """Return the mean angular error in degrees of (..., J, 3, 3) relative joint rotations (thesis 6.3.4)."""
     same_shape(found, truth, (..., "joints", 3, 3))
     return mean_or_nan(geodesic_deg(found, truth))
 
@@ -165,7 +175,7 @@ def accelerations_m_s2(points: Track, fps: float) -> Float[np.ndarray, "accelera
 
 
 def accel_error_m_s2(found: Track, truth: Track, fps: float) -> float:
-    """Return the mean length of the acceleration differences in m/s², or NaN for fewer than three frames.
+    """Return the mean length of the acceleration error in m/s², or NaN for fewer than three frames.
 
     Reference: Kanazawa et al. 2019, "Learning 3D human dynamics from video", sec. 4.
     """
@@ -175,12 +185,12 @@ def accel_error_m_s2(found: Track, truth: Track, fps: float) -> float:
 
 
 def foot_skating_cm_per_frame(toes: Float[np.ndarray, "frames toes 3"], floor_m: float = 0.0) -> float:
-    """Return how far (F, N, 3) standing toes slide along the floor, Z up, in centimetres per frame.
+    """Return how far (F, N, 3) standing toes slide along the floor, in centimetres per frame (Z up).
 
     ``FS = 1/N Σ v (2 - 2^(h/H))`` over frames with ``h ≤ H``: ``v`` is the horizontal distance to the next frame, ``h``
     the height above the floor (at least 0), and ``H`` is ``SKATING_HEIGHT_M`` (thesis 6.3.4). The sum is divided by the
-    number of frames, as its unit implies. NaN for fewer than two frames. Reference: Mir et al. 2023, "Generating
-    continual human motion in diverse 3D scenes" (thesis, reference 204).
+    number of frames, as its unit implies. The result is NaN for fewer than two frames. Reference: Mir et al. 2023,
+    "Generating continual human motion in diverse 3D scenes" (thesis, reference 204).
     """
     toes = has_shape(toes, ("frames", "points", 3))
     way_cm = 100.0 * np.linalg.norm(np.diff(toes[..., :2], axis=0), axis=-1)
@@ -195,9 +205,9 @@ _FRAMES = 2000  # Number of frames projected at a time.
 def reprojection_px(
     cameras: Cameras, points: Track, keypoints: Keypoints2D
 ) -> Float[np.ndarray, "views frames points"]:
-    """Return the (C, F, K) distances in pixels between detections and projected points (F, K, 3).
+    """Return the reprojection errors (C, F, K) of 3D points (F, K, 3), in pixels.
 
-    They are NaN without a detection or a visible point. Cameras are in the order of the views.
+    An error is NaN if the keypoint was not detected or the point is not visible. Cameras are in the order of the views.
 
     Raises:
         ShapeMismatch: the points do not match the detections, or the cameras do not match the views.
@@ -217,10 +227,11 @@ Features = Float[np.ndarray, "samples features"]
 
 
 def frechet_distance(generated: Features, real: Float[np.ndarray, "others features"]) -> float:
-    """Return FID, ``|μ_a - μ_b|² + Tr(Σ_a + Σ_b - 2 (Σ_a Σ_b)^½)``, in the squared unit of the features.
+    """Return the Fréchet distance (FID) between two sets of (N, D) features, in their squared unit.
 
-    Both arguments are (N, D) features. The trace of the root is computed from the symmetric ``(Σ_a^½ Σ_b Σ_a^½)^½``.
-    Reference: Heusel et al. 2017, "GANs trained by a two time-scale update rule", eq. 6 (thesis eqs. 4.30, 6.11).
+    ``|μ_a - μ_b|² + Tr(Σ_a + Σ_b - 2 (Σ_a Σ_b)^½)``, with means μ and covariances Σ. The trace of the root is computed
+    from the symmetric ``(Σ_a^½ Σ_b Σ_a^½)^½``. Reference: Heusel et al. 2017, "GANs trained by a two time-scale update
+    rule", eq. 6 (thesis eqs. 4.30, 6.11).
 
     Raises:
         ShapeMismatch: the features are not (N, D) arrays with the same D, or contain NaN.
@@ -238,9 +249,10 @@ def frechet_distance(generated: Features, real: Float[np.ndarray, "others featur
 
 
 def diversity(features: Features, seed: int) -> float:
-    """Return DIV, the mean distance between pairs from two halves of (N, D) features.
+    """Return the diversity (DIV): the mean distance between random pairs of (N, D) features.
 
-    The thesis (eqs. 4.31, 6.12) pairs 526 of 1,052 generated poses with the other 526. An odd last sample is excluded.
+    One half of the features is paired with the other half, and an odd last sample is excluded. The thesis (eqs. 4.31,
+    6.12) pairs 526 of 1,052 generated poses with the other 526.
 
     Raises:
         ShapeMismatch: the features are not an (N, D) array, or contain NaN.

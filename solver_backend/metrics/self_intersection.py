@@ -32,7 +32,7 @@ _AT_A_TIME = 2000  # Number of poses processed at a time, which limits memory.
 
 @dataclass(frozen=True)
 class Capsules:
-    """Capsules of a body in its rest shape, and pairs of capsules that a pose could bring together."""
+    """Capsules along the bones of a body in its rest shape, and the pairs of capsules to check."""
 
     ends: tuple[tuple[int, int], ...]  # SMPL joints at the ends of each axis.
     radii: Float[np.ndarray, " bones"]  # Metres.
@@ -41,7 +41,7 @@ class Capsules:
 
 @lru_cache(maxsize=4)
 def capsules_of(body: Body) -> Capsules:
-    """Return the capsules for SMPL's mean shape. A tenth of a bone's skin is inside its capsule."""
+    """Fit one capsule per bone to SMPL's mean shape. A tenth of the bone's skin vertices are inside its capsule."""
     ends = tuple((SMPL.joints.index(a), SMPL.joints.index(b)) for a, b in BONES)
     own = list(body.layout.standing_for(SMPL))
     rest, owner = body.joints_template[own], np.argmax(body.weights[:, own], axis=1)
@@ -54,10 +54,10 @@ def capsules_of(body: Body) -> Capsules:
 
 
 def self_intersection_m(body: Body, joints: Float[np.ndarray, "poses 24 3"]) -> Float[np.ndarray, " poses"]:
-    """Return the (N,) depths in metres of the deepest intersection between two capsules.
+    """Return the (N,) depths in metres of the deepest intersection of two capsules in each of N poses.
 
-    The depth is ``max(0, r_a + r_b - d(a, b))`` over the pairs, where d is the distance between two line segments
-    (Ericson 2005, 5.1.9), for the (N, 24, 3) joints in metres of an SMPL body of mean shape.
+    ``joints`` are (N, 24, 3) in metres, of an SMPL body of mean shape. The depth is ``max(0, r_a + r_b - d(a, b))``
+    over all pairs of capsules with radii r, where d is the distance between their axes (Ericson 2005, 5.1.9).
     """
     capsules = capsules_of(body)
     parts = [joints[first : first + _AT_A_TIME] for first in range(0, len(joints), _AT_A_TIME)]
@@ -90,7 +90,7 @@ def _climbed(i: int, j: int, parents: tuple[int, ...]) -> int:
 
 
 def _depths(joints: np.ndarray, capsules: Capsules) -> np.ndarray:
-    """Return (N, pairs) depths in metres, negative where two capsules do not touch."""
+    """Return (N, P) intersection depths in metres of P capsule pairs, negative where two capsules do not touch."""
     ends = np.array(capsules.ends)
     first, second = (np.array([pair[side] for pair in capsules.pairs], dtype=int) for side in (0, 1))
     p, u = joints[:, ends[first, 0]], joints[:, ends[first, 1]] - joints[:, ends[first, 0]]
@@ -99,9 +99,9 @@ def _depths(joints: np.ndarray, capsules: Capsules) -> np.ndarray:
 
 
 def segment_distance(p: np.ndarray, u: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Return the distance between the segments ``p + s u`` and ``q + t v`` (Ericson 2005, 5.1.9).
+    """Return the distances (...) between the line segments ``p + s u`` and ``q + t v`` (Ericson 2005, 5.1.9).
 
-    All are (..., 3). A vector u or v is 0 if its segment is a point.
+    All arrays are (..., 3), and s and t are between 0 and 1. A segment with ``u = 0`` or ``v = 0`` is a point.
     """
     w = p - q
     a, b, c = (u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)
