@@ -1,1 +1,1 @@
-"""Compare a motion with its capture's ground truth, and with a plain filter."""
+"""Compare a motion with its capture's ground truth, and with filtered triangulation."""

@@ -1,4 +1,4 @@
-"""Compare a motion with ground truth, and with filtered triangulation."""
+"""Compare a motion with ground truth, and with filtered triangulation as a baseline."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ from solver_backend.types import Cameras, Capture, JointSet, Keypoints2D, Marker
 
 
 def triangulate_and_filter(cameras: Cameras, keypoints: Keypoints2D, cutoff_hz: float = 6.0) -> np.ndarray:
-    """Return (F, K, 3) triangulated and filtered points in metres, or NaN for points never seen.
+    """Return the baseline: (F, K, 3) triangulated keypoints in metres, low-pass filtered by ``butterworth``.
 
-    The fourth-order filter with this cut-off runs forwards and backwards.
+    Gaps are interpolated. A keypoint that is never triangulated is NaN.
     """
     points = bridged(triangulate(cameras, keypoints.xy, keypoints.confidence).points)
     return butterworth(points, keypoints.fps, cutoff_hz)
 
 
 def bridged(points: np.ndarray) -> np.ndarray:
-    """Interpolate gaps in (F, K, 3) points linearly, and extend the ends with constant values."""
+    """Interpolate gaps in (F, K, 3) points linearly. Before the first and after the last point, repeat that point."""
     frames = np.arange(len(points))
     filled = points.copy()
     for k in range(points.shape[1]):
@@ -55,10 +55,12 @@ def bridged(points: np.ndarray) -> np.ndarray:
 
 
 def butterworth(signal: np.ndarray, fps: float, cutoff_hz: float) -> np.ndarray:
-    """Filter a signal (F, ...) with a zero-phase fourth-order Butterworth filter.
+    """Filter a signal (F, ...) along its frames with a zero-phase fourth-order Butterworth low-pass filter.
 
-    A second-order section runs forwards and backwards over the signal, extended by point reflection. With the corrected
-    cut-off, both passes are 3 dB down at ``cutoff_hz`` (Winter 2009, "Biomechanics and Motor Control", 3.4).
+    A second-order filter runs forwards and then backwards over the signal, which is extended by point reflection at
+    both ends. Its cut-off is corrected so that both passes together are 3 dB down at ``cutoff_hz`` (Winter 2009,
+    "Biomechanics and Motor Control", 3.4). Signals of fewer than four frames are returned unchanged, as are all signals
+    if the cut-off is at least 0.45 ``fps``.
     """
     if len(signal) < 4 or cutoff_hz >= 0.45 * fps:
         return signal.copy()
@@ -72,13 +74,16 @@ def butterworth(signal: np.ndarray, fps: float, cutoff_hz: float) -> np.ndarray:
 
 
 def _second_order_section(w: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return (b, a) of the bilinear second-order Butterworth section with pre-warped cut-off."""
+    """Return coefficients (b, a) of a second-order Butterworth filter for the pre-warped cut-off w."""
     norm = 1 + np.sqrt(2.0) * w + w * w
     return np.array([w * w, 2 * w * w, w * w]) / norm, np.array([2 * (w * w - 1), 1 - np.sqrt(2.0) * w + w * w]) / norm
 
 
 def _run(section: tuple[np.ndarray, np.ndarray], signal: np.ndarray) -> np.ndarray:
-    """Run one section along the first axis, starting from the steady state for the first sample."""
+    """Filter a signal (F, ...) with one second-order section.
+
+    The filter starts as if the first sample had lasted forever, which avoids a transient.
+    """
     b, a = section
     out = np.empty_like(signal)
     x1 = x2 = y1 = y2 = signal[0]
@@ -96,7 +101,7 @@ CODED_FRAMES = 2 * LATENT_DIM + 2  # Fewest frames for FID and DIV: two halves w
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Errors of a motion, and of the baseline on the same capture. None where there are no data."""
+    """Errors of a motion, and errors of the baseline on the same capture. None where data are missing."""
 
     joints_mpjpe_mm: float  # Mean error of the joints that the motion and the truth share, usually SMPL's 24.
     joints_rmse_mm: float  # Mean over frames of the RMS joint error (thesis eq. 4.28).
@@ -125,22 +130,22 @@ class Evaluation:
 
     @property
     def mpjpe_ratio(self) -> float | None:
-        """Mean error of joints or keypoints, whichever is larger, relative to the baseline."""
+        """Mean error of joints or keypoints, whichever is larger, divided by the baseline's."""
         return _ratio((self.joints_mpjpe_mm, self.keypoints_mpjpe_mm), self.baseline_mpjpe_mm)
 
     @property
     def accel_ratio(self) -> float | None:
-        """Acceleration error of joints or keypoints, whichever is larger, relative to the baseline."""
+        """Acceleration error of joints or keypoints, whichever is larger, divided by the baseline's."""
         return _ratio((self.joints_accel_m_s2, self.keypoints_accel_m_s2), self.baseline_accel_m_s2)
 
     def figures(self) -> dict[str, float]:
-        """Return every known value by name."""
+        """Return all known values by name, rounded to four decimals."""
         known = {**asdict(self), "mpjpe_ratio": self.mpjpe_ratio, "accel_ratio": self.accel_ratio}
         known.pop("compared")
         return {name: round(value, 4) for name, value in known.items() if value is not None}
 
     def lines(self) -> list[str]:
-        """Return the values as lines of text."""
+        """Format the values as lines of a text report."""
         rows = [
             ("joints", self.joints_mpjpe_mm, self.joints_accel_m_s2),
             ("observed keypoints", self.keypoints_mpjpe_mm, self.keypoints_accel_m_s2),
@@ -183,10 +188,10 @@ class Evaluation:
 
 
 def evaluate(capture: Capture, motion: Motion) -> Evaluation:
-    """Compare a motion with ground truth, or with another system's joint centres.
+    """Compare a motion with ground truth, or with joint centres from another system.
 
-    Joint centres are markers with names of joints, such as ``left_knee`` or ``RKnee``. They are interpolated linearly
-    at the times of the motion's frames.
+    Joint centres are markers with joint names, such as ``left_knee`` or ``RKnee``. They are interpolated linearly to
+    the times of the motion's frames.
 
     Raises:
         MotionInvalid: the capture has neither, or the motion has other frames or joints.
@@ -232,7 +237,7 @@ def _of_truth(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndarray,
 
 
 def _of_reference(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return the (F, N, 3) points that motion and reference have in common by name, and these names."""
+    """Return the (F, N, 3) points that the motion and the reference share by name, in that order, and their names."""
     markers = capture.markers
     seen = np.isfinite(markers.positions).all(-1).any(0) if markers else ()
     labels = (markers and markers.labels) or ()
@@ -253,7 +258,7 @@ def _of_reference(capture: Capture, motion: Motion) -> tuple[np.ndarray, np.ndar
 
 
 def _moved_mpjpe_mm(found: np.ndarray, true: np.ndarray) -> float:
-    """Return the error after aligning all frames by one rigid motion, because each system has its own world."""
+    """Return the MPJPE in mm after one rigid alignment of the take, because each system has its own world."""
     both = np.isfinite(true).all(-1) & np.isfinite(found).all(-1)
     if both.sum() < _LEAST_POINTS:
         return float("nan")
@@ -266,7 +271,7 @@ def _named(names: Sequence[str], points: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _at_frames(markers: MarkerCloud, columns: list[int], motion: Motion) -> np.ndarray:
-    """Return (F, N, 3) markers at the times of the motion's frames, NaN next to missing ones."""
+    """Interpolate (F, N, 3) markers at the times of the motion's frames. The result is NaN next to gaps."""
     last = len(markers.positions) - 1
     times = np.minimum(np.arange(motion.num_frames) * (markers.fps / motion.fps), last)
     before = np.floor(times + 1e-9).astype(int)
@@ -276,7 +281,7 @@ def _at_frames(markers: MarkerCloud, columns: list[int], motion: Motion) -> np.n
 
 
 def _of_feet(found: np.ndarray, true: np.ndarray, names: tuple[str, ...]) -> dict[str, float]:
-    """Return how far SMPL's feet skate, with the floor at the lowest height of the true toes."""
+    """Return foot skating of SMPL's toes. The floor is the lowest height of the true toes."""
     if names != SMPL.joints:
         return {}
     toes = [names.index(name) for name in ("left_foot", "right_foot")]
@@ -288,7 +293,7 @@ def _of_feet(found: np.ndarray, true: np.ndarray, names: tuple[str, ...]) -> dic
 
 
 def _of_intersections(found: np.ndarray, true: np.ndarray, names: tuple[str, ...]) -> dict[str, float]:
-    """Return the percentage of self-intersecting frames if both the motion and the truth have SMPL's 24 joints."""
+    """Return the percentages of self-intersecting frames, if the joints are SMPL's 24."""
     if names != SMPL.joints:
         return {}
     body, shares = load_body(), ("self_intersection_percent", "self_intersection_true_percent")
@@ -305,7 +310,7 @@ def _of_angles(capture: Capture, motion: Motion) -> dict[str, float]:
 
 
 def _of_codes(found: np.ndarray, true: np.ndarray) -> dict[str, float]:
-    """Return FID and DIV, or nothing if there are too few frames or no VPoser weights."""
+    """Return FID and DIV in VPoser's latent space. Return nothing for few frames or missing weights."""
     if len(found) < CODED_FRAMES:
         return {}
     try:
@@ -332,7 +337,7 @@ def _of_keypoints(capture: Capture, motion: Motion) -> dict[str, float]:
 
 
 def _of_markers(capture: Capture, motion: Motion) -> dict[str, float]:
-    """Return the marker error if the motion has the capture's markers under the same labels."""
+    """Return the marker error if motion and capture have the same markers and labels."""
     truth, recorded = capture.truth.get("markers"), capture.markers
     same = recorded is not None and motion.marker_labels == recorded.labels and motion.markers is not None
     if truth is None or not same or motion.markers is None or motion.markers.shape != np.shape(truth):
